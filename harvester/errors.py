@@ -1,0 +1,62 @@
+"""Named errors: each message is one line that says what is wrong, where, and what to do."""
+
+
+class HarvesterError(Exception):
+    """Base of every error that a user can cause or must know of."""
+
+
+class SceneError(HarvesterError):
+    """A scene file or an override is not usable."""
+
+
+class EngineNotFound(HarvesterError):
+    """The ngspice library is missing or cannot be loaded."""
+
+
+class NetlistError(HarvesterError):
+    """A netlist or a behavioural expression was refused before it reached ngspice."""
+
+
+class OutputError(HarvesterError):
+    """A result cannot be written where the user asked for it."""
+
+
+class AveragingError(HarvesterError):
+    """A closure does not hold for these parameters."""
+
+
+class SimulationError(HarvesterError):
+    """A simulation did not come to its end.
+
+    Attributes
+    ----------
+    partial : harvester.estimators.Moments or None
+        What had been accumulated until then.
+    """
+
+    def __init__(self, message, partial=None):
+        super().__init__(message)
+        self.partial = partial
+
+    def __reduce__(self):
+        return type(self), (str(self), self.partial)
+
+
+class SimulatorCrashed(SimulationError):
+    """The simulator's process ended by itself or was killed."""
+
+
+class SimulatorTimeout(SimulationError):
+    """The wall-clock limit was reached."""
+
+
+class SimulatorAborted(SimulationError):
+    """The simulator gave up and said why."""
+
+
+class SolutionDiverged(SimulationError):
+    """The solution holds values that are not finite, or ends before the end time."""
+
+
+class EnergyNotBalanced(SimulationError):
+    """The energy balance does not close: the step is too long for this scene."""

@@ -1,0 +1,206 @@
+"""The scaled form of a scene (Eqs. 3–6) and the scales that lead back to its units."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+# Knots per correlation time, and steps per period of the fastest small oscillation: the linear
+# interpolation between knots lowers the noise's variance by spacing/(3 τ1) of itself, 4 % here.
+KNOTS_PER_CORRELATION_TIME = 8
+STEPS_PER_PERIOD = 40
+
+
+class ScaledParameters(NamedTuple):
+    """Coefficients of Eqs. 4–6; time in seconds, lengths in `Scales.displacement`.
+
+    A named tuple, so that compiled functions take it as it is; `_replace` changes a copy.
+
+    Attributes
+    ----------
+    damping, linear_stiffness, cubic_stiffness : float
+        c, −ω0² (with its sign) and κ of Eq. 4a.
+    gap, contact_stiffness, restitution : float
+        δ (infinite without stoppers), K, e of Eq. 5.
+    held_impact_velocity : bool
+        v0 of Eq. 5 is held from the moment of contact (`event`) instead of `energy`.
+    coupling, decay_rate : float
+        β and λ of Eq. 4.
+    intensity, correlation_time : float
+        D and τ1 of Eq. 6.
+    """
+
+    damping: float
+    linear_stiffness: float
+    cubic_stiffness: float
+    gap: float
+    contact_stiffness: float
+    restitution: float
+    held_impact_velocity: bool
+    coupling: float
+    decay_rate: float
+    intensity: float
+    correlation_time: float
+
+    @property
+    def has_stoppers(self):
+        """Whether a contact force can ever act."""
+        return math.isfinite(self.gap) and self.contact_stiffness > 0.0
+
+    @property
+    def damping_factor(self):
+        """¾ (1 − e²): b·v0 of Eq. 5, without unit."""
+        return 0.75 * (1.0 - self.restitution**2)
+
+    @property
+    def well(self):
+        """Rest position on the right of the bare spring, √(ω0²/κ); 0 when monostable."""
+        if self.linear_stiffness >= 0.0:
+            return 0.0
+        if self.cubic_stiffness == 0.0:
+            return math.inf
+        return math.sqrt(-self.linear_stiffness / self.cubic_stiffness)
+
+    @property
+    def preloaded(self):
+        """Whether the mass rests on the stopper, because the gap ends before the bare well."""
+        return self.has_stoppers and self.gap < self.well
+
+    @property
+    def rest(self):
+        """Stable rest position X ≥ 0 with the stoppers, without charge on the piezo."""
+        if not self.preloaded:
+            return self.well
+        return _pressed_rest(self)
+
+    @property
+    def angular_frequency(self):
+        """Of small oscillations about `rest` with the piezo open (rad/s).
+
+        The stiffness is V''(rest) + β; a vanishing one is replaced by the noise's own rate.
+        """
+        x = self.rest
+        stiffness = self.linear_stiffness + 3.0 * self.cubic_stiffness * x * x + self.coupling
+        if self.preloaded:
+            stiffness += 1.5 * self.contact_stiffness * math.sqrt(x - self.gap)
+        return math.sqrt(stiffness) if stiffness > 0.0 else 1.0 / self.correlation_time
+
+
+@dataclass(frozen=True)
+class Scales:
+    """One scaled unit of each quantity, in the scene's units (all 1 for a scaled scene).
+
+    displacement l, voltage θ l/Cp, power M l² (s⁻³); acceleration and velocity go with l.
+    """
+
+    displacement: float = 1.0
+    voltage: float = 1.0
+    power: float = 1.0
+
+    def of(self, dimension):
+        """Factor for "displacement^2", "voltage", "power", "1" and the like."""
+        base, _, exponent = dimension.partition("^")
+        if base in ("1", "rate"):
+            return 1.0
+        name = "displacement" if base == "velocity" else base
+        return getattr(self, name) ** int(exponent or 1)
+
+
+def scale(scene):
+    """Scaled parameters and scales of a scene (Eq. 3; time is not rescaled).
+
+    Parameters
+    ----------
+    scene : harvester.scene.Scene
+
+    Returns
+    -------
+    ScaledParameters, Scales
+    """
+    if scene.units == "SI":
+        return _scale_si(scene)
+    stoppers = scene.stoppers
+    return (
+        ScaledParameters(
+            damping=scene.oscillator.damping,
+            linear_stiffness=scene.oscillator.linear_stiffness,
+            cubic_stiffness=scene.oscillator.cubic_stiffness,
+            gap=stoppers.gap if stoppers else math.inf,
+            contact_stiffness=stoppers.stiffness if stoppers else 0.0,
+            restitution=stoppers.restitution if stoppers else 1.0,
+            held_impact_velocity=bool(stoppers) and stoppers.impact_velocity == "event",
+            coupling=scene.piezo.coupling,
+            decay_rate=scene.electrical_load.decay_rate,
+            intensity=scene.excitation.intensity,
+            correlation_time=scene.excitation.correlation_time,
+        ),
+        Scales(),
+    )
+
+
+def _scale_si(scene):
+    oscillator, piezo, stoppers = scene.oscillator, scene.piezo, scene.stoppers
+    mass, length = oscillator.mass, length_scale(scene)
+    theta, cp = piezo.coupling, piezo.capacitance
+    parameters = ScaledParameters(
+        damping=oscillator.damping / mass,
+        linear_stiffness=oscillator.linear_stiffness / mass,
+        cubic_stiffness=oscillator.cubic_stiffness * length**2 / mass,
+        gap=stoppers.gap / length if stoppers else math.inf,
+        contact_stiffness=stoppers.stiffness * math.sqrt(length) / mass if stoppers else 0.0,
+        restitution=stoppers.restitution if stoppers else 1.0,
+        held_impact_velocity=bool(stoppers) and stoppers.impact_velocity == "event",
+        coupling=theta**2 / (mass * cp),
+        decay_rate=1.0 / (scene.electrical_load.resistance * cp),
+        intensity=scene.excitation.intensity / length**2,
+        correlation_time=scene.excitation.correlation_time,
+    )
+    return parameters, Scales(
+        displacement=length, voltage=theta * length / cp, power=mass * length**2
+    )
+
+
+def length_scale(scene):
+    """The scene's length unit l in metres: as given, else the well's distance, else the gap.
+
+    A monostable device without stoppers has neither: its rms displacement under white noise
+    of the same intensity is taken.
+    """
+    if scene.length_scale is not None:
+        return scene.length_scale
+    oscillator = scene.oscillator
+    if oscillator.linear_stiffness < 0.0 and oscillator.cubic_stiffness > 0.0:
+        return math.sqrt(-oscillator.linear_stiffness / oscillator.cubic_stiffness)
+    if scene.stoppers:
+        return scene.stoppers.gap
+    mass = oscillator.mass
+    rate = oscillator.damping / mass or 1.0 / scene.excitation.correlation_time
+    stiffness = oscillator.linear_stiffness / mass or rate**2
+    return math.sqrt(scene.excitation.intensity / (rate * stiffness))
+
+
+def knot_spacing(scene):
+    """Spacing of the noise's knots (s): the scene's, else a fraction of its fastest time."""
+    if scene.excitation.knot_spacing is not None:
+        return scene.excitation.knot_spacing
+    parameters, _ = scale(scene)
+    period = 2.0 * math.pi / parameters.angular_frequency
+    spacing = min(
+        parameters.correlation_time / KNOTS_PER_CORRELATION_TIME, period / STEPS_PER_PERIOD
+    )
+    return min(spacing, scene.run.duration)
+
+
+def _pressed_rest(parameters):
+    """Where spring and stopper balance, between gap and bare well."""
+    from scipy.optimize import brentq
+
+    def force(x):
+        spring = parameters.linear_stiffness * x + parameters.cubic_stiffness * x**3
+        return spring + parameters.contact_stiffness * (x - parameters.gap) ** 1.5
+
+    far = parameters.gap
+    step = 0.1 * parameters.gap
+    while force(far) <= 0.0:
+        far += step
+        step *= 2.0
+    return brentq(force, parameters.gap, far, xtol=1e-15, rtol=1e-15)

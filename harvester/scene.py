@@ -1,0 +1,243 @@
+"""Scenes: what is simulated, read from TOML and checked before anything runs."""
+
+import dataclasses
+import hashlib
+import json
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+from harvester.errors import SceneError
+from harvester.scene_schema import check_tables, nearest
+
+BUILT_IN = Path(__file__).parent / "scenes"
+
+
+@dataclass(frozen=True)
+class Oscillator:
+    """Mass, spring and damper; `linear_stiffness` < 0 makes the device bistable.
+
+    SI: kg, N s/m, N/m, N/m³. Scaled: c, −ω0², κ of Eq. 4a, and no mass.
+    """
+
+    damping: float
+    linear_stiffness: float
+    cubic_stiffness: float = 0.0
+    mass: float | None = None
+
+
+@dataclass(frozen=True)
+class Stoppers:
+    """Two Hertz-damp stoppers at ±gap, Eq. 5. SI: m, N/m^1.5. Scaled: δ, K."""
+
+    gap: float
+    stiffness: float
+    restitution: float
+    impact_velocity: str = "energy"
+
+
+@dataclass(frozen=True)
+class Piezo:
+    """Transducer. SI: θ in N/V and the clamped capacitance in F. Scaled: β, and no capacitance."""
+
+    coupling: float
+    capacitance: float | None = None
+
+
+@dataclass(frozen=True)
+class Load:
+    """What hangs on the piezo. SI: resistance in Ω. Scaled: λ = 1/(R Cp)."""
+
+    kind: str = "resistor"
+    resistance: float | None = None
+    decay_rate: float | None = None
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """Ornstein–Uhlenbeck base acceleration, Eq. 6, linear between knots.
+
+    `intensity` is D, m²/s³ in SI; `correlation_time` and `knot_spacing` in s.
+    `knot_spacing` left out: chosen by `harvester.parameters`.
+    """
+
+    intensity: float
+    correlation_time: float
+    kind: str = "ornstein-uhlenbeck"
+    knot_spacing: float | None = None
+
+
+@dataclass(frozen=True)
+class Run:
+    """Length of each realization (s), the part discarded first (s), seed, number of realizations."""
+
+    duration: float
+    settle: float = 0.0
+    seed: int = 0
+    realizations: int = 1
+
+
+# Table in the file → attribute of Scene, class. `load` is taken by the reader `Scene.load`.
+TABLES = {
+    "oscillator": ("oscillator", Oscillator),
+    "stoppers": ("stoppers", Stoppers),
+    "piezo": ("piezo", Piezo),
+    "load": ("electrical_load", Load),
+    "excitation": ("excitation", Excitation),
+    "run": ("run", Run),
+}
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One device, its load, its excitation and its run: the input of every engine.
+
+    `Scene.load` reads one, `replace` gives a changed copy; both raise `SceneError`.
+
+    >>> Scene.load("paper").replace({"excitation.intensity": 0.1}).excitation.intensity
+    0.1
+    """
+
+    name: str
+    units: str
+    oscillator: Oscillator
+    piezo: Piezo
+    electrical_load: Load
+    excitation: Excitation
+    run: Run
+    stoppers: Stoppers | None = None
+    length_scale: float | None = None
+
+    @staticmethod
+    def names():
+        """Names of the built-in scenes, sorted."""
+        return sorted(path.stem for path in BUILT_IN.glob("*.toml"))
+
+    @classmethod
+    def load(cls, source, overrides=()):
+        """Read a scene from a TOML file or by the name of a built-in one.
+
+        Parameters
+        ----------
+        source : str or Path
+            Built-in name, or path of a TOML file.
+        overrides : iterable of str
+            `table.key=value` as on the command line; `table=none` removes a table.
+
+        Raises
+        ------
+        SceneError
+            The file, a key or a value is not usable.
+        """
+        path = _find(source)
+        try:
+            tables = tomllib.loads(path.read_text(encoding="utf-8"))
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise SceneError(f"{path}: not a TOML file: {_one_line(error)}") from None
+        except OSError as error:
+            raise SceneError(f"{path}: cannot be read: {error.strerror}") from None
+        name = path.stem
+        for text in overrides:
+            key, value = _parse_override(text)
+            _put(tables, key, value, "--set")
+        return cls.from_tables(tables, name=name, origin=str(source))
+
+    @classmethod
+    def from_tables(cls, tables, name="scene", origin="scene"):
+        """Build a scene from nested dictionaries of the TOML file's form, checked."""
+        checked = check_tables(tables, origin)
+        top = {key: checked[key] for key in ("units", "length_scale") if key in checked}
+        parts = {
+            attribute: kind(**checked[table])
+            for table, (attribute, kind) in TABLES.items()
+            if table in checked
+        }
+        return cls(name=name, **top, **parts)
+
+    def replace(self, changes=None, /, **tables):
+        """A checked copy with other values.
+
+        Parameters
+        ----------
+        changes : dict, optional
+            Dotted keys to values, {"stoppers.gap": 1.2}.
+        **tables : dict or None
+            Tables to change key by key; None removes the table.
+        """
+        new = self.to_tables()
+        for key, value in (changes or {}).items():
+            _put(new, key, value, "replace")
+        for table, values in tables.items():
+            if isinstance(values, dict):
+                for key, value in values.items():
+                    _put(new, f"{table}.{key}", value, "replace")
+            else:
+                _put(new, table, values, "replace")
+        return self.from_tables(new, name=self.name, origin=self.name)
+
+    def to_tables(self):
+        """Nested dictionaries of the TOML file's form, without what is left out."""
+        tables = {"units": self.units}
+        if self.length_scale is not None:
+            tables["length_scale"] = self.length_scale
+        for table, (attribute, _) in TABLES.items():
+            part = getattr(self, attribute)
+            if part is not None:
+                values = dataclasses.asdict(part)
+                tables[table] = {k: v for k, v in values.items() if v is not None}
+        return tables
+
+    def digest(self):
+        """SHA-256 of the scene's values: the same device and run give the same digest."""
+        text = json.dumps(self.to_tables(), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _find(source):
+    path = Path(source)
+    built_in = BUILT_IN / f"{source}.toml"
+    if path.suffix == ".toml" or path.exists():
+        if not path.is_file():
+            raise SceneError(f"{source}: no such scene file; built in are {_listed()}")
+        return path
+    if not built_in.exists():
+        hint = nearest(str(source), Scene.names())
+        raise SceneError(f"{source}: no such scene{hint}; built in are {_listed()}")
+    return built_in
+
+
+def _listed():
+    return ", ".join(Scene.names())
+
+
+def _one_line(error):
+    return " ".join(str(error).split())
+
+
+def _parse_override(text):
+    key, separator, value = text.partition("=")
+    key, value = key.strip(), value.strip()
+    if not separator or not key or not value:
+        raise SceneError(f"--set {text}: write it as table.key=value")
+    if value.lower() == "none":
+        return key, None
+    try:
+        return key, tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return key, value
+
+
+def _put(tables, dotted, value, origin):
+    """Set one dotted key in nested dictionaries; None removes it."""
+    *path, last = dotted.split(".")
+    if len(path) > 1:
+        raise SceneError(f"{origin} {dotted}: too many dots; write it as table.key=value")
+    place = tables
+    if path:
+        place = tables.setdefault(path[0], {})
+        if not isinstance(place, dict):
+            raise SceneError(f"{origin} {dotted}: {path[0]} is not a table")
+    if value is None:
+        place.pop(last, None)
+    else:
+        place[last] = value

@@ -1,0 +1,203 @@
+"""The keys a scene may hold, their ranges, and the check that refuses all others."""
+
+import difflib
+import math
+from dataclasses import dataclass
+
+from harvester.errors import SceneError
+
+SCALED, SI = "scaled", "SI"
+BOTH = (SCALED, SI)
+
+
+@dataclass(frozen=True)
+class Key:
+    """What one key accepts: a number in a range, or one of a few words."""
+
+    kind: type = float
+    low: float = -math.inf
+    high: float = math.inf
+    low_allowed: bool = True
+    words: tuple = ()
+    units: tuple = BOTH
+    required: bool = False
+
+    def allowed(self):
+        """The accepted values, in words."""
+        if self.words:
+            return "one of " + ", ".join(f'"{word}"' for word in self.words)
+        noun = "a whole number" if self.kind is int else "a number"
+        if self.low == -math.inf:
+            return noun
+        if self.high == math.inf:
+            return f"{noun} {'≥' if self.low_allowed else '>'} {self.low:g}"
+        return f"{noun} in {'[' if self.low_allowed else '('}{self.low:g}, {self.high:g}]"
+
+
+def _positive(**more):
+    return Key(low=0.0, low_allowed=False, **more)
+
+
+def _not_negative(**more):
+    return Key(low=0.0, **more)
+
+
+TOP = {
+    "units": Key(kind=str, words=BOTH, required=True),
+    "length_scale": _positive(units=(SI,)),
+}
+
+KEYS = {
+    "oscillator": {
+        "mass": _positive(units=(SI,), required=True),
+        "damping": _not_negative(required=True),
+        "linear_stiffness": Key(required=True),
+        "cubic_stiffness": _not_negative(),
+    },
+    "stoppers": {
+        "gap": _positive(required=True),
+        "stiffness": _not_negative(required=True),
+        "restitution": Key(low=0.0, high=1.0, required=True),
+        "impact_velocity": Key(kind=str, words=("energy", "event")),
+    },
+    "piezo": {
+        "coupling": _not_negative(required=True),
+        "capacitance": _positive(units=(SI,), required=True),
+    },
+    "load": {
+        "kind": Key(kind=str, words=("resistor",)),
+        "resistance": _positive(units=(SI,), required=True),
+        "decay_rate": _positive(units=(SCALED,), required=True),
+    },
+    "excitation": {
+        "kind": Key(kind=str, words=("ornstein-uhlenbeck",)),
+        "intensity": _positive(required=True),
+        "correlation_time": _positive(required=True),
+        "knot_spacing": _positive(),
+    },
+    "run": {
+        "duration": _positive(required=True),
+        "settle": _not_negative(),
+        "seed": Key(kind=int, low=0),
+        "realizations": Key(kind=int, low=1, high=1_000_000),
+    },
+}
+
+OPTIONAL_TABLES = ("stoppers",)
+
+
+def nearest(word, known):
+    """' (did you mean …?)' when a known word is close, else an empty string."""
+    close = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
+    return f" (did you mean {close[0]}?)" if close else ""
+
+
+def check_tables(tables, origin):
+    """Checked copy of a scene's nested dictionaries.
+
+    Parameters
+    ----------
+    tables : dict
+        As read from TOML: top-level keys and tables.
+    origin : str
+        File or scene name, for messages.
+
+    Returns
+    -------
+    dict
+        The same with numbers as float or int.
+
+    Raises
+    ------
+    SceneError
+        Unknown, missing or misplaced key, wrong type, value out of range.
+    """
+    known = [*TOP, *KEYS]
+    for name, value in tables.items():
+        if name not in known:
+            raise SceneError(f"{origin}: unknown key {name}{nearest(name, known)}")
+        if (name in KEYS) != isinstance(value, dict):
+            noun = "a table" if name in KEYS else "a value, not a table"
+            raise SceneError(f"{origin}: {name} must be {noun}")
+    top = {name: value for name, value in tables.items() if name in TOP}
+    units = tables.get("units", SCALED)
+    checked = _check_table("", top, TOP, units if units in BOTH else SCALED, origin)
+    for table, keys in KEYS.items():
+        if table in tables:
+            checked[table] = _check_table(table, tables[table], keys, units, origin)
+        elif table not in OPTIONAL_TABLES:
+            raise SceneError(f"{origin}: table [{table}] is missing")
+    _check_physics(checked, origin)
+    return checked
+
+
+def _check_table(table, values, keys, units, origin):
+    checked = {}
+    prefix = f"{table}." if table else ""
+    for name, value in values.items():
+        if name not in keys:
+            fitting = [key for key, spec in keys.items() if units in spec.units]
+            raise SceneError(f"{origin}: unknown key {prefix}{name}{nearest(name, fitting)}")
+        spec = keys[name]
+        if units not in spec.units:
+            raise SceneError(
+                f'{origin}: {prefix}{name} belongs to scenes with units = "{spec.units[0]}", '
+                f'and this one has "{units}"'
+            )
+        checked[name] = _check_value(f"{prefix}{name}", value, spec, origin)
+    for name, spec in keys.items():
+        if spec.required and units in spec.units and name not in checked:
+            raise SceneError(f"{origin}: {prefix}{name} is missing; it takes {spec.allowed()}")
+    return checked
+
+
+def _check_value(where, value, spec, origin):
+    def refuse():
+        hint = nearest(value, spec.words) if isinstance(value, str) else ""
+        raise SceneError(f"{origin}: {where} = {value!r}: must be {spec.allowed()}{hint}")
+
+    if spec.words:
+        return value if value in spec.words else refuse()
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        refuse()
+    if spec.kind is int and not isinstance(value, int):
+        refuse()
+    number = spec.kind(value)
+    too_low = number < spec.low or (number == spec.low and not spec.low_allowed)
+    if not math.isfinite(number) or too_low or number > spec.high:
+        refuse()
+    return number
+
+
+def _check_physics(scene, origin):
+    """What no single value shows: a motion without bounds or without a stationary state."""
+    oscillator, stoppers = scene["oscillator"], scene.get("stoppers", {})
+    linear = oscillator["linear_stiffness"]
+    cubic = oscillator.get("cubic_stiffness", 0.0)
+    if linear <= 0.0 and cubic == 0.0 and stoppers.get("stiffness", 0.0) == 0.0:
+        raise SceneError(
+            f"{origin}: oscillator.linear_stiffness = {linear:g} without cubic_stiffness > 0 "
+            "or stoppers leaves the motion unbounded"
+        )
+    if oscillator["damping"] == 0.0 and scene["piezo"]["coupling"] == 0.0:
+        raise SceneError(
+            f"{origin}: oscillator.damping = 0 with piezo.coupling = 0: nothing takes the energy "
+            "out, so there is no stationary state; give one of them a value > 0"
+        )
+    if scene["units"] == SI and scene["piezo"]["coupling"] == 0.0:
+        raise SceneError(
+            f"{origin}: piezo.coupling = 0.0: must be a number > 0 in SI, where it sets the "
+            "voltage scale (Eq. 3); a scaled scene can be without coupling"
+        )
+    excitation = scene["excitation"]
+    spacing = excitation.get("knot_spacing", 0.0)
+    if spacing > excitation["correlation_time"]:
+        raise SceneError(
+            f"{origin}: excitation.knot_spacing = {spacing:g}: must be a number in "
+            f"(0, {excitation['correlation_time']:g}], the correlation time"
+        )
+    if spacing > scene["run"]["duration"]:
+        raise SceneError(
+            f"{origin}: run.duration = {scene['run']['duration']:g}: must be at least one "
+            f"knot_spacing, {spacing:g}"
+        )
