@@ -1,0 +1,30 @@
+# harvester: `make run` reproduces the paper, `make test` runs every test.
+# Either sets up first what is missing; see .ci/setup for how, and for its options.
+
+BIN := .venv/bin
+STAMP := .venv/.complete
+
+.PHONY: run test test-fast lint setup clean
+
+run: $(STAMP)
+	$(BIN)/harvester validate paper --output results
+
+test: $(STAMP)
+	$(BIN)/python -m pytest -m "slow or not slow"
+
+test-fast: $(STAMP)
+	$(BIN)/python -m pytest -m "not slow"
+
+lint: $(STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+setup: $(STAMP)
+
+$(STAMP): pyproject.toml .ci/setup
+	@sh .ci/setup
+
+# Results stay: they may have taken hours.
+clean:
+	rm -rf .venv build *.egg-info .pytest_cache .ruff_cache
+	find circuits harvester netlists tests -name __pycache__ -type d -prune -exec rm -rf {} +
