@@ -3,7 +3,8 @@
 import math
 
 import numpy as np
-from numba import njit
+
+from harvester.compilation import compiled
 
 BLOCK = 65_536
 
@@ -55,7 +56,7 @@ def interpolation_loss(spacing, correlation_time):
     return -math.expm1(-spacing / correlation_time) / 3.0
 
 
-@njit(cache=True)
+@compiled
 def _filter(samples, last, memory, kick):
     """Turn white samples of unit variance into the stationary sequence, in place."""
     start = 0

@@ -9,7 +9,9 @@ from numba.extending import register_jitable
 
 # Hertz contact of a unit mass with K s^1.5 from approach speed v: the greatest compression is
 # (5 v²/4K)^(2/5) and the contact lasts 2.9433 times that over v (elastic).
-HERTZ_DURATION = 2.9432750
+HERTZ_DURATION = 2.9432752
+# Steps that resolve one contact.
+STEPS_PER_CONTACT = 30
 
 
 @register_jitable
@@ -54,21 +56,32 @@ def impact_speed(p, x, v):
     holds the mass short of the well's bottom and the first would turn imaginary: |v|/v0 ≤ 1
     always. Not meaningful out of contact.
     """
-    stopper = contact_energy(p, x)
     spring = bare_potential(p, x) - bare_potential(p, p.gap)
-    return np.sqrt(v * v + 2.0 * (stopper + np.maximum(spring, 0.0)))
+    return np.sqrt(v * v + 2.0 * (contact_energy(p, x) + np.maximum(spring, 0.0)))
 
 
 @register_jitable
-def contact_damping(p, x, v, v0):
-    """Contact force over velocity, K (|x| − δ)^1.5 · ¾ (1 − e²)/v0 (Eq. 5).
+def contact_damping(p, x, v, held_speed):
+    """Damping force of the contact over velocity, K (|x| − δ)^1.5 · ¾ (1 − e²)/v0 (Eq. 5).
 
-    A held v0 (`event`) below |v| is raised to it: |v|/v0 ≤ 1 always.
+    `held_speed` is v0 in `event` mode, raised to |v| where it lies below, so that |v|/v0 ≤ 1
+    always; it is not read in `energy` mode.
     """
     depth = compression(p, x)
-    speed = np.maximum(np.maximum(v0, np.abs(v)), 1e-300)
+    if p.held_impact_velocity:
+        speed = np.maximum(held_speed, np.abs(v))
+    else:
+        speed = impact_speed(p, x, v)
     factor = 0.75 * (1.0 - p.restitution * p.restitution)
-    return factor * p.contact_stiffness * depth * np.sqrt(depth) / speed
+    return factor * p.contact_stiffness * depth * np.sqrt(depth) / np.maximum(speed, 1e-300)
+
+
+@register_jitable
+def contact_force(p, x, v, held_speed):
+    """f of Eq. 5, the spring part away from the stopper on either side; in contact only."""
+    depth = compression(p, x)
+    spring = np.sign(x) * p.contact_stiffness * depth * np.sqrt(depth)
+    return spring + contact_damping(p, x, v, held_speed) * v
 
 
 @register_jitable
@@ -82,3 +95,16 @@ def contact_time(p, speed):
     """Duration of an elastic Hertz contact that starts with this speed (s)."""
     greatest = (1.25 * speed * speed / p.contact_stiffness) ** 0.4
     return HERTZ_DURATION * greatest / speed
+
+
+@register_jitable
+def contact_step(p, x, v, longest):
+    """Step that resolves the contact this state is in or about to enter, ≤ `longest` (s)."""
+    square = v * v + 2.0 * contact_energy(p, x)
+    # The same comparison without a power, for the usual case of a soft contact.
+    bound = HERTZ_DURATION / (STEPS_PER_CONTACT * longest)
+    bound = bound * bound * bound * bound * bound
+    soft = 1.25 / p.contact_stiffness
+    if square <= bound * bound * soft * soft * soft * soft:
+        return longest
+    return min(longest, contact_time(p, np.sqrt(square)) / STEPS_PER_CONTACT)

@@ -8,6 +8,8 @@ from typing import NamedTuple
 # interpolation between knots lowers the noise's variance by spacing/(3 τ1) of itself, 4 % here.
 KNOTS_PER_CORRELATION_TIME = 8
 STEPS_PER_PERIOD = 40
+# Steps by name, as divisions of the default one.
+STEP_LEVELS = {"default": 1, "fine": 4, "finest": 32}
 
 
 class ScaledParameters(NamedTuple):
@@ -188,6 +190,30 @@ def knot_spacing(scene):
         parameters.correlation_time / KNOTS_PER_CORRELATION_TIME, period / STEPS_PER_PERIOD
     )
     return min(spacing, scene.run.duration)
+
+
+def steps_per_knot(scene, step="default"):
+    """Steps between two knots of the noise.
+
+    Parameters
+    ----------
+    scene : Scene
+    step : str or float
+        A name in `STEP_LEVELS`, or the longest step in s.
+    """
+    parameters, _ = scale(scene)
+    spacing = knot_spacing(scene)
+    if not isinstance(step, str):
+        return max(1, math.ceil(spacing / step - 1e-9))
+    longest = 2.0 * math.pi / parameters.angular_frequency / STEPS_PER_PERIOD
+    return max(1, math.ceil(spacing / longest - 1e-9)) * STEP_LEVELS[step]
+
+
+def stop_time(scene):
+    """End of a realization: settle and duration, in whole knots (s)."""
+    spacing = knot_spacing(scene)
+    total = scene.run.settle + scene.run.duration
+    return math.ceil(total / spacing - 1e-9) * spacing
 
 
 def _pressed_rest(parameters):

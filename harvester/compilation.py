@@ -1,0 +1,7 @@
+"""How functions are compiled: cached on disk, with C's arithmetic (1/0 gives inf, no checks)."""
+
+from functools import partial
+
+from numba import njit
+
+compiled = partial(njit, cache=True, error_model="numpy")

@@ -1,0 +1,248 @@
+"""Monte Carlo reference: Runge–Kutta of fourth order on the given noise path, no circuit.
+
+Steps land on the noise's knots and on the moments at which contact begins and ends, so that
+the scheme keeps its order where the force is smooth; in contact the step resolves the contact
+time. One order remains at the first step of a contact, where the force starts as s^1.5.
+"""
+
+import numba
+import numpy as np
+
+from harvester import forces
+from harvester.compilation import compiled
+from harvester.errors import SolutionDiverged
+from harvester.parameters import ScaledParameters, scale, steps_per_knot, stop_time
+from harvester.record import empty_record, fill, part
+
+CHUNK = 4096
+
+# Places in the state vector.
+TIME, DISPLACEMENT, VELOCITY, VOLTAGE, HELD_SPEED, IN_CONTACT, PHASE = range(7)
+
+_NOTHING = ScaledParameters(1.0, 1.0, 0.0, np.inf, 0.0, 1.0, False, 0.0, 1.0, 1.0, 1.0)
+
+
+def prepare():
+    """Load the compiled code, so that it does not count as simulation."""
+    record = empty_record(1)
+    state = initial_state(_NOTHING, True)
+    _advance(_NOTHING, np.zeros(2), 0, 0, 0, 1.0, 1, state, record)
+
+
+def run_realization(scene, path, right, observers, step, source):
+    """Integrate one realization; see `circuits.engine.run_realization` for the arguments.
+
+    `source` is not used: the path is taken as it is.
+
+    Returns
+    -------
+    dict
+        steps, engine_version, netlist_sha256 (None).
+
+    Raises
+    ------
+    SolutionDiverged
+    """
+    p, _ = scale(scene)
+    steps = 0
+    state = initial_state(p, right)
+    for record in integrate(p, path, state, stop_time(scene), steps_per_knot(scene, step)):
+        steps += record.time.size
+        if not np.isfinite(state).all():
+            raise SolutionDiverged(
+                f"Monte Carlo left the finite numbers before t = {state[TIME]:g}; "
+                "choose a shorter --step"
+            )
+        for observer in observers:
+            observer.add(record)
+    return {
+        "steps": steps,
+        "engine_version": f"Runge-Kutta 4, numba {numba.__version__}",
+        "netlist_sha256": None,
+    }
+
+
+def initial_state(p, right):
+    """At rest in one well, without voltage: float64 of shape (7,)."""
+    state = np.zeros(7)
+    state[DISPLACEMENT] = p.rest if right else -p.rest
+    state[IN_CONTACT] = abs(state[DISPLACEMENT]) > p.gap
+    return state
+
+
+def integrate(p, path, state, stop, steps_per_knot=1):
+    """Integrate Eq. 4 along a noise path.
+
+    Parameters
+    ----------
+    p : ScaledParameters
+    path : harvester.excitation.NoisePath
+    state : ndarray, shape (7,)
+        From `initial_state`; changed in place.
+    stop : float
+        End time (s), rounded up to a whole number of knots.
+    steps_per_knot : int
+        Steps between two knots where no contact asks for more.
+
+    Yields
+    ------
+    Record
+        Chunks of accepted points in order, without the initial one; overwritten by the next.
+    """
+    knots = int(np.ceil(stop / path.spacing - 1e-9))
+    record = empty_record(CHUNK)
+    block = np.empty(CHUNK + 1)
+    block[0] = path.read(1)[0]
+    done = 0
+    while done < knots:
+        count = min(CHUNK, knots - done)
+        block[1 : count + 1] = path.read(count)
+        segment = 0
+        while segment < count:
+            segment, points = _advance(
+                p, block, segment, count, done, path.spacing, steps_per_knot, state, record
+            )
+            yield part(record, 0, points)
+        block[0] = block[count]
+        done += count
+
+
+@compiled
+def _advance(p, block, segment, count, first_knot, spacing, steps_per_knot, state, record):
+    """Fill the record from `segment` on; returns the segment reached and the points written.
+
+    The state's phase is the time since the segment's first knot.
+    """
+    step = spacing / steps_per_knot
+    points = 0
+    capacity = record.time.size
+    x, v, voltage = state[DISPLACEMENT], state[VELOCITY], state[VOLTAGE]
+    held, touching, phase = state[HELD_SPEED], state[IN_CONTACT] != 0.0, state[PHASE]
+    while segment < count and points < capacity:
+        slope = (block[segment + 1] - block[segment]) / spacing
+        noise = block[segment] + slope * phase
+        end = spacing
+        if steps_per_knot > 1:
+            end = (np.floor(phase / step + 1e-9) + 1.0) * step
+        length = end - phase
+        x1, v1, voltage1 = x, v, voltage
+        smooth = not touching
+        if smooth:
+            x1, v1, voltage1 = _runge_kutta(p, False, 0.0, x, v, voltage, noise, slope, length)
+            smooth = abs(x1) <= p.gap and not (
+                v * v1 < 0.0 and _overshoots(p.gap, x, v, x1, v1, length)
+            )
+        if smooth:
+            x, v, voltage, phase = x1, v1, voltage1, end
+        else:
+            piece, touching, held, x, v, voltage = _contact_piece(
+                p, touching, held, x, v, voltage, noise, slope, length
+            )
+            phase = end if piece >= length else phase + piece
+        noise = block[segment] + slope * phase
+        if phase > spacing * (1.0 - 1e-9):
+            phase = 0.0
+            segment += 1
+            noise = block[segment]
+        time = (first_knot + segment) * spacing + phase
+        fill(p, record, points, time, x, v, voltage, noise, held)
+        points += 1
+    state[TIME] = (first_knot + segment) * spacing + phase
+    state[DISPLACEMENT], state[VELOCITY], state[VOLTAGE] = x, v, voltage
+    state[HELD_SPEED], state[IN_CONTACT], state[PHASE] = held, 1.0 * touching, phase
+    return segment, points
+
+
+@compiled
+def _contact_piece(p, touching, held, x, v, voltage, noise, slope, longest):
+    """A step within a contact, or up to its beginning or its end.
+
+    Returns its length, whether the mass then touches, the held speed and the new state.
+    """
+    length = forces.contact_step(p, x, v, longest) if touching else longest
+    x1, v1, voltage1 = _runge_kutta(p, touching, held, x, v, voltage, noise, slope, length)
+    if not touching or abs(x1) <= p.gap:
+        length = _crossing(p.gap, touching, x, v, x1, v1, length)
+        x1, v1, voltage1 = _runge_kutta(p, touching, held, x, v, voltage, noise, slope, length)
+        touching = not touching
+        if touching:
+            held = abs(v1)
+    return length, touching, held, x1, v1, voltage1
+
+
+@compiled
+def _acceleration(p, touching, held, x, v, voltage, noise):
+    force = noise - p.damping * v - p.coupling * voltage
+    force -= (p.linear_stiffness + p.cubic_stiffness * x * x) * x
+    if touching and abs(x) > p.gap:
+        force -= forces.contact_force(p, x, v, held)
+    return force
+
+
+@compiled
+def _runge_kutta(p, touching, held, x, v, voltage, noise, slope, h):
+    """Classical Runge–Kutta step of Eq. 4; the contact acts or not throughout the step."""
+    half = 0.5 * h
+    middle = noise + slope * half
+    a1 = _acceleration(p, touching, held, x, v, voltage, noise)
+    u1 = v - p.decay_rate * voltage
+    v2 = v + half * a1
+    e2 = voltage + half * u1
+    a2 = _acceleration(p, touching, held, x + half * v, v2, e2, middle)
+    u2 = v2 - p.decay_rate * e2
+    v3 = v + half * a2
+    e3 = voltage + half * u2
+    a3 = _acceleration(p, touching, held, x + half * v2, v3, e3, middle)
+    u3 = v3 - p.decay_rate * e3
+    v4 = v + h * a3
+    e4 = voltage + h * u3
+    a4 = _acceleration(p, touching, held, x + h * v3, v4, e4, noise + slope * h)
+    u4 = v4 - p.decay_rate * e4
+    sixth = h / 6.0
+    return (
+        x + sixth * (v + 2.0 * (v2 + v3) + v4),
+        v + sixth * (a1 + 2.0 * (a2 + a3) + a4),
+        voltage + sixth * (u1 + 2.0 * (u2 + u3) + u4),
+    )
+
+
+@compiled
+def _hermite(x, v, x1, v1, h, u):
+    """Displacement and its slope in u at the share u of a step: the cubic through both ends."""
+    rise = x1 - x
+    a = h * v - rise
+    b = rise - h * v1
+    w = 1.0 - u
+    bend = u * w * (a * w + b * u)
+    slope = rise + (w - u) * (a * w + b * u) + u * w * (b - a)
+    return x + rise * u + bend, slope
+
+
+@compiled
+def _overshoots(gap, x, v, x1, v1, h):
+    """Whether a step that starts and ends free has touched a stopper on its way."""
+    return abs(_hermite(x, v, x1, v1, h, v / (v - v1))[0]) > gap
+
+
+@compiled
+def _crossing(gap, touching, x, v, x1, v1, h):
+    """Time into the step at which |x| = gap first: Newton on the cubic, kept by bisection."""
+    low, high = 0.0, 1.0
+    if not touching and abs(x1) <= gap:
+        high = v / (v - v1)
+    side = 1.0 if x + x1 > 0.0 else -1.0
+    u = 0.5 * high
+    for _ in range(60):
+        value, slope = _hermite(x, v, x1, v1, h, u)
+        excess = side * value - gap
+        if (excess <= 0.0) == touching:
+            high = u
+        else:
+            low = u
+        step = -excess / (side * slope)
+        u += step
+        if not low <= u <= high:
+            u = 0.5 * (low + high)
+        elif abs(step) < 1e-12:
+            break
+    return max(u, 1e-9) * h

@@ -1,0 +1,147 @@
+"""Answers that this project did not compute: closed forms and scipy's integrators."""
+
+import math
+
+import numpy as np
+from scipy.integrate import DOP853
+from scipy.linalg import solve_continuous_lyapunov
+from scipy.optimize import brentq
+
+from harvester import forces
+from harvester.parameters import knot_spacing, scale
+from harvester.realization import noise_path
+
+
+def linear_means(p, noise_factor=1.0):
+    """Exact stationary means of a linear scene under Ornstein–Uhlenbeck noise.
+
+    Lyapunov equation of (X, X', V, η); `noise_factor` scales the variance of η.
+    """
+    tau = p.correlation_time
+    drift = np.array(
+        [
+            [0.0, 1.0, 0.0, 0.0],
+            [-p.linear_stiffness, -p.damping, -p.coupling, 1.0],
+            [0.0, 1.0, -p.decay_rate, 0.0],
+            [0.0, 0.0, 0.0, -1.0 / tau],
+        ]
+    )
+    kicks = np.zeros((4, 4))
+    kicks[3, 3] = 2.0 * p.intensity / tau**2 * noise_factor
+    covariance = solve_continuous_lyapunov(drift, -kicks)
+    power = p.coupling * p.decay_rate * covariance[2, 2]
+    loss = p.damping * covariance[1, 1]
+    return {
+        "mean_square_voltage": covariance[2, 2],
+        "mean_power": power,
+        "mean_square_displacement": covariance[0, 0],
+        "mean_square_velocity": covariance[1, 1],
+        "power_conversion_efficiency": power / (power + loss),
+    }
+
+
+def interpolated_linear_means(p, spacing):
+    """The same means under the noise as engines get it: sampled at knots, linear between.
+
+    One segment is an exact affine map of (X, X', V) and the two knots; the covariance at the
+    knots solves a discrete Lyapunov equation, and means over time average over the segment.
+    """
+    from scipy.linalg import expm, solve_discrete_lyapunov
+
+    a = math.exp(-spacing / p.correlation_time)
+    variance = p.intensity / p.correlation_time
+    # States X, X', V, η, η' within a segment.
+    drift = np.zeros((5, 5))
+    drift[0, 1] = drift[2, 1] = drift[1, 3] = drift[3, 4] = 1.0
+    drift[1, :3] = -p.linear_stiffness, -p.damping, -p.coupling
+    drift[2, 2] = -p.decay_rate
+
+    def to(time):
+        """(X, X', V) at a time into the segment from (X, X', V, η0, η1) at its start."""
+        flow = expm(drift * time)[:3]
+        slope = flow[:, 4] / spacing
+        return np.column_stack([flow[:, :3], flow[:, 3] - slope, slope])
+
+    full = to(spacing)
+    step = np.zeros((4, 4))
+    kick = np.zeros((4, 1))
+    step[:3, :3], step[:3, 3] = full[:, :3], full[:, 3] + a * full[:, 4]
+    kick[:3, 0] = full[:, 4]
+    step[3, 3], kick[3, 0] = a, 1.0
+    at_knots = solve_discrete_lyapunov(step, kick @ kick.T * variance * (1 - a * a))
+    lift = np.vstack([np.eye(4), [0.0, 0.0, 0.0, a]])
+    joint = lift @ at_knots @ lift.T
+    joint[4, 4] = variance
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+    covariance = sum(
+        0.5 * w * to(0.5 * spacing * (1 + u)) @ joint @ to(0.5 * spacing * (1 + u)).T
+        for u, w in zip(nodes, weights, strict=True)
+    )
+    power = p.coupling * p.decay_rate * covariance[2, 2]
+    loss = p.damping * covariance[1, 1]
+    return {
+        "mean_square_voltage": covariance[2, 2],
+        "mean_power": power,
+        "mean_square_displacement": covariance[0, 0],
+        "mean_square_velocity": covariance[1, 1],
+        "power_conversion_efficiency": power / (power + loss),
+    }
+
+
+def rebound_speed(restitution):
+    """ρ of a unit-speed drop on one Hertz-damp stopper (physics: h(1+ρ) = ln[(1+h)/(1−hρ)])."""
+    h = 0.75 * (1.0 - restitution**2)
+    if h == 0.0:
+        return 1.0
+    return brentq(
+        lambda rho: h * (1 + rho) - math.log((1 + h) / (1 - h * rho)), 0.0, 1.0, xtol=1e-14
+    )
+
+
+def reference_path(scene, knots, index=0):
+    """States (X, X', V) at the knots by DOP853 at 1e-12, restarted at every knot.
+
+    For `energy` mode; shape (knots + 1, 3).
+    """
+    p, _ = scale(scene)
+    spacing = knot_spacing(scene)
+    noise = noise_path(scene, index).read(knots + 1)
+    state = np.array([p.rest if index % 2 == 0 else -p.rest, 0.0, 0.0])
+    states = [state]
+    for knot in range(knots):
+        slope = (noise[knot + 1] - noise[knot]) / spacing
+
+        def derivative(t, y, start=noise[knot], slope=slope):
+            x, v, voltage = y
+            force = start + slope * t - p.damping * v - p.coupling * voltage
+            force -= (p.linear_stiffness + p.cubic_stiffness * x * x) * x
+            if abs(x) > p.gap:
+                force -= forces.contact_force(p, x, v, 0.0)
+            return np.array([v, force, v - p.decay_rate * voltage])
+
+        solver = DOP853(derivative, 0.0, state, spacing, rtol=1e-12, atol=1e-13)
+        while solver.status == "running":
+            solver.step()
+        state = solver.y
+        states.append(state)
+    return np.array(states)
+
+
+class Keep:
+    """An observer that keeps the whole record, as one array of shape (7, n)."""
+
+    def __init__(self):
+        self._parts = []
+
+    def add(self, record):
+        self._parts.append(np.array(record))
+
+    def record(self):
+        return np.concatenate(self._parts, axis=1)
+
+    def at_knots(self, spacing):
+        """(X, X', V) at the knots 1, 2, …, shape (knots, 3)."""
+        record = self.record()
+        knots = np.round(record[0] / spacing)
+        on_knot = np.abs(record[0] - knots * spacing) < 1e-6 * spacing
+        return record[1:4, on_knot].T
