@@ -1,0 +1,303 @@
+"""Means with error bars from the moments of one or several realizations.
+
+Standard errors are those of batch means: batches in time, pooled over realizations, are joined
+in pairs until neighbours are nearly uncorrelated, and what correlation is left is added to the
+variance (Flyvbjerg and Petersen, J. Chem. Phys. 91, 461 (1989), stopped early). Ratios are
+linearised batch by batch (delta method). Where too few batches are left, there is no error bar.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from harvester import forces
+from harvester.moments import HISTOGRAMS, PRODUCTS, QUANTITIES
+
+# Fewest batches that give a standard error (good to about 1/√(2·16) = 18 % of itself), and the
+# correlation between neighbours up to which its first-order correction is trusted.
+FEWEST_BATCHES = 16
+LARGEST_CORRELATION = 0.25
+TOTAL_BATCHES = 256
+TOTAL_GROUPS = 32
+
+# Means whose paired differences are given, and their integrals.
+PAIRED = {
+    "mean_square_voltage": "square_voltage",
+    "mean_power": "load_power",
+    "mean_square_displacement": "square_displacement",
+    "mean_square_velocity": "square_velocity",
+}
+
+TOO_SHORT = "too short for an error bar: raise run.duration or run.realizations"
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A mean with its evidence, in scaled units or in those of `dimension`'s scale.
+
+    Attributes
+    ----------
+    estimate : float
+    standard_error : float or None
+        None when the run is too short for one.
+    effective_sample_size : float or None
+        Independent samples that would give this error.
+    dimension : str
+        "voltage^2", "power", "1", "rate", …
+    note : str
+        Why there is no error bar; empty otherwise.
+    """
+
+    estimate: float
+    standard_error: float | None
+    effective_sample_size: float | None
+    dimension: str
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Density:
+    """Histogram density: bin centres, density and its standard error, each of shape (n,)."""
+
+    centre: np.ndarray
+    density: np.ndarray
+    standard_error: np.ndarray | None
+    dimension: str
+
+
+def batch_counts(realizations):
+    """Batches and histogram groups per realization."""
+    return -(-TOTAL_BATCHES // realizations), -(-TOTAL_GROUPS // realizations)
+
+
+def standard_error(series):
+    """Standard error of the mean of correlated batch means.
+
+    Parameters
+    ----------
+    series : ndarray, shape (realizations, batches)
+        Equal batches in time; rows are independent of each other.
+
+    Returns
+    -------
+    float or None
+        None when fewer than `FEWEST_BATCHES` batches are left before they are uncorrelated.
+    """
+    series = np.asarray(series, dtype=float)
+    mean = series.mean()
+    while series.size >= FEWEST_BATCHES:
+        deviations = series - mean
+        total = float(np.sum(deviations**2))
+        if total == 0.0:
+            return 0.0
+        neighbours = float(np.sum(deviations[:, 1:] * deviations[:, :-1])) / total
+        if neighbours <= LARGEST_CORRELATION:
+            variance = total / (series.size * (series.size - 1))
+            return math.sqrt(variance * (1.0 + 2.0 * max(neighbours, 0.0)))
+        odd = series.shape[1] % 2
+        series = 0.5 * (series[:, odd::2] + series[:, odd + 1 :: 2])
+    return None
+
+
+def estimate_all(moments, parameters):
+    """Every quantity of a set of realizations.
+
+    Parameters
+    ----------
+    moments : sequence of harvester.moments.Moments
+        One per realization; batches that were not completed are left out.
+    parameters : harvester.parameters.ScaledParameters
+
+    Returns
+    -------
+    dict of str to Estimate
+        Scaled units.
+    """
+    batches = _complete_batches(moments)
+    if batches is None:
+        return {}
+    series = {
+        name: batches[:, :, QUANTITIES.index(name)] / batches[:, :, 0] for name in QUANTITIES[1:]
+    }
+    duration = sum(float(m.integrals[:, 0].sum()) for m in moments)
+    products = {
+        pair: sum(float(m.products[row]) for m in moments) / duration
+        for pair, row in PRODUCTS.items()
+    }
+    estimates = {
+        "mean_square_voltage": _mean(series, products, "square_voltage", "voltage^2"),
+        "mean_power": _mean(series, products, "load_power", "power"),
+        "mean_square_displacement": _mean(
+            series, products, "square_displacement", "displacement^2"
+        ),
+        "mean_square_velocity": _mean(series, products, "square_velocity", "velocity^2"),
+        "mean_input_power": _mean(series, products, "input_power", "power"),
+        "mean_loss_power": _mean(series, products, "loss_power", "power"),
+        "well_crossing_rate": _mean(series, products, "well_crossings", "rate"),
+        "impact_rate": _mean(series, products, "impacts", "rate"),
+    }
+    estimates["rms_voltage"] = _root(estimates["mean_square_voltage"])
+    estimates.update(_efficiencies(series, products))
+    if parameters.linear_stiffness >= 0.0:
+        del estimates["well_crossing_rate"]
+    if not parameters.has_stoppers:
+        del estimates["impact_rate"]
+    return estimates
+
+
+def paired_difference(result, reference):
+    """Relative differences of two results on the same noise paths, with paired errors.
+
+    Batch by batch the common noise cancels as far as the two follow the same path, so that the
+    error is often far below that of either mean.
+
+    Parameters
+    ----------
+    result, reference : harvester.results.Result
+        Of the same scene, each with its moments.
+
+    Returns
+    -------
+    dict of str to Estimate
+        (result − reference)/reference of mean squares, powers and conversion efficiency.
+    """
+    ours, theirs = _complete_batches(result.moments), _complete_batches(reference.moments)
+    if ours is None or theirs is None or ours.shape != theirs.shape:
+        return {}
+    differences = {}
+    for name, quantity in PAIRED.items():
+        row = QUANTITIES.index(quantity)
+        ours_each = ours[:, :, row] / ours[:, :, 0]
+        theirs_each = theirs[:, :, row] / theirs[:, :, 0]
+        mean = float(theirs_each.mean())
+        if mean == 0.0:
+            continue
+        ratio = float(ours_each.mean()) / mean
+        error = standard_error((ours_each - ratio * theirs_each) / mean)
+        note = "" if error is not None else TOO_SHORT
+        differences[name] = Estimate(ratio - 1.0, error, None, "1", note)
+    return differences
+
+
+def energy_balance_residual(moments, parameters):
+    """Energy put in that is not found again, as a share of the energy that flows.
+
+    ∫ηX'dt − Δ(½X'² + U + ½βV²) − ∫loss dt − ∫load dt, over the measured time of all
+    realizations, divided by the larger of what went in and what came out (Eq. 33).
+    """
+    put_in = load = loss = stored = 0.0
+    for m in moments:
+        total = m.integrals.sum(axis=0)
+        put_in += total[QUANTITIES.index("input_power")]
+        load += total[QUANTITIES.index("load_power")]
+        loss += total[QUANTITIES.index("loss_power")]
+        stored += forces.stored_energy(parameters, *m.last[1:4])
+        stored -= forces.stored_energy(parameters, *m.first[1:4])
+    scale = max(abs(put_in), load + loss)
+    return float((put_in - load - loss - stored) / scale) if scale > 0.0 else math.nan
+
+
+def densities(moments):
+    """Densities of displacement, velocity and voltage, {name: Density}, scaled units."""
+    result = {}
+    for k, name in enumerate(HISTOGRAMS):
+        width = max(float(m.bin_widths[k]) for m in moments)
+        groups = np.concatenate([_rebinned(m, k, width) for m in moments])
+        times = groups.sum(axis=1)
+        groups = groups[times > 0.0]
+        times = times[times > 0.0]
+        density = groups.sum(axis=0) / (times.sum() * width)
+        error = None
+        if len(groups) >= FEWEST_BATCHES:
+            each = groups / (times[:, None] * width)
+            error = each.std(axis=0, ddof=1) / math.sqrt(len(groups))
+        bins = groups.shape[1]
+        centre = (np.arange(bins) - bins // 2 + 0.5) * width
+        used = np.flatnonzero(density)
+        inside = slice(used[0], used[-1] + 1)
+        result[name] = Density(
+            centre[inside], density[inside], None if error is None else error[inside], name
+        )
+    return result
+
+
+def _complete_batches(moments):
+    """Batches that every realization completed, shape (realizations, batches, quantities)."""
+    needed = moments[0].batch_length * (1.0 - 1e-6)
+    complete = min(int(np.sum(m.integrals[:, 0] >= needed)) for m in moments)
+    if complete == 0:
+        # The points of an engine need not meet the batches' ends: take what there is as one.
+        whole = np.stack([m.integrals.sum(axis=0) for m in moments])[:, None]
+        return whole if np.all(whole[:, :, 0] > 0.0) else None
+    return np.stack([m.integrals[:complete] for m in moments])
+
+
+def _mean(series, products, name, dimension):
+    values = series[name]
+    mean = float(values.mean())
+    error = standard_error(values)
+    size = None
+    if error and (name, name) in products:
+        size = max(products[name, name] - mean**2, 0.0) / error**2
+    return Estimate(mean, error, size, dimension, "" if error is not None else TOO_SHORT)
+
+
+def _root(square):
+    root = math.sqrt(square.estimate)
+    error = square.standard_error
+    if error is not None:
+        error = 0.5 * error / root if root > 0.0 else 0.0
+    return Estimate(root, error, square.effective_sample_size, "voltage", square.note)
+
+
+def _efficiencies(series, products):
+    """Eq. 35 in both forms: against what is lost and used, and against what is put in."""
+    load, loss, put_in = series["load_power"], series["loss_power"], series["input_power"]
+    used_square = (
+        products["load_power", "load_power"]
+        + 2.0 * products["load_power", "loss_power"]
+        + products["loss_power", "loss_power"]
+    )
+    used_cross = products["load_power", "load_power"] + products["load_power", "loss_power"]
+    return {
+        "power_conversion_efficiency": _ratio(
+            load, load + loss, products["load_power", "load_power"], used_cross, used_square
+        ),
+        "power_conversion_efficiency_of_input": _ratio(
+            load,
+            put_in,
+            products["load_power", "load_power"],
+            products["input_power", "load_power"],
+            products["input_power", "input_power"],
+        ),
+    }
+
+
+def _ratio(upper, lower, upper_square, cross, lower_square):
+    """Ratio of two means with the error of its linearised batches."""
+    bottom = float(lower.mean())
+    if bottom == 0.0:
+        return Estimate(math.nan, None, None, "1", "nothing was put in")
+    ratio = float(upper.mean()) / bottom
+    error = standard_error((upper - ratio * lower) / bottom)
+    size = None
+    if error:
+        variance = (upper_square - 2.0 * ratio * cross + ratio**2 * lower_square) / bottom**2
+        size = max(variance, 0.0) / error**2
+    return Estimate(ratio, error, size, "1", "" if error is not None else TOO_SHORT)
+
+
+def _rebinned(moments, row, width):
+    """One histogram's groups with coarser bins, shape (groups, bins), time per bin."""
+    groups = moments.histograms[:, row]
+    factor = round(width / float(moments.bin_widths[row]))
+    half = groups.shape[1] // 2
+    if factor == 1:
+        return groups
+    factor = min(factor, half)
+    wide = np.zeros_like(groups)
+    kept = half // factor
+    merged = groups.reshape(groups.shape[0], -1, factor).sum(axis=2)
+    wide[:, half - kept : half + kept] = merged
+    return wide
