@@ -1,0 +1,107 @@
+"""Scene to PySpice circuit: only the elements that the scene needs."""
+
+import hashlib
+from dataclasses import dataclass
+
+from circuits import elements
+from circuits.checks import check_netlist
+from harvester.parameters import knot_spacing, scale, steps_per_knot, stop_time
+
+# Steps set from outside: a tight tolerance for Newton, none for the local error (trtol).
+FIXED_STEP = "reltol=1e-9 vntol=1e-9 trtol=1e9"
+# ngspice's own step control, with its default tolerances, for a source in the netlist.
+OWN_STEPS = "reltol=1e-3 trtol=7"
+
+
+@dataclass(frozen=True)
+class Netlist:
+    """A circuit ready to run, and how its nodes read.
+
+    Attributes
+    ----------
+    text : str
+    rate : float
+        ω: X' over the velocity node, and the root of η over the noise node (1/s).
+    voltage_scale : float
+        Volts per scaled volt.
+    step : float
+        Longest step (s).
+    stop : float
+        End time (s).
+    """
+
+    text: str
+    rate: float
+    voltage_scale: float
+    step: float
+    stop: float
+
+    @property
+    def sha256(self):
+        """Digest of the text."""
+        return hashlib.sha256(self.text.encode()).hexdigest()
+
+
+def assemble(scene, step="default", right=True, waveform="external", options=FIXED_STEP):
+    """Build the equivalent circuit of a scene with PySpice.
+
+    Parameters
+    ----------
+    scene : Scene
+    step : str or float
+        See `harvester.parameters.steps_per_knot`.
+    right : bool
+        Start in the right well, else in the left one.
+    waveform : str
+        Of the noise source: `external`, or a PWL.
+    options : str
+        ngspice's tolerances.
+
+    Returns
+    -------
+    Netlist
+
+    Raises
+    ------
+    NetlistError
+        An expression is not well-formed.
+    """
+    from PySpice.Spice.Netlist import Circuit
+
+    p, scales = scale(scene)
+    rate = p.angular_frequency
+    length = knot_spacing(scene) / steps_per_knot(scene, step)
+    electrical = _electrical(scene, p, scales)
+    circuit = Circuit(f"harvester scene {scene.name}")
+    elements.add_oscillator(circuit, p, rate, p.rest if right else -p.rest)
+    elements.add_excitation(circuit, waveform)
+    if p.cubic_stiffness > 0.0:
+        elements.add_cubic(circuit, p, rate)
+    if p.has_stoppers:
+        elements.add_stoppers(circuit, p, rate)
+        if p.held_impact_velocity and p.damping_factor > 0.0:
+            elements.add_speed_hold(circuit, p, rate, length)
+    elements.add_piezo(circuit, p, rate, electrical)
+    elements.add_load(circuit, electrical)
+    stop = stop_time(scene)
+    text = str(circuit) + _analysis(length, stop, options)
+    check_netlist(text)
+    return Netlist(text, rate, electrical.voltage_scale, length, stop)
+
+
+def _electrical(scene, p, scales):
+    if scene.units == "SI":
+        return elements.Electrical(
+            charge_per_length=scene.piezo.coupling * scales.displacement,
+            capacitance=scene.piezo.capacitance,
+            resistance=scene.electrical_load.resistance,
+            voltage_scale=scales.voltage,
+        )
+    return elements.Electrical(1.0, 1.0, 1.0 / p.decay_rate, 1.0)
+
+
+def _analysis(step, stop, options):
+    return (
+        f".options method=trap {options}\n"
+        f".tran {elements.number(step)} {elements.number(stop)} 0 {elements.number(step)} uic\n"
+    )

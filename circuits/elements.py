@@ -1,0 +1,144 @@
+"""The parts of the equivalent circuit, each added only to a scene that needs it.
+
+Mechanics as an RC network of order one: node `displacement` carries X, node `velocity` carries
+X'/ω, both on capacitors of 1/ω, so that a current into `velocity` is an acceleration over ω².
+ω (`rate`) is the device's own angular frequency. Linear terms are controlled sources, which cost
+ngspice almost nothing; only cubic spring and contact are behavioural. An inductor for the mass
+would need more Newton iterations a step. Node `piezo` carries terminal volts.
+"""
+
+from dataclasses import dataclass
+
+from circuits.loads import library_text
+from harvester.parameters import ScaledParameters
+
+DISPLACEMENT, VELOCITY, PIEZO, NOISE, HELD = (
+    "displacement",
+    "velocity",
+    "piezo",
+    "noise",
+    "held_speed",
+)
+X, U, H = f"v({DISPLACEMENT})", f"v({VELOCITY})", f"v({HELD})"
+
+
+@dataclass(frozen=True)
+class Electrical:
+    """The electrical side in the scene's units.
+
+    Attributes
+    ----------
+    charge_per_length : θ l, C per scaled displacement (1 in scaled scenes).
+    capacitance, resistance : F, Ω (1 and 1/λ in scaled scenes).
+    voltage_scale : volts per scaled volt.
+    """
+
+    charge_per_length: float
+    capacitance: float
+    resistance: float
+    voltage_scale: float
+
+
+def number(value):
+    """A float as ngspice reads it back to the last bit."""
+    return repr(float(value))
+
+
+def add_oscillator(circuit, p: ScaledParameters, rate, start):
+    """Mass, linear spring and damper, at rest at `start` (Eq. 4a)."""
+    gnd = circuit.gnd
+    source = circuit.VoltageControlledCurrentSource
+    circuit.C("displacement", DISPLACEMENT, gnd, number(1 / rate), ic=number(start))
+    source("velocity", gnd, DISPLACEMENT, VELOCITY, gnd, number(1.0))
+    circuit.C("mass", VELOCITY, gnd, number(1 / rate), ic=number(0.0))
+    if p.linear_stiffness != 0.0:
+        stiffness = number(p.linear_stiffness / rate**2)
+        source("spring", VELOCITY, gnd, DISPLACEMENT, gnd, stiffness)
+    if p.damping > 0.0:
+        circuit.R("damper", VELOCITY, gnd, number(rate / p.damping))
+
+
+def add_excitation(circuit, waveform):
+    """Base acceleration over ω² as node `noise`; `waveform` is `external` or a PWL."""
+    circuit.V("noise", NOISE, circuit.gnd, waveform)
+    circuit.VoltageControlledCurrentSource(
+        "noise", circuit.gnd, VELOCITY, NOISE, circuit.gnd, number(1.0)
+    )
+
+
+def add_cubic(circuit, p, rate):
+    """Cubic spring κ X³ (Eq. 4a)."""
+    expression = f"{number(p.cubic_stiffness / rate**2)}*{X}*{X}*{X}"
+    circuit.BehavioralSource("cubic", VELOCITY, circuit.gnd, current_expression=expression)
+
+
+def add_stoppers(circuit, p, rate):
+    """Hertz-damp contact on both sides (Eq. 5), evaluated in contact only."""
+    depth = f"(abs({X})-{number(p.gap)})"
+    force = f"{number(p.contact_stiffness / rate**2)}*{depth}*sqrt({depth})"
+    share = f"sgn({X})"
+    if p.damping_factor > 0.0:
+        share = f"({share}+{number(p.damping_factor)}*{_speed_ratio(p, rate, depth)})"
+    expression = f"(abs({X})>{number(p.gap)}) ? {force}*{share} : 0"
+    circuit.BehavioralSource("stoppers", VELOCITY, circuit.gnd, current_expression=expression)
+
+
+def add_speed_hold(circuit, p, rate, step):
+    """Sample and hold of the impact speed (`event`).
+
+    Out of contact, `held_speed` follows the speed at which the mass would arrive at the
+    stopper with the energy it has; in contact nothing flows. A time constant of half a step
+    is the shortest that the trapezoidal rule follows without ringing.
+    """
+    gap = number(p.gap)
+    arrival = f"{U}*{U}+{_spring_energy(p, rate)}"
+    follow = f"(({arrival})>0) ? (sqrt({arrival})-{H})*{number(2 / (rate * step))} : "
+    follow += f"-{H}*{number(2 / (rate * step))}"
+    circuit.C("held_speed", HELD, circuit.gnd, number(1 / rate), ic=number(0.0))
+    circuit.BehavioralSource(
+        "held_speed",
+        circuit.gnd,
+        HELD,
+        current_expression=f"(abs({X})>{gap}) ? 0 : ({follow})",
+    )
+
+
+def add_piezo(circuit, p, rate, electrical):
+    """Clamped capacitance charged by the velocity (Eq. 4b) and the force back (Eq. 4a)."""
+    gnd = circuit.gnd
+    source = circuit.VoltageControlledCurrentSource
+    circuit.C("piezo", PIEZO, gnd, number(electrical.capacitance), ic=number(0.0))
+    source("charge", gnd, PIEZO, VELOCITY, gnd, number(electrical.charge_per_length * rate))
+    if p.coupling > 0.0:
+        back_action = number(p.coupling / (rate**2 * electrical.voltage_scale))
+        source("back_action", VELOCITY, gnd, PIEZO, gnd, back_action)
+
+
+def add_load(circuit, electrical):
+    """The load as a sub-circuit between the piezo's terminals."""
+    circuit.raw_spice += library_text("resistor")
+    circuit.X("load", "resistor", PIEZO, circuit.gnd, resistance=number(electrical.resistance))
+
+
+def _spring_energy(p, rate):
+    """2 (U(x) − U(δ))/ω² of the bare spring, as an expression."""
+    terms = []
+    if p.linear_stiffness != 0.0:
+        offset = number(p.gap**2)
+        terms.append(f"{number(p.linear_stiffness / rate**2)}*({X}*{X}-{offset})")
+    if p.cubic_stiffness > 0.0:
+        half = number(0.5 * p.cubic_stiffness / rate**2)
+        terms.append(f"{half}*({X}*{X}*{X}*{X}-{number(p.gap**4)})")
+    return "+".join(terms) or "0"
+
+
+def _speed_ratio(p, rate, depth):
+    """X'/v0, at most 1 in size; `harvester.forces.impact_speed` gives the same form."""
+    if p.held_impact_velocity:
+        return f"((abs({U})<{H}) ? {U}/{H} : sgn({U}))"
+    spring = _spring_energy(p, rate)
+    if p.preloaded:
+        spring = f"((({spring})>0) ? ({spring}) : 0)"
+    contact = f"{number(0.8 * p.contact_stiffness / rate**2)}*{depth}*{depth}*sqrt({depth})"
+    # The last term only keeps 0/0 away at the instant of contact.
+    return f"{U}/sqrt({U}*{U}+{spring}+{contact}+1e-30)"

@@ -1,0 +1,69 @@
+"""Stand-alone netlists: a `.cir` with its own PWL source that plain `ngspice -b` runs."""
+
+import dataclasses
+
+from circuits import elements
+from circuits.assembly import OWN_STEPS, assemble
+from harvester.parameters import scale
+
+PER_LINE = 4
+SAVED = (elements.DISPLACEMENT, elements.VELOCITY, elements.PIEZO, elements.NOISE)
+
+
+def stand_alone(scene, path, right=True, step="default", save=SAVED):
+    """Netlist of a scene with the noise as a PWL source and ngspice's own step control.
+
+    Parameters
+    ----------
+    scene : Scene
+    path : NoisePath
+        At its beginning; its knots are written out.
+    right : bool
+        Start in the right well.
+    step : str or float
+        Longest step, see `harvester.parameters.steps_per_knot`.
+    save : sequence of str
+        Nodes to keep; none keeps nothing (for a run that streams).
+
+    Returns
+    -------
+    circuits.assembly.Netlist
+    """
+    p, scales = scale(scene)
+    netlist = assemble(scene, step, right, waveform="PWL", options=OWN_STEPS)
+    knots = round(netlist.stop / path.spacing) + 1
+    values = path.read(knots) / netlist.rate**2
+    points = [f"{k * path.spacing!r} {float(value)!r}" for k, value in enumerate(values)]
+    lines = [
+        "+ " + " ".join(points[start : start + PER_LINE])
+        for start in range(0, len(points), PER_LINE)
+    ]
+    source = f"V{elements.NOISE} {elements.NOISE} 0 PWL"
+    before, after = netlist.text.split(source, 1)
+    saved = " ".join(f"v({name})" for name in save) if save else "none"
+    text = "".join(
+        [
+            _header(before, scene, netlist, scales),
+            f"{source}(\n",
+            "\n".join(lines),
+            "\n+ )",
+            after,
+            f".save {saved}\n",
+        ]
+    )
+    return dataclasses.replace(netlist, text=text)
+
+
+def _header(before, scene, netlist, scales):
+    """The netlist's first part, with what a reader by hand needs to know."""
+    title, rest = before.split("\n", 1)
+    return (
+        f"{title}\n"
+        f"* Run it with: ngspice -b -r {scene.name}.raw {scene.name}.cir\n"
+        f"* v(displacement): X in units of {scales.displacement:g} "
+        f"{'m' if scene.units == 'SI' else '(scaled)'}\n"
+        f"* v(velocity): X' over {netlist.rate!r} per second\n"
+        f"* v(noise): base acceleration over {netlist.rate**2!r} per second squared\n"
+        f"* v(piezo): terminal voltage, {'volts' if scene.units == 'SI' else 'scaled'}\n"
+        f"{rest}"
+    )
