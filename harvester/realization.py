@@ -1,0 +1,140 @@
+"""One realization by a named engine, inside a worker process."""
+
+import importlib
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from harvester.estimators import batch_counts
+from harvester.excitation import NoisePath, realization_seeds
+from harvester.moments import Moments
+from harvester.parameters import knot_spacing, scale, stop_time
+from harvester.record import Record
+
+# Engines by name: modules with `run_realization` and `prepare`.
+ENGINES = {"circuit": "circuits.engine", "monte-carlo": "harvester.monte_carlo"}
+
+REPORT_SECONDS = 0.25
+
+
+@dataclass
+class Realization:
+    """What a worker sends back.
+
+    Attributes
+    ----------
+    moments : Moments
+    waveform : Record or None
+        The stretch asked for.
+    seconds : float
+        Wall time of the simulation alone.
+    started : float
+        Its start (s, the system's clock).
+    steps : int
+    engine_version : str
+    netlist_sha256 : str or None
+    """
+
+    moments: Moments
+    waveform: Record | None
+    seconds: float
+    started: float
+    steps: int
+    engine_version: str
+    netlist_sha256: str | None
+
+
+class Waveform:
+    """Keeps the points of a record between two times."""
+
+    def __init__(self, start, stop):
+        self.start, self.stop = start, stop
+        self._parts = []
+
+    def add(self, record):
+        """Keep what lies in the window."""
+        if record.time.size == 0 or record.time[0] > self.stop or record.time[-1] < self.start:
+            return
+        inside = (record.time >= self.start) & (record.time <= self.stop)
+        self._parts.append(np.array([column[inside] for column in record]))
+
+    def record(self):
+        """The stretch as one record."""
+        if not self._parts:
+            return Record(*np.empty((len(Record._fields), 0)))
+        return Record(*np.concatenate(self._parts, axis=1))
+
+
+class Reporter:
+    """Sends the moments so far, several times a second."""
+
+    def __init__(self, moments, report):
+        self._moments, self._report = moments, report
+        self._next = time.monotonic() + REPORT_SECONDS
+
+    def add(self, record):
+        """Report when it is time."""
+        now = time.monotonic()
+        if now >= self._next:
+            self._report(self._moments)
+            self._next = now + REPORT_SECONDS
+
+
+def starts_right(index):
+    """Realizations start in the right and the left well in turn."""
+    return index % 2 == 0
+
+
+def noise_path(scene, index):
+    """The noise of one realization, at its beginning; the same for every engine."""
+    parameters, _ = scale(scene)
+    seed = realization_seeds(scene.run.seed, scene.run.realizations)[index]
+    return NoisePath(
+        parameters.intensity, parameters.correlation_time, knot_spacing(scene), seed
+    )
+
+
+def run(scene, engine, index, step, source, window, report):
+    """Simulate one realization of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+    engine : str
+        A name in `ENGINES`.
+    index : int
+        Of the realization: picks its seed and its starting well.
+    step, source : str or float, str
+        See `harvester.simulate`.
+    window : (float, float) or None
+        Stretch of waveform to keep (s).
+    report : callable
+        Given the moments so far.
+
+    Returns
+    -------
+    Realization
+    """
+    module = importlib.import_module(ENGINES[engine])
+    parameters, _ = scale(scene)
+    path = noise_path(scene, index)
+    moments = Moments.empty(
+        scene.run.settle, stop_time(scene), parameters.gap, *batch_counts(scene.run.realizations)
+    )
+    observers = [moments, Reporter(moments, report)]
+    waveform = Waveform(*window) if window else None
+    if waveform:
+        observers.insert(0, waveform)
+    module.prepare()
+    started = time.time()
+    clock = time.perf_counter()
+    outcome = module.run_realization(scene, path, starts_right(index), observers, step, source)
+    seconds = time.perf_counter() - clock
+    return Realization(
+        moments=moments,
+        waveform=waveform.record() if waveform else None,
+        seconds=seconds,
+        started=started,
+        **outcome,
+    )

@@ -1,0 +1,202 @@
+"""Worker processes: one call at a time each, with a wall-clock limit, killed when they hang."""
+
+import os
+import pickle
+import queue
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+
+from harvester.errors import SimulatorCrashed, SimulatorTimeout
+
+# What a process prints just before it dies of its own, in the order of interest.
+LAST_LINES = 3
+
+
+class Worker:
+    """One process of `harvester.worker`, started at its first call and restarted after a crash."""
+
+    def __init__(self):
+        self._process = None
+        self._answers = None
+        self._errors = None
+        self._closed = False
+
+    @property
+    def process_id(self):
+        """Of the running process, or None."""
+        return self._process.pid if self._process else None
+
+    def call(self, function, arguments, time_limit=None, on_progress=None):
+        """Call "module:name" in the process and return its result.
+
+        Parameters
+        ----------
+        function : str
+        arguments : dict
+            Passed by name, pickled.
+        time_limit : float or None
+            Wall-clock seconds after which the process is killed.
+        on_progress : callable or None
+            Given what the function reports; the latest report is also kept for errors.
+
+        Raises
+        ------
+        SimulatorCrashed, SimulatorTimeout
+            With the latest report as `partial`.
+        HarvesterError
+            As raised by the function.
+        """
+        process, answers = self._start()
+        deadline = None if time_limit is None else time.monotonic() + time_limit
+        latest = None
+        try:
+            pickle.dump((function, arguments), process.stdin)
+            process.stdin.flush()
+        except (BrokenPipeError, ValueError):
+            raise self._crashed(process, latest) from None
+        while True:
+            timeout = None if deadline is None else max(deadline - time.monotonic(), 0.0)
+            try:
+                kind, content = answers.get(timeout=timeout)
+            except queue.Empty:
+                self.kill()
+                raise SimulatorTimeout(
+                    f"the simulator was stopped at its wall-clock limit of {time_limit:g} s; "
+                    "raise it with --time-limit, or shorten run.duration",
+                    partial=latest,
+                ) from None
+            if kind == "progress":
+                latest = content
+                if on_progress:
+                    on_progress(content)
+            elif kind == "done":
+                return content
+            elif kind == "failed":
+                if getattr(content, "partial", latest) is None:
+                    content.partial = latest
+                raise content
+            else:
+                raise self._crashed(process, latest)
+
+    def close(self):
+        """End the process and start no other."""
+        self._closed = True
+        self.kill()
+
+    def kill(self):
+        """End the process at once, whatever it does."""
+        process, self._process = self._process, None
+        if process is None:
+            return
+        process.kill()
+        process.wait()
+        for stream in (process.stdin, process.stdout):
+            try:
+                stream.close()
+            except BrokenPipeError:
+                continue
+        self._errors.close()
+
+    def _start(self):
+        """The running process and the queue of its answers."""
+        if self._closed:
+            raise SimulatorCrashed("the simulator was stopped")
+        if self._process is not None and self._process.poll() is None:
+            return self._process, self._answers
+        self.kill()
+        self._errors = tempfile.TemporaryFile()
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "harvester.worker"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._errors,
+            env={**os.environ, "OMP_NUM_THREADS": "1"},
+        )
+        self._answers = queue.SimpleQueue()
+        threading.Thread(
+            target=_read_answers, args=(self._process.stdout, self._answers), daemon=True
+        ).start()
+        return self._process, self._answers
+
+    def _crashed(self, process, latest):
+        status = process.wait()
+        words = "" if self._process is None else self._last_words()
+        self.kill()
+        how = f"was killed by signal {-status}" if status < 0 else f"ended with status {status}"
+        return SimulatorCrashed(
+            f"the simulator's process {how}" + (f": {words}" if words else ""), partial=latest
+        )
+
+    def _last_words(self):
+        self._errors.seek(0)
+        lines = self._errors.read().decode(errors="replace").splitlines()
+        return "; ".join(line.strip() for line in lines[-LAST_LINES:] if line.strip())
+
+
+def _read_answers(stream, answers):
+    while True:
+        try:
+            answers.put(pickle.load(stream))
+        except (EOFError, pickle.UnpicklingError, ValueError, OSError):
+            answers.put(("ended", None))
+            return
+
+
+class WorkerPool:
+    """Several workers that share a list of calls; use it in a `with` block."""
+
+    def __init__(self, size=None):
+        self.size = size or os.cpu_count() or 1
+        self._threads = ThreadPoolExecutor(self.size)
+        self._workers = queue.SimpleQueue()
+        self._all = [Worker() for _ in range(self.size)]
+        for worker in self._all:
+            self._workers.put(worker)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+    def map(self, function, calls, time_limit=None, on_progress=None):
+        """Results of one function over several argument sets, in their order.
+
+        `on_progress` is given (index, report). The first failure ends the others and is raised;
+        so does an interrupt.
+        """
+        futures = [
+            self._threads.submit(self._run, function, index, arguments, time_limit, on_progress)
+            for index, arguments in enumerate(calls)
+        ]
+        pending = set(futures)
+        try:
+            while pending:
+                # A finite wait lets an interrupt through on every platform.
+                done, pending = wait(pending, timeout=0.5, return_when=FIRST_COMPLETED)
+                for future in done:
+                    future.result()
+        except BaseException:
+            for future in futures:
+                future.cancel()
+            self.close()
+            raise
+        return [future.result() for future in futures]
+
+    def close(self):
+        """End every process."""
+        for worker in self._all:
+            worker.close()
+        self._threads.shutdown(cancel_futures=True)
+
+    def _run(self, function, index, arguments, time_limit, on_progress):
+        worker = self._workers.get()
+        try:
+            report = (lambda content: on_progress(index, content)) if on_progress else None
+            return worker.call(function, arguments, time_limit, report)
+        finally:
+            self._workers.put(worker)
