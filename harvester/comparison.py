@@ -1,0 +1,197 @@
+"""`validate`: one scene by circuit, Monte Carlo and averaging, side by side."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from harvester.averaged import average
+from harvester.errors import AveragingError
+from harvester.estimators import paired_difference
+from harvester.parameters import scale
+from harvester.results import Result, with_error
+from harvester.simulation import simulate
+from harvester.workers import WorkerPool
+
+CLOSURES = ("paper", "consistent")
+COMPARED = (
+    "mean_square_voltage",
+    "rms_voltage",
+    "mean_power",
+    "power_conversion_efficiency",
+    "mean_square_displacement",
+    "mean_square_velocity",
+)
+# Length of the waveform that is shown, in periods of small oscillations.
+SHOWN_PERIODS = 20
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Results of one scene and what lies between them.
+
+    Attributes
+    ----------
+    circuit, monte_carlo : Result
+        On the same noise paths.
+    closures : dict of str to Result
+        Those that hold for the scene.
+    refused : dict of str to str
+        Closures that do not, with the reason.
+    paired : dict of str to Estimate
+        Circuit minus Monte Carlo as a share of Monte Carlo, with the error of the paired
+        difference: the bias of the circuit's step.
+    """
+
+    circuit: Result
+    monte_carlo: Result
+    closures: dict
+    refused: dict
+    paired: dict
+
+    @property
+    def scene(self):
+        """The scene that all of them share."""
+        return self.circuit.scene
+
+    def difference(self, name):
+        """Circuit minus Monte Carlo in joint standard errors; nan without error bars.
+
+        The joint error takes the two as independent: the same noise makes it conservative.
+        """
+        a = self.circuit.scaled_quantities[name]
+        b = self.monte_carlo.scaled_quantities[name]
+        if a.standard_error is None or b.standard_error is None:
+            return math.nan
+        joint = math.hypot(a.standard_error, b.standard_error)
+        return (a.estimate - b.estimate) / joint if joint > 0.0 else 0.0
+
+    def deviation(self, closure, name):
+        """A closure's deviation from Monte Carlo as a share, and in standard errors."""
+        value = self.closures[closure].scaled_quantities[name].estimate
+        reference = self.monte_carlo.scaled_quantities[name]
+        share = value / reference.estimate - 1.0 if reference.estimate else math.nan
+        error = reference.standard_error
+        return share, (value - reference.estimate) / error if error else math.nan
+
+    def table(self):
+        """Header and rows of the table, as text."""
+        header = ["quantity", "circuit", "Monte Carlo", "difference", "paired bias"]
+        header += [name for name in self.closures]
+        rows = [self._row(name) for name in COMPARED]
+        seconds = ["seconds", f"{self.circuit.wall_seconds:.2f}"]
+        seconds += [f"{self.monte_carlo.wall_seconds:.2f}", "", ""]
+        seconds += [f"{result.wall_seconds:.2f}" for result in self.closures.values()]
+        return header, [*rows, seconds]
+
+    def _row(self, name):
+        circuit = self.circuit.quantity(name)
+        row = [
+            f"{name.replace('_', ' ')} [{self.circuit.unit(circuit.dimension)}]",
+            with_error(circuit),
+            with_error(self.monte_carlo.quantity(name)),
+            f"{self.difference(name):+.2f} σ",
+            _percent(self.paired.get(name)),
+        ]
+        for closure, result in self.closures.items():
+            share, sigma = self.deviation(closure, name)
+            value = result.quantity(name).estimate
+            row.append(f"{value:.4g} ({share:+.1%}, {sigma:+.1f} σ)")
+        return row
+
+    def sentences(self):
+        """What the numbers say, one line each."""
+        lines = [f"{engine.engine}: {'; '.join(engine.evidence())}" for engine in self._engines()]
+        worst = max((abs(self.difference(name)) for name in COMPARED), default=math.nan)
+        if math.isnan(worst):
+            lines.append("the run is too short for error bars: raise run.duration")
+        else:
+            verdict = "agree" if worst <= 3.0 else "DISAGREE"
+            lines.append(
+                f"circuit and Monte Carlo {verdict}: at most {worst:.1f} joint standard errors "
+                "apart"
+            )
+        lines += [f"closure {name} refused: {reason}" for name, reason in self.refused.items()]
+        return [*lines, *dict.fromkeys((*self.circuit.notes, *self.monte_carlo.notes))]
+
+    def _engines(self):
+        return (self.circuit, self.monte_carlo)
+
+    def to_dict(self):
+        """Plain values for JSON."""
+        results = [*self._engines(), *self.closures.values()]
+        return {
+            "scene": self.circuit.to_dict()["scene"],
+            "results": {result.engine: result.to_dict() for result in results},
+            "refused": dict(self.refused),
+            "difference_in_standard_errors": {
+                name: _finite(self.difference(name)) for name in COMPARED
+            },
+            "paired_bias": {
+                name: {
+                    "estimate": _finite(estimate.estimate),
+                    "standard_error": _finite(estimate.standard_error),
+                    "unit": "1",
+                }
+                for name, estimate in self.paired.items()
+            },
+            "closure_deviation": {
+                closure: {name: _finite(self.deviation(closure, name)[0]) for name in COMPARED}
+                for closure in self.closures
+            },
+        }
+
+
+def validate(scene, *, step="default", workers=None, time_limit=3600.0, progress=None):
+    """Compute a scene's quantities by circuit, Monte Carlo and every closure.
+
+    Parameters
+    ----------
+    scene : Scene
+    step, workers, time_limit
+        See `harvester.simulate`.
+    progress : callable or None
+        Given (label, scene), returns the callback for the share done.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    HarvesterError, SimulationError
+    """
+    parameters, _ = scale(scene)
+    shown = SHOWN_PERIODS * 2.0 * math.pi / parameters.angular_frequency
+    closures, refused = {}, {}
+    for closure in CLOSURES:
+        try:
+            closures[closure] = average(scene, closure)
+        except AveragingError as error:
+            refused[closure] = str(error)
+    with WorkerPool(min(workers or math.inf, scene.run.realizations)) as pool:
+        results = [
+            simulate(
+                scene,
+                engine,
+                step=step,
+                time_limit=time_limit,
+                window=(0.0, shown),
+                progress=progress(engine, scene) if progress else None,
+                pool=pool,
+            )
+            for engine in ("circuit", "monte-carlo")
+        ]
+    return Comparison(*results, closures, refused, paired_difference(*results))
+
+
+def _percent(estimate):
+    if estimate is None or not np.isfinite(estimate.estimate):
+        return "—"
+    if estimate.standard_error is None:
+        return f"{estimate.estimate:+.2%}"
+    return f"{estimate.estimate:+.2%} ± {estimate.standard_error:.2%}"
+
+
+def _finite(value):
+    return None if value is None or not math.isfinite(value) else float(value)

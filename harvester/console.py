@@ -1,0 +1,105 @@
+"""What the command line shows: tables, and a progress bar on a terminal."""
+
+import contextlib
+import sys
+import time
+
+from rich import box
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+# A bar for less is a flicker.
+SHOW_AFTER_SECONDS = 2.0
+
+
+@contextlib.contextmanager
+def progress():
+    """A function (label, scene) → callback for the share done; silent off a terminal."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda label, scene: None
+        return
+    bar = Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TextColumn("{task.fields[rate]}"),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+    )
+    opened = time.monotonic()
+
+    def follow(label, scene):
+        total = (scene.run.settle + scene.run.duration) * scene.run.realizations
+        task = bar.add_task(label, total=1.0, rate="", start=True)
+        started = time.monotonic()
+
+        def update(share):
+            elapsed = time.monotonic() - started
+            if time.monotonic() - opened > SHOW_AFTER_SECONDS:
+                bar.start()
+            rate = f"{share * total / elapsed:,.0f} s/s" if elapsed > 0.0 else ""
+            bar.update(task, completed=share, rate=rate)
+
+        return update
+
+    try:
+        yield follow
+    finally:
+        bar.stop()
+
+
+def show_result(result, to_stderr=False):
+    """One result as a table with its evidence."""
+    table = Table(
+        title=f"{result.scene.name}: {result.engine}", box=box.SIMPLE_HEAD, title_justify="left"
+    )
+    bar = "estimate ± standard error"
+    if result.error_kind == "numerical":
+        bar = "value ± numerical error"
+    table.add_column("quantity")
+    table.add_column(bar, justify="right")
+    if result.error_kind == "statistical":
+        table.add_column("effective samples", justify="right")
+    table.add_column("unit")
+    for name, value, size, unit in result.rows():
+        cells = [name, value, unit] if result.error_kind == "numerical" else [name, value, size, unit]
+        table.add_row(*cells)
+    _print(table, [*result.evidence(), *result.notes], to_stderr)
+
+
+def show_comparison(comparison, to_stderr=False):
+    """The three-way table of `harvester validate`."""
+    header, rows = comparison.table()
+    table = Table(
+        title=f"{comparison.scene.name}: one scene, the same noise",
+        box=box.SIMPLE_HEAD,
+        title_justify="left",
+    )
+    table.add_column(header[0])
+    for name in header[1:]:
+        table.add_column(name, justify="right")
+    for row in rows:
+        table.add_row(*row)
+    _print(table, comparison.sentences(), to_stderr)
+
+
+def show_engine(found, to_stderr=False):
+    """The library that was found and its features."""
+    features = [name for name in ("xspice", "cider", "osdi", "klu") if found[name]]
+    lines = [
+        f"{found['version']} from {found['library']}",
+        f"features: {', '.join(features) or 'none of XSPICE, CIDER, OSDI, KLU'}",
+    ]
+    _print(None, lines, to_stderr)
+
+
+def _print(table, lines, to_stderr):
+    stream = sys.stderr if to_stderr else sys.stdout
+    console = Console(file=stream, highlight=False, width=None if stream.isatty() else 160)
+    if table is not None:
+        console.print(table)
+    for line in lines:
+        console.print(line, markup=False)
