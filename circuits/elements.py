@@ -74,8 +74,8 @@ def add_cubic(circuit, p, rate):
 
 def add_stoppers(circuit, p, rate):
     """Hertz-damp contact on both sides (Eq. 5), evaluated in contact only."""
-    depth = f"(abs({X})-{number(p.gap)})"
-    force = f"{number(p.contact_stiffness / rate**2)}*{depth}*sqrt({depth})"
+    depth = f"abs({X})-{number(p.gap)}"
+    force = f"{number(p.contact_stiffness / rate**2)}*pow({depth},1.5)"
     share = f"sgn({X})"
     if p.damping_factor > 0.0:
         share = f"({share}+{number(p.damping_factor)}*{_speed_ratio(p, rate, depth)})"
@@ -139,6 +139,6 @@ def _speed_ratio(p, rate, depth):
     spring = _spring_energy(p, rate)
     if p.preloaded:
         spring = f"((({spring})>0) ? ({spring}) : 0)"
-    contact = f"{number(0.8 * p.contact_stiffness / rate**2)}*{depth}*{depth}*sqrt({depth})"
+    contact = f"{number(0.8 * p.contact_stiffness / rate**2)}*pow({depth},2.5)"
     # The last term only keeps 0/0 away at the instant of contact.
     return f"{U}/sqrt({U}*{U}+{spring}+{contact}+1e-30)"

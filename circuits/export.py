@@ -29,7 +29,7 @@ def stand_alone(scene, path, right=True, step="default", save=SAVED):
     -------
     circuits.assembly.Netlist
     """
-    p, scales = scale(scene)
+    _, scales = scale(scene)
     netlist = assemble(scene, step, right, waveform="PWL", options=OWN_STEPS)
     knots = round(netlist.stop / path.spacing) + 1
     values = path.read(knots) / netlist.rate**2

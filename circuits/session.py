@@ -176,10 +176,12 @@ class Session(NgSpiceShared):
             rate * rate,
             1.0 / self._netlist.voltage_scale,
         )
-        self._time_reached = float(nodes[-1, callbacks.TIME])
-        self._finite = self._finite and bool(np.isfinite(nodes).all())
-        chunk = part(self._record, 0, count - start)
         state["count"] = 0
+        self._finite = self._finite and bool(np.isfinite(nodes).all())
+        if not self._finite:
+            return
+        self._time_reached = float(nodes[-1, callbacks.TIME])
+        chunk = part(self._record, 0, count - start)
         for observer in self._observers:
             observer.add(chunk)
 
@@ -213,7 +215,7 @@ class Session(NgSpiceShared):
     def _check_end(self, stop):
         if not self._finite:
             raise SolutionDiverged(
-                f"ngspice returned values that are not finite before t = {self._time_reached:g}"
+                f"ngspice returned values that are not finite after t = {self._time_reached:g}"
             )
         if self._time_reached < stop * (1.0 - 1e-9):
             trouble = self._trouble()

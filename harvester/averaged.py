@@ -5,20 +5,19 @@ import time
 import numpy as np
 
 from harvester.averaging import average as average_parameters
-from harvester.estimators import Density, Estimate
+from harvester.estimators import Density, Estimate, root
 from harvester.parameters import scale
 from harvester.results import Result
 
 DIMENSIONS = {
     "mean_square_voltage": "voltage^2",
-    "rms_voltage": "voltage",
     "mean_power": "power",
     "power_conversion_efficiency": "1",
     "mean_square_displacement": "displacement^2",
     "mean_square_velocity": "velocity^2",
     "share_in_wells": "1",
 }
-GRID = 801
+GRID = 401
 # Densities are given as far out as they exceed this share of their peak.
 NEGLIGIBLE = 1e-6
 
@@ -52,6 +51,7 @@ def average(scene, closure="consistent"):
         )
         for name, dimension in DIMENSIONS.items()
     }
+    quantities["rms_voltage"] = root(quantities["mean_square_voltage"])
     if parameters.linear_stiffness >= 0.0:
         del quantities["share_in_wells"]
     densities = {
@@ -80,13 +80,9 @@ def average(scene, closure="consistent"):
 
 def _tabulated(density, name):
     """A density on a grid that reaches as far as it matters."""
-    reach = 1.0
-    while density(np.array([reach]))[0] > 0.0 and reach < 1e9:
-        reach *= 2.0
-    for _ in range(3):
-        grid = np.linspace(-reach, reach, GRID)
-        values = density(grid)
-        inside = np.flatnonzero(values > NEGLIGIBLE * values.max())
-        reach = 1.05 * float(np.abs(grid[inside]).max()) + 2.0 * reach / GRID
+    decades = np.geomspace(1e-6, 1e6, 61)
+    values = density(decades)
+    inside = np.flatnonzero(values > NEGLIGIBLE * values.max())
+    reach = decades[min(inside[-1] + 1, decades.size - 1)]
     grid = np.linspace(-reach, reach, GRID)
     return Density(grid, density(grid), None, name)

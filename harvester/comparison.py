@@ -76,10 +76,10 @@ class Comparison:
 
     def table(self):
         """Header and rows of the table, as text."""
-        header = ["quantity", "circuit", "Monte Carlo", "difference", "paired bias"]
+        header = ["quantity", "unit", "circuit", "Monte Carlo", "difference", "paired bias"]
         header += [name for name in self.closures]
         rows = [self._row(name) for name in COMPARED]
-        seconds = ["seconds", f"{self.circuit.wall_seconds:.2f}"]
+        seconds = ["wall time", "s", f"{self.circuit.wall_seconds:.2f}"]
         seconds += [f"{self.monte_carlo.wall_seconds:.2f}", "", ""]
         seconds += [f"{result.wall_seconds:.2f}" for result in self.closures.values()]
         return header, [*rows, seconds]
@@ -87,7 +87,8 @@ class Comparison:
     def _row(self, name):
         circuit = self.circuit.quantity(name)
         row = [
-            f"{name.replace('_', ' ')} [{self.circuit.unit(circuit.dimension)}]",
+            name.replace("_", " "),
+            self.circuit.unit(circuit.dimension).split()[0],
             with_error(circuit),
             with_error(self.monte_carlo.quantity(name)),
             f"{self.difference(name):+.2f} σ",
@@ -96,21 +97,24 @@ class Comparison:
         for closure, result in self.closures.items():
             share, sigma = self.deviation(closure, name)
             value = result.quantity(name).estimate
-            row.append(f"{value:.4g} ({share:+.1%}, {sigma:+.1f} σ)")
+            row.append(f"{value:.4g} ({share:+.1%}, {sigma:+.0f} σ)")
         return row
 
     def sentences(self):
         """What the numbers say, one line each."""
         lines = [f"{engine.engine}: {'; '.join(engine.evidence())}" for engine in self._engines()]
-        worst = max((abs(self.difference(name)) for name in COMPARED), default=math.nan)
-        if math.isnan(worst):
-            lines.append("the run is too short for error bars: raise run.duration")
-        else:
-            verdict = "agree" if worst <= 3.0 else "DISAGREE"
+        differences = {name: abs(self.difference(name)) for name in COMPARED}
+        bare = [name for name, sigma in differences.items() if math.isnan(sigma)]
+        judged = [sigma for sigma in differences.values() if not math.isnan(sigma)]
+        if judged:
+            verdict = "agree" if max(judged) <= 3.0 else "DISAGREE"
             lines.append(
-                f"circuit and Monte Carlo {verdict}: at most {worst:.1f} joint standard errors "
-                "apart"
+                f"circuit and Monte Carlo {verdict}: at most {max(judged):.1f} joint standard "
+                "errors apart"
             )
+        if bare:
+            names = ", ".join(name.replace("_", " ") for name in bare)
+            lines.append(f"too short for an error bar of {names}: raise run.duration")
         lines += [f"closure {name} refused: {reason}" for name, reason in self.refused.items()]
         return [*lines, *dict.fromkeys((*self.circuit.notes, *self.monte_carlo.notes))]
 

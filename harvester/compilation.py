@@ -5,3 +5,5 @@ from functools import partial
 from numba import njit
 
 compiled = partial(njit, cache=True, error_model="numpy")
+# Sums over many points in any order, several at a time.
+summing = partial(njit, cache=True, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})

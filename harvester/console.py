@@ -11,6 +11,7 @@ from rich.table import Table
 
 # A bar for less is a flicker.
 SHOW_AFTER_SECONDS = 2.0
+WIDEST = 1000
 
 
 @contextlib.contextmanager
@@ -65,7 +66,9 @@ def show_result(result, to_stderr=False):
         table.add_column("effective samples", justify="right")
     table.add_column("unit")
     for name, value, size, unit in result.rows():
-        cells = [name, value, unit] if result.error_kind == "numerical" else [name, value, size, unit]
+        cells = (
+            [name, value, unit] if result.error_kind == "numerical" else [name, value, size, unit]
+        )
         table.add_row(*cells)
     _print(table, [*result.evidence(), *result.notes], to_stderr)
 
@@ -78,9 +81,8 @@ def show_comparison(comparison, to_stderr=False):
         box=box.SIMPLE_HEAD,
         title_justify="left",
     )
-    table.add_column(header[0])
-    for name in header[1:]:
-        table.add_column(name, justify="right")
+    for place, name in enumerate(header):
+        table.add_column(name, justify="left" if place < 2 else "right", no_wrap=True)
     for row in rows:
         table.add_row(*row)
     _print(table, comparison.sentences(), to_stderr)
@@ -98,8 +100,10 @@ def show_engine(found, to_stderr=False):
 
 def _print(table, lines, to_stderr):
     stream = sys.stderr if to_stderr else sys.stdout
-    console = Console(file=stream, highlight=False, width=None if stream.isatty() else 160)
+    # As wide as the table needs: a number cut off at a terminal's edge would be worse than a
+    # line that runs on.
+    console = Console(file=stream, highlight=False, width=WIDEST)
     if table is not None:
         console.print(table)
     for line in lines:
-        console.print(line, markup=False)
+        console.print(line, markup=False, soft_wrap=True)

@@ -20,13 +20,20 @@ FEWEST_BATCHES = 16
 LARGEST_CORRELATION = 0.25
 TOTAL_BATCHES = 256
 TOTAL_GROUPS = 32
+KNOTS_PER_BATCH = 8
+# Between the samples of a histogram: some ten samples per period of the motion.
+KNOTS_PER_SAMPLE = 4
 
-# Means whose paired differences are given, and their integrals.
-PAIRED = {
-    "mean_square_voltage": "square_voltage",
-    "mean_power": "load_power",
-    "mean_square_displacement": "square_displacement",
-    "mean_square_velocity": "square_velocity",
+# Means over time: the integral each is made from, and its dimension.
+MEANS = {
+    "mean_square_voltage": ("square_voltage", "voltage^2"),
+    "mean_power": ("load_power", "power"),
+    "mean_square_displacement": ("square_displacement", "displacement^2"),
+    "mean_square_velocity": ("square_velocity", "velocity^2"),
+    "mean_input_power": ("input_power", "power"),
+    "mean_loss_power": ("loss_power", "power"),
+    "well_crossing_rate": ("well_crossings", "rate"),
+    "impact_rate": ("impacts", "rate"),
 }
 
 TOO_SHORT = "too short for an error bar: raise run.duration or run.realizations"
@@ -66,9 +73,18 @@ class Density:
     dimension: str
 
 
-def batch_counts(realizations):
-    """Batches and histogram groups per realization."""
-    return -(-TOTAL_BATCHES // realizations), -(-TOTAL_GROUPS // realizations)
+def batch_counts(realizations, knots):
+    """Batches and histogram groups per realization.
+
+    Parameters
+    ----------
+    realizations : int
+    knots : float
+        Knots of the noise per realization: a batch spans several.
+    """
+    most = max(1, int(knots / KNOTS_PER_BATCH))
+    batches = min(-(-TOTAL_BATCHES // realizations), most)
+    return batches, min(-(-TOTAL_GROUPS // realizations), batches)
 
 
 def standard_error(series):
@@ -117,27 +133,17 @@ def estimate_all(moments, parameters):
     batches = _complete_batches(moments)
     if batches is None:
         return {}
-    series = {
-        name: batches[:, :, QUANTITIES.index(name)] / batches[:, :, 0] for name in QUANTITIES[1:]
-    }
+    series = {name: batches[:, :, row] for row, name in enumerate(QUANTITIES)}
     duration = sum(float(m.integrals[:, 0].sum()) for m in moments)
     products = {
         pair: sum(float(m.products[row]) for m in moments) / duration
         for pair, row in PRODUCTS.items()
     }
     estimates = {
-        "mean_square_voltage": _mean(series, products, "square_voltage", "voltage^2"),
-        "mean_power": _mean(series, products, "load_power", "power"),
-        "mean_square_displacement": _mean(
-            series, products, "square_displacement", "displacement^2"
-        ),
-        "mean_square_velocity": _mean(series, products, "square_velocity", "velocity^2"),
-        "mean_input_power": _mean(series, products, "input_power", "power"),
-        "mean_loss_power": _mean(series, products, "loss_power", "power"),
-        "well_crossing_rate": _mean(series, products, "well_crossings", "rate"),
-        "impact_rate": _mean(series, products, "impacts", "rate"),
+        name: _mean(series, products, quantity, dimension)
+        for name, (quantity, dimension) in MEANS.items()
     }
-    estimates["rms_voltage"] = _root(estimates["mean_square_voltage"])
+    estimates["rms_voltage"] = root(estimates["mean_square_voltage"])
     estimates.update(_efficiencies(series, products))
     if parameters.linear_stiffness >= 0.0:
         del estimates["well_crossing_rate"]
@@ -160,21 +166,17 @@ def paired_difference(result, reference):
     Returns
     -------
     dict of str to Estimate
-        (result − reference)/reference of mean squares, powers and conversion efficiency.
+        (result − reference)/reference of every mean over time.
     """
     ours, theirs = _complete_batches(result.moments), _complete_batches(reference.moments)
     if ours is None or theirs is None or ours.shape != theirs.shape:
         return {}
     differences = {}
-    for name, quantity in PAIRED.items():
+    for name, (quantity, _) in MEANS.items():
         row = QUANTITIES.index(quantity)
-        ours_each = ours[:, :, row] / ours[:, :, 0]
-        theirs_each = theirs[:, :, row] / theirs[:, :, 0]
-        mean = float(theirs_each.mean())
-        if mean == 0.0:
+        if not theirs[:, :, row].any():
             continue
-        ratio = float(ours_each.mean()) / mean
-        error = standard_error((ours_each - ratio * theirs_each) / mean)
+        ratio, error = _ratio(ours[:, :, row], theirs[:, :, row])
         note = "" if error is not None else TOO_SHORT
         differences[name] = Estimate(ratio - 1.0, error, None, "1", note)
     return differences
@@ -224,26 +226,33 @@ def densities(moments):
 
 def _complete_batches(moments):
     """Batches that every realization completed, shape (realizations, batches, quantities)."""
-    needed = moments[0].batch_length * (1.0 - 1e-6)
-    complete = min(int(np.sum(m.integrals[:, 0] >= needed)) for m in moments)
+    complete = min(
+        int((m.time_reached - m.start) / m.batch_length + 1e-6) if m.time_reached > m.start else -1
+        for m in moments
+    )
+    if complete < 0:
+        return None
     if complete == 0:
-        # The points of an engine need not meet the batches' ends: take what there is as one.
-        whole = np.stack([m.integrals.sum(axis=0) for m in moments])[:, None]
-        return whole if np.all(whole[:, :, 0] > 0.0) else None
+        return np.stack([m.integrals[:1] for m in moments])
     return np.stack([m.integrals[:complete] for m in moments])
 
 
+def _ratio(upper, lower):
+    """Ratio of two sums over batches and its standard error (None when too short)."""
+    ratio = float(upper.sum() / lower.sum())
+    return ratio, standard_error((upper - ratio * lower) / lower.mean())
+
+
 def _mean(series, products, name, dimension):
-    values = series[name]
-    mean = float(values.mean())
-    error = standard_error(values)
+    mean, error = _ratio(series[name], series["time"])
     size = None
     if error and (name, name) in products:
         size = max(products[name, name] - mean**2, 0.0) / error**2
     return Estimate(mean, error, size, dimension, "" if error is not None else TOO_SHORT)
 
 
-def _root(square):
+def root(square):
+    """RMS voltage from the mean-square one, with its error."""
     root = math.sqrt(square.estimate)
     error = square.standard_error
     if error is not None:
@@ -254,42 +263,38 @@ def _root(square):
 def _efficiencies(series, products):
     """Eq. 35 in both forms: against what is lost and used, and against what is put in."""
     load, loss, put_in = series["load_power"], series["loss_power"], series["input_power"]
-    used_square = (
-        products["load_power", "load_power"]
-        + 2.0 * products["load_power", "loss_power"]
-        + products["loss_power", "loss_power"]
+    load_load, load_loss = (
+        products["load_power", "load_power"],
+        products["load_power", "loss_power"],
     )
-    used_cross = products["load_power", "load_power"] + products["load_power", "loss_power"]
+    used = load_load + 2.0 * load_loss + products["loss_power", "loss_power"]
+    mean_used = float((load + loss).sum() / series["time"].sum())
+    mean_input = float(put_in.sum() / series["time"].sum())
+    cross, square = products["input_power", "load_power"], products["input_power", "input_power"]
     return {
-        "power_conversion_efficiency": _ratio(
-            load, load + loss, products["load_power", "load_power"], used_cross, used_square
+        "power_conversion_efficiency": _efficiency(
+            load, load + loss, mean_used, load_load, load_load + load_loss, used
         ),
-        "power_conversion_efficiency_of_input": _ratio(
-            load,
-            put_in,
-            products["load_power", "load_power"],
-            products["input_power", "load_power"],
-            products["input_power", "input_power"],
+        "power_conversion_efficiency_of_input": _efficiency(
+            load, put_in, mean_input, load_load, cross, square
         ),
     }
 
 
-def _ratio(upper, lower, upper_square, cross, lower_square):
-    """Ratio of two means with the error of its linearised batches."""
-    bottom = float(lower.mean())
-    if bottom == 0.0:
+def _efficiency(upper, lower, mean_lower, upper_square, cross, lower_square):
+    """Ratio of two powers; the last three are means of products within the run."""
+    if mean_lower == 0.0:
         return Estimate(math.nan, None, None, "1", "nothing was put in")
-    ratio = float(upper.mean()) / bottom
-    error = standard_error((upper - ratio * lower) / bottom)
+    ratio, error = _ratio(upper, lower)
     size = None
     if error:
-        variance = (upper_square - 2.0 * ratio * cross + ratio**2 * lower_square) / bottom**2
+        variance = (upper_square - 2.0 * ratio * cross + ratio**2 * lower_square) / mean_lower**2
         size = max(variance, 0.0) / error**2
     return Estimate(ratio, error, size, "1", "" if error is not None else TOO_SHORT)
 
 
 def _rebinned(moments, row, width):
-    """One histogram's groups with coarser bins, shape (groups, bins), time per bin."""
+    """One histogram's groups with coarser bins, shape (groups, bins)."""
     groups = moments.histograms[:, row]
     factor = round(width / float(moments.bin_widths[row]))
     half = groups.shape[1] // 2

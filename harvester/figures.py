@@ -25,10 +25,10 @@ def save(draw, result, path):
     ------
     OutputError
     """
-    import matplotlib
+    from matplotlib import style
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    with matplotlib.style.context(STYLE), whole_file(path) as temporary:
+    with style.context(STYLE), whole_file(path) as temporary:
         figure = draw(result)
         FigureCanvasAgg(figure)
         figure.savefig(temporary)
@@ -55,12 +55,17 @@ def draw_comparison(comparison):
 
     figure = Figure(figsize=(9.0, 4.6))
     grid = figure.add_gridspec(2, 2, width_ratios=(1.0, 1.4), height_ratios=(1.6, 1.0))
-    _draw_densities(figure.add_subplot(grid[:, 0]), comparison)
+    left = figure.add_subplot(grid[:, 0])
+    _draw_densities(left, comparison)
     top = figure.add_subplot(grid[0, 1])
     _draw_waveforms(top, figure.add_subplot(grid[1, 1], sharex=top), comparison)
     figure.suptitle(
-        f"{comparison.scene.name}: circuit, Monte Carlo and averaging", x=0.01, ha="left", fontsize=9
+        f"{comparison.scene.name}: circuit, Monte Carlo and averaging (bands: two standard errors)",
+        x=0.01,
+        ha="left",
+        fontsize=9,
     )
+    figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure
 
 
@@ -76,23 +81,22 @@ def _draw_densities(axes, comparison):
     axes.set_ylim(0.0, min(axes.get_ylim()[1], 2.5 * peak))
     axes.set_xlabel(_axis(comparison.circuit, "displacement"))
     axes.set_ylabel("probability density")
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2)
 
 
 def _draw_waveforms(top, bottom, comparison):
     circuit, reference = comparison.circuit.waveform, comparison.monte_carlo.waveform
     unit = comparison.circuit.scales.displacement
-    top.plot(reference.time, reference.displacement * unit, color=MONTE_CARLO, label="Monte Carlo")
-    top.plot(circuit.time, circuit.displacement * unit, "--", color=CIRCUIT, label="circuit")
+    top.plot(reference.time, reference.displacement * unit, color=MONTE_CARLO)
+    top.plot(circuit.time, circuit.displacement * unit, "--", color=CIRCUIT)
     top.set_ylabel(_axis(comparison.circuit, "displacement"))
     top.set_title("the same noise path")
-    top.legend(loc="lower left", ncols=2)
     # Both have every knot of the noise among their points.
     difference = np.interp(reference.time, circuit.time, circuit.displacement)
     knots = np.isin(np.round(reference.time, 9), np.round(circuit.time, 9))
     difference = (difference - reference.displacement)[knots] * unit
     bottom.plot(reference.time[knots], difference, color="0.2", linewidth=0.8)
-    bottom.set_ylabel("circuit − Monte Carlo")
+    bottom.set_ylabel("difference")
+    bottom.set_title("circuit − Monte Carlo")
     bottom.set_xlabel("time [s]")
 
 

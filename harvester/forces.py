@@ -68,10 +68,8 @@ def contact_damping(p, x, v, held_speed):
     always; it is not read in `energy` mode.
     """
     depth = compression(p, x)
-    if p.held_impact_velocity:
-        speed = np.maximum(held_speed, np.abs(v))
-    else:
-        speed = impact_speed(p, x, v)
+    held = p.held_impact_velocity
+    speed = np.maximum(held_speed, np.abs(v)) if held else impact_speed(p, x, v)
     factor = 0.75 * (1.0 - p.restitution * p.restitution)
     return factor * p.contact_stiffness * depth * np.sqrt(depth) / np.maximum(speed, 1e-300)
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harvester.compilation import compiled
+from harvester.compilation import compiled, summing
 from harvester.record import Record
 
 # Rows of `Moments.integrals`: time integrals of these, and the numbers of two events.
@@ -52,7 +52,10 @@ class Moments:
     integrals : ndarray, shape (batches, len(QUANTITIES))
     products : ndarray, shape (len(PRODUCTS),)
     histograms : ndarray, shape (groups, 3, BINS)
-        Time spent in each bin of displacement, velocity, voltage; bins symmetric about 0.
+        Samples in each bin of displacement, velocity, voltage; bins symmetric about 0.
+    sample_interval : float
+        Time between the histograms' samples (s), which are taken at regular times: an engine's
+        own points crowd where contact begins.
     bin_widths : ndarray, shape (3,)
         Powers of two, doubled whenever a value falls outside.
     first, last : ndarray, shape (7,)
@@ -64,6 +67,7 @@ class Moments:
     start: float
     batch_length: float
     gap: float
+    sample_interval: float
     integrals: np.ndarray
     products: np.ndarray
     histograms: np.ndarray
@@ -73,13 +77,14 @@ class Moments:
     points: int = 0
 
     @classmethod
-    def empty(cls, start, stop, gap, batches, groups):
+    def empty(cls, start, stop, gap, batches, groups, sample_interval):
         """Nothing accumulated yet, for the time from `start` to `stop` (s)."""
         columns = len(Record._fields)
         return cls(
             start=start,
             batch_length=(stop - start) / batches,
             gap=gap,
+            sample_interval=sample_interval,
             integrals=np.zeros((batches, len(QUANTITIES))),
             products=np.zeros(len(PRODUCTS)),
             histograms=np.zeros((groups, len(HISTOGRAMS), BINS)),
@@ -95,79 +100,112 @@ class Moments:
 
     def add(self, record):
         """Accumulate one chunk that follows the ones before."""
+        if record.time.size == 0:
+            return
         self.points += record.time.size
-        _accumulate(
-            record,
+        # The latest point again in front: every interval then lies within one array.
+        points = np.empty((len(record), record.time.size + 1))
+        points[:, 0] = self.last
+        for row, column in enumerate(record):
+            points[row, 1:] = column
+        self.last = points[:, -1].copy()
+        if not self.last[0] >= self.start:
+            return
+        if not points[0, 0] >= self.start:
+            points = np.ascontiguousarray(points[:, points[0] >= self.start])
+        if np.isnan(self.first[0]):
+            self.first = points[:, 0].copy()
+        _add_integrals(
+            points, self.start, self.batch_length, self.gap, self.integrals, self.products
+        )
+        _add_samples(
+            points,
             self.start,
-            self.batch_length,
-            self.gap,
-            self.integrals,
-            self.products,
+            self.batch_length * len(self.integrals) / len(self.histograms),
+            self.sample_interval,
             self.histograms,
             self.bin_widths,
-            self.first,
-            self.last,
         )
 
 
-@compiled
-def _accumulate(
-    record, start, batch_length, gap, integrals, products, histograms, widths, first, last
-):
+@summing
+def _add_integrals(points, start, batch_length, gap, integrals, products):
+    """Trapezoidal integrals of every interval; each belongs to the batch of its middle."""
     batches = integrals.shape[0]
+    time, x = points[0], points[1]
+    begin = 0
+    while begin < time.size - 1:
+        middle = 0.5 * (time[begin] + time[begin + 1])
+        batch = min(int((middle - start) / batch_length), batches - 1)
+        stop = start + (batch + 1) * batch_length if batch < batches - 1 else np.inf
+        end = begin + 1
+        while end + 1 < time.size and 0.5 * (time[end] + time[end + 1]) < stop:
+            end += 1
+        _add_stretch(points, begin, end, integrals[batch], products)
+        for i in range(begin, end):
+            integrals[batch, 7] += x[i] * x[i + 1] < 0.0
+            integrals[batch, 8] += (abs(x[i]) <= gap) & (abs(x[i + 1]) > gap)
+        begin = end
+
+
+@summing
+def _add_stretch(points, begin, end, integrals, products):
+    """Add the intervals between two points to one batch's integrals and to the products."""
+    time = points[0]
+    # Half of both intervals that meet at a point.
+    weights = np.empty(end - begin + 1)
+    weights[0] = 0.5 * (time[begin + 1] - time[begin])
+    weights[-1] = 0.5 * (time[end] - time[end - 1])
+    for i in range(begin + 1, end):
+        weights[i - begin] = 0.5 * (time[i + 1] - time[i - 1])
+    s0 = s1 = s2 = s3 = s4 = s5 = 0.0
+    p0 = p1 = p2 = p3 = p4 = p5 = p6 = p7 = 0.0
+    for i in range(begin, end + 1):
+        weight = weights[i - begin]
+        x, v, voltage = points[1, i], points[2, i], points[3, i]
+        load, put_in, loss = points[4, i], points[5, i], points[6, i]
+        xx, vv, voltage2 = x * x, v * v, voltage * voltage
+        s0 += weight * voltage2
+        s1 += weight * xx
+        s2 += weight * vv
+        s3 += weight * load
+        s4 += weight * put_in
+        s5 += weight * loss
+        p0 += weight * voltage2 * voltage2
+        p1 += weight * xx * xx
+        p2 += weight * vv * vv
+        p3 += weight * load * load
+        p4 += weight * put_in * put_in
+        p5 += weight * loss * loss
+        p6 += weight * put_in * load
+        p7 += weight * load * loss
+    integrals[0] += time[end] - time[begin]
+    for k, value in enumerate((s0, s1, s2, s3, s4, s5)):
+        integrals[k + 1] += value
+    for k, value in enumerate((p0, p1, p2, p3, p4, p5, p6, p7)):
+        products[k] += value
+
+
+@compiled
+def _add_samples(points, start, group_length, interval, histograms, widths):
+    """Count samples at whole multiples of the interval, linear between points."""
     groups = histograms.shape[0]
+    time = points[0]
     half = BINS // 2
-    for i in range(record.time.size):
-        time, x, v = record.time[i], record.displacement[i], record.velocity[i]
-        voltage, load = record.voltage[i], record.load_power[i]
-        put_in, loss = record.input_power[i], record.loss_power[i]
-        before = last[0]
-        if before >= start:
-            dt = 0.5 * (time - before)
-            batch = min(int((0.5 * (before + time) - start) / batch_length), batches - 1)
-            _integrate(integrals[batch], dt, last, x, v, voltage, load, put_in, loss, gap)
-            _integrate_products(products, dt, last, x, v, voltage, load, put_in, loss)
-            group = batch * groups // batches
-            for k, value in enumerate((x, v, voltage)):
-                index = int(np.floor(value / widths[k]))
-                while index >= half or index < -half:
+    sample = np.floor(time[0] / interval + 1e-9) + 1.0
+    for i in range(time.size - 1):
+        while sample * interval <= time[i + 1] + 1e-9 * interval:
+            share = (sample * interval - time[i]) / (time[i + 1] - time[i])
+            group = min(int((sample * interval - start) / group_length), groups - 1)
+            for k in range(3):
+                value = points[k + 1, i] + share * (points[k + 1, i + 1] - points[k + 1, i])
+                place = np.floor(value / widths[k])
+                while place >= half or place < -half:
                     _double_bins(histograms[:, k])
                     widths[k] *= 2.0
-                    index = int(np.floor(value / widths[k]))
-                histograms[group, k, index + half] += 2.0 * dt
-        elif time >= start:
-            for k in range(len(record)):
-                first[k] = record[k][i]
-        last[0], last[1], last[2], last[3] = time, x, v, voltage
-        last[4], last[5], last[6] = load, put_in, loss
-
-
-@compiled
-def _integrate(row, dt, last, x, v, voltage, load, put_in, loss, gap):
-    row[0] += 2.0 * dt
-    row[1] += dt * (last[3] * last[3] + voltage * voltage)
-    row[2] += dt * (last[1] * last[1] + x * x)
-    row[3] += dt * (last[2] * last[2] + v * v)
-    row[4] += dt * (last[4] + load)
-    row[5] += dt * (last[5] + put_in)
-    row[6] += dt * (last[6] + loss)
-    if last[1] * x < 0.0:
-        row[7] += 1.0
-    if abs(last[1]) <= gap and abs(x) > gap:
-        row[8] += 1.0
-
-
-@compiled
-def _integrate_products(row, dt, last, x, v, voltage, load, put_in, loss):
-    weight = 2.0 * dt
-    row[0] += weight * voltage**4
-    row[1] += weight * x**4
-    row[2] += weight * v**4
-    row[3] += weight * load * load
-    row[4] += weight * put_in * put_in
-    row[5] += weight * loss * loss
-    row[6] += weight * put_in * load
-    row[7] += weight * load * loss
+                    place = np.floor(value / widths[k])
+                histograms[group, k, int(place) + half] += 1.0
+            sample += 1.0
 
 
 @compiled

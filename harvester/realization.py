@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harvester.estimators import batch_counts
+from harvester.estimators import KNOTS_PER_SAMPLE, batch_counts
 from harvester.excitation import NoisePath, realization_seeds
 from harvester.moments import Moments
 from harvester.parameters import knot_spacing, scale, stop_time
@@ -90,9 +90,7 @@ def noise_path(scene, index):
     """The noise of one realization, at its beginning; the same for every engine."""
     parameters, _ = scale(scene)
     seed = realization_seeds(scene.run.seed, scene.run.realizations)[index]
-    return NoisePath(
-        parameters.intensity, parameters.correlation_time, knot_spacing(scene), seed
-    )
+    return NoisePath(parameters.intensity, parameters.correlation_time, knot_spacing(scene), seed)
 
 
 def run(scene, engine, index, step, source, window, report):
@@ -119,9 +117,9 @@ def run(scene, engine, index, step, source, window, report):
     module = importlib.import_module(ENGINES[engine])
     parameters, _ = scale(scene)
     path = noise_path(scene, index)
-    moments = Moments.empty(
-        scene.run.settle, stop_time(scene), parameters.gap, *batch_counts(scene.run.realizations)
-    )
+    counts = batch_counts(scene.run.realizations, scene.run.duration / path.spacing)
+    interval = KNOTS_PER_SAMPLE * path.spacing
+    moments = Moments.empty(scene.run.settle, stop_time(scene), parameters.gap, *counts, interval)
     observers = [moments, Reporter(moments, report)]
     waveform = Waveform(*window) if window else None
     if waveform:

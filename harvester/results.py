@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from harvester.estimators import Density, Estimate
+from harvester.estimators import Estimate
 from harvester.parameters import Scales
 from harvester.record import Record
 from harvester.scene import Scene
@@ -126,8 +126,8 @@ class Result:
             },
             "error_kind": self.error_kind,
             "energy_balance_residual": _finite(self.energy_balance_residual),
-            "wall_seconds": self.wall_seconds,
-            "engine_seconds": self.engine_seconds,
+            "wall_seconds": _finite(self.wall_seconds),
+            "engine_seconds": _finite(self.engine_seconds),
             "simulated_time": self.simulated_time,
             "steps": self.steps,
             "step": self.step,
@@ -203,12 +203,12 @@ class Result:
 
 
 def with_error(estimate):
-    """ "0.02745 ± 0.00012", or the bare value and why it has no error bar."""
+    """ "0.02745 ± 0.00012", or the bare value and that it has no error bar."""
     value, error = estimate.estimate, estimate.standard_error
     if value is None or not math.isfinite(value):
         return "—"
     if error is None or not math.isfinite(error):
-        return f"{value:.3g} (too short for an error bar)"
+        return f"{value:.3g} (no error bar)"
     if error == 0.0:
         return f"{value:.6g} ± 0"
     digits = max(0, math.floor(math.log10(abs(value) / error)) + 2) if value else 2

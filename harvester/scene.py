@@ -69,7 +69,7 @@ class Excitation:
 
 @dataclass(frozen=True)
 class Run:
-    """Length of each realization (s), the part discarded first (s), seed, number of realizations."""
+    """Length of each realization and what is discarded before it (s); seed; how many."""
 
     duration: float
     settle: float = 0.0

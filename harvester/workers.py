@@ -108,7 +108,7 @@ class Worker:
         if self._process is not None and self._process.poll() is None:
             return self._process, self._answers
         self.kill()
-        self._errors = tempfile.TemporaryFile()
+        self._errors = tempfile.TemporaryFile()  # noqa: SIM115 - closed by kill
         self._process = subprocess.Popen(
             [sys.executable, "-m", "harvester.worker"],
             stdin=subprocess.PIPE,

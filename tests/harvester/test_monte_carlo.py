@@ -103,7 +103,7 @@ def test_chunks_do_not_change_the_numbers_and_a_stiff_contact_is_resolved():
     assert 0.0 < depth < 1e-2
     assert np.all(np.diff(record[0]) > 0.0)
     p, _ = scale(scene)
-    moments = Moments.empty(0.0, 400.0, p.gap, 4, 1)
+    moments = Moments.empty(0.0, 400.0, p.gap, 4, 1, 0.2)
     for chunk in integrate(p, noise_path(scene, 0), initial_state(p, True), 400.0):
         moments.add(chunk)
     from harvester.estimators import energy_balance_residual

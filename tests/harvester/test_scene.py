@@ -95,7 +95,7 @@ def test_replace_checks_and_leaves_the_original_alone():
     assert (changed.stoppers.gap, changed.excitation.intensity, changed.run.seed) == (1.2, 0.1, 9)
     assert scene.stoppers.gap == 1.1
     assert scene.replace(stoppers=None).stoppers is None
-    with pytest.raises(SceneError, match="stoppers.gap"):
+    with pytest.raises(SceneError, match=r"stoppers\.gap"):
         scene.replace({"stoppers.gap": -1.0})
 
 

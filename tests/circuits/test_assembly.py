@@ -1,0 +1,98 @@
+import re
+
+import pytest
+
+from circuits.assembly import assemble
+from harvester.parameters import knot_spacing, stop_time
+from harvester.scene import Scene
+
+MECHANICS = {"Cdisplacement", "Gvelocity", "Cmass", "Gspring", "Rdamper", "Vnoise", "Gnoise"}
+ELECTRICS = {"Cpiezo", "Gcharge", "Xload"}
+BACK = {"Gback_action"}
+
+
+def elements(netlist):
+    """Names of the elements outside sub-circuits."""
+    names, inside = set(), False
+    for line in netlist.text.splitlines():
+        inside = (inside or line.startswith(".subckt")) and not line.startswith(".ends")
+        if line and line[0].isalpha() and not inside:
+            names.add(line.split()[0])
+    return names
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides", "expected"),
+    [
+        ("linear", [], MECHANICS | ELECTRICS | BACK),
+        ("linear", ["piezo.coupling=0"], MECHANICS | ELECTRICS),
+        ("linear", ["oscillator.damping=0"], (MECHANICS - {"Rdamper"}) | ELECTRICS | BACK),
+        ("duffing", [], MECHANICS | ELECTRICS | BACK | {"Bcubic"}),
+        ("device", [], MECHANICS | ELECTRICS | BACK | {"Bcubic"}),
+        ("paper", [], MECHANICS | ELECTRICS | BACK | {"Bcubic", "Bstoppers"}),
+        ("paper", ["stoppers=none"], MECHANICS | ELECTRICS | BACK | {"Bcubic"}),
+        ("paper", ["stoppers.stiffness=0"], MECHANICS | ELECTRICS | BACK | {"Bcubic"}),
+        (
+            "paper",
+            ["oscillator.linear_stiffness=0"],
+            (MECHANICS - {"Gspring"}) | ELECTRICS | BACK | {"Bcubic", "Bstoppers"},
+        ),
+        (
+            "paper_si",
+            ["stoppers.impact_velocity=event"],
+            MECHANICS | ELECTRICS | BACK | {"Bcubic", "Bstoppers", "Cheld_speed", "Bheld_speed"},
+        ),
+        (
+            "paper",
+            ["stoppers.impact_velocity=event", "stoppers.restitution=1"],
+            MECHANICS | ELECTRICS | BACK | {"Bcubic", "Bstoppers"},
+        ),
+    ],
+)
+def test_a_scene_holds_only_what_it_needs(name, overrides, expected):
+    assert elements(assemble(Scene.load(name, overrides))) == expected
+
+
+def test_elastic_stoppers_have_no_damping_term_and_preloaded_ones_a_bounded_one():
+    elastic = assemble(Scene.load("paper", ["stoppers.restitution=1"])).text
+    damped = assemble(Scene.load("paper")).text
+    preloaded = assemble(Scene.load("paper", ["stoppers.gap=0.95"])).text
+    assert "v(velocity)" not in re.search(r"Bstoppers.*", elastic).group()
+    assert re.search(r"Bstoppers.*", damped).group().count("?") == 1
+    assert re.search(r"Bstoppers.*", preloaded).group().count("?") == 2
+
+
+@pytest.mark.parametrize("name", Scene.names())
+def test_mechanical_values_are_of_order_one_whatever_the_units(name):
+    text = assemble(Scene.load(name)).text
+    for element in ("Gspring", "Gvelocity", "Gnoise"):
+        value = float(re.search(rf"^{element} .* (\S+)$", text, re.MULTILINE).group(1))
+        assert 0.1 < abs(value) < 10.0
+    if name != "linear":
+        factor = float(re.search(r"Bcubic.*i=([\d.e+-]+)\*", text).group(1))
+        assert 0.1 < factor < 10.0
+
+
+def test_the_same_device_in_both_units_has_the_same_mechanical_elements():
+    def mechanical(name):
+        lines = assemble(Scene.load(name)).text.splitlines()
+        return [
+            [float(number) for number in re.findall(r"(?<![\w.])\d+\.\d+(?:e-?\d+)?", line)]
+            for line in lines
+            if line.startswith(("Cdisp", "Cmass", "Gspring", "Rdamper", "Bcubic", "Bstoppers"))
+        ]
+
+    for ours, theirs in zip(mechanical("paper"), mechanical("paper_si"), strict=True):
+        assert ours == pytest.approx(theirs, rel=1e-12)
+
+
+def test_the_digest_tells_netlists_apart():
+    one, other = assemble(Scene.load("paper")), assemble(Scene.load("paper"))
+    assert one.sha256 == other.sha256
+    assert assemble(Scene.load("paper"), right=False).sha256 != one.sha256
+
+
+def test_the_end_time_is_a_whole_number_of_knots():
+    scene = Scene.load("paper", ["run.duration=10.01", "run.settle=0"])
+    assert stop_time(scene) == pytest.approx(10.05)
+    assert stop_time(scene) / knot_spacing(scene) == pytest.approx(201)

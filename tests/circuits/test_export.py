@@ -1,0 +1,72 @@
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from circuits.export import stand_alone
+from harvester.realization import noise_path
+from harvester.scene import Scene
+from harvester.simulation import simulate
+
+
+def ngspice():
+    """The stand-alone program: the environment's own copy or the system's."""
+    local = Path(sys.prefix) / "ngspice" / "usr" / "bin" / "ngspice"
+    program = str(local) if local.exists() else shutil.which("ngspice")
+    if program is None:
+        pytest.skip("no ngspice program")
+    return program
+
+
+def read_raw(path):
+    """Variables of a binary ngspice raw file, {name: values}."""
+    header, _, data = path.read_bytes().partition(b"Binary:\n")
+    lines = header.decode().splitlines()
+    count = int(next(line.split(":")[1] for line in lines if line.startswith("No. Variables")))
+    start = lines.index("Variables:") + 1
+    names = [line.split()[1] for line in lines[start : start + count]]
+    values = np.frombuffer(data, dtype=float).reshape(-1, count)
+    return dict(zip(names, values.T, strict=True))
+
+
+@pytest.mark.parametrize("name", ["paper", "device"])
+def test_plain_ngspice_runs_the_export_and_agrees_with_the_process(tmp_path, pool, name):
+    spacing = 0.05 if name == "paper" else 0.00125
+    scene = Scene.load(
+        name, [f"run.duration={400 * spacing}", "run.settle=0", "run.realizations=1"]
+    )
+    netlist = stand_alone(scene, noise_path(scene, 0))
+    (tmp_path / "scene.cir").write_text(netlist.text + ".end\n")
+    subprocess.run(
+        [ngspice(), "-b", "-r", "scene.raw", "scene.cir"],
+        cwd=tmp_path,
+        check=True,
+        capture_output=True,
+    )
+    raw = read_raw(tmp_path / "scene.raw")
+    result = simulate(scene, "circuit", source="pwl", window=(0.0, 1e9), pool=pool)
+    record = result.waveform
+    assert raw["time"][-1] == pytest.approx(400 * spacing)
+    inside = np.interp(record.time, raw["time"], raw["v(displacement)"])
+    np.testing.assert_allclose(record.displacement, inside, atol=1e-6)
+    # Against the external source: two step controls, one path.
+    external = simulate(scene, "circuit", step="finest", window=(0.0, 1e9), pool=pool).waveform
+    at = np.interp(external.time, raw["time"], raw["v(displacement)"])
+    np.testing.assert_allclose(external.displacement, at, atol=0.05)
+    noise = np.interp(external.time, raw["time"], raw["v(noise)"]) * netlist.rate**2
+    path = noise_path(scene, 0).read(401)
+    expected = np.interp(external.time, spacing * np.arange(401), path)
+    np.testing.assert_allclose(noise, expected, atol=1e-6 * np.abs(path).max())
+
+
+def test_the_export_tells_how_to_run_and_read_it():
+    text = stand_alone(
+        Scene.load("paper_si", ["run.duration=1", "run.settle=0"]),
+        noise_path(Scene.load("paper_si"), 0),
+    ).text
+    assert "ngspice -b -r paper_si.raw paper_si.cir" in text
+    assert "units of 0.001 m" in text
+    assert ".save v(displacement)" in text

@@ -1,0 +1,192 @@
+import json
+import subprocess
+import sys
+
+import pytest
+
+from harvester.command_line import main
+from harvester.scene import Scene
+
+BRIEF = ["--set", "run.duration=60", "--set", "run.settle=10"]
+QUANTITIES = {
+    "mean_square_voltage",
+    "rms_voltage",
+    "mean_power",
+    "power_conversion_efficiency",
+    "mean_square_velocity",
+    "mean_square_displacement",
+}
+EVIDENCE = {
+    "energy_balance_residual",
+    "wall_seconds",
+    "simulated_time",
+    "engine",
+    "engine_version",
+    "seed",
+    "scene",
+    "netlist_sha256",
+}
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["simulate", "paper", "--engine", "circuit", *BRIEF],
+        ["simulate", "paper_si", "--engine", "monte-carlo", *BRIEF],
+        ["average", "paper", "--closure", "paper"],
+        ["average", "device", "--closure", "consistent"],
+    ],
+)
+def test_json_alone_on_standard_output(capsys, command):
+    assert main([*command, "--json", "-", "--seed", "7"]) == 0
+    streams = capsys.readouterr()
+    content = json.loads(streams.out)
+    assert set(content) >= EVIDENCE
+    assert set(content["quantities"]) >= QUANTITIES
+    for entry in content["quantities"].values():
+        assert set(entry) >= {"estimate", "standard_error", "unit"}
+    assert content["seed"] == 7
+    assert content["scene"]["run"]["seed"] == 7
+    assert "mean square voltage" in streams.err
+
+
+def test_output_writes_json_and_figure(tmp_path, capsys):
+    folder = tmp_path / "new" / "results"
+    assert main(["simulate", "linear", *BRIEF, "--output", str(folder)]) == 0
+    assert {path.name for path in folder.iterdir()} == {
+        "linear-circuit.json",
+        "linear-circuit.png",
+    }
+    assert (folder / "linear-circuit.png").read_bytes().startswith(b"\x89PNG")
+    assert "mean power" in capsys.readouterr().out
+
+
+def test_validate_shows_three_ways_and_writes_one_figure(tmp_path, capsys):
+    options = ["--set", "run.duration=400", "--output", str(tmp_path)]
+    assert main(["validate", "paper", *options]) == 0
+    shown = capsys.readouterr().out
+    for word in ("circuit", "Monte Carlo", "paper", "consistent", "σ", "wall time"):
+        assert word in shown
+    content = json.loads((tmp_path / "paper-validate.json").read_text())
+    assert set(content["results"]) == {
+        "circuit",
+        "monte-carlo",
+        "averaging paper",
+        "averaging consistent",
+    }
+    assert (tmp_path / "paper-validate.png").exists()
+
+
+def test_netlist_goes_to_a_file_or_to_standard_output(tmp_path, capsys):
+    brief = ["--set", "run.duration=1", "--set", "run.settle=0"]
+    assert main(["netlist", "paper", *brief]) == 0
+    text = capsys.readouterr().out
+    assert text.startswith(".title")
+    assert text.rstrip().endswith(".end")
+    assert main(["netlist", "paper", *brief, "--output", str(tmp_path / "a.cir")]) == 0
+    assert (tmp_path / "a.cir").read_text() == text
+    assert main(["netlist", "paper", *brief, "--realization", "1"]) == 0
+    assert capsys.readouterr().out != text
+
+
+def test_engine_tells_what_was_found(capsys):
+    assert main(["engine", "--json", "-"]) == 0
+    streams = capsys.readouterr()
+    found = json.loads(streams.out)
+    assert found["version"].startswith("ngspice-")
+    assert found["library"] in streams.err
+
+
+@pytest.mark.parametrize(
+    ("command", "word"),
+    [
+        (["simulate", "papr"], "did you mean paper"),
+        (["simulate", "paper", "--set", "stoppers.gap=-1"], "stoppers.gap"),
+        (["simulate", "paper", "--engine", "spice"], "unknown engine"),
+        (["simulate", "paper", "--step", "0"], "step"),
+        (["simulate", "paper", "--workers", "0"], "--workers 0"),
+        (["simulate", "paper", "--time-limit", "-1"], "--time-limit"),
+        (["simulate", "paper", "--time-limit", "nan"], "--time-limit"),
+        (["average", "paper", "--closure", "papre"], "paper"),
+        (["netlist", "paper", "--realization", "5"], "--realization 5"),
+        (["simulate", "paper", "--json", "/dev/null/x.json"], "cannot be written"),
+        (["simulate", "paper", "--json", "/"], "name a file"),
+        (["netlist", "paper", "--output", "/dev/null/x.cir"], "cannot be written"),
+    ],
+)
+def test_a_users_mistake_is_one_line_and_exit_code_two(capsys, command, word):
+    assert main(command) == 2
+    streams = capsys.readouterr()
+    assert streams.out == ""
+    assert streams.err.count("\n") == 1
+    assert word in streams.err
+
+
+def test_argparse_mistakes_exit_with_two_too(capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(["simulat"])
+    assert caught.value.code == 2
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_a_missing_library_says_how_to_get_it(monkeypatch, capsys):
+    monkeypatch.setenv("NGSPICE_LIBRARY_PATH", "/nowhere/libngspice.so")
+    assert main(["simulate", "paper", *BRIEF]) == 1
+    message = capsys.readouterr().err
+    assert "NGSPICE_LIBRARY_PATH=/nowhere/libngspice.so" in message
+    for word in ("apt-get", "brew", "conda", "Windows"):
+        assert word in message
+
+
+def test_a_library_that_is_no_ngspice_is_refused(monkeypatch, capsys):
+    import math
+
+    monkeypatch.setenv("NGSPICE_LIBRARY_PATH", math.__file__ or "libm.so.6")
+    assert main(["engine"]) == 1
+    assert "NGSPICE_LIBRARY_PATH" in capsys.readouterr().err
+
+
+def test_a_failed_run_keeps_what_it_had(tmp_path, capsys):
+    target = tmp_path / "partial.json"
+    command = ["simulate", "paper", "--set", "run.duration=1e6", "--time-limit", "6"]
+    assert main([*command, "--json", str(target)]) == 1
+    assert "SimulatorTimeout" in capsys.readouterr().err
+    content = json.loads(target.read_text())
+    assert content["outcome"] == "SimulatorTimeout"
+    assert content["simulated_time"] > 100.0
+
+
+def test_light_commands_import_nothing_heavy():
+    heavy = ("numpy", "scipy", "numba", "matplotlib", "PySpice", "rich")
+    code = (
+        "import sys, harvester, harvester.command_line as c\n"
+        "try: c.main(['--help'])\n"
+        "except SystemExit: pass\n"
+        f"print('loaded', [m for m in {heavy} if m in sys.modules])"
+    )
+    shown = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
+    assert shown.rstrip().endswith("loaded []")
+
+
+def test_simulating_loads_no_drawing_library(tmp_path):
+    code = (
+        "import sys, harvester.command_line as c\n"
+        f"c.main(['simulate', 'linear', '--set', 'run.duration=20', '--json', r'{tmp_path}/a'])\n"
+        "print('loaded', [m for m in ('matplotlib', 'PySpice') if m in sys.modules])"
+    )
+    shown = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
+    assert shown.rstrip().endswith("loaded []")
+
+
+def test_si_and_scaled_scenes_average_to_the_same_scaled_results():
+    from harvester.averaged import average
+
+    for closure in ("paper", "consistent"):
+        scaled = average(Scene.load("paper"), closure).scaled_quantities
+        si = average(Scene.load("paper_si"), closure).scaled_quantities
+        for name, estimate in scaled.items():
+            assert si[name].estimate == pytest.approx(estimate.estimate, rel=1e-9), name

@@ -1,0 +1,56 @@
+import os
+import signal
+import threading
+import time
+
+import pytest
+
+from harvester.errors import HarvesterError, SimulatorCrashed, SimulatorTimeout
+
+
+def test_a_call_returns_its_result_and_reports_progress(worker):
+    assert worker.call("worker_calls:say", {"text": "hello"}) == "HELLO"
+    seen = []
+    worker.call("worker_calls:wait", {"seconds": 0.0}, on_progress=seen.append)
+    assert seen == ["waiting"]
+
+
+def test_an_unexpected_error_comes_back_as_one_line(worker):
+    with pytest.raises(HarvesterError, match="TypeError"):
+        worker.call("worker_calls:say", {"words": 1})
+    assert worker.call("worker_calls:say", {"text": "on"}) == "ON"
+
+
+def test_a_process_that_ends_is_named_and_started_again(worker):
+    with pytest.raises(SimulatorCrashed, match="status 3"):
+        worker.call("worker_calls:die", {"status": 3})
+    assert worker.call("worker_calls:say", {"text": "again"}) == "AGAIN"
+
+
+def test_the_time_limit_ends_a_call_and_keeps_its_last_report(worker):
+    worker.call("worker_calls:say", {"text": "up"})
+    started = time.monotonic()
+    with pytest.raises(SimulatorTimeout, match=r"0\.5 s") as caught:
+        worker.call("worker_calls:wait", {"seconds": 60.0}, time_limit=0.5)
+    assert caught.value.partial == "waiting"
+    assert time.monotonic() - started < 10.0
+
+
+def test_killing_the_process_is_noticed_at_once(worker):
+    worker.call("worker_calls:say", {"text": "up"})
+    process = worker.process_id
+    killed = []
+
+    def kill():
+        os.kill(process, signal.SIGKILL)
+        killed.append(time.monotonic())
+
+    threading.Timer(0.3, kill).start()
+    with pytest.raises(SimulatorCrashed, match="signal 9"):
+        worker.call("worker_calls:wait", {"seconds": 60.0})
+    assert time.monotonic() - killed[0] < 2.0
+
+
+def test_results_of_a_pool_keep_their_order(pool):
+    calls = [{"text": text} for text in "abcdef"]
+    assert pool.map("worker_calls:say", calls) == list("ABCDEF")

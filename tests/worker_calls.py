@@ -1,0 +1,70 @@
+"""What the tests ask a worker process to do besides simulating a scene."""
+
+import os
+import time
+
+from circuits.assembly import Netlist
+from circuits.session import session
+from harvester.parameters import scale
+from harvester.realization import noise_path
+from harvester.scene import Scene
+
+
+def say(report, text):
+    return text.upper()
+
+
+def wait(report, seconds):
+    report("waiting")
+    time.sleep(seconds)
+
+
+def die(report, status):
+    os._exit(status)
+
+
+def run_text(report, text, stop):
+    """Run a netlist with the noise of `paper` on its external source."""
+    scene = Scene.load("paper")
+    parameters, _ = scale(scene)
+    from truths import Keep
+
+    keep = Keep()
+    netlist = Netlist(text, 1.0, 1.0, 0.05, stop)
+    steps = session().run(netlist, parameters, noise_path(scene, 0), [keep], 1)
+    return steps, keep.record()
+
+
+def resident_megabytes():
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def run_many(report, scene, times):
+    """Memory after the first and after the last of many runs (MB)."""
+    from truths import Keep
+
+    from circuits.engine import run_realization
+
+    sizes = []
+    for index in range(times):
+        run_realization(scene, noise_path(scene, 0), True, [Keep()], "default", "external")
+        if index in (times // 4, times - 1):
+            sizes.append(resident_megabytes())
+    return sizes
+
+
+def run_long(report, scene):
+    """Growth of memory over the second half of one run (MB)."""
+    from circuits.engine import run_realization
+
+    class Watch:
+        def __init__(self):
+            self.sizes = []
+
+        def add(self, record):
+            self.sizes.append(resident_megabytes())
+
+    watch = Watch()
+    run_realization(scene, noise_path(scene, 0), True, [watch], "default", "external")
+    return watch.sizes[-1] - watch.sizes[len(watch.sizes) // 2]
