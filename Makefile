@@ -1,4 +1,4 @@
-# harvester: `make run` reproduces the paper, `make test` runs every test.
+# harvester: `make run` validates the paper's scene three ways, `make test` runs every test.
 # Either sets up first what is missing; see .ci/setup for how, and for its options.
 
 BIN := .venv/bin

@@ -42,7 +42,7 @@ class Netlist:
         return hashlib.sha256(self.text.encode()).hexdigest()
 
 
-def assemble(scene, step="default", right=True, waveform="external", options=FIXED_STEP):
+def assemble(scene, step="default", right=True, waveform="external", options=FIXED_STEP, save=()):
     """Build the equivalent circuit of a scene with PySpice.
 
     Parameters
@@ -56,6 +56,8 @@ def assemble(scene, step="default", right=True, waveform="external", options=FIX
         Of the noise source: `external`, or a PWL.
     options : str
         ngspice's tolerances.
+    save : sequence of str
+        Nodes that ngspice keeps in its memory; what streams out needs none.
 
     Returns
     -------
@@ -84,7 +86,7 @@ def assemble(scene, step="default", right=True, waveform="external", options=FIX
     elements.add_piezo(circuit, p, rate, electrical)
     elements.add_load(circuit, electrical)
     stop = stop_time(scene)
-    text = str(circuit) + _analysis(length, stop, options)
+    text = str(circuit) + _analysis(length, stop, options, save)
     check_netlist(text)
     return Netlist(text, rate, electrical.voltage_scale, length, stop)
 
@@ -100,8 +102,10 @@ def _electrical(scene, p, scales):
     return elements.Electrical(1.0, 1.0, 1.0 / p.decay_rate, 1.0)
 
 
-def _analysis(step, stop, options):
+def _analysis(step, stop, options, save):
+    saved = " ".join(f"v({node})" for node in save) or "none"
     return (
+        f".save {saved}\n"
         f".options method=trap {options}\n"
         f".tran {elements.number(step)} {elements.number(stop)} 0 {elements.number(step)} uic\n"
     )

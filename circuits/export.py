@@ -30,7 +30,7 @@ def stand_alone(scene, path, right=True, step="default", save=SAVED):
     circuits.assembly.Netlist
     """
     _, scales = scale(scene)
-    netlist = assemble(scene, step, right, waveform="PWL", options=OWN_STEPS)
+    netlist = assemble(scene, step, right, waveform="PWL", options=OWN_STEPS, save=save)
     knots = round(netlist.stop / path.spacing) + 1
     values = path.read(knots) / netlist.rate**2
     points = [f"{k * path.spacing!r} {float(value)!r}" for k, value in enumerate(values)]
@@ -40,7 +40,6 @@ def stand_alone(scene, path, right=True, step="default", save=SAVED):
     ]
     source = f"V{elements.NOISE} {elements.NOISE} 0 PWL"
     before, after = netlist.text.split(source, 1)
-    saved = " ".join(f"v({name})" for name in save) if save else "none"
     text = "".join(
         [
             _header(before, scene, netlist, scales),
@@ -48,7 +47,6 @@ def stand_alone(scene, path, right=True, step="default", save=SAVED):
             "\n".join(lines),
             "\n+ )",
             after,
-            f".save {saved}\n",
         ]
     )
     return dataclasses.replace(netlist, text=text)

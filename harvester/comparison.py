@@ -91,13 +91,13 @@ class Comparison:
             self.circuit.unit(circuit.dimension).split()[0],
             with_error(circuit),
             with_error(self.monte_carlo.quantity(name)),
-            f"{self.difference(name):+.2f} σ",
+            _sigmas(self.difference(name), 2),
             _percent(self.paired.get(name)),
         ]
         for closure, result in self.closures.items():
             share, sigma = self.deviation(closure, name)
             value = result.quantity(name).estimate
-            row.append(f"{value:.4g} ({share:+.1%}, {sigma:+.0f} σ)")
+            row.append(f"{value:.4g} ({share:+.1%}, {_sigmas(sigma, 0)})")
         return row
 
     def sentences(self):
@@ -187,6 +187,10 @@ def validate(scene, *, step="default", workers=None, time_limit=3600.0, progress
             for engine in ("circuit", "monte-carlo")
         ]
     return Comparison(*results, closures, refused, paired_difference(*results))
+
+
+def _sigmas(number, places):
+    return "no error bar" if math.isnan(number) else f"{number:+.{places}f} σ"
 
 
 def _percent(estimate):

@@ -86,6 +86,10 @@ def test_the_same_device_in_both_units_has_the_same_mechanical_elements():
         assert ours == pytest.approx(theirs, rel=1e-12)
 
 
+def test_nothing_is_kept_in_memory_that_streams_out():
+    assert ".save none" in assemble(Scene.load("paper")).text
+
+
 def test_the_digest_tells_netlists_apart():
     one, other = assemble(Scene.load("paper")), assemble(Scene.load("paper"))
     assert one.sha256 == other.sha256
