@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from contextlib import closing
 from pathlib import Path
 
 from harvester import __version__
@@ -14,7 +15,7 @@ def main(arguments=None):
     """Run the command line; returns the exit code."""
     options = _parser().parse_args(arguments)
     try:
-        options.command(options)
+        return options.command(options) or 0
     except SimulationError as error:
         _say(f"harvester: {type(error).__name__}: {error}")
         _keep_partial(options, error)
@@ -31,7 +32,6 @@ def main(arguments=None):
     except BrokenPipeError:
         sys.stderr.close()
         return 0
-    return 0
 
 
 def _parser():
@@ -218,6 +218,7 @@ def _simulate(options):
         )
     show_result(result, to_stderr=options.json == "-")
     _write(options, f"{scene.name}-{options.engine}", result, "draw_result")
+    return 0 if result.outcome == "complete" else 1
 
 
 def _average(options):
@@ -270,12 +271,12 @@ def _netlist(options):
 def _engine(options):
     from harvester.console import show_engine
     from harvester.output import check_writable, write_json
-    from harvester.workers import WorkerPool
+    from harvester.workers import Worker
 
     if options.json:
         check_writable(options.json)
-    with WorkerPool(1) as pool:
-        (found,) = pool.map("circuits.engine:describe", [{}], time_limit=60.0)
+    with closing(Worker()) as worker:
+        found = worker.call("circuits.engine:describe", {}, time_limit=60.0)
     show_engine(found, to_stderr=options.json == "-")
     if options.json:
         write_json(options.json, found)

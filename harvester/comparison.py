@@ -173,7 +173,7 @@ def validate(scene, *, step="default", workers=None, time_limit=3600.0, progress
             closures[closure] = average(scene, closure)
         except AveragingError as error:
             refused[closure] = str(error)
-    with WorkerPool(min(workers or math.inf, scene.run.realizations)) as pool:
+    with WorkerPool(scene.run.realizations, workers) as pool:
         results = [
             simulate(
                 scene,

@@ -58,10 +58,13 @@ class Result:
         Of displacement, velocity and voltage.
     waveform : Record or None
         A stretch of the first realization.
+    failures : dict of int to str
+        Realizations that failed for good, with the reason; left out of the estimates.
     moments : list of harvester.moments.Moments
         One per realization, for paired differences; empty for averaging.
     outcome : str
-        "complete", or the name of the error that ended the run early.
+        "complete", "incomplete" where realizations failed, or the name of the error that ended
+        the run early.
     """
 
     scene: Scene
@@ -81,6 +84,7 @@ class Result:
     notes: tuple = ()
     densities: dict = field(default_factory=dict, repr=False)
     waveform: Record | None = field(default=None, repr=False)
+    failures: dict = field(default_factory=dict)
     moments: list = field(default_factory=list, repr=False)
     outcome: str = "complete"
 
@@ -135,6 +139,7 @@ class Result:
             "seed": self.scene.run.seed,
             "netlist_sha256": self.netlist_sha256,
             "notes": list(self.notes),
+            "failures": {str(index): reason for index, reason in self.failures.items()},
             "scene": {
                 "name": self.scene.name,
                 "sha256": self.scene.digest(),

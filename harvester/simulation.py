@@ -10,7 +10,7 @@ from harvester.excitation import interpolation_loss
 from harvester.parameters import STEP_LEVELS, knot_spacing, scale, steps_per_knot
 from harvester.realization import ENGINES, Realization
 from harvester.results import Result
-from harvester.workers import WorkerPool
+from harvester.workers import ExecutorPool, WorkerPool
 
 SOURCES = ("external", "pwl")
 # Wall-clock limit of one realization (s) where the user sets none.
@@ -27,6 +27,7 @@ def simulate(
     step="default",
     source="external",
     workers=None,
+    executor=None,
     time_limit=TIME_LIMIT,
     window=None,
     progress=None,
@@ -47,6 +48,9 @@ def simulate(
         the netlist with ngspice's own steps, for comparison.
     workers : int or None
         Processes; None: one per core.
+    executor : concurrent.futures.Executor or None
+        Spreads the realizations instead of worker processes of our own: a process pool, Dask's
+        `client.get_executor()`, mpi4py's.
     time_limit : float
         Wall-clock seconds of one realization.
     window : (float, float) or None
@@ -65,10 +69,13 @@ def simulate(
     HarvesterError
         An unknown name, or no ngspice.
     SimulationError
-        A realization failed; `partial` is a Result of what it had.
+        Every realization failed; `partial` is a Result of what the first one had.
 
     Notes
     -----
+    A realization whose process crashed or ran out of time is tried once more. One that fails
+    for good is left out and named in `Result.failures`.
+
     The same seed gives the same noise to every engine and the same numbers whatever the
     number of workers.
     """
@@ -76,8 +83,10 @@ def simulate(
     engine = check_name("engine", engine, ENGINES)
     source = check_name("source", source, SOURCES)
     count = scene.run.realizations
+    if executor is not None:
+        pool = ExecutorPool(executor)
     if pool is None:
-        with WorkerPool(min(workers or math.inf, count)) as own:
+        with WorkerPool(count, workers) as own:
             return simulate(
                 scene,
                 engine,
@@ -100,12 +109,14 @@ def simulate(
         for index in range(count)
     ]
     follow = _Follower(scene, progress) if progress else None
-    try:
-        realizations = pool.map("harvester.realization:run", calls, time_limit, follow)
-    except SimulationError as error:
+    outcomes = pool.map("harvester.realization:run", calls, time_limit, follow)
+    failures = {k: o for k, o in enumerate(outcomes) if isinstance(o, SimulationError)}
+    realizations = [outcome for k, outcome in enumerate(outcomes) if k not in failures]
+    if not realizations:
+        error = failures[0]
         error.partial = _partial(scene, engine, step, source, error)
-        raise
-    return _checked(_result(scene, engine, step, source, realizations))
+        raise error
+    return _checked(_result(scene, engine, step, source, realizations, failures))
 
 
 def check_step(step):
@@ -147,7 +158,7 @@ class _Follower:
         self._progress(min(sum(self._reached.values()) / self._total, 1.0))
 
 
-def _result(scene, engine, step, source, realizations, outcome="complete"):
+def _result(scene, engine, step, source, realizations, failures, outcome="complete"):
     parameters, scales = scale(scene)
     moments = [realization.moments for realization in realizations]
     first = min(realization.started for realization in realizations)
@@ -167,11 +178,12 @@ def _result(scene, engine, step, source, realizations, outcome="complete"):
         realizations=len(moments),
         engine_version=realizations[0].engine_version,
         netlist_sha256=realizations[0].netlist_sha256,
-        notes=_notes(scene),
+        notes=(*_notes(scene), *_failure_notes(failures, scene)),
+        failures={index: f"{type(e).__name__}: {e}" for index, e in failures.items()},
         densities=densities(moments),
         waveform=realizations[0].waveform,
         moments=moments,
-        outcome=outcome,
+        outcome="incomplete" if failures else outcome,
     )
 
 
@@ -190,12 +202,19 @@ def _partial(scene, engine, step, source, error):
         netlist_sha256=None,
     )
     outcome = type(error).__name__
-    return _result(scene, engine, step, source, [realization], outcome)
+    return _result(scene, engine, step, source, [realization], {}, outcome)
 
 
 def _notes(scene):
     loss = interpolation_loss(knot_spacing(scene), scene.excitation.correlation_time)
     return (f"noise linear between knots: its variance is {loss:.1%} below D/τ1",)
+
+
+def _failure_notes(failures, scene):
+    if not failures:
+        return ()
+    first = next(iter(failures.values()))
+    return (f"{len(failures)} of {scene.run.realizations} realizations failed: {first}",)
 
 
 def _checked(result):

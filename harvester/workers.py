@@ -1,5 +1,6 @@
 """Worker processes: one call at a time each, with a wall-clock limit, killed when they hang."""
 
+import atexit
 import os
 import pickle
 import queue
@@ -10,7 +11,7 @@ import threading
 import time
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 
-from harvester.errors import SimulatorCrashed, SimulatorTimeout
+from harvester.errors import SimulationError, SimulatorCrashed, SimulatorTimeout
 
 # What a process prints just before it dies of its own, in the order of interest.
 LAST_LINES = 3
@@ -147,15 +148,23 @@ def _read_answers(stream, answers):
 
 
 class WorkerPool:
-    """Several workers that share a list of calls; use it in a `with` block."""
+    """Several workers that share a list of calls; use it in a `with` block.
 
-    def __init__(self, size=None):
-        self.size = size or os.cpu_count() or 1
-        self._threads = ThreadPoolExecutor(self.size)
-        self._workers = queue.SimpleQueue()
-        self._all = [Worker() for _ in range(self.size)]
-        for worker in self._all:
-            self._workers.put(worker)
+    Parameters
+    ----------
+    calls : int
+        Most calls at a time that will be asked for.
+    workers : int or None
+        Processes; None: one per core.
+    """
+
+    def __init__(self, calls=None, workers=None):
+        size = workers or os.cpu_count() or 1
+        self._threads = ThreadPoolExecutor(min(size, calls or size))
+        self._idle = queue.SimpleQueue()
+        self._workers = [Worker() for _ in range(min(size, calls or size))]
+        for worker in self._workers:
+            self._idle.put(worker)
 
     def __enter__(self):
         return self
@@ -164,39 +173,98 @@ class WorkerPool:
         self.close()
 
     def map(self, function, calls, time_limit=None, on_progress=None):
-        """Results of one function over several argument sets, in their order.
+        """Outcomes of one function over several argument sets, in their order.
 
-        `on_progress` is given (index, report). The first failure ends the others and is raised;
-        so does an interrupt.
+        A call whose process crashed or ran out of time is made once more; a SimulationError
+        that stays stands in the place of its result. Any other error, or an interrupt, ends
+        the other calls and is raised. `on_progress` is given (index, report).
+
+        Returns
+        -------
+        list
+            Results, or SimulationError where a call failed.
         """
         futures = [
             self._threads.submit(self._run, function, index, arguments, time_limit, on_progress)
             for index, arguments in enumerate(calls)
         ]
-        pending = set(futures)
         try:
-            while pending:
-                # A finite wait lets an interrupt through on every platform.
-                done, pending = wait(pending, timeout=0.5, return_when=FIRST_COMPLETED)
-                for future in done:
-                    future.result()
+            return gather(futures)
         except BaseException:
-            for future in futures:
-                future.cancel()
             self.close()
             raise
-        return [future.result() for future in futures]
 
     def close(self):
         """End every process."""
-        for worker in self._all:
+        for worker in self._workers:
             worker.close()
         self._threads.shutdown(cancel_futures=True)
 
     def _run(self, function, index, arguments, time_limit, on_progress):
-        worker = self._workers.get()
+        report = (lambda content: on_progress(index, content)) if on_progress else None
+        worker = self._idle.get()
         try:
-            report = (lambda content: on_progress(index, content)) if on_progress else None
-            return worker.call(function, arguments, time_limit, report)
+            return call_twice(worker, function, arguments, time_limit, report)
         finally:
-            self._workers.put(worker)
+            self._idle.put(worker)
+
+
+class ExecutorPool:
+    """The same over any `concurrent.futures.Executor`: a process pool, Dask's, mpi4py's.
+
+    Each of the executor's processes keeps one worker process of its own, so that a crash or a
+    hang of the simulator never reaches the executor. There is no progress.
+    """
+
+    def __init__(self, executor):
+        self._executor = executor
+
+    def map(self, function, calls, time_limit=None, on_progress=None):
+        """See `WorkerPool.map`."""
+        return gather(
+            [
+                self._executor.submit(call_here, function, arguments, time_limit)
+                for arguments in calls
+            ]
+        )
+
+
+def gather(futures):
+    """Outcomes in order; the first unexpected error cancels the rest and is raised."""
+    pending = set(futures)
+    try:
+        while pending:
+            # A finite wait lets an interrupt through on every platform.
+            done, pending = wait(pending, timeout=0.5, return_when=FIRST_COMPLETED)
+            for future in done:
+                future.result()
+    except BaseException:
+        for future in futures:
+            future.cancel()
+        raise
+    return [future.result() for future in futures]
+
+
+def call_twice(worker, function, arguments, time_limit=None, report=None):
+    """One call, repeated once after a crash or a time-out; a SimulationError is returned."""
+    try:
+        return worker.call(function, arguments, time_limit, report)
+    except (SimulatorCrashed, SimulatorTimeout):
+        pass
+    except SimulationError as error:
+        return error
+    try:
+        return worker.call(function, arguments, time_limit, report)
+    except SimulationError as error:
+        return error
+
+
+_own = threading.local()
+
+
+def call_here(function, arguments, time_limit=None):
+    """`call_twice` in this thread's own worker, kept for the next call."""
+    if not hasattr(_own, "worker"):
+        _own.worker = Worker()
+        atexit.register(_own.worker.close)
+    return call_twice(_own.worker, function, arguments, time_limit)

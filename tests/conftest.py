@@ -10,7 +10,7 @@ def pool():
     """Two worker processes for the whole session."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", str(Path(__file__).parent), prepend=":")
-        with WorkerPool(2) as running:
+        with WorkerPool(workers=2) as running:
             yield running
 
 

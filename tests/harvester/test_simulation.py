@@ -1,8 +1,11 @@
+import contextlib
 import os
 import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +51,48 @@ def test_one_and_two_workers_give_the_same_numbers(pool):
         one = simulate(scene, engine, workers=1).to_dict()
         assert one["quantities"] == two["quantities"]
         assert one["netlist_sha256"] == two["netlist_sha256"]
+
+
+@pytest.mark.parametrize("kind", ["processes", "dask"])
+def test_any_executor_gives_the_same_numbers(pool, kind):
+    scene = Scene.load("paper", ["run.duration=100", "run.realizations=3"])
+    expected = simulate(scene, "circuit", pool=pool).to_dict()["quantities"]
+    with _executor(kind) as executor:
+        result = simulate(scene, "circuit", executor=executor)
+    assert result.to_dict()["quantities"] == expected
+
+
+@contextlib.contextmanager
+def _executor(kind):
+    if kind == "processes":
+        with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as executor:
+            yield executor
+        return
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=None
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        yield client.get_executor()
+
+
+def test_a_realization_that_fails_for_good_is_named_in_the_result(pool):
+    scene = Scene.load("paper", ["run.duration=100", "run.realizations=3"])
+    whole = simulate(scene, "monte-carlo", pool=pool)
+
+    class Failing:
+        def map(self, function, calls, time_limit, follow):
+            outcomes = pool.map(function, calls, time_limit, follow)
+            return [outcomes[0], SimulatorTimeout("the limit"), outcomes[2]]
+
+    result = simulate(scene, "monte-carlo", pool=Failing())
+    assert result.outcome == "incomplete"
+    assert result.failures == {1: "SimulatorTimeout: the limit"}
+    assert any("1 of 3 realizations failed" in note for note in result.notes)
+    assert result.realizations == 2
+    assert result.simulated_time == pytest.approx(whole.simulated_time * 2 / 3)
 
 
 def test_the_seed_decides_the_noise(pool):
