@@ -81,6 +81,7 @@ def _add_simulate(commands):
         "ngspice's own steps",
     )
     _add_engine_options(command)
+    _add_keep_going(command)
     _add_results(command)
 
 
@@ -110,7 +111,10 @@ def _add_netlist(commands):
         "harvester netlist paper --set run.duration=100 --output paper.cir",
     )
     command.add_argument(
-        "--output", default="-", metavar="FILE", help="file to write (default: standard output)"
+        "--output",
+        default="-",
+        metavar="FILE",
+        help="file, or folder for SCENE.cir (default: standard output)",
     )
     command.add_argument("--step", default="default", help=_STEP_HELP)
     command.add_argument(
@@ -151,6 +155,14 @@ def _add_engine_options(command):
         default=3600.0,
         metavar="SECONDS",
         help="wall-clock limit of one realization (default: 3600)",
+    )
+
+
+def _add_keep_going(command):
+    command.add_argument(
+        "--keep-going",
+        action="store_true",
+        help="try a realization that crashes or runs out of time once more, and go on without it",
     )
 
 
@@ -212,6 +224,7 @@ def _simulate(options):
             options.engine,
             step=options.step,
             source=options.source,
+            keep_going=options.keep_going,
             workers=options.workers,
             time_limit=options.time_limit,
             progress=follow(options.engine, scene),
@@ -254,6 +267,9 @@ def _netlist(options):
     from harvester.realization import noise_path, starts_right
     from harvester.simulation import check_step
 
+    target = options.output
+    if target != "-" and Path(target).is_dir():
+        target = Path(target) / f"{scene.name}.cir"
     if not 0 <= options.realization < scene.run.realizations:
         raise HarvesterError(
             f"--realization {options.realization}: must be a whole number in "
@@ -265,7 +281,7 @@ def _netlist(options):
         starts_right(options.realization),
         check_step(options.step),
     )
-    write_text(options.output, netlist.text + ".end\n")
+    write_text(target, netlist.text + ".end\n")
 
 
 def _engine(options):

@@ -8,7 +8,7 @@ from harvester.errors import EnergyNotBalanced, HarvesterError, SimulationError
 from harvester.estimators import densities, energy_balance_residual, estimate_all
 from harvester.excitation import interpolation_loss
 from harvester.parameters import STEP_LEVELS, knot_spacing, scale, steps_per_knot
-from harvester.realization import ENGINES, Realization
+from harvester.realization import ENGINES, SCHEMES, Realization
 from harvester.results import Result
 from harvester.workers import ExecutorPool, WorkerPool
 
@@ -26,8 +26,11 @@ def simulate(
     *,
     step="default",
     source="external",
+    scheme=None,
+    tolerance=None,
     workers=None,
     executor=None,
+    keep_going=False,
     time_limit=TIME_LIMIT,
     window=None,
     progress=None,
@@ -46,11 +49,20 @@ def simulate(
     source : str
         Circuit only. "external": the path through compiled callbacks. "pwl": as a source in
         the netlist with ngspice's own steps, for comparison.
+    scheme : str or None
+        A name in `harvester.realization.SCHEMES`, for comparison; None: the engine's default.
+    tolerance : float or None
+        Circuit only: relative tolerance of ngspice's control by the local error, which shortens
+        steps below `step`; None: fixed steps, or ngspice's own tolerance for "pwl".
     workers : int or None
         Processes; None: one per core.
     executor : concurrent.futures.Executor or None
         Spreads the realizations instead of worker processes of our own: a process pool, Dask's
         `client.get_executor()`, mpi4py's.
+    keep_going : bool
+        Try a realization whose process crashed or ran out of time once more, leave one that
+        fails for good out of the estimates, and name it in `Result.failures`. Without it the
+        first failure ends the run.
     time_limit : float
         Wall-clock seconds of one realization.
     window : (float, float) or None
@@ -69,19 +81,17 @@ def simulate(
     HarvesterError
         An unknown name, or no ngspice.
     SimulationError
-        Every realization failed; `partial` is a Result of what the first one had.
+        A realization failed, or with `keep_going` all did; `partial` is a Result of what it had.
 
     Notes
     -----
-    A realization whose process crashed or ran out of time is tried once more. One that fails
-    for good is left out and named in `Result.failures`.
-
     The same seed gives the same noise to every engine and the same numbers whatever the
     number of workers.
     """
     step = check_step(step)
     engine = check_name("engine", engine, ENGINES)
     source = check_name("source", source, SOURCES)
+    scheme = check_name("scheme", scheme or SCHEMES[engine][0], SCHEMES[engine])
     count = scene.run.realizations
     if executor is not None:
         pool = ExecutorPool(executor)
@@ -92,6 +102,9 @@ def simulate(
                 engine,
                 step=step,
                 source=source,
+                scheme=scheme,
+                tolerance=tolerance,
+                keep_going=keep_going,
                 time_limit=time_limit,
                 window=window,
                 progress=progress,
@@ -104,18 +117,22 @@ def simulate(
             "index": index,
             "step": step,
             "source": source,
+            "scheme": scheme,
+            "tolerance": tolerance,
             "window": window if index == 0 else None,
         }
         for index in range(count)
     ]
     follow = _Follower(scene, progress) if progress else None
-    outcomes = pool.map("harvester.realization:run", calls, time_limit, follow)
-    failures = {k: o for k, o in enumerate(outcomes) if isinstance(o, SimulationError)}
-    realizations = [outcome for k, outcome in enumerate(outcomes) if k not in failures]
-    if not realizations:
-        error = failures[0]
+    try:
+        outcomes = pool.map("harvester.realization:run", calls, time_limit, follow, keep_going)
+        failures = {k: o for k, o in enumerate(outcomes) if isinstance(o, SimulationError)}
+        realizations = [outcome for k, outcome in enumerate(outcomes) if k not in failures]
+        if not realizations:
+            raise failures[0]
+    except SimulationError as error:
         error.partial = _partial(scene, engine, step, source, error)
-        raise error
+        raise
     return _checked(_result(scene, engine, step, source, realizations, failures))
 
 

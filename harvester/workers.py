@@ -172,20 +172,34 @@ class WorkerPool:
     def __exit__(self, *_):
         self.close()
 
-    def map(self, function, calls, time_limit=None, on_progress=None):
+    def map(self, function, calls, time_limit=None, on_progress=None, keep_going=False):
         """Outcomes of one function over several argument sets, in their order.
 
-        A call whose process crashed or ran out of time is made once more; a SimulationError
-        that stays stands in the place of its result. Any other error, or an interrupt, ends
-        the other calls and is raised. `on_progress` is given (index, report).
+        Parameters
+        ----------
+        function : str
+            "module:name".
+        calls : sequence of dict
+            Arguments by name.
+        time_limit : float or None
+            Wall-clock seconds of each call.
+        on_progress : callable or None
+            Given (index, report).
+        keep_going : bool
+            Make a call whose process crashed or ran out of time once more, and let a
+            SimulationError that stays stand in the place of its result. Without it the first
+            error ends the other calls and is raised, as any other error and an interrupt do.
 
         Returns
         -------
         list
             Results, or SimulationError where a call failed.
         """
+        call = call_twice if keep_going else Worker.call
         futures = [
-            self._threads.submit(self._run, function, index, arguments, time_limit, on_progress)
+            self._threads.submit(
+                self._run, call, function, index, arguments, time_limit, on_progress
+            )
             for index, arguments in enumerate(calls)
         ]
         try:
@@ -200,11 +214,11 @@ class WorkerPool:
             worker.close()
         self._threads.shutdown(cancel_futures=True)
 
-    def _run(self, function, index, arguments, time_limit, on_progress):
+    def _run(self, call, function, index, arguments, time_limit, on_progress):
         report = (lambda content: on_progress(index, content)) if on_progress else None
         worker = self._idle.get()
         try:
-            return call_twice(worker, function, arguments, time_limit, report)
+            return call(worker, function, arguments, time_limit, report)
         finally:
             self._idle.put(worker)
 
@@ -219,11 +233,11 @@ class ExecutorPool:
     def __init__(self, executor):
         self._executor = executor
 
-    def map(self, function, calls, time_limit=None, on_progress=None):
+    def map(self, function, calls, time_limit=None, on_progress=None, keep_going=False):
         """See `WorkerPool.map`."""
         return gather(
             [
-                self._executor.submit(call_here, function, arguments, time_limit)
+                self._executor.submit(call_here, function, arguments, time_limit, keep_going)
                 for arguments in calls
             ]
         )
@@ -262,9 +276,10 @@ def call_twice(worker, function, arguments, time_limit=None, report=None):
 _own = threading.local()
 
 
-def call_here(function, arguments, time_limit=None):
-    """`call_twice` in this thread's own worker, kept for the next call."""
+def call_here(function, arguments, time_limit, keep_going):
+    """A call in this thread's own worker, which is kept for the next one."""
     if not hasattr(_own, "worker"):
         _own.worker = Worker()
         atexit.register(_own.worker.close)
-    return call_twice(_own.worker, function, arguments, time_limit)
+    call = call_twice if keep_going else Worker.call
+    return call(_own.worker, function, arguments, time_limit)

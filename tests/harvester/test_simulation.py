@@ -1,4 +1,5 @@
 import contextlib
+import json
 import os
 import signal
 import subprocess
@@ -83,11 +84,11 @@ def test_a_realization_that_fails_for_good_is_named_in_the_result(pool):
     whole = simulate(scene, "monte-carlo", pool=pool)
 
     class Failing:
-        def map(self, function, calls, time_limit, follow):
-            outcomes = pool.map(function, calls, time_limit, follow)
+        def map(self, *arguments):
+            outcomes = pool.map(*arguments)
             return [outcomes[0], SimulatorTimeout("the limit"), outcomes[2]]
 
-    result = simulate(scene, "monte-carlo", pool=Failing())
+    result = simulate(scene, "monte-carlo", keep_going=True, pool=Failing())
     assert result.outcome == "incomplete"
     assert result.failures == {1: "SimulatorTimeout: the limit"}
     assert any("1 of 3 realizations failed" in note for note in result.notes)
@@ -197,6 +198,24 @@ def test_an_interrupt_ends_the_workers_and_writes_nothing(tmp_path):
     while any(_alive(child) for child in children) and time.monotonic() < deadline:
         time.sleep(0.05)
     assert not any(_alive(child) for child in children)
+
+
+def test_killing_a_worker_is_a_named_error_within_two_seconds(tmp_path):
+    target = tmp_path / "result.json"
+    command = [sys.executable, "-m", "harvester", "simulate", "paper", "--json", str(target)]
+    process = subprocess.Popen(
+        [*command, "--set", "run.duration=1e7", "--set", "run.settle=0"], stderr=subprocess.PIPE
+    )
+    child = _children_when_busy(process.pid)[0]
+    os.kill(child, signal.SIGKILL)
+    killed = time.monotonic()
+    _, errors = process.communicate(timeout=20)
+    assert time.monotonic() - killed < 2.0
+    assert process.returncode == 1
+    assert "SimulatorCrashed" in errors.decode()
+    assert "signal 9" in errors.decode()
+    assert [path.name for path in tmp_path.iterdir()] == ["result.json"]
+    assert json.loads(target.read_text())["outcome"] == "SimulatorCrashed"
 
 
 def _children_when_busy(parent):

@@ -58,14 +58,15 @@ def test_results_of_a_pool_keep_their_order(pool):
 
 def test_a_call_that_crashes_once_is_made_again(pool, tmp_path):
     calls = [{"marker": str(tmp_path / name)} for name in "ab"]
-    assert pool.map("worker_calls:die_once", calls) == ["alive", "alive"]
+    assert pool.map("worker_calls:die_once", calls, keep_going=True) == ["alive", "alive"]
 
 
 def test_a_call_that_keeps_crashing_is_a_named_failure_beside_the_others(pool, tmp_path):
     good = str(tmp_path / "done")
     with open(good, "w"):
         pass
-    outcomes = pool.map("worker_calls:die_unless", [{"marker": good}, {"marker": "/nowhere"}])
+    calls = [{"marker": good}, {"marker": "/nowhere"}]
+    outcomes = pool.map("worker_calls:die_unless", calls, keep_going=True)
     assert outcomes[0] == "alive"
     assert isinstance(outcomes[1], SimulatorCrashed)
     assert "status 4" in str(outcomes[1])
