@@ -247,7 +247,7 @@ def _average(options):
 
 def _write(options, name, result, draw):
     """The JSON and figure that were asked for; `draw` names the function of `figures`."""
-    from harvester.output import write_json
+    from harvester.output import write_json, write_text
 
     if options.json:
         write_json(options.json, result.to_dict())
@@ -256,8 +256,10 @@ def _write(options, name, result, draw):
 
         folder = Path(options.output)
         write_json(folder / f"{name}.json", result.to_dict())
+        if hasattr(result, "density_table"):
+            write_text(folder / f"{name}-densities.csv", result.density_table())
         figures.save(getattr(figures, draw), result, folder / f"{name}.png")
-        _say(f"written: {folder / name}.json and .png")
+        _say(f"written to {folder}: {name}.*")
 
 
 def _netlist(options):

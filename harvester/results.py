@@ -147,6 +147,18 @@ class Result:
             },
         }
 
+    def density_table(self):
+        """CSV of the densities in the scene's units: quantity, centre, density, error."""
+        lines = ["quantity,centre,density,standard_error,unit_of_centre"]
+        for name, density in self.densities.items():
+            scale, unit = self.scales.of(density.dimension), self.unit(density.dimension)
+            errors = density.standard_error
+            for k, centre in enumerate(density.centre):
+                error = "" if errors is None else f"{errors[k] / scale:.6g}"
+                value = density.density[k] / scale
+                lines.append(f"{name},{centre * scale:.9g},{value:.9g},{error},{unit}")
+        return "\n".join(lines) + "\n"
+
     def rows(self):
         """(name, value with error bar, effective samples, unit) for a table, as text."""
         return [

@@ -2,6 +2,7 @@ import json
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from harvester.command_line import main
@@ -56,7 +57,14 @@ def test_output_writes_json_and_figure(tmp_path, capsys):
     assert {path.name for path in folder.iterdir()} == {
         "linear-circuit.json",
         "linear-circuit.png",
+        "linear-circuit-densities.csv",
     }
+    table = np.genfromtxt(
+        folder / "linear-circuit-densities.csv", delimiter=",", names=True, dtype=None
+    )
+    of_voltage = table[table["quantity"] == "voltage"]
+    width = of_voltage["centre"][1] - of_voltage["centre"][0]
+    assert of_voltage["density"].sum() * width == pytest.approx(1.0)
     assert (folder / "linear-circuit.png").read_bytes().startswith(b"\x89PNG")
     assert "mean power" in capsys.readouterr().out
 
