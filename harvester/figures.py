@@ -8,6 +8,8 @@ from harvester.output import whole_file
 
 STYLE = Path(__file__).parent / "house.mplstyle"
 LINES = {"paper": ("0.55", "--"), "consistent": ("#009E73", "-")}
+# Share of its peak down to which a density is drawn.
+WORTH_DRAWING = 1e-3
 CIRCUIT, MONTE_CARLO = "#0072B2", "#D55E00"
 
 
@@ -45,6 +47,7 @@ def draw_result(result):
         axes.set_xlabel(_axis(result, name))
         axes.set_ylabel("probability density" if place == 0 else "")
         axes.set_ylim(bottom=0.0)
+        axes.set_xlim(-_reach(result, name), _reach(result, name))
     figure.suptitle(f"{result.scene.name}: {result.engine}", x=0.01, ha="left", fontsize=9)
     return figure
 
@@ -74,8 +77,10 @@ def _draw_densities(axes, comparison):
         colour, style = LINES[name]
         _density(axes, result, "displacement", colour, style, f"averaging, {name}")
     _density(axes, comparison.monte_carlo, "displacement", MONTE_CARLO, "-", "Monte Carlo")
-    _density(axes, comparison.circuit, "displacement", CIRCUIT, "-", "circuit")
+    _density(axes, comparison.circuit, "displacement", CIRCUIT, "--", "circuit")
     simulated = comparison.monte_carlo.densities["displacement"]
+    reach = max(_reach(engine, "displacement") for engine in _simulations(comparison))
+    axes.set_xlim(-reach, reach)
     peak = simulated.density.max() / comparison.monte_carlo.scales.displacement
     # A closure that is far off must not flatten the others.
     axes.set_ylim(0.0, min(axes.get_ylim()[1], 2.5 * peak))
@@ -109,6 +114,17 @@ def _density(axes, result, name, colour, style, label):
         band = 2.0 * density.standard_error / unit
         axes.fill_between(centre, values - band, values + band, color=colour, alpha=0.25, lw=0)
     axes.plot(centre, values, style, color=colour, label=label)
+
+
+def _simulations(comparison):
+    return comparison.circuit, comparison.monte_carlo
+
+
+def _reach(result, name):
+    """How far out a density is worth drawing, in the scene's units."""
+    density = result.densities[name]
+    drawn = np.abs(density.centre[density.density > WORTH_DRAWING * density.density.max()])
+    return 1.1 * drawn.max() * result.scales.of(density.dimension)
 
 
 def _axis(result, name):
