@@ -70,3 +70,40 @@ def test_the_export_tells_how_to_run_and_read_it():
     assert "ngspice -b -r paper_si.raw paper_si.cir" in text
     assert "units of 0.001 m" in text
     assert ".save v(displacement)" in text
+
+
+def test_the_netlist_for_reading_runs_by_hand_and_solves_the_papers_equations(tmp_path):
+    """Against DOP853 with the same sine, until the two tolerances let the paths separate."""
+    from importlib import resources
+
+    from scipy.integrate import solve_ivp
+
+    from harvester import forces
+    from harvester.parameters import scale
+
+    folder = str(resources.files("netlists"))
+    raw_file = tmp_path / "paper.raw"
+    subprocess.run(
+        [ngspice(), "-b", "-r", str(raw_file), "paper.cir"],
+        cwd=folder,
+        check=True,
+        capture_output=True,
+    )
+    raw = read_raw(raw_file)
+    p, _ = scale(Scene.load("paper"))
+
+    def derivative(time, state):
+        x, v, voltage = state
+        force = 0.35 * np.sin(2 * np.pi * 0.35 * time)
+        force -= p.damping * v + p.coupling * voltage
+        force -= (p.linear_stiffness + p.cubic_stiffness * x * x) * x
+        if abs(x) > p.gap:
+            force -= forces.contact_force(p, x, v, 0.0)
+        return [v, force, v - p.decay_rate * voltage]
+
+    times = np.linspace(0.0, 20.0, 201)
+    start = [p.rest, 0.0, 0.0]
+    reference = solve_ivp(derivative, (0, 20), start, "DOP853", times, rtol=1e-10, atol=1e-11)
+    found = np.interp(times, raw["time"], raw["v(displacement)"])
+    assert np.abs(raw["v(displacement)"]).max() > p.gap
+    np.testing.assert_allclose(found, reference.y[0], atol=5e-3)
