@@ -1,9 +1,39 @@
 """How functions are compiled: cached on disk, with C's arithmetic (1/0 gives inf, no checks)."""
 
+import hashlib
 from functools import partial
+from pathlib import Path
 
 from numba import njit
 
 compiled = partial(njit, cache=True, error_model="numpy")
 # Sums over many points in any order, several at a time.
 summing = partial(njit, cache=True, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
+
+PACKAGE = Path(__file__).parent
+
+
+def forget_stale_code():
+    """Drop compiled code when any source of this package has changed since it was written.
+
+    numba looks at the file of the function alone, not at what the function calls elsewhere: a
+    changed force law would go on being compiled into an unchanged integrator.
+    """
+    digest = hashlib.sha256()
+    for source in sorted(PACKAGE.glob("*.py")):
+        digest.update(source.read_bytes())
+    stamp = PACKAGE / "__pycache__" / "compiled-from.sha256"
+    try:
+        if stamp.exists() and stamp.read_text() == digest.hexdigest():
+            return
+        for package in (PACKAGE, PACKAGE.parent / "circuits"):
+            for index in package.glob("__pycache__/*.nbi"):
+                index.unlink(missing_ok=True)
+        stamp.parent.mkdir(exist_ok=True)
+        stamp.write_text(digest.hexdigest())
+    except OSError:
+        # Not ours to write: numba then keeps its files elsewhere.
+        return
+
+
+forget_stale_code()
