@@ -9,8 +9,15 @@ from harvester.parameters import knot_spacing, scale, steps_per_knot, stop_time
 
 # Steps set from outside: a tight tolerance for Newton, none for the local error (trtol).
 FIXED_STEP = "reltol=1e-9 vntol=1e-9 trtol=1e9"
-# ngspice's own step control, with its default tolerances, for a source in the netlist.
-OWN_STEPS = "reltol=1e-3 trtol=7"
+# Integrators by name, as ngspice calls them.
+INTEGRATORS = {"trapezoidal": "trap", "gear": "gear"}
+# ngspice's own relative tolerance.
+OWN_TOLERANCE = 1e-3
+
+
+def own_steps(tolerance):
+    """Options for ngspice's own step control by the local error at this relative tolerance."""
+    return f"reltol={tolerance!r} trtol=7"
 
 
 @dataclass(frozen=True)
@@ -42,7 +49,15 @@ class Netlist:
         return hashlib.sha256(self.text.encode()).hexdigest()
 
 
-def assemble(scene, step="default", right=True, waveform="external", options=FIXED_STEP, save=()):
+def assemble(
+    scene,
+    step="default",
+    right=True,
+    waveform="external",
+    options=FIXED_STEP,
+    integrator="trapezoidal",
+    save=(),
+):
     """Build the equivalent circuit of a scene with PySpice.
 
     Parameters
@@ -56,6 +71,8 @@ def assemble(scene, step="default", right=True, waveform="external", options=FIX
         Of the noise source: `external`, or a PWL.
     options : str
         ngspice's tolerances.
+    integrator : str
+        A name in `INTEGRATORS`.
     save : sequence of str
         Nodes that ngspice keeps in its memory; what streams out needs none.
 
@@ -86,7 +103,7 @@ def assemble(scene, step="default", right=True, waveform="external", options=FIX
     elements.add_piezo(circuit, p, rate, electrical)
     elements.add_load(circuit, electrical)
     stop = stop_time(scene)
-    text = str(circuit) + _analysis(length, stop, options, save)
+    text = str(circuit) + _analysis(length, stop, options, integrator, save)
     check_netlist(text)
     return Netlist(text, rate, electrical.voltage_scale, length, stop)
 
@@ -102,10 +119,10 @@ def _electrical(scene, p, scales):
     return elements.Electrical(1.0, 1.0, 1.0 / p.decay_rate, 1.0)
 
 
-def _analysis(step, stop, options, save):
+def _analysis(step, stop, options, integrator, save):
     saved = " ".join(f"v({node})" for node in save) or "none"
     return (
         f".save {saved}\n"
-        f".options method=trap {options}\n"
+        f".options method={INTEGRATORS[integrator]} {options}\n"
         f".tran {elements.number(step)} {elements.number(stop)} 0 {elements.number(step)} uic\n"
     )

@@ -2,7 +2,7 @@
 
 import re
 
-from circuits.assembly import assemble
+from circuits.assembly import FIXED_STEP, OWN_TOLERANCE, assemble, own_steps
 from circuits.session import session
 from harvester.parameters import scale, steps_per_knot
 
@@ -14,7 +14,9 @@ def prepare():
     session()
 
 
-def run_realization(scene, path, right, observers, step, source):
+def run_realization(
+    scene, path, right, observers, step, source, scheme="trapezoidal", tolerance=None
+):
     """Run one realization through ngspice.
 
     Parameters
@@ -28,6 +30,11 @@ def run_realization(scene, path, right, observers, step, source):
         See `harvester.parameters.steps_per_knot`.
     source : str
         "external", or "pwl" for a PWL source in the netlist with ngspice's own steps.
+    scheme : str
+        "trapezoidal" or "gear".
+    tolerance : float or None
+        ngspice's relative tolerance for the local error of a step, which then shortens the
+        steps; None: fixed steps, or ngspice's default for "pwl".
 
     Returns
     -------
@@ -43,12 +50,14 @@ def run_realization(scene, path, right, observers, step, source):
     if source == "pwl":
         from circuits.export import stand_alone
 
-        netlist = stand_alone(scene, path, right, step, save=())
+        own = tolerance or OWN_TOLERANCE
+        netlist = stand_alone(scene, path, right, step, own, scheme, save=())
         steps = engine.run(netlist, parameters, None, observers, 0)
     else:
-        netlist = assemble(scene, step, right)
+        options = own_steps(tolerance) if tolerance else FIXED_STEP
+        netlist = assemble(scene, step, right, options=options, integrator=scheme)
         fixed = steps_per_knot(scene, step)
-        steps = engine.run(netlist, parameters, path, observers, fixed)
+        steps = engine.run(netlist, parameters, path, observers, fixed, tolerance is not None)
     return {
         "steps": steps,
         "engine_version": version(engine),

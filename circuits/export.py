@@ -3,14 +3,22 @@
 import dataclasses
 
 from circuits import elements
-from circuits.assembly import OWN_STEPS, assemble
+from circuits.assembly import OWN_TOLERANCE, assemble, own_steps
 from harvester.parameters import scale
 
 PER_LINE = 4
 SAVED = (elements.DISPLACEMENT, elements.VELOCITY, elements.PIEZO, elements.NOISE)
 
 
-def stand_alone(scene, path, right=True, step="default", save=SAVED):
+def stand_alone(
+    scene,
+    path,
+    right=True,
+    step="default",
+    tolerance=OWN_TOLERANCE,
+    integrator="trapezoidal",
+    save=SAVED,
+):
     """Netlist of a scene with the noise as a PWL source and ngspice's own step control.
 
     Parameters
@@ -22,6 +30,10 @@ def stand_alone(scene, path, right=True, step="default", save=SAVED):
         Start in the right well.
     step : str or float
         Longest step, see `harvester.parameters.steps_per_knot`.
+    tolerance : float
+        Relative tolerance of ngspice's step control.
+    integrator : str
+        See `circuits.assembly.assemble`.
     save : sequence of str
         Nodes to keep; none keeps nothing (for a run that streams).
 
@@ -30,7 +42,7 @@ def stand_alone(scene, path, right=True, step="default", save=SAVED):
     circuits.assembly.Netlist
     """
     _, scales = scale(scene)
-    netlist = assemble(scene, step, right, waveform="PWL", options=OWN_STEPS, save=save)
+    netlist = assemble(scene, step, right, "PWL", own_steps(tolerance), integrator, save)
     knots = round(netlist.stop / path.spacing) + 1
     values = path.read(knots) / netlist.rate**2
     points = [f"{k * path.spacing!r} {float(value)!r}" for k, value in enumerate(values)]

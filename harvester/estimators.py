@@ -166,7 +166,8 @@ def paired_difference(result, reference):
     Returns
     -------
     dict of str to Estimate
-        (result − reference)/reference of every mean over time.
+        (result − reference)/reference of every mean over time, and of the power conversion
+        efficiency.
     """
     ours, theirs = _complete_batches(result.moments), _complete_batches(reference.moments)
     if ours is None or theirs is None or ours.shape != theirs.shape:
@@ -179,7 +180,25 @@ def paired_difference(result, reference):
         ratio, error = _ratio(ours[:, :, row], theirs[:, :, row])
         note = "" if error is not None else TOO_SHORT
         differences[name] = Estimate(ratio - 1.0, error, None, "1", note)
-    return differences
+    efficiency = _paired_efficiency(ours, theirs)
+    return differences | ({"power_conversion_efficiency": efficiency} if efficiency else {})
+
+
+def _paired_efficiency(ours, theirs):
+    """Relative difference of Eq. 35, both ratios linearised batch by batch; None without power."""
+    load, loss = QUANTITIES.index("load_power"), QUANTITIES.index("loss_power")
+    shares = []
+    for batches in (ours, theirs):
+        used = batches[:, :, load] + batches[:, :, loss]
+        if not batches[:, :, load].any():
+            return None
+        # Of each batch: its load power over the mean, less its used power over the mean.
+        share = batches[:, :, load] / batches[:, :, load].mean() - used / used.mean()
+        shares.append((batches[:, :, load].sum() / used.sum(), share))
+    ratio = float(shares[0][0] / shares[1][0])
+    error = standard_error(shares[0][1] - shares[1][1])
+    note = "" if error is not None else TOO_SHORT
+    return Estimate(ratio - 1.0, None if error is None else ratio * error, None, "1", note)
 
 
 def energy_balance_residual(moments, parameters):
@@ -201,11 +220,17 @@ def energy_balance_residual(moments, parameters):
 
 
 def densities(moments):
-    """Densities of displacement, velocity and voltage, {name: Density}, scaled units."""
+    """Densities of displacement, velocity and voltage, {name: Density}, scaled units.
+
+    Eqs. 4 and 6 are the same for (−X, −V, −η), so each value counts half for its mirror image:
+    a run that spent its time in one well would else give one well's density, with an error bar
+    that knows nothing of the other.
+    """
     result = {}
     for k, name in enumerate(HISTOGRAMS):
         width = max(float(m.bin_widths[k]) for m in moments)
         groups = np.concatenate([_rebinned(m, k, width) for m in moments])
+        groups = 0.5 * (groups + groups[:, ::-1])
         times = groups.sum(axis=1)
         groups = groups[times > 0.0]
         times = times[times > 0.0]

@@ -14,6 +14,8 @@ from harvester.record import Record
 
 # Engines by name: modules with `run_realization` and `prepare`.
 ENGINES = {"circuit": "circuits.engine", "monte-carlo": "harvester.monte_carlo"}
+# Integration schemes of each engine; the first is its default.
+SCHEMES = {"circuit": ("trapezoidal", "gear"), "monte-carlo": ("runge-kutta", "heun")}
 
 REPORT_SECONDS = 0.25
 
@@ -93,7 +95,7 @@ def noise_path(scene, index):
     return NoisePath(parameters.intensity, parameters.correlation_time, knot_spacing(scene), seed)
 
 
-def run(scene, engine, index, step, source, window, report):
+def run(scene, engine, index, step, source, window, report, scheme=None, tolerance=None):
     """Simulate one realization of a scene.
 
     Parameters
@@ -109,6 +111,8 @@ def run(scene, engine, index, step, source, window, report):
         Stretch of waveform to keep (s).
     report : callable
         Given the moments so far.
+    scheme, tolerance : str or None, float or None
+        See `harvester.simulate`.
 
     Returns
     -------
@@ -127,7 +131,10 @@ def run(scene, engine, index, step, source, window, report):
     module.prepare()
     started = time.time()
     clock = time.perf_counter()
-    outcome = module.run_realization(scene, path, starts_right(index), observers, step, source)
+    scheme = scheme or SCHEMES[engine][0]
+    outcome = module.run_realization(
+        scene, path, starts_right(index), observers, step, source, scheme, tolerance
+    )
     seconds = time.perf_counter() - clock
     return Realization(
         moments=moments,

@@ -126,6 +126,7 @@ def test_densities_integrate_to_one_and_have_the_records_spread():
     near = density.density[np.abs(np.abs(density.centre) - p.gap) < 0.05]
     assert np.all(np.abs(np.diff(near)) < 0.3 * near.max())
     assert np.all(density.standard_error >= 0.0)
+    np.testing.assert_array_equal(density.density, density.density[::-1])
 
 
 def test_both_efficiencies_agree_and_rms_is_the_root():

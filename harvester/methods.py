@@ -1,0 +1,88 @@
+"""The methods that `work-precision` compares: a new one is one more entry in `METHODS`."""
+
+from dataclasses import dataclass
+
+from harvester.parameters import knot_spacing, steps_per_knot
+
+
+@dataclass(frozen=True)
+class Method:
+    """One way to solve a scene; those of one family differ in their steps only.
+
+    Attributes
+    ----------
+    family : str
+    engine, source, scheme, tolerance
+        See `harvester.simulate`.
+    order : int
+        Of the scheme, in theory.
+    refinement : int
+        Of the scene's default step.
+    brief : bool
+        Too slow for the scene's own run: its means come from a shorter one.
+    """
+
+    family: str
+    engine: str
+    order: int
+    refinement: int = 1
+    source: str = "external"
+    scheme: str | None = None
+    tolerance: float | None = None
+    brief: bool = False
+
+    def step(self, scene):
+        """Longest step (s)."""
+        return knot_spacing(scene) / (steps_per_knot(scene) * self.refinement)
+
+    def setting(self, scene):
+        """What tells it from others of its family, as text."""
+        if self.tolerance is not None:
+            return f"tolerance {self.tolerance:.0e}".replace("e-0", "e-")
+        return f"step {self.step(scene):.4g}"
+
+    def options(self, scene):
+        """Arguments of `harvester.realization.run` and of `harvester.simulate`."""
+        return {
+            "engine": self.engine,
+            "step": self.step(scene),
+            "source": self.source,
+            "scheme": self.scheme,
+            "tolerance": self.tolerance,
+        }
+
+
+def _own_steps(scheme, tolerance):
+    family = f"PWL in the netlist, {scheme}"
+    return Method(
+        family, "circuit", 2, source="pwl", scheme=scheme, tolerance=tolerance, brief=True
+    )
+
+
+def _fixed_steps(scheme, refinement, brief=False):
+    family = f"external source, {scheme}"
+    return Method(family, "circuit", 2, refinement, scheme=scheme, brief=brief)
+
+
+def _local_error(tolerance, brief=False):
+    return Method("external source, local error", "circuit", 2, tolerance=tolerance, brief=brief)
+
+
+METHODS = (
+    *(_own_steps("trapezoidal", tolerance) for tolerance in (1e-3, 1e-6)),
+    *(_own_steps("gear", tolerance) for tolerance in (1e-3, 1e-6)),
+    *(_fixed_steps("trapezoidal", refinement) for refinement in (1, 2)),
+    *(_fixed_steps("trapezoidal", refinement, brief=True) for refinement in (4, 8)),
+    *(_fixed_steps("gear", refinement, brief=True) for refinement in (1, 2, 4)),
+    _local_error(1e-4),
+    *(_local_error(tolerance, brief=True) for tolerance in (1e-5, 1e-6)),
+    *(Method("Monte Carlo, Runge–Kutta", "monte-carlo", 4, n) for n in (1, 2, 4)),
+    *(Method("Monte Carlo, Heun", "monte-carlo", 2, n, scheme="heun") for n in (1, 2, 4)),
+)
+THOROUGH_METHODS = (
+    *METHODS,
+    _fixed_steps("trapezoidal", 16, brief=True),
+    _fixed_steps("gear", 8, brief=True),
+    _local_error(1e-7, brief=True),
+    Method("Monte Carlo, Heun", "monte-carlo", 2, 8, scheme="heun"),
+)
