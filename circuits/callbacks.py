@@ -13,6 +13,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from harvester import forces
+from harvester.compilation import compiled
 from harvester.parameters import ScaledParameters
 
 BUFFER = 4096
@@ -34,9 +35,10 @@ STATE = np.dtype(
         ("spacing", np.float64),  # of the knots
         ("first_knot", np.int64),  # of the window
         ("steps_per_knot", np.int64),  # 0: ngspice chooses its steps
-        ("contact_gap", np.float64),  # infinite without stoppers
-        ("contact_stiffness", np.float64),
+        ("local_error", np.int64),  # ngspice's proposal counts too, within the grid
+        ("parameters", np.float64, (len(ScaledParameters._fields),)),
         ("rate", np.float64),
+        ("voltage_scale", np.float64),
         ("buffer", np.float64, (BUFFER, COLUMNS)),
         ("window", np.float64, (WINDOW,)),
     ],
@@ -114,6 +116,19 @@ def get_noise(voltage, time, name, identity, user):
     return 0
 
 
+@compiled
+def _resolved(state, row, ahead, step):
+    """Longest step from an accepted point that resolves the contact; `ahead`: the next knot."""
+    q = state.parameters
+    p = ScaledParameters(q[0], q[1], q[2], q[3], q[4], q[5], False, q[7], q[8], q[9], q[10])
+    x, v = row[DISPLACEMENT], row[VELOCITY] * state.rate
+    noise, change = row[NOISE] * state.rate**2, (ahead - row[NOISE]) * state.rate**2
+    acceleration = forces.push(p, x, v, row[PIEZO] / state.voltage_scale, noise)
+    stiffness = abs(p.linear_stiffness) + 3.0 * p.cubic_stiffness * x * x + p.coupling
+    margin = abs(change) + stiffness * abs(v) * step
+    return forces.resolving_step(p, x, v, acceleration, margin, step)
+
+
 @cfunc(
     types.int32(
         types.double,
@@ -129,8 +144,9 @@ def get_noise(voltage, time, name, identity, user):
 def set_step(time, delta, before, redo, identity, location, user):
     """`GetSyncData`: the next step ends on the grid, or short of it near a contact.
 
-    Location 0 is the start of a step, after the last point was accepted and sent. After a
-    rejected step (location 1) ngspice's own shorter one stands.
+    Location 0 is the start of a step, after the last point was accepted and sent. Under
+    local-error control ngspice's proposal is taken where it is shorter. After a rejected step
+    (location 1) ngspice's own shorter one stands.
     """
     state = carray(user, 1)[0]
     if location != 0 or state.steps_per_knot == 0:
@@ -140,13 +156,11 @@ def set_step(time, delta, before, redo, identity, location, user):
     index = np.floor((time - knot * state.spacing) / step + 1e-6)
     remaining = knot * state.spacing + (index + 1.0) * step - time
     longest = remaining
-    row = (state.count - 1) % BUFFER
-    x = state.buffer[row, DISPLACEMENT]
-    v = state.buffer[row, VELOCITY] * state.rate
-    if state.steps > 0 and abs(x) + abs(v) * step > state.contact_gap:
-        gap, stiffness = state.contact_gap, state.contact_stiffness
-        contact = ScaledParameters(0.0, 0.0, 0.0, gap, stiffness, 1.0, False, 0.0, 0.0, 0.0, 0.0)
-        longest = forces.contact_step(contact, x, v, step)
+    if state.steps > 0:
+        ahead = state.window[int(knot) - state.first_knot + 1]
+        longest = _resolved(state, state.buffer[(state.count - 1) % BUFFER], ahead, step)
+    if state.local_error:
+        longest = min(longest, delta[0])
     pieces = np.ceil(remaining / longest - 1e-6)
     delta[0] = remaining / max(pieces, 1.0)
     return 0

@@ -94,7 +94,7 @@ class Session(NgSpiceShared):
         self.exec_command("set no_mem_check")
         self.exec_command("set num_threads=1")
 
-    def run(self, netlist, parameters, path, observers, steps_per_knot):
+    def run(self, netlist, parameters, path, observers, steps_per_knot, local_error=False):
         """Run one transient and hand its record to the observers.
 
         Parameters
@@ -106,6 +106,8 @@ class Session(NgSpiceShared):
         observers : sequence of objects with `add(record)`
         steps_per_knot : int
             Steps between knots; 0 leaves the steps to ngspice.
+        local_error : bool
+            Between knots, ngspice's own step is taken where it is shorter.
 
         Returns
         -------
@@ -117,6 +119,7 @@ class Session(NgSpiceShared):
         SimulatorAborted, SolutionDiverged
         """
         self._begin(netlist, parameters, path, observers, steps_per_knot)
+        self.state["local_error"] = local_error
         try:
             self._load(netlist.text)
             self._command("run")
@@ -143,9 +146,9 @@ class Session(NgSpiceShared):
         state["count"] = state["steps"] = state["first_knot"] = 0
         state["spacing"] = path.spacing if path else np.inf
         state["steps_per_knot"] = steps_per_knot
-        state["contact_gap"] = parameters.gap
-        state["contact_stiffness"] = parameters.contact_stiffness
+        state["parameters"][:] = parameters
         state["rate"] = netlist.rate
+        state["voltage_scale"] = netlist.voltage_scale
         if path:
             state["window"][:] = path.read(callbacks.WINDOW) / netlist.rate**2
         self._service = (self._flush, self._move_window)

@@ -17,7 +17,9 @@ DIMENSIONS = {
     "mean_square_velocity": "velocity^2",
     "share_in_wells": "1",
 }
-GRID = 401
+# Points of half a density's grid: evenly spaced, and where orbits crowd.
+EVEN = 100
+LANDMARKS = 100
 # Densities are given as far out as they exceed this share of their peak.
 NEGLIGIBLE = 1e-6
 
@@ -54,10 +56,7 @@ def average(scene, closure="consistent"):
     quantities["rms_voltage"] = root(quantities["mean_square_voltage"])
     if parameters.linear_stiffness >= 0.0:
         del quantities["share_in_wells"]
-    densities = {
-        name: _tabulated(getattr(averages.density, name), name)
-        for name in ("displacement", "velocity")
-    }
+    densities = {name: _tabulated(averages.density, name) for name in ("displacement", "velocity")}
     seconds = time.perf_counter() - clock
     return Result(
         scene=scene,
@@ -78,11 +77,30 @@ def average(scene, closure="consistent"):
     )
 
 
-def _tabulated(density, name):
-    """A density on a grid that reaches as far as it matters."""
-    decades = np.geomspace(1e-6, 1e6, 61)
-    values = density(decades)
-    inside = np.flatnonzero(values > NEGLIGIBLE * values.max())
-    reach = decades[min(inside[-1] + 1, decades.size - 1)]
-    grid = np.linspace(-reach, reach, GRID)
+def _tabulated(densities, name):
+    """A density on a grid that reaches as far as it matters and is finer where orbits crowd."""
+    density = getattr(densities, name)
+    landmarks = _landmarks(densities, name)
+    rough = landmarks[np.linspace(0, landmarks.size - 1, LANDMARKS).astype(int)]
+    values = density(rough)
+    matters = np.flatnonzero(values > NEGLIGIBLE * values.max())
+    # One point further to either side, where it no longer matters.
+    first, last = rough[max(matters[0] - 1, 0)], rough[min(matters[-1] + 1, LANDMARKS - 1)]
+    landmarks = landmarks[(landmarks >= first) & (landmarks <= last)]
+    landmarks = landmarks[np.linspace(0, landmarks.size - 1, LANDMARKS).astype(int)]
+    half = np.concatenate([np.linspace(first, last, EVEN), landmarks])
+    grid = np.unique(np.concatenate([-half, half]))
     return Density(grid, density(grid), None, name)
+
+
+def _landmarks(densities, name):
+    """Where orbits turn, or their greatest speeds: a narrow well is not missed between them."""
+    points = []
+    for branch in densities.branches:
+        o = branch.orbits
+        if name == "displacement":
+            points += [o.left, o.right]
+        else:
+            bottom = branch.edge.potential.energy(o.bottom, o.added_stiffness)
+            points.append(np.sqrt(2.0 * np.maximum(o.energy - bottom, 0.0)))
+    return np.unique(np.abs(np.concatenate(points)))

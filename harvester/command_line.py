@@ -45,6 +45,8 @@ def _parser():
     _add_validate(commands)
     _add_simulate(commands)
     _add_average(commands)
+    _add_work_precision(commands)
+    _add_stability(commands)
     _add_netlist(commands)
     _add_engine(commands)
     return parser
@@ -102,6 +104,35 @@ def _add_average(commands):
     _add_results(command)
 
 
+def _add_work_precision(commands):
+    command = _scene_command(
+        commands,
+        "work-precision",
+        _work_precision,
+        "error against run time of every method on one scene",
+        "harvester work-precision paper --output results",
+    )
+    command.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
+    command.add_argument(
+        "--thorough", action="store_true", help="more paths, steps and realizations"
+    )
+    _add_results(command)
+
+
+def _add_stability(commands):
+    command = _scene_command(
+        commands,
+        "stability",
+        _stability,
+        "judge stiff and extreme variations of one scene; exit code 1 where one is wrong",
+        "harvester stability paper --output results",
+        default_scene="paper",
+    )
+    command.add_argument("--step", default="default", help=_STEP_HELP)
+    command.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
+    _add_results(command)
+
+
 def _add_netlist(commands):
     command = _scene_command(
         commands,
@@ -131,9 +162,15 @@ def _add_engine(commands):
 _STEP_HELP = "default, fine, finest, or the longest step in seconds"
 
 
-def _scene_command(commands, name, function, text, example):
+def _scene_command(commands, name, function, text, example, default_scene=None):
     command = commands.add_parser(name, help=text, description=text, epilog=f"example: {example}")
-    command.add_argument("scene", help="a TOML file or the name of a built-in scene")
+    optional = {"nargs": "?", "default": default_scene} if default_scene else {}
+    command.add_argument(
+        "scene",
+        help="a TOML file or the name of a built-in scene"
+        + (f" (default: {default_scene})" if default_scene else ""),
+        **optional,
+    )
     command.add_argument(
         "--set",
         action="append",
@@ -243,6 +280,38 @@ def _average(options):
     result = average(scene, options.closure)
     show_result(result, to_stderr=options.json == "-")
     _write(options, f"{scene.name}-{options.closure}", result, "draw_result")
+
+
+def _work_precision(options):
+    scene = _scene(options)
+    _check_options(options)
+    from harvester.console import progress, show_work_precision
+    from harvester.work_precision import work_precision
+
+    with progress() as follow:
+        diagram = work_precision(
+            scene, thorough=options.thorough, workers=options.workers, progress=follow
+        )
+    show_work_precision(diagram, to_stderr=options.json == "-")
+    _write(options, f"{scene.name}-work-precision", diagram, "draw_work_precision")
+
+
+def _stability(options):
+    scene = _scene(options)
+    _check_options(options)
+    from harvester.console import progress, show_stability
+    from harvester.stability import stability
+
+    with progress() as follow:
+        matrix = stability(
+            scene,
+            step=options.step,
+            workers=options.workers,
+            progress=follow("stability", None),
+        )
+    show_stability(matrix, to_stderr=options.json == "-")
+    _write(options, f"{scene.name}-stability", matrix, "draw_stability")
+    return 1 if matrix.wrong else 0
 
 
 def _write(options, name, result, draw):

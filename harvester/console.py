@@ -16,7 +16,10 @@ WIDEST = 1000
 
 @contextlib.contextmanager
 def progress():
-    """A function (label, scene) → callback for the share done; silent off a terminal."""
+    """A function (label, scene) → callback for the share done; silent off a terminal.
+
+    With None for the scene the bar shows no simulated time.
+    """
     console = Console(stderr=True)
     if not console.is_terminal:
         yield lambda label, scene: None
@@ -33,7 +36,7 @@ def progress():
     opened = time.monotonic()
 
     def follow(label, scene):
-        total = (scene.run.settle + scene.run.duration) * scene.run.realizations
+        total = scene and (scene.run.settle + scene.run.duration) * scene.run.realizations
         task = bar.add_task(label, total=1.0, rate="", start=True)
         started = time.monotonic()
 
@@ -41,7 +44,7 @@ def progress():
             elapsed = time.monotonic() - started
             if time.monotonic() - opened > SHOW_AFTER_SECONDS:
                 bar.start()
-            rate = f"{share * total / elapsed:,.0f} s/s" if elapsed > 0.0 else ""
+            rate = f"{share * total / elapsed:,.0f} s/s" if total and elapsed > 0.0 else ""
             bar.update(task, completed=share, rate=rate)
 
         return update
@@ -86,6 +89,36 @@ def show_comparison(comparison, to_stderr=False):
     for row in rows:
         table.add_row(*row)
     _print(table, comparison.sentences(), to_stderr)
+
+
+def show_work_precision(diagram, to_stderr=False):
+    """The table of `harvester work-precision`."""
+    header, rows = diagram.table()
+    table = Table(
+        title=f"{diagram.scene.name}: error against run time",
+        box=box.SIMPLE_HEAD,
+        title_justify="left",
+    )
+    for place, name in enumerate(header):
+        table.add_column(name, justify="left" if place < 2 else "right", no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
+    _print(table, diagram.sentences(), to_stderr)
+
+
+def show_stability(matrix, to_stderr=False):
+    """The table of `harvester stability`."""
+    header, rows = matrix.table()
+    table = Table(
+        title=f"{matrix.scene.name}: stiff and extreme cases",
+        box=box.SIMPLE_HEAD,
+        title_justify="left",
+    )
+    for place, name in enumerate(header):
+        table.add_column(name, justify="left" if place < 2 else "right", no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
+    _print(table, matrix.sentences(), to_stderr)
 
 
 def show_engine(found, to_stderr=False):

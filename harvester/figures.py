@@ -1,9 +1,11 @@
 """Figures, drawn with matplotlib when asked for."""
 
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
 
+from harvester.diagram import MEANS
 from harvester.output import whole_file
 
 STYLE = Path(__file__).parent / "house.mplstyle"
@@ -11,6 +13,11 @@ LINES = {"paper": ("0.55", "--"), "consistent": ("#009E73", "-")}
 # Share of its peak down to which a density is drawn.
 WORTH_DRAWING = 1e-3
 CIRCUIT, MONTE_CARLO = "#0072B2", "#D55E00"
+# Of the families of `harvester.methods` in turn; green and grey are the closures'.
+FAMILY_COLOURS = ("#E69F00", "#CC79A7", CIRCUIT, "#8C564B", "#56B4E9", MONTE_CARLO, "0.2")
+FAMILY_MARKERS = "vdoDsP^"
+# Smallest bias that is drawn (%).
+LEAST_BIAS = 1e-3
 
 
 def save(draw, result, path):
@@ -19,8 +26,8 @@ def save(draw, result, path):
     Parameters
     ----------
     draw : callable
-        `draw_result` or `draw_comparison`.
-    result : Result or Comparison
+        `draw_result`, `draw_comparison` or `draw_work_precision`.
+    result : Result, Comparison or WorkPrecision
     path : Path
 
     Raises
@@ -105,6 +112,101 @@ def _draw_waveforms(top, bottom, comparison):
     bottom.set_xlabel("time [s]")
 
 
+def draw_work_precision(diagram):
+    """Strong error and bias of every method over its seconds per simulated unit."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 5.6))
+    grid = figure.add_gridspec(3, 2, width_ratios=(1.0, 1.15))
+    left = figure.add_subplot(grid[:, 0])
+    families = dict.fromkeys(row.method.family for row in diagram.rows)
+    marks = dict(zip(families, zip(cycle(FAMILY_COLOURS), cycle(FAMILY_MARKERS)), strict=False))
+    _draw_strong_errors(left, diagram, marks)
+    right = None
+    for place, name in enumerate(MEANS):
+        right = figure.add_subplot(grid[place, 1], sharex=right)
+        _draw_biases(right, diagram, name, marks)
+        right.tick_params(labelbottom=place == 2)
+    right.set_xlabel("seconds per simulated second, one core")
+    figure.suptitle(
+        f"{diagram.scene.name}: error against run time "
+        f"({diagram.machine['date']}, {diagram.machine['cores']} cores)",
+        x=0.01,
+        ha="left",
+        fontsize=9,
+    )
+    handles = [*zip(*left.get_legend_handles_labels(), strict=True)]
+    handles += zip(*right.get_legend_handles_labels(), strict=True)
+    figure.legend(*zip(*handles, strict=True), loc="outside lower center", ncols=3)
+    return figure
+
+
+def _draw_strong_errors(axes, diagram, marks):
+    for family, (colour, marker) in marks.items():
+        rows = [row for row in diagram.rows if row.method.family == family]
+        order, theory = diagram.orders[family]["displacement"], rows[0].method.order
+        label = f"{family}: order {order:.1f} ({theory})" if np.isfinite(order) else family
+        axes.plot(
+            [row.seconds_per_unit for row in rows],
+            [row.strong["displacement"] for row in rows],
+            marker=marker,
+            markersize=4,
+            color=colour,
+            label=label,
+        )
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.grid(alpha=0.2)
+    axes.set_xlabel("seconds per simulated second, one core")
+    axes.set_ylabel("RMS error of X [scaled]")
+    axes.set_title(f"strong error over {diagram.horizon:.3g} s, {diagram.paths} paths")
+
+
+def _draw_biases(axes, diagram, name, marks):
+    """One mean's |bias| with two standard errors, over what its run's length can show."""
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_ylim(LEAST_BIAS, 1e3)
+    for row in diagram.rows:
+        bias = row.bias.get(name)
+        if bias is None or bias.estimate == 0.0:
+            continue
+        colour, marker = marks[row.method.family]
+        size, reach = 100.0 * abs(bias.estimate), 200.0 * (bias.standard_error or 0.0)
+        axes.errorbar(
+            row.seconds_per_unit,
+            size,
+            [[min(reach, 0.999 * size)], [reach]],
+            fmt=marker,
+            markersize=4,
+            color=colour,
+            elinewidth=0.8,
+            # Hollow: no error bar could be given.
+            markerfacecolor=colour if reach else "none",
+        )
+    _draw_sampling_error(axes, diagram, name)
+    for closure in diagram.closures:
+        colour, style = LINES[closure]
+        deviation = 100.0 * abs(diagram.deviation(closure, name).estimate)
+        axes.axhline(
+            deviation, color=colour, linestyle=style, linewidth=0.9, label=f"averaging, {closure}"
+        )
+    axes.set_ylabel("|bias| [%]")
+    axes.set_title(f"weak error: {name.replace('_', ' ')}, two standard errors")
+
+
+def _draw_sampling_error(axes, diagram, name):
+    """σ/√N of the runs of each length, over the methods that had it: below is noise."""
+    for label, brief in (("sampling error σ/√N of the run", False), (None, True)):
+        rows = [row for row in diagram.rows if row.method.brief == brief and row.sampling]
+        if not rows:
+            continue
+        times = [row.seconds_per_unit for row in rows]
+        span, level = [min(times) / 1.4, max(times) * 1.4], 100.0 * rows[0].sampling[name]
+        axes.fill_between(span, LEAST_BIAS, level, color="0.5", alpha=0.15, lw=0)
+        axes.plot(span, [level, level], color="0.3", linewidth=0.9, label=label)
+
+
 def _density(axes, result, name, colour, style, label):
     """One density in the scene's units, with a band of two standard errors."""
     density = result.densities[name]
@@ -130,3 +232,10 @@ def _reach(result, name):
 def _axis(result, name):
     unit = result.unit(name)
     return f"{name} [{'scaled' if unit.startswith('scaled') else unit}]"
+
+
+def draw_stability(matrix):
+    """The coloured grid of `harvester stability`."""
+    from harvester.stability_figure import draw
+
+    return draw(matrix)

@@ -10,8 +10,10 @@ from numba.extending import register_jitable
 # Hertz contact of a unit mass with K s^1.5 from approach speed v: the greatest compression is
 # (5 v²/4K)^(2/5) and the contact lasts 2.9433 times that over v (elastic).
 HERTZ_DURATION = 2.9432752
-# Steps that resolve one contact.
+# Steps that resolve one contact, and the share of the earliest way to it that one step takes:
+# the approach then ends in a few ever shorter steps, none of which jumps into the stopper.
 STEPS_PER_CONTACT = 30
+APPROACH_SHARE = 0.8
 
 
 @register_jitable
@@ -106,3 +108,53 @@ def contact_step(p, x, v, longest):
     if square <= bound * bound * soft * soft * soft * soft:
         return longest
     return min(longest, contact_time(p, np.sqrt(square)) / STEPS_PER_CONTACT)
+
+
+@register_jitable
+def push(p, x, v, voltage, noise):
+    """Acceleration by all but the stoppers, η − c v + ω0² x − κ x³ − β V."""
+    spring = (p.linear_stiffness + p.cubic_stiffness * x * x) * x
+    return noise - p.damping * v - p.coupling * voltage - spring
+
+
+@register_jitable
+def earliest_contact(p, x, v, acceleration, margin):
+    """Time before which a free mass cannot meet a stopper (s).
+
+    Its acceleration towards either one is at most `acceleration` towards it plus `margin`.
+    """
+    earliest = np.inf
+    for side in (1.0, -1.0):
+        outward = side * v
+        distance = p.gap - side * x
+        gain = max(side * acceleration + margin, 0.0)
+        closing = outward + np.sqrt(outward * outward + 2.0 * gain * distance)
+        if closing > 0.0:
+            earliest = min(earliest, 2.0 * distance / closing)
+    return earliest
+
+
+@register_jitable
+def resolving_step(p, x, v, acceleration, margin, longest):
+    """Step that resolves a contact and, before it, ends short of it, ≤ `longest` (s).
+
+    Parameters
+    ----------
+    p, x, v
+        Parameters and state.
+    acceleration : float
+        From `push`.
+    margin : float
+        Greatest change of it within `longest`.
+    longest : float
+        Step away from the stoppers (s).
+    """
+    if p.contact_stiffness == 0.0:
+        return longest
+    # A mass pressed or drawn onto the stopper meets it with what it gains on the way.
+    speed = abs(v) + (abs(acceleration) + margin) * longest
+    step = contact_step(p, x, speed, longest)
+    if step == longest or abs(x) > p.gap:
+        return step
+    free = APPROACH_SHARE * earliest_contact(p, x, v, acceleration, margin)
+    return min(longest, max(step, free))

@@ -8,6 +8,9 @@ from typing import NamedTuple
 # interpolation between knots lowers the noise's variance by spacing/(3 τ1) of itself, 4 % here.
 KNOTS_PER_CORRELATION_TIME = 8
 STEPS_PER_PERIOD = 40
+# Energy up to which the default step resolves the motion, in units of the mean-square velocity:
+# the density of the energy falls as exp(−H/E[X'²]), so it is beyond for under 1 % of the time.
+RESOLVED_ENERGY = 5.0
 # Steps by name, as divisions of the default one.
 STEP_LEVELS = {"default": 1, "fine": 4, "finest": 32}
 
@@ -85,6 +88,31 @@ class ScaledParameters(NamedTuple):
         if self.preloaded:
             stiffness += 1.5 * self.contact_stiffness * math.sqrt(x - self.gap)
         return math.sqrt(stiffness) if stiffness > 0.0 else 1.0 / self.correlation_time
+
+    @property
+    def relaxation_time(self):
+        """Time in which damper and load take the energy of small oscillations (s).
+
+        1/(c + βλ/(λ² + ω²)), Eq. 12; infinite without either.
+        """
+        rate = _loss_rate(self, self.angular_frequency)
+        return 1.0 / rate if rate > 0.0 else math.inf
+
+    @property
+    def fastest_angular_frequency(self):
+        """Of small oscillations or of the greatest that the noise drives, whichever is faster.
+
+        The greatest has the energy `RESOLVED_ENERGY` E[X'²], with E[X'²] = D/(1 + ω²τ1²) over
+        the rate at which damper and load take energy (Eqs. 12 and 20 at the frequency ω of that
+        motion itself); its stiffness is that of harmonic balance, −ω0² + β + ¾ κ A². What the
+        stoppers add belongs to the contact's own step (rad/s).
+        """
+        frequency = slowest = self.angular_frequency
+        # The greater the frequency, the less noise it meets: half-way steps settle.
+        for _ in range(60):
+            square = _driven_stiffness(self, frequency)
+            frequency = math.sqrt(0.5 * (frequency**2 + max(square, slowest**2)))
+        return frequency
 
 
 @dataclass(frozen=True)
@@ -205,7 +233,7 @@ def steps_per_knot(scene, step="default"):
     spacing = knot_spacing(scene)
     if not isinstance(step, str):
         return max(1, math.ceil(spacing / step - 1e-9))
-    longest = 2.0 * math.pi / parameters.angular_frequency / STEPS_PER_PERIOD
+    longest = 2.0 * math.pi / parameters.fastest_angular_frequency / STEPS_PER_PERIOD
     return max(1, math.ceil(spacing / longest - 1e-9)) * STEP_LEVELS[step]
 
 
@@ -214,6 +242,28 @@ def stop_time(scene):
     spacing = knot_spacing(scene)
     total = scene.run.settle + scene.run.duration
     return math.ceil(total / spacing - 1e-9) * spacing
+
+
+def _loss_rate(p, frequency):
+    """c + N1 of Eq. 12: the rate at which damper and load take energy (1/s)."""
+    return p.damping + p.coupling * p.decay_rate / (p.decay_rate**2 + frequency**2)
+
+
+def _driven_stiffness(p, frequency):
+    """Square of the frequency at the amplitude that noise at this frequency drives."""
+    loss = _loss_rate(p, frequency)
+    colour = 1.0 + (frequency * p.correlation_time) ** 2
+    if p.cubic_stiffness == 0.0 or loss == 0.0:
+        return p.linear_stiffness + p.coupling
+    energy = RESOLVED_ENERGY * p.intensity / (loss * colour)
+    # Above the bottom, which is −k²/4κ in a double well and 0 otherwise.
+    height = energy
+    if p.linear_stiffness >= 0.0:
+        height += p.linear_stiffness**2 / (4.0 * p.cubic_stiffness)
+    square = (math.sqrt(4.0 * p.cubic_stiffness * height) - p.linear_stiffness) / p.cubic_stiffness
+    if p.has_stoppers:
+        square = min(square, (p.gap + (2.5 * energy / p.contact_stiffness) ** 0.4) ** 2)
+    return p.linear_stiffness + p.coupling + 0.75 * p.cubic_stiffness * square
 
 
 def _pressed_rest(parameters):

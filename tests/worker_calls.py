@@ -81,3 +81,25 @@ def run_long(report, scene):
     watch = Watch()
     run_realization(scene, noise_path(scene, 0), True, [watch], "default", "external")
     return watch.sizes[-1] - watch.sizes[len(watch.sizes) // 2]
+
+
+def drop(report, scene, speed, step):
+    """Throw the mass at the right stopper, in the circuit; the record of what follows."""
+    import dataclasses
+    import re
+
+    from truths import Keep
+
+    from circuits.assembly import assemble
+    from harvester.parameters import steps_per_knot
+
+    parameters, _ = scale(scene)
+    netlist = assemble(scene, step)
+    start = repr(speed / netlist.rate)
+    text, found = re.subn(r"(?m)^(Cmass .*ic=)0\.0$", rf"\g<1>{start}", netlist.text)
+    assert found == 1
+    keep = Keep()
+    netlist = dataclasses.replace(netlist, text=text)
+    steps = steps_per_knot(scene, step)
+    session().run(netlist, parameters, noise_path(scene, 0), [keep], steps)
+    return keep.record()

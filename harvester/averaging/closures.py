@@ -14,6 +14,7 @@ from harvester.scene_schema import nearest
 CLOSURES = ("paper", "consistent")
 LEVELS, NODES = 400, 24  # levels of each edge, quadrature nodes on each piece of an orbit
 COARSE_LEVELS, COARSE_NODES = 200, 16  # the grid that tells the numerical error
+LARGEST_ERROR = 1e-3  # that is an answer, as a share of it
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,8 @@ def average(parameters, closure):
     Raises
     ------
     AveragingError
-        Unknown closure; β ≥ ω0² of a bistable device; motion that nothing confines or damps.
+        Unknown closure; noise that outlasts the relaxation time; β ≥ ω0² of a bistable device;
+        motion that nothing confines or damps; means that the grid does not resolve.
 
     Notes
     -----
@@ -96,6 +98,7 @@ def average(parameters, closure):
     means, _ = _solve(parameters, closure, edges, COARSE_LEVELS, COARSE_NODES)
     fine, density = _solve(parameters, closure, edges, LEVELS, NODES)
     error = {name: abs(fine[name] - means[name]) for name in fine}
+    _check_resolved(fine, error)
     return Averages(closure=closure, **fine, numerical_error=error, density=density)
 
 
@@ -103,6 +106,12 @@ def _check(p, closure):
     if closure not in CLOSURES:
         known = ", ".join(CLOSURES)
         raise AveragingError(f"{closure}: no such closure{nearest(closure, CLOSURES)}; use {known}")
+    if p.correlation_time > p.relaxation_time:
+        raise AveragingError(
+            f"correlation_time={p.correlation_time:g} is above the relaxation time of "
+            f"{p.relaxation_time:.3g} s; averaging assumes noise that forgets before the energy "
+            "changes: shorten it, or simulate"
+        )
     if p.linear_stiffness < 0.0 and p.coupling >= -p.linear_stiffness:
         raise AveragingError(
             f"coupling={p.coupling:g} leaves no double well against "
@@ -114,6 +123,17 @@ def _check(p, closure):
             f"linear_stiffness={p.linear_stiffness:g} without cubic_stiffness or stoppers does "
             "not confine the motion; give one of them"
         )
+
+
+def _check_resolved(means, error):
+    """Refuse what a finer grid changes; the share in wells may be too small to matter."""
+    for name, mean in means.items():
+        if name != "share_in_wells" and not error[name] <= LARGEST_ERROR * abs(mean):
+            raise AveragingError(
+                f"{name.replace('_', ' ')} changes from one grid to a finer one by "
+                f"{error[name]:.2g} of {mean:.3g}, more than {LARGEST_ERROR:g} of itself: "
+                "use softer stoppers, or simulate"
+            )
 
 
 def _edges(p, closure):
