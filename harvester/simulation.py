@@ -1,5 +1,6 @@
 """`simulate`: a scene through one engine, realizations spread over worker processes."""
 
+import contextlib
 import difflib
 import math
 from dataclasses import replace
@@ -92,24 +93,6 @@ def simulate(
     engine = check_name("engine", engine, ENGINES)
     source = check_name("source", source, SOURCES)
     scheme = check_name("scheme", scheme or SCHEMES[engine][0], SCHEMES[engine])
-    count = scene.run.realizations
-    if executor is not None:
-        pool = ExecutorPool(executor)
-    if pool is None:
-        with WorkerPool(count, workers) as own:
-            return simulate(
-                scene,
-                engine,
-                step=step,
-                source=source,
-                scheme=scheme,
-                tolerance=tolerance,
-                keep_going=keep_going,
-                time_limit=time_limit,
-                window=window,
-                progress=progress,
-                pool=own,
-            )
     calls = [
         {
             "scene": scene,
@@ -121,11 +104,14 @@ def simulate(
             "tolerance": tolerance,
             "window": window if index == 0 else None,
         }
-        for index in range(count)
+        for index in range(scene.run.realizations)
     ]
     follow = _Follower(scene, progress) if progress else None
     try:
-        outcomes = pool.map("harvester.realization:run", calls, time_limit, follow, keep_going)
+        with _running(pool, executor, len(calls), workers) as running:
+            outcomes = running.map(
+                "harvester.realization:run", calls, time_limit, follow, keep_going
+            )
         failures = {k: o for k, o in enumerate(outcomes) if isinstance(o, SimulationError)}
         realizations = [outcome for k, outcome in enumerate(outcomes) if k not in failures]
         if not realizations:
@@ -134,6 +120,18 @@ def simulate(
         error.partial = _partial(scene, engine, step, source, error)
         raise
     return _checked(_result(scene, engine, step, source, realizations, failures))
+
+
+@contextlib.contextmanager
+def _running(pool, executor, calls, workers):
+    """The pool or the executor that was handed in, else workers that end with the block."""
+    if executor is not None:
+        yield ExecutorPool(executor)
+    elif pool is not None:
+        yield pool
+    else:
+        with WorkerPool(calls, workers) as own:
+            yield own
 
 
 def check_step(step):
