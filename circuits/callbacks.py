@@ -16,6 +16,9 @@ from harvester import forces
 from harvester.compilation import compiled
 from harvester.parameters import ScaledParameters
 
+# The trapezoidal rule loses too little energy in a contact: at 30 steps the mean-square velocity of
+# motion inside a well came out 1 % high, and the error falls with the square of the step.
+STEPS_PER_CONTACT = 60
 BUFFER = 4096
 WINDOW = 65_536
 # Knots kept behind the latest accepted time when the window moves.
@@ -126,7 +129,7 @@ def _resolved(state, row, ahead, step):
     acceleration = forces.push(p, x, v, row[PIEZO] / state.voltage_scale, noise)
     stiffness = abs(p.linear_stiffness) + 3.0 * p.cubic_stiffness * x * x + p.coupling
     margin = abs(change) + stiffness * abs(v) * step
-    return forces.resolving_step(p, x, v, acceleration, margin, step)
+    return forces.resolving_step(p, x, v, acceleration, margin, step, STEPS_PER_CONTACT)
 
 
 @cfunc(

@@ -10,9 +10,8 @@ from numba.extending import register_jitable
 # Hertz contact of a unit mass with K s^1.5 from approach speed v: the greatest compression is
 # (5 v²/4K)^(2/5) and the contact lasts 2.9433 times that over v (elastic).
 HERTZ_DURATION = 2.9432752
-# Steps that resolve one contact, and the share of the earliest way to it that one step takes:
-# the approach then ends in a few ever shorter steps, none of which jumps into the stopper.
-STEPS_PER_CONTACT = 30
+# Share of the earliest way to a contact that one step takes: the approach then ends in a few ever
+# shorter steps, none of which jumps into the stopper.
 APPROACH_SHARE = 0.8
 
 
@@ -98,16 +97,19 @@ def contact_time(p, speed):
 
 
 @register_jitable
-def contact_step(p, x, v, longest):
-    """Step that resolves the contact this state is in or about to enter, ≤ `longest` (s)."""
+def contact_step(p, x, v, longest, steps):
+    """Step that takes so many steps for the contact this state is in or about to enter.
+
+    At most `longest` (s).
+    """
     square = v * v + 2.0 * contact_energy(p, x)
     # The same comparison without a power, for the usual case of a soft contact.
-    bound = HERTZ_DURATION / (STEPS_PER_CONTACT * longest)
+    bound = HERTZ_DURATION / (steps * longest)
     bound = bound * bound * bound * bound * bound
     soft = 1.25 / p.contact_stiffness
     if square <= bound * bound * soft * soft * soft * soft:
         return longest
-    return min(longest, contact_time(p, np.sqrt(square)) / STEPS_PER_CONTACT)
+    return min(longest, contact_time(p, np.sqrt(square)) / steps)
 
 
 @register_jitable
@@ -135,7 +137,7 @@ def earliest_contact(p, x, v, acceleration, margin):
 
 
 @register_jitable
-def resolving_step(p, x, v, acceleration, margin, longest):
+def resolving_step(p, x, v, acceleration, margin, longest, steps):
     """Step that resolves a contact and, before it, ends short of it, ≤ `longest` (s).
 
     Parameters
@@ -148,12 +150,14 @@ def resolving_step(p, x, v, acceleration, margin, longest):
         Greatest change of it within `longest`.
     longest : float
         Step away from the stoppers (s).
+    steps : int
+        Per contact.
     """
     if p.contact_stiffness == 0.0:
         return longest
     # A mass pressed or drawn onto the stopper meets it with what it gains on the way.
     speed = abs(v) + (abs(acceleration) + margin) * longest
-    step = contact_step(p, x, speed, longest)
+    step = contact_step(p, x, speed, longest, steps)
     if step == longest or abs(x) > p.gap:
         return step
     free = APPROACH_SHARE * earliest_contact(p, x, v, acceleration, margin)

@@ -17,6 +17,7 @@ from harvester.parameters import ScaledParameters, scale, steps_per_knot, stop_t
 from harvester.record import empty_record, fill, part
 
 CHUNK = 4096
+STEPS_PER_CONTACT = 30
 # Decay of V or X' by load or damper, as an exponent, in one piece of a step: explicit schemes are
 # stable up to 2 (Heun) and 2.78 (Runge–Kutta).
 LARGEST_DECAY = 1.0
@@ -176,7 +177,7 @@ def _contact_piece(heun, p, touching, held, x, v, voltage, noise, slope, longest
     if touching:
         # A mass at rest on the stopper is pressed in by what else acts.
         speed = abs(v) + abs(forces.push(p, x, v, voltage, noise)) * longest
-        length = forces.contact_step(p, x, speed, longest)
+        length = forces.contact_step(p, x, speed, longest, STEPS_PER_CONTACT)
     x1, v1, voltage1 = _step(heun, p, touching, held, x, v, voltage, noise, slope, length)
     if not touching or abs(x1) <= p.gap:
         length = _crossing(p.gap, touching, x, v, x1, v1, length)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from truths import reference_path
 
+from circuits.callbacks import STEPS_PER_CONTACT
 from harvester.errors import SimulationError, SimulatorAborted, SimulatorTimeout, SolutionDiverged
-from harvester.forces import STEPS_PER_CONTACT
 from harvester.scene import Scene
 from harvester.simulation import simulate
 

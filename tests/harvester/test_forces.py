@@ -61,10 +61,10 @@ def test_the_contact_time_is_the_hertz_integral():
 
 def test_the_contact_step_resolves_the_contact_and_keeps_soft_ones():
     soft = parameters()
-    assert forces.contact_step(soft, 1.1, 0.1, 0.01) == 0.01
+    assert forces.contact_step(soft, 1.1, 0.1, 0.01, 30) == 0.01
     hard = parameters("stoppers.stiffness=1e6")
-    expected = forces.contact_time(hard, 0.1) / forces.STEPS_PER_CONTACT
-    assert forces.contact_step(hard, 1.1, 0.1, 0.05) == pytest.approx(expected)
+    expected = forces.contact_time(hard, 0.1) / 30
+    assert forces.contact_step(hard, 1.1, 0.1, 0.05, 30) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(
