@@ -73,7 +73,7 @@ def test_the_contact_step_resolves_the_contact_and_keeps_soft_ones():
 )
 def test_a_step_before_a_contact_ends_short_of_it_or_resolves_it(x, v, acceleration):
     hard = parameters("stoppers.stiffness=1e8")
-    step = forces.resolving_step(hard, x, v, acceleration, 0.0, 0.05)
+    step = forces.resolving_step(hard, x, v, acceleration, 0.0, 0.05, 30)
     times = np.linspace(0.0, step, 100)
     furthest = np.abs(x + v * times + 0.5 * acceleration * times**2).max()
     speed = abs(v) + abs(acceleration) * 0.05
@@ -82,6 +82,6 @@ def test_a_step_before_a_contact_ends_short_of_it_or_resolves_it(x, v, accelerat
 
 def test_a_free_mass_far_from_the_stoppers_keeps_its_step():
     hard = parameters("stoppers.stiffness=1e8")
-    assert forces.resolving_step(hard, 0.5, 1.0, 4.0, 1.0, 0.05) == 0.05
-    assert forces.resolving_step(hard, 1.0, -1.0, 4.0, 1.0, 0.05) == 0.05
-    assert forces.resolving_step(parameters("stoppers=none"), 0.5, 1.0, 4.0, 1.0, 0.05) == 0.05
+    assert forces.resolving_step(hard, 0.5, 1.0, 4.0, 1.0, 0.05, 30) == 0.05
+    assert forces.resolving_step(hard, 1.0, -1.0, 4.0, 1.0, 0.05, 30) == 0.05
+    assert forces.resolving_step(parameters("stoppers=none"), 0.5, 1.0, 4.0, 1.0, 0.05, 30) == 0.05
