@@ -1,5 +1,6 @@
 """The circuit engine: scene → netlist → ngspice, as `harvester.realization` calls it."""
 
+import importlib
 import re
 
 from circuits.assembly import FIXED_STEP, OWN_TOLERANCE, assemble, own_steps
@@ -10,8 +11,9 @@ SOURCES = ("external", "pwl")
 
 
 def prepare():
-    """Load library and compiled code, so that they do not count as simulation."""
-    session()
+    """Load libraries and compiled code, so that they do not count as simulation."""
+    importlib.import_module("PySpice.Spice.Netlist")
+    session().prepare()
 
 
 def run_realization(

@@ -16,6 +16,7 @@ from circuits import callbacks
 from circuits.library import find_library
 from harvester.compilation import compiled
 from harvester.errors import SimulatorAborted, SolutionDiverged
+from harvester.parameters import ScaledParameters
 from harvester.record import empty_record, fill, part
 
 # What ngspice prints when a run went wrong, on either stream.
@@ -93,6 +94,11 @@ class Session(NgSpiceShared):
         # Newer releases read a system file at every step otherwise.
         self.exec_command("set no_mem_check")
         self.exec_command("set num_threads=1")
+
+    def prepare(self):
+        """Load the compiled code that the first point would wait for."""
+        nothing = ScaledParameters(*[1.0] * 6, False, *[1.0] * 4)
+        _convert(nothing, np.zeros((0, callbacks.COLUMNS)), empty_record(0), 1.0, 1.0, 1.0)
 
     def run(self, netlist, parameters, path, observers, steps_per_knot, local_error=False):
         """Run one transient and hand its record to the observers.

@@ -128,6 +128,14 @@ class Moments:
         )
 
 
+def prepare():
+    """Load the compiled code, so that it does not count as simulation."""
+    points = np.zeros(2)
+    Moments.empty(0.0, 1.0, 1.0, 1, 1, 1.0).add(
+        Record(np.array([0.0, 1.0]), *[points] * (len(Record._fields) - 1))
+    )
+
+
 @summing
 def _add_integrals(points, start, batch_length, gap, integrals, products):
     """Trapezoidal integrals of every interval; each belongs to the batch of its middle."""

@@ -9,6 +9,7 @@ import numpy as np
 from harvester.estimators import KNOTS_PER_SAMPLE, batch_counts
 from harvester.excitation import NoisePath, realization_seeds
 from harvester.moments import Moments
+from harvester.moments import prepare as prepare_moments
 from harvester.parameters import knot_spacing, scale, stop_time
 from harvester.record import Record
 
@@ -129,6 +130,7 @@ def run(scene, engine, index, step, source, window, report, scheme=None, toleran
     if waveform:
         observers.insert(0, waveform)
     module.prepare()
+    prepare_moments()
     started = time.time()
     clock = time.perf_counter()
     scheme = scheme or SCHEMES[engine][0]
