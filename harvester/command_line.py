@@ -235,7 +235,7 @@ def _validate(options):
     scene = _scene(options)
     _check_options(options)
     from harvester.comparison import validate
-    from harvester.console import progress, show_comparison
+    from harvester.console import progress, show_table
 
     with progress() as follow:
         comparison = validate(
@@ -245,7 +245,7 @@ def _validate(options):
             time_limit=options.time_limit,
             progress=follow,
         )
-    show_comparison(comparison, to_stderr=options.json == "-")
+    show_table(comparison, "one scene, the same noise", to_stderr=options.json == "-")
     _write(options, f"{scene.name}-validate", comparison, "draw_comparison")
 
 
@@ -285,21 +285,21 @@ def _average(options):
 def _work_precision(options):
     scene = _scene(options)
     _check_options(options)
-    from harvester.console import progress, show_work_precision
+    from harvester.console import progress, show_table
     from harvester.work_precision import work_precision
 
     with progress() as follow:
         diagram = work_precision(
             scene, thorough=options.thorough, workers=options.workers, progress=follow
         )
-    show_work_precision(diagram, to_stderr=options.json == "-")
+    show_table(diagram, "error against run time", to_stderr=options.json == "-")
     _write(options, f"{scene.name}-work-precision", diagram, "draw_work_precision")
 
 
 def _stability(options):
     scene = _scene(options)
     _check_options(options)
-    from harvester.console import progress, show_stability
+    from harvester.console import progress, show_table
     from harvester.stability import stability
 
     with progress() as follow:
@@ -309,7 +309,7 @@ def _stability(options):
             workers=options.workers,
             progress=follow("stability", None),
         )
-    show_stability(matrix, to_stderr=options.json == "-")
+    show_table(matrix, "stiff and extreme cases", to_stderr=options.json == "-")
     _write(options, f"{scene.name}-stability", matrix, "draw_stability")
     return 1 if matrix.wrong else 0
 

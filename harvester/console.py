@@ -76,49 +76,25 @@ def show_result(result, to_stderr=False):
     _print(table, [*result.evidence(), *result.notes], to_stderr)
 
 
-def show_comparison(comparison, to_stderr=False):
-    """The three-way table of `harvester validate`."""
-    header, rows = comparison.table()
-    table = Table(
-        title=f"{comparison.scene.name}: one scene, the same noise",
-        box=box.SIMPLE_HEAD,
-        title_justify="left",
-    )
+def show_table(content, title, to_stderr=False):
+    """A comparison, a work-precision diagram or a stability matrix, with its sentences.
+
+    Parameters
+    ----------
+    content : object with `scene`, `table()` and `sentences()`
+        The table's header and rows as text; the first two columns are words.
+    title : str
+        Shown after the scene's name.
+    to_stderr : bool
+        Leave standard output to JSON.
+    """
+    header, rows = content.table()
+    table = Table(title=f"{content.scene.name}: {title}", box=box.SIMPLE_HEAD, title_justify="left")
     for place, name in enumerate(header):
         table.add_column(name, justify="left" if place < 2 else "right", no_wrap=True)
     for row in rows:
         table.add_row(*row)
-    _print(table, comparison.sentences(), to_stderr)
-
-
-def show_work_precision(diagram, to_stderr=False):
-    """The table of `harvester work-precision`."""
-    header, rows = diagram.table()
-    table = Table(
-        title=f"{diagram.scene.name}: error against run time",
-        box=box.SIMPLE_HEAD,
-        title_justify="left",
-    )
-    for place, name in enumerate(header):
-        table.add_column(name, justify="left" if place < 2 else "right", no_wrap=True)
-    for row in rows:
-        table.add_row(*row)
-    _print(table, diagram.sentences(), to_stderr)
-
-
-def show_stability(matrix, to_stderr=False):
-    """The table of `harvester stability`."""
-    header, rows = matrix.table()
-    table = Table(
-        title=f"{matrix.scene.name}: stiff and extreme cases",
-        box=box.SIMPLE_HEAD,
-        title_justify="left",
-    )
-    for place, name in enumerate(header):
-        table.add_column(name, justify="left" if place < 2 else "right", no_wrap=True)
-    for row in rows:
-        table.add_row(*row)
-    _print(table, matrix.sentences(), to_stderr)
+    _print(table, content.sentences(), to_stderr)
 
 
 def show_engine(found, to_stderr=False):
