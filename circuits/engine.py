@@ -7,8 +7,6 @@ from circuits.assembly import FIXED_STEP, OWN_TOLERANCE, assemble, own_steps
 from circuits.session import session
 from harvester.parameters import scale, steps_per_knot
 
-SOURCES = ("external", "pwl")
-
 
 def prepare():
     """Load libraries and compiled code, so that they do not count as simulation."""

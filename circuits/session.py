@@ -66,7 +66,6 @@ class Session(NgSpiceShared):
     def _init_ngspice(self, send_data):
         self.state = np.zeros(1, dtype=callbacks.STATE)
         self.messages = []
-        self.vectors = []
         self._service = None
         self._keep = [
             ffi.callback("int (char *, int, void *)", self._receive_message),
@@ -145,7 +144,6 @@ class Session(NgSpiceShared):
         self._netlist, self._parameters = netlist, parameters
         self._path, self._observers = path, observers
         self._record = empty_record(callbacks.BUFFER)
-        self._columns = np.empty((callbacks.COLUMNS, callbacks.BUFFER))
         self._time_reached = 0.0
         self._finite = True
         state = self.state[0]
@@ -254,7 +252,6 @@ class Session(NgSpiceShared):
     def _receive_vectors(self, data, identity, user):
         names = [ffi.string(data.vecs[k].vecname).decode() for k in range(data.veccount)]
         wanted = ("time", "displacement", "velocity", "piezo", "noise", "held_speed")
-        self.vectors = names
         self.state["vectors"][0] = [names.index(n) if n in names else -1 for n in wanted]
         return 0
 

@@ -6,14 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from harvester.averaged import average
+from harvester.averaging import CLOSURES
 from harvester.errors import AveragingError
 from harvester.estimators import paired_difference
+from harvester.output import finite
 from harvester.parameters import scale
 from harvester.results import Result, with_error
 from harvester.simulation import simulate
 from harvester.workers import WorkerPool
 
-CLOSURES = ("paper", "consistent")
 COMPARED = (
     "mean_square_voltage",
     "rms_voltage",
@@ -125,22 +126,22 @@ class Comparison:
         """Plain values for JSON."""
         results = [*self._engines(), *self.closures.values()]
         return {
-            "scene": self.circuit.to_dict()["scene"],
+            "scene": self.scene.to_dict(),
             "results": {result.engine: result.to_dict() for result in results},
             "refused": dict(self.refused),
             "difference_in_standard_errors": {
-                name: _finite(self.difference(name)) for name in COMPARED
+                name: finite(self.difference(name)) for name in COMPARED
             },
             "paired_bias": {
                 name: {
-                    "estimate": _finite(estimate.estimate),
-                    "standard_error": _finite(estimate.standard_error),
+                    "estimate": finite(estimate.estimate),
+                    "standard_error": finite(estimate.standard_error),
                     "unit": "1",
                 }
                 for name, estimate in self.paired.items()
             },
             "closure_deviation": {
-                closure: {name: _finite(self.deviation(closure, name)[0]) for name in COMPARED}
+                closure: {name: finite(self.deviation(closure, name)[0]) for name in COMPARED}
                 for closure in self.closures
             },
         }
@@ -199,7 +200,3 @@ def _percent(estimate):
     if estimate.standard_error is None:
         return f"{estimate.estimate:+.2%}"
     return f"{estimate.estimate:+.2%} ± {estimate.standard_error:.2%}"
-
-
-def _finite(value):
-    return None if value is None or not math.isfinite(value) else float(value)

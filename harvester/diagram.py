@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from harvester.estimators import Estimate
 from harvester.methods import Method
+from harvester.output import finite
 from harvester.results import Result
 from harvester.scene import Scene
 
@@ -195,12 +196,12 @@ class WorkPrecision:
                 "paths": self.paths,
                 "duration": self.horizon,
                 "orders": {
-                    family: {name: _finite(order) for name, order in orders.items()}
+                    family: {name: finite(order) for name, order in orders.items()}
                     for family, orders in self.orders.items()
                 },
             },
             "reference": self.reference.to_dict(),
-            "needed_time": _finite(self.needed_time()),
+            "needed_time": finite(self.needed_time()),
             "methods": [self._entry(row) for row in self.rows],
             "closures": {
                 closure: {
@@ -223,14 +224,14 @@ class WorkPrecision:
             "scheme": method.scheme,
             "tolerance": method.tolerance,
             "longest_step": method.step(self.scene),
-            "mean_step": _finite(row.mean_step),
+            "mean_step": finite(row.mean_step),
             "theoretical_order": method.order,
-            "strong_error": {name: _finite(row.strong[name]) for name in STATES},
+            "strong_error": {name: finite(row.strong[name]) for name in STATES},
             "bias": {name: _plain(estimate) for name, estimate in row.bias.items()},
-            "sampling_error": {name: _finite(error) for name, error in row.sampling.items()},
-            "simulated_time": _finite(row.simulated_time),
-            "seconds_per_unit": _finite(row.seconds_per_unit),
-            "seconds_to_one_percent": _finite(self.answer_seconds(row)),
+            "sampling_error": {name: finite(error) for name, error in row.sampling.items()},
+            "simulated_time": finite(row.simulated_time),
+            "seconds_per_unit": finite(row.seconds_per_unit),
+            "seconds_to_one_percent": finite(self.answer_seconds(row)),
             "note": row.note,
         }
 
@@ -282,11 +283,7 @@ def _percent(estimate):
 
 def _plain(estimate):
     return {
-        "estimate": _finite(estimate.estimate),
-        "standard_error": _finite(estimate.standard_error),
+        "estimate": finite(estimate.estimate),
+        "standard_error": finite(estimate.standard_error),
         "unit": "1",
     }
-
-
-def _finite(value):
-    return None if value is None or not math.isfinite(value) else float(value)

@@ -30,8 +30,8 @@ class SimulationError(HarvesterError):
 
     Attributes
     ----------
-    partial : harvester.estimators.Moments or None
-        What had been accumulated until then.
+    partial : harvester.results.Result or None
+        What the run had until then; within a worker, its moments.
     """
 
     def __init__(self, message, partial=None):

@@ -6,8 +6,6 @@ import numpy as np
 
 from harvester.compilation import compiled
 
-BLOCK = 65_536
-
 
 def realization_seeds(seed, realizations):
     """One independent `SeedSequence` per realization, the same whatever runs them."""

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import math
 import os
 import sys
 import tempfile
@@ -49,6 +50,11 @@ def write_text(path, text):
         return
     with whole_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def finite(value):
+    """A number for JSON: None for None and for what is not finite."""
+    return None if value is None or not math.isfinite(value) else float(value)
 
 
 def write_json(path, content):

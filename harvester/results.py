@@ -4,9 +4,8 @@ import html
 import math
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from harvester.estimators import Estimate
+from harvester.output import finite
 from harvester.parameters import Scales
 from harvester.record import Record
 from harvester.scene import Scene
@@ -129,9 +128,9 @@ class Result:
                 "power": self.scales.power,
             },
             "error_kind": self.error_kind,
-            "energy_balance_residual": _finite(self.energy_balance_residual),
-            "wall_seconds": _finite(self.wall_seconds),
-            "engine_seconds": _finite(self.engine_seconds),
+            "energy_balance_residual": finite(self.energy_balance_residual),
+            "wall_seconds": finite(self.wall_seconds),
+            "engine_seconds": finite(self.engine_seconds),
             "simulated_time": self.simulated_time,
             "steps": self.steps,
             "step": self.step,
@@ -140,11 +139,7 @@ class Result:
             "netlist_sha256": self.netlist_sha256,
             "notes": list(self.notes),
             "failures": {str(index): reason for index, reason in self.failures.items()},
-            "scene": {
-                "name": self.scene.name,
-                "sha256": self.scene.digest(),
-                **self.scene.to_tables(),
-            },
+            "scene": self.scene.to_dict(),
         }
 
     def density_table(self):
@@ -211,9 +206,9 @@ class Result:
 
     def _entry(self, estimate, unit):
         entry = {
-            "estimate": _finite(estimate.estimate),
-            "standard_error": _finite(estimate.standard_error),
-            "effective_sample_size": _finite(estimate.effective_sample_size),
+            "estimate": finite(estimate.estimate),
+            "standard_error": finite(estimate.standard_error),
+            "effective_sample_size": finite(estimate.effective_sample_size),
             "unit": unit,
         }
         return {**entry, "note": estimate.note} if estimate.note else entry
@@ -235,10 +230,6 @@ def with_error(estimate):
     exponent = math.floor(math.log10(abs(value)))
     scale = 10.0**exponent
     return f"({value / scale:.{digits}f} ± {error / scale:.{digits}f})e{exponent}"
-
-
-def _finite(value):
-    return None if value is None or not np.isfinite(value) else float(value)
 
 
 def _count(size):

@@ -187,6 +187,10 @@ class Scene:
                 tables[table] = {k: v for k, v in values.items() if v is not None}
         return tables
 
+    def to_dict(self):
+        """Plain values for a result's JSON: name, digest and tables."""
+        return {"name": self.name, "sha256": self.digest(), **self.to_tables()}
+
     def digest(self):
         """SHA-256 of the scene's values: the same device and run give the same digest."""
         text = json.dumps(self.to_tables(), sort_keys=True)

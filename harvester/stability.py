@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from harvester.averaging import CLOSURES, average
 from harvester.errors import HarvesterError, SceneError
 from harvester.estimators import Estimate, energy_balance_residual, estimate_all
+from harvester.output import finite
 from harvester.parameters import knot_spacing, scale, steps_per_knot
 from harvester.realization import ENGINES, run
 from harvester.scene import Scene
@@ -82,11 +83,7 @@ class StabilityMatrix:
     def to_dict(self):
         """Plain values for JSON."""
         return {
-            "scene": {
-                "name": self.scene.name,
-                "sha256": self.scene.digest(),
-                **self.scene.to_tables(),
-            },
+            "scene": self.scene.to_dict(),
             "seed": self.scene.run.seed,
             "wall_seconds": self.wall_seconds,
             "limits": {
@@ -263,7 +260,7 @@ def _row_to_dict(row):
         "verdict": row.simulation.word,
         "reason": row.simulation.reason,
         "difference_in_standard_errors": {
-            name: _finite(value) for name, value in row.differences.items()
+            name: finite(value) for name, value in row.differences.items()
         },
         "closures": {
             name: {"verdict": verdict.word, "reason": verdict.reason}
@@ -292,7 +289,7 @@ def _run_to_dict(scene):
 
 def _answer_to_dict(outcome):
     return {
-        "energy_balance_residual": _finite(outcome.residual),
+        "energy_balance_residual": finite(outcome.residual),
         "seconds": outcome.seconds,
         "steps": outcome.steps,
         "scaled_quantities": {
@@ -303,14 +300,10 @@ def _answer_to_dict(outcome):
 
 def _estimate_to_dict(estimate: Estimate):
     return {
-        "estimate": _finite(estimate.estimate),
-        "standard_error": _finite(estimate.standard_error),
+        "estimate": finite(estimate.estimate),
+        "standard_error": finite(estimate.standard_error),
     }
 
 
 def _text(value, form):
     return form.format(value) if math.isfinite(value) else "—"
-
-
-def _finite(value):
-    return None if value is None or not math.isfinite(value) else float(value)

@@ -13,7 +13,7 @@ import platform
 import numpy as np
 
 from harvester.averaged import average
-from harvester.comparison import CLOSURES
+from harvester.averaging import CLOSURES
 from harvester.diagram import MEANS, STATES, Row, WorkPrecision, relative_error
 from harvester.errors import AveragingError, EnergyNotBalanced, SimulationError
 from harvester.estimators import paired_difference

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 from scipy.integrate import DOP853
-from scipy.linalg import solve_continuous_lyapunov
+from scipy.linalg import expm, solve_discrete_lyapunov
 from scipy.optimize import brentq
 
 from harvester import forces
@@ -12,42 +12,12 @@ from harvester.parameters import knot_spacing, scale
 from harvester.realization import noise_path
 
 
-def linear_means(p, noise_factor=1.0):
-    """Exact stationary means of a linear scene under Ornstein–Uhlenbeck noise.
-
-    Lyapunov equation of (X, X', V, η); `noise_factor` scales the variance of η.
-    """
-    tau = p.correlation_time
-    drift = np.array(
-        [
-            [0.0, 1.0, 0.0, 0.0],
-            [-p.linear_stiffness, -p.damping, -p.coupling, 1.0],
-            [0.0, 1.0, -p.decay_rate, 0.0],
-            [0.0, 0.0, 0.0, -1.0 / tau],
-        ]
-    )
-    kicks = np.zeros((4, 4))
-    kicks[3, 3] = 2.0 * p.intensity / tau**2 * noise_factor
-    covariance = solve_continuous_lyapunov(drift, -kicks)
-    power = p.coupling * p.decay_rate * covariance[2, 2]
-    loss = p.damping * covariance[1, 1]
-    return {
-        "mean_square_voltage": covariance[2, 2],
-        "mean_power": power,
-        "mean_square_displacement": covariance[0, 0],
-        "mean_square_velocity": covariance[1, 1],
-        "power_conversion_efficiency": power / (power + loss),
-    }
-
-
 def interpolated_linear_means(p, spacing):
-    """The same means under the noise as engines get it: sampled at knots, linear between.
+    """Exact means of a linear scene under the noise as engines get it, linear between knots.
 
     One segment is an exact affine map of (X, X', V) and the two knots; the covariance at the
     knots solves a discrete Lyapunov equation, and means over time average over the segment.
     """
-    from scipy.linalg import expm, solve_discrete_lyapunov
-
     a = math.exp(-spacing / p.correlation_time)
     variance = p.intensity / p.correlation_time
     # States X, X', V, η, η' within a segment.

@@ -37,7 +37,7 @@ class Branch:
         cubics = cubics * (width ** np.arange(3, -1, -1))[:, None, None]
         self._energy, self._stiffness, self._logarithm = np.moveaxis(cubics, 2, 0)
         last = len(stretch.level) - 1
-        self._boundaries = orbits_at = np.unique(np.append(np.arange(0, last, STRIDE), last))
+        orbits_at = np.unique(np.append(np.arange(0, last, STRIDE), last))
         self._boundary_orbits = stretch.orbits.take(orbits_at)
 
     def joint(self, x, v):
