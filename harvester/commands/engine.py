@@ -1,0 +1,25 @@
+"""`harvester engine`: the ngspice that was found."""
+
+from contextlib import closing
+
+
+def add(commands):
+    """The command's arguments."""
+    command = commands.add_parser("engine", help="show the ngspice that was found")
+    command.add_argument("--json", metavar="FILE", help="write JSON; - for standard output")
+    command.set_defaults(command=run, output=None)
+
+
+def run(options):
+    """Carry it out; returns the exit code, or None for 0."""
+    from harvester.console import show_engine
+    from harvester.output import check_writable, write_json
+    from harvester.workers import Worker
+
+    if options.json:
+        check_writable(options.json)
+    with closing(Worker()) as worker:
+        found = worker.call("circuits.engine:describe", {}, time_limit=60.0)
+    show_engine(found, to_stderr=options.json == "-")
+    if options.json:
+        write_json(options.json, found)

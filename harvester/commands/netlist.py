@@ -1,0 +1,52 @@
+"""`harvester netlist`: a stand-alone netlist of a scene."""
+
+from pathlib import Path
+
+from harvester.commands.options import STEP_HELP, read_scene, scene_command
+from harvester.errors import HarvesterError
+
+
+def add(commands):
+    """The command's arguments."""
+    command = scene_command(
+        commands,
+        "netlist",
+        run,
+        "write a stand-alone .cir that plain `ngspice -b` runs",
+        "harvester netlist paper --set run.duration=100 --output paper.cir",
+    )
+    command.add_argument(
+        "--output",
+        default="-",
+        metavar="FILE",
+        help="file, or folder for SCENE.cir (default: standard output)",
+    )
+    command.add_argument("--step", default="default", help=STEP_HELP)
+    command.add_argument(
+        "--realization", type=int, default=0, metavar="N", help="whose noise path (default: 0)"
+    )
+
+
+def run(options):
+    """Carry it out; returns the exit code, or None for 0."""
+    scene = read_scene(options)
+    from circuits.export import stand_alone
+    from harvester.output import write_text
+    from harvester.realization import noise_path, starts_right
+    from harvester.simulation import check_step
+
+    target = options.output
+    if target != "-" and Path(target).is_dir():
+        target = Path(target) / f"{scene.name}.cir"
+    if not 0 <= options.realization < scene.run.realizations:
+        raise HarvesterError(
+            f"--realization {options.realization}: must be a whole number in "
+            f"[0, {scene.run.realizations - 1}]"
+        )
+    netlist = stand_alone(
+        scene,
+        noise_path(scene, options.realization),
+        starts_right(options.realization),
+        check_step(options.step),
+    )
+    write_text(target, netlist.text + ".end\n")

@@ -1,0 +1,105 @@
+"""What several commands share: arguments, the scene they name, the files they write."""
+
+import sys
+from pathlib import Path
+
+from harvester.errors import HarvesterError
+
+STEP_HELP = "default, fine, finest, or the longest step in seconds"
+
+
+def scene_command(commands, name, function, text, example, default_scene=None):
+    """A command about one scene, with its overrides; returns its parser."""
+    command = commands.add_parser(name, help=text, description=text, epilog=f"example: {example}")
+    optional = {"nargs": "?", "default": default_scene} if default_scene else {}
+    command.add_argument(
+        "scene",
+        help="a TOML file or the name of a built-in scene"
+        + (f" (default: {default_scene})" if default_scene else ""),
+        **optional,
+    )
+    command.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="TABLE.KEY=VALUE",
+        help="override a value of the scene; TABLE=none removes a table",
+    )
+    command.add_argument("--seed", type=int, help="same as --set run.seed=SEED")
+    command.set_defaults(command=function)
+    return command
+
+
+def add_engine_options(command):
+    """Step, workers and time limit of a simulation."""
+    command.add_argument("--step", default="default", help=STEP_HELP)
+    command.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
+    command.add_argument(
+        "--time-limit",
+        type=float,
+        default=3600.0,
+        metavar="SECONDS",
+        help="wall-clock limit of one realization (default: 3600)",
+    )
+
+
+def add_keep_going(command):
+    """Whether a failed realization ends the run."""
+    command.add_argument(
+        "--keep-going",
+        action="store_true",
+        help="try a realization that crashes or runs out of time once more, and go on without it",
+    )
+
+
+def add_results(command):
+    """Where the result is written."""
+    command.add_argument("--json", metavar="FILE", help="write JSON; - for standard output")
+    command.add_argument("--output", metavar="DIR", help="folder for JSON and figure")
+
+
+def read_scene(options):
+    """The scene that the command line names, overrides and seed put in."""
+    from harvester.scene import Scene
+
+    overrides = list(options.set)
+    if options.seed is not None:
+        overrides.append(f"run.seed={options.seed}")
+    return Scene.load(options.scene, overrides)
+
+
+def check_options(options):
+    """Refuse numbers out of range, and places that cannot be written, before anything runs."""
+    from harvester.output import check_writable
+
+    if getattr(options, "workers", None) is not None and options.workers < 1:
+        raise HarvesterError(f"--workers {options.workers}: must be a whole number ≥ 1")
+    limit = getattr(options, "time_limit", 1.0)
+    if not limit > 0.0:
+        raise HarvesterError(f"--time-limit {limit:g}: must be a number > 0")
+    if options.json:
+        check_writable(options.json)
+    if options.output:
+        check_writable(Path(options.output) / "file")
+
+
+def write_result(options, name, result, draw):
+    """The JSON and figure that were asked for; `draw` names the function of `figures`."""
+    from harvester.output import write_json, write_text
+
+    if options.json:
+        write_json(options.json, result.to_dict())
+    if options.output:
+        from harvester import figures
+
+        folder = Path(options.output)
+        write_json(folder / f"{name}.json", result.to_dict())
+        if hasattr(result, "density_table"):
+            write_text(folder / f"{name}-densities.csv", result.density_table())
+        figures.save(getattr(figures, draw), result, folder / f"{name}.png")
+        say(f"written to {folder}: {name}.*")
+
+
+def say(text):
+    """One line on standard error."""
+    print(text, file=sys.stderr)

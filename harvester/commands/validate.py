@@ -1,0 +1,42 @@
+"""`harvester validate`: circuit, Monte Carlo and averaging on one scene."""
+
+from harvester.commands.options import (
+    add_engine_options,
+    add_results,
+    check_options,
+    read_scene,
+    scene_command,
+    write_result,
+)
+
+
+def add(commands):
+    """The command's arguments."""
+    command = scene_command(
+        commands,
+        "validate",
+        run,
+        "compare circuit, Monte Carlo and averaging on one scene",
+        "harvester validate paper --output results",
+    )
+    add_engine_options(command)
+    add_results(command)
+
+
+def run(options):
+    """Carry it out; returns the exit code, or None for 0."""
+    scene = read_scene(options)
+    check_options(options)
+    from harvester.comparison import validate
+    from harvester.console import progress, show_table
+
+    with progress() as follow:
+        comparison = validate(
+            scene,
+            step=options.step,
+            workers=options.workers,
+            time_limit=options.time_limit,
+            progress=follow,
+        )
+    show_table(comparison, "one scene, the same noise", to_stderr=options.json == "-")
+    write_result(options, f"{scene.name}-validate", comparison, "draw_comparison")
