@@ -35,6 +35,8 @@ class Netlist:
         Longest step (s).
     stop : float
         End time (s).
+    prefixes : tuple of str
+        In front of the nodes' names, one for each copy of the device.
     """
 
     text: str
@@ -42,6 +44,7 @@ class Netlist:
     voltage_scale: float
     step: float
     stop: float
+    prefixes: tuple = ("",)
 
     @property
     def sha256(self):
@@ -52,7 +55,7 @@ class Netlist:
 def assemble(
     scene,
     step="default",
-    right=True,
+    starts=(True,),
     waveform="external",
     options=FIXED_STEP,
     integrator="trapezoidal",
@@ -65,8 +68,8 @@ def assemble(
     scene : Scene
     step : str or float
         See `harvester.parameters.steps_per_knot`.
-    right : bool
-        Start in the right well, else in the left one.
+    starts : sequence of bool
+        For each copy of the device in the netlist: it starts in the right well, else in the left.
     waveform : str
         Of the noise source: `external`, or a PWL.
     options : str
@@ -74,7 +77,7 @@ def assemble(
     integrator : str
         A name in `INTEGRATORS`.
     save : sequence of str
-        Nodes that ngspice keeps in its memory; what streams out needs none.
+        Vectors that ngspice keeps in its memory; what streams out needs none.
 
     Returns
     -------
@@ -85,27 +88,42 @@ def assemble(
     NetlistError
         An expression is not well-formed.
     """
-    from PySpice.Spice.Netlist import Circuit
+    from PySpice.Spice.Netlist import Circuit, SubCircuit
 
     p, scales = scale(scene)
     rate = p.angular_frequency
     length = knot_spacing(scene) / steps_per_knot(scene, step)
     electrical = _electrical(scene, p, scales)
     circuit = Circuit(f"harvester scene {scene.name}")
-    elements.add_oscillator(circuit, p, rate, p.rest if right else -p.rest)
+    rests = [p.rest if right else -p.rest for right in starts]
+    if len(rests) == 1:
+        _add_device(circuit, p, rate, electrical, length, elements.number(rests[0]), waveform)
+        prefixes = ("",)
+    else:
+        device = SubCircuit("device", "ground", start=elements.number(0.0))
+        _add_device(device, p, rate, electrical, length, "{start}", waveform)
+        circuit.subcircuit(device)
+        for copy, rest in enumerate(rests):
+            circuit.X(f"copy{copy}", "device", circuit.gnd, start=elements.number(rest))
+        prefixes = tuple(f"xcopy{copy}." for copy in range(len(rests)))
+    stop = stop_time(scene)
+    text = str(circuit) + _analysis(length, stop, options, integrator, save)
+    check_netlist(text)
+    return Netlist(text, rate, electrical.voltage_scale, length, stop, prefixes)
+
+
+def _add_device(circuit, p, rate, electrical, step, start, waveform):
+    """The elements of one device, only those it needs."""
+    elements.add_oscillator(circuit, p, rate, start)
     elements.add_excitation(circuit, waveform)
     if p.cubic_stiffness > 0.0:
         elements.add_cubic(circuit, p, rate)
     if p.has_stoppers:
         elements.add_stoppers(circuit, p, rate)
         if p.held_impact_velocity and p.damping_factor > 0.0:
-            elements.add_speed_hold(circuit, p, rate, length)
+            elements.add_speed_hold(circuit, p, rate, step)
     elements.add_piezo(circuit, p, rate, electrical)
     elements.add_load(circuit, electrical)
-    stop = stop_time(scene)
-    text = str(circuit) + _analysis(length, stop, options, integrator, save)
-    check_netlist(text)
-    return Netlist(text, rate, electrical.voltage_scale, length, stop)
 
 
 def _electrical(scene, p, scales):
@@ -120,7 +138,7 @@ def _electrical(scene, p, scales):
 
 
 def _analysis(step, stop, options, integrator, save):
-    saved = " ".join(f"v({node})" for node in save) or "none"
+    saved = " ".join(save) or "none"
     return (
         f".save {saved}\n"
         f".options method={INTEGRATORS[integrator]} {options}\n"

@@ -14,26 +14,38 @@ from numba.extending import intrinsic
 
 from harvester import forces
 from harvester.compilation import compiled
-from harvester.parameters import ScaledParameters
+from harvester.parameters import STEPS_PER_CONTACT, ScaledParameters
 
-# The trapezoidal rule loses too little energy in a contact: at 30 steps the mean-square velocity of
-# motion inside a well came out 1 % high, and the error falls with the square of the step.
-STEPS_PER_CONTACT = 60
-BUFFER = 4096
-WINDOW = 65_536
-# Knots kept behind the latest accepted time when the window moves.
+# Points held before they are handed on, and knots of the noise held ahead, over all copies.
+POINTS = 4096
+KNOTS = 65_536
+# Fewest of either for each copy, and the knots kept behind the latest accepted time when the
+# window moves.
+FEWEST_POINTS, FEWEST_KNOTS = 64, 1024
 MARGIN = 8
-# Columns of the buffer.
-TIME, DISPLACEMENT, VELOCITY, PIEZO, NOISE, HELD = range(6)
-COLUMNS = 6
+# Longest name of an element that is looked at, ngspice's prefix included.
+LONGEST_NAME = 64
+# Columns of the buffer, of each copy.
+DISPLACEMENT, VELOCITY, PIEZO, NOISE, HELD = range(5)
+COLUMNS = 5
+# Those that ngspice sends, in this order; the noise is known.
+NODES = {"displacement": DISPLACEMENT, "velocity": VELOCITY, "piezo": PIEZO, "held_speed": HELD}
 
 BUFFER_FULL, WINDOW_ENDS = 0, 1
 
 STATE = np.dtype(
     [
         ("service", np.int64),  # address of a C function int (int reason)
-        ("vectors", np.int64, (COLUMNS,)),  # place of each column among ngspice's vectors, or −1
-        ("count", np.int64),  # rows written
+        ("copies", np.int64),  # of the device in the netlist, each with its own noise
+        ("points", np.int64),  # that the buffer holds
+        ("knots", np.int64),  # that the window holds
+        ("time_vector", np.int64),  # its place among ngspice's vectors
+        # Addresses of arrays:
+        ("vectors", np.int64),  # int64 (copies, COLUMNS): place of each column, or −1
+        ("times", np.int64),  # float64 (points,)
+        ("buffer", np.int64),  # float64 (copies, points, COLUMNS)
+        ("window", np.int64),  # float64 (copies, knots), over ω²
+        ("count", np.int64),  # points written
         ("steps", np.int64),
         ("spacing", np.float64),  # of the knots
         ("first_knot", np.int64),  # of the window
@@ -42,8 +54,6 @@ STATE = np.dtype(
         ("parameters", np.float64, (len(ScaledParameters._fields),)),
         ("rate", np.float64),
         ("voltage_scale", np.float64),
-        ("buffer", np.float64, (BUFFER, COLUMNS)),
-        ("window", np.float64, (WINDOW,)),
     ],
     align=True,
 )
@@ -72,6 +82,16 @@ def _call(typingctx, address, reason):
     return types.int32(types.int64, types.int32), generate
 
 
+@compiled
+def _noise(state, copy, time):
+    """The noise of one copy over ω² at a time, linear between knots."""
+    window = carray(_pointer(state.window), (state.copies, state.knots), np.float64)
+    place = max(time / state.spacing - state.first_knot, 0.0)
+    knot = min(int(place), state.knots - 2)
+    share = place - knot
+    return window[copy, knot] * (1.0 - share) + window[copy, knot + 1] * share
+
+
 @cfunc(types.int32(types.voidptr, types.int32, types.int32, types.CPointer(_STATE)), cache=True)
 def send_data(values, count, identity, user):
     """`SendData`: copy the saved nodes of an accepted point into the buffer.
@@ -81,20 +101,24 @@ def send_data(values, count, identity, user):
     """
     state = carray(user, 1)[0]
     vectors = carray(_pointer(carray(values, 2, np.int64)[1]), count, np.int64)
+    places = carray(_pointer(state.vectors), (state.copies, COLUMNS), np.int64)
+    times = carray(_pointer(state.times), state.points, np.float64)
+    buffer = carray(_pointer(state.buffer), (state.copies, state.points, COLUMNS), np.float64)
     row = state.count
-    for column in range(COLUMNS):
-        place = state.vectors[column]
-        value = 0.0
-        if place >= 0:
-            value = carray(_pointer(vectors[place]), 2, np.float64)[1]
-        state.buffer[row, column] = value
+    time = carray(_pointer(vectors[state.time_vector]), 2, np.float64)[1]
+    times[row] = time
+    for copy in range(state.copies):
+        for column in range(COLUMNS):
+            place = places[copy, column]
+            if place >= 0:
+                buffer[copy, row, column] = carray(_pointer(vectors[place]), 2, np.float64)[1]
+        buffer[copy, row, NOISE] = _noise(state, copy, time)
     state.count = row + 1
     state.steps += 1
-    if row + 1 == BUFFER:
+    if row + 1 == state.points:
         _call(state.service, np.int32(BUFFER_FULL))
         state.count = 0
-    reached = state.buffer[row, TIME] / state.spacing - state.first_knot
-    if reached > WINDOW - MARGIN:
+    if time / state.spacing - state.first_knot > state.knots - MARGIN:
         _call(state.service, np.int32(WINDOW_ENDS))
     return 0
 
@@ -109,13 +133,19 @@ def send_data(values, count, identity, user):
     ),
     cache=True,
 )
-def get_noise(voltage, time, name, identity, user):
-    """`GetVSRCData`: the noise at a time, linear between knots."""
+def get_noise(current, time, name, identity, user):
+    """`GetISRCData`: the noise of the copy whose number stands in the source's name."""
     state = carray(user, 1)[0]
-    place = max(time / state.spacing - state.first_knot, 0.0)
-    knot = min(int(place), WINDOW - 2)
-    share = place - knot
-    voltage[0] = state.window[knot] * (1.0 - share) + state.window[knot + 1] * share
+    copy = 0
+    if state.copies > 1:
+        letters = carray(name, LONGEST_NAME, np.uint8)
+        place = 0
+        while letters[place] != 0 and not 48 <= letters[place] <= 57:
+            place += 1
+        while 48 <= letters[place] <= 57:
+            copy = 10 * copy + letters[place] - 48
+            place += 1
+    current[0] = _noise(state, copy, time)
     return 0
 
 
@@ -130,6 +160,19 @@ def _resolved(state, row, ahead, step):
     stiffness = abs(p.linear_stiffness) + 3.0 * p.cubic_stiffness * x * x + p.coupling
     margin = abs(change) + stiffness * abs(v) * step
     return forces.resolving_step(p, x, v, acceleration, margin, step, STEPS_PER_CONTACT)
+
+
+@compiled
+def _shortest(state, ahead, step):
+    """Longest step that resolves the contacts of every copy; `ahead`: place of the next knot."""
+    buffer = carray(_pointer(state.buffer), (state.copies, state.points, COLUMNS), np.float64)
+    window = carray(_pointer(state.window), (state.copies, state.knots), np.float64)
+    row = (state.count - 1) % state.points
+    shortest = step
+    for copy in range(state.copies):
+        longest = _resolved(state, buffer[copy, row], window[copy, ahead], step)
+        shortest = min(shortest, longest)
+    return shortest
 
 
 @cfunc(
@@ -160,8 +203,7 @@ def set_step(time, delta, before, redo, identity, location, user):
     remaining = knot * state.spacing + (index + 1.0) * step - time
     longest = remaining
     if state.steps > 0:
-        ahead = state.window[int(knot) - state.first_knot + 1]
-        longest = _resolved(state, state.buffer[(state.count - 1) % BUFFER], ahead, step)
+        longest = _shortest(state, int(knot) - state.first_knot + 1, step)
     if state.local_error:
         longest = min(longest, delta[0])
     pieces = np.ceil(remaining / longest - 1e-6)

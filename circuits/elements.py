@@ -12,13 +12,7 @@ from dataclasses import dataclass
 from circuits.loads import library_text
 from harvester.parameters import ScaledParameters
 
-DISPLACEMENT, VELOCITY, PIEZO, NOISE, HELD = (
-    "displacement",
-    "velocity",
-    "piezo",
-    "noise",
-    "held_speed",
-)
+DISPLACEMENT, VELOCITY, PIEZO, HELD = "displacement", "velocity", "piezo", "held_speed"
 X, U, H = f"v({DISPLACEMENT})", f"v({VELOCITY})", f"v({HELD})"
 
 
@@ -45,10 +39,10 @@ def number(value):
 
 
 def add_oscillator(circuit, p: ScaledParameters, rate, start):
-    """Mass, linear spring and damper, at rest at `start` (Eq. 4a)."""
+    """Mass, linear spring and damper, at rest at `start`, as text (Eq. 4a)."""
     gnd = circuit.gnd
     source = circuit.VoltageControlledCurrentSource
-    circuit.C("displacement", DISPLACEMENT, gnd, number(1 / rate), ic=number(start))
+    circuit.C("displacement", DISPLACEMENT, gnd, number(1 / rate), ic=start)
     source("velocity", gnd, DISPLACEMENT, VELOCITY, gnd, number(1.0))
     circuit.C("mass", VELOCITY, gnd, number(1 / rate), ic=number(0.0))
     if p.linear_stiffness != 0.0:
@@ -59,16 +53,13 @@ def add_oscillator(circuit, p: ScaledParameters, rate, start):
 
 
 def add_excitation(circuit, waveform):
-    """Base acceleration over ω² as node `noise`; `waveform` is `external` or a PWL."""
-    circuit.V("noise", NOISE, circuit.gnd, waveform)
-    circuit.VoltageControlledCurrentSource(
-        "noise", circuit.gnd, VELOCITY, NOISE, circuit.gnd, number(1.0)
-    )
+    """Base acceleration over ω² as a current; `waveform` is `external` or a PWL."""
+    circuit.I("noise", circuit.gnd, VELOCITY, waveform)
 
 
 def add_cubic(circuit, p, rate):
     """Cubic spring κ X³ (Eq. 4a)."""
-    expression = f"{number(p.cubic_stiffness / rate**2)}*{X}*{X}*{X}"
+    expression = f"({number(p.cubic_stiffness / rate**2)}*{X})*({X}*{X})"
     circuit.BehavioralSource("cubic", VELOCITY, circuit.gnd, current_expression=expression)
 
 
@@ -121,15 +112,14 @@ def add_load(circuit, electrical):
 
 
 def _spring_energy(p, rate):
-    """2 (U(x) − U(δ))/ω² of the bare spring, as an expression."""
-    terms = []
-    if p.linear_stiffness != 0.0:
-        offset = number(p.gap**2)
-        terms.append(f"{number(p.linear_stiffness / rate**2)}*({X}*{X}-{offset})")
-    if p.cubic_stiffness > 0.0:
-        half = number(0.5 * p.cubic_stiffness / rate**2)
-        terms.append(f"{half}*({X}*{X}*{X}*{X}-{number(p.gap**4)})")
-    return "+".join(terms) or "0"
+    """2 (U(x) − U(δ))/ω² of the bare spring, as an expression: (x² − δ²) (a + κ/2 x²).
+
+    Written as a product because ngspice differentiates term by term.
+    """
+    half = 0.5 * p.cubic_stiffness / rate**2
+    constant = p.linear_stiffness / rate**2 + half * p.gap**2
+    slope = f"{number(constant)}+{number(half)}*({X}*{X})" if half > 0.0 else number(constant)
+    return f"({X}*{X}-{number(p.gap**2)})*({slope})"
 
 
 def _speed_ratio(p, rate, depth):
@@ -141,4 +131,4 @@ def _speed_ratio(p, rate, depth):
         spring = f"((({spring})>0) ? ({spring}) : 0)"
     contact = f"{number(0.8 * p.contact_stiffness / rate**2)}*pow({depth},2.5)"
     # The last term only keeps 0/0 away at the instant of contact.
-    return f"{U}/sqrt({U}*{U}+{spring}+{contact}+1e-30)"
+    return f"{U}*pow({U}*{U}+{spring}+{contact}+1e-30,-0.5)"

@@ -1,5 +1,6 @@
 """The circuit engine: scene → netlist → ngspice, as `harvester.realization` calls it."""
 
+import copy
 import importlib
 import re
 
@@ -14,22 +15,25 @@ def prepare():
     session().prepare()
 
 
-def run_realization(
-    scene, path, right, observers, step, source, scheme="trapezoidal", tolerance=None
+def run_realizations(
+    scene, paths, starts, observers, step, source, scheme="trapezoidal", tolerance=None
 ):
-    """Run one realization through ngspice.
+    """Run realizations side by side in one netlist through ngspice.
 
     Parameters
     ----------
     scene : Scene
-    path : NoisePath
-    right : bool
+    paths : sequence of NoisePath
+        One for each realization.
+    starts : sequence of bool
         Start in the right well.
-    observers : sequence of objects with `add(record)`
+    observers : sequence of sequences of objects with `add(record)`
+        Those of each realization.
     step : str or float
         See `harvester.parameters.steps_per_knot`.
     source : str
-        "external", or "pwl" for a PWL source in the netlist with ngspice's own steps.
+        "external", or "pwl" for a PWL source in the netlist with ngspice's own steps, which
+        takes one realization.
     scheme : str
         "trapezoidal" or "gear".
     tolerance : float or None
@@ -39,7 +43,7 @@ def run_realization(
     Returns
     -------
     dict
-        steps, engine_version, netlist_sha256.
+        engine_version, netlist_sha256.
 
     Raises
     ------
@@ -51,15 +55,15 @@ def run_realization(
         from circuits.export import stand_alone
 
         own = tolerance or OWN_TOLERANCE
-        netlist = stand_alone(scene, path, right, step, own, scheme, save=())
-        steps = engine.run(netlist, parameters, None, observers, 0)
+        written = copy.deepcopy(paths[0])
+        netlist = stand_alone(scene, written, starts[0], step, own, scheme, save=())
+        engine.run(netlist, parameters, paths, observers, 0)
     else:
         options = own_steps(tolerance) if tolerance else FIXED_STEP
-        netlist = assemble(scene, step, right, options=options, integrator=scheme)
+        netlist = assemble(scene, step, starts, options=options, integrator=scheme)
         fixed = steps_per_knot(scene, step)
-        steps = engine.run(netlist, parameters, path, observers, fixed, tolerance is not None)
+        engine.run(netlist, parameters, paths, observers, fixed, tolerance is not None)
     return {
-        "steps": steps,
         "engine_version": version(engine),
         "netlist_sha256": netlist.sha256,
     }

@@ -7,7 +7,12 @@ from circuits.assembly import OWN_TOLERANCE, assemble, own_steps
 from harvester.parameters import scale
 
 PER_LINE = 4
-SAVED = (elements.DISPLACEMENT, elements.VELOCITY, elements.PIEZO, elements.NOISE)
+SAVED = (
+    f"v({elements.DISPLACEMENT})",
+    f"v({elements.VELOCITY})",
+    f"v({elements.PIEZO})",
+    "@inoise[current]",
+)
 
 
 def stand_alone(
@@ -35,14 +40,14 @@ def stand_alone(
     integrator : str
         See `circuits.assembly.assemble`.
     save : sequence of str
-        Nodes to keep; none keeps nothing (for a run that streams).
+        Vectors to keep; none keeps nothing (for a run that streams).
 
     Returns
     -------
     circuits.assembly.Netlist
     """
     _, scales = scale(scene)
-    netlist = assemble(scene, step, right, "PWL", own_steps(tolerance), integrator, save)
+    netlist = assemble(scene, step, (right,), "PWL", own_steps(tolerance), integrator, save)
     knots = round(netlist.stop / path.spacing) + 1
     values = path.read(knots) / netlist.rate**2
     points = [f"{k * path.spacing!r} {float(value)!r}" for k, value in enumerate(values)]
@@ -50,7 +55,7 @@ def stand_alone(
         "+ " + " ".join(points[start : start + PER_LINE])
         for start in range(0, len(points), PER_LINE)
     ]
-    source = f"V{elements.NOISE} {elements.NOISE} 0 PWL"
+    source = f"Inoise 0 {elements.VELOCITY} PWL"
     before, after = netlist.text.split(source, 1)
     text = "".join(
         [
@@ -73,7 +78,7 @@ def _header(before, scene, netlist, scales):
         f"* v(displacement): X in units of {scales.displacement:g} "
         f"{'m' if scene.units == 'SI' else '(scaled)'}\n"
         f"* v(velocity): X' over {netlist.rate!r} per second\n"
-        f"* v(noise): base acceleration over {netlist.rate**2!r} per second squared\n"
+        f"* i(@inoise[current]): base acceleration over {netlist.rate**2!r} per second squared\n"
         f"* v(piezo): terminal voltage, {'volts' if scene.units == 'SI' else 'scaled'}\n"
         f"{rest}"
     )

@@ -44,14 +44,14 @@ def session():
 
 
 @compiled
-def _convert(p, nodes, record, rate, square_rate, per_volt):
-    """Node values, shape (n, COLUMNS), to a record in scaled units."""
-    for row in range(nodes.shape[0]):
+def _convert(p, times, nodes, record, rate, square_rate, per_volt):
+    """Times, shape (n,), and node values, shape (n, COLUMNS), to a record in scaled units."""
+    for row in range(times.size):
         fill(
             p,
             record,
             row,
-            nodes[row, callbacks.TIME],
+            times[row],
             nodes[row, callbacks.DISPLACEMENT],
             nodes[row, callbacks.VELOCITY] * rate,
             nodes[row, callbacks.PIEZO] * per_volt,
@@ -79,8 +79,8 @@ class Session(NgSpiceShared):
         self._ngspice_shared.ngSpice_Init(*self._keep, user)
         self._identity = ffi.new("int *", 0)
         self._ngspice_shared.ngSpice_Init_Sync(
-            ffi.cast("GetVSRCData *", callbacks.get_noise.address),
             ffi.NULL,
+            ffi.cast("GetISRCData *", callbacks.get_noise.address),
             ffi.cast("GetSyncData *", callbacks.set_step.address),
             self._identity,
             user,
@@ -97,18 +97,20 @@ class Session(NgSpiceShared):
     def prepare(self):
         """Load the compiled code that the first point would wait for."""
         nothing = ScaledParameters(*[1.0] * 6, False, *[1.0] * 4)
-        _convert(nothing, np.zeros((0, callbacks.COLUMNS)), empty_record(0), 1.0, 1.0, 1.0)
+        nodes = np.zeros((0, callbacks.COLUMNS))
+        _convert(nothing, np.zeros(0), nodes, empty_record(0), 1.0, 1.0, 1.0)
 
-    def run(self, netlist, parameters, path, observers, steps_per_knot, local_error=False):
-        """Run one transient and hand its record to the observers.
+    def run(self, netlist, parameters, paths, observers, steps_per_knot, local_error=False):
+        """Run one transient and hand its records to the observers.
 
         Parameters
         ----------
         netlist : circuits.assembly.Netlist
         parameters : ScaledParameters
-        path : NoisePath or None
-            Feeds the external source; None when the netlist holds its own source.
-        observers : sequence of objects with `add(record)`
+        paths : sequence of NoisePath
+            One for each copy of the device in the netlist.
+        observers : sequence of sequences of objects with `add(record)`
+            Those of each copy.
         steps_per_knot : int
             Steps between knots; 0 leaves the steps to ngspice.
         local_error : bool
@@ -123,7 +125,7 @@ class Session(NgSpiceShared):
         ------
         SimulatorAborted, SolutionDiverged
         """
-        self._begin(netlist, parameters, path, observers, steps_per_knot)
+        self._begin(netlist, parameters, paths, observers, steps_per_knot)
         self.state["local_error"] = local_error
         try:
             self._load(netlist.text)
@@ -139,22 +141,30 @@ class Session(NgSpiceShared):
                     continue
         return int(self.state["steps"][0])
 
-    def _begin(self, netlist, parameters, path, observers, steps_per_knot):
+    def _begin(self, netlist, parameters, paths, observers, steps_per_knot):
         self.messages = []
         self._netlist, self._parameters = netlist, parameters
-        self._path, self._observers = path, observers
-        self._record = empty_record(callbacks.BUFFER)
+        self._paths, self._observers = paths, observers
         self._time_reached = 0.0
         self._finite = True
+        copies = len(paths)
+        points = max(callbacks.POINTS // copies, callbacks.FEWEST_POINTS)
+        knots = max(callbacks.KNOTS // copies, callbacks.FEWEST_KNOTS)
+        self._record = empty_record(points)
+        self._vectors = np.full((copies, callbacks.COLUMNS), -1)
+        self._times = np.zeros(points)
+        self._buffer = np.zeros((copies, points, callbacks.COLUMNS))
+        self._window = np.array([path.read(knots) for path in paths]) / netlist.rate**2
         state = self.state[0]
+        state["copies"], state["points"], state["knots"] = copies, points, knots
+        for name in ("vectors", "times", "buffer", "window"):
+            state[name] = getattr(self, f"_{name}").ctypes.data
         state["count"] = state["steps"] = state["first_knot"] = 0
-        state["spacing"] = path.spacing if path else np.inf
+        state["spacing"] = paths[0].spacing
         state["steps_per_knot"] = steps_per_knot
         state["parameters"][:] = parameters
         state["rate"] = netlist.rate
         state["voltage_scale"] = netlist.voltage_scale
-        if path:
-            state["window"][:] = path.read(callbacks.WINDOW) / netlist.rate**2
         self._service = (self._flush, self._move_window)
 
     def _serve(self, reason):
@@ -167,38 +177,33 @@ class Session(NgSpiceShared):
         return 0
 
     def _flush(self):
-        """Turn the buffered node values into a record and hand it on."""
+        """Turn the buffered node values into records and hand them on."""
         state = self.state[0]
         count = int(state["count"])
         if count == 0:
             return
-        nodes = state["buffer"][:count]
-        rate = self._netlist.rate
-        start = 1 if nodes[0, callbacks.TIME] == 0.0 else 0
-        _convert(
-            self._parameters,
-            nodes[start:],
-            self._record,
-            rate,
-            rate * rate,
-            1.0 / self._netlist.voltage_scale,
-        )
         state["count"] = 0
+        times, nodes = self._times[:count], self._buffer[:, :count]
         self._finite = self._finite and bool(np.isfinite(nodes).all())
         if not self._finite:
             return
-        self._time_reached = float(nodes[-1, callbacks.TIME])
+        start = 1 if times[0] == 0.0 else 0
+        self._time_reached = float(times[-1])
+        rate = self._netlist.rate
+        units = (rate, rate * rate, 1.0 / self._netlist.voltage_scale)
         chunk = part(self._record, 0, count - start)
-        for observer in self._observers:
-            observer.add(chunk)
+        for copy, observers in zip(nodes, self._observers, strict=True):
+            _convert(self._parameters, times[start:], copy[start:], self._record, *units)
+            for observer in observers:
+                observer.add(chunk)
 
     def _move_window(self):
         """Drop the knots that are past and read as many new ones."""
         state = self.state[0]
-        passed = callbacks.WINDOW - 2 * callbacks.MARGIN
-        window = state["window"]
-        window[: 2 * callbacks.MARGIN] = window[passed:].copy()
-        window[2 * callbacks.MARGIN :] = self._path.read(passed) / self._netlist.rate**2
+        passed = int(state["knots"]) - 2 * callbacks.MARGIN
+        for window, path in zip(self._window, self._paths, strict=True):
+            window[: 2 * callbacks.MARGIN] = window[passed:].copy()
+            window[2 * callbacks.MARGIN :] = path.read(passed) / self._netlist.rate**2
         state["first_knot"] += passed
 
     def _load(self, text):
@@ -250,9 +255,13 @@ class Session(NgSpiceShared):
         return 0
 
     def _receive_vectors(self, data, identity, user):
-        names = [ffi.string(data.vecs[k].vecname).decode() for k in range(data.veccount)]
-        wanted = ("time", "displacement", "velocity", "piezo", "noise", "held_speed")
-        self.state["vectors"][0] = [names.index(n) if n in names else -1 for n in wanted]
+        """Where the nodes of each copy stand among ngspice's vectors."""
+        names = [ffi.string(data.vecs[k].vecname).decode().lower() for k in range(data.veccount)]
+        place = {name: k for k, name in enumerate(names)}
+        self.state["time_vector"] = place["time"]
+        for copy, prefix in enumerate(self._netlist.prefixes):
+            for node, column in callbacks.NODES.items():
+                self._vectors[copy, column] = place.get(prefix + node, -1)
         return 0
 
     def _exited(self, status, immediate, quit_requested, identity, user):

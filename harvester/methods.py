@@ -33,7 +33,7 @@ class Method:
 
     def step(self, scene):
         """Longest step (s)."""
-        return knot_spacing(scene) / (steps_per_knot(scene) * self.refinement)
+        return knot_spacing(scene) / (steps_per_knot(scene, engine=self.engine) * self.refinement)
 
     def setting(self, scene):
         """What tells it from others of its family, as text."""
@@ -42,7 +42,7 @@ class Method:
         return f"step {self.step(scene):.4g}"
 
     def options(self, scene):
-        """Arguments of `harvester.realization.run` and of `harvester.simulate`."""
+        """Arguments that `harvester.realization.run` and `harvester.simulate` share."""
         return {
             "engine": self.engine,
             "step": self.step(scene),

@@ -13,11 +13,16 @@ import numpy as np
 from harvester import forces
 from harvester.compilation import compiled
 from harvester.errors import SolutionDiverged
-from harvester.parameters import ScaledParameters, scale, steps_per_knot, stop_time
+from harvester.parameters import (
+    STEPS_PER_CONTACT,
+    ScaledParameters,
+    scale,
+    steps_per_knot,
+    stop_time,
+)
 from harvester.record import empty_record, fill, part
 
 CHUNK = 4096
-STEPS_PER_CONTACT = 30
 # Decay of V or X' by load or damper, as an exponent, in one piece of a step: explicit schemes are
 # stable up to 2 (Heun) and 2.78 (Runge–Kutta).
 LARGEST_DECAY = 1.0
@@ -36,10 +41,10 @@ def prepare():
     _advance(_NOTHING, np.zeros(2), 0, 0, 0, 1.0, 1, None, state, record)
 
 
-def run_realization(
-    scene, path, right, observers, step, source, scheme="runge-kutta", tolerance=None
+def run_realizations(
+    scene, paths, starts, observers, step, source, scheme="runge-kutta", tolerance=None
 ):
-    """Integrate one realization; see `circuits.engine.run_realization` for the arguments.
+    """Integrate realizations one by one; see `circuits.engine.run_realizations`.
 
     `scheme` is "runge-kutta" or "heun". `source` and `tolerance` are not used: the path is
     taken as it is, in fixed steps.
@@ -47,27 +52,25 @@ def run_realization(
     Returns
     -------
     dict
-        steps, engine_version, netlist_sha256 (None).
+        engine_version, netlist_sha256 (None).
 
     Raises
     ------
     SolutionDiverged
     """
     p, _ = scale(scene)
-    steps = 0
-    state = initial_state(p, right)
-    fixed = steps_per_knot(scene, step)
-    for record in integrate(p, path, state, stop_time(scene), fixed, scheme):
-        steps += record.time.size
-        if not np.isfinite(state).all():
-            raise SolutionDiverged(
-                f"Monte Carlo left the finite numbers before t = {state[TIME]:g}; "
-                "choose a shorter --step"
-            )
-        for observer in observers:
-            observer.add(record)
+    fixed = steps_per_knot(scene, step, "monte-carlo")
+    for path, right, watching in zip(paths, starts, observers, strict=True):
+        state = initial_state(p, right)
+        for record in integrate(p, path, state, stop_time(scene), fixed, scheme):
+            if not np.isfinite(state).all():
+                raise SolutionDiverged(
+                    f"Monte Carlo left the finite numbers before t = {state[TIME]:g}; "
+                    "choose a shorter --step"
+                )
+            for observer in watching:
+                observer.add(record)
     return {
-        "steps": steps,
         "engine_version": f"{SCHEMES[scheme]}, numba {numba.__version__}",
         "netlist_sha256": None,
     }

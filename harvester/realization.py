@@ -1,4 +1,4 @@
-"""One realization by a named engine, inside a worker process."""
+"""Realizations by a named engine, inside a worker process."""
 
 import importlib
 import time
@@ -13,7 +13,7 @@ from harvester.moments import prepare as prepare_moments
 from harvester.parameters import knot_spacing, scale, stop_time
 from harvester.record import Record
 
-# Engines by name: modules with `run_realization` and `prepare`.
+# Engines by name: modules with `run_realizations` and `prepare`.
 ENGINES = {"circuit": "circuits.engine", "monte-carlo": "harvester.monte_carlo"}
 # Integration schemes of each engine; the first is its default.
 SCHEMES = {"circuit": ("trapezoidal", "gear"), "monte-carlo": ("runge-kutta", "heun")}
@@ -31,10 +31,9 @@ class Realization:
     waveform : Record or None
         The stretch asked for.
     seconds : float
-        Wall time of the simulation alone.
-    started : float
-        Its start (s, the system's clock).
-    steps : int
+        Wall time of the simulation alone; of realizations run together, its share.
+    started, ended : float
+        The system's clock (s).
     engine_version : str
     netlist_sha256 : str or None
     """
@@ -43,7 +42,7 @@ class Realization:
     waveform: Record | None
     seconds: float
     started: float
-    steps: int
+    ended: float
     engine_version: str
     netlist_sha256: str | None
 
@@ -70,7 +69,7 @@ class Waveform:
 
 
 class Reporter:
-    """Sends the moments so far, several times a second."""
+    """Sends the moments of all realizations so far, several times a second."""
 
     def __init__(self, moments, report):
         self._moments, self._report = moments, report
@@ -96,52 +95,63 @@ def noise_path(scene, index):
     return NoisePath(parameters.intensity, parameters.correlation_time, knot_spacing(scene), seed)
 
 
-def run(scene, engine, index, step, source, window, report, scheme=None, tolerance=None):
-    """Simulate one realization of a scene.
+def run(scene, engine, indices, step, source, window, report, scheme=None, tolerance=None):
+    """Simulate realizations of a scene; the circuit engine takes them side by side.
 
     Parameters
     ----------
     scene : Scene
     engine : str
         A name in `ENGINES`.
-    index : int
-        Of the realization: picks its seed and its starting well.
+    indices : sequence of int
+        Of the realizations: each picks its seed and its starting well.
     step, source : str or float, str
         See `harvester.simulate`.
     window : (float, float) or None
-        Stretch of waveform to keep (s).
+        Stretch of the first one's waveform to keep (s).
     report : callable
-        Given the moments so far.
+        Given the list of moments so far.
     scheme, tolerance : str or None, float or None
         See `harvester.simulate`.
 
     Returns
     -------
-    Realization
+    list of Realization
     """
     module = importlib.import_module(ENGINES[engine])
-    parameters, _ = scale(scene)
-    path = noise_path(scene, index)
-    counts = batch_counts(scene.run.realizations, scene.run.duration / path.spacing)
-    interval = KNOTS_PER_SAMPLE * path.spacing
-    moments = Moments.empty(scene.run.settle, stop_time(scene), parameters.gap, *counts, interval)
-    observers = [moments, Reporter(moments, report)]
+    paths = [noise_path(scene, index) for index in indices]
+    moments = [_empty_moments(scene) for _ in indices]
+    observers = [[each] for each in moments]
+    observers[-1].append(Reporter(moments, report))
     waveform = Waveform(*window) if window else None
     if waveform:
-        observers.insert(0, waveform)
+        observers[0].insert(0, waveform)
     module.prepare()
     prepare_moments()
     started = time.time()
     clock = time.perf_counter()
     scheme = scheme or SCHEMES[engine][0]
-    outcome = module.run_realization(
-        scene, path, starts_right(index), observers, step, source, scheme, tolerance
+    starts = [starts_right(index) for index in indices]
+    outcome = module.run_realizations(
+        scene, paths, starts, observers, step, source, scheme, tolerance
     )
     seconds = time.perf_counter() - clock
-    return Realization(
-        moments=moments,
-        waveform=waveform.record() if waveform else None,
-        seconds=seconds,
-        started=started,
-        **outcome,
-    )
+    return [
+        Realization(
+            moments=each,
+            waveform=waveform.record() if waveform and each is moments[0] else None,
+            seconds=seconds / len(moments),
+            started=started,
+            ended=started + seconds,
+            **outcome,
+        )
+        for each in moments
+    ]
+
+
+def _empty_moments(scene):
+    parameters, _ = scale(scene)
+    spacing = knot_spacing(scene)
+    counts = batch_counts(scene.run.realizations, scene.run.duration / spacing)
+    interval = KNOTS_PER_SAMPLE * spacing
+    return Moments.empty(scene.run.settle, stop_time(scene), parameters.gap, *counts, interval)

@@ -5,6 +5,7 @@ import difflib
 import math
 from dataclasses import replace
 
+from harvester import batches
 from harvester.errors import EnergyNotBalanced, HarvesterError, SimulationError
 from harvester.estimators import densities, energy_balance_residual, estimate_all
 from harvester.excitation import interpolation_loss
@@ -29,6 +30,7 @@ def simulate(
     source="external",
     scheme=None,
     tolerance=None,
+    copies=None,
     workers=None,
     executor=None,
     keep_going=False,
@@ -55,6 +57,9 @@ def simulate(
     tolerance : float or None
         Circuit only: relative tolerance of ngspice's control by the local error, which shortens
         steps below `step`; None: fixed steps, or ngspice's own tolerance for "pwl".
+    copies : int or None
+        Circuit only: realizations side by side in one netlist, which share their steps; None:
+        `harvester.batches.copies`, whatever the number of workers.
     workers : int or None
         Processes; None: one per core.
     executor : concurrent.futures.Executor or None
@@ -93,33 +98,73 @@ def simulate(
     engine = check_name("engine", engine, ENGINES)
     source = check_name("source", source, SOURCES)
     scheme = check_name("scheme", scheme or SCHEMES[engine][0], SCHEMES[engine])
-    calls = [
-        {
-            "scene": scene,
-            "engine": engine,
-            "index": index,
-            "step": step,
-            "source": source,
-            "scheme": scheme,
-            "tolerance": tolerance,
-            "window": window if index == 0 else None,
-        }
-        for index in range(scene.run.realizations)
-    ]
+    options = {"step": step, "source": source, "scheme": scheme, "tolerance": tolerance}
+    together = _together(scene, engine, copies, options)
+    calls = _calls(scene, engine, together, window, options)
     follow = _Follower(scene, progress) if progress else None
     try:
         with _running(pool, executor, len(calls), workers) as running:
-            outcomes = running.map(
-                "harvester.realization:run", calls, time_limit, follow, keep_going
-            )
-        failures = {k: o for k, o in enumerate(outcomes) if isinstance(o, SimulationError)}
-        realizations = [outcome for k, outcome in enumerate(outcomes) if k not in failures]
-        if not realizations:
-            raise failures[0]
+            outcomes = _outcomes(running, calls, time_limit, follow, keep_going)
     except SimulationError as error:
         error.partial = _partial(scene, engine, step, source, error)
         raise
+    failures = {k: o for k, o in enumerate(outcomes) if isinstance(o, SimulationError)}
+    realizations = [outcome for k, outcome in enumerate(outcomes) if k not in failures]
     return _checked(_result(scene, engine, step, source, realizations, failures))
+
+
+def _together(scene, engine, copies, options):
+    """Realizations in one netlist: as asked for, or as many as pay."""
+    if check_copies(copies, engine, options["source"]) is not None:
+        return copies
+    if engine != "circuit":
+        return 1
+    return batches.copies(scene, options["step"], options["source"], options["tolerance"])
+
+
+def _calls(scene, engine, copies, window, options):
+    """Arguments of `harvester.realization.run`, so many realizations in each."""
+    indices = range(scene.run.realizations)
+    return [
+        {
+            "scene": scene,
+            "engine": engine,
+            "indices": list(indices[start : start + copies]),
+            "window": window if start == 0 else None,
+            **options,
+        }
+        for start in range(0, len(indices), copies)
+    ]
+
+
+def _outcomes(pool, calls, time_limit, follow, keep_going):
+    """A Realization or the SimulationError in its place, for every realization in order.
+
+    Realizations that failed together are tried again one by one.
+
+    Raises
+    ------
+    SimulationError
+        One failed and nothing keeps going, or all failed.
+    """
+    function = "harvester.realization:run"
+    most = max(len(call["indices"]) for call in calls)
+    outcomes = {}
+    together = pool.map(function, calls, most * time_limit, follow, keep_going)
+    for call, outcome in zip(calls, together, strict=True):
+        if isinstance(outcome, SimulationError):
+            outcome = [outcome] * len(call["indices"])
+        outcomes.update(zip(call["indices"], outcome, strict=True))
+    if most > 1:
+        again = [k for k, outcome in outcomes.items() if isinstance(outcome, SimulationError)]
+        single = [{**calls[0], "indices": [k], "window": None} for k in again]
+        alone = pool.map(function, single, time_limit, None, keep_going)
+        for index, outcome in zip(again, alone, strict=True):
+            outcomes[index] = outcome if isinstance(outcome, SimulationError) else outcome[0]
+    in_order = [outcomes[index] for index in sorted(outcomes)]
+    if all(isinstance(outcome, SimulationError) for outcome in in_order):
+        raise in_order[0]
+    return in_order
 
 
 @contextlib.contextmanager
@@ -151,6 +196,24 @@ def check_step(step):
     return step
 
 
+def check_copies(copies, engine, source):
+    """None, or a whole number ≥ 1 that this engine and source can take.
+
+    Raises
+    ------
+    HarvesterError
+    """
+    if copies is None:
+        return None
+    if not isinstance(copies, int) or copies < 1:
+        raise HarvesterError(f"copies {copies}: must be a whole number ≥ 1")
+    if copies > 1 and (engine != "circuit" or source != "external"):
+        raise HarvesterError(
+            f"copies {copies}: only the circuit with its external source takes more than one"
+        )
+    return copies
+
+
 def check_name(what, name, known):
     """The name, or HarvesterError with the nearest valid one."""
     if name not in known:
@@ -169,7 +232,7 @@ class _Follower:
         self._progress = progress
 
     def __call__(self, index, moments):
-        self._reached[index] = moments.time_reached
+        self._reached[index] = sum(each.time_reached for each in moments)
         self._progress(min(sum(self._reached.values()) / self._total, 1.0))
 
 
@@ -177,7 +240,7 @@ def _result(scene, engine, step, source, realizations, failures, outcome="comple
     parameters, scales = scale(scene)
     moments = [realization.moments for realization in realizations]
     first = min(realization.started for realization in realizations)
-    last = max(realization.started + realization.seconds for realization in realizations)
+    last = max(realization.ended for realization in realizations)
     return Result(
         scene=scene,
         engine=engine if source == "external" else f"{engine} ({source} source)",
@@ -188,8 +251,8 @@ def _result(scene, engine, step, source, realizations, failures, outcome="comple
         wall_seconds=last - first,
         engine_seconds=sum(realization.seconds for realization in realizations),
         simulated_time=sum(m.time_reached for m in moments),
-        steps=sum(realization.steps for realization in realizations),
-        step=knot_spacing(scene) / steps_per_knot(scene, step),
+        steps=sum(m.points for m in moments),
+        step=knot_spacing(scene) / steps_per_knot(scene, step, engine),
         realizations=len(moments),
         engine_version=realizations[0].engine_version,
         netlist_sha256=realizations[0].netlist_sha256,
@@ -203,21 +266,17 @@ def _result(scene, engine, step, source, realizations, failures, outcome="comple
 
 
 def _partial(scene, engine, step, source, error):
-    """A result of the failed realization's moments, or None when it had none."""
-    moments = error.partial
-    if moments is None or not moments.time_reached > moments.start:
+    """A result of the failed realizations' moments, or None when they had none."""
+    reached = [m for m in error.partial or () if m.time_reached > m.start]
+    if not reached:
         return None
-    realization = Realization(
-        moments=moments,
-        waveform=None,
-        seconds=math.nan,
-        started=math.nan,
-        steps=moments.points,
-        engine_version="",
-        netlist_sha256=None,
-    )
+    nothing = {"waveform": None, "engine_version": "", "netlist_sha256": None}
+    realizations = [
+        Realization(moments=m, seconds=math.nan, started=math.nan, ended=math.nan, **nothing)
+        for m in reached
+    ]
     outcome = type(error).__name__
-    return _result(scene, engine, step, source, [realization], {}, outcome)
+    return _result(scene, engine, step, source, realizations, {}, outcome)
 
 
 def _notes(scene):

@@ -14,7 +14,7 @@ from harvester.averaging import CLOSURES, average
 from harvester.errors import HarvesterError, SceneError
 from harvester.estimators import Estimate, energy_balance_residual, estimate_all
 from harvester.output import finite
-from harvester.parameters import knot_spacing, scale, steps_per_knot
+from harvester.parameters import STEPS_PER_PERIOD, knot_spacing, scale, steps_per_knot
 from harvester.realization import ENGINES, run
 from harvester.scene import Scene
 from harvester.simulation import check_step
@@ -199,7 +199,7 @@ def _simulated(scene, engine, step, report):
     count = scene.run.realizations
     realizations = []
     for index in range(count):
-        realizations.append(run(scene, engine, index, step, "external", None, _ignore))
+        realizations += run(scene, engine, [index], step, "external", None, _ignore)
         report((index + 1) / count)
     moments = [realization.moments for realization in realizations]
     estimates = estimate_all(moments, parameters)
@@ -207,7 +207,7 @@ def _simulated(scene, engine, step, report):
         {name: estimates[name] for name in JUDGED},
         energy_balance_residual(moments, parameters),
         sum(realization.seconds for realization in realizations),
-        sum(realization.steps for realization in realizations),
+        sum(each.points for each in moments),
         count,
     )
 
@@ -215,9 +215,10 @@ def _simulated(scene, engine, step, report):
 def _affordable(scene, step):
     """The scene with a run so short that its contacts, too, keep to the budget of steps.
 
-    A Monte Carlo run counts them, the same for both engines.
+    A Monte Carlo run counts them; the circuit takes more in proportion.
     """
-    steps = run(scene, "monte-carlo", 0, step, "external", None, _ignore).steps
+    [first] = run(scene, "monte-carlo", [0], step, "external", None, _ignore)
+    steps = first.moments.points * STEPS_PER_PERIOD["circuit"] / STEPS_PER_PERIOD["monte-carlo"]
     share = STEP_BUDGET / (steps * scene.run.realizations)
     if share >= 1.0:
         return scene

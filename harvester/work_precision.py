@@ -130,7 +130,7 @@ def _strong_errors(scene, methods, pool, follow):
     )
     window = (0.0, 2.0 * scene.run.duration)
     calls = [
-        {"scene": scene, "index": index, "window": window, **method.options(scene)}
+        {"scene": scene, "indices": [index], "window": window, **method.options(scene)}
         for method in methods
         for index in indices
     ]
@@ -147,6 +147,7 @@ def _strong_errors(scene, methods, pool, follow):
 def _strong_error(scene, paths, exact):
     if any(isinstance(path, SimulationError) for path in paths):
         return math.nan, dict.fromkeys(STATES, math.nan)
+    paths = [path for (path,) in paths]
     spacing = knot_spacing(scene)
     times = spacing * np.arange(1, len(exact[0]) + 1)
     errors = {}
@@ -157,7 +158,7 @@ def _strong_error(scene, paths, exact):
             for path, states in zip(paths, exact, strict=True)
         ]
         errors[name] = float(np.sqrt(np.mean(np.square(differences))))
-    steps = sum(path.steps for path in paths)
+    steps = sum(path.moments.points for path in paths)
     return float(times[-1]) * len(paths) / steps, errors
 
 

@@ -44,7 +44,7 @@ def run_text(report, text, stop):
 
     keep = Keep()
     netlist = Netlist(text, 1.0, 1.0, 0.05, stop)
-    steps = session().run(netlist, parameters, noise_path(scene, 0), [keep], 1)
+    steps = session().run(netlist, parameters, [noise_path(scene, 0)], [[keep]], 1)
     return steps, keep.record()
 
 
@@ -57,11 +57,11 @@ def run_many(report, scene, times):
     """Memory after the first and after the last of many runs (MB)."""
     from truths import Keep
 
-    from circuits.engine import run_realization
+    from circuits.engine import run_realizations
 
     sizes = []
     for index in range(times):
-        run_realization(scene, noise_path(scene, 0), True, [Keep()], "default", "external")
+        run_realizations(scene, [noise_path(scene, 0)], [True], [[Keep()]], "default", "external")
         if index in (times // 4, times - 1):
             sizes.append(resident_megabytes())
     return sizes
@@ -69,7 +69,7 @@ def run_many(report, scene, times):
 
 def run_long(report, scene):
     """Growth of memory over the second half of one run (MB)."""
-    from circuits.engine import run_realization
+    from circuits.engine import run_realizations
 
     class Watch:
         def __init__(self):
@@ -79,7 +79,7 @@ def run_long(report, scene):
             self.sizes.append(resident_megabytes())
 
     watch = Watch()
-    run_realization(scene, noise_path(scene, 0), True, [watch], "default", "external")
+    run_realizations(scene, [noise_path(scene, 0)], [True], [[watch]], "default", "external")
     return watch.sizes[-1] - watch.sizes[len(watch.sizes) // 2]
 
 
@@ -101,5 +101,5 @@ def drop(report, scene, speed, step):
     keep = Keep()
     netlist = dataclasses.replace(netlist, text=text)
     steps = steps_per_knot(scene, step)
-    session().run(netlist, parameters, noise_path(scene, 0), [keep], steps)
+    session().run(netlist, parameters, [noise_path(scene, 0)], [[keep]], steps)
     return keep.record()

@@ -56,7 +56,7 @@ def test_plain_ngspice_runs_the_export_and_agrees_with_the_process(tmp_path, poo
     external = simulate(scene, "circuit", step="finest", window=(0.0, 1e9), pool=pool).waveform
     at = np.interp(external.time, raw["time"], raw["v(displacement)"])
     np.testing.assert_allclose(external.displacement, at, atol=0.05)
-    noise = np.interp(external.time, raw["time"], raw["v(noise)"]) * netlist.rate**2
+    noise = np.interp(external.time, raw["time"], raw["i(@inoise[current])"]) * netlist.rate**2
     path = noise_path(scene, 0).read(401)
     expected = np.interp(external.time, spacing * np.arange(401), path)
     np.testing.assert_allclose(noise, expected, atol=1e-6 * np.abs(path).max())
@@ -64,7 +64,7 @@ def test_plain_ngspice_runs_the_export_and_agrees_with_the_process(tmp_path, poo
 
 def test_the_export_tells_how_to_run_and_read_it():
     text = stand_alone(
-        Scene.load("paper_si", ["run.duration=1", "run.settle=0"]),
+        Scene.load("paper_si", ["run.realizations=2", "run.duration=1", "run.settle=0"]),
         noise_path(Scene.load("paper_si"), 0),
     ).text
     assert "ngspice -b -r paper_si.raw paper_si.cir" in text

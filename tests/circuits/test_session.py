@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from truths import reference_path
 
-from circuits.callbacks import STEPS_PER_CONTACT
 from harvester.errors import SimulationError, SimulatorAborted, SimulatorTimeout, SolutionDiverged
+from harvester.parameters import STEPS_PER_CONTACT
 from harvester.scene import Scene
 from harvester.simulation import simulate
 
@@ -78,7 +78,7 @@ def test_a_stiff_contact_is_resolved_by_shorter_steps(pool):
     np.testing.assert_allclose(states[:, 0], reference[:, 0], atol=5e-3)
 
 
-TITLE = ".title test\nVnoise noise 0 external\nRnoise noise 0 1\n"
+TITLE = ".title test\nInoise 0 noise external\nRnoise noise 0 1\n"
 END = ".options trtol=1e9\n.tran 0.05 {stop} 0 0.05 uic\n"
 
 

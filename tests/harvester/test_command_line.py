@@ -8,7 +8,7 @@ import pytest
 from harvester.command_line import main
 from harvester.scene import Scene
 
-BRIEF = ["--set", "run.duration=60", "--set", "run.settle=10"]
+BRIEF = ["--set", "run.realizations=2", "--set", "run.duration=60", "--set", "run.settle=10"]
 QUANTITIES = {
     "mean_square_voltage",
     "rms_voltage",
@@ -70,7 +70,14 @@ def test_output_writes_json_and_figure(tmp_path, capsys):
 
 
 def test_validate_shows_three_ways_and_writes_one_figure(tmp_path, capsys):
-    options = ["--set", "run.duration=400", "--output", str(tmp_path)]
+    options = [
+        "--set",
+        "run.realizations=2",
+        "--set",
+        "run.duration=400",
+        "--output",
+        str(tmp_path),
+    ]
     assert main(["validate", "paper", *options]) == 0
     shown = capsys.readouterr().out
     for word in ("circuit", "Monte Carlo", "paper", "consistent", "σ", "wall time"):
@@ -86,7 +93,7 @@ def test_validate_shows_three_ways_and_writes_one_figure(tmp_path, capsys):
 
 
 def test_netlist_goes_to_a_file_or_to_standard_output(tmp_path, capsys):
-    brief = ["--set", "run.duration=1", "--set", "run.settle=0"]
+    brief = ["--set", "run.realizations=2", "--set", "run.duration=1", "--set", "run.settle=0"]
     assert main(["netlist", "paper", *brief]) == 0
     text = capsys.readouterr().out
     assert text.startswith(".title")
@@ -116,7 +123,7 @@ def test_engine_tells_what_was_found(capsys):
         (["simulate", "paper", "--time-limit", "-1"], "--time-limit"),
         (["simulate", "paper", "--time-limit", "nan"], "--time-limit"),
         (["average", "paper", "--closure", "papre"], "paper"),
-        (["netlist", "paper", "--realization", "5"], "--realization 5"),
+        (["netlist", "paper", "--realization", "64"], "--realization 64"),
         (["simulate", "paper", "--json", "/dev/null/x.json"], "cannot be written"),
         (["simulate", "paper", "--json", "/"], "name a file"),
         (["netlist", "paper", "--output", "/dev/null/x.cir"], "cannot be written"),
@@ -156,7 +163,16 @@ def test_a_library_that_is_no_ngspice_is_refused(monkeypatch, capsys):
 
 def test_a_failed_run_keeps_what_it_had(tmp_path, capsys):
     target = tmp_path / "partial.json"
-    command = ["simulate", "paper", "--set", "run.duration=1e6", "--time-limit", "6"]
+    command = [
+        "simulate",
+        "paper",
+        "--set",
+        "run.realizations=2",
+        "--set",
+        "run.duration=1e6",
+        "--time-limit",
+        "6",
+    ]
     assert main([*command, "--json", str(target)]) == 1
     assert "SimulatorTimeout" in capsys.readouterr().err
     content = json.loads(target.read_text())

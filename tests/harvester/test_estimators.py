@@ -113,7 +113,7 @@ def test_moments_are_the_integrals_of_the_record():
 
 
 def test_densities_integrate_to_one_and_have_the_records_spread():
-    scene = Scene.load("paper", ["run.duration=2000", "run.settle=20"])
+    scene = Scene.load("paper", ["run.realizations=2", "run.duration=2000", "run.settle=20"])
     moments = moments_of(scene)
     p, _ = scale(scene)
     estimates = estimate_all(moments, p)
@@ -130,7 +130,7 @@ def test_densities_integrate_to_one_and_have_the_records_spread():
 
 
 def test_both_efficiencies_agree_and_rms_is_the_root():
-    scene = Scene.load("linear", ["run.duration=4000"])
+    scene = Scene.load("linear", ["run.realizations=2", "run.duration=4000"])
     p, _ = scale(scene)
     estimates = estimate_all(moments_of(scene), p)
     one = estimates["power_conversion_efficiency"]
@@ -145,7 +145,7 @@ def test_both_efficiencies_agree_and_rms_is_the_root():
 
 
 def test_short_runs_say_so_in_the_estimate():
-    scene = Scene.load("paper", ["run.duration=10", "run.settle=0"])
+    scene = Scene.load("paper", ["run.realizations=2", "run.duration=10", "run.settle=0"])
     p, _ = scale(scene)
     estimate = estimate_all(moments_of(scene), p)["mean_square_voltage"]
     assert estimate.standard_error is None

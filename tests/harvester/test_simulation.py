@@ -35,7 +35,7 @@ MEANS = (
 )
 def test_a_linear_scene_meets_the_lyapunov_equation(pool, engine, overrides):
     """False-alarm rate 1.3 % per case: five means at three of their own standard errors."""
-    scene = Scene.load("linear", ["run.duration=10000", *overrides])
+    scene = Scene.load("linear", ["run.realizations=2", "run.duration=10000", *overrides])
     result = simulate(scene, engine, pool=pool)
     exact = interpolated_linear_means(scale(scene)[0], knot_spacing(scene))
     for name in MEANS:
@@ -97,7 +97,7 @@ def test_a_realization_that_fails_for_good_is_named_in_the_result(pool):
 
 
 def test_the_seed_decides_the_noise(pool):
-    scene = Scene.load("paper", ["run.duration=100"])
+    scene = Scene.load("paper", ["run.realizations=2", "run.duration=100"])
     one = simulate(scene, "monte-carlo", pool=pool)
     other = simulate(scene.replace({"run.seed": 2}), "monte-carlo", pool=pool)
     assert one.scaled_quantities != other.scaled_quantities
@@ -106,7 +106,10 @@ def test_the_seed_decides_the_noise(pool):
 def test_circuit_and_monte_carlo_follow_the_same_path(pool):
     """The circuit's bias by its default step, paired: in a well and between the wells."""
     for intensity in (0.002, 0.1):
-        scene = Scene.load("paper", ["run.duration=3000", f"excitation.intensity={intensity}"])
+        scene = Scene.load(
+            "paper",
+            ["run.realizations=2", "run.duration=3000", f"excitation.intensity={intensity}"],
+        )
         circuit = simulate(scene, "circuit", pool=pool)
         reference = simulate(scene, "monte-carlo", step="fine", pool=pool)
         assert abs(circuit.energy_balance_residual) < 0.01
@@ -119,15 +122,19 @@ def test_circuit_and_monte_carlo_follow_the_same_path(pool):
 @pytest.mark.parametrize("name", Scene.names())
 def test_the_energy_balance_closes_for_every_built_in_scene(pool, name):
     scene = Scene.load(name)
-    short = scene.replace({"run.duration": 2000 * knot_spacing(scene), "run.settle": 0.0})
+    short = scene.replace(
+        {"run.realizations": 2, "run.duration": 2000 * knot_spacing(scene), "run.settle": 0.0}
+    )
     assert abs(simulate(short, "circuit", pool=pool).energy_balance_residual) < 0.01
-    brief = scene.replace({"run.duration": 400 * knot_spacing(scene), "run.settle": 0.0})
+    brief = scene.replace(
+        {"run.realizations": 2, "run.duration": 400 * knot_spacing(scene), "run.settle": 0.0}
+    )
     finest = simulate(brief, "circuit", step="finest", pool=pool)
     assert abs(finest.energy_balance_residual) < 0.001
 
 
 def test_a_result_carries_its_evidence_and_shows_itself(pool):
-    scene = Scene.load("paper_si", ["run.duration=400"])
+    scene = Scene.load("paper_si", ["run.realizations=2", "run.duration=400"])
     result = simulate(scene, "circuit", pool=pool)
     content = result.to_dict()
     assert content["quantities"]["mean_square_voltage"]["unit"] == "V^2"
@@ -144,7 +151,7 @@ def test_a_result_carries_its_evidence_and_shows_itself(pool):
 
 
 def test_si_and_scaled_scenes_give_the_same_circuit_results(pool):
-    options = ["run.duration=200", "run.settle=0"]
+    options = ["run.realizations=2", "run.duration=200", "run.settle=0"]
     si = simulate(Scene.load("paper_si", options), "circuit", pool=pool)
     scaled = simulate(Scene.load("paper", options), "circuit", pool=pool)
     for name, estimate in scaled.scaled_quantities.items():
@@ -164,7 +171,9 @@ def test_the_time_limit_keeps_what_the_run_had():
 
 
 def test_an_energy_balance_that_does_not_close_is_an_error(pool):
-    scene = Scene.load("linear", ["oscillator.linear_stiffness=1e5", "run.duration=400"])
+    scene = Scene.load(
+        "linear", ["oscillator.linear_stiffness=1e5", "run.realizations=2", "run.duration=400"]
+    )
     with pytest.raises(EnergyNotBalanced, match="--step"):
         simulate(scene, "monte-carlo", step=0.004, pool=pool)
 
@@ -186,7 +195,14 @@ def test_unknown_names_are_refused(arguments, words):
 
 def test_an_interrupt_ends_the_workers_and_writes_nothing(tmp_path):
     command = [sys.executable, "-m", "harvester", "simulate", "paper"]
-    command += ["--set", "run.duration=1e7", "--json", str(tmp_path / "result.json")]
+    command += [
+        "--set",
+        "run.realizations=2",
+        "--set",
+        "run.duration=1e7",
+        "--json",
+        str(tmp_path / "result.json"),
+    ]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, start_new_session=True)
     children = _children_when_busy(process.pid)
     os.killpg(process.pid, signal.SIGINT)
@@ -204,7 +220,16 @@ def test_killing_a_worker_is_a_named_error_within_two_seconds(tmp_path):
     target = tmp_path / "result.json"
     command = [sys.executable, "-m", "harvester", "simulate", "paper", "--json", str(target)]
     process = subprocess.Popen(
-        [*command, "--set", "run.duration=1e7", "--set", "run.settle=0"], stderr=subprocess.PIPE
+        [
+            *command,
+            "--set",
+            "run.realizations=2",
+            "--set",
+            "run.duration=1e7",
+            "--set",
+            "run.settle=0",
+        ],
+        stderr=subprocess.PIPE,
     )
     child = _children_when_busy(process.pid)[0]
     os.kill(child, signal.SIGKILL)

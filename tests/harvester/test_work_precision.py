@@ -27,7 +27,7 @@ FEW = [
     for family, (engine, order, scheme, refinements) in FAMILIES.items()
     for refinement in refinements
 ]
-SHORT = ["run.duration=200", "run.settle=20", "excitation.intensity=0.03"]
+SHORT = ["run.realizations=2", "run.duration=200", "run.settle=20", "excitation.intensity=0.03"]
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +67,7 @@ def test_table_sentences_and_json_tell_the_same(diagram):
 
 
 def test_the_sentences_judge_the_default_step():
-    scene = Scene.load("linear", ["run.duration=200", "run.settle=20"])
+    scene = Scene.load("linear", ["run.realizations=2", "run.duration=200", "run.settle=20"])
     diagram = work_precision(scene, methods=METHODS[4:5], workers=2)
     (judged,) = [line for line in diagram.sentences() if "the circuit's default step" in line]
     assert "E[V²]" in judged
@@ -75,7 +75,10 @@ def test_the_sentences_judge_the_default_step():
 
 
 def test_the_reference_is_that_of_an_independent_integration():
-    scene = Scene.load("paper", ["run.duration=10", "run.settle=0", "excitation.intensity=0.1"])
+    scene = Scene.load(
+        "paper",
+        ["run.realizations=2", "run.duration=10", "run.settle=0", "excitation.intensity=0.1"],
+    )
     for index in (0, 1):
         states = reference_path.run(scene, index, report=None)
         np.testing.assert_allclose(states, independent_path(scene, 200, index)[1:], atol=1e-9)
@@ -115,7 +118,7 @@ def test_local_error_control_lands_on_knots_and_follows_its_tolerance(pool):
 
 def test_the_paired_difference_of_efficiency_is_that_of_the_two_estimates(pool):
     """Its error lies far below that of either efficiency, whose noise is common."""
-    scene = Scene.load("linear", ["run.duration=2000", "run.settle=20"])
+    scene = Scene.load("linear", ["run.realizations=2", "run.duration=2000", "run.settle=20"])
     fine, coarse = (
         simulate(scene, "monte-carlo", step=step, scheme=scheme, pool=pool)
         for step, scheme in (("fine", None), ("default", "heun"))
@@ -151,7 +154,16 @@ def test_the_thorough_methods_hold_all_others():
 
 @pytest.mark.slow
 def test_the_command_writes_json_and_figure(tmp_path, capsys):
-    options = ["--set", "run.duration=400", "--set", "run.settle=20", "--output", str(tmp_path)]
+    options = [
+        "--set",
+        "run.realizations=2",
+        "--set",
+        "run.duration=400",
+        "--set",
+        "run.settle=20",
+        "--output",
+        str(tmp_path),
+    ]
     assert main(["work-precision", "linear", *options]) == 0
     shown = capsys.readouterr().out
     for word in ("PWL in the netlist, gear", "averaging, consistent", "µs per unit", "s to 1 %"):

@@ -1,0 +1,39 @@
+"""How many realizations the circuit engine takes side by side in one netlist."""
+
+import math
+
+from harvester.forces import contact_time
+from harvester.parameters import STEPS_PER_CONTACT, knot_spacing, scale, steps_per_knot
+
+# More copies in one netlist are no faster, as `work-precision` measures.
+MOST_COPIES = 100
+# The realizations of a run are split into at least so many netlists, for the machine's cores.
+FEWEST_NETLISTS = 8
+
+
+def copies(scene, step="default", source="external", tolerance=None):
+    """Copies of the device in one netlist: as many as pay.
+
+    They share their steps. So a stiff contact, which shortens those of one copy after another,
+    and control by the local error leave each realization a netlist of its own. The number follows
+    from the scene alone: the same scene gives the same numbers on any machine.
+
+    Parameters
+    ----------
+    scene : Scene
+    step, source, tolerance
+        See `harvester.simulate`.
+    """
+    if source != "external" or tolerance is not None or _contacts_shorten_steps(scene, step):
+        return 1
+    return min(MOST_COPIES, max(1, scene.run.realizations // FEWEST_NETLISTS))
+
+
+def _contacts_shorten_steps(scene, step):
+    """Whether the longest step does not resolve a contact at the rms speed."""
+    p, _ = scale(scene)
+    if not p.has_stoppers:
+        return False
+    speed = math.sqrt(p.driven_square_velocity(p.angular_frequency))
+    longest = knot_spacing(scene) / steps_per_knot(scene, step)
+    return math.isinf(speed) or contact_time(p, speed) < STEPS_PER_CONTACT * longest
