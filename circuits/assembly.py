@@ -3,16 +3,19 @@
 import hashlib
 from dataclasses import dataclass
 
-from circuits import elements
+from circuits import compiled_device, elements
 from circuits.checks import check_netlist
 from harvester.parameters import knot_spacing, scale, steps_per_knot, stop_time
 
 # Steps set from outside: a tight tolerance for Newton, none for the local error (trtol).
-FIXED_STEP = "reltol=1e-9 vntol=1e-9 trtol=1e9"
+FIXED_STEP = "reltol=1e-10 vntol=1e-11 trtol=1e9"
 # Integrators by name, as ngspice calls them.
 INTEGRATORS = {"trapezoidal": "trap", "gear": "gear"}
 # ngspice's own relative tolerance.
 OWN_TOLERANCE = 1e-3
+# Steps. ngspice 46 never ends a shorter run: its least step, 1e-11 of the longest one, is then more
+# than what it takes for equal at the end.
+SHORTEST_RUN = 1000
 
 
 def own_steps(tolerance):
@@ -34,7 +37,7 @@ class Netlist:
     step : float
         Longest step (s).
     stop : float
-        End time (s).
+        End of what is of interest (s); the text may run on.
     prefixes : tuple of str
         In front of the nodes' names, one for each copy of the device.
     """
@@ -60,6 +63,7 @@ def assemble(
     options=FIXED_STEP,
     integrator="trapezoidal",
     save=(),
+    compiled=False,
 ):
     """Build the equivalent circuit of a scene with PySpice.
 
@@ -78,6 +82,8 @@ def assemble(
         A name in `INTEGRATORS`.
     save : sequence of str
         Vectors that ngspice keeps in its memory; what streams out needs none.
+    compiled : bool
+        The mechanics and the piezo are one compiled device each, see `circuits.compiled_device`.
 
     Returns
     -------
@@ -95,27 +101,39 @@ def assemble(
     length = knot_spacing(scene) / steps_per_knot(scene, step)
     electrical = _electrical(scene, p, scales)
     circuit = Circuit(f"harvester scene {scene.name}")
-    rests = [p.rest if right else -p.rest for right in starts]
+    rests = [elements.number(p.rest if right else -p.rest) for right in starts]
+
+    def add_device(place, start):
+        if compiled:
+            compiled_device.add_device(place)
+        else:
+            _add_behavioural(place, p, rate, electrical, length, start)
+        elements.add_excitation(place, waveform)
+        elements.add_load(place, electrical)
+
     if len(rests) == 1:
-        _add_device(circuit, p, rate, electrical, length, elements.number(rests[0]), waveform)
+        add_device(circuit, rests[0])
         prefixes = ("",)
     else:
         device = SubCircuit("device", "ground", start=elements.number(0.0))
-        _add_device(device, p, rate, electrical, length, "{start}", waveform)
+        add_device(device, "{start}")
         circuit.subcircuit(device)
         for copy, rest in enumerate(rests):
-            circuit.X(f"copy{copy}", "device", circuit.gnd, start=elements.number(rest))
+            circuit.X(f"copy{copy}", "device", circuit.gnd, start=rest)
         prefixes = tuple(f"xcopy{copy}." for copy in range(len(rests)))
+    if compiled:
+        compiled_device.add_model(circuit, p, rate, electrical)
+        compiled_device.add_starts(circuit, zip(prefixes, rests, strict=True))
     stop = stop_time(scene)
-    text = str(circuit) + _analysis(length, stop, options, integrator, save)
+    shortest = SHORTEST_RUN * length if waveform == "external" else 0.0
+    text = str(circuit) + _analysis(length, max(stop, shortest), options, integrator, save)
     check_netlist(text)
     return Netlist(text, rate, electrical.voltage_scale, length, stop, prefixes)
 
 
-def _add_device(circuit, p, rate, electrical, step, start, waveform):
-    """The elements of one device, only those it needs."""
+def _add_behavioural(circuit, p, rate, electrical, step, start):
+    """Mechanics and piezo as elements, only those that the scene needs."""
     elements.add_oscillator(circuit, p, rate, start)
-    elements.add_excitation(circuit, waveform)
     if p.cubic_stiffness > 0.0:
         elements.add_cubic(circuit, p, rate)
     if p.has_stoppers:
@@ -123,7 +141,6 @@ def _add_device(circuit, p, rate, electrical, step, start, waveform):
         if p.held_impact_velocity and p.damping_factor > 0.0:
             elements.add_speed_hold(circuit, p, rate, step)
     elements.add_piezo(circuit, p, rate, electrical)
-    elements.add_load(circuit, electrical)
 
 
 def _electrical(scene, p, scales):

@@ -92,6 +92,12 @@ def compiled_file():
         ) from None
 
 
+def has_osdi(engine):
+    """Whether this ngspice takes compiled devices."""
+    # Without a file the command does nothing, and an ngspice without OSDI does not know it.
+    return "no such command" not in _answer(engine, "osdi")
+
+
 def load(engine):
     """Make the device known to an ngspice, which keeps it until its process ends.
 
@@ -104,9 +110,7 @@ def load(engine):
     CompiledDeviceUnavailable
         This ngspice has no OSDI, or `compiled_file` fails.
     """
-    # Without a file the command does nothing, and an ngspice without OSDI does not know it.
-    trouble = _answer(engine, "osdi")
-    if "no such command" in trouble:
+    if not has_osdi(engine):
         release = re.search(r"ngspice-[\w.+-]+", engine.version_text)
         name = release.group(0) if release else "this ngspice"
         raise CompiledDeviceUnavailable(
@@ -120,11 +124,17 @@ def load(engine):
         raise CompiledDeviceUnavailable(f"{path}: ngspice cannot load it: {trouble}")
 
 
-def model_line(p: ScaledParameters, rate, electrical: Electrical):
+def add_device(circuit):
+    """One copy between the nodes that `circuits.elements` names, the load's side included."""
+    circuit.raw_spice += f"Nharvester {DISPLACEMENT} {VELOCITY} {PIEZO} {MODEL}\n"
+
+
+def add_model(circuit, p: ScaledParameters, rate, electrical: Electrical):
     """The `.model` line that all copies of a scene's device share.
 
     Parameters
     ----------
+    circuit : PySpice.Spice.Netlist.Circuit
     p : ScaledParameters
         With the impact velocity read from the state (`energy`).
     rate : float
@@ -145,19 +155,20 @@ def model_line(p: ScaledParameters, rate, electrical: Electrical):
         values["contact_stiffness"] = p.contact_stiffness
         values["damping_factor"] = p.damping_factor
     settings = " ".join(f"{name}={number(value)}" for name, value in values.items())
-    return f".model {MODEL} harvester {settings}"
+    circuit.raw_spice += f".model {MODEL} harvester {settings}\n"
 
 
-def instance_lines(start, suffix=""):
-    """One copy at rest at `start`, its nodes' names ending in `suffix`; for `.tran … uic`.
+def add_starts(circuit, starts):
+    """Every copy at rest; `starts` are pairs of its nodes' prefix and its displacement."""
+    for prefix, start in starts:
+        nodes = {DISPLACEMENT: start, VELOCITY: number(0.0), PIEZO: number(0.0)}
+        values = " ".join(f"v({prefix}{node})={value}" for node, value in nodes.items())
+        circuit.raw_spice += f".ic {values}\n"
 
-    The base acceleration over ω² goes into node `velocity` as a current, the load to `piezo`.
-    """
-    x, u, y = (f"{node}{suffix}" for node in (DISPLACEMENT, VELOCITY, PIEZO))
-    return [
-        f"Nharvester{suffix} {x} {u} {y} {MODEL}",
-        f".ic v({x})={number(start)} v({u})=0 v({y})=0",
-    ]
+
+def holds(p: ScaledParameters):
+    """Whether the device has what a scene needs: not the impact velocity held from contact."""
+    return not (p.has_stoppers and p.held_impact_velocity and p.damping_factor > 0.0)
 
 
 def _compile(compiler, text, work, folder, key):

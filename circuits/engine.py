@@ -4,8 +4,11 @@ import copy
 import importlib
 import re
 
+from circuits import compiled_device
 from circuits.assembly import FIXED_STEP, OWN_TOLERANCE, assemble, own_steps
 from circuits.session import session
+from harvester.batches import MOST_COPIES
+from harvester.errors import CompiledDeviceUnavailable
 from harvester.parameters import scale, steps_per_knot
 
 
@@ -16,7 +19,15 @@ def prepare():
 
 
 def run_realizations(
-    scene, paths, starts, observers, step, source, scheme="trapezoidal", tolerance=None
+    scene,
+    paths,
+    starts,
+    observers,
+    step,
+    source,
+    scheme="trapezoidal",
+    tolerance=None,
+    device="automatic",
 ):
     """Run realizations side by side in one netlist through ngspice.
 
@@ -39,6 +50,8 @@ def run_realizations(
     tolerance : float or None
         ngspice's relative tolerance for the local error of a step, which then shortens the
         steps; None: fixed steps, or ngspice's default for "pwl".
+    device : str
+        See `harvester.simulate`.
 
     Returns
     -------
@@ -60,13 +73,41 @@ def run_realizations(
         engine.run(netlist, parameters, paths, observers, 0)
     else:
         options = own_steps(tolerance) if tolerance else FIXED_STEP
-        netlist = assemble(scene, step, starts, options=options, integrator=scheme)
+        compiled = _compiled(engine, parameters, device)
+        netlist = assemble(
+            scene, step, starts, options=options, integrator=scheme, compiled=compiled
+        )
         fixed = steps_per_knot(scene, step)
         engine.run(netlist, parameters, paths, observers, fixed, tolerance is not None)
     return {
         "engine_version": version(engine),
         "netlist_sha256": netlist.sha256,
     }
+
+
+def best_copies(device, report):
+    """Copies of the device in one netlist beyond which more are no faster (in a worker)."""
+    engine = session()
+    compiled = device != "behavioural" and not engine.compiled_device_is_off
+    return MOST_COPIES["compiled" if compiled else "behavioural"]
+
+
+def _compiled(engine, parameters, device):
+    """Whether the compiled device is used.
+
+    Raises
+    ------
+    CompiledDeviceUnavailable
+        It was asked for and is off, or does not hold what the scene needs.
+    """
+    if device == "behavioural":
+        return False
+    reason = engine.compiled_device_is_off
+    if not reason and not compiled_device.holds(parameters):
+        reason = 'the compiled device has no stoppers.impact_velocity = "event"'
+    if reason and device == "compiled":
+        raise CompiledDeviceUnavailable(f"{reason}; or choose device automatic")
+    return not reason
 
 
 def version(engine):
@@ -84,6 +125,7 @@ def describe(report):
         "version": version(engine),
         "xspice": "xspice" in text.lower(),
         "cider": "cider" in text.lower(),
-        "osdi": "osdi" in text.lower(),
+        "osdi": compiled_device.has_osdi(engine),
         "klu": "klu" in text.lower(),
+        "compiled_device_off": engine.compiled_device_is_off,
     }

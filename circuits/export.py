@@ -4,9 +4,11 @@ import dataclasses
 
 from circuits import elements
 from circuits.assembly import OWN_TOLERANCE, assemble, own_steps
+from harvester.errors import NetlistError
 from harvester.parameters import scale
 
 PER_LINE = 4
+FEWEST_STEPS_PER_CONTACT = 10
 SAVED = (
     f"v({elements.DISPLACEMENT})",
     f"v({elements.VELOCITY})",
@@ -45,9 +47,15 @@ def stand_alone(
     Returns
     -------
     circuits.assembly.Netlist
+
+    Raises
+    ------
+    NetlistError
+        The longest step does not resolve the contact: ngspice's own control passes over it.
     """
-    _, scales = scale(scene)
+    parameters, scales = scale(scene)
     netlist = assemble(scene, step, (right,), "PWL", own_steps(tolerance), integrator, save)
+    _check_step(parameters, netlist.step)
     knots = round(netlist.stop / path.spacing) + 1
     values = path.read(knots) / netlist.rate**2
     points = [f"{k * path.spacing!r} {float(value)!r}" for k, value in enumerate(values)]
@@ -67,6 +75,16 @@ def stand_alone(
         ]
     )
     return dataclasses.replace(netlist, text=text)
+
+
+def _check_step(parameters, step):
+    largest = parameters.contact_time / FEWEST_STEPS_PER_CONTACT
+    if step > largest:
+        raise NetlistError(
+            f"step {step:.3g} s does not resolve a contact of {parameters.contact_time:.3g} s at "
+            "the rms speed, and ngspice's own steps pass over it: choose --step "
+            f"{largest:.2g} or less"
+        )
 
 
 def _header(before, scene, netlist, scales):

@@ -5,6 +5,7 @@ abort or hang. PySpice loads the library and sends the commands; its callbacks a
 the compiled ones of `circuits.callbacks`.
 """
 
+import functools
 import os
 import re
 import sys
@@ -12,10 +13,10 @@ import sys
 import numpy as np
 from PySpice.Spice.NgSpice.Shared import NgSpiceCommandError, NgSpiceShared, ffi
 
-from circuits import callbacks
+from circuits import callbacks, compiled_device
 from circuits.library import find_library
 from harvester.compilation import compiled
-from harvester.errors import SimulatorAborted, SolutionDiverged
+from harvester.errors import CompiledDeviceUnavailable, SimulatorAborted, SolutionDiverged
 from harvester.parameters import ScaledParameters
 from harvester.record import empty_record, fill, part
 
@@ -93,6 +94,15 @@ class Session(NgSpiceShared):
         # Newer releases read a system file at every step otherwise.
         self.exec_command("set no_mem_check")
         self.exec_command("set num_threads=1")
+
+    @functools.cached_property
+    def compiled_device_is_off(self):
+        """Why there is no compiled device; empty where it is loaded."""
+        try:
+            compiled_device.load(self)
+        except CompiledDeviceUnavailable as reason:
+            return str(reason)
+        return ""
 
     def prepare(self):
         """Load the compiled code that the first point would wait for."""
@@ -183,6 +193,10 @@ class Session(NgSpiceShared):
         if count == 0:
             return
         state["count"] = 0
+        # What lies beyond the end has no place in the record.
+        count = int(np.searchsorted(self._times[:count], self._netlist.stop * (1.0 + 1e-9)))
+        if count == 0:
+            return
         times, nodes = self._times[:count], self._buffer[:, :count]
         self._finite = self._finite and bool(np.isfinite(nodes).all())
         if not self._finite:

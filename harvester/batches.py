@@ -1,17 +1,15 @@
 """How many realizations the circuit engine takes side by side in one netlist."""
 
-import math
-
-from harvester.forces import contact_time
 from harvester.parameters import STEPS_PER_CONTACT, knot_spacing, scale, steps_per_knot
 
-# More copies in one netlist are no faster, as `work-precision` measures.
-MOST_COPIES = 100
+# More copies in one netlist are no faster, as `work-precision` measures: behavioural elements soon
+# fill the processor's cache.
+MOST_COPIES = {"behavioural": 16, "compiled": 200}
 # The realizations of a run are split into at least so many netlists, for the machine's cores.
 FEWEST_NETLISTS = 8
 
 
-def copies(scene, step="default", source="external", tolerance=None):
+def copies(scene, most, step="default", source="external", tolerance=None):
     """Copies of the device in one netlist: as many as pay.
 
     They share their steps. So a stiff contact, which shortens those of one copy after another,
@@ -21,19 +19,19 @@ def copies(scene, step="default", source="external", tolerance=None):
     Parameters
     ----------
     scene : Scene
+    most : callable
+        Gives the number beyond which more are no faster; asked only where it matters.
     step, source, tolerance
         See `harvester.simulate`.
     """
     if source != "external" or tolerance is not None or _contacts_shorten_steps(scene, step):
         return 1
-    return min(MOST_COPIES, max(1, scene.run.realizations // FEWEST_NETLISTS))
+    share = max(1, scene.run.realizations // FEWEST_NETLISTS)
+    return share if share <= min(MOST_COPIES.values()) else min(share, most())
 
 
 def _contacts_shorten_steps(scene, step):
     """Whether the longest step does not resolve a contact at the rms speed."""
     p, _ = scale(scene)
-    if not p.has_stoppers:
-        return False
-    speed = math.sqrt(p.driven_square_velocity(p.angular_frequency))
     longest = knot_spacing(scene) / steps_per_knot(scene, step)
-    return math.isinf(speed) or contact_time(p, speed) < STEPS_PER_CONTACT * longest
+    return p.contact_time < STEPS_PER_CONTACT * longest

@@ -98,11 +98,12 @@ def show_table(content, title, to_stderr=False):
 
 
 def show_engine(found, to_stderr=False):
-    """The library that was found and its features."""
+    """The library that was found, its features, and whether the compiled device is on."""
     features = [name for name in ("xspice", "cider", "osdi", "klu") if found[name]]
     lines = [
         f"{found['version']} from {found['library']}",
         f"features: {', '.join(features) or 'none of XSPICE, CIDER, OSDI, KLU'}",
+        f"compiled device: {found['compiled_device_off'] or 'on'}",
     ]
     _print(None, lines, to_stderr)
 

@@ -42,12 +42,12 @@ def prepare():
 
 
 def run_realizations(
-    scene, paths, starts, observers, step, source, scheme="runge-kutta", tolerance=None
+    scene, paths, starts, observers, step, source, scheme="runge-kutta", tolerance=None, device=None
 ):
     """Integrate realizations one by one; see `circuits.engine.run_realizations`.
 
-    `scheme` is "runge-kutta" or "heun". `source` and `tolerance` are not used: the path is
-    taken as it is, in fixed steps.
+    `scheme` is "runge-kutta" or "heun". `source`, `tolerance` and `device` are not used: the
+    path is taken as it is, in fixed steps.
 
     Returns
     -------

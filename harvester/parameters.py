@@ -4,6 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from harvester.forces import contact_time
+
 # Knots per correlation time and per period of small oscillations: the linear interpolation between
 # knots lowers the noise's variance by spacing/(3 τ1) of itself, 4 % here.
 KNOTS_PER_CORRELATION_TIME = 8
@@ -108,6 +110,14 @@ class ScaledParameters(NamedTuple):
         loss = _loss_rate(self, frequency)
         colour = 1.0 + (frequency * self.correlation_time) ** 2
         return self.intensity / (loss * colour) if loss > 0.0 else math.inf
+
+    @property
+    def contact_time(self):
+        """Duration of a contact at the rms speed of small oscillations (s); inf without any."""
+        speed = math.sqrt(self.driven_square_velocity(self.angular_frequency))
+        if not self.has_stoppers:
+            return math.inf
+        return contact_time(self, speed) if math.isfinite(speed) else 0.0
 
     @property
     def fastest_angular_frequency(self):

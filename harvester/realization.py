@@ -95,7 +95,18 @@ def noise_path(scene, index):
     return NoisePath(parameters.intensity, parameters.correlation_time, knot_spacing(scene), seed)
 
 
-def run(scene, engine, indices, step, source, window, report, scheme=None, tolerance=None):
+def run(
+    scene,
+    engine,
+    indices,
+    step,
+    source,
+    window,
+    report,
+    scheme=None,
+    tolerance=None,
+    device="automatic",
+):
     """Simulate realizations of a scene; the circuit engine takes them side by side.
 
     Parameters
@@ -108,10 +119,10 @@ def run(scene, engine, indices, step, source, window, report, scheme=None, toler
     step, source : str or float, str
         See `harvester.simulate`.
     window : (float, float) or None
-        Stretch of the first one's waveform to keep (s).
+        Stretch of each one's waveform to keep (s).
     report : callable
         Given the list of moments so far.
-    scheme, tolerance : str or None, float or None
+    scheme, tolerance, device : str or None, float or None, str
         See `harvester.simulate`.
 
     Returns
@@ -123,9 +134,10 @@ def run(scene, engine, indices, step, source, window, report, scheme=None, toler
     moments = [_empty_moments(scene) for _ in indices]
     observers = [[each] for each in moments]
     observers[-1].append(Reporter(moments, report))
-    waveform = Waveform(*window) if window else None
-    if waveform:
-        observers[0].insert(0, waveform)
+    waveforms = [Waveform(*window) if window else None for _ in indices]
+    for watching, waveform in zip(observers, waveforms, strict=True):
+        if waveform:
+            watching.insert(0, waveform)
     module.prepare()
     prepare_moments()
     started = time.time()
@@ -133,19 +145,19 @@ def run(scene, engine, indices, step, source, window, report, scheme=None, toler
     scheme = scheme or SCHEMES[engine][0]
     starts = [starts_right(index) for index in indices]
     outcome = module.run_realizations(
-        scene, paths, starts, observers, step, source, scheme, tolerance
+        scene, paths, starts, observers, step, source, scheme, tolerance, device
     )
     seconds = time.perf_counter() - clock
     return [
         Realization(
             moments=each,
-            waveform=waveform.record() if waveform and each is moments[0] else None,
+            waveform=waveform.record() if waveform else None,
             seconds=seconds / len(moments),
             started=started,
             ended=started + seconds,
             **outcome,
         )
-        for each in moments
+        for each, waveform in zip(moments, waveforms, strict=True)
     ]
 
 

@@ -15,6 +15,7 @@ from harvester.results import Result
 from harvester.workers import ExecutorPool, WorkerPool
 
 SOURCES = ("external", "pwl")
+DEVICES = ("automatic", "behavioural", "compiled")
 # Wall-clock limit of one realization (s) where the user sets none.
 TIME_LIMIT = 3600.0
 # Largest residual that is not an error, and the one from which on the result carries a note.
@@ -30,6 +31,7 @@ def simulate(
     source="external",
     scheme=None,
     tolerance=None,
+    device="automatic",
     copies=None,
     workers=None,
     executor=None,
@@ -57,6 +59,9 @@ def simulate(
     tolerance : float or None
         Circuit only: relative tolerance of ngspice's control by the local error, which shortens
         steps below `step`; None: fixed steps, or ngspice's own tolerance for "pwl".
+    device : str
+        Circuit only: "behavioural" elements, one "compiled" device for mechanics and piezo (the
+        extra `fast`), or "automatic": compiled where it is found. The same numbers to 1e-9.
     copies : int or None
         Circuit only: realizations side by side in one netlist, which share their steps; None:
         `harvester.batches.copies`, whatever the number of workers.
@@ -98,12 +103,14 @@ def simulate(
     engine = check_name("engine", engine, ENGINES)
     source = check_name("source", source, SOURCES)
     scheme = check_name("scheme", scheme or SCHEMES[engine][0], SCHEMES[engine])
+    device = check_name("device", device, DEVICES)
+    copies = check_copies(copies, engine, source)
     options = {"step": step, "source": source, "scheme": scheme, "tolerance": tolerance}
-    together = _together(scene, engine, copies, options)
-    calls = _calls(scene, engine, together, window, options)
     follow = _Follower(scene, progress) if progress else None
     try:
-        with _running(pool, executor, len(calls), workers) as running:
+        with _running(pool, executor, scene.run.realizations, workers) as running:
+            together = copies or _copies_that_pay(scene, engine, device, options, running)
+            calls = _calls(scene, engine, together, window, {**options, "device": device})
             outcomes = _outcomes(running, calls, time_limit, follow, keep_going)
     except SimulationError as error:
         error.partial = _partial(scene, engine, step, source, error)
@@ -113,13 +120,16 @@ def simulate(
     return _checked(_result(scene, engine, step, source, realizations, failures))
 
 
-def _together(scene, engine, copies, options):
-    """Realizations in one netlist: as asked for, or as many as pay."""
-    if check_copies(copies, engine, options["source"]) is not None:
-        return copies
+def _copies_that_pay(scene, engine, device, options, pool):
+    """Realizations in one netlist where nothing else is asked for."""
     if engine != "circuit":
         return 1
-    return batches.copies(scene, options["step"], options["source"], options["tolerance"])
+
+    def most():
+        return pool.map("circuits.engine:best_copies", [{"device": device}])[0]
+
+    step, source, tolerance = (options[name] for name in ("step", "source", "tolerance"))
+    return batches.copies(scene, most, step, source, tolerance)
 
 
 def _calls(scene, engine, copies, window, options):

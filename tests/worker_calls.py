@@ -2,19 +2,13 @@
 
 import os
 import time
-from dataclasses import replace
 
 from circuits import compiled_device
-from circuits.assembly import Netlist, _electrical, assemble
+from circuits.assembly import Netlist, assemble
 from circuits.session import session
 from harvester.parameters import scale, steps_per_knot
 from harvester.realization import noise_path
 from harvester.scene import Scene
-
-WITHIN_THE_DEVICE = (
-    *("Cdisplacement", "Gvelocity", "Cmass", "Gspring", "Rdamper", "Bcubic", "Bstoppers"),
-    *("Cpiezo", "Gcharge", "Gback_action"),
-)
 
 
 def say(report, text):
@@ -61,23 +55,16 @@ def load_compiled_device(report):
 
 def run_device(report, scene, compiled):
     """Record of a scene's first realization, shape (7, n), its mechanics compiled or not."""
-    parameters, scales = scale(scene)
-    netlist = assemble(scene)
+    from truths import Keep
+
+    parameters, _ = scale(scene)
     if compiled:
         compiled_device.load(session())
         compiled_device.load(session())  # a second time does no harm
-        title, *lines = netlist.text.splitlines()
-        lines = [line for line in lines if line.split(" ")[0] not in WITHIN_THE_DEVICE]
-        model = compiled_device.model_line(
-            parameters, netlist.rate, _electrical(scene, parameters, scales)
-        )
-        device = compiled_device.instance_lines(parameters.rest)
-        netlist = replace(netlist, text="\n".join([title, model, *device, *lines]))
-    from truths import Keep
-
+    netlist = assemble(scene, compiled=compiled)
     keep = Keep()
-    path = noise_path(scene, 0)
-    session().run(netlist, parameters, path, [keep], steps_per_knot(scene))
+    paths = [noise_path(scene, 0)]
+    session().run(netlist, parameters, paths, [[keep]], steps_per_knot(scene))
     return keep.record()
 
 

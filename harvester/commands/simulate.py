@@ -30,6 +30,19 @@ def add(commands):
         help="circuit only: external (default), or pwl for a source in the netlist with "
         "ngspice's own steps",
     )
+    command.add_argument(
+        "--device",
+        default="automatic",
+        metavar="NAME",
+        help="circuit only: behavioural elements, one compiled device (the extra `fast`), or "
+        "automatic (default): compiled where it is found",
+    )
+    command.add_argument(
+        "--copies",
+        type=int,
+        metavar="N",
+        help="circuit only: realizations side by side in one netlist (default: as many as pay)",
+    )
     add_engine_options(command)
     add_keep_going(command)
     add_results(command)
@@ -48,6 +61,8 @@ def run(options):
             options.engine,
             step=options.step,
             source=options.source,
+            device=options.device,
+            copies=options.copies,
             keep_going=options.keep_going,
             workers=options.workers,
             time_limit=options.time_limit,

@@ -132,16 +132,11 @@ def loaded(worker):
 )
 def test_it_follows_the_behavioural_netlist(loaded, name, overrides):
     scene = Scene.load(name, ["run.settle=0", "run.realizations=1", *overrides])
-    # ngspice 46 hangs within its least step of the end (1e-11 of a step) when that is more than
-    # 100 units in the last place: in runs of fewer than some 900 steps.
-    scene = scene.replace({"run.duration": 1000 * knot_spacing(scene)})
+    scene = scene.replace({"run.duration": 400 * knot_spacing(scene)})
     behavioural, compiled = (
         loaded.call("worker_calls:run_device", {"scene": scene, "compiled": which}, 60.0)
         for which in (False, True)
     )
-    # Paths separate exponentially: compared before they do.
-    first = behavioural[0] < 400 * knot_spacing(scene)
-    assert first.sum() >= 399
-    behavioural, compiled = behavioural[:, first], compiled[:, : first.sum()]
+    assert behavioural.shape[1] >= 400
     size = np.abs(behavioural).max(axis=1, keepdims=True)
     assert (np.abs(compiled - behavioural) <= 1e-9 * size).all()

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from circuits.export import stand_alone
+from harvester.errors import NetlistError
 from harvester.realization import noise_path
 from harvester.scene import Scene
 from harvester.simulation import simulate
@@ -60,6 +61,13 @@ def test_plain_ngspice_runs_the_export_and_agrees_with_the_process(tmp_path, poo
     path = noise_path(scene, 0).read(401)
     expected = np.interp(external.time, spacing * np.arange(401), path)
     np.testing.assert_allclose(noise, expected, atol=1e-6 * np.abs(path).max())
+
+
+def test_a_step_that_passes_over_the_contact_is_refused():
+    scene = Scene.load("paper", ["stoppers.stiffness=1e6", "run.duration=1", "run.settle=0"])
+    with pytest.raises(NetlistError, match=r"choose --step 0\.0014 or less"):
+        stand_alone(scene, noise_path(scene, 0))
+    assert stand_alone(scene, noise_path(scene, 0), step=0.0014).step <= 0.0014
 
 
 def test_the_export_tells_how_to_run_and_read_it():
