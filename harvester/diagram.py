@@ -8,6 +8,8 @@ from harvester.methods import Method
 from harvester.output import finite
 from harvester.results import Result
 from harvester.scene import Scene
+from harvester.throughput import ratios
+from harvester.throughput import to_dict as throughput_to_dict
 
 STATES = ("displacement", "velocity", "voltage")
 MEANS = ("mean_square_voltage", "mean_square_velocity", "power_conversion_efficiency")
@@ -71,6 +73,7 @@ class WorkPrecision:
         Length of the paths for the strong error (s).
     paths : int
     machine : dict
+    throughput : list of harvester.throughput.Throughput
     """
 
     scene: Scene
@@ -82,6 +85,7 @@ class WorkPrecision:
     horizon: float
     paths: int
     machine: dict
+    throughput: list
 
     def needed_time(self):
         """Simulated time to a standard error of 1 % of E[V²] (s); nan without an error bar."""
@@ -146,6 +150,7 @@ class WorkPrecision:
             f"sampling error of the long run itself: {sampling}",
             f"1 % of E[V²] takes {self.needed_time():.3g} simulated seconds",
             *self.verdicts(),
+            *(f"{name}: {ratio:.3g}" for name, ratio in ratios(self.throughput).items()),
             f"{machine['date']}, {machine['cores']} cores, {machine['processor']}",
         ]
         lines += [f"{row.method.family}: {row.note}" for row in self.rows if row.note]
@@ -212,6 +217,7 @@ class WorkPrecision:
             },
             "refused": dict(self.refused),
             "verdicts": self.verdicts(),
+            "throughput": throughput_to_dict(self.throughput),
         }
 
     def _entry(self, row):
@@ -223,6 +229,8 @@ class WorkPrecision:
             "source": method.source,
             "scheme": method.scheme,
             "tolerance": method.tolerance,
+            "device": method.device,
+            "copies": method.copies,
             "longest_step": method.step(self.scene),
             "mean_step": finite(row.mean_step),
             "theoretical_order": method.order,

@@ -16,8 +16,10 @@ class Method:
         See `harvester.simulate`.
     order : int
         Of the scheme, in theory.
-    refinement : int
-        Of the scene's default step.
+    refinement : float
+        Of the engine's default step.
+    device, copies : str, int or None
+        See `harvester.simulate`.
     brief : bool
         Too slow for the scene's own run: its means come from a shorter one.
     """
@@ -25,10 +27,12 @@ class Method:
     family: str
     engine: str
     order: int
-    refinement: int = 1
+    refinement: float = 1
     source: str = "external"
     scheme: str | None = None
     tolerance: float | None = None
+    device: str = "behavioural"
+    copies: int | None = 1
     brief: bool = False
 
     def step(self, scene):
@@ -49,6 +53,7 @@ class Method:
             "source": self.source,
             "scheme": self.scheme,
             "tolerance": self.tolerance,
+            "device": self.device,
         }
 
 
@@ -68,21 +73,28 @@ def _local_error(tolerance, brief=False):
     return Method("external source, local error", "circuit", 2, tolerance=tolerance, brief=brief)
 
 
+def _batched(name, device):
+    return Method(name, "circuit", 2, scheme="trapezoidal", device=device, copies=None)
+
+
 METHODS = (
     *(_own_steps("trapezoidal", tolerance) for tolerance in (1e-3, 1e-6)),
     *(_own_steps("gear", tolerance) for tolerance in (1e-3, 1e-6)),
-    *(_fixed_steps("trapezoidal", refinement) for refinement in (1, 2)),
-    *(_fixed_steps("trapezoidal", refinement, brief=True) for refinement in (4, 8)),
-    *(_fixed_steps("gear", refinement, brief=True) for refinement in (1, 2, 4)),
+    *(_fixed_steps("trapezoidal", refinement) for refinement in (0.5, 1)),
+    *(_fixed_steps("trapezoidal", refinement, brief=True) for refinement in (2, 4)),
+    *(_fixed_steps("gear", refinement, brief=True) for refinement in (0.5, 1, 2)),
+    _batched("side by side, trapezoidal", "behavioural"),
     _local_error(1e-4),
     *(_local_error(tolerance, brief=True) for tolerance in (1e-5, 1e-6)),
     *(Method("Monte Carlo, Runge–Kutta", "monte-carlo", 4, n) for n in (1, 2, 4)),
     *(Method("Monte Carlo, Heun", "monte-carlo", 2, n, scheme="heun") for n in (1, 2, 4)),
 )
+# Where the compiled device is on.
+COMPILED_METHODS = (_batched("compiled device, trapezoidal", "compiled"),)
 THOROUGH_METHODS = (
     *METHODS,
-    _fixed_steps("trapezoidal", 16, brief=True),
-    _fixed_steps("gear", 8, brief=True),
+    _fixed_steps("trapezoidal", 8, brief=True),
+    _fixed_steps("gear", 4, brief=True),
     _local_error(1e-7, brief=True),
     Method("Monte Carlo, Heun", "monte-carlo", 2, 8, scheme="heun"),
 )

@@ -12,12 +12,13 @@ import platform
 
 import numpy as np
 
+from harvester import throughput
 from harvester.averaged import average
 from harvester.averaging import CLOSURES
 from harvester.diagram import MEANS, STATES, Row, WorkPrecision, relative_error
 from harvester.errors import AveragingError, EnergyNotBalanced, SimulationError
 from harvester.estimators import paired_difference
-from harvester.methods import METHODS, THOROUGH_METHODS
+from harvester.methods import COMPILED_METHODS, METHODS, THOROUGH_METHODS
 from harvester.parameters import knot_spacing, scale
 from harvester.simulation import simulate
 from harvester.workers import WorkerPool
@@ -64,7 +65,7 @@ def work_precision(scene, *, thorough=False, workers=None, methods=None, progres
     HarvesterError, SimulationError
         The reference itself failed.
     """
-    methods = methods or (THOROUGH_METHODS if thorough else METHODS)
+    chosen = methods or (THOROUGH_METHODS if thorough else METHODS)
     factor = THOROUGH if thorough else 1
     progress = progress or (lambda label, scene: None)
     short = _strong_scene(scene, PATHS * factor)
@@ -73,6 +74,9 @@ def work_precision(scene, *, thorough=False, workers=None, methods=None, progres
         True: _brief_scene(scene, BRIEF_REALIZATIONS * factor),
     }
     with WorkerPool(workers=workers) as pool:
+        compiled = not pool.map("circuits.engine:describe", [{}])[0]["compiled_device_off"]
+        methods = (*chosen, *COMPILED_METHODS) if compiled and not methods else chosen
+        speeds = throughput.measure(scene, pool, compiled)
         strong = _strong_errors(short, methods, pool, progress("strong errors", short))
         references = {
             brief: _simulate(run, pool, progress("reference", run), step=REFERENCE_STEP)
@@ -92,6 +96,7 @@ def work_precision(scene, *, thorough=False, workers=None, methods=None, progres
         refused=refused,
         horizon=short.run.duration,
         paths=short.run.realizations,
+        throughput=speeds,
         machine=_machine(references[False]),
     )
 
@@ -130,24 +135,24 @@ def _strong_errors(scene, methods, pool, follow):
     )
     window = (0.0, 2.0 * scene.run.duration)
     calls = [
-        {"scene": scene, "indices": [index], "window": window, **method.options(scene)}
+        {"scene": scene, "indices": together, "window": window, **method.options(scene)}
         for method in methods
-        for index in indices
+        for together in ([list(indices)] if method.copies is None else [[k] for k in indices])
     ]
-    paths = pool.map("harvester.realization:run", calls, keep_going=True)
+    outcomes = iter(pool.map("harvester.realization:run", calls, keep_going=True))
     if follow:
         follow(1.0)
-    count = len(indices)
-    return [
-        _strong_error(scene, paths[place * count : (place + 1) * count], exact)
-        for place in range(len(methods))
-    ]
+    errors = []
+    for method in methods:
+        netlists = 1 if method.copies is None else len(indices)
+        errors.append(_strong_error(scene, [next(outcomes) for _ in range(netlists)], exact))
+    return errors
 
 
-def _strong_error(scene, paths, exact):
-    if any(isinstance(path, SimulationError) for path in paths):
+def _strong_error(scene, outcomes, exact):
+    if any(isinstance(outcome, SimulationError) for outcome in outcomes):
         return math.nan, dict.fromkeys(STATES, math.nan)
-    paths = [path for (path,) in paths]
+    paths = [path for outcome in outcomes for path in outcome]
     spacing = knot_spacing(scene)
     times = spacing * np.arange(1, len(exact[0]) + 1)
     errors = {}
@@ -178,7 +183,7 @@ def _means(method, runs, references, pool, progress):
     scene, reference = runs[method.brief], references[False]
     follow = progress(f"{method.family}, {method.setting(scene)}", scene)
     try:
-        result = _simulate(scene, pool, follow, **method.options(scene))
+        result = _simulate(scene, pool, follow, copies=method.copies, **method.options(scene))
     except SimulationError as error:
         return {
             "bias": {},
