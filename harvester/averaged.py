@@ -5,6 +5,7 @@ import time
 import numpy as np
 
 from harvester.averaging import average as average_parameters
+from harvester.errors import AveragingError
 from harvester.estimators import Density, Estimate, root
 from harvester.parameters import scale
 from harvester.results import Result
@@ -44,6 +45,9 @@ def average(scene, closure="consistent"):
     AveragingError
         Unknown closure, or one that does not hold for these parameters.
     """
+    refusal = scene.excitation.averaging_refusal()
+    if refusal:
+        raise AveragingError(f'excitation.kind = "{scene.excitation.kind}": {refusal}')
     parameters, scales = scale(scene)
     clock = time.perf_counter()
     averages = average_parameters(parameters, closure)

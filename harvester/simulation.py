@@ -7,7 +7,6 @@ from dataclasses import replace
 
 from harvester.errors import EnergyNotBalanced, HarvesterError, SimulationError
 from harvester.estimators import densities, energy_balance_residual, estimate_all
-from harvester.excitation import interpolation_loss
 from harvester.parameters import STEP_LEVELS, knot_spacing, scale, steps_per_knot
 from harvester.realization import ENGINES, SCHEMES, Realization
 from harvester.results import Result
@@ -221,8 +220,9 @@ def _partial(scene, engine, step, source, error):
 
 
 def _notes(scene):
-    loss = interpolation_loss(knot_spacing(scene), scene.excitation.correlation_time)
-    return (f"noise linear between knots: its variance is {loss:.1%} below D/τ1",)
+    parameters, _ = scale(scene)
+    frequency = parameters.angular_frequency
+    return scene.excitation.notes(knot_spacing(scene), frequency, scene.run)
 
 
 def _failure_notes(failures, scene):
