@@ -6,7 +6,13 @@ import math
 from dataclasses import replace
 
 from harvester.errors import EnergyNotBalanced, HarvesterError, SimulationError
-from harvester.estimators import densities, energy_balance_residual, estimate_all
+from harvester.estimators import (
+    densities,
+    energy_balance_residual,
+    estimate_all,
+    standard_error,
+    standard_error_of_drift,
+)
 from harvester.parameters import STEP_LEVELS, knot_spacing, scale, steps_per_knot
 from harvester.realization import ENGINES, SCHEMES, Realization
 from harvester.results import Result
@@ -175,12 +181,13 @@ class _Follower:
 def _result(scene, engine, step, source, realizations, failures, outcome="complete"):
     parameters, scales = scale(scene)
     moments = [realization.moments for realization in realizations]
+    error_of = standard_error_of_drift if scene.excitation.drifts else standard_error
     first = min(realization.started for realization in realizations)
     last = max(realization.started + realization.seconds for realization in realizations)
     return Result(
         scene=scene,
         engine=engine if source == "external" else f"{engine} ({source} source)",
-        scaled_quantities=estimate_all(moments, parameters),
+        scaled_quantities=estimate_all(moments, parameters, error_of),
         scales=scales,
         error_kind="statistical",
         energy_balance_residual=energy_balance_residual(moments, parameters),

@@ -34,6 +34,11 @@ class Excitation(ABC):
 
     KEYS: ClassVar[dict] = {}
 
+    @property
+    def drifts(self):
+        """Whether its strength changes along the run, as in one record of an event."""
+        return False
+
     def check(self, units, run, origin):  # noqa: B027
         """Refuse what no single value shows.
 

@@ -96,6 +96,10 @@ class RecordedMotion(Excitation):
         """Base acceleration at the knots (m/s², or η in a scaled scene), shape (n,)."""
         return _knots(self)[0]
 
+    @property
+    def drifts(self):
+        return self.repetition == "none"
+
     def check(self, units, run, origin):
         if (self.unit == "scaled") != (units == "scaled"):
             fitting = [unit for unit in conditioning.UNITS if unit != "scaled"]
@@ -142,7 +146,8 @@ class RecordedMotion(Excitation):
 
     def notes(self, spacing, angular_frequency, run):
         values, name = self.samples, Path(self.file).name
-        length = (values.size - 1) * self.interval
+        repeats = self.repetition == "periodic"
+        length = (values.size if repeats else values.size - 1) * self.interval
         loss = kernel_loss(self.interval, angular_frequency)
         squares = [np.mean(part**2) for part in np.array_split(values, STRETCHES)]
         lines = [
@@ -150,16 +155,18 @@ class RecordedMotion(Excitation):
             f"{self.interval:.4g} s apart: its density at the device's frequency is {loss:.1%} "
             "below that of the band-limited signal"
         ]
-        if self.repetition == "periodic":
+        if repeats:
             times = (run.settle + run.duration) * run.realizations / length
             lines.append(
                 f"the record is used {times:.1f} times over: error bars tell how well this "
-                f"record's own mean is known, and its spectrum is lines 1/{length:g} Hz apart"
+                f"record's own mean is known (best over whole repeats of {length:g} s), not what "
+                "another record gives"
             )
         else:
             lines.append(
-                f"one record: error bars take it as stationary, and between its {STRETCHES} "
-                f"quarters the mean square changes by a factor of {max(squares) / min(squares):.3g}"
+                "one pass of one record: error bars are those of records that drift alike; "
+                "between its quarters the mean square changes by a factor of "
+                f"{max(squares) / min(squares):.3g}"
             )
         if abs(values.mean()) > NOTED_OFFSET * values.std():
             lines.append(

@@ -26,6 +26,10 @@ class Sum(Excitation):
         "knot_spacing": positive(),
     }
 
+    @property
+    def drifts(self):
+        return any(part.drifts for part in self.parts)
+
     def check(self, units, run, origin):
         for place, part in enumerate(self.parts):
             if self.knot_spacing is not None:
