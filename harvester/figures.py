@@ -234,6 +234,13 @@ def _axis(result, name):
     return f"{name} [{'scaled' if unit.startswith('scaled') else unit}]"
 
 
+def draw_frequency_response(response):
+    """Amplitude, voltage and power over frequency."""
+    from harvester.frequency_figure import draw
+
+    return draw(response)
+
+
 def draw_stability(matrix):
     """The coloured grid of `harvester stability`."""
     from harvester.stability_figure import draw
