@@ -251,10 +251,10 @@ def energy_balance_residual(moments, parameters):
     return float((put_in - load - loss - stored) / scale) if scale > 0.0 else math.nan
 
 
-def densities(moments):
+def densities(moments, symmetric=True):
     """Densities of displacement, velocity and voltage, {name: Density}, scaled units.
 
-    Eqs. 4 and 6 are the same for (−X, −V, −η), so each value counts half for its mirror image:
+    `symmetric` says that −η is as likely as η. Eqs. 4 and 6 are then the same for (−X, −V, −η), so each value counts half for its mirror image:
     a run that spent its time in one well would else give one well's density, with an error bar
     that knows nothing of the other.
     """
@@ -262,7 +262,8 @@ def densities(moments):
     for k, name in enumerate(HISTOGRAMS):
         width = max(float(m.bin_widths[k]) for m in moments)
         groups = np.concatenate([_rebinned(m, k, width) for m in moments])
-        groups = 0.5 * (groups + groups[:, ::-1])
+        if symmetric:
+            groups = 0.5 * (groups + groups[:, ::-1])
         times = groups.sum(axis=1)
         groups = groups[times > 0.0]
         times = times[times > 0.0]

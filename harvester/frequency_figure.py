@@ -31,7 +31,9 @@ def draw(response):
                 markersize=4,
                 markerfacecolor="none",
             )
-        axes.set_xscale("log")
+        # Over less than a decade a log axis has no room for its labels.
+        wide = response.frequencies[-1] > 10.0 * response.frequencies[0]
+        axes.set_xscale("log" if wide else "linear")
         axes.set_yscale("log")
         axes.set_xlabel("frequency [Hz]")
         axes.set_ylabel(f"{name.replace('_', ' ')} [{response.unit(dimension)}]")

@@ -13,6 +13,7 @@ from harvester.estimators import (
     standard_error,
     standard_error_of_drift,
 )
+from harvester.excitation import OrnsteinUhlenbeck
 from harvester.parameters import STEP_LEVELS, knot_spacing, scale, steps_per_knot
 from harvester.realization import ENGINES, SCHEMES, Realization
 from harvester.results import Result
@@ -165,6 +166,20 @@ def check_name(what, name, known):
     return name
 
 
+def require_noise(scene, command):
+    """Refuse kinds of excitation that a command cannot vary or repeat.
+
+    Raises
+    ------
+    HarvesterError
+    """
+    if not isinstance(scene.excitation, OrnsteinUhlenbeck):
+        raise HarvesterError(
+            f'{scene.name}: excitation.kind = "{scene.excitation.kind}": {command} needs as many '
+            'independent paths as it likes: set excitation.kind = "ornstein-uhlenbeck"'
+        )
+
+
 class _Follower:
     """Adds up how far the realizations are."""
 
@@ -201,7 +216,7 @@ def _result(scene, engine, step, source, realizations, failures, outcome="comple
         netlist_sha256=realizations[0].netlist_sha256,
         notes=(*_notes(scene), *_failure_notes(failures, scene)),
         failures={index: f"{type(e).__name__}: {e}" for index, e in failures.items()},
-        densities=densities(moments),
+        densities=densities(moments, scene.excitation.symmetric),
         waveform=realizations[0].waveform,
         moments=moments,
         outcome="incomplete" if failures else outcome,

@@ -35,6 +35,11 @@ class Excitation(ABC):
     KEYS: ClassVar[dict] = {}
 
     @property
+    def symmetric(self):
+        """Whether the path turned upside down is as likely."""
+        return True
+
+    @property
     def drifts(self):
         """Whether its strength changes along the run, as in one record of an event."""
         return False

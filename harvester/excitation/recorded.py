@@ -97,6 +97,10 @@ class RecordedMotion(Excitation):
         return _knots(self)[0]
 
     @property
+    def symmetric(self):
+        return False
+
+    @property
     def drifts(self):
         return self.repetition == "none"
 

@@ -38,6 +38,10 @@ class Sine(Excitation):
         "knot_spacing": positive(),
     }
 
+    @property
+    def symmetric(self):
+        return False
+
     def check(self, units, run, origin):
         longest = 1.0 / (FEWEST_KNOTS_PER_PERIOD * self.frequency)
         if self.knot_spacing is not None and self.knot_spacing > longest:

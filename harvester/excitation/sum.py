@@ -27,6 +27,10 @@ class Sum(Excitation):
     }
 
     @property
+    def symmetric(self):
+        return all(part.symmetric for part in self.parts)
+
+    @property
     def drifts(self):
         return any(part.drifts for part in self.parts)
 
