@@ -254,9 +254,9 @@ def energy_balance_residual(moments, parameters):
 def densities(moments, symmetric=True):
     """Densities of displacement, velocity and voltage, {name: Density}, scaled units.
 
-    `symmetric` says that −η is as likely as η. Eqs. 4 and 6 are then the same for (−X, −V, −η), so each value counts half for its mirror image:
-    a run that spent its time in one well would else give one well's density, with an error bar
-    that knows nothing of the other.
+    `symmetric` says that −η is as likely as η. Eq. 4 is then the same for (−X, −V, −η), so each
+    value counts half for its mirror image: a run that spent its time in one well would else give
+    one well's density, with an error bar that knows nothing of the other.
     """
     result = {}
     for k, name in enumerate(HISTOGRAMS):
