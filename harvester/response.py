@@ -96,9 +96,9 @@ class FrequencyResponse:
 
     def table(self):
         """Header and rows of the table, as text."""
-        header = ["sweep", "frequency [Hz]"]
+        header = ["sweep", "frequency (Hz)"]
         header += [
-            f"{name.replace('_', ' ')} [{self.unit(dimension)}]"
+            f"{name.replace('_', ' ')} ({self.unit(dimension)})"
             for name, dimension in QUANTITIES.items()
         ]
         rows = []

@@ -250,7 +250,7 @@ def _knots(record):
     if record.repetition == "periodic":
         values = conditioning.closed(values)
     values.flags.writeable = False
-    return values, 1.0 / (rate * factor)
+    return values, float(1.0 / (rate * factor))
 
 
 def one_pass(record):

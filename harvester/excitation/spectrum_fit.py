@@ -14,7 +14,12 @@ STRETCHES = 16
 # Shares of half the sampling rate up to which the noise is fitted, and compared: towards 1,
 # sampling folds the noise's tail back, by 5 % and 23 % of the density here.
 FITTED_SHARE, COMPARED_SHARE = 0.25, 0.5
+# Share of the variance, at each end, that the fitted band leaves out: a stop band counts as much
+# as any other in the logarithm, and the device sees nothing of it.
+LEFT_OUT_SHARE = 0.01
 FEWEST_FREQUENCIES = 8
+# ω τ1 at the lowest frequency, beyond which only D/τ1² is seen.
+FALLING = 10.0
 # From which on the record is called far from Ornstein–Uhlenbeck.
 FAR_DECIBELS = 1.0
 FAR_SHARE = 0.25
@@ -34,8 +39,8 @@ class SpectrumFit:
         fitted band does not show the parameter.
     frequency, density, fitted : ndarray, shape (n,)
         Hz; the record's density and the fit, over the compared band.
-    highest : float
-        Hz; the fit takes what lies below.
+    lowest, highest : float
+        Hz; the fit takes what lies between, which holds nearly all of the variance.
     device_frequency : float
         Hz, of small oscillations.
     decibels : float
@@ -54,6 +59,7 @@ class SpectrumFit:
     frequency: np.ndarray
     density: np.ndarray
     fitted: np.ndarray
+    lowest: float
     highest: float
     device_frequency: float
     decibels: float
@@ -81,9 +87,9 @@ class SpectrumFit:
 
     def notes(self):
         """The fit and its distance, one line each."""
-        low, high = self.frequency[0], self.highest
         fit = (
-            f"noise fitted to the record's spectrum from {low:.3g} to {high:.3g} Hz: "
+            "noise fitted to the record's spectrum from "
+            f"{self.lowest:.3g} to {self.highest:.3g} Hz: "
             f"D = {_with_error(self.intensity, self.intensity_error)}, "
             f"τ1 = {_with_error(self.correlation_time, self.correlation_time_error)} s"
         )
@@ -145,15 +151,15 @@ def fit_spectrum(record, device_frequency):
     length = values.size // STRETCHES
     frequency, density = signal.welch(values, 1.0 / interval, nperseg=max(length, 8))
     used = _band(record, frequency, FITTED_SHARE * 0.5 / interval)
+    below = np.cumsum(density * used) / max(np.sum(density * used), 1e-300)
+    used &= (below > LEFT_OUT_SHARE) & (below < 1.0 - LEFT_OUT_SHARE)
     if np.count_nonzero(used) < FEWEST_FREQUENCIES:
         raise AveragingError(
             f"the record shows only {np.count_nonzero(used)} frequencies to fit, and "
             f"{FEWEST_FREQUENCIES} are the fewest: a longer record, or a wider excitation.band"
         )
     compared = _band(record, frequency, COMPARED_SHARE * 0.5 / interval)
-    highest = float(frequency[used][-1])
-    frequency, density = frequency[compared], density[compared]
-    used = frequency <= highest
+    used, frequency, density = used[compared], frequency[compared], density[compared]
     # Independent values in the band, over the frequencies of the estimate.
     weight = values.size * interval * (frequency[1] - frequency[0])
 
@@ -167,6 +173,11 @@ def fit_spectrum(record, device_frequency):
     found = optimize.minimize(misfit, start, method="Nelder-Mead", options=options)
     intensity, time = np.exp(found.x)
     fitted = _model(frequency, intensity, time)
+    if 2.0 * np.pi * frequency[used][0] * time > FALLING:
+        raise AveragingError(
+            "the record's density falls over its whole band and shows no D: a longer record is "
+            "needed, or it is no Ornstein–Uhlenbeck noise; simulate"
+        )
     errors = _relative_errors(frequency[used], time, weight)
     return SpectrumFit(
         intensity=float(intensity),
@@ -176,7 +187,8 @@ def fit_spectrum(record, device_frequency):
         frequency=frequency,
         density=density,
         fitted=fitted,
-        highest=highest,
+        lowest=float(frequency[used][0]),
+        highest=float(frequency[used][-1]),
         device_frequency=device_frequency,
         decibels=_decibels(frequency, density, fitted, device_frequency),
         unexplained=_unexplained(frequency, density, fitted),
