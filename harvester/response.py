@@ -46,7 +46,7 @@ class Sweep:
     displacement_amplitude : half of the distance between the extremes of X.
     rms_voltage, mean_power : means over whole periods.
     residual : share by which the mean-square voltage changes from the first half of the measured
-        periods to the second: what settling and step leave, or a motion without period.
+        periods to the second: a transient that is left, or a motion without period.
     """
 
     direction: str
@@ -63,7 +63,7 @@ class FrequencyResponse:
     Attributes
     ----------
     scene : Scene
-        With `excitation.kind = "sine"`; its own frequency is not used.
+        With a sine, whose own frequency is not used.
     engine : str
     frequencies : ndarray, shape (n,)
         Hz, rising.
@@ -159,6 +159,7 @@ def frequency_response(
     frequencies,
     engine="monte-carlo",
     *,
+    amplitude=None,
     down=False,
     step="default",
     workers=None,
@@ -169,11 +170,13 @@ def frequency_response(
     Parameters
     ----------
     scene : Scene
-        With `excitation.kind = "sine"`, whose amplitude is kept.
+        With `excitation.kind = "sine"`, whose amplitude is kept, or any other with `amplitude`.
     frequencies : sequence of float
         Hz.
     engine : str
         "monte-carlo" (Runge–Kutta) or "circuit" (ngspice), on the same path.
+    amplitude : float or None
+        Of the base acceleration, m/s² in SI; None: the scene's own.
     down : bool
         Sweep down as well: hysteresis is where the two differ.
     step, workers, time_limit
@@ -189,17 +192,14 @@ def frequency_response(
 
     Notes
     -----
-    The excitation has no chance in it, so there is no statistical error; `Sweep.residual` tells
-    what settling and step leave.
+    The excitation has no chance in it, so there is no statistical error. `Sweep.residual` tells
+    how far the motion is from a settled, periodic one; the step's own error, of second order in
+    the circuit, shows when `step` is halved.
     """
     engine = check_name("engine", engine, ENGINES)
     step = check_step(step)
     frequencies = np.unique(np.asarray(frequencies, dtype=float))
-    if not isinstance(scene.excitation, Sine):
-        raise HarvesterError(
-            f'{scene.name}: excitation.kind = "{scene.excitation.kind}": a frequency response '
-            'needs "sine" with an amplitude'
-        )
+    scene = _with_sine(scene, amplitude)
     if frequencies.size == 0 or not (np.isfinite(frequencies).all() and frequencies[0] > 0.0):
         raise HarvesterError("frequencies: must be one or more numbers > 0, in Hz")
     directions = {"up": frequencies, "down": frequencies[::-1]} if down else {"up": frequencies}
@@ -252,6 +252,20 @@ def run(scene, engine, step, report):
         for window, frequency in zip(windows, excitation.frequencies, strict=True)
     ]
     return rows, outcome["engine_version"], seconds
+
+
+def _with_sine(scene, amplitude):
+    """The scene under a sine; its frequency is not used."""
+    if amplitude is None:
+        if not isinstance(scene.excitation, Sine):
+            raise HarvesterError(
+                f'{scene.name}: excitation.kind = "{scene.excitation.kind}": a frequency response '
+                'needs kind = "sine", or an amplitude'
+            )
+        return scene
+    if not (math.isfinite(amplitude) and amplitude > 0.0):
+        raise HarvesterError(f"amplitude {amplitude:g}: must be a number > 0")
+    return replace(scene, excitation=Sine(amplitude, 1.0))
 
 
 def _stepped(scene, frequencies):

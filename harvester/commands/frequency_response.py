@@ -18,13 +18,19 @@ def add(commands):
         "frequency-response",
         run,
         "amplitude, voltage and power over the frequency of a sine",
-        "harvester frequency-response sine.toml --frequencies 0.1:2:log:40 --down",
+        "harvester frequency-response device --amplitude 4 --frequencies 5:30:linear:51 --down",
     )
     command.add_argument(
         "--frequencies",
         required=True,
         metavar="LIST",
         help="Hz: FIRST:LAST:log:NUMBER, FIRST:LAST:linear:NUMBER, or numbers between commas",
+    )
+    command.add_argument(
+        "--amplitude",
+        type=float,
+        metavar="A",
+        help="of the base acceleration, m/s² in SI (default: that of the scene's own sine)",
     )
     command.add_argument(
         "--down", action="store_true", help="sweep down as well, to show hysteresis"
@@ -48,6 +54,7 @@ def run(options):
         scene,
         frequencies,
         options.engine,
+        amplitude=options.amplitude,
         down=options.down,
         step=options.step,
         workers=options.workers,

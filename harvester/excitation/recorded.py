@@ -51,7 +51,8 @@ class RecordedMotion(Excitation):
     knot_spacing : float or None
         s; closer than the samples: band-limited interpolation, rounded down to a whole fraction.
     sha256 : str
-        Of the file, when the scene was made.
+        Of the file, when the scene was made: each worker process reads the file for itself, and
+        refuses one that has changed.
     """
 
     file: str

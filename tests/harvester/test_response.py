@@ -110,6 +110,10 @@ def test_the_command_writes_table_json_and_figure(tmp_path, capsys):
     assert (tmp_path / "sine-frequency-response.png").exists()
     assert main(["frequency-response", "paper", "--frequencies", "1"]) == 2
     assert '"sine"' in capsys.readouterr().err
+    short = ["--frequencies", "1", "--amplitude"]
+    assert main(["frequency-response", "linear", *short, "0"]) == 2
+    assert "amplitude 0" in capsys.readouterr().err
+    assert main(["frequency-response", "linear", *short, "0.3"]) == 0
 
 
 def test_frequencies_have_a_short_form():
