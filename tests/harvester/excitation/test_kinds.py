@@ -1,12 +1,17 @@
+from dataclasses import dataclass
+from typing import ClassVar
+
 import numpy as np
 import pytest
 
 from harvester.averaged import average
 from harvester.errors import AveragingError, HarvesterError, SceneError
-from harvester.excitation import White, realization_seeds
+from harvester.excitation import KINDS, Excitation, White, realization_seeds
+from harvester.excitation.white import WhitePath
 from harvester.parameters import knot_spacing, scale
 from harvester.realization import noise_path
 from harvester.scene import Scene
+from harvester.scene_schema import positive
 from harvester.simulation import simulate
 
 OU = {"kind": "ornstein-uhlenbeck", "intensity": 0.02, "correlation_time": 0.4}
@@ -157,3 +162,38 @@ def test_a_sum_survives_its_tables():
     assert Scene.from_tables(scene.to_tables(), name="paper") == scene
     other = with_excitation("paper", {**SUM, "parts": [SINE, WHITE, OU]})
     assert other.digest() != scene.digest()
+
+
+@dataclass(frozen=True)
+class Steps(Excitation):
+    """A toy kind: what the recipe in CONTRIBUTING asks for, and no more."""
+
+    height: float
+    kind: str = "steps"
+    knot_spacing: float | None = None
+
+    KEYS: ClassVar[dict] = {"height": positive(required=True)}
+
+    def spacing(self, longest):
+        return longest
+
+    def equivalent_noise(self, relaxation_time, longest):
+        return self.height**2 * relaxation_time, relaxation_time
+
+    def path(self, spacing, length, seed):
+        return WhitePath(0.5 * spacing * (self.height / length) ** 2, spacing, seed)
+
+    def notes(self, spacing, angular_frequency, run):
+        return ()
+
+
+def test_a_new_kind_is_one_class_and_one_entry(monkeypatch):
+    monkeypatch.setitem(KINDS, "steps", Steps)
+    scene = with_excitation("paper", {"kind": "steps", "height": 0.3})
+    parts = [{"kind": "steps", "height": 0.3}, SINE]
+    assert noise_path(scene, 0).read(4000).std() == pytest.approx(0.3, rel=0.05)
+    assert (
+        noise_path(with_excitation("paper", {"kind": "sum", "parts": parts}), 0).read(3).size == 3
+    )
+    with pytest.raises(SceneError, match="did you mean height"):
+        with_excitation("paper", {"kind": "steps", "heigth": 0.3})

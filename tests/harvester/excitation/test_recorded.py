@@ -5,6 +5,7 @@ from scipy.io import wavfile
 from truths import Keep
 
 from harvester.errors import SceneError
+from harvester.excitation import conditioning
 from harvester.monte_carlo import initial_state, integrate
 from harvester.parameters import scale
 from harvester.realization import noise_path
@@ -268,3 +269,13 @@ def test_notes_tell_what_a_reader_must_know(tmp_path, pool):
         assert word in notes
     again = recorded(path, repetition="periodic", run={"duration": 100.0})
     assert "2.6 times over" in " ".join(simulate(again, "monte-carlo", pool=pool).notes)
+
+
+def test_the_cross_fade_goes_all_the_way_and_keeps_the_power():
+    head, tail = np.zeros((2, 1000))
+    head[:100], tail[-100:] = 1.0, 1.0
+    rising, falling = conditioning.closed(head)[:50], conditioning.closed(tail)[:50]
+    np.testing.assert_allclose(rising**2 + falling**2, 1.0)
+    # From the sample after the record's last one to the first that is left as it was.
+    assert (rising[0], falling[0]) == (0.0, 1.0)
+    assert rising[-1] == pytest.approx(1.0, abs=1e-3)
