@@ -7,6 +7,7 @@ that the device keeps its branch: what differs between up and down is hysteresis
 import importlib
 import math
 import time
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -164,6 +165,7 @@ def frequency_response(
     step="default",
     workers=None,
     time_limit=TIME_LIMIT,
+    pool=None,
 ):
     """Amplitude, rms voltage and mean power over the frequency of a sine.
 
@@ -179,7 +181,7 @@ def frequency_response(
         Of the base acceleration, m/s² in SI; None: the scene's own.
     down : bool
         Sweep down as well: hysteresis is where the two differ.
-    step, workers, time_limit
+    step, workers, time_limit, pool
         See `harvester.simulate`.
 
     Returns
@@ -207,8 +209,8 @@ def frequency_response(
         {"scene": _stepped(scene, order), "engine": engine, "step": step}
         for order in directions.values()
     ]
-    with WorkerPool(len(calls), workers) as pool:
-        outcomes = pool.map("harvester.response:run", calls, time_limit)
+    with nullcontext(pool) if pool else WorkerPool(len(calls), workers) as running:
+        outcomes = running.map("harvester.response:run", calls, time_limit)
     sweeps = []
     for direction, (rows, _, _) in zip(directions, outcomes, strict=True):
         ordered = rows if direction == "up" else rows[::-1]

@@ -10,7 +10,8 @@ from harvester.errors import SceneError
 from harvester.scene_schema import nearest
 
 COMMENTS = ("#", "%", "//")
-SEPARATORS = (";", "\t", ",", None)
+# The first that a line holds; else blanks.
+SEPARATORS = (";", "\t", ",")
 
 
 class Columns(NamedTuple):
@@ -140,17 +141,18 @@ def _from_wav(file):
 def _from_text(file):
     lines = Path(file).read_text(encoding="utf-8-sig").splitlines()
     rows = [(k, line) for k, line in enumerate(lines) if line.strip() and not _comment(line)]
-    first = next((k for k, (_, line) in enumerate(rows) if _numbers(line)), None)
-    if first is None:
-        raise ValueError("it holds no line of numbers")
-    separator = _numbers(rows[first][1])[1]
-    width = len(rows[first][1].split(separator))
+    # The last line is one of samples, whatever stands in front of the first.
+    separator, numeric = _layout(rows[-1][1]) if rows else (None, [])
+    if not any(numeric):
+        raise ValueError("its last line holds no numbers (with decimal points, not commas)")
+    width = len(numeric)
+    first = next(k for k, (_, line) in enumerate(rows) if _fits(line, separator, numeric))
     table = np.empty((len(rows) - first, width))
     for place, (number, line) in enumerate(rows[first:]):
         fields = line.split(separator)
         if len(fields) != width:
             raise ValueError(
-                f"line {number + 1} has {len(fields)} columns, and the first one {width}"
+                f"line {number + 1} has {len(fields)} columns, and the last one {width}"
             )
         table[place] = [_float(text) for text in fields]
     header = rows[first - 1][1].split(separator) if first else []
@@ -162,15 +164,20 @@ def _comment(line):
     return line.lstrip().startswith(COMMENTS)
 
 
-def _numbers(line):
-    """(True, separator) where a line holds a number in every field that is not empty."""
-    for separator in SEPARATORS:
-        if separator is not None and separator not in line:
-            continue
-        fields = [text for text in line.split(separator) if text.strip()]
-        if fields and all(_is_number(text) for text in fields):
-            return True, separator
-    return None
+def _layout(line):
+    """(separator, which fields are numbers) of a line of samples; dates and names may be there."""
+    separator = next((mark for mark in SEPARATORS if mark in line), None)
+    return separator, [_is_number(text) for text in line.split(separator)]
+
+
+def _fits(line, separator, numeric):
+    """Whether a line has numbers, or nothing, where the last one has numbers."""
+    fields = line.split(separator)
+    return len(fields) == len(numeric) and all(
+        _is_number(text) or not text.strip()
+        for text, wanted in zip(fields, numeric, strict=True)
+        if wanted
+    )
 
 
 def _is_number(text):

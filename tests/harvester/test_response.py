@@ -36,9 +36,9 @@ def transfer(p, frequency, amplitude):
         ("circuit", "fine", [0.3, 0.5], 1e-3),
     ],
 )
-def test_a_linear_device_has_its_transfer_function(engine, step, frequencies, tolerance):
+def test_a_linear_device_has_its_transfer_function(pool, engine, step, frequencies, tolerance):
     scene = sine("linear", 0.3)
-    response = harvester.frequency_response(scene, frequencies, engine, step=step)
+    response = harvester.frequency_response(scene, frequencies, engine, step=step, pool=pool)
     p, _ = scale(scene)
     amplitude, voltage = transfer(p, np.array(frequencies), 0.3)
     for sweep in response.sweeps:
@@ -49,10 +49,10 @@ def test_a_linear_device_has_its_transfer_function(engine, step, frequencies, to
         assert np.all(sweep.residual < 1e-5)
 
 
-def test_si_units_are_those_of_the_scene():
+def test_si_units_are_those_of_the_scene(pool):
     oscillator = {"linear_stiffness": 126.9, "cubic_stiffness": 0.0}
-    scene = sine("device", 2.0, oscillator=oscillator)
-    response = harvester.frequency_response(scene, [12.0])
+    scene = Scene.load("device").replace(oscillator=oscillator)
+    response = harvester.frequency_response(scene, [12.0], amplitude=2.0, pool=pool)
     mass, theta, cp, load = 0.022, 3.69e-4, 4.3e-8, 306e3
     s = 2j * np.pi * 12.0
     ratio = theta * s / (s * cp + 1 / load)
@@ -64,11 +64,11 @@ def test_si_units_are_those_of_the_scene():
     assert response.values("mean_power", sweep)[0] == pytest.approx(power, rel=1e-3)
 
 
-def test_a_hardening_spring_shows_hysteresis():
+def test_a_hardening_spring_shows_hysteresis(pool):
     changes = {"oscillator": {"damping": 0.1, "cubic_stiffness": 1.0}}
     changes["piezo"], changes["load"] = {"coupling": 0.2}, {"decay_rate": 0.5}
     scene = sine("linear", 0.5, **changes)
-    response = harvester.frequency_response(scene, np.linspace(0.3, 0.45, 7), down=True)
+    response = harvester.frequency_response(scene, np.linspace(0.3, 0.45, 7), down=True, pool=pool)
     up, down = (sweep.displacement_amplitude for sweep in response.sweeps)
     # Both branches at 0.375 Hz, one below and above.
     assert up[3] > 3 * down[3]
@@ -113,7 +113,6 @@ def test_the_command_writes_table_json_and_figure(tmp_path, capsys):
     short = ["--frequencies", "1", "--amplitude"]
     assert main(["frequency-response", "linear", *short, "0"]) == 2
     assert "amplitude 0" in capsys.readouterr().err
-    assert main(["frequency-response", "linear", *short, "0.3"]) == 0
 
 
 def test_frequencies_have_a_short_form():

@@ -77,7 +77,10 @@ def test_text_numpy_and_sound_files_hold_the_same_motion(tmp_path):
     np.save(tmp_path / "motion.npy", columns)
     scaled = np.round(samples / 8.0 * 2**31).astype(np.int32)
     wavfile.write(tmp_path / "motion.wav", 100, scaled)
+    dated = [f"2020-01-01T00:00:00,{value:.10f},ok" for value in samples]
+    (tmp_path / "dated.csv").write_text("\n".join(["Station 7, 100 Hz", "when,a,flag", *dated]))
     reads = [
+        {"file": "dated.csv", "column": "a"},
         {"file": "motion.csv", "column": "north", "time_column": "time", "sampling_rate": None},
         {"file": "motion.txt", "column": 1, "time_column": 0, "sampling_rate": None},
         {"file": "motion.npy", "column": 1},
@@ -210,7 +213,8 @@ def test_a_mistake_is_refused_in_one_line_that_names_it(tmp_path, keys, words):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("time,north\n", ["no line of numbers"]),
+        ("time,north\n", ["no numbers"]),
+        ("a;b\n" + "0,1;0,2\n" * 70, ["decimal points"]),
         ("1.0\n2.0\n", ["too short", "2 samples"]),
         ("1,2\n" * 70 + "1\n" + "1,2\n" * 70, ["line 71", "1 columns"]),
         ("a,b\n" + "1,2\n" * 70, ["column is missing", "a, b"]),
