@@ -1,3 +1,4 @@
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -62,7 +63,9 @@ def test_the_number_of_workers_does_not_change_the_numbers(pool, record):
         realizations=3,
     )
     two = simulate(scene, "monte-carlo", pool=pool).to_dict()["quantities"]
-    assert simulate(scene, "monte-carlo", workers=1).to_dict()["quantities"] == two
+    with ThreadPoolExecutor(1) as executor:
+        one = simulate(scene, "monte-carlo", executor=executor).to_dict()["quantities"]
+    assert one == two
 
 
 def test_white_noise_puts_in_d_whatever_the_spring(pool):
