@@ -96,7 +96,8 @@ def _header(before, scene, netlist, scales):
         f"* v(displacement): X in units of {scales.displacement:g} "
         f"{'m' if scene.units == 'SI' else '(scaled)'}\n"
         f"* v(velocity): X' over {netlist.rate!r} per second\n"
-        f"* i(@inoise[current]): base acceleration over {netlist.rate**2!r} per second squared\n"
+        f"* i(@inoise[current]): η, minus the base acceleration, over {netlist.rate**2!r} "
+        f"per second squared\n"
         f"* v(piezo): terminal voltage, {'volts' if scene.units == 'SI' else 'scaled'}\n"
         f"{rest}"
     )

@@ -20,6 +20,7 @@ _WHERE = {
     "simulate": "harvester.simulation",
     "average": "harvester.averaged",
     "validate": "harvester.comparison",
+    "frequency_response": "harvester.response",
     "HarvesterError": "harvester.errors",
 }
 __all__ = ["__version__", *_WHERE]

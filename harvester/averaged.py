@@ -1,11 +1,16 @@
 """`average`: a scene by stochastic averaging, as a result like any engine's."""
 
+import math
 import time
+from dataclasses import replace
 
 import numpy as np
 
 from harvester.averaging import average as average_parameters
+from harvester.errors import AveragingError
 from harvester.estimators import Density, Estimate, root
+from harvester.excitation import OrnsteinUhlenbeck, RecordedMotion
+from harvester.excitation.spectrum_fit import fit_spectrum
 from harvester.parameters import scale
 from harvester.results import Result
 
@@ -24,7 +29,7 @@ LANDMARKS = 100
 NEGLIGIBLE = 1e-6
 
 
-def average(scene, closure="consistent"):
+def average(scene, closure="consistent", fit=False):
     """Quantities and densities of a scene by stochastic averaging.
 
     Parameters
@@ -33,6 +38,9 @@ def average(scene, closure="consistent"):
     closure : str
         "paper" (Eqs. 10–37 as printed, slips corrected) or "consistent" (the constant force of
         the piezo kept in the potential).
+    fit : bool
+        Of a record: take the Ornstein–Uhlenbeck noise that fits its spectrum, whose evidence is
+        in `Result.spectrum_fit` and `notes`.
 
     Returns
     -------
@@ -44,8 +52,14 @@ def average(scene, closure="consistent"):
     AveragingError
         Unknown closure, or one that does not hold for these parameters.
     """
-    parameters, scales = scale(scene)
     clock = time.perf_counter()
+    spectrum_fit, noise = None, scene
+    if fit:
+        spectrum_fit, noise = _fitted(scene)
+    refusal = noise.excitation.averaging_refusal()
+    if refusal:
+        raise AveragingError(f'excitation.kind = "{scene.excitation.kind}": {refusal}')
+    parameters, scales = scale(noise)
     averages = average_parameters(parameters, closure)
     quantities = {
         name: Estimate(
@@ -60,7 +74,7 @@ def average(scene, closure="consistent"):
     seconds = time.perf_counter() - clock
     return Result(
         scene=scene,
-        engine=f"averaging {closure}",
+        engine=f"averaging {closure}" + (" of fitted noise" if fit else ""),
         scaled_quantities=quantities,
         scales=scales,
         error_kind="numerical",
@@ -74,7 +88,23 @@ def average(scene, closure="consistent"):
         engine_version=f"stochastic averaging, closure {closure}",
         netlist_sha256=None,
         densities=densities,
+        notes=spectrum_fit.notes() if fit else (),
+        spectrum_fit=spectrum_fit,
     )
+
+
+def _fitted(scene):
+    """The fit to the scene's record, and the scene with the fitted noise."""
+    if not isinstance(scene.excitation, RecordedMotion):
+        raise AveragingError(
+            f'excitation.kind = "{scene.excitation.kind}": only a record is fitted (--fit)'
+        )
+    parameters, scales = scale(scene)
+    found = fit_spectrum(scene.excitation, parameters.angular_frequency / (2.0 * math.pi))
+    noise = OrnsteinUhlenbeck(found.intensity, found.correlation_time)
+    # The length unit stays the one of the scene.
+    length = scales.displacement if scene.units == "SI" else None
+    return found, replace(scene, excitation=noise, length_scale=length)
 
 
 def _tabulated(densities, name):

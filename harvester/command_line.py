@@ -7,6 +7,7 @@ from harvester import __version__
 from harvester.commands import (
     average,
     engine,
+    frequency_response,
     netlist,
     simulate,
     stability,
@@ -16,7 +17,16 @@ from harvester.commands import (
 from harvester.commands.options import say
 from harvester.errors import EngineNotFound, HarvesterError, SimulationError
 
-COMMANDS = (validate, simulate, average, work_precision, stability, netlist, engine)
+COMMANDS = (
+    validate,
+    simulate,
+    average,
+    frequency_response,
+    work_precision,
+    stability,
+    netlist,
+    engine,
+)
 
 
 def main(arguments=None):

@@ -111,12 +111,42 @@ def standard_error(series):
         if neighbours <= LARGEST_CORRELATION:
             variance = total / (series.size * (series.size - 1))
             return math.sqrt(variance * (1.0 + 2.0 * max(neighbours, 0.0)))
-        odd = series.shape[1] % 2
-        series = 0.5 * (series[:, odd::2] + series[:, odd + 1 :: 2])
+        series = _joined(series)
     return None
 
 
-def estimate_all(moments, parameters):
+def standard_error_of_drift(series):
+    """Standard error of the mean where the strength of the excitation drifts, as in one record.
+
+    From the differences of neighbouring batches (von Neumann, Ann. Math. Stat. 12, 367 (1941)),
+    in which a slow drift cancels: the error of this mean among records that drift alike.
+    Batches are joined until the correlation ρ between neighbours, which gives their successive
+    differences the correlation (2ρ − 1)/(2 − 2ρ), is small; see `standard_error`. A motion that
+    is as slow as the drift is taken for it.
+    """
+    series = np.asarray(series, dtype=float)
+    while series.size >= FEWEST_BATCHES and series.shape[1] > 2:
+        steps = np.diff(series, axis=1)
+        total = float(np.mean(steps**2))
+        if total == 0.0:
+            return 0.0
+        successive = float(np.mean(steps[:, 1:] * steps[:, :-1])) / total
+        neighbours = (1.0 + 2.0 * successive) / (2.0 + 2.0 * successive)
+        if neighbours <= LARGEST_CORRELATION:
+            neighbours = max(neighbours, 0.0)
+            variance = 0.5 * total / (1.0 - neighbours) / series.size
+            return math.sqrt(variance * (1.0 + 2.0 * neighbours))
+        series = _joined(series)
+    return None
+
+
+def _joined(series):
+    """Batches joined in pairs; an odd one in front is dropped."""
+    odd = series.shape[1] % 2
+    return 0.5 * (series[:, odd::2] + series[:, odd + 1 :: 2])
+
+
+def estimate_all(moments, parameters, error_of=standard_error):
     """Every quantity of a set of realizations.
 
     Parameters
@@ -124,6 +154,8 @@ def estimate_all(moments, parameters):
     moments : sequence of harvester.moments.Moments
         One per realization; batches that were not completed are left out.
     parameters : harvester.parameters.ScaledParameters
+    error_of : callable
+        `standard_error`, or `standard_error_of_drift`.
 
     Returns
     -------
@@ -140,11 +172,11 @@ def estimate_all(moments, parameters):
         for pair, row in PRODUCTS.items()
     }
     estimates = {
-        name: _mean(series, products, quantity, dimension)
+        name: _mean(series, products, quantity, dimension, error_of)
         for name, (quantity, dimension) in MEANS.items()
     }
     estimates["rms_voltage"] = root(estimates["mean_square_voltage"])
-    estimates.update(_efficiencies(series, products))
+    estimates.update(_efficiencies(series, products, error_of))
     if parameters.linear_stiffness >= 0.0:
         del estimates["well_crossing_rate"]
     if not parameters.has_stoppers:
@@ -219,18 +251,19 @@ def energy_balance_residual(moments, parameters):
     return float((put_in - load - loss - stored) / scale) if scale > 0.0 else math.nan
 
 
-def densities(moments):
+def densities(moments, symmetric=True):
     """Densities of displacement, velocity and voltage, {name: Density}, scaled units.
 
-    Eqs. 4 and 6 are the same for (−X, −V, −η), so each value counts half for its mirror image:
-    a run that spent its time in one well would else give one well's density, with an error bar
-    that knows nothing of the other.
+    `symmetric` says that −η is as likely as η. Eq. 4 is then the same for (−X, −V, −η), so each
+    value counts half for its mirror image: a run that spent its time in one well would else give
+    one well's density, with an error bar that knows nothing of the other.
     """
     result = {}
     for k, name in enumerate(HISTOGRAMS):
         width = max(float(m.bin_widths[k]) for m in moments)
         groups = np.concatenate([_rebinned(m, k, width) for m in moments])
-        groups = 0.5 * (groups + groups[:, ::-1])
+        if symmetric:
+            groups = 0.5 * (groups + groups[:, ::-1])
         times = groups.sum(axis=1)
         groups = groups[times > 0.0]
         times = times[times > 0.0]
@@ -262,14 +295,14 @@ def _complete_batches(moments):
     return np.stack([m.integrals[:complete] for m in moments])
 
 
-def _ratio(upper, lower):
+def _ratio(upper, lower, error_of=standard_error):
     """Ratio of two sums over batches and its standard error (None when too short)."""
     ratio = float(upper.sum() / lower.sum())
-    return ratio, standard_error((upper - ratio * lower) / lower.mean())
+    return ratio, error_of((upper - ratio * lower) / lower.mean())
 
 
-def _mean(series, products, name, dimension):
-    mean, error = _ratio(series[name], series["time"])
+def _mean(series, products, name, dimension, error_of):
+    mean, error = _ratio(series[name], series["time"], error_of)
     size = None
     if error and (name, name) in products:
         size = max(products[name, name] - mean**2, 0.0) / error**2
@@ -285,7 +318,7 @@ def root(square):
     return Estimate(root, error, square.effective_sample_size, "voltage", square.note)
 
 
-def _efficiencies(series, products):
+def _efficiencies(series, products, error_of):
     """Eq. 35 in both forms: against what is lost and used, and against what is put in."""
     load, loss, put_in = series["load_power"], series["loss_power"], series["input_power"]
     load_load, load_loss = (
@@ -298,19 +331,19 @@ def _efficiencies(series, products):
     cross, square = products["input_power", "load_power"], products["input_power", "input_power"]
     return {
         "power_conversion_efficiency": _efficiency(
-            load, load + loss, mean_used, load_load, load_load + load_loss, used
+            load, load + loss, mean_used, load_load, load_load + load_loss, used, error_of
         ),
         "power_conversion_efficiency_of_input": _efficiency(
-            load, put_in, mean_input, load_load, cross, square
+            load, put_in, mean_input, load_load, cross, square, error_of
         ),
     }
 
 
-def _efficiency(upper, lower, mean_lower, upper_square, cross, lower_square):
-    """Ratio of two powers; the last three are means of products within the run."""
+def _efficiency(upper, lower, mean_lower, upper_square, cross, lower_square, error_of):
+    """Ratio of two powers; the squares and `cross` are means of products within the run."""
     if mean_lower == 0.0:
         return Estimate(math.nan, None, None, "1", "nothing was put in")
-    ratio, error = _ratio(upper, lower)
+    ratio, error = _ratio(upper, lower, error_of)
     size = None
     if error:
         variance = (upper_square - 2.0 * ratio * cross + ratio**2 * lower_square) / mean_lower**2

@@ -44,19 +44,35 @@ def save(draw, result, path):
 
 
 def draw_result(result):
-    """Densities of displacement, velocity and voltage of one result."""
+    """Densities of displacement, velocity and voltage of one result; the fit to a record."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(3.0 * len(result.densities), 2.6))
+    panels = len(result.densities) + (result.spectrum_fit is not None)
+    figure = Figure(figsize=(3.0 * panels, 2.6))
     for place, name in enumerate(result.densities):
-        axes = figure.add_subplot(1, len(result.densities), place + 1)
+        axes = figure.add_subplot(1, panels, place + 1)
         _density(axes, result, name, CIRCUIT, "-", None)
         axes.set_xlabel(_axis(result, name))
         axes.set_ylabel("probability density" if place == 0 else "")
         axes.set_ylim(bottom=0.0)
         axes.set_xlim(-_reach(result, name), _reach(result, name))
+    if result.spectrum_fit is not None:
+        _draw_fit(figure.add_subplot(1, panels, panels), result)
     figure.suptitle(f"{result.scene.name}: {result.engine}", x=0.01, ha="left", fontsize=9)
     return figure
+
+
+def _draw_fit(axes, result):
+    """The record's spectral density, the noise fitted to it, and the device's frequency."""
+    fit = result.spectrum_fit
+    axes.loglog(fit.frequency, fit.density, color="0.6", linewidth=0.8, label="record")
+    label = f"fit: D = {fit.intensity:.3g}, τ1 = {fit.correlation_time:.3g} s"
+    axes.loglog(fit.frequency, fit.fitted, color=CIRCUIT, label=label)
+    axes.axvline(fit.device_frequency, color="0.3", linestyle=":", linewidth=0.9, label="device")
+    axes.set_xlabel("frequency [Hz]")
+    unit = "(m/s²)²/Hz" if result.scene.units == "SI" else "scaled"
+    axes.set_ylabel(f"density [{unit}]")
+    axes.legend(fontsize=6)
 
 
 def draw_comparison(comparison):
@@ -232,6 +248,13 @@ def _reach(result, name):
 def _axis(result, name):
     unit = result.unit(name)
     return f"{name} [{'scaled' if unit.startswith('scaled') else unit}]"
+
+
+def draw_frequency_response(response):
+    """Amplitude, voltage and power over frequency."""
+    from harvester.frequency_figure import draw
+
+    return draw(response)
 
 
 def draw_stability(matrix):

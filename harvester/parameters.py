@@ -6,9 +6,7 @@ from typing import NamedTuple
 
 from harvester.forces import contact_time
 
-# Knots per correlation time and per period of small oscillations: the linear interpolation between
-# knots lowers the noise's variance by spacing/(3 τ1) of itself, 4 % here.
-KNOTS_PER_CORRELATION_TIME = 8
+# Knots per period of small oscillations.
 KNOTS_PER_PERIOD = 40
 # Steps per period of the fastest oscillation. The trapezoidal rule is of order two, Runge–Kutta of
 # order four; as `work-precision` shows, each then biases the means by less than 1 %.
@@ -38,7 +36,7 @@ class ScaledParameters(NamedTuple):
     coupling, decay_rate : float
         β and λ of Eq. 4.
     intensity, correlation_time : float
-        D and τ1 of Eq. 6.
+        D and τ1 of Eq. 6, or of the noise that other excitations are equivalent to.
     """
 
     damping: float
@@ -169,22 +167,20 @@ def scale(scene):
     if scene.units == "SI":
         return _scale_si(scene)
     stoppers = scene.stoppers
-    return (
-        ScaledParameters(
-            damping=scene.oscillator.damping,
-            linear_stiffness=scene.oscillator.linear_stiffness,
-            cubic_stiffness=scene.oscillator.cubic_stiffness,
-            gap=stoppers.gap if stoppers else math.inf,
-            contact_stiffness=stoppers.stiffness if stoppers else 0.0,
-            restitution=stoppers.restitution if stoppers else 1.0,
-            held_impact_velocity=bool(stoppers) and stoppers.impact_velocity == "event",
-            coupling=scene.piezo.coupling,
-            decay_rate=scene.electrical_load.decay_rate,
-            intensity=scene.excitation.intensity,
-            correlation_time=scene.excitation.correlation_time,
-        ),
-        Scales(),
+    parameters = ScaledParameters(
+        damping=scene.oscillator.damping,
+        linear_stiffness=scene.oscillator.linear_stiffness,
+        cubic_stiffness=scene.oscillator.cubic_stiffness,
+        gap=stoppers.gap if stoppers else math.inf,
+        contact_stiffness=stoppers.stiffness if stoppers else 0.0,
+        restitution=stoppers.restitution if stoppers else 1.0,
+        held_impact_velocity=bool(stoppers) and stoppers.impact_velocity == "event",
+        coupling=scene.piezo.coupling,
+        decay_rate=scene.electrical_load.decay_rate,
+        intensity=math.nan,
+        correlation_time=math.inf,
     )
+    return _with_noise(parameters, scene.excitation, 1.0), Scales()
 
 
 def _scale_si(scene):
@@ -201,12 +197,25 @@ def _scale_si(scene):
         held_impact_velocity=bool(stoppers) and stoppers.impact_velocity == "event",
         coupling=theta**2 / (mass * cp),
         decay_rate=1.0 / (scene.electrical_load.resistance * cp),
-        intensity=scene.excitation.intensity / length**2,
-        correlation_time=scene.excitation.correlation_time,
+        intensity=math.nan,
+        correlation_time=math.inf,
     )
-    return parameters, Scales(
+    return _with_noise(parameters, scene.excitation, length), Scales(
         displacement=length, voltage=theta * length / cp, power=mass * length**2
     )
+
+
+def _with_noise(parameters, excitation, length):
+    """The parameters with the D and τ1 of the excitation, or of its equivalent."""
+    longest = _longest_spacing(parameters)
+    intensity, time = excitation.equivalent_noise(parameters.relaxation_time, longest)
+    return parameters._replace(intensity=intensity / length**2, correlation_time=time)
+
+
+def _longest_spacing(parameters):
+    """What resolves small oscillations (s); infinite where there are none."""
+    frequency = parameters.angular_frequency
+    return 2.0 * math.pi / frequency / KNOTS_PER_PERIOD if frequency > 0.0 else math.inf
 
 
 def length_scale(scene):
@@ -222,22 +231,19 @@ def length_scale(scene):
         return math.sqrt(-oscillator.linear_stiffness / oscillator.cubic_stiffness)
     if scene.stoppers:
         return scene.stoppers.gap
-    mass = oscillator.mass
-    rate = oscillator.damping / mass or 1.0 / scene.excitation.correlation_time
-    stiffness = oscillator.linear_stiffness / mass or rate**2
-    return math.sqrt(scene.excitation.intensity / (rate * stiffness))
+    mass, damping = oscillator.mass, oscillator.damping
+    stiffness = oscillator.linear_stiffness / mass
+    longest = 2.0 * math.pi / math.sqrt(stiffness) / KNOTS_PER_PERIOD if stiffness else math.inf
+    relaxation_time = mass / damping if damping else 1.0
+    intensity, time = scene.excitation.equivalent_noise(relaxation_time, longest)
+    rate = damping / mass or 1.0 / time
+    return math.sqrt(intensity / (rate * (stiffness or rate**2)))
 
 
 def knot_spacing(scene):
-    """Spacing of the noise's knots (s): the scene's, else a fraction of its fastest time."""
-    if scene.excitation.knot_spacing is not None:
-        return scene.excitation.knot_spacing
+    """Spacing of the excitation's knots (s): the scene's, else what its kind chooses."""
     parameters, _ = scale(scene)
-    period = 2.0 * math.pi / parameters.angular_frequency
-    spacing = min(
-        parameters.correlation_time / KNOTS_PER_CORRELATION_TIME, period / KNOTS_PER_PERIOD
-    )
-    return min(spacing, scene.run.duration)
+    return min(scene.excitation.spacing(_longest_spacing(parameters)), scene.run.duration)
 
 
 def steps_per_knot(scene, step="default", engine="circuit"):

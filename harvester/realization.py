@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harvester.estimators import KNOTS_PER_SAMPLE, batch_counts
-from harvester.excitation import NoisePath, realization_seeds
+from harvester.excitation import realization_seeds
 from harvester.moments import Moments
 from harvester.moments import prepare as prepare_moments
 from harvester.parameters import knot_spacing, scale, stop_time
@@ -89,10 +89,10 @@ def starts_right(index):
 
 
 def noise_path(scene, index):
-    """The noise of one realization, at its beginning; the same for every engine."""
-    parameters, _ = scale(scene)
+    """The excitation of one realization, at its beginning; the same for every engine."""
+    _, scales = scale(scene)
     seed = realization_seeds(scene.run.seed, scene.run.realizations)[index]
-    return NoisePath(parameters.intensity, parameters.correlation_time, knot_spacing(scene), seed)
+    return scene.excitation.path(knot_spacing(scene), scales.displacement, seed)
 
 
 def run(

@@ -5,6 +5,7 @@ import math
 from dataclasses import dataclass, field
 
 from harvester.estimators import Estimate
+from harvester.excitation.spectrum_fit import SpectrumFit
 from harvester.output import finite
 from harvester.parameters import Scales
 from harvester.record import Record
@@ -61,6 +62,8 @@ class Result:
         Realizations that failed for good, with the reason; left out of the estimates.
     moments : list of harvester.moments.Moments
         One per realization, for paired differences; empty for averaging.
+    spectrum_fit : SpectrumFit or None
+        Of averaging over a record.
     outcome : str
         "complete", "incomplete" where realizations failed, or the name of the error that ended
         the run early.
@@ -85,6 +88,7 @@ class Result:
     waveform: Record | None = field(default=None, repr=False)
     failures: dict = field(default_factory=dict)
     moments: list = field(default_factory=list, repr=False)
+    spectrum_fit: SpectrumFit | None = field(default=None, repr=False)
     outcome: str = "complete"
 
     def quantity(self, name):
@@ -110,6 +114,7 @@ class Result:
 
     def to_dict(self):
         """Plain values for JSON; NaN and missing errors become null."""
+        fit = {"spectrum_fit": self.spectrum_fit.to_dict()} if self.spectrum_fit else {}
         return {
             "engine": self.engine,
             "engine_version": self.engine_version,
@@ -139,6 +144,7 @@ class Result:
             "netlist_sha256": self.netlist_sha256,
             "notes": list(self.notes),
             "failures": {str(index): reason for index, reason in self.failures.items()},
+            **fit,
             "scene": self.scene.to_dict(),
         }
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from harvester.errors import SceneError
+from harvester.excitation import KINDS, Excitation, build
 from harvester.scene_schema import check_tables, nearest
 
 BUILT_IN = Path(__file__).parent / "scenes"
@@ -54,20 +55,6 @@ class Load:
 
 
 @dataclass(frozen=True)
-class Excitation:
-    """Ornstein–Uhlenbeck base acceleration, Eq. 6, linear between knots.
-
-    `intensity` is D, m²/s³ in SI; `correlation_time` and `knot_spacing` in s.
-    `knot_spacing` left out: chosen by `harvester.parameters`.
-    """
-
-    intensity: float
-    correlation_time: float
-    kind: str = "ornstein-uhlenbeck"
-    knot_spacing: float | None = None
-
-
-@dataclass(frozen=True)
 class Run:
     """Length of each realization and what is discarded before it (s); seed; how many."""
 
@@ -77,13 +64,13 @@ class Run:
     realizations: int = 1
 
 
-# Table in the file → attribute of Scene, class. `load` is taken by the reader `Scene.load`.
+# Table in the file → attribute of Scene, what builds it. `load` is the reader `Scene.load`.
 TABLES = {
     "oscillator": ("oscillator", Oscillator),
     "stoppers": ("stoppers", Stoppers),
     "piezo": ("piezo", Piezo),
     "load": ("electrical_load", Load),
-    "excitation": ("excitation", Excitation),
+    "excitation": ("excitation", build),
     "run": ("run", Run),
 }
 
@@ -137,6 +124,7 @@ class Scene:
         except OSError as error:
             raise SceneError(f"{path}: cannot be read: {error.strerror}") from None
         name = path.stem
+        _locate_files(tables.get("excitation"), path.parent)
         for text in overrides:
             key, value = _parse_override(text)
             _put(tables, key, value, "--set")
@@ -145,14 +133,16 @@ class Scene:
     @classmethod
     def from_tables(cls, tables, name="scene", origin="scene"):
         """Build a scene from nested dictionaries of the TOML file's form, checked."""
-        checked = check_tables(tables, origin)
+        checked = check_tables(tables, origin, {"excitation": KINDS})
         top = {key: checked[key] for key in ("units", "length_scale") if key in checked}
         parts = {
-            attribute: kind(**checked[table])
-            for table, (attribute, kind) in TABLES.items()
+            attribute: make(**checked[table])
+            for table, (attribute, make) in TABLES.items()
             if table in checked
         }
-        return cls(name=name, **top, **parts)
+        scene = cls(name=name, **top, **parts)
+        scene.excitation.check(scene.units, scene.run, origin)
+        return scene
 
     def replace(self, changes=None, /, **tables):
         """A checked copy with other values.
@@ -177,24 +167,52 @@ class Scene:
 
     def to_tables(self):
         """Nested dictionaries of the TOML file's form, without what is left out."""
+        return self._tables(lambda field: field.init)
+
+    def _tables(self, kept):
+        """Nested dictionaries of the fields that `kept` says."""
         tables = {"units": self.units}
         if self.length_scale is not None:
             tables["length_scale"] = self.length_scale
         for table, (attribute, _) in TABLES.items():
             part = getattr(self, attribute)
             if part is not None:
-                values = dataclasses.asdict(part)
-                tables[table] = {k: v for k, v in values.items() if v is not None}
+                tables[table] = _plain(part, kept)
         return tables
 
     def to_dict(self):
-        """Plain values for a result's JSON: name, digest and tables."""
-        return {"name": self.name, "sha256": self.digest(), **self.to_tables()}
+        """Plain values for a result's JSON: name, digests and tables."""
+        return {"name": self.name, "sha256": self.digest(), **self._tables(lambda field: True)}
 
     def digest(self):
-        """SHA-256 of the scene's values: the same device and run give the same digest."""
-        text = json.dumps(self.to_tables(), sort_keys=True)
+        """SHA-256 of the scene's values: the same device and run give the same digest.
+
+        A record counts by its content, wherever it lies.
+        """
+        text = json.dumps(self._tables(lambda field: field.name != "file"), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _plain(part, kept):
+    """A dataclass as plain values, without what is left out."""
+    values = {}
+    for field in dataclasses.fields(part):
+        value = getattr(part, field.name)
+        if value is not None and kept(field):
+            parts = isinstance(value, tuple) and any(map(dataclasses.is_dataclass, value))
+            values[field.name] = [_plain(each, kept) for each in value] if parts else value
+    return values
+
+
+def _locate_files(table, folder):
+    """Make the files that a scene names relative to its own folder; faults are left alone."""
+    if not isinstance(table, dict):
+        return
+    if isinstance(table.get("file"), str):
+        table["file"] = str(folder / table["file"])
+    parts = table.get("parts")
+    for part in parts if isinstance(parts, list) else ():
+        _locate_files(part, folder)
 
 
 def _find(source):

@@ -12,20 +12,31 @@ BOTH = (SCALED, SI)
 
 @dataclass(frozen=True)
 class Key:
-    """What one key accepts: a number in a range, or one of a few words."""
+    """What one key accepts: a number in a range, a text, one of a few words, or a list.
 
-    kind: type = float
+    `kind` is float, int, str, (str, int), or dict for a table with a `kind` of its own. With
+    `each`, a list of `count` (fewest, most) values of that key's sort.
+    """
+
+    kind: type | tuple = float
     low: float = -math.inf
     high: float = math.inf
     low_allowed: bool = True
     words: tuple = ()
     units: tuple = BOTH
     required: bool = False
+    each: "Key | None" = None
+    count: tuple = (0, 0)
 
     def allowed(self):
         """The accepted values, in words."""
+        if self.each:
+            few, many = self.count
+            return f"a list of {few if few == many else f'{few} to {many}'}: {self.each.allowed()}"
         if self.words:
             return "one of " + ", ".join(f'"{word}"' for word in self.words)
+        if self.kind in _NOUNS:
+            return _NOUNS[self.kind]
         noun = "a whole number" if self.kind is int else "a number"
         if self.low == -math.inf:
             return noun
@@ -34,50 +45,51 @@ class Key:
         return f"{noun} in {'[' if self.low_allowed else '('}{self.low:g}, {self.high:g}]"
 
 
-def _positive(**more):
+_NOUNS = {str: "a text", (str, int): "a name or a whole number ≥ 0", dict: "a table"}
+
+
+def positive(**more):
+    """A key for a number > 0."""
     return Key(low=0.0, low_allowed=False, **more)
 
 
-def _not_negative(**more):
+def not_negative(**more):
+    """A key for a number ≥ 0."""
     return Key(low=0.0, **more)
 
 
 TOP = {
     "units": Key(kind=str, words=BOTH, required=True),
-    "length_scale": _positive(units=(SI,)),
+    "length_scale": positive(units=(SI,)),
 }
 
 KEYS = {
     "oscillator": {
-        "mass": _positive(units=(SI,), required=True),
-        "damping": _not_negative(required=True),
+        "mass": positive(units=(SI,), required=True),
+        "damping": not_negative(required=True),
         "linear_stiffness": Key(required=True),
-        "cubic_stiffness": _not_negative(),
+        "cubic_stiffness": not_negative(),
     },
     "stoppers": {
-        "gap": _positive(required=True),
-        "stiffness": _not_negative(required=True),
+        "gap": positive(required=True),
+        "stiffness": not_negative(required=True),
         "restitution": Key(low=0.0, high=1.0, required=True),
         "impact_velocity": Key(kind=str, words=("energy", "event")),
     },
     "piezo": {
-        "coupling": _not_negative(required=True),
-        "capacitance": _positive(units=(SI,), required=True),
+        "coupling": not_negative(required=True),
+        "capacitance": positive(units=(SI,), required=True),
     },
     "load": {
         "kind": Key(kind=str, words=("resistor",)),
-        "resistance": _positive(units=(SI,), required=True),
-        "decay_rate": _positive(units=(SCALED,), required=True),
+        "resistance": positive(units=(SI,), required=True),
+        "decay_rate": positive(units=(SCALED,), required=True),
     },
-    "excitation": {
-        "kind": Key(kind=str, words=("ornstein-uhlenbeck",)),
-        "intensity": _positive(required=True),
-        "correlation_time": _positive(required=True),
-        "knot_spacing": _positive(),
-    },
+    # Decided by the table's own `kind`.
+    "excitation": None,
     "run": {
-        "duration": _positive(required=True),
-        "settle": _not_negative(),
+        "duration": positive(required=True),
+        "settle": not_negative(),
         "seed": Key(kind=int, low=0),
         "realizations": Key(kind=int, low=1, high=1_000_000),
     },
@@ -92,7 +104,7 @@ def nearest(word, known):
     return f" (did you mean {close[0]}?)" if close else ""
 
 
-def check_tables(tables, origin):
+def check_tables(tables, origin, kinds):
     """Checked copy of a scene's nested dictionaries.
 
     Parameters
@@ -101,6 +113,8 @@ def check_tables(tables, origin):
         As read from TOML: top-level keys and tables.
     origin : str
         File or scene name, for messages.
+    kinds : dict of str to dict
+        For tables whose `kind` decides what else they hold: {table: {kind: class with KEYS}}.
 
     Returns
     -------
@@ -124,14 +138,23 @@ def check_tables(tables, origin):
     checked = _check_table("", top, TOP, units if units in BOTH else SCALED, origin)
     for table, keys in KEYS.items():
         if table in tables:
-            checked[table] = _check_table(table, tables[table], keys, units, origin)
+            values = tables[table]
+            keys = keys or _keys_of_kind(table, values, kinds[table], origin)
+            checked[table] = _check_table(table, values, keys, units, origin, kinds.get(table))
         elif table not in OPTIONAL_TABLES:
             raise SceneError(f"{origin}: table [{table}] is missing")
     _check_physics(checked, origin)
     return checked
 
 
-def _check_table(table, values, keys, units, origin):
+def _keys_of_kind(table, values, kinds, origin):
+    """The keys of a table by its `kind`, the first of them where it is left out."""
+    spec = Key(kind=str, words=tuple(kinds))
+    word = _check_value(f"{table}.kind", values.get("kind", spec.words[0]), spec, origin)
+    return {"kind": spec, **kinds[word].KEYS}
+
+
+def _check_table(table, values, keys, units, origin, kinds=None):
     checked = {}
     prefix = f"{table}." if table else ""
     for name, value in values.items():
@@ -144,7 +167,20 @@ def _check_table(table, values, keys, units, origin):
                 f'{origin}: {prefix}{name} belongs to scenes with units = "{spec.units[0]}", '
                 f'and this one has "{units}"'
             )
-        checked[name] = _check_value(f"{prefix}{name}", value, spec, origin)
+        where = f"{prefix}{name}"
+        checked[name] = _check_value(where, value, spec, origin)
+        if spec.each and spec.each.kind is dict:
+            checked[name] = tuple(
+                _check_table(
+                    f"{where}[{place}]",
+                    part,
+                    _keys_of_kind(f"{where}[{place}]", part, kinds, origin),
+                    units,
+                    origin,
+                    kinds,
+                )
+                for place, part in enumerate(checked[name])
+            )
     for name, spec in keys.items():
         if spec.required and units in spec.units and name not in checked:
             raise SceneError(f"{origin}: {prefix}{name} is missing; it takes {spec.allowed()}")
@@ -156,8 +192,19 @@ def _check_value(where, value, spec, origin):
         hint = nearest(value, spec.words) if isinstance(value, str) else ""
         raise SceneError(f"{origin}: {where} = {value!r}: must be {spec.allowed()}{hint}")
 
+    if spec.each:
+        few, many = spec.count
+        if not isinstance(value, (list, tuple)) or not few <= len(value) <= many:
+            refuse()
+        return tuple(
+            _check_value(f"{where}[{place}]", part, spec.each, origin)
+            for place, part in enumerate(value)
+        )
     if spec.words:
         return value if value in spec.words else refuse()
+    if spec.kind in _NOUNS:
+        fits = isinstance(value, spec.kind) and value is not True and value is not False
+        return value if fits else refuse()
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         refuse()
     if spec.kind is int and not isinstance(value, int):
@@ -189,13 +236,7 @@ def _check_physics(scene, origin):
             f"{origin}: piezo.coupling = 0.0: must be a number > 0 in SI, where it sets the "
             "voltage scale (Eq. 3); a scaled scene can be without coupling"
         )
-    excitation = scene["excitation"]
-    spacing = excitation.get("knot_spacing", 0.0)
-    if spacing > excitation["correlation_time"]:
-        raise SceneError(
-            f"{origin}: excitation.knot_spacing = {spacing:g}: must be a number in "
-            f"(0, {excitation['correlation_time']:g}], the correlation time"
-        )
+    spacing = scene["excitation"].get("knot_spacing", 0.0)
     if spacing > scene["run"]["duration"]:
         raise SceneError(
             f"{origin}: run.duration = {scene['run']['duration']:g}: must be at least one "

@@ -7,8 +7,14 @@ from dataclasses import replace
 
 from harvester import batches
 from harvester.errors import EnergyNotBalanced, HarvesterError, SimulationError
-from harvester.estimators import densities, energy_balance_residual, estimate_all
-from harvester.excitation import interpolation_loss
+from harvester.estimators import (
+    densities,
+    energy_balance_residual,
+    estimate_all,
+    standard_error,
+    standard_error_of_drift,
+)
+from harvester.excitation import OrnsteinUhlenbeck
 from harvester.parameters import STEP_LEVELS, knot_spacing, scale, steps_per_knot
 from harvester.realization import ENGINES, SCHEMES, Realization
 from harvester.results import Result
@@ -233,6 +239,20 @@ def check_name(what, name, known):
     return name
 
 
+def require_noise(scene, command):
+    """Refuse kinds of excitation that a command cannot vary or repeat.
+
+    Raises
+    ------
+    HarvesterError
+    """
+    if not isinstance(scene.excitation, OrnsteinUhlenbeck):
+        raise HarvesterError(
+            f'{scene.name}: excitation.kind = "{scene.excitation.kind}": {command} needs as many '
+            'independent paths as it likes: set excitation.kind = "ornstein-uhlenbeck"'
+        )
+
+
 class _Follower:
     """Adds up how far the realizations are."""
 
@@ -249,12 +269,13 @@ class _Follower:
 def _result(scene, engine, step, source, realizations, failures, outcome="complete"):
     parameters, scales = scale(scene)
     moments = [realization.moments for realization in realizations]
+    error_of = standard_error_of_drift if scene.excitation.drifts else standard_error
     first = min(realization.started for realization in realizations)
     last = max(realization.ended for realization in realizations)
     return Result(
         scene=scene,
         engine=engine if source == "external" else f"{engine} ({source} source)",
-        scaled_quantities=estimate_all(moments, parameters),
+        scaled_quantities=estimate_all(moments, parameters, error_of),
         scales=scales,
         error_kind="statistical",
         energy_balance_residual=energy_balance_residual(moments, parameters),
@@ -268,7 +289,7 @@ def _result(scene, engine, step, source, realizations, failures, outcome="comple
         netlist_sha256=realizations[0].netlist_sha256,
         notes=(*_notes(scene), *_failure_notes(failures, scene)),
         failures={index: f"{type(e).__name__}: {e}" for index, e in failures.items()},
-        densities=densities(moments),
+        densities=densities(moments, scene.excitation.symmetric),
         waveform=realizations[0].waveform,
         moments=moments,
         outcome="incomplete" if failures else outcome,
@@ -290,8 +311,9 @@ def _partial(scene, engine, step, source, error):
 
 
 def _notes(scene):
-    loss = interpolation_loss(knot_spacing(scene), scene.excitation.correlation_time)
-    return (f"noise linear between knots: its variance is {loss:.1%} below D/τ1",)
+    parameters, _ = scale(scene)
+    frequency = parameters.angular_frequency
+    return scene.excitation.notes(knot_spacing(scene), frequency, scene.run)
 
 
 def _failure_notes(failures, scene):

@@ -17,7 +17,7 @@ from harvester.output import finite
 from harvester.parameters import STEPS_PER_PERIOD, knot_spacing, scale, steps_per_knot
 from harvester.realization import ENGINES, run
 from harvester.scene import Scene
-from harvester.simulation import check_step
+from harvester.simulation import check_step, require_noise
 from harvester.stability_cases import STEP_BUDGET, changed, default_cases
 from harvester.stability_verdicts import (
     JUDGED,
@@ -138,6 +138,7 @@ def stability(scene, *, cases=None, step="default", workers=None, progress=None)
     StabilityMatrix
     """
     step = check_step(step)
+    require_noise(scene, "stability")
     clock = time.perf_counter()
     cases = default_cases() if cases is None else cases
     scenes = [_changed_or_refused(scene, case) for case in cases]

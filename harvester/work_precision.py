@@ -20,7 +20,7 @@ from harvester.errors import AveragingError, EnergyNotBalanced, SimulationError
 from harvester.estimators import paired_difference
 from harvester.methods import COMPILED_METHODS, METHODS, THOROUGH_METHODS
 from harvester.parameters import knot_spacing, scale
-from harvester.simulation import simulate
+from harvester.simulation import require_noise, simulate
 from harvester.workers import WorkerPool
 
 # Strong errors: paths, and the length of each in periods of small oscillations, or in knots
@@ -65,6 +65,7 @@ def work_precision(scene, *, thorough=False, workers=None, methods=None, progres
     HarvesterError, SimulationError
         The reference itself failed.
     """
+    require_noise(scene, "work-precision")
     chosen = methods or (THOROUGH_METHODS if thorough else METHODS)
     factor = THOROUGH if thorough else 1
     progress = progress or (lambda label, scene: None)

@@ -26,6 +26,11 @@ def add(commands):
         metavar="NAME",
         help=f"{' or '.join(CLOSURES)} (default: consistent)",
     )
+    command.add_argument(
+        "--fit",
+        action="store_true",
+        help="of a recorded excitation: fit D and τ1 to its spectrum, and say how far it is",
+    )
     add_results(command)
 
 
@@ -36,6 +41,6 @@ def run(options):
     from harvester.averaged import average
     from harvester.console import show_result
 
-    result = average(scene, options.closure)
+    result = average(scene, options.closure, options.fit)
     show_result(result, to_stderr=options.json == "-")
     write_result(options, f"{scene.name}-{options.closure}", result, "draw_result")

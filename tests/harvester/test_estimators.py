@@ -9,6 +9,7 @@ from harvester.estimators import (
     energy_balance_residual,
     estimate_all,
     standard_error,
+    standard_error_of_drift,
 )
 from harvester.moments import Moments
 from harvester.monte_carlo import initial_state, integrate
@@ -161,3 +162,22 @@ def test_the_residual_sees_a_wrong_coefficient():
     for m in moments:
         m.integrals[:, 6] *= 1.1
     assert abs(energy_balance_residual(moments, p)) > 0.03
+
+
+def test_the_error_of_a_drifting_record_is_the_scatter_among_records_that_drift_alike():
+    """Of 400 series: their scatter is known to 3.5 %, the mean error to a few; 4 % and more."""
+    rng = np.random.default_rng(5)
+    envelope = 0.2 + np.exp(-(np.linspace(-2.0, 2.0, 256) ** 2))
+    filtered = rng.standard_normal((400, 256 + 1))
+    correlated = 0.8 * filtered[:, 1:] + 0.6 * filtered[:, :-1]
+    series = envelope * (3.0 + correlated)
+    errors = [standard_error_of_drift(row[None]) for row in series]
+    # Now and then a short series seems correlated at every length.
+    assert errors.count(None) < 20
+    errors = [error for error in errors if error is not None]
+    scatter = series.mean(axis=1).std(ddof=1)
+    assert np.mean(errors) == pytest.approx(scatter, rel=0.15)
+    # Batch means take the envelope for correlation: no error bar, or one that is far too large.
+    plain = [standard_error(row[None]) for row in series]
+    assert all(error is None or error > 2.0 * scatter for error in plain)
+    assert standard_error_of_drift(series[:1, :10]) is None

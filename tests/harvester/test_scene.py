@@ -47,7 +47,7 @@ def test_the_length_scale_is_the_wells_distance_where_none_is_given():
         ("stoppers.gap=inf", ["stoppers.gap"]),
         ("stoppers.impact_velocity=events", ["impact_velocity", "event"]),
         ("excitation.correlation_time=0", ["excitation.correlation_time", "> 0"]),
-        ("excitation.kind=white", ["excitation.kind", "ornstein-uhlenbeck"]),
+        ("excitation.kind=whit", ["excitation.kind", "did you mean white"]),
         ("excitation.knot_spacing=0.5", ["knot_spacing", "0.4"]),
         ("run.seed=1.5", ["run.seed", "whole number"]),
         ("run.seed=-1", ["run.seed"]),

@@ -1,0 +1,43 @@
+"""Excitations: each kind is one class in one module and one entry in `KINDS`."""
+
+from harvester.excitation.base import Excitation, kernel_loss, realization_seeds
+from harvester.excitation.ornstein_uhlenbeck import (
+    NoisePath,
+    OrnsteinUhlenbeck,
+    interpolation_loss,
+)
+from harvester.excitation.recorded import RecordedMotion
+from harvester.excitation.sine import Sine
+from harvester.excitation.sum import Sum
+from harvester.excitation.white import White
+
+# By the word in `[excitation] kind`; the first is meant where it is left out.
+KINDS = {
+    "ornstein-uhlenbeck": OrnsteinUhlenbeck,
+    "record": RecordedMotion,
+    "sine": Sine,
+    "white": White,
+    "sum": Sum,
+}
+
+__all__ = [
+    "KINDS",
+    "Excitation",
+    "NoisePath",
+    "OrnsteinUhlenbeck",
+    "RecordedMotion",
+    "Sine",
+    "Sum",
+    "White",
+    "build",
+    "interpolation_loss",
+    "kernel_loss",
+    "realization_seeds",
+]
+
+
+def build(kind="ornstein-uhlenbeck", parts=(), **values):
+    """An excitation from the checked values of its table."""
+    if parts:
+        values["parts"] = tuple(build(**part) for part in parts)
+    return KINDS[kind](**values)

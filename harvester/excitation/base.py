@@ -1,0 +1,108 @@
+"""What every kind of excitation offers to scenes and engines."""
+
+from abc import ABC, abstractmethod
+from typing import ClassVar
+
+import numpy as np
+
+
+def realization_seeds(seed, realizations):
+    """One independent `SeedSequence` per realization, the same whatever runs them."""
+    return np.random.SeedSequence(seed).spawn(realizations)
+
+
+def kernel_loss(spacing, angular_frequency):
+    """Share of the spectral density that linear interpolation between knots takes away.
+
+    A straight line between samples is their convolution with a triangle, whose power gain at
+    the frequency ω is sinc⁴(ω spacing/2).
+    """
+    return 1.0 - float(np.sinc(0.5 * spacing * angular_frequency / np.pi)) ** 4
+
+
+class Excitation(ABC):
+    """One kind of the right-hand side η of Eq. 4a, linear between equally spaced knots.
+
+    A kind is a frozen dataclass: its fields are the keys of the scene's table `[excitation]`,
+    in the scene's units. Accelerations there are divided by the length unit to give η.
+
+    Attributes
+    ----------
+    KEYS : dict of str to harvester.scene_schema.Key
+        What the table may hold besides `kind`.
+    """
+
+    KEYS: ClassVar[dict] = {}
+
+    @property
+    def symmetric(self):
+        """Whether the path turned upside down is as likely."""
+        return True
+
+    @property
+    def drifts(self):
+        """Whether its strength changes along the run, as in one record of an event."""
+        return False
+
+    def check(self, units, run, origin):  # noqa: B027
+        """Refuse what no single value shows.
+
+        Parameters
+        ----------
+        units : str
+            "scaled" or "SI".
+        run : harvester.scene.Run
+        origin : str
+            File or scene name, for messages.
+
+        Raises
+        ------
+        SceneError
+        """
+
+    @abstractmethod
+    def spacing(self, longest):
+        """Spacing of the knots (s).
+
+        Parameters
+        ----------
+        longest : float
+            What resolves the device's own motion (s); infinite where it has no frequency.
+        """
+
+    @abstractmethod
+    def equivalent_noise(self, relaxation_time, longest):
+        """(D, τ1) of the Ornstein–Uhlenbeck noise that drives about as strongly.
+
+        It sizes steps. Averaging uses it where `averaging_refusal` is empty.
+
+        Parameters
+        ----------
+        relaxation_time, longest : float
+            Of the device (s); see `spacing`.
+        """
+
+    @abstractmethod
+    def path(self, spacing, length, seed):
+        """The path of one realization: an object with `.spacing` and `.read(count)`.
+
+        `read` returns the next samples of η, float64 of shape (count,): the same seed gives
+        the same bytes in blocks of any size. An engine may read past the end of the run.
+
+        Parameters
+        ----------
+        spacing : float
+            Time between knots (s).
+        length : float
+            The length unit, which turns accelerations into η (1 in scaled scenes).
+        seed : numpy.random.SeedSequence
+            Of this realization.
+        """
+
+    @abstractmethod
+    def notes(self, spacing, angular_frequency, run):
+        """What a reader must know before citing a number, as a tuple of lines."""
+
+    def averaging_refusal(self):
+        """Why stochastic averaging does not apply; empty where it does."""
+        return "averaging assumes stationary noise with a smooth spectrum: simulate"

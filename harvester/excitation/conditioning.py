@@ -1,0 +1,200 @@
+"""From a file's columns to evenly spaced samples: faults refused or mended, filters."""
+
+import numpy as np
+
+from harvester.errors import SceneError
+
+# To m/s².
+UNITS = {
+    "m/s^2": 1.0,
+    "cm/s^2": 1e-2,
+    "gal": 1e-2,
+    "mm/s^2": 1e-3,
+    "g": 9.80665,
+    "mg": 9.80665e-3,
+    "scaled": 1.0,
+}
+FAULTS = ("nan", "uneven", "clipped")
+FEWEST_SAMPLES = 64
+# Share of the samples that may be mended.
+LARGEST_MENDED_SHARE = 0.1
+# Deviation from an even grid, in spacings, that a printed time's rounding explains.
+LARGEST_JITTER = 0.1
+# A clipped crest has this many equal extreme samples, and a clipped record two of them: one
+# flat crest is a coincidence.
+FLAT_SAMPLES, FLAT_CRESTS = 3, 2
+FILTER_ORDER = 4
+# Of a repeated record, at each end.
+CROSS_FADE_SHARE = 0.05
+
+
+def even_samples(columns, mend, file):
+    """Evenly spaced finite samples, and their rate.
+
+    Parameters
+    ----------
+    columns : harvester.excitation.motion_file.Columns
+        With a sampling rate or times.
+    mend : sequence of str
+        Faults to mend: "nan" by straight lines over the gap, "uneven" by straight lines onto an
+        even grid, "clipped" by a cubic spline through what was not clipped.
+    file : str
+        For messages.
+
+    Returns
+    -------
+    ndarray, float
+        Samples in the file's unit, and Hz.
+
+    Raises
+    ------
+    SceneError
+        A fault that was not to be mended, or cannot be.
+    """
+    values, rate = np.array(columns.values), columns.sampling_rate
+    if values.size < FEWEST_SAMPLES:
+        raise SceneError(
+            f"{file}: the record is too short: {values.size} samples, and {FEWEST_SAMPLES} are "
+            "the fewest"
+        )
+    times = np.arange(values.size) / rate if columns.times is None else columns.times
+    good = np.isfinite(values) & np.isfinite(times)
+    lost = int(np.count_nonzero(~good))
+    if lost:
+        first = int(np.flatnonzero(~good)[0])
+        _refuse(file, "nan", mend, lost, values.size, f"the first is sample {first}")
+        # Without its times a sample leaves an uneven record; with them a gap on the grid.
+        values[~good] = np.interp(np.flatnonzero(~good), np.flatnonzero(good), values[good])
+        if columns.times is not None:
+            times = np.interp(np.arange(values.size), np.flatnonzero(good), times[good])
+    clipped = _clipped(values)
+    if clipped.any():
+        level = float(np.abs(values[clipped]).max())
+        _refuse(file, "clipped", mend, int(clipped.sum()), values.size, f"at {level:g}")
+        values = _unclip(values, clipped)
+    if np.ptp(values) == 0.0:
+        raise SceneError(f"{file}: the record is constant: every sample is {values[0]:g}")
+    return (values, rate) if columns.times is None else _even(values, times, rate, mend, file)
+
+
+def conditioned(values, rate, detrend, band, file):
+    """Samples without trend, within a band.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+    rate : float
+        Hz.
+    detrend : str
+        "none", "mean" or "linear".
+    band : (float, float) or None
+        Hz: Butterworth of fourth order, forward and backward (zero phase, eighth order in all,
+        −6 dB at both ends); 0 as the first leaves a low-pass.
+    file : str
+        For messages.
+
+    Raises
+    ------
+    SceneError
+        The band does not lie below half the sampling rate.
+    """
+    from scipy import signal
+
+    if detrend != "none":
+        values = signal.detrend(values, type="constant" if detrend == "mean" else "linear")
+    if band is None:
+        return values
+    low, high = band
+    if not low < high < 0.5 * rate:
+        raise SceneError(
+            f"{file}: excitation.band = [{low:g}, {high:g}]: must rise and end below "
+            f"{0.5 * rate:g} Hz, half the sampling rate"
+        )
+    edges, kind = (high, "lowpass") if low == 0.0 else ([low, high], "bandpass")
+    sections = signal.butter(FILTER_ORDER, edges, kind, fs=rate, output="sos")
+    return signal.sosfiltfilt(sections, values)
+
+
+def refined(values, factor):
+    """Band-limited interpolation to `factor` times as many samples (windowed sinc)."""
+    from scipy import signal
+
+    if factor == 1:
+        return values
+    finer = signal.resample_poly(values, factor, 1, padtype="line")
+    return finer[: (values.size - 1) * factor + 1]
+
+
+def closed(values):
+    """A record that continues at its beginning: its ends are faded into each other.
+
+    The cross-fade keeps the power of two stretches that are not correlated.
+    """
+    fade = max(1, round(CROSS_FADE_SHARE * values.size))
+    angle = 0.5 * np.pi * np.arange(fade) / fade
+    loop = values[: values.size - fade].copy()
+    loop[:fade] = np.sin(angle) * values[:fade] + np.cos(angle) * values[values.size - fade :]
+    return loop
+
+
+def _refuse(file, fault, mend, count, total, where):
+    """Unless it is to be mended and few enough."""
+    name = {"nan": "without a number", "clipped": "clipped"}[fault]
+    if fault not in mend:
+        raise SceneError(
+            f'{file}: {count} of {total} samples are {name} ({where}); mend = ["{fault}"] mends '
+            "them"
+        )
+    if count > LARGEST_MENDED_SHARE * total:
+        raise SceneError(
+            f"{file}: {count} of {total} samples are {name} ({where}): more than "
+            f"{LARGEST_MENDED_SHARE:.0%} cannot be mended"
+        )
+
+
+def _clipped(values):
+    """Where the samples stay at an extreme value, crest after crest."""
+    clipped = np.zeros(values.size, dtype=bool)
+    for extreme in (values.max(), values.min()):
+        flat = np.concatenate([[False], values == extreme, [False]])
+        edges = np.flatnonzero(flat[1:] != flat[:-1])
+        starts, stops = edges[::2], edges[1::2]
+        crests = stops - starts >= FLAT_SAMPLES
+        if np.count_nonzero(crests) >= FLAT_CRESTS:
+            clipped |= flat[1:-1]
+    return clipped
+
+
+def _unclip(values, clipped):
+    from scipy.interpolate import CubicSpline
+
+    good = np.flatnonzero(~clipped)
+    mended = values.copy()
+    mended[clipped] = CubicSpline(good, values[good])(np.flatnonzero(clipped))
+    # A spline's guess never lies inside what was seen.
+    inside = clipped & (np.abs(mended) < np.abs(values))
+    mended[inside] = values[inside]
+    return mended
+
+
+def _even(values, times, rate, mend, file):
+    """On a grid of the mean spacing, or of the rate where one is given."""
+    steps = np.diff(times)
+    if not steps.min() > 0.0:
+        place = int(np.argmin(steps > 0.0))
+        raise SceneError(
+            f"{file}: the time column does not rise after sample {place} (t = {times[place]:g})"
+        )
+    spacing = (times[-1] - times[0]) / steps.size if rate is None else 1.0 / rate
+    grid = times[0] + np.arange(times.size) * spacing
+    jitter = float(np.abs(times - grid).max()) / spacing
+    if jitter <= LARGEST_JITTER:
+        return values, 1.0 / spacing
+    if "uneven" not in mend:
+        raise SceneError(
+            f"{file}: the time column leaves an even grid by {jitter:.2g} spacings of "
+            f'{spacing:.6g} s; mend = ["uneven"] interpolates'
+        )
+    spacing = float(np.median(steps)) if rate is None else 1.0 / rate
+    count = int((times[-1] - times[0]) / spacing + 1e-9) + 1
+    return np.interp(times[0] + np.arange(count) * spacing, times, values), 1.0 / spacing

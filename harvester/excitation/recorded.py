@@ -1,0 +1,271 @@
+"""Recorded base acceleration: a file's samples as knots."""
+
+import math
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from harvester.errors import SceneError
+from harvester.excitation import conditioning
+from harvester.excitation.base import Excitation, kernel_loss
+from harvester.excitation.motion_file import content_digest, read_columns
+from harvester.scene_schema import Key, not_negative, positive
+
+# Offset over the rms from which on the result carries a note.
+NOTED_OFFSET = 0.1
+STRETCHES = 4
+
+
+@dataclass(frozen=True)
+class RecordedMotion(Excitation):
+    """Base acceleration from a file (CSV, .npy, .wav), linear between its samples.
+
+    η is minus the base acceleration, as it acts on the displacement relative to the base; in a
+    scaled scene (`unit = "scaled"`) the column is η itself.
+
+    Attributes
+    ----------
+    file : str
+        Relative to the scene's folder in a scene file, else to the working folder.
+    unit : str
+        Of the column: a name in `conditioning.UNITS`.
+    column, time_column : str, int or None
+        Name or number from 0; see `motion_file.read_columns`.
+    sampling_rate : float or None
+        Hz; left out where the time column or the .wav file tells it.
+    full_scale : float
+        Of a .wav file, in `unit`.
+    detrend : str
+        "none", "mean" or "linear".
+    band : (float, float) or None
+        Hz; see `conditioning.conditioned`.
+    mend : tuple of str
+        Faults to mend: see `conditioning.even_samples`.
+    repetition : str
+        "none": the run is one pass from the record's beginning. "periodic": the record's ends
+        are faded into each other over a twentieth of it, and each realization starts at an
+        offset of its own, drawn from the seed.
+    knot_spacing : float or None
+        s; closer than the samples: band-limited interpolation, rounded down to a whole fraction.
+    sha256 : str
+        Of the file, when the scene was made: each worker process reads the file for itself, and
+        refuses one that has changed.
+    """
+
+    file: str
+    unit: str
+    column: str | int | None = None
+    time_column: str | int | None = None
+    sampling_rate: float | None = None
+    full_scale: float = 1.0
+    detrend: str = "none"
+    band: tuple | None = None
+    mend: tuple = ()
+    repetition: str = "none"
+    kind: str = "record"
+    knot_spacing: float | None = None
+    sha256: str = field(init=False)
+
+    KEYS: ClassVar[dict] = {
+        "file": Key(kind=str, required=True),
+        "unit": Key(kind=str, words=tuple(conditioning.UNITS), required=True),
+        "column": Key(kind=(str, int)),
+        "time_column": Key(kind=(str, int)),
+        "sampling_rate": positive(),
+        "full_scale": positive(),
+        "detrend": Key(kind=str, words=("none", "mean", "linear")),
+        "band": Key(each=not_negative(), count=(2, 2)),
+        "mend": Key(each=Key(kind=str, words=conditioning.FAULTS), count=(0, 3)),
+        "repetition": Key(kind=str, words=("none", "periodic")),
+        "knot_spacing": positive(),
+    }
+
+    def __post_init__(self):
+        object.__setattr__(self, "file", str(Path(self.file).absolute()))
+        object.__setattr__(self, "sha256", content_digest(self.file))
+
+    @property
+    def interval(self):
+        """Between knots (s)."""
+        return _knots(self)[1]
+
+    @property
+    def samples(self):
+        """Base acceleration at the knots (m/s², or η in a scaled scene), shape (n,)."""
+        return _knots(self)[0]
+
+    @property
+    def symmetric(self):
+        return False
+
+    @property
+    def drifts(self):
+        return self.repetition == "none"
+
+    def check(self, units, run, origin):
+        if (self.unit == "scaled") != (units == "scaled"):
+            fitting = [unit for unit in conditioning.UNITS if unit != "scaled"]
+            known = '"scaled"' if units == "scaled" else ", ".join(fitting)
+            raise SceneError(
+                f'{origin}: excitation.unit = "{self.unit}": a scene with units = "{units}" '
+                f"takes {known}"
+            )
+        if self.full_scale != 1.0 and Path(self.file).suffix.lower() != ".wav":
+            raise SceneError(f"{origin}: excitation.full_scale belongs to .wav files")
+        interval = one_pass(self)[1]
+        if self.knot_spacing is not None and self.knot_spacing > interval * (1.0 + 1e-9):
+            raise SceneError(
+                f"{origin}: excitation.knot_spacing = {self.knot_spacing:g}: must be a number in "
+                f"(0, {interval:g}], the time between the record's samples"
+            )
+        if self.repetition == "periodic":
+            return
+        length = (self.samples.size - 1) * self.interval
+        if run.settle + run.duration > length * (1.0 + 1e-9):
+            raise SceneError(
+                f"{origin}: the record lasts {length:g} s, and run.settle + run.duration are "
+                f'{run.settle + run.duration:g} s; shorten the run or set repetition = "periodic"'
+            )
+        if run.realizations > 1:
+            raise SceneError(
+                f"{origin}: run.realizations = {run.realizations}: one record is one path; set 1, "
+                'or repetition = "periodic" for starts at other offsets'
+            )
+
+    def spacing(self, longest):
+        return self.interval
+
+    def equivalent_noise(self, relaxation_time, longest):
+        return _equivalent_noise(self)
+
+    def path(self, spacing, length, seed):
+        sign = 1.0 if self.unit == "scaled" else -1.0
+        start = 0
+        if self.repetition == "periodic":
+            start = int(np.random.default_rng(seed).integers(self.samples.size))
+        eta = sign * self.samples / length
+        return RecordPath(eta, spacing, self.interval, start, self.repetition == "periodic")
+
+    def notes(self, spacing, angular_frequency, run):
+        values, name = self.samples, Path(self.file).name
+        repeats = self.repetition == "periodic"
+        length = (values.size if repeats else values.size - 1) * self.interval
+        loss = kernel_loss(self.interval, angular_frequency)
+        squares = [np.mean(part**2) for part in np.array_split(values, STRETCHES)]
+        lines = [
+            f"record {name} ({self.sha256[:12]}), {length:g} s, linear between knots "
+            f"{self.interval:.4g} s apart: its density at the device's frequency is {loss:.1%} "
+            "below that of the band-limited signal"
+        ]
+        if repeats:
+            times = (run.settle + run.duration) * run.realizations / length
+            lines.append(
+                f"the record is used {times:.1f} times over: error bars tell how well this "
+                f"record's own mean is known (best over whole repeats of {length:g} s), not what "
+                "another record gives"
+            )
+        else:
+            lines.append(
+                "one pass of one record: error bars are those of records that drift alike; "
+                "between its quarters the mean square changes by a factor of "
+                f"{max(squares) / min(squares):.3g}"
+            )
+        if abs(values.mean()) > NOTED_OFFSET * values.std():
+            lines.append(
+                f"the record's mean is {values.mean() / values.std():+.2g} of its deviation: "
+                'detrend = "mean" takes it away'
+            )
+        return tuple(lines)
+
+    def averaging_refusal(self):
+        return (
+            "averaging takes Ornstein–Uhlenbeck noise: ask for a fit to the record's spectrum "
+            "(--fit), or simulate"
+        )
+
+
+class RecordPath:
+    """Samples of a record at knots, from an offset on.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (n,)
+        η, scaled units.
+    spacing, interval : float
+        Between knots and between samples (s): between samples η is linear.
+    start : int
+        First sample.
+    periodic : bool
+        Continue at the beginning; else nothing acts after the end.
+    """
+
+    def __init__(self, samples, spacing, interval, start=0, periodic=False):
+        self.spacing = spacing
+        self._samples = samples
+        self._ratio = spacing / interval
+        self._start, self._periodic = start, periodic
+        self._next = 0
+
+    def read(self, count):
+        """The next `count` samples, float64 of shape (count,)."""
+        places = np.arange(self._next, self._next + count) * self._ratio
+        self._next += count
+        before = np.floor(places + 1e-9).astype(int)
+        share = np.maximum(places - before, 0.0)
+        before += self._start
+        return (1.0 - share) * self._at(before) + share * self._at(before + 1)
+
+    def _at(self, places):
+        size = self._samples.size
+        if self._periodic:
+            return self._samples[places % size]
+        return np.where(places < size, self._samples[np.minimum(places, size - 1)], 0.0)
+
+
+@lru_cache(maxsize=4)
+def _knots(record):
+    """(samples in m/s², their interval) of a record; kept, as every realization asks."""
+    if content_digest(record.file) != record.sha256:
+        raise SceneError(f"{record.file}: the record has changed since the scene was read")
+    columns = read_columns(record.file, record.column, record.time_column)
+    name = Path(record.file).name
+    given = record.sampling_rate
+    if given is not None and columns.sampling_rate not in (None, given):
+        raise SceneError(
+            f"{name}: excitation.sampling_rate = {given:g}: the file says "
+            f"{columns.sampling_rate:g} Hz"
+        )
+    columns = columns._replace(sampling_rate=given or columns.sampling_rate)
+    if columns.sampling_rate is None and columns.times is None:
+        raise SceneError(
+            f"{name}: excitation.sampling_rate is missing (Hz), or time_column to read it from"
+        )
+    values, rate = conditioning.even_samples(columns, record.mend, name)
+    values = values * conditioning.UNITS[record.unit] * record.full_scale
+    values = conditioning.conditioned(values, rate, record.detrend, record.band, name)
+    factor = max(1, math.ceil(1.0 / (rate * (record.knot_spacing or 1.0 / rate)) - 1e-9))
+    values = conditioning.refined(values, factor)
+    if record.repetition == "periodic":
+        values = conditioning.closed(values)
+    values.flags.writeable = False
+    return values, float(1.0 / (rate * factor))
+
+
+def one_pass(record):
+    """The record's own samples, neither refined nor closed, and their interval (s)."""
+    return _knots(replace(record, repetition="none", knot_spacing=None))
+
+
+@lru_cache(maxsize=4)
+def _equivalent_noise(record):
+    """Noise with the record's greatest density, D = π S, and its variance D/τ1."""
+    from scipy import signal
+
+    values, interval = _knots(record)
+    _, density = signal.welch(values, 1.0 / interval, nperseg=min(values.size, 1024))
+    # One-sided per hertz: 4 π S(ω).
+    intensity = float(density.max()) / 4.0
+    return intensity, intensity / float(np.mean(values**2))

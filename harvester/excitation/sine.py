@@ -1,0 +1,140 @@
+"""Harmonic base acceleration: one frequency, or several one after another."""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from harvester.errors import SceneError
+from harvester.excitation.base import Excitation
+from harvester.scene_schema import Key, not_negative, positive
+
+KNOTS_PER_PERIOD = 40
+# Straight lines through fewer points a period are no sine.
+FEWEST_KNOTS_PER_PERIOD = 8
+
+
+@dataclass(frozen=True)
+class Sine(Excitation):
+    """η = amplitude · sin(2π frequency t + phase).
+
+    `amplitude` in m/s² in SI; `frequency` in Hz; `phase` in rad. `knot_spacing` (s) left out:
+    a whole fraction of the period, at most its fortieth and a fortieth of the device's.
+    Between knots η is linear; its knots are raised by 1/sinc²(ω spacing/2), so that the
+    component at the frequency itself has the amplitude asked for.
+    """
+
+    amplitude: float
+    frequency: float
+    phase: float = 0.0
+    kind: str = "sine"
+    knot_spacing: float | None = None
+
+    KEYS: ClassVar[dict] = {
+        "amplitude": not_negative(required=True),
+        "frequency": positive(required=True),
+        "phase": Key(),
+        "knot_spacing": positive(),
+    }
+
+    @property
+    def symmetric(self):
+        return False
+
+    def check(self, units, run, origin):
+        longest = 1.0 / (FEWEST_KNOTS_PER_PERIOD * self.frequency)
+        if self.knot_spacing is not None and self.knot_spacing > longest:
+            raise SceneError(
+                f"{origin}: excitation.knot_spacing = {self.knot_spacing:g}: must be a number in "
+                f"(0, {longest:g}], an eighth of the sine's period"
+            )
+
+    def spacing(self, longest):
+        if self.knot_spacing is not None:
+            return self.knot_spacing
+        knots = math.ceil(max(KNOTS_PER_PERIOD, 1.0 / (self.frequency * longest)) - 1e-9)
+        return 1.0 / (self.frequency * knots)
+
+    def equivalent_noise(self, relaxation_time, longest):
+        # In resonance 2 E[X'²] = (amplitude · relaxation time)², which is D/(1 + ω²τ1²) times
+        # the relaxation time for noise.
+        return (
+            max(self.amplitude, 1e-150) ** 2 * relaxation_time,
+            1.0 / (2.0 * math.pi * self.frequency),
+        )
+
+    def path(self, spacing, length, seed):
+        return SinePath(self.amplitude / length, (self.frequency,), math.inf, spacing, self.phase)
+
+    def notes(self, spacing, angular_frequency, run):
+        return (
+            "the excitation is periodic and without chance: error bars tell how the means vary "
+            "from stretch to stretch of the run, nothing else",
+        )
+
+
+@dataclass(frozen=True)
+class SteppedSine(Excitation):
+    """One frequency after another without a jump in phase, for frequency responses.
+
+    Not a kind of its own in scenes: `harvester.frequency_response` puts it there.
+
+    `amplitude` in m/s² in SI, `frequencies` in Hz, `dwell` at each in s.
+    """
+
+    amplitude: float
+    frequencies: tuple
+    dwell: float
+    knot_spacing: float
+    kind: str = "stepped sine"
+
+    def spacing(self, longest):
+        return self.knot_spacing
+
+    def equivalent_noise(self, relaxation_time, longest):
+        sines = [Sine(self.amplitude, frequency) for frequency in self.frequencies]
+        return max(sine.equivalent_noise(relaxation_time, longest) for sine in sines)
+
+    def path(self, spacing, length, seed):
+        return SinePath(self.amplitude / length, self.frequencies, self.dwell, spacing)
+
+    def notes(self, spacing, angular_frequency, run):
+        return ()
+
+
+class SinePath:
+    """Samples of sines, each for the same time, with a phase that never jumps.
+
+    Parameters
+    ----------
+    amplitude : float
+        Of η, scaled units.
+    frequencies : sequence of float
+        Hz; the last one goes on for ever.
+    dwell : float
+        Time at each but the last (s).
+    spacing : float
+        Time between knots (s).
+    phase : float
+        At the beginning (rad).
+    """
+
+    def __init__(self, amplitude, frequencies, dwell, spacing, phase=0.0):
+        self.spacing = spacing
+        self._frequencies = np.array(frequencies)
+        self._dwell = dwell
+        self._heights = amplitude / np.sinc(self._frequencies * spacing) ** 2
+        turns = np.cumsum(self._frequencies[:-1]) * dwell if len(frequencies) > 1 else []
+        self._turns = phase / (2.0 * math.pi) + np.concatenate([[0.0], turns])
+        self._next = 0
+
+    def read(self, count):
+        """The next `count` samples, float64 of shape (count,)."""
+        times = np.arange(self._next, self._next + count) * self.spacing
+        self._next += count
+        last = self._frequencies.size - 1
+        at = np.minimum((times / self._dwell + 1e-12).astype(int), last)
+        since = times - np.where(at > 0, at * self._dwell, 0.0) if last else times
+        turns = self._turns[at] + self._frequencies[at] * since
+        return self._heights[at] * np.sin(2.0 * math.pi * np.mod(turns, 1.0))

@@ -1,0 +1,239 @@
+"""Ornstein–Uhlenbeck noise fitted to a record's spectrum, and how far the record is from it."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from harvester.errors import AveragingError
+from harvester.excitation.recorded import one_pass
+from harvester.output import finite
+
+# Stretches of the record whose periodograms are averaged, without the half-overlapping ones.
+STRETCHES = 16
+# Shares of half the sampling rate up to which the noise is fitted, and compared: towards 1,
+# sampling folds the noise's tail back, by 5 % and 23 % of the density here.
+FITTED_SHARE, COMPARED_SHARE = 0.25, 0.5
+# Share of the variance, at each end, that the fitted band leaves out: a stop band counts as much
+# as any other in the logarithm, and the device sees nothing of it.
+LEFT_OUT_SHARE = 0.01
+FEWEST_FREQUENCIES = 8
+# ω τ1 at the lowest frequency, beyond which only D/τ1² is seen.
+FALLING = 10.0
+# From which on the record is called far from Ornstein–Uhlenbeck.
+FAR_DECIBELS = 1.0
+FAR_SHARE = 0.25
+FAR_KURTOSIS = 1.0
+
+
+@dataclass(frozen=True)
+class SpectrumFit:
+    """The fit and its evidence; densities one-sided per hertz, (m/s²)²/Hz in SI.
+
+    Attributes
+    ----------
+    intensity, correlation_time : float
+        D (m²/s³ in SI) and τ1 (s) of S(ω) = D/(π (1 + ω² τ1²)).
+    intensity_error, correlation_time_error : float
+        Standard errors for stationary Gaussian noise of this spectrum; infinite where the
+        fitted band does not show the parameter.
+    frequency, density, fitted : ndarray, shape (n,)
+        Hz; the record's density and the fit, over the compared band.
+    lowest, highest : float
+        Hz; the fit takes what lies between, which holds nearly all of the variance.
+    device_frequency : float
+        Hz, of small oscillations.
+    decibels : float
+        The record's density over the fit's in the octave around the device's frequency; nan
+        where the compared band does not hold it.
+    unexplained : float
+        Share of the band's variance that lies apart from the fit, in thirds of octaves.
+    excess_kurtosis : float
+        Of the samples: 0 for Gaussian noise, high for a record with an envelope.
+    """
+
+    intensity: float
+    correlation_time: float
+    intensity_error: float
+    correlation_time_error: float
+    frequency: np.ndarray
+    density: np.ndarray
+    fitted: np.ndarray
+    lowest: float
+    highest: float
+    device_frequency: float
+    decibels: float
+    unexplained: float
+    excess_kurtosis: float
+
+    @property
+    def reasons(self):
+        """Why the record is far from Ornstein–Uhlenbeck noise; empty where it is not."""
+        found = []
+        if math.isnan(self.decibels):
+            found.append(
+                f"the device's {self.device_frequency:.3g} Hz lie outside what the record shows"
+            )
+        elif abs(self.decibels) > FAR_DECIBELS:
+            found.append(
+                f"its density around the device's {self.device_frequency:.3g} Hz is "
+                f"{self.decibels:+.1f} dB from the fit"
+            )
+        if self.unexplained > FAR_SHARE:
+            found.append(f"{self.unexplained:.0%} of its variance lies apart from the fit")
+        if abs(self.excess_kurtosis) > FAR_KURTOSIS:
+            found.append(f"its excess kurtosis is {self.excess_kurtosis:.1f}, and noise has 0")
+        return tuple(found)
+
+    def notes(self):
+        """The fit and its distance, one line each."""
+        fit = (
+            "noise fitted to the record's spectrum from "
+            f"{self.lowest:.3g} to {self.highest:.3g} Hz: "
+            f"D = {_with_error(self.intensity, self.intensity_error)}, "
+            f"τ1 = {_with_error(self.correlation_time, self.correlation_time_error)} s"
+        )
+        if not self.reasons:
+            return (
+                fit,
+                f"the record is close to it: {self.decibels:+.1f} dB around the device's "
+                f"{self.device_frequency:.3g} Hz, {self.unexplained:.0%} of the variance apart "
+                f"from the fit, excess kurtosis {self.excess_kurtosis:.1f}",
+            )
+        return (fit, f"the record is FAR from Ornstein–Uhlenbeck: {'; '.join(self.reasons)}")
+
+    def to_dict(self):
+        """Plain values for JSON."""
+        return {
+            "intensity": {
+                "estimate": self.intensity,
+                "standard_error": finite(self.intensity_error),
+            },
+            "correlation_time": {
+                "estimate": self.correlation_time,
+                "standard_error": finite(self.correlation_time_error),
+            },
+            "decibels_at_device_frequency": finite(self.decibels),
+            "unexplained_share_of_variance": self.unexplained,
+            "excess_kurtosis": self.excess_kurtosis,
+            "far": bool(self.reasons),
+        }
+
+
+def fit_spectrum(record, device_frequency):
+    """Fit D and τ1 by Whittle's likelihood to an averaged periodogram.
+
+    Parameters
+    ----------
+    record : RecordedMotion
+    device_frequency : float
+        Hz.
+
+    Returns
+    -------
+    SpectrumFit
+
+    Raises
+    ------
+    AveragingError
+        Too short a record, or too narrow a band.
+
+    Notes
+    -----
+    Minimises Σ [log S + P/S] (P. Whittle, Ark. Mat. 2, 423 (1953)) over Welch's estimate P with
+    Hann windows that overlap by half; errors from the expected information, with as many
+    independent values as the record has in the band. The sampled noise's tail, folded back,
+    makes τ1 of exactly sampled noise some percent too short.
+    """
+    from scipy import optimize, signal, stats
+
+    values, interval = one_pass(record)
+    length = values.size // STRETCHES
+    frequency, density = signal.welch(values, 1.0 / interval, nperseg=max(length, 8))
+    used = _band(record, frequency, FITTED_SHARE * 0.5 / interval)
+    below = np.cumsum(density * used) / max(np.sum(density * used), 1e-300)
+    used &= (below > LEFT_OUT_SHARE) & (below < 1.0 - LEFT_OUT_SHARE)
+    if np.count_nonzero(used) < FEWEST_FREQUENCIES:
+        raise AveragingError(
+            f"the record shows only {np.count_nonzero(used)} frequencies to fit, and "
+            f"{FEWEST_FREQUENCIES} are the fewest: a longer record, or a wider excitation.band"
+        )
+    compared = _band(record, frequency, COMPARED_SHARE * 0.5 / interval)
+    used, frequency, density = used[compared], frequency[compared], density[compared]
+    # Independent values in the band, over the frequencies of the estimate.
+    weight = values.size * interval * (frequency[1] - frequency[0])
+
+    def misfit(logarithms):
+        share = density[used] / _model(frequency[used], *np.exp(logarithms))
+        return weight * float(np.sum(share - np.log(share)))
+
+    strongest = density.max() / 4.0
+    start = np.log([strongest, strongest / np.mean(values**2)])
+    options = {"xatol": 1e-8, "fatol": 1e-8, "maxiter": 4000, "maxfev": 4000}
+    found = optimize.minimize(misfit, start, method="Nelder-Mead", options=options)
+    intensity, time = np.exp(found.x)
+    fitted = _model(frequency, intensity, time)
+    if 2.0 * np.pi * frequency[used][0] * time > FALLING:
+        raise AveragingError(
+            "the record's density falls over its whole band and shows no D: a longer record is "
+            "needed, or it is no Ornstein–Uhlenbeck noise; simulate"
+        )
+    errors = _relative_errors(frequency[used], time, weight)
+    return SpectrumFit(
+        intensity=float(intensity),
+        correlation_time=float(time),
+        intensity_error=float(intensity * errors[0]),
+        correlation_time_error=float(time * errors[1]),
+        frequency=frequency,
+        density=density,
+        fitted=fitted,
+        lowest=float(frequency[used][0]),
+        highest=float(frequency[used][-1]),
+        device_frequency=device_frequency,
+        decibels=_decibels(frequency, density, fitted, device_frequency),
+        unexplained=_unexplained(frequency, density, fitted),
+        excess_kurtosis=float(stats.kurtosis(values)),
+    )
+
+
+def _band(record, frequency, high):
+    """Where the density is trusted: above the stretches' own trend, within the record's band."""
+    low = 2.0 * frequency[1]
+    if record.band is not None:
+        low, high = max(low, record.band[0]), min(high, record.band[1])
+    return (frequency >= low) & (frequency <= high)
+
+
+def _model(frequency, intensity, time):
+    """4 π S(ω): one-sided per hertz (Eq. 6)."""
+    return 4.0 * intensity / (1.0 + (2.0 * np.pi * frequency * time) ** 2)
+
+
+def _relative_errors(frequency, time, weight):
+    """Of D and τ1, from the expected information of their logarithms."""
+    square = (2.0 * np.pi * frequency * time) ** 2
+    slopes = np.stack([np.ones_like(square), -2.0 * square / (1.0 + square)])
+    information = weight * slopes @ slopes.T
+    if np.linalg.cond(information) > 1e12:
+        return np.array([1.0 / math.sqrt(information[0, 0]), math.inf])
+    return np.sqrt(np.diag(np.linalg.inv(information)))
+
+
+def _decibels(frequency, density, fitted, centre):
+    near = (frequency >= centre / math.sqrt(2.0)) & (frequency <= centre * math.sqrt(2.0))
+    if not frequency[0] <= centre <= frequency[-1] or not near.any():
+        return math.nan
+    return 10.0 * math.log10(density[near].mean() / fitted[near].mean())
+
+
+def _unexplained(frequency, density, fitted):
+    """∫|P − S| over ∫P, each first averaged over thirds of octaves."""
+    thirds = np.floor(3.0 * np.log2(frequency / frequency[0])).astype(int)
+    apart = np.bincount(thirds, density) - np.bincount(thirds, fitted)
+    return float(np.abs(apart).sum() / density.sum())
+
+
+def _with_error(value, error):
+    return (
+        f"{value:.4g} ± {error:.2g}" if math.isfinite(error) else f"{value:.2g} (too short to show)"
+    )

@@ -1,0 +1,78 @@
+"""The sum of several excitations on a common grid of knots."""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from harvester.excitation.base import Excitation
+from harvester.scene_schema import Key, positive
+
+
+@dataclass(frozen=True)
+class Sum(Excitation):
+    """Several excitations at once, each with random numbers of its own.
+
+    `parts` holds tables like `[excitation]` itself. Knots are as close as the part with the
+    closest asks for, or `knot_spacing` (s) apart; white noise is as wide as the common knots.
+    """
+
+    parts: tuple
+    kind: str = "sum"
+    knot_spacing: float | None = None
+
+    KEYS: ClassVar[dict] = {
+        "parts": Key(each=Key(kind=dict), count=(1, 100), required=True),
+        "knot_spacing": positive(),
+    }
+
+    @property
+    def symmetric(self):
+        return all(part.symmetric for part in self.parts)
+
+    @property
+    def drifts(self):
+        return any(part.drifts for part in self.parts)
+
+    def check(self, units, run, origin):
+        for place, part in enumerate(self.parts):
+            if self.knot_spacing is not None:
+                part = replace(part, knot_spacing=self.knot_spacing)
+            part.check(units, run, f"{origin}: parts[{place}]")
+
+    def spacing(self, longest):
+        return self.knot_spacing or min(part.spacing(longest) for part in self.parts)
+
+    def equivalent_noise(self, relaxation_time, longest):
+        pairs = [part.equivalent_noise(relaxation_time, longest) for part in self.parts]
+        intensity = sum(d for d, _ in pairs)
+        return intensity, intensity / sum(d / time for d, time in pairs)
+
+    def path(self, spacing, length, seed):
+        # The children that `seed.spawn` would give, without changing the seed.
+        return SumPath(
+            [
+                part.path(
+                    spacing,
+                    length,
+                    np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, place)),
+                )
+                for place, part in enumerate(self.parts)
+            ]
+        )
+
+    def notes(self, spacing, angular_frequency, run):
+        lines = [part.notes(spacing, angular_frequency, run) for part in self.parts]
+        return tuple(dict.fromkeys(line for part in lines for line in part))
+
+
+class SumPath:
+    """The sum of paths with the same knots."""
+
+    def __init__(self, paths):
+        self.spacing = paths[0].spacing
+        self._paths = paths
+
+    def read(self, count):
+        """The next `count` samples, float64 of shape (count,)."""
+        return np.sum([path.read(count) for path in self._paths], axis=0)

@@ -1,0 +1,79 @@
+"""White noise, band-limited by its knots: independent values, linear between them."""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from harvester.errors import SceneError
+from harvester.excitation.base import Excitation, kernel_loss
+from harvester.scene_schema import positive
+
+
+@dataclass(frozen=True)
+class White(Excitation):
+    """White base acceleration of two-sided density D/π, up to the knots' own band.
+
+    Values at the knots are independent with variance 2 D/spacing. Straight lines between them
+    give the density D/π · sinc⁴(ω spacing/2): D/π at low frequency, half of it at 0.32/spacing
+    hertz, and an autocorrelation of area 2 D.
+
+    `intensity` is D, m²/s³ in SI; `knot_spacing` (s) left out: a fortieth of the device's
+    period, where 0.4 % of the density is lost.
+    """
+
+    intensity: float
+    kind: str = "white"
+    knot_spacing: float | None = None
+
+    KEYS: ClassVar[dict] = {"intensity": positive(required=True), "knot_spacing": positive()}
+
+    def spacing(self, longest):
+        if self.knot_spacing is not None:
+            return self.knot_spacing
+        if not math.isfinite(longest):
+            raise SceneError(
+                "excitation.knot_spacing is missing: this device has no frequency of its own "
+                "to choose it by"
+            )
+        return longest
+
+    def equivalent_noise(self, relaxation_time, longest):
+        # 1/(1 + ω²τ1²) and sinc⁴(ω spacing/2) agree to second order for this τ1.
+        return self.intensity, self.spacing(longest) / math.sqrt(6.0)
+
+    def path(self, spacing, length, seed):
+        return WhitePath(self.intensity / length**2, spacing, seed)
+
+    def notes(self, spacing, angular_frequency, run):
+        loss = kernel_loss(spacing, angular_frequency)
+        return (
+            f"white noise linear between knots {spacing:.3g} s apart: its density is {loss:.1%} "
+            f"below D/π at the device's frequency and half of it at {0.3189 / spacing:.3g} Hz",
+        )
+
+    def averaging_refusal(self):
+        return ""
+
+
+class WhitePath:
+    """A stream of independent samples of variance 2 D/spacing.
+
+    Parameters
+    ----------
+    intensity : float
+        D, scaled units.
+    spacing : float
+        Time between knots (s).
+    seed : numpy.random.SeedSequence
+    """
+
+    def __init__(self, intensity, spacing, seed):
+        self.spacing = spacing
+        self._deviation = math.sqrt(2.0 * intensity / spacing)
+        self._generator = np.random.default_rng(seed)
+
+    def read(self, count):
+        """The next `count` samples, float64 of shape (count,)."""
+        return self._deviation * self._generator.standard_normal(count)

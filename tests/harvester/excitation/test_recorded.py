@@ -1,0 +1,285 @@
+import numpy as np
+import pytest
+from scipy import signal
+from scipy.io import wavfile
+from truths import Keep
+
+from harvester.errors import SceneError
+from harvester.excitation import conditioning
+from harvester.monte_carlo import initial_state, integrate
+from harvester.parameters import scale
+from harvester.realization import noise_path
+from harvester.scene import Scene
+from harvester.simulation import simulate
+
+RATE = 100.0
+
+
+def motion(seconds=40.0, seed=1):
+    """Filtered noise at 100 Hz."""
+    rng = np.random.default_rng(seed)
+    sections = signal.butter(2, [0.2, 8.0], "bandpass", fs=RATE, output="sos")
+    return signal.sosfiltfilt(sections, rng.standard_normal(round(seconds * RATE) + 1))
+
+
+def recorded(path, name="linear", run=(), **keys):
+    """A built-in scene with a record, run over 30 s of it."""
+    table = {"kind": "record", "file": str(path), "unit": "scaled", "sampling_rate": RATE}
+    if name != "linear":
+        table["unit"] = "m/s^2"
+    tables = Scene.load(name).to_tables()
+    tables["excitation"] = {k: v for k, v in {**table, **keys}.items() if v is not None}
+    tables["run"] = {"duration": 30.0, **dict(run)}
+    return Scene.from_tables(tables, name=name)
+
+
+def saved(folder, values, suffix="npy"):
+    path = folder / f"motion.{suffix}"
+    np.save(path, values)
+    return path
+
+
+def test_a_linear_device_answers_a_record_as_lsim_says(tmp_path):
+    samples = motion()
+    scene = recorded(saved(tmp_path, samples))
+    p, _ = scale(scene)
+    keep = Keep()
+    for record in integrate(p, noise_path(scene, 0), initial_state(p, True), 30.0):
+        keep.add(record)
+    matrix = np.array(
+        [[0, 1, 0], [-p.linear_stiffness, -p.damping, -p.coupling], [0, 1, -p.decay_rate]]
+    )
+    time = np.arange(3001) / RATE
+    system = (matrix, np.array([[0], [1], [0]]), np.eye(3), np.zeros((3, 1)))
+    _, expected, _ = signal.lsim(system, samples[:3001], time)
+    np.testing.assert_allclose(keep.at_knots(0.01), expected[1:], atol=1e-8)
+
+
+def test_a_bump_of_the_base_pushes_the_mass_the_other_way(tmp_path):
+    scene = recorded(saved(tmp_path, motion()), "device", unit="g")
+    eta = noise_path(scene, 0).read(3001)
+    np.testing.assert_allclose(eta, -9.80665 * motion()[:3001] / 0.01, rtol=1e-12)
+
+
+def test_text_numpy_and_sound_files_hold_the_same_motion(tmp_path):
+    samples = motion()
+    time = np.arange(samples.size) / RATE
+    columns = np.column_stack([time, samples, -samples])
+    np.savetxt(
+        tmp_path / "motion.csv",
+        columns,
+        fmt="%.10f",
+        delimiter=";",
+        header="time;north;up",
+        comments="",
+    )
+    np.savetxt(tmp_path / "motion.txt", columns, fmt="%.10f", header="station 7")
+    np.save(tmp_path / "motion.npy", columns)
+    scaled = np.round(samples / 8.0 * 2**31).astype(np.int32)
+    wavfile.write(tmp_path / "motion.wav", 100, scaled)
+    dated = [f"2020-01-01T00:00:00,{value:.10f},ok" for value in samples]
+    (tmp_path / "dated.csv").write_text("\n".join(["Station 7, 100 Hz", "when,a,flag", *dated]))
+    reads = [
+        {"file": "dated.csv", "column": "a"},
+        {"file": "motion.csv", "column": "north", "time_column": "time", "sampling_rate": None},
+        {"file": "motion.txt", "column": 1, "time_column": 0, "sampling_rate": None},
+        {"file": "motion.npy", "column": 1},
+        {"file": "motion.wav", "full_scale": 8.0, "sampling_rate": None},
+    ]
+    for keys in reads:
+        name = keys.pop("file")
+        scene = recorded(tmp_path / name, **keys)
+        assert scene.excitation.interval == pytest.approx(0.01), name
+        np.testing.assert_allclose(noise_path(scene, 0).read(3000), samples[:3000], atol=1e-8)
+
+
+def test_trend_and_band_are_taken_away(tmp_path):
+    time = np.arange(6000) / RATE
+    wanted = np.sin(2 * np.pi * 2.0 * time)
+    spoiled = wanted + 5.0 + 0.3 * time + np.sin(2 * np.pi * 30.0 * time)
+    scene = recorded(saved(tmp_path, spoiled), detrend="linear", band=[0.5, 10.0])
+    found = scene.excitation.samples
+    # The filter's ends aside.
+    np.testing.assert_allclose(found[1000:5000], wanted[1000:5000], atol=2e-3)
+
+
+def test_closer_knots_follow_the_band_limited_signal(tmp_path):
+    time = np.arange(6000) / RATE
+    scene = recorded(saved(tmp_path, np.sin(2 * np.pi * 12.0 * time)), knot_spacing=0.003)
+    assert scene.excitation.interval == pytest.approx(0.0025)
+    fine = np.arange(4000, 20000)
+    expected = np.sin(2 * np.pi * 12.0 * 0.0025 * fine)
+    np.testing.assert_allclose(scene.excitation.samples[fine], expected, atol=1e-3)
+
+
+def test_a_repeated_record_has_no_seam_and_keeps_its_power(tmp_path):
+    samples = motion(200.0)
+    scene = recorded(
+        saved(tmp_path, samples),
+        repetition="periodic",
+        run={"duration": 1000.0, "realizations": 3},
+    )
+    loop = scene.excitation.samples.size
+    assert loop == samples.size - round(0.05 * samples.size)
+    paths = [noise_path(scene, k).read(2 * loop) for k in range(3)]
+    assert not np.array_equal(paths[0], paths[1])
+    for path in paths:
+        np.testing.assert_array_equal(path[:loop], path[loop:])
+        largest = np.abs(np.diff(samples)).max()
+        assert np.abs(np.diff(path)).max() <= 1.2 * largest
+        # Two hundred seconds of it: the cross-fade is a twentieth.
+        assert np.mean(path**2) == pytest.approx(np.mean(samples**2), rel=0.05)
+
+
+def faulty(kind):
+    """(samples, keys) of a record with one fault."""
+    samples = motion()
+    time = np.arange(samples.size) / RATE
+    if kind == "nan":
+        samples[[100, 101, 2000]] = np.nan
+    elif kind == "clipped":
+        samples = np.clip(samples, -1.5 * samples.std(), 1.5 * samples.std())
+    elif kind == "uneven":
+        time = np.delete(time, slice(500, 520))
+        samples = np.delete(samples, slice(500, 520))
+        return np.column_stack([time, samples]), {"time_column": 0, "sampling_rate": None}
+    return samples, {}
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        ("nan", ["3 of 4001 samples", "sample 100"]),
+        ("clipped", ["are clipped"]),
+        ("uneven", ["leaves an even grid", "spacings"]),
+    ],
+)
+def test_faults_are_refused_in_one_line_and_mended_as_asked(tmp_path, kind, words):
+    values, keys = faulty(kind)
+    path = saved(tmp_path, values)
+    with pytest.raises(SceneError) as caught:
+        recorded(path, **keys)
+    message = str(caught.value)
+    assert "\n" not in message
+    for word in [*words, "motion.npy", f'mend = ["{kind}"]']:
+        assert word in message
+    if kind == "clipped":
+        with pytest.raises(SceneError, match="cannot be mended"):
+            recorded(path, mend=["clipped"])
+        few = motion()
+        few = np.clip(few, -2.3 * few.std(), 2.3 * few.std())
+        np.save(path, few)
+    found = recorded(path, mend=[kind], **keys).excitation.samples
+    truth = motion()[: found.size]
+    good = np.isin(np.arange(found.size), np.arange(499, 521), invert=True)
+    if kind == "clipped":
+        # Nearer to the truth than what was clipped.
+        assert np.abs(found - truth).max() < 0.7 * np.abs(few - truth).max()
+    else:
+        np.testing.assert_allclose(found[good], truth[good], atol=0.5 * truth.std())
+        assert np.isfinite(found).all()
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"unit": "g"}, ['unit = "g"', '"scaled"']),
+        ({"unit": "m/s2"}, ["excitation.unit", "did you mean m/s^2"]),
+        ({"sampling_rate": None}, ["sampling_rate is missing"]),
+        ({"sampling_rate": 0}, ["sampling_rate", "> 0"]),
+        ({"column": 3}, ["column = 3", "0 … 0"]),
+        ({"column": "north"}, ["'north'", "no header"]),
+        ({"band": [1.0]}, ["excitation.band", "list of 2"]),
+        ({"band": [1.0, 60.0]}, ["excitation.band", "50 Hz"]),
+        ({"mend": ["nann"]}, ["mend[0]", "did you mean nan"]),
+        ({"knot_spacing": 0.02}, ["knot_spacing", "0.01"]),
+        ({"run": {"duration": 41.0}}, ["lasts 40 s", "periodic"]),
+        ({"run": {"realizations": 2}}, ["run.realizations = 2", "periodic"]),
+        ({"full_scale": 2.0}, ["full_scale", ".wav"]),
+        ({"file": "nowhere.csv"}, ["nowhere.csv", "cannot be read"]),
+        ({"file": 3}, ["excitation.file", "a text"]),
+    ],
+)
+def test_a_mistake_is_refused_in_one_line_that_names_it(tmp_path, keys, words):
+    path = saved(tmp_path, motion())
+    with pytest.raises(SceneError) as caught:
+        recorded(path, **keys)
+    message = str(caught.value)
+    assert "\n" not in message
+    for word in words:
+        assert word in message
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("time,north\n", ["no numbers"]),
+        ("a;b\n" + "0,1;0,2\n" * 70, ["decimal points"]),
+        ("1.0\n2.0\n", ["too short", "2 samples"]),
+        ("1,2\n" * 70 + "1\n" + "1,2\n" * 70, ["line 71", "1 columns"]),
+        ("a,b\n" + "1,2\n" * 70, ["column is missing", "a, b"]),
+        ("2.0\n" * 70, ["constant", "2"]),
+    ],
+)
+def test_files_that_are_no_record_are_refused(tmp_path, text, words):
+    path = tmp_path / "motion.csv"
+    path.write_text(text)
+    with pytest.raises(SceneError) as caught:
+        recorded(path)
+    message = str(caught.value)
+    assert "\n" not in message
+    for word in words:
+        assert word in message
+
+
+def test_the_record_counts_by_its_content(tmp_path):
+    path = saved(tmp_path, motion())
+    scene = recorded(path)
+    moved = recorded(path.rename(tmp_path / "moved.npy"))
+    assert moved.digest() == scene.digest()
+    assert moved.to_dict()["excitation"]["sha256"] == scene.excitation.sha256
+    assert Scene.from_tables(moved.to_tables(), name="linear") == moved
+    np.save(moved.excitation.file, motion(seed=2))
+    assert moved.replace({"run.seed": 0}).digest() != scene.digest()
+    recorded(moved.excitation.file, detrend="mean")
+    with pytest.raises(SceneError, match="changed since"):
+        simulate(moved, "monte-carlo", workers=1)
+
+
+def test_the_file_is_looked_for_beside_its_scene(tmp_path, monkeypatch):
+    np.savetxt(tmp_path / "motion.csv", motion())
+    text = (
+        'units = "scaled"\n[oscillator]\ndamping = 0.2\nlinear_stiffness = 4.0\n'
+        "[piezo]\ncoupling = 1.0\n[load]\ndecay_rate = 2.0\n[excitation]\n"
+        'kind = "record"\nfile = "motion.csv"\nunit = "scaled"\nsampling_rate = 100\n'
+        "[run]\nduration = 30.0\n"
+    )
+    (tmp_path / "scene.toml").write_text(text)
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    monkeypatch.chdir(elsewhere)
+    scene = Scene.load(tmp_path / "scene.toml")
+    assert scene.excitation.file == str(tmp_path / "motion.csv")
+    np.savetxt(elsewhere / "other.csv", motion())
+    other = Scene.load(tmp_path / "scene.toml", ["excitation.file=other.csv"])
+    assert other.excitation.file == str(elsewhere / "other.csv")
+
+
+def test_notes_tell_what_a_reader_must_know(tmp_path, pool):
+    envelope = np.exp(-(np.linspace(-2.0, 2.0, 4001) ** 2))
+    path = saved(tmp_path, motion() * envelope + 0.05)
+    notes = " ".join(simulate(recorded(path), "monte-carlo", pool=pool).notes)
+    for word in ("motion.npy", "linear between knots", "quarters", 'detrend = "mean"'):
+        assert word in notes
+    again = recorded(path, repetition="periodic", run={"duration": 100.0})
+    assert "2.6 times over" in " ".join(simulate(again, "monte-carlo", pool=pool).notes)
+
+
+def test_the_cross_fade_goes_all_the_way_and_keeps_the_power():
+    head, tail = np.zeros((2, 1000))
+    head[:100], tail[-100:] = 1.0, 1.0
+    rising, falling = conditioning.closed(head)[:50], conditioning.closed(tail)[:50]
+    np.testing.assert_allclose(rising**2 + falling**2, 1.0)
+    # From the sample after the record's last one to the first that is left as it was.
+    assert (rising[0], falling[0]) == (0.0, 1.0)
+    assert rising[-1] == pytest.approx(1.0, abs=1e-3)
