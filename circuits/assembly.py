@@ -11,6 +11,7 @@ from harvester.parameters import knot_spacing, scale, steps_per_knot, stop_time
 FIXED_STEP = "reltol=1e-9 vntol=1e-9 trtol=1e9"
 # Integrators by name, as ngspice calls them.
 INTEGRATORS = {"trapezoidal": "trap", "gear": "gear"}
+LOAD_TOLERANCE = 1e-4
 # ngspice's own relative tolerance.
 OWN_TOLERANCE = 1e-3
 
@@ -18,6 +19,17 @@ OWN_TOLERANCE = 1e-3
 def own_steps(tolerance):
     """Options for ngspice's own step control by the local error at this relative tolerance."""
     return f"reltol={tolerance!r} trtol=7"
+
+
+def load_tolerance(scene, step="default"):
+    """Relative tolerance of the local error for a load that switches; None where none is needed.
+
+    Between two knots a diode turns on within a share of a step: fixed steps miss that.
+    """
+    load = scene.electrical_load.circuit
+    if load is None or load.linear:
+        return None
+    return LOAD_TOLERANCE * (steps_per_knot(scene) / steps_per_knot(scene, step)) ** 2
 
 
 @dataclass(frozen=True)
@@ -35,6 +47,10 @@ class Netlist:
         Longest step (s).
     stop : float
         End time (s).
+    per_power : float
+        Scaled power per watt at the load's ammeters; 0 without ammeters.
+    storage : tuple of str
+        ngspice's names of the capacitors across the load's output.
     """
 
     text: str
@@ -42,6 +58,8 @@ class Netlist:
     voltage_scale: float
     step: float
     stop: float
+    per_power: float = 0.0
+    storage: tuple = ()
 
     @property
     def sha256(self):
@@ -101,11 +119,19 @@ def assemble(
         if p.held_impact_velocity and p.damping_factor > 0.0:
             elements.add_speed_hold(circuit, p, rate, length)
     elements.add_piezo(circuit, p, rate, electrical)
-    elements.add_load(circuit, electrical)
+    load = scene.electrical_load.circuit
+    if load:
+        elements.add_load(circuit, load)
+    else:
+        elements.add_resistor(circuit, electrical)
+    device = str(circuit)
+    check_netlist(device)
     stop = stop_time(scene)
-    text = str(circuit) + _analysis(length, stop, options, integrator, save)
-    check_netlist(text)
-    return Netlist(text, rate, electrical.voltage_scale, length, stop)
+    # The load was vetted when the scene was read.
+    text = device + (load.text if load else "")
+    text += _analysis(length, stop, options, integrator, save)
+    measured = (electrical.power_factor(p), load.storage) if load else ()
+    return Netlist(text, rate, electrical.voltage_scale, length, stop, *measured)
 
 
 def _electrical(scene, p, scales):
@@ -116,7 +142,8 @@ def _electrical(scene, p, scales):
             resistance=scene.electrical_load.resistance,
             voltage_scale=scales.voltage,
         )
-    return elements.Electrical(1.0, 1.0, 1.0 / p.decay_rate, 1.0)
+    resistance = 1.0 / p.decay_rate if p.decay_rate else None
+    return elements.Electrical(1.0, 1.0, resistance, 1.0)
 
 
 def _analysis(step, stop, options, integrator, save):

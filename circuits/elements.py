@@ -19,6 +19,18 @@ DISPLACEMENT, VELOCITY, PIEZO, NOISE, HELD = (
     "noise",
     "held_speed",
 )
+# Between the piezo's ammeter and its load, and the load's DC side.
+LOAD, OUTPUT, REFERENCE = "load_piezo", "load_out", "load_ref"
+# Ammeters inside the load: in series with its output resistors, and with its storage.
+OUTPUT_AMMETER, STORAGE_AMMETER = "output_ammeter", "storage_ammeter"
+# What ngspice calls the current into the load, its output's two nodes, and the currents there.
+LOAD_VECTORS = (
+    "vload#branch",
+    OUTPUT,
+    REFERENCE,
+    f"v.xload.v{OUTPUT_AMMETER}#branch",
+    f"v.xload.v{STORAGE_AMMETER}#branch",
+)
 X, U, H = f"v({DISPLACEMENT})", f"v({VELOCITY})", f"v({HELD})"
 
 
@@ -29,14 +41,18 @@ class Electrical:
     Attributes
     ----------
     charge_per_length : θ l, C per scaled displacement (1 in scaled scenes).
-    capacitance, resistance : F, Ω (1 and 1/λ in scaled scenes).
+    capacitance, resistance : F, Ω (1 and 1/λ in scaled scenes); None for a netlist's load.
     voltage_scale : volts per scaled volt.
     """
 
     charge_per_length: float
     capacitance: float
-    resistance: float
+    resistance: float | None
     voltage_scale: float
+
+    def power_factor(self, p):
+        """Scaled power per watt: β V'V per scaled volt squared over the capacitance's own."""
+        return p.coupling / (self.capacitance * self.voltage_scale**2)
 
 
 def number(value):
@@ -114,10 +130,21 @@ def add_piezo(circuit, p, rate, electrical):
         source("back_action", VELOCITY, gnd, PIEZO, gnd, back_action)
 
 
-def add_load(circuit, electrical):
-    """The load as a sub-circuit between the piezo's terminals."""
+def add_resistor(circuit, electrical):
+    """The built-in resistor as a sub-circuit between the piezo's terminals."""
     circuit.raw_spice += library_text("resistor")
     circuit.X("load", "resistor", PIEZO, circuit.gnd, resistance=number(electrical.resistance))
+
+
+def add_load(circuit, load):
+    """A netlist's call between the piezo's terminals, an ammeter (0 V) before it.
+
+    A current that leaves the piezo is positive.
+    """
+    nodes = {"p": LOAD, "n": circuit.gnd, "out": OUTPUT, "ref": REFERENCE}
+    circuit.V("load", PIEZO, LOAD, number(0.0))
+    values = {name: number(value) for name, value in load.parameters}
+    circuit.X("load", load.name, *(nodes[pin] for pin in load.pins), **values)
 
 
 def _spring_energy(p, rate):

@@ -3,7 +3,7 @@
 import importlib
 import re
 
-from circuits.assembly import FIXED_STEP, OWN_TOLERANCE, assemble, own_steps
+from circuits.assembly import FIXED_STEP, OWN_TOLERANCE, assemble, load_tolerance, own_steps
 from circuits.session import session
 from harvester.parameters import scale, steps_per_knot
 
@@ -15,7 +15,15 @@ def prepare():
 
 
 def run_realization(
-    scene, path, right, observers, step, source, scheme="trapezoidal", tolerance=None
+    scene,
+    path,
+    right,
+    observers,
+    step,
+    source,
+    scheme="trapezoidal",
+    tolerance=None,
+    output=None,
 ):
     """Run one realization through ngspice.
 
@@ -34,7 +42,10 @@ def run_realization(
         "trapezoidal" or "gear".
     tolerance : float or None
         ngspice's relative tolerance for the local error of a step, which then shortens the
-        steps; None: fixed steps, or ngspice's default for "pwl".
+        steps; None: fixed steps, or ngspice's default for "pwl", and for a load that switches
+        `circuits.assembly.load_tolerance`.
+    output : harvester.output_moments.OutputMoments or None
+        For a load that has an output side.
 
     Returns
     -------
@@ -47,17 +58,19 @@ def run_realization(
     """
     parameters, _ = scale(scene)
     engine = session()
+    tolerance = tolerance or load_tolerance(scene, step)
     if source == "pwl":
         from circuits.export import stand_alone
 
         own = tolerance or OWN_TOLERANCE
         netlist = stand_alone(scene, path, right, step, own, scheme, save=())
-        steps = engine.run(netlist, parameters, None, observers, 0)
+        steps = engine.run(netlist, parameters, None, observers, 0, output=output)
     else:
         options = own_steps(tolerance) if tolerance else FIXED_STEP
         netlist = assemble(scene, step, right, options=options, integrator=scheme)
         fixed = steps_per_knot(scene, step)
-        steps = engine.run(netlist, parameters, path, observers, fixed, tolerance is not None)
+        by_error = tolerance is not None
+        steps = engine.run(netlist, parameters, path, observers, fixed, by_error, output)
     return {
         "steps": steps,
         "engine_version": version(engine),

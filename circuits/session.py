@@ -12,12 +12,24 @@ import sys
 import numpy as np
 from PySpice.Spice.NgSpice.Shared import NgSpiceCommandError, NgSpiceShared, ffi
 
-from circuits import callbacks
+from circuits import callbacks, elements
 from circuits.library import find_library
 from harvester.compilation import compiled
 from harvester.errors import SimulatorAborted, SolutionDiverged
 from harvester.parameters import ScaledParameters
+from harvester.output_moments import OutputRecord
 from harvester.record import empty_record, fill, part
+
+# ngspice's name of each column of the buffer.
+VECTORS = (
+    "time",
+    elements.DISPLACEMENT,
+    elements.VELOCITY,
+    elements.PIEZO,
+    elements.NOISE,
+    elements.HELD,
+    *elements.LOAD_VECTORS,
+)
 
 # What ngspice prints when a run went wrong, on either stream.
 TROUBLE = re.compile(
@@ -44,8 +56,11 @@ def session():
 
 
 @compiled
-def _convert(p, nodes, record, rate, square_rate, per_volt):
-    """Node values, shape (n, COLUMNS), to a record in scaled units."""
+def _convert(p, nodes, record, rate, square_rate, per_volt, per_power):
+    """Node values, shape (n, COLUMNS), to a record in scaled units.
+
+    `per_power` is 0 where the load is the built-in resistor, whose power `fill` knows.
+    """
     for row in range(nodes.shape[0]):
         fill(
             p,
@@ -58,6 +73,9 @@ def _convert(p, nodes, record, rate, square_rate, per_volt):
             nodes[row, callbacks.NOISE] * square_rate,
             nodes[row, callbacks.HELD] * rate,
         )
+        if per_power > 0.0:
+            volts, current = nodes[row, callbacks.PIEZO], nodes[row, callbacks.LOAD_CURRENT]
+            record.load_power[row] = volts * current * per_power
 
 
 class Session(NgSpiceShared):
@@ -97,9 +115,11 @@ class Session(NgSpiceShared):
     def prepare(self):
         """Load the compiled code that the first point would wait for."""
         nothing = ScaledParameters(*[1.0] * 6, False, *[1.0] * 4)
-        _convert(nothing, np.zeros((0, callbacks.COLUMNS)), empty_record(0), 1.0, 1.0, 1.0)
+        _convert(nothing, np.zeros((0, callbacks.COLUMNS)), empty_record(0), 1.0, 1.0, 1.0, 0.0)
 
-    def run(self, netlist, parameters, path, observers, steps_per_knot, local_error=False):
+    def run(
+        self, netlist, parameters, path, observers, steps_per_knot, local_error=False, output=None
+    ):
         """Run one transient and hand its record to the observers.
 
         Parameters
@@ -113,6 +133,8 @@ class Session(NgSpiceShared):
             Steps between knots; 0 leaves the steps to ngspice.
         local_error : bool
             Between knots, ngspice's own step is taken where it is shorter.
+        output : object with `add(OutputRecord)`, or None
+            Given the output side of a load that has one.
 
         Returns
         -------
@@ -124,12 +146,16 @@ class Session(NgSpiceShared):
         SimulatorAborted, SolutionDiverged
         """
         self._begin(netlist, parameters, path, observers, steps_per_knot)
+        self._output = output
         self.state["local_error"] = local_error
         try:
             self._load(netlist.text)
             self._command("run")
             self._flush()
             self._check_end(netlist.stop)
+            if output is not None:
+                farads = sum(self._capacitance(name) for name in netlist.storage)
+                output.capacitance = farads * netlist.per_power * netlist.voltage_scale**2
         finally:
             self._service = None
             for command in ("remcirc", "destroy all"):
@@ -182,6 +208,7 @@ class Session(NgSpiceShared):
             rate,
             rate * rate,
             1.0 / self._netlist.voltage_scale,
+            self._netlist.per_power,
         )
         state["count"] = 0
         self._finite = self._finite and bool(np.isfinite(nodes).all())
@@ -191,6 +218,25 @@ class Session(NgSpiceShared):
         chunk = part(self._record, 0, count - start)
         for observer in self._observers:
             observer.add(chunk)
+        if self._output is not None:
+            self._output.add(self._output_record(nodes[start:]))
+
+    def _output_record(self, nodes):
+        """The output side of some points, scaled."""
+        volts = nodes[:, callbacks.OUTPUT] - nodes[:, callbacks.REFERENCE]
+        return OutputRecord(
+            nodes[:, callbacks.TIME],
+            volts / self._netlist.voltage_scale,
+            volts * nodes[:, callbacks.OUTPUT_CURRENT] * self._netlist.per_power,
+            volts * nodes[:, callbacks.STORAGE_CURRENT] * self._netlist.per_power,
+        )
+
+    def _capacitance(self, name):
+        """Capacitance of a device as ngspice evaluated it (F)."""
+        vector = self._ngspice_shared.ngGet_Vec_Info(f"@{name}[capacitance]".encode())
+        if vector == ffi.NULL or vector.v_realdata == ffi.NULL:
+            return np.nan
+        return float(vector.v_realdata[0])
 
     def _move_window(self):
         """Drop the knots that are past and read as many new ones."""
@@ -251,8 +297,7 @@ class Session(NgSpiceShared):
 
     def _receive_vectors(self, data, identity, user):
         names = [ffi.string(data.vecs[k].vecname).decode() for k in range(data.veccount)]
-        wanted = ("time", "displacement", "velocity", "piezo", "noise", "held_speed")
-        self.state["vectors"][0] = [names.index(n) if n in names else -1 for n in wanted]
+        self.state["vectors"][0] = [names.index(n) if n in names else -1 for n in VECTORS]
         return 0
 
     def _exited(self, status, immediate, quit_requested, identity, user):

@@ -6,7 +6,7 @@ import numpy as np
 
 from harvester.averaging import average as average_parameters
 from harvester.estimators import Density, Estimate, root
-from harvester.parameters import scale
+from harvester.parameters import require_resistor, scale
 from harvester.results import Result
 
 DIMENSIONS = {
@@ -43,7 +43,10 @@ def average(scene, closure="consistent"):
     ------
     AveragingError
         Unknown closure, or one that does not hold for these parameters.
+    LoadError
+        The load is no resistor.
     """
+    require_resistor(scene, "stochastic averaging")
     parameters, scales = scale(scene)
     clock = time.perf_counter()
     averages = average_parameters(parameters, closure)

@@ -130,7 +130,7 @@ def estimate_all(moments, parameters):
     dict of str to Estimate
         Scaled units.
     """
-    batches = _complete_batches(moments)
+    batches = complete_batches(moments)
     if batches is None:
         return {}
     series = {name: batches[:, :, row] for row, name in enumerate(QUANTITIES)}
@@ -169,7 +169,7 @@ def paired_difference(result, reference):
         (result − reference)/reference of every mean over time, and of the power conversion
         efficiency.
     """
-    ours, theirs = _complete_batches(result.moments), _complete_batches(reference.moments)
+    ours, theirs = complete_batches(result.moments), complete_batches(reference.moments)
     if ours is None or theirs is None or ours.shape != theirs.shape:
         return {}
     differences = {}
@@ -177,7 +177,7 @@ def paired_difference(result, reference):
         row = QUANTITIES.index(quantity)
         if not theirs[:, :, row].any():
             continue
-        ratio, error = _ratio(ours[:, :, row], theirs[:, :, row])
+        ratio, error = ratio_of_sums(ours[:, :, row], theirs[:, :, row])
         note = "" if error is not None else TOO_SHORT
         differences[name] = Estimate(ratio - 1.0, error, None, "1", note)
     efficiency = _paired_efficiency(ours, theirs)
@@ -249,7 +249,7 @@ def densities(moments):
     return result
 
 
-def _complete_batches(moments):
+def complete_batches(moments):
     """Batches that every realization completed, shape (realizations, batches, quantities)."""
     complete = min(
         int((m.time_reached - m.start) / m.batch_length + 1e-6) if m.time_reached > m.start else -1
@@ -262,14 +262,14 @@ def _complete_batches(moments):
     return np.stack([m.integrals[:complete] for m in moments])
 
 
-def _ratio(upper, lower):
+def ratio_of_sums(upper, lower):
     """Ratio of two sums over batches and its standard error (None when too short)."""
     ratio = float(upper.sum() / lower.sum())
     return ratio, standard_error((upper - ratio * lower) / lower.mean())
 
 
 def _mean(series, products, name, dimension):
-    mean, error = _ratio(series[name], series["time"])
+    mean, error = ratio_of_sums(series[name], series["time"])
     size = None
     if error and (name, name) in products:
         size = max(products[name, name] - mean**2, 0.0) / error**2
@@ -310,7 +310,7 @@ def _efficiency(upper, lower, mean_lower, upper_square, cross, lower_square):
     """Ratio of two powers; the last three are means of products within the run."""
     if mean_lower == 0.0:
         return Estimate(math.nan, None, None, "1", "nothing was put in")
-    ratio, error = _ratio(upper, lower)
+    ratio, error = ratio_of_sums(upper, lower)
     size = None
     if error:
         variance = (upper_square - 2.0 * ratio * cross + ratio**2 * lower_square) / mean_lower**2

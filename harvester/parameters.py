@@ -4,6 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from harvester.errors import LoadError
+
 # Knots per correlation time, and steps per period of the fastest small oscillation: the linear
 # interpolation between knots lowers the noise's variance by spacing/(3 τ1) of itself, 4 % here.
 KNOTS_PER_CORRELATION_TIME = 8
@@ -119,7 +121,8 @@ class ScaledParameters(NamedTuple):
 class Scales:
     """One scaled unit of each quantity, in the scene's units (all 1 for a scaled scene).
 
-    displacement l, voltage θ l/Cp, power M l² (s⁻³); acceleration and velocity go with l.
+    displacement l, voltage θ l/Cp, power M l² (s⁻³); acceleration and velocity go with l,
+    energy with power.
     """
 
     displacement: float = 1.0
@@ -129,9 +132,9 @@ class Scales:
     def of(self, dimension):
         """Factor for "displacement^2", "voltage", "power", "1" and the like."""
         base, _, exponent = dimension.partition("^")
-        if base in ("1", "rate"):
+        if base in ("1", "rate", "time"):
             return 1.0
-        name = "displacement" if base == "velocity" else base
+        name = {"velocity": "displacement", "energy": "power"}.get(base, base)
         return getattr(self, name) ** int(exponent or 1)
 
 
@@ -159,7 +162,7 @@ def scale(scene):
             restitution=stoppers.restitution if stoppers else 1.0,
             held_impact_velocity=bool(stoppers) and stoppers.impact_velocity == "event",
             coupling=scene.piezo.coupling,
-            decay_rate=scene.electrical_load.decay_rate,
+            decay_rate=_decay_rate(scene, 1.0),
             intensity=scene.excitation.intensity,
             correlation_time=scene.excitation.correlation_time,
         ),
@@ -180,13 +183,40 @@ def _scale_si(scene):
         restitution=stoppers.restitution if stoppers else 1.0,
         held_impact_velocity=bool(stoppers) and stoppers.impact_velocity == "event",
         coupling=theta**2 / (mass * cp),
-        decay_rate=1.0 / (scene.electrical_load.resistance * cp),
+        decay_rate=_decay_rate(scene, cp),
         intensity=scene.excitation.intensity / length**2,
         correlation_time=scene.excitation.correlation_time,
     )
     return parameters, Scales(
         displacement=length, voltage=theta * length / cp, power=mass * length**2
     )
+
+
+def _decay_rate(scene, capacitance):
+    """λ of Eq. 4b; 0, an open circuit, where the load is no resistor.
+
+    Steps are then chosen for the motion that the damper alone bounds, the greatest there is,
+    and the load's power is measured in the circuit.
+    """
+    load = scene.electrical_load
+    if load.decay_rate is not None:
+        return load.decay_rate
+    resistance = load.circuit.resistance if load.circuit else load.resistance
+    return 1.0 / (resistance * capacitance) if resistance else 0.0
+
+
+def require_resistor(scene, method):
+    """Refuse a load that λ does not describe.
+
+    Raises
+    ------
+    LoadError
+    """
+    if not scene.electrical_load.is_resistor:
+        raise LoadError(
+            f"{scene.name}: {method} knows a resistor as load, and load.netlist is "
+            f"{scene.electrical_load.netlist!r}; use the circuit engine"
+        )
 
 
 def length_scale(scene):

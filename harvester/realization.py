@@ -10,6 +10,7 @@ from harvester.estimators import KNOTS_PER_SAMPLE, batch_counts
 from harvester.excitation import NoisePath, realization_seeds
 from harvester.moments import Moments
 from harvester.moments import prepare as prepare_moments
+from harvester.output_moments import OutputMoments
 from harvester.parameters import knot_spacing, scale, stop_time
 from harvester.record import Record
 
@@ -125,6 +126,11 @@ def run(scene, engine, index, step, source, window, report, scheme=None, toleran
     counts = batch_counts(scene.run.realizations, scene.run.duration / path.spacing)
     interval = KNOTS_PER_SAMPLE * path.spacing
     moments = Moments.empty(scene.run.settle, stop_time(scene), parameters.gap, *counts, interval)
+    # Only a load in the circuit has an output side.
+    output = {}
+    load = scene.electrical_load.circuit
+    if load and load.has_output:
+        moments.output = output["output"] = OutputMoments.beside(moments)
     observers = [moments, Reporter(moments, report)]
     waveform = Waveform(*window) if window else None
     if waveform:
@@ -135,7 +141,7 @@ def run(scene, engine, index, step, source, window, report, scheme=None, toleran
     clock = time.perf_counter()
     scheme = scheme or SCHEMES[engine][0]
     outcome = module.run_realization(
-        scene, path, starts_right(index), observers, step, source, scheme, tolerance
+        scene, path, starts_right(index), observers, step, source, scheme, tolerance, **output
     )
     seconds = time.perf_counter() - clock
     return Realization(

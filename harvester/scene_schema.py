@@ -12,7 +12,7 @@ BOTH = (SCALED, SI)
 
 @dataclass(frozen=True)
 class Key:
-    """What one key accepts: a number in a range, or one of a few words."""
+    """What one key accepts: a number in a range, one of a few words, a text, or named values."""
 
     kind: type = float
     low: float = -math.inf
@@ -26,6 +26,10 @@ class Key:
         """The accepted values, in words."""
         if self.words:
             return "one of " + ", ".join(f'"{word}"' for word in self.words)
+        if self.kind is str:
+            return "a text that is not empty"
+        if self.kind is dict:
+            return 'a table of numbers, or of texts like "100k"'
         noun = "a whole number" if self.kind is int else "a number"
         if self.low == -math.inf:
             return noun
@@ -66,8 +70,11 @@ KEYS = {
     },
     "load": {
         "kind": Key(kind=str, words=("resistor",)),
-        "resistance": _positive(units=(SI,), required=True),
-        "decay_rate": _positive(units=(SCALED,), required=True),
+        "resistance": _positive(units=(SI,)),
+        "decay_rate": _positive(units=(SCALED,)),
+        "netlist": Key(kind=str),
+        "subcircuit": Key(kind=str),
+        "parameters": Key(kind=dict),
     },
     "excitation": {
         "kind": Key(kind=str, words=("ornstein-uhlenbeck",)),
@@ -84,6 +91,22 @@ KEYS = {
 }
 
 OPTIONAL_TABLES = ("stoppers",)
+NESTED_TABLES = {
+    f"{table}.{name}"
+    for table, keys in KEYS.items()
+    for name, key in keys.items()
+    if key.kind is dict
+}
+# A load is the built-in resistor or a netlist: an override of one takes the other's keys out.
+RESISTOR_KEYS, NETLIST_KEYS = (
+    ("kind", "resistance", "decay_rate"),
+    ("netlist", "subcircuit", "parameters"),
+)
+REPLACED_KEYS = {
+    "load.netlist": RESISTOR_KEYS,
+    "load.resistance": NETLIST_KEYS,
+    "load.decay_rate": NETLIST_KEYS,
+}
 
 
 def nearest(word, known):
@@ -127,6 +150,7 @@ def check_tables(tables, origin):
             checked[table] = _check_table(table, tables[table], keys, units, origin)
         elif table not in OPTIONAL_TABLES:
             raise SceneError(f"{origin}: table [{table}] is missing")
+    _check_load(checked["load"], units, origin)
     _check_physics(checked, origin)
     return checked
 
@@ -156,6 +180,10 @@ def _check_value(where, value, spec, origin):
         hint = nearest(value, spec.words) if isinstance(value, str) else ""
         raise SceneError(f"{origin}: {where} = {value!r}: must be {spec.allowed()}{hint}")
 
+    if spec.kind is dict:
+        return dict(value) if isinstance(value, dict) and _named_values(value) else refuse()
+    if spec.kind is str and not spec.words:
+        return value if isinstance(value, str) and value.strip() else refuse()
     if spec.words:
         return value if value in spec.words else refuse()
     if isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -167,6 +195,31 @@ def _check_value(where, value, spec, origin):
     if not math.isfinite(number) or too_low or number > spec.high:
         refuse()
     return number
+
+
+def _named_values(table):
+    """Whether all values are numbers or texts."""
+    return all(isinstance(v, (int, float, str)) and not isinstance(v, bool) for v in table.values())
+
+
+def _check_load(load, units, origin):
+    """Either the built-in resistor with its value, or a netlist."""
+    if "netlist" in load:
+        for name in RESISTOR_KEYS:
+            if name in load:
+                raise SceneError(
+                    f"{origin}: load.{name} belongs to the built-in resistor, and load.netlist is "
+                    f"{load['netlist']!r}; take one out (a netlist's values: [load.parameters])"
+                )
+        return
+    for name in NETLIST_KEYS[1:]:
+        if name in load:
+            raise SceneError(f"{origin}: load.{name} needs load.netlist")
+    needed = "resistance" if units == SI else "decay_rate"
+    if needed not in load:
+        allowed = KEYS["load"][needed].allowed()
+        raise SceneError(f"{origin}: load.{needed} is missing; it takes {allowed}")
+    load.setdefault("kind", "resistor")
 
 
 def _check_physics(scene, origin):

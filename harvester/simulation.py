@@ -8,7 +8,8 @@ from dataclasses import replace
 from harvester.errors import EnergyNotBalanced, HarvesterError, SimulationError
 from harvester.estimators import densities, energy_balance_residual, estimate_all
 from harvester.excitation import interpolation_loss
-from harvester.parameters import STEP_LEVELS, knot_spacing, scale, steps_per_knot
+from harvester.output_estimates import estimate_output
+from harvester.parameters import STEP_LEVELS, knot_spacing, require_resistor, scale, steps_per_knot
 from harvester.realization import ENGINES, SCHEMES, Realization
 from harvester.results import Result
 from harvester.workers import ExecutorPool, WorkerPool
@@ -92,6 +93,8 @@ def simulate(
     step = check_step(step)
     engine = check_name("engine", engine, ENGINES)
     source = check_name("source", source, SOURCES)
+    if engine == "monte-carlo":
+        require_resistor(scene, "Monte Carlo")
     scheme = check_name("scheme", scheme or SCHEMES[engine][0], SCHEMES[engine])
     calls = [
         {
@@ -181,7 +184,7 @@ def _result(scene, engine, step, source, realizations, failures, outcome="comple
     return Result(
         scene=scene,
         engine=engine if source == "external" else f"{engine} ({source} source)",
-        scaled_quantities=estimate_all(moments, parameters),
+        scaled_quantities=estimate_all(moments, parameters) | estimate_output(moments),
         scales=scales,
         error_kind="statistical",
         energy_balance_residual=energy_balance_residual(moments, parameters),
