@@ -16,8 +16,8 @@ from circuits import callbacks, elements
 from circuits.library import find_library
 from harvester.compilation import compiled
 from harvester.errors import SimulatorAborted, SolutionDiverged
-from harvester.parameters import ScaledParameters
 from harvester.output_moments import OutputRecord
+from harvester.parameters import ScaledParameters
 from harvester.record import empty_record, fill, part
 
 # ngspice's name of each column of the buffer.
