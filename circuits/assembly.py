@@ -11,7 +11,11 @@ from harvester.parameters import knot_spacing, scale, steps_per_knot, stop_time
 FIXED_STEP = "reltol=1e-9 vntol=1e-9 trtol=1e9"
 # Integrators by name, as ngspice calls them.
 INTEGRATORS = {"trapezoidal": "trap", "gear": "gear"}
-LOAD_TOLERANCE = 1e-4
+# Local error of a load that switches. Newton's own tolerance stays where the rounding of a large
+# capacitor's current at short steps does not reach it, and iterations are many where diodes turn
+# on: a step that Newton gives up is tried again at an eighth, where rounding is eight times worse.
+LOAD_TOLERANCE = 1e-5
+LOAD_NEWTON = 1e-4
 # ngspice's own relative tolerance.
 OWN_TOLERANCE = 1e-3
 
@@ -21,15 +25,20 @@ def own_steps(tolerance):
     return f"reltol={tolerance!r} trtol=7"
 
 
-def load_tolerance(scene, step="default"):
-    """Relative tolerance of the local error for a load that switches; None where none is needed.
-
-    Between two knots a diode turns on within a share of a step: fixed steps miss that.
-    """
+def switching(scene):
+    """Whether the load is more than resistors and capacitors: fixed steps would miss its events."""
     load = scene.electrical_load.circuit
-    if load is None or load.linear:
-        return None
-    return LOAD_TOLERANCE * (steps_per_knot(scene) / steps_per_knot(scene, step)) ** 2
+    return load is not None and not load.linear
+
+
+def switching_steps(scene, step="default", tolerance=None):
+    """Options for a load that switches: the local error bounds the steps between the knots.
+
+    The tolerance left out goes with the step: ngspice's trapezoidal steps grow as its square root.
+    """
+    refinement = steps_per_knot(scene, step) / steps_per_knot(scene)
+    tolerance = tolerance or LOAD_TOLERANCE / refinement**2
+    return f"reltol={LOAD_NEWTON!r} trtol={7.0 * tolerance / LOAD_NEWTON!r} itl4=100"
 
 
 @dataclass(frozen=True)
@@ -49,8 +58,8 @@ class Netlist:
         End time (s).
     per_power : float
         Scaled power per watt at the load's ammeters; 0 without ammeters.
-    storage : tuple of str
-        ngspice's names of the capacitors across the load's output.
+    output_resistors, storage : tuple of str
+        ngspice's names of the resistors and capacitors across the load's output.
     """
 
     text: str
@@ -59,6 +68,7 @@ class Netlist:
     step: float
     stop: float
     per_power: float = 0.0
+    output_resistors: tuple = ()
     storage: tuple = ()
 
     @property
@@ -121,7 +131,7 @@ def assemble(
     elements.add_piezo(circuit, p, rate, electrical)
     load = scene.electrical_load.circuit
     if load:
-        elements.add_load(circuit, load)
+        elements.add_load(circuit, load, electrical)
     else:
         elements.add_resistor(circuit, electrical)
     device = str(circuit)
@@ -130,7 +140,9 @@ def assemble(
     # The load was vetted when the scene was read.
     text = device + (load.text if load else "")
     text += _analysis(length, stop, options, integrator, save)
-    measured = (electrical.power_factor(p), load.storage) if load else ()
+    measured = ()
+    if load:
+        measured = (electrical.power_factor(p), load.output_resistors, load.storage)
     return Netlist(text, rate, electrical.voltage_scale, length, stop, *measured)
 
 

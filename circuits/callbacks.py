@@ -23,10 +23,10 @@ BUFFER = 4096
 WINDOW = 65_536
 # Knots kept behind the latest accepted time when the window moves.
 MARGIN = 8
-# Columns of the buffer; those of a load's ammeters and output are 0 without such a load.
+# Columns of the buffer; those of a netlist as load are 0 without one.
 TIME, DISPLACEMENT, VELOCITY, PIEZO, NOISE, HELD = range(6)
-LOAD_CURRENT, OUTPUT, REFERENCE, OUTPUT_CURRENT, STORAGE_CURRENT = range(6, 11)
-COLUMNS = 11
+LOAD_CURRENT, OUTPUT, REFERENCE = range(6, 9)
+COLUMNS = 9
 
 BUFFER_FULL, WINDOW_ENDS = 0, 1
 

@@ -19,18 +19,10 @@ DISPLACEMENT, VELOCITY, PIEZO, NOISE, HELD = (
     "noise",
     "held_speed",
 )
-# Between the piezo's ammeter and its load, and the load's DC side.
-LOAD, OUTPUT, REFERENCE = "load_piezo", "load_out", "load_ref"
-# Ammeters inside the load: in series with its output resistors, and with its storage.
-OUTPUT_AMMETER, STORAGE_AMMETER = "output_ammeter", "storage_ammeter"
-# What ngspice calls the current into the load, its output's two nodes, and the currents there.
-LOAD_VECTORS = (
-    "vload#branch",
-    OUTPUT,
-    REFERENCE,
-    f"v.xload.v{OUTPUT_AMMETER}#branch",
-    f"v.xload.v{STORAGE_AMMETER}#branch",
-)
+# Between the piezo's ammeter and its load, the load's DC side, and ngspice's name of the current.
+LOAD, OUTPUT, REFERENCE, LOAD_CURRENT = "load_piezo", "load_out", "load_ref", "vload#branch"
+# Stray capacitance of each output node, as a share of the piezo's.
+STRAY_SHARE = 1e-6
 X, U, H = f"v({DISPLACEMENT})", f"v({VELOCITY})", f"v({HELD})"
 
 
@@ -136,14 +128,19 @@ def add_resistor(circuit, electrical):
     circuit.X("load", "resistor", PIEZO, circuit.gnd, resistance=number(electrical.resistance))
 
 
-def add_load(circuit, load):
+def add_load(circuit, load, electrical):
     """A netlist's call between the piezo's terminals, an ammeter (0 V) before it.
 
-    A current that leaves the piezo is positive.
+    A current that leaves the piezo is positive. While every diode blocks, a DC side has no
+    potential of its own against the piezo, and Newton's iterations fail at short steps: a stray
+    capacitance to ground gives it one.
     """
     nodes = {"p": LOAD, "n": circuit.gnd, "out": OUTPUT, "ref": REFERENCE}
     circuit.V("load", PIEZO, LOAD, number(0.0))
     values = {name: number(value) for name, value in load.parameters}
+    for pin in ("out", "ref") if load.has_output else ():
+        stray = number(STRAY_SHARE * electrical.capacitance)
+        circuit.C(f"stray_{pin}", nodes[pin], circuit.gnd, stray, ic=number(0.0))
     circuit.X("load", load.name, *(nodes[pin] for pin in load.pins), **values)
 
 

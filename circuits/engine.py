@@ -3,7 +3,7 @@
 import importlib
 import re
 
-from circuits.assembly import FIXED_STEP, OWN_TOLERANCE, assemble, load_tolerance, own_steps
+from circuits.assembly import FIXED_STEP, assemble, own_steps, switching, switching_steps
 from circuits.session import session
 from harvester.parameters import scale, steps_per_knot
 
@@ -43,7 +43,7 @@ def run_realization(
     tolerance : float or None
         ngspice's relative tolerance for the local error of a step, which then shortens the
         steps; None: fixed steps, or ngspice's default for "pwl", and for a load that switches
-        `circuits.assembly.load_tolerance`.
+        `circuits.assembly.LOAD_TOLERANCE`.
     output : harvester.output_moments.OutputMoments or None
         For a load that has an output side.
 
@@ -58,18 +58,19 @@ def run_realization(
     """
     parameters, _ = scale(scene)
     engine = session()
-    tolerance = tolerance or load_tolerance(scene, step)
     if source == "pwl":
         from circuits.export import stand_alone
 
-        own = tolerance or OWN_TOLERANCE
-        netlist = stand_alone(scene, path, right, step, own, scheme, save=())
+        netlist = stand_alone(scene, path, right, step, tolerance, scheme, save=())
         steps = engine.run(netlist, parameters, None, observers, 0, output=output)
     else:
-        options = own_steps(tolerance) if tolerance else FIXED_STEP
+        by_error = tolerance is not None or switching(scene)
+        if switching(scene):
+            options = switching_steps(scene, step, tolerance)
+        else:
+            options = own_steps(tolerance) if by_error else FIXED_STEP
         netlist = assemble(scene, step, right, options=options, integrator=scheme)
         fixed = steps_per_knot(scene, step)
-        by_error = tolerance is not None
         steps = engine.run(netlist, parameters, path, observers, fixed, by_error, output)
     return {
         "steps": steps,

@@ -3,7 +3,7 @@
 import dataclasses
 
 from circuits import elements
-from circuits.assembly import OWN_TOLERANCE, assemble, own_steps
+from circuits.assembly import OWN_TOLERANCE, assemble, own_steps, switching, switching_steps
 from harvester.parameters import scale
 
 PER_LINE = 4
@@ -15,7 +15,7 @@ def stand_alone(
     path,
     right=True,
     step="default",
-    tolerance=OWN_TOLERANCE,
+    tolerance=None,
     integrator="trapezoidal",
     save=SAVED,
 ):
@@ -30,8 +30,9 @@ def stand_alone(
         Start in the right well.
     step : str or float
         Longest step, see `harvester.parameters.steps_per_knot`.
-    tolerance : float
-        Relative tolerance of ngspice's step control.
+    tolerance : float or None
+        Relative tolerance of ngspice's step control; None: its own default, or what a load that
+        switches needs.
     integrator : str
         See `circuits.assembly.assemble`.
     save : sequence of str
@@ -42,7 +43,11 @@ def stand_alone(
     circuits.assembly.Netlist
     """
     _, scales = scale(scene)
-    netlist = assemble(scene, step, right, "PWL", own_steps(tolerance), integrator, save)
+    if switching(scene):
+        options = switching_steps(scene, step, tolerance)
+    else:
+        options = own_steps(tolerance or OWN_TOLERANCE)
+    netlist = assemble(scene, step, right, "PWL", options, integrator, save)
     knots = round(netlist.stop / path.spacing) + 1
     values = path.read(knots) / netlist.rate**2
     points = [f"{k * path.spacing!r} {float(value)!r}" for k, value in enumerate(values)]

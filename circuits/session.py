@@ -16,7 +16,6 @@ from circuits import callbacks, elements
 from circuits.library import find_library
 from harvester.compilation import compiled
 from harvester.errors import SimulatorAborted, SolutionDiverged
-from harvester.output_moments import OutputRecord
 from harvester.parameters import ScaledParameters
 from harvester.record import empty_record, fill, part
 
@@ -28,7 +27,9 @@ VECTORS = (
     elements.PIEZO,
     elements.NOISE,
     elements.HELD,
-    *elements.LOAD_VECTORS,
+    elements.LOAD_CURRENT,
+    elements.OUTPUT,
+    elements.REFERENCE,
 )
 
 # What ngspice prints when a run went wrong, on either stream.
@@ -133,8 +134,8 @@ class Session(NgSpiceShared):
             Steps between knots; 0 leaves the steps to ngspice.
         local_error : bool
             Between knots, ngspice's own step is taken where it is shorter.
-        output : object with `add(OutputRecord)`, or None
-            Given the output side of a load that has one.
+        output : harvester.output_moments.OutputMoments or None
+            For a load that has an output side.
 
         Returns
         -------
@@ -154,8 +155,7 @@ class Session(NgSpiceShared):
             self._flush()
             self._check_end(netlist.stop)
             if output is not None:
-                farads = sum(self._capacitance(name) for name in netlist.storage)
-                output.capacitance = farads * netlist.per_power * netlist.voltage_scale**2
+                self._measure_output(netlist, output)
         finally:
             self._service = None
             for command in ("remcirc", "destroy all"):
@@ -219,21 +219,20 @@ class Session(NgSpiceShared):
         for observer in self._observers:
             observer.add(chunk)
         if self._output is not None:
-            self._output.add(self._output_record(nodes[start:]))
+            volts = nodes[start:, callbacks.OUTPUT] - nodes[start:, callbacks.REFERENCE]
+            volts /= self._netlist.voltage_scale
+            self._output.add(nodes[start:, callbacks.TIME], volts)
 
-    def _output_record(self, nodes):
-        """The output side of some points, scaled."""
-        volts = nodes[:, callbacks.OUTPUT] - nodes[:, callbacks.REFERENCE]
-        return OutputRecord(
-            nodes[:, callbacks.TIME],
-            volts / self._netlist.voltage_scale,
-            volts * nodes[:, callbacks.OUTPUT_CURRENT] * self._netlist.per_power,
-            volts * nodes[:, callbacks.STORAGE_CURRENT] * self._netlist.per_power,
-        )
+    def _measure_output(self, netlist, output):
+        """Conductance and capacitance across the output, scaled, as ngspice evaluated them."""
+        scale = netlist.per_power * netlist.voltage_scale**2
+        resistances = [self._property(name, "resistance") for name in netlist.output_resistors]
+        output.conductance = scale * sum(1.0 / resistance for resistance in resistances)
+        farads = sum(self._property(name, "capacitance") for name in netlist.storage)
+        output.capacitance = scale * farads
 
-    def _capacitance(self, name):
-        """Capacitance of a device as ngspice evaluated it (F)."""
-        vector = self._ngspice_shared.ngGet_Vec_Info(f"@{name}[capacitance]".encode())
+    def _property(self, device, name):
+        vector = self._ngspice_shared.ngGet_Vec_Info(f"@{device}[{name}]".encode())
         if vector == ffi.NULL or vector.v_realdata == ffi.NULL:
             return np.nan
         return float(vector.v_realdata[0])

@@ -1,4 +1,4 @@
-"""Loads as sub-circuits: a library's or a user's netlist, vetted and fitted with ammeters."""
+"""Loads as sub-circuits: a library's or a user's netlist, vetted."""
 
 import re
 from dataclasses import dataclass, field
@@ -15,7 +15,6 @@ PIEZO_PINS, OUTPUT_PINS = ("p", "n"), ("out", "ref")
 EXPECTED = "p n, or p n out ref (p n: the piezo's terminals; out ref: the DC side), in any order"
 # Elements of a load with all that its sub-circuits hold.
 MOST_ELEMENTS = 2000
-MEASURED = {"r": elements.OUTPUT_AMMETER, "c": elements.STORAGE_AMMETER}
 
 
 @dataclass(frozen=True)
@@ -25,15 +24,15 @@ class LoadCircuit:
     Attributes
     ----------
     text : str
-        Cards for ngspice, includes and ammeters in, ending with a newline.
+        Cards for ngspice, includes in, ending with a newline.
     name : str
         Of its sub-circuit.
     pins : tuple of str
         As declared, from `PIEZO_PINS` and `OUTPUT_PINS`.
     parameters : tuple of (str, float)
         Values other than the netlist's own, given where it is called.
-    storage : tuple of str
-        Capacitors across the output.
+    output_resistors, storage : tuple of str
+        Resistors and capacitors across the output, by ngspice's names.
     linear : bool
         Resistors and capacitors only: fixed steps do.
     resistance : float or None
@@ -44,6 +43,7 @@ class LoadCircuit:
     name: str
     pins: tuple
     parameters: tuple
+    output_resistors: tuple
     storage: tuple
     linear: bool
     resistance: float | None
@@ -90,9 +90,13 @@ class _Subcircuit:
 
 
 def load_names():
-    """Names of the loads in netlists/, sorted."""
-    files = resources.files("netlists").iterdir()
-    return sorted(file.name.removesuffix(".lib") for file in files if file.name.endswith(".lib"))
+    """Names of the loads in netlists/, sorted; a file without one of its name is for others."""
+    names = []
+    for file in resources.files("netlists").iterdir():
+        name, ending = file.name.partition(".")[::2]
+        if ending == "lib" and f".subckt {name} " in file.read_text(encoding="utf-8"):
+            names.append(name)
+    return sorted(names)
 
 
 def find_netlist(netlist, folders=(".",)):
@@ -156,12 +160,13 @@ def read_load(path, subcircuit=None, parameters=None):
     if count > MOST_ELEMENTS:
         refuse(top.card, f"{count} elements: a load has at most {MOST_ELEMENTS}")
     resistance = _single_resistance(root, top, values, letters)
-    storage = _add_ammeters(top) if OUTPUT_PINS[0] in top.pins else ()
+    output_resistors, storage = _across_output(top)
     return LoadCircuit(
         text="\n".join(_written(root)) + "\n",
         name=top.name,
         pins=top.pins,
         parameters=tuple(values.items()),
+        output_resistors=output_resistors,
         storage=storage,
         linear=letters <= {"r", "c"},
         resistance=resistance,
@@ -323,7 +328,7 @@ def _size(circuit, calling):
         if letter != "x":
             count += 1
             # A behavioural resistor or one with a model is not linear.
-            simple = letter in "rc" and not any("v(" in word or "i(" in word for word in words)
+            simple = letter in "rc" and not _varies(words)
             letters.add(letter if simple else "b")
             continue
         target = circuit.find(next(w for w in reversed(words) if "=" not in w))
@@ -349,22 +354,23 @@ def _single_resistance(root, top, values, letters):
     return vetting.number(value) if isinstance(value, str) else value
 
 
-def _add_ammeters(top):
-    """Sources of 0 V before the resistors and the capacitors across the output, in place."""
-    storage, used = [], set()
-    for _, words in top.elements:
+def _across_output(top):
+    """ngspice's names of the resistors and of the capacitors across the output."""
+    found = {"r": [], "c": []}
+    for card, words in top.elements:
         letter = words[0][0]
-        if letter in MEASURED and {*words[1:3]} == {*OUTPUT_PINS}:
-            words[words.index("out")] = MEASURED[letter]
-            used.add(letter)
-            if letter == "c":
-                storage.append(f"c.xload.{words[0]}")
-    if not used:
+        if letter in found and {*words[1:3]} == {*OUTPUT_PINS}:
+            if _varies(words):
+                refuse(card, f"{words[0]} lies across out and ref: give it a constant value")
+            found[letter].append(f"{letter}.xload.{words[0]}")
+    if OUTPUT_PINS[0] in top.pins and not any(found.values()):
         refuse(top.card, "no resistor or capacitor lies across out and ref: nothing to harvest")
-    for letter in sorted(used):
-        ammeter = MEASURED[letter]
-        top.elements.append((top.card, [f"v{ammeter}", "out", ammeter, "0"]))
-    return tuple(storage)
+    return tuple(found["r"]), tuple(found["c"])
+
+
+def _varies(words):
+    """Whether a value depends on the solution."""
+    return any("v(" in word or "i(" in word for word in words)
 
 
 def _written(circuit):

@@ -40,10 +40,13 @@ def estimate_output(moments):
     load, put_in, time = series["load_power"], series["input_power"], series["time"]
     own = np.stack([m.output.integrals[: batches.shape[1]] for m in moments])
     output = {name: own[:, :, row] for row, name in enumerate(QUANTITIES)}
-    harvested = output["output_power"] + output["storage_power"]
+    half = 0.5 * moments[0].output.capacitance
+    used = moments[0].output.conductance * output["square_voltage"]
+    stored = half * output["change_of_square_voltage"]
+    harvested = used + stored
     estimates = {
-        "mean_output_power": _mean(output["output_power"], time, "power"),
-        "mean_storage_power": _mean(output["storage_power"], time, "power"),
+        "mean_output_power": _mean(used, time, "power"),
+        "mean_storage_power": _mean(stored, time, "power"),
         "mean_converter_loss": _mean(load - harvested, time, "power"),
         "converter_efficiency": _mean(harvested, load, "1"),
         "end_to_end_efficiency": _mean(harvested, put_in, "1"),
@@ -52,11 +55,9 @@ def estimate_output(moments):
         "output_peak_to_peak": _single([m.output.highest - m.output.lowest for m in moments]),
         "start_up_time": _start_up(moments, output["voltage"], time),
     }
-    capacitance = moments[0].output.capacitance
-    if capacitance > 0.0:
-        half = 0.5 * capacitance
+    if half > 0.0:
         estimates["stored_energy"] = _mean(half * output["square_voltage"], time, "energy")
-        final = [half * float(m.output.last[1]) ** 2 for m in moments]
+        final = [half * m.output.voltage**2 for m in moments]
         estimates["final_stored_energy"] = _single(final, "energy")
     return estimates
 

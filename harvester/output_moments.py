@@ -1,36 +1,23 @@
 """Streaming accumulation of a load's output side, in the same batches as `harvester.moments`."""
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 
-# Columns of `OutputMoments.integrals`: time integrals of these.
-QUANTITIES = ("time", "voltage", "square_voltage", "output_power", "storage_power")
+# Columns of `OutputMoments.integrals`: time integrals of the first three, change of the last.
+QUANTITIES = ("time", "voltage", "square_voltage", "change_of_square_voltage")
 # Sizes of the output voltage whose first passage is kept, from 2^-40 to 2^40 scaled volts.
 LEVELS_PER_DOUBLING = 32
-LEVELS = np.exp2(np.arange(-40 * LEVELS_PER_DOUBLING, 40 * LEVELS_PER_DOUBLING) / 32.0)
-
-
-class OutputRecord(NamedTuple):
-    """A chunk of consecutive points of the output side, scaled units; arrays of one shape (n,).
-
-    Attributes
-    ----------
-    time : s, increasing.
-    voltage : between `out` and `ref`.
-    output_power, storage_power : into the resistors and into the capacitors across them.
-    """
-
-    time: np.ndarray
-    voltage: np.ndarray
-    output_power: np.ndarray
-    storage_power: np.ndarray
+DOUBLINGS = 40
+LEVELS = np.exp2(
+    np.arange(-DOUBLINGS * LEVELS_PER_DOUBLING, DOUBLINGS * LEVELS_PER_DOUBLING)
+    / LEVELS_PER_DOUBLING
+)
 
 
 @dataclass
 class OutputMoments:
-    """What is kept of the output side of one realization.
+    """What is kept of the output voltage of one realization; scaled units.
 
     Attributes
     ----------
@@ -41,11 +28,11 @@ class OutputMoments:
         When the voltage's size first reached each level, settling included (s); nan: never.
     lowest, highest : float
         Of the voltage in the measured time.
-    capacitance : float
-        Of the storage over the piezo's, times β, so that ½ capacitance voltage² is its scaled
-        energy; 0 without storage, nan before the run's end.
-    last : ndarray, shape (4,)
-        The latest point, in `OutputRecord`'s order.
+    conductance, capacitance : float
+        Of the resistors and capacitors across the output, scaled: power is conductance voltage²,
+        energy ½ capacitance voltage². nan before the run's end.
+    time, voltage : float
+        Of the latest point.
     """
 
     start: float
@@ -54,8 +41,10 @@ class OutputMoments:
     passages: np.ndarray = field(default_factory=lambda: np.full(LEVELS.size, np.nan))
     lowest: float = np.inf
     highest: float = -np.inf
+    conductance: float = np.nan
     capacitance: float = np.nan
-    last: np.ndarray = field(default_factory=lambda: np.full(4, np.nan))
+    time: float = np.nan
+    voltage: float = np.nan
 
     @classmethod
     def beside(cls, moments):
@@ -63,31 +52,38 @@ class OutputMoments:
         batches = len(moments.integrals)
         return cls(moments.start, moments.batch_length, np.zeros((batches, len(QUANTITIES))))
 
-    def add(self, record):
-        """Accumulate one chunk that follows the ones before."""
-        if record.time.size == 0:
+    def add(self, time, voltage):
+        """Accumulate consecutive points that follow the ones before; arrays of shape (n,)."""
+        if time.size == 0:
             return
-        self._add_passages(record.time, np.abs(record.voltage))
-        points = np.column_stack([self.last, np.array(record)])
-        self.last = points[:, -1].copy()
-        points = points[:, points[0] >= self.start]
-        if points.size == 0:
+        self._add_passages(time, np.abs(voltage))
+        time = np.concatenate([[self.time], time])
+        voltage = np.concatenate([[self.voltage], voltage])
+        self.time, self.voltage = float(time[-1]), float(voltage[-1])
+        measured = time >= self.start
+        time, voltage = time[measured], voltage[measured]
+        if time.size == 0:
             return
-        time, voltage = points[:2]
         self.lowest = min(self.lowest, float(voltage.min()))
         self.highest = max(self.highest, float(voltage.max()))
         middle = 0.5 * (time[1:] + time[:-1])
         batches = len(self.integrals)
         batch = np.minimum((middle - self.start) // self.batch_length, batches - 1).astype(int)
-        values = np.stack([np.ones_like(time), voltage, voltage**2, *points[2:]])
-        pieces = 0.5 * (values[:, 1:] + values[:, :-1]) * np.diff(time)
+        steps = np.diff(time)
+        square = voltage * voltage
+        pieces = (
+            steps,
+            0.5 * (voltage[1:] + voltage[:-1]) * steps,
+            0.5 * (square[1:] + square[:-1]) * steps,
+            np.diff(square),
+        )
         for row, piece in enumerate(pieces):
             self.integrals[:, row] += np.bincount(batch, piece, minlength=batches)
 
     def passage(self, voltage):
         """When the output's size first reached a voltage (s); nan: never."""
         reached = np.isfinite(self.passages)
-        if not 0.0 < voltage <= LEVELS[reached][-1:].max(initial=0.0):
+        if not reached.any() or not 0.0 < voltage <= LEVELS[reached][-1]:
             return float("nan")
         return float(np.interp(voltage, LEVELS[reached], self.passages[reached]))
 
