@@ -11,9 +11,10 @@ from harvester.parameters import knot_spacing, scale, steps_per_knot, stop_time
 FIXED_STEP = "reltol=1e-9 vntol=1e-9 trtol=1e9"
 # Integrators by name, as ngspice calls them.
 INTEGRATORS = {"trapezoidal": "trap", "gear": "gear"}
-# Local error of a load that switches. Newton's own tolerance stays where the rounding of a large
-# capacitor's current at short steps does not reach it, and iterations are many where diodes turn
-# on: a step that Newton gives up is tried again at an eighth, where rounding is eight times worse.
+# With diodes Newton needs many iterations where one turns on: a step that it gives up is tried
+# again at an eighth, where the rounding of a large capacitor's current is eight times worse.
+RECTIFIER_STEP = "reltol=1e-6 trtol=1e9 itl4=100"
+# A load that switches: its local error, and Newton's own tolerance, which rounding does not reach.
 LOAD_TOLERANCE = 1e-5
 LOAD_NEWTON = 1e-4
 # ngspice's own relative tolerance.
@@ -25,20 +26,30 @@ def own_steps(tolerance):
     return f"reltol={tolerance!r} trtol=7"
 
 
-def switching(scene):
-    """Whether the load is more than resistors and capacitors: fixed steps would miss its events."""
-    load = scene.electrical_load.circuit
-    return load is not None and not load.linear
+def step_options(scene, step="default", tolerance=None):
+    """Options for steps on a grid, and whether the local error shortens them.
 
+    Parameters
+    ----------
+    scene : Scene
+    step : str or float
+        See `harvester.parameters.steps_per_knot`.
+    tolerance : float or None
+        Relative tolerance of the local error; None: none, or for a load that switches one that
+        goes with the step, because ngspice's trapezoidal steps grow as its square root.
 
-def switching_steps(scene, step="default", tolerance=None):
-    """Options for a load that switches: the local error bounds the steps between the knots.
-
-    The tolerance left out goes with the step: ngspice's trapezoidal steps grow as its square root.
+    Returns
+    -------
+    str, bool
     """
+    load = scene.electrical_load.circuit
+    if load is None or load.linear:
+        return (own_steps(tolerance), True) if tolerance else (FIXED_STEP, False)
+    if not load.switches and not tolerance:
+        return RECTIFIER_STEP, False
     refinement = steps_per_knot(scene, step) / steps_per_knot(scene)
     tolerance = tolerance or LOAD_TOLERANCE / refinement**2
-    return f"reltol={LOAD_NEWTON!r} trtol={7.0 * tolerance / LOAD_NEWTON!r} itl4=100"
+    return f"reltol={LOAD_NEWTON!r} trtol={7.0 * tolerance / LOAD_NEWTON!r} itl4=100", True
 
 
 @dataclass(frozen=True)

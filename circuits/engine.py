@@ -3,7 +3,7 @@
 import importlib
 import re
 
-from circuits.assembly import FIXED_STEP, assemble, own_steps, switching, switching_steps
+from circuits.assembly import assemble, step_options
 from circuits.session import session
 from harvester.parameters import scale, steps_per_knot
 
@@ -64,11 +64,7 @@ def run_realization(
         netlist = stand_alone(scene, path, right, step, tolerance, scheme, save=())
         steps = engine.run(netlist, parameters, None, observers, 0, output=output)
     else:
-        by_error = tolerance is not None or switching(scene)
-        if switching(scene):
-            options = switching_steps(scene, step, tolerance)
-        else:
-            options = own_steps(tolerance) if by_error else FIXED_STEP
+        options, by_error = step_options(scene, step, tolerance)
         netlist = assemble(scene, step, right, options=options, integrator=scheme)
         fixed = steps_per_knot(scene, step)
         steps = engine.run(netlist, parameters, path, observers, fixed, by_error, output)

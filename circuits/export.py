@@ -3,7 +3,7 @@
 import dataclasses
 
 from circuits import elements
-from circuits.assembly import OWN_TOLERANCE, assemble, own_steps, switching, switching_steps
+from circuits.assembly import LOAD_TOLERANCE, OWN_TOLERANCE, assemble, own_steps, step_options
 from harvester.parameters import scale
 
 PER_LINE = 4
@@ -31,8 +31,8 @@ def stand_alone(
     step : str or float
         Longest step, see `harvester.parameters.steps_per_knot`.
     tolerance : float or None
-        Relative tolerance of ngspice's step control; None: its own default, or what a load that
-        switches needs.
+        Relative tolerance of ngspice's step control; None: its own default, or what a load
+        with diodes needs.
     integrator : str
         See `circuits.assembly.assemble`.
     save : sequence of str
@@ -43,10 +43,11 @@ def stand_alone(
     circuits.assembly.Netlist
     """
     _, scales = scale(scene)
-    if switching(scene):
-        options = switching_steps(scene, step, tolerance)
-    else:
+    load = scene.electrical_load.circuit
+    if load is None or load.linear:
         options = own_steps(tolerance or OWN_TOLERANCE)
+    else:
+        options, _ = step_options(scene, step, tolerance or LOAD_TOLERANCE)
     netlist = assemble(scene, step, right, "PWL", options, integrator, save)
     knots = round(netlist.stop / path.spacing) + 1
     values = path.read(knots) / netlist.rate**2

@@ -33,8 +33,8 @@ class LoadCircuit:
         Values other than the netlist's own, given where it is called.
     output_resistors, storage : tuple of str
         Resistors and capacitors across the output, by ngspice's names.
-    linear : bool
-        Resistors and capacitors only: fixed steps do.
+    linear, switches : bool
+        Resistors and capacitors only; anything beside them and diodes.
     resistance : float or None
         Of a load that is one resistor between p and n, in Ω.
     """
@@ -46,6 +46,7 @@ class LoadCircuit:
     output_resistors: tuple
     storage: tuple
     linear: bool
+    switches: bool
     resistance: float | None
 
     @property
@@ -169,6 +170,7 @@ def read_load(path, subcircuit=None, parameters=None):
         output_resistors=output_resistors,
         storage=storage,
         linear=letters <= {"r", "c"},
+        switches=not letters <= {"r", "c", "d"},
         resistance=resistance,
     )
 
