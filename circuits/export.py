@@ -36,7 +36,8 @@ def stand_alone(
     integrator : str
         See `circuits.assembly.assemble`.
     save : sequence of str
-        Nodes to keep; none keeps nothing (for a run that streams).
+        Nodes to keep, those of the load's output with them; none keeps nothing (for a run that
+        streams).
 
     Returns
     -------
@@ -48,6 +49,8 @@ def stand_alone(
         options = own_steps(tolerance or OWN_TOLERANCE)
     else:
         options, _ = step_options(scene, step, tolerance or LOAD_TOLERANCE)
+    if save and load and load.has_output:
+        save = (*save, elements.OUTPUT, elements.REFERENCE)
     netlist = assemble(scene, step, right, "PWL", options, integrator, save)
     knots = round(netlist.stop / path.spacing) + 1
     values = path.read(knots) / netlist.rate**2

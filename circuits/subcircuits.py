@@ -282,8 +282,9 @@ def _vet(circuit):
     place = circuit.card or Card("", "the load")
     for values in (circuit.parameters, circuit.local):
         for name, value in values.items():
-            braced = value if value.startswith("{") or vetting.number(value) else "{" + value + "}"
-            values[name] = check_value(place, braced, scope, name)
+            if vetting.number(value) is None and not value.startswith("{"):
+                value = "{" + value + "}"
+            values[name] = check_value(place, value, scope, name)
     for name, (card, kind, pairs) in circuit.models.items():
         checked = [(k, v and check_value(card, v, scope, k)) for k, v in pairs]
         circuit.models[name] = (card, kind, checked)
@@ -329,9 +330,7 @@ def _size(circuit, calling):
         letter = words[0][0]
         if letter != "x":
             count += 1
-            # A behavioural resistor or one with a model is not linear.
-            simple = letter in "rc" and not _varies(words)
-            letters.add(letter if simple else "b")
+            letters.add("b" if letter in "rc" and _varies(words) else letter)
             continue
         target = circuit.find(next(w for w in reversed(words) if "=" not in w))
         if target.name not in sizes:
