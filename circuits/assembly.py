@@ -143,6 +143,9 @@ def assemble(
     load = scene.electrical_load.circuit
     if load:
         elements.add_load(circuit, load, electrical)
+        # The local error of a stray capacitance's charge is none that matters.
+        charge = elements.STRAY_SHARE * electrical.capacitance * electrical.voltage_scale
+        options += f" chgtol={elements.number(3.0 * charge)}"
     else:
         elements.add_resistor(circuit, electrical)
     device = str(circuit)

@@ -234,6 +234,8 @@ def densities(moments):
         times = groups.sum(axis=1)
         groups = groups[times > 0.0]
         times = times[times > 0.0]
+        if times.size == 0:
+            continue
         density = groups.sum(axis=0) / (times.sum() * width)
         error = None
         if len(groups) >= FEWEST_BATCHES:
