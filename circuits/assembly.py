@@ -143,20 +143,20 @@ def assemble(
     load = scene.electrical_load.circuit
     if load:
         elements.add_load(circuit, load, electrical)
-        # The local error of a stray capacitance's charge is none that matters.
-        charge = elements.STRAY_SHARE * electrical.capacitance * electrical.voltage_scale
-        options += f" chgtol={elements.number(3.0 * charge)}"
     else:
         elements.add_resistor(circuit, electrical)
     device = str(circuit)
     check_netlist(device)
     stop = stop_time(scene)
+    measured = ()
+    if load and load.resistance is None:
+        # The local error of a stray capacitance's charge is none that matters.
+        charge = elements.STRAY_SHARE * electrical.capacitance * electrical.voltage_scale
+        options += f" chgtol={elements.number(3.0 * charge)}"
+        measured = (electrical.power_factor(p), load.output_resistors, load.storage)
     # The load was vetted when the scene was read.
     text = device + (load.text if load else "")
     text += _analysis(length, stop, options, integrator, save)
-    measured = ()
-    if load:
-        measured = (electrical.power_factor(p), load.output_resistors, load.storage)
     return Netlist(text, rate, electrical.voltage_scale, length, stop, *measured)
 
 

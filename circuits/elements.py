@@ -133,10 +133,13 @@ def add_load(circuit, load, electrical):
 
     A current that leaves the piezo is positive. While every diode blocks, a DC side has no
     potential of its own against the piezo, and Newton's iterations fail at short steps: a stray
-    capacitance to ground gives it one.
+    capacitance to ground gives it one. A single resistor needs neither: its power follows from
+    the voltage.
     """
-    nodes = {"p": LOAD, "n": circuit.gnd, "out": OUTPUT, "ref": REFERENCE}
-    circuit.V("load", PIEZO, LOAD, number(0.0))
+    plain = load.resistance is not None
+    nodes = {"p": PIEZO if plain else LOAD, "n": circuit.gnd, "out": OUTPUT, "ref": REFERENCE}
+    if not plain:
+        circuit.V("load", PIEZO, LOAD, number(0.0))
     values = {name: number(value) for name, value in load.parameters}
     for pin in ("out", "ref") if load.has_output else ():
         stray = number(STRAY_SHARE * electrical.capacitance)

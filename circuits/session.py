@@ -34,7 +34,8 @@ VECTORS = (
 
 # What ngspice prints when a run went wrong, on either stream.
 TROUBLE = re.compile(
-    r"error|too small|unrecognized|singular|abort|no such|unknown|fatal|can't|cannot|failed|not found",
+    r"error|too small|unrecognized|singular|abort|no such|unknown|fatal|can't|cannot|failed|"
+    r"not found",
     re.IGNORECASE,
 )
 HARMLESS = re.compile(r"can't find (the )?(init|initialization) file|Cannot open display", re.I)

@@ -4,28 +4,11 @@ import random
 import re
 
 import pytest
+from foreign_loads import DOUBLER
 
 from circuits.subcircuits import find_netlist, load_names, read_load
 from harvester.errors import NetlistError
 
-# As LTspice's users write it: its own suffixes, comments, continuation, params:, .param, model.
-DOUBLER = """* charge pump, drawn in LTspice
-.PARAM Cpump=1µ  Cout={10*Cpump} ; pump and storage
-.model 1N4148x D(Is=2.52n Rs=.568 N=1.752 Cjo=4p M=.4 tt=20n
-+ Iave=200m Vpk=75 mfg=OnSemi type=silicon)
-.SUBCKT Doubler p n out ref params: Rload=4Meg7
-C1 p a {Cpump}
-D1 ref a 1N4148x
-* a comment between a card
-D2 a out
-+ 1N4148x $ and its continuation
-C2 out ref {Cout} V=50
-R1 out ref {Rload} tol=1
-R2 ref n 1m
-.ENDS
-.backanno
-.end
-"""
 LOAD = ".subckt load p n out ref resistance=100k\n{body}\nR1 out ref {{resistance}}\n.ends\n"
 
 
@@ -200,7 +183,7 @@ def test_whatever_is_broken_in_a_file_it_is_refused_by_name(tmp_path):
     generator = random.Random(1)
     pieces = [*"+*.;{}()='\"$ \n\tR", "0", ".ends", ".subckt", "params:", "=", "é", "\0", "-", "e"]
     refused = []
-    for _ in range(1500):
+    for _ in range(500):
         text = list(DOUBLER)
         for _ in range(generator.randint(1, 4)):
             place = generator.randrange(len(text))
@@ -209,5 +192,5 @@ def test_whatever_is_broken_in_a_file_it_is_refused_by_name(tmp_path):
             read(tmp_path, "".join(text))
         except NetlistError as error:
             refused.append(str(error))
-    assert len(refused) > 500
+    assert len(refused) > 150
     assert not any("\n" in message for message in refused)
