@@ -131,8 +131,15 @@ def assemble(
     length = knot_spacing(scene) / steps_per_knot(scene, step)
     electrical = _electrical(scene, p, scales)
     circuit = Circuit(f"harvester scene {scene.name}")
-    elements.add_oscillator(circuit, p, rate, p.rest if right else -p.rest)
-    elements.add_excitation(circuit, waveform)
+    excitation = scene.excitation
+    if excitation.prescribes_displacement:
+        amplitude = excitation.amplitude / scales.displacement
+        elements.add_prescribed_displacement(
+            circuit, p, rate, amplitude, excitation.frequency, electrical
+        )
+    else:
+        elements.add_oscillator(circuit, p, rate, p.rest if right else -p.rest)
+        elements.add_excitation(circuit, waveform)
     if p.cubic_stiffness > 0.0:
         elements.add_cubic(circuit, p, rate)
     if p.has_stoppers:

@@ -7,6 +7,7 @@ ngspice almost nothing; only cubic spring and contact are behavioural. An induct
 would need more Newton iterations a step. Node `piezo` carries terminal volts.
 """
 
+import math
 from dataclasses import dataclass
 
 from circuits.loads import library_text
@@ -72,6 +73,25 @@ def add_excitation(circuit, waveform):
     circuit.VoltageControlledCurrentSource(
         "noise", circuit.gnd, VELOCITY, NOISE, circuit.gnd, number(1.0)
     )
+
+
+def add_prescribed_displacement(circuit, p, rate, amplitude, frequency, electrical):
+    """Displacement and velocity as sines, and the η of a mass that would move so (Eq. 4a).
+
+    X = a sin ωt; with neither spring nor damper, η = X'' + βV: what drives the piezo is the power
+    put in, and the energy balance holds as it stands.
+    """
+    gnd = circuit.gnd
+    omega = 2.0 * math.pi * frequency
+    cycles = number(frequency)
+    circuit.V("displacement", DISPLACEMENT, gnd, f"SIN(0 {number(amplitude)} {cycles})")
+    speed = number(amplitude * omega / rate)
+    circuit.V("velocity", VELOCITY, gnd, f"SIN(0 {speed} {cycles} 0 0 90)")
+    source = circuit.VoltageControlledVoltageSource
+    inertia = number(-((omega / rate) ** 2))
+    source("inertia", NOISE, "reaction", DISPLACEMENT, gnd, inertia)
+    reaction = number(p.coupling / (rate**2 * electrical.voltage_scale))
+    source("reaction", "reaction", gnd, PIEZO, gnd, reaction)
 
 
 def add_cubic(circuit, p, rate):

@@ -52,6 +52,8 @@ def stand_alone(
     if save and load and load.has_output:
         save = (*save, elements.OUTPUT, elements.REFERENCE)
     netlist = assemble(scene, step, right, "PWL", options, integrator, save)
+    if scene.excitation.prescribes_displacement:
+        return dataclasses.replace(netlist, text=_header(netlist.text, scene, netlist, scales))
     knots = round(netlist.stop / path.spacing) + 1
     values = path.read(knots) / netlist.rate**2
     points = [f"{k * path.spacing!r} {float(value)!r}" for k, value in enumerate(values)]

@@ -10,6 +10,8 @@ from harvester.errors import LoadError
 # interpolation between knots lowers the noise's variance by spacing/(3 τ1) of itself, 4 % here.
 KNOTS_PER_CORRELATION_TIME = 8
 STEPS_PER_PERIOD = 40
+# Of a prescribed displacement: a rectifier's switching is resolved, not only the sine.
+STEPS_PER_CYCLE = 200
 # Energy up to which the default step resolves the motion, in units of the mean-square velocity:
 # the density of the energy falls as exp(−H/E[X'²]), so it is beyond for under 1 % of the time.
 RESOLVED_ENERGY = 5.0
@@ -152,8 +154,28 @@ def scale(scene):
     -------
     ScaledParameters, Scales
     """
-    if scene.units == "SI":
-        return _scale_si(scene)
+    parameters, scales = _scale_si(scene) if scene.units == "SI" else _scale_scaled(scene)
+    if scene.excitation.prescribes_displacement:
+        parameters = _without_mechanics(parameters, scene.excitation.frequency)
+    return parameters, scales
+
+
+def _without_mechanics(p, frequency):
+    """Only the piezo is left: what drives a mass without spring and damper is its η."""
+    return p._replace(
+        damping=0.0,
+        linear_stiffness=0.0,
+        cubic_stiffness=0.0,
+        gap=math.inf,
+        contact_stiffness=0.0,
+        restitution=1.0,
+        held_impact_velocity=False,
+        intensity=0.0,
+        correlation_time=1.0 / (2.0 * math.pi * frequency),
+    )
+
+
+def _scale_scaled(scene):
     stoppers = scene.stoppers
     return (
         ScaledParameters(
@@ -187,7 +209,7 @@ def _scale_si(scene):
         held_impact_velocity=bool(stoppers) and stoppers.impact_velocity == "event",
         coupling=theta**2 / (mass * cp),
         decay_rate=_decay_rate(scene, cp),
-        intensity=scene.excitation.intensity / length**2,
+        intensity=(scene.excitation.intensity or 0.0) / length**2,
         correlation_time=scene.excitation.correlation_time,
     )
     return parameters, Scales(
@@ -220,6 +242,11 @@ def require_resistor(scene, method):
             f"{scene.name}: {method} knows a resistor as load, and load.netlist is "
             f"{scene.electrical_load.netlist!r}; use the circuit engine"
         )
+    if scene.excitation.prescribes_displacement:
+        raise LoadError(
+            f"{scene.name}: {method} knows a moving mass, and excitation.kind is "
+            f"{scene.excitation.kind!r}; use the circuit engine"
+        )
 
 
 def length_scale(scene):
@@ -230,6 +257,8 @@ def length_scale(scene):
     """
     if scene.length_scale is not None:
         return scene.length_scale
+    if scene.excitation.prescribes_displacement:
+        return scene.excitation.amplitude
     oscillator = scene.oscillator
     if oscillator.linear_stiffness < 0.0 and oscillator.cubic_stiffness > 0.0:
         return math.sqrt(-oscillator.linear_stiffness / oscillator.cubic_stiffness)
@@ -245,6 +274,8 @@ def knot_spacing(scene):
     """Spacing of the noise's knots (s): the scene's, else a fraction of its fastest time."""
     if scene.excitation.knot_spacing is not None:
         return scene.excitation.knot_spacing
+    if scene.excitation.prescribes_displacement:
+        return 1.0 / (STEPS_PER_CYCLE * scene.excitation.frequency)
     parameters, _ = scale(scene)
     period = 2.0 * math.pi / parameters.angular_frequency
     spacing = min(
@@ -266,6 +297,8 @@ def steps_per_knot(scene, step="default"):
     spacing = knot_spacing(scene)
     if not isinstance(step, str):
         return max(1, math.ceil(spacing / step - 1e-9))
+    if scene.excitation.prescribes_displacement:
+        return STEP_LEVELS[step]
     longest = 2.0 * math.pi / parameters.fastest_angular_frequency / STEPS_PER_PERIOD
     load = scene.electrical_load.circuit
     finer = SWITCHING_STEPS if load and load.switches else 1

@@ -8,7 +8,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from harvester.errors import SceneError
-from harvester.scene_schema import NESTED_TABLES, REPLACED_KEYS, check_tables, nearest
+from harvester.scene_schema import (
+    NESTED_TABLES,
+    PRESCRIBED_DISPLACEMENT,
+    REPLACED_KEYS,
+    check_tables,
+    nearest,
+)
 
 BUILT_IN = Path(__file__).parent / "scenes"
 
@@ -73,12 +79,22 @@ class Excitation:
 
     `intensity` is D, m²/s³ in SI; `correlation_time` and `knot_spacing` in s.
     `knot_spacing` left out: chosen by `harvester.parameters`.
+
+    `kind` "prescribed_displacement" drives the displacement itself, as a sine of this `amplitude`
+    (m) and `frequency` (Hz): a test bench for loads, without mechanics.
     """
 
-    intensity: float
-    correlation_time: float
+    intensity: float | None = None
+    correlation_time: float | None = None
     kind: str = "ornstein-uhlenbeck"
     knot_spacing: float | None = None
+    amplitude: float | None = None
+    frequency: float | None = None
+
+    @property
+    def prescribes_displacement(self):
+        """Whether the displacement is given and nothing moves by forces."""
+        return self.kind == PRESCRIBED_DISPLACEMENT
 
 
 @dataclass(frozen=True)

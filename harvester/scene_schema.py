@@ -77,7 +77,7 @@ KEYS = {
         "parameters": Key(kind=dict),
     },
     "excitation": {
-        "kind": Key(kind=str, words=("ornstein-uhlenbeck",)),
+        "kind": Key(kind=str, words=("ornstein-uhlenbeck", "prescribed_displacement")),
         "intensity": _positive(required=True),
         "correlation_time": _positive(required=True),
         "knot_spacing": _positive(),
@@ -88,6 +88,17 @@ KEYS = {
         "seed": Key(kind=int, low=0),
         "realizations": Key(kind=int, low=1, high=1_000_000),
     },
+}
+
+# Keys of an excitation of another kind.
+PRESCRIBED_DISPLACEMENT = "prescribed_displacement"
+EXCITATIONS = {
+    PRESCRIBED_DISPLACEMENT: {
+        "kind": Key(kind=str, words=(PRESCRIBED_DISPLACEMENT,)),
+        "amplitude": _positive(required=True),
+        "frequency": _positive(required=True),
+        "knot_spacing": _positive(),
+    }
 }
 
 OPTIONAL_TABLES = ("stoppers",)
@@ -147,6 +158,8 @@ def check_tables(tables, origin):
     checked = _check_table("", top, TOP, units if units in BOTH else SCALED, origin)
     for table, keys in KEYS.items():
         if table in tables:
+            if table == "excitation":
+                keys = EXCITATIONS.get(tables[table].get("kind"), keys)
             checked[table] = _check_table(table, tables[table], keys, units, origin)
         elif table not in OPTIONAL_TABLES:
             raise SceneError(f"{origin}: table [{table}] is missing")
@@ -244,7 +257,7 @@ def _check_physics(scene, origin):
         )
     excitation = scene["excitation"]
     spacing = excitation.get("knot_spacing", 0.0)
-    if spacing > excitation["correlation_time"]:
+    if spacing > excitation.get("correlation_time", math.inf):
         raise SceneError(
             f"{origin}: excitation.knot_spacing = {spacing:g}: must be a number in "
             f"(0, {excitation['correlation_time']:g}], the correlation time"

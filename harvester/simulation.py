@@ -224,6 +224,8 @@ def _partial(scene, engine, step, source, error):
 
 
 def _notes(scene):
+    if scene.excitation.prescribes_displacement:
+        return ()
     loss = interpolation_loss(knot_spacing(scene), scene.excitation.correlation_time)
     return (f"noise linear between knots: its variance is {loss:.1%} below D/τ1",)
 

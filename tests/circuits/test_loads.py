@@ -1,11 +1,15 @@
 """Loads in the circuit, against the built-in resistor and against the diode equation by scipy."""
 
+import subprocess
+
 import numpy as np
 import pytest
 from foreign_loads import DOUBLER
+from raw_files import ngspice_program, read_raw
 from scipy.integrate import solve_ivp
 
 from circuits.assembly import assemble
+from circuits.export import stand_alone
 from harvester.averaged import average
 from harvester.errors import LoadError, SimulatorAborted
 from harvester.parameters import scale
@@ -162,6 +166,54 @@ def test_a_bridge_follows_the_diode_equation(tmp_path, pool):
     assert result.quantity("mean_converter_loss").estimate == pytest.approx(loss, rel=0.01)
 
 
+AMPLITUDE, FREQUENCY = 0.005, 12.0
+
+
+def prescribed(*changes):
+    """(scene, θ²u²ω/C): the displacement a sine, which every load's closed form starts from."""
+    scene = Scene.load("device", ["length_scale=none"])
+    excitation = {
+        "kind": "prescribed_displacement",
+        "amplitude": AMPLITUDE,
+        "frequency": FREQUENCY,
+    }
+    run = {"run.duration": 1.0, "run.settle": 1.0, "run.realizations": 1}
+    scene = scene.replace({"excitation": excitation, **run, **dict(changes)})
+    theta, capacitance = scene.piezo.coupling, scene.piezo.capacitance
+    return scene, theta**2 * AMPLITUDE**2 * 2.0 * np.pi * FREQUENCY / capacitance
+
+
+@pytest.mark.parametrize("share", [0.3, 1.0, 4.0])
+def test_a_resistor_on_a_prescribed_sine_has_the_closed_form(pool, share):
+    """P = θ²u²ω/2C · r/(1 + r²), r = ωCR; its greatest is θ²u²ω/4C at r = 1."""
+    resistance = share / (2.0 * np.pi * FREQUENCY * 4.3e-8)
+    scene, unit = prescribed(("load.resistance", resistance))
+    result = simulate(scene, "circuit", pool=pool)
+    power = 0.5 * unit * share / (1.0 + share**2)
+    assert result.quantity("mean_power").estimate == pytest.approx(power, rel=1e-3)
+    # All that is put in leaves by the load, but for what the capacitance holds at the end.
+    assert abs(result.energy_balance_residual) < 1e-6
+    with pytest.raises(LoadError, match="circuit"):
+        simulate(scene, "monte-carlo")
+
+
+def test_a_near_ideal_bridge_on_a_prescribed_sine_has_the_closed_form(tmp_path, pool):
+    """P = θ²u²ω/2πC at R = π/2ωC, V = θu/2C (physics of the standard interface)."""
+    path = tmp_path / "load.lib"
+    path.write_text(BRIDGE.replace("n=0.5", "n=0.05"))
+    resistance = np.pi / (4.0 * np.pi * FREQUENCY * 4.3e-8)
+    parameters = {"resistance": resistance, "storage": 2e-6}
+    scene, unit = prescribed(
+        ("load.netlist", str(path)), ("load.parameters", parameters), ("run.settle", 8.0)
+    )
+    result = simulate(scene, "circuit", pool=pool)
+    power = result.quantity("mean_output_power").estimate
+    assert power == pytest.approx(unit / (2.0 * np.pi), rel=0.03)
+    volts = scene.piezo.coupling * AMPLITUDE / (2.0 * scene.piezo.capacitance)
+    assert result.quantity("output_voltage").estimate == pytest.approx(volts, rel=0.015)
+    assert abs(result.energy_balance_residual) < 1e-3
+
+
 def test_a_pump_written_for_ltspice_runs_as_it_is(tmp_path, pool):
     scene = with_load(tmp_path, DOUBLER, "load.parameters.cpump=100n", "run.duration=10")
     result = simulate(scene, "circuit", pool=pool)
@@ -203,10 +255,10 @@ def test_scaled_scenes_take_a_netlist_too(tmp_path, pool):
     assert power == pytest.approx(p.coupling * square / 10.0, rel=1e-9)
 
 
-def test_what_ngspice_does_not_know_is_no_result(tmp_path, pool):
+def test_what_ngspice_does_not_know_is_no_result(tmp_path):
     text = BRIDGE.replace("n=0.5", "n=0.5 emission=2")
     with pytest.raises(SimulatorAborted, match="emission"):
-        simulate(with_load(tmp_path, text), "circuit", pool=pool)
+        simulate(with_load(tmp_path, text), "circuit")
 
 
 def test_other_methods_refuse_a_load_that_is_no_resistor(tmp_path):
@@ -215,6 +267,19 @@ def test_other_methods_refuse_a_load_that_is_no_resistor(tmp_path):
         simulate(scene, "monte-carlo")
     with pytest.raises(LoadError, match="averaging"):
         average(scene)
+
+
+def test_plain_ngspice_runs_an_exported_load(tmp_path, pool):
+    scene = with_load(tmp_path, SWITCH, "run.duration=0.5")
+    (tmp_path / "scene.cir").write_text(stand_alone(scene, noise_path(scene, 0)).text + ".end\n")
+    command = [ngspice_program(), "-b", "-r", "scene.raw", "scene.cir"]
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+    raw = read_raw(tmp_path / "scene.raw")
+    result = simulate(scene, "circuit", pool=pool)
+    output = raw["v(load_out)"] - raw["v(load_ref)"]
+    steps = np.diff(raw["time"])
+    mean = np.sum(0.5 * (output[1:] + output[:-1]) * steps) / np.sum(steps)
+    assert result.quantity("output_voltage").estimate == pytest.approx(mean, rel=0.02)
 
 
 def test_the_netlist_holds_the_load_and_its_digest_tells_loads_apart(tmp_path):
