@@ -157,9 +157,11 @@ def assemble(
     stop = stop_time(scene)
     measured = ()
     if load and load.resistance is None:
-        # The local error of a stray capacitance's charge is none that matters.
+        # No step is to follow a stray capacitance's charge or what rings on in an idle coil.
         charge = elements.STRAY_SHARE * electrical.capacitance * electrical.voltage_scale
-        options += f" chgtol={elements.number(3.0 * charge)}"
+        options += (
+            f" chgtol={elements.number(3.0 * charge)} abstol={elements.number(charge * rate)}"
+        )
         measured = (electrical.power_factor(p), load.output_resistors, load.storage)
     # The load was vetted when the scene was read.
     text = device + (load.text if load else "")
