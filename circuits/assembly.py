@@ -11,6 +11,12 @@ from harvester.parameters import knot_spacing, scale, steps_per_knot, stop_time
 FIXED_STEP = "reltol=1e-10 vntol=1e-11 trtol=1e9"
 # Integrators by name, as ngspice calls them.
 INTEGRATORS = {"trapezoidal": "trap", "gear": "gear"}
+# With diodes Newton needs many iterations where one turns on: a step that it gives up is tried
+# again at an eighth, where the rounding of a large capacitor's current is eight times worse.
+RECTIFIER_STEP = "reltol=1e-6 trtol=1e9 itl4=100"
+# A load that switches: its local error, and Newton's own tolerance, which rounding does not reach.
+LOAD_TOLERANCE = 1e-5
+LOAD_NEWTON = 1e-4
 # ngspice's own relative tolerance.
 OWN_TOLERANCE = 1e-3
 # Steps. ngspice 46 never ends a shorter run: its least step, 1e-11 of the longest one, is then more
@@ -21,6 +27,32 @@ SHORTEST_RUN = 1000
 def own_steps(tolerance):
     """Options for ngspice's own step control by the local error at this relative tolerance."""
     return f"reltol={tolerance!r} trtol=7"
+
+
+def step_options(scene, step="default", tolerance=None):
+    """Options for steps on a grid, and whether the local error shortens them.
+
+    Parameters
+    ----------
+    scene : Scene
+    step : str or float
+        See `harvester.parameters.steps_per_knot`.
+    tolerance : float or None
+        Relative tolerance of the local error; None: none, or for a load that switches one that
+        goes with the step, because ngspice's trapezoidal steps grow as its square root.
+
+    Returns
+    -------
+    str, bool
+    """
+    load = scene.electrical_load.circuit
+    if load is None or load.linear:
+        return (own_steps(tolerance), True) if tolerance else (FIXED_STEP, False)
+    if not load.switches and not tolerance:
+        return RECTIFIER_STEP, False
+    refinement = steps_per_knot(scene, step) / steps_per_knot(scene)
+    tolerance = tolerance or LOAD_TOLERANCE / refinement**2
+    return f"reltol={LOAD_NEWTON!r} trtol={7.0 * tolerance / LOAD_NEWTON!r} itl4=100", True
 
 
 @dataclass(frozen=True)
@@ -40,6 +72,10 @@ class Netlist:
         End of what is of interest (s); the text may run on.
     prefixes : tuple of str
         In front of the nodes' names, one for each copy of the device.
+    per_power : float
+        Scaled power per watt at the load's ammeter; 0 without one.
+    output_resistors, storage : tuple of str
+        ngspice's names of the resistors and capacitors across the load's output.
     """
 
     text: str
@@ -48,6 +84,9 @@ class Netlist:
     step: float
     stop: float
     prefixes: tuple = ("",)
+    per_power: float = 0.0
+    output_resistors: tuple = ()
+    storage: tuple = ()
 
     @property
     def sha256(self):
@@ -102,14 +141,22 @@ def assemble(
     electrical = _electrical(scene, p, scales)
     circuit = Circuit(f"harvester scene {scene.name}")
     rests = [elements.number(p.rest if right else -p.rest) for right in starts]
+    load = scene.electrical_load.circuit
 
     def add_device(place, start):
-        if compiled:
-            compiled_device.add_device(place)
+        if scene.excitation.prescribes_displacement:
+            elements.add_prescribed_displacement(place, p, rate, scene.excitation, scales)
+            elements.add_piezo(place, p, rate, electrical)
         else:
-            _add_behavioural(place, p, rate, electrical, length, start)
-        elements.add_excitation(place, waveform)
-        elements.add_load(place, electrical)
+            if compiled:
+                compiled_device.add_device(place)
+            else:
+                _add_behavioural(place, p, rate, electrical, length, start)
+            elements.add_excitation(place, waveform)
+        if load:
+            elements.add_load(place, load, electrical)
+        else:
+            elements.add_resistor(place, electrical)
 
     if len(rests) == 1:
         add_device(circuit, rests[0])
@@ -124,11 +171,22 @@ def assemble(
     if compiled:
         compiled_device.add_model(circuit, p, rate, electrical)
         compiled_device.add_starts(circuit, zip(prefixes, rests, strict=True))
+    text = str(circuit)
+    check_netlist(text)
+    measured = ()
+    if load and load.resistance is None:
+        # No step is to follow a stray capacitance's charge or what rings on in an idle coil.
+        charge = elements.STRAY_SHARE * electrical.capacitance * electrical.voltage_scale
+        options += (
+            f" chgtol={elements.number(3.0 * charge)} abstol={elements.number(charge * rate)}"
+        )
+        measured = (electrical.power_factor(p), load.output_resistors, load.storage)
+    # The load was vetted when the scene was read.
+    text += load.text if load else ""
     stop = stop_time(scene)
     shortest = SHORTEST_RUN * length if waveform == "external" else 0.0
-    text = str(circuit) + _analysis(length, max(stop, shortest), options, integrator, save)
-    check_netlist(text)
-    return Netlist(text, rate, electrical.voltage_scale, length, stop, prefixes)
+    text += _analysis(length, max(stop, shortest), options, integrator, save)
+    return Netlist(text, rate, electrical.voltage_scale, length, stop, prefixes, *measured)
 
 
 def _add_behavioural(circuit, p, rate, electrical, step, start):
@@ -151,7 +209,8 @@ def _electrical(scene, p, scales):
             resistance=scene.electrical_load.resistance,
             voltage_scale=scales.voltage,
         )
-    return elements.Electrical(1.0, 1.0, 1.0 / p.decay_rate, 1.0)
+    resistance = 1.0 / p.decay_rate if p.decay_rate else None
+    return elements.Electrical(1.0, 1.0, resistance, 1.0)
 
 
 def _analysis(step, stop, options, integrator, save):

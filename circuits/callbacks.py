@@ -25,11 +25,9 @@ FEWEST_POINTS, FEWEST_KNOTS = 64, 1024
 MARGIN = 8
 # Longest name of an element that is looked at, ngspice's prefix included.
 LONGEST_NAME = 64
-# Columns of the buffer, of each copy.
-DISPLACEMENT, VELOCITY, PIEZO, NOISE, HELD = range(5)
-COLUMNS = 5
-# Those that ngspice sends, in this order; the noise is known.
-NODES = {"displacement": DISPLACEMENT, "velocity": VELOCITY, "piezo": PIEZO, "held_speed": HELD}
+# Columns of the buffer, of each copy; those of a netlist as load are 0 without one.
+DISPLACEMENT, VELOCITY, PIEZO, NOISE, HELD, LOAD_CURRENT, OUTPUT, REFERENCE = range(8)
+COLUMNS = 8
 
 BUFFER_FULL, WINDOW_ENDS = 0, 1
 
@@ -112,7 +110,8 @@ def send_data(values, count, identity, user):
             place = places[copy, column]
             if place >= 0:
                 buffer[copy, row, column] = carray(_pointer(vectors[place]), 2, np.float64)[1]
-        buffer[copy, row, NOISE] = _noise(state, copy, time)
+        if places[copy, NOISE] < 0:
+            buffer[copy, row, NOISE] = _noise(state, copy, time)
     state.count = row + 1
     state.steps += 1
     if row + 1 == state.points:

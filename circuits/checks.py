@@ -47,8 +47,15 @@ def check_behavioural(card):
         raise NetlistError(f"netlist: {name}: {fault} in {expression[:60]!r}")
 
 
-def expression_fault(expression):
-    """What is wrong with a behavioural expression, or an empty string."""
+def expression_fault(expression, parameters=(), functions=()):
+    """What is wrong with an expression, or an empty string.
+
+    Parameters
+    ----------
+    expression : str
+    parameters, functions : collections of str
+        Names that mean something beside ngspice's own, in lower case.
+    """
     tokens = []
     position = 0
     lowered = expression.strip().lower().strip("{}'\"").rstrip()
@@ -58,7 +65,11 @@ def expression_fault(expression):
             return f"unexpected character {lowered[position]!r}"
         tokens.append((match.lastgroup, match.group(match.lastgroup)))
         position = match.end()
-    return _parentheses(tokens) or _names(tokens) or _order(tokens)
+    return (
+        _parentheses(tokens)
+        or _names(tokens, NAMES | {*parameters}, FUNCTIONS | {*functions})
+        or _order(tokens)
+    )
 
 
 def _parentheses(tokens):
@@ -75,7 +86,7 @@ def _parentheses(tokens):
     return "a '?' without its ':'" if questions else ""
 
 
-def _names(tokens):
+def _names(tokens, names, functions):
     """Unknown functions; node names inside v(…) and i(…) are free."""
     inside = False
     for index, (kind, text) in enumerate(tokens):
@@ -85,12 +96,12 @@ def _names(tokens):
         if kind != "name" or inside:
             continue
         if following == "(":
-            if text not in FUNCTIONS:
-                close = difflib.get_close_matches(text, FUNCTIONS, n=1)
+            if text not in functions:
+                close = difflib.get_close_matches(text, functions, n=1)
                 hint = f" (did you mean {close[0]}?)" if close else ""
                 return f"unknown function {text}{hint}"
             inside = text in ("v", "i")
-        elif text not in NAMES:
+        elif text not in names:
             return f"unknown name {text}"
     return ""
 

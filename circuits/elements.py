@@ -7,12 +7,24 @@ ngspice almost nothing; only cubic spring and contact are behavioural. An induct
 would need more Newton iterations a step. Node `piezo` carries terminal volts.
 """
 
+import math
 from dataclasses import dataclass
 
 from circuits.loads import library_text
 from harvester.parameters import ScaledParameters
 
-DISPLACEMENT, VELOCITY, PIEZO, HELD = "displacement", "velocity", "piezo", "held_speed"
+# Node `noise` is there only where the displacement is prescribed: elsewhere the noise is a current.
+DISPLACEMENT, VELOCITY, PIEZO, NOISE, HELD = (
+    "displacement",
+    "velocity",
+    "piezo",
+    "noise",
+    "held_speed",
+)
+# Between the piezo's ammeter and its load, the load's DC side, and ngspice's name of the current.
+LOAD, OUTPUT, REFERENCE, LOAD_CURRENT = "load_piezo", "load_out", "load_ref", "vload#branch"
+# Stray capacitance of each output node, as a share of the piezo's.
+STRAY_SHARE = 1e-6
 X, U, H = f"v({DISPLACEMENT})", f"v({VELOCITY})", f"v({HELD})"
 
 
@@ -23,14 +35,18 @@ class Electrical:
     Attributes
     ----------
     charge_per_length : θ l, C per scaled displacement (1 in scaled scenes).
-    capacitance, resistance : F, Ω (1 and 1/λ in scaled scenes).
+    capacitance, resistance : F, Ω (1 and 1/λ in scaled scenes); None for a netlist's load.
     voltage_scale : volts per scaled volt.
     """
 
     charge_per_length: float
     capacitance: float
-    resistance: float
+    resistance: float | None
     voltage_scale: float
+
+    def power_factor(self, p):
+        """Scaled power per watt: β V'V per scaled volt squared over the capacitance's own."""
+        return p.coupling / (self.capacitance * self.voltage_scale**2)
 
 
 def number(value):
@@ -55,6 +71,26 @@ def add_oscillator(circuit, p: ScaledParameters, rate, start):
 def add_excitation(circuit, waveform):
     """Base acceleration over ω² as a current; `waveform` is `external` or a PWL."""
     circuit.I("noise", circuit.gnd, VELOCITY, waveform)
+
+
+def add_prescribed_displacement(circuit, p, rate, excitation, scales):
+    """Displacement and velocity as sines, and the η of a mass that would move so (Eq. 4a).
+
+    X = a sin ωt; with neither spring nor damper, η = X'' + βV: what drives the piezo is the power
+    put in, and the energy balance holds as it stands.
+    """
+    gnd = circuit.gnd
+    amplitude = excitation.amplitude / scales.displacement
+    omega = 2.0 * math.pi * excitation.frequency
+    cycles = number(excitation.frequency)
+    circuit.V("displacement", DISPLACEMENT, gnd, f"SIN(0 {number(amplitude)} {cycles})")
+    speed = number(amplitude * omega / rate)
+    circuit.V("velocity", VELOCITY, gnd, f"SIN(0 {speed} {cycles} 0 0 90)")
+    source = circuit.VoltageControlledVoltageSource
+    inertia = number(-((omega / rate) ** 2))
+    source("inertia", NOISE, "reaction", DISPLACEMENT, gnd, inertia)
+    reaction = number(p.coupling / (rate**2 * scales.voltage))
+    source("reaction", "reaction", gnd, PIEZO, gnd, reaction)
 
 
 def add_cubic(circuit, p, rate):
@@ -105,10 +141,29 @@ def add_piezo(circuit, p, rate, electrical):
         source("back_action", VELOCITY, gnd, PIEZO, gnd, back_action)
 
 
-def add_load(circuit, electrical):
-    """The load as a sub-circuit between the piezo's terminals."""
+def add_resistor(circuit, electrical):
+    """The built-in resistor as a sub-circuit between the piezo's terminals."""
     circuit.raw_spice += library_text("resistor")
     circuit.X("load", "resistor", PIEZO, circuit.gnd, resistance=number(electrical.resistance))
+
+
+def add_load(circuit, load, electrical):
+    """A netlist's call between the piezo's terminals, an ammeter (0 V) before it.
+
+    A current that leaves the piezo is positive. While every diode blocks, a DC side has no
+    potential of its own against the piezo, and Newton's iterations fail at short steps: a stray
+    capacitance to ground gives it one. A single resistor needs neither: its power follows from
+    the voltage.
+    """
+    plain = load.resistance is not None
+    nodes = {"p": PIEZO if plain else LOAD, "n": circuit.gnd, "out": OUTPUT, "ref": REFERENCE}
+    if not plain:
+        circuit.V("load", PIEZO, LOAD, number(0.0))
+    values = {name: number(value) for name, value in load.parameters}
+    for pin in ("out", "ref") if load.has_output else ():
+        stray = number(STRAY_SHARE * electrical.capacitance)
+        circuit.C(f"stray_{pin}", nodes[pin], circuit.gnd, stray, ic=number(0.0))
+    circuit.X("load", load.name, *(nodes[pin] for pin in load.pins), **values)
 
 
 def _spring_energy(p, rate):

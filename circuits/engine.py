@@ -5,7 +5,7 @@ import importlib
 import re
 
 from circuits import compiled_device
-from circuits.assembly import FIXED_STEP, OWN_TOLERANCE, assemble, own_steps
+from circuits.assembly import assemble, step_options
 from circuits.session import session
 from harvester.batches import MOST_COPIES
 from harvester.errors import CompiledDeviceUnavailable
@@ -28,6 +28,7 @@ def run_realizations(
     scheme="trapezoidal",
     tolerance=None,
     device="automatic",
+    outputs=None,
 ):
     """Run realizations side by side in one netlist through ngspice.
 
@@ -49,9 +50,12 @@ def run_realizations(
         "trapezoidal" or "gear".
     tolerance : float or None
         ngspice's relative tolerance for the local error of a step, which then shortens the
-        steps; None: fixed steps, or ngspice's default for "pwl".
+        steps; None: fixed steps, or ngspice's default for "pwl", and for a load that switches
+        `circuits.assembly.LOAD_TOLERANCE`.
     device : str
         See `harvester.simulate`.
+    outputs : sequence of harvester.output_moments.OutputMoments or None
+        For a load that has an output side, one for each realization.
 
     Returns
     -------
@@ -67,18 +71,17 @@ def run_realizations(
     if source == "pwl":
         from circuits.export import stand_alone
 
-        own = tolerance or OWN_TOLERANCE
         written = copy.deepcopy(paths[0])
-        netlist = stand_alone(scene, written, starts[0], step, own, scheme, save=())
-        engine.run(netlist, parameters, paths, observers, 0)
+        netlist = stand_alone(scene, written, starts[0], step, tolerance, scheme, save=())
+        engine.run(netlist, parameters, paths, observers, 0, outputs=outputs)
     else:
-        options = own_steps(tolerance) if tolerance else FIXED_STEP
-        compiled = _compiled(engine, parameters, device)
+        options, by_error = step_options(scene, step, tolerance)
+        compiled = _compiled(engine, scene, parameters, device)
         netlist = assemble(
             scene, step, starts, options=options, integrator=scheme, compiled=compiled
         )
         fixed = steps_per_knot(scene, step)
-        engine.run(netlist, parameters, paths, observers, fixed, tolerance is not None)
+        engine.run(netlist, parameters, paths, observers, fixed, by_error, outputs)
     return {
         "engine_version": version(engine),
         "netlist_sha256": netlist.sha256,
@@ -92,7 +95,7 @@ def best_copies(device, report):
     return MOST_COPIES["compiled" if compiled else "behavioural"]
 
 
-def _compiled(engine, parameters, device):
+def _compiled(engine, scene, parameters, device):
     """Whether the compiled device is used.
 
     Raises
@@ -100,7 +103,7 @@ def _compiled(engine, parameters, device):
     CompiledDeviceUnavailable
         It was asked for and is off, or does not hold what the scene needs.
     """
-    if device == "behavioural":
+    if device == "behavioural" or scene.excitation.prescribes_displacement:
         return False
     reason = engine.compiled_device_is_off
     if not reason and not compiled_device.holds(parameters):

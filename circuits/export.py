@@ -3,7 +3,7 @@
 import dataclasses
 
 from circuits import elements
-from circuits.assembly import OWN_TOLERANCE, assemble, own_steps
+from circuits.assembly import LOAD_TOLERANCE, OWN_TOLERANCE, assemble, own_steps, step_options
 from harvester.errors import NetlistError
 from harvester.parameters import scale
 
@@ -22,7 +22,7 @@ def stand_alone(
     path,
     right=True,
     step="default",
-    tolerance=OWN_TOLERANCE,
+    tolerance=None,
     integrator="trapezoidal",
     save=SAVED,
 ):
@@ -37,12 +37,14 @@ def stand_alone(
         Start in the right well.
     step : str or float
         Longest step, see `harvester.parameters.steps_per_knot`.
-    tolerance : float
-        Relative tolerance of ngspice's step control.
+    tolerance : float or None
+        Relative tolerance of ngspice's step control; None: its own default, or what a load
+        with diodes needs.
     integrator : str
         See `circuits.assembly.assemble`.
     save : sequence of str
-        Vectors to keep; none keeps nothing (for a run that streams).
+        Vectors to keep, those of the load's output with them; none keeps nothing (for a run that
+        streams).
 
     Returns
     -------
@@ -54,7 +56,16 @@ def stand_alone(
         The longest step does not resolve the contact: ngspice's own control passes over it.
     """
     parameters, scales = scale(scene)
-    netlist = assemble(scene, step, (right,), "PWL", own_steps(tolerance), integrator, save)
+    load = scene.electrical_load.circuit
+    if load is None or load.linear:
+        options = own_steps(tolerance or OWN_TOLERANCE)
+    else:
+        options, _ = step_options(scene, step, tolerance or LOAD_TOLERANCE)
+    if save and load and load.has_output:
+        save = (*save, f"v({elements.OUTPUT})", f"v({elements.REFERENCE})")
+    netlist = assemble(scene, step, (right,), "PWL", options, integrator, save)
+    if scene.excitation.prescribes_displacement:
+        return dataclasses.replace(netlist, text=_header(netlist.text, scene, netlist, scales))
     _check_step(parameters, netlist.step)
     knots = round(netlist.stop / path.spacing) + 1
     values = path.read(knots) / netlist.rate**2

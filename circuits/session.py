@@ -13,16 +13,29 @@ import sys
 import numpy as np
 from PySpice.Spice.NgSpice.Shared import NgSpiceCommandError, NgSpiceShared, ffi
 
-from circuits import callbacks, compiled_device
+from circuits import callbacks, compiled_device, elements
 from circuits.library import find_library
 from harvester.compilation import compiled
 from harvester.errors import CompiledDeviceUnavailable, SimulatorAborted, SolutionDiverged
 from harvester.parameters import ScaledParameters
 from harvester.record import empty_record, fill, part
 
+# ngspice's name of each column of the buffer, behind the copy's prefix.
+NODES = (
+    elements.DISPLACEMENT,
+    elements.VELOCITY,
+    elements.PIEZO,
+    elements.NOISE,
+    elements.HELD,
+    elements.LOAD_CURRENT,
+    elements.OUTPUT,
+    elements.REFERENCE,
+)
+
 # What ngspice prints when a run went wrong, on either stream.
 TROUBLE = re.compile(
-    r"error|too small|singular|abort|no such|unknown|fatal|can't|cannot|failed|not found",
+    r"error|too small|unrecognized|singular|abort|no such|unknown|fatal|can't|cannot|failed|"
+    r"not found",
     re.IGNORECASE,
 )
 HARMLESS = re.compile(r"can't find (the )?(init|initialization) file|Cannot open display", re.I)
@@ -45,8 +58,11 @@ def session():
 
 
 @compiled
-def _convert(p, times, nodes, record, rate, square_rate, per_volt):
-    """Times, shape (n,), and node values, shape (n, COLUMNS), to a record in scaled units."""
+def _convert(p, times, nodes, record, rate, square_rate, per_volt, per_power):
+    """Times, shape (n,), and node values, shape (n, COLUMNS), to a record in scaled units.
+
+    `per_power` is 0 where the load is the built-in resistor, whose power `fill` knows.
+    """
     for row in range(times.size):
         fill(
             p,
@@ -59,6 +75,9 @@ def _convert(p, times, nodes, record, rate, square_rate, per_volt):
             nodes[row, callbacks.NOISE] * square_rate,
             nodes[row, callbacks.HELD] * rate,
         )
+        if per_power > 0.0:
+            volts, current = nodes[row, callbacks.PIEZO], nodes[row, callbacks.LOAD_CURRENT]
+            record.load_power[row] = volts * current * per_power
 
 
 class Session(NgSpiceShared):
@@ -108,9 +127,11 @@ class Session(NgSpiceShared):
         """Load the compiled code that the first point would wait for."""
         nothing = ScaledParameters(*[1.0] * 6, False, *[1.0] * 4)
         nodes = np.zeros((0, callbacks.COLUMNS))
-        _convert(nothing, np.zeros(0), nodes, empty_record(0), 1.0, 1.0, 1.0)
+        _convert(nothing, np.zeros(0), nodes, empty_record(0), 1.0, 1.0, 1.0, 0.0)
 
-    def run(self, netlist, parameters, paths, observers, steps_per_knot, local_error=False):
+    def run(
+        self, netlist, parameters, paths, observers, steps_per_knot, local_error=False, outputs=None
+    ):
         """Run one transient and hand its records to the observers.
 
         Parameters
@@ -125,6 +146,8 @@ class Session(NgSpiceShared):
             Steps between knots; 0 leaves the steps to ngspice.
         local_error : bool
             Between knots, ngspice's own step is taken where it is shorter.
+        outputs : sequence of harvester.output_moments.OutputMoments or None
+            For a load that has an output side, one for each copy.
 
         Returns
         -------
@@ -136,12 +159,15 @@ class Session(NgSpiceShared):
         SimulatorAborted, SolutionDiverged
         """
         self._begin(netlist, parameters, paths, observers, steps_per_knot)
+        self._outputs = outputs
         self.state["local_error"] = local_error
         try:
             self._load(netlist.text)
             self._command("run")
             self._flush()
             self._check_end(netlist.stop)
+            if outputs is not None:
+                self._measure_output()
         finally:
             self._service = None
             for command in ("remcirc", "destroy all"):
@@ -203,13 +229,33 @@ class Session(NgSpiceShared):
             return
         start = 1 if times[0] == 0.0 else 0
         self._time_reached = float(times[-1])
-        rate = self._netlist.rate
-        units = (rate, rate * rate, 1.0 / self._netlist.voltage_scale)
+        netlist = self._netlist
+        rate = netlist.rate
+        units = (rate, rate * rate, 1.0 / netlist.voltage_scale, netlist.per_power)
         chunk = part(self._record, 0, count - start)
-        for copy, observers in zip(nodes, self._observers, strict=True):
+        for place, (copy, observers) in enumerate(zip(nodes, self._observers, strict=True)):
             _convert(self._parameters, times[start:], copy[start:], self._record, *units)
             for observer in observers:
                 observer.add(chunk)
+            if self._outputs is not None:
+                volts = copy[start:, callbacks.OUTPUT] - copy[start:, callbacks.REFERENCE]
+                self._outputs[place].add(times[start:], volts / self._netlist.voltage_scale)
+
+    def _measure_output(self):
+        """Conductance and capacitance across the output, scaled, as ngspice evaluated them."""
+        netlist = self._netlist
+        scale = netlist.per_power * netlist.voltage_scale**2
+        resistances = [self._property(name, "resistance") for name in netlist.output_resistors]
+        farads = [self._property(name, "capacitance") for name in netlist.storage]
+        for output in self._outputs:
+            output.conductance = scale * sum(1.0 / resistance for resistance in resistances)
+            output.capacitance = scale * sum(farads)
+
+    def _property(self, device, name):
+        vector = self._ngspice_shared.ngGet_Vec_Info(f"@{device}[{name}]".encode())
+        if vector == ffi.NULL or vector.v_realdata == ffi.NULL:
+            return np.nan
+        return float(vector.v_realdata[0])
 
     def _move_window(self):
         """Drop the knots that are past and read as many new ones."""
@@ -274,7 +320,7 @@ class Session(NgSpiceShared):
         place = {name: k for k, name in enumerate(names)}
         self.state["time_vector"] = place["time"]
         for copy, prefix in enumerate(self._netlist.prefixes):
-            for node, column in callbacks.NODES.items():
+            for column, node in enumerate(NODES):
                 self._vectors[copy, column] = place.get(prefix + node, -1)
         return 0
 

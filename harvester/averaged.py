@@ -11,7 +11,7 @@ from harvester.errors import AveragingError
 from harvester.estimators import Density, Estimate, root
 from harvester.excitation import OrnsteinUhlenbeck, RecordedMotion
 from harvester.excitation.spectrum_fit import fit_spectrum
-from harvester.parameters import scale
+from harvester.parameters import require_resistor, scale
 from harvester.results import Result
 
 DIMENSIONS = {
@@ -51,7 +51,10 @@ def average(scene, closure="consistent", fit=False):
     ------
     AveragingError
         Unknown closure, or one that does not hold for these parameters.
+    LoadError
+        The load is no resistor.
     """
+    require_resistor(scene, "stochastic averaging")
     clock = time.perf_counter()
     spectrum_fit, noise = None, scene
     if fit:

@@ -13,8 +13,8 @@ def copies(scene, most, step="default", source="external", tolerance=None):
     """Copies of the device in one netlist: as many as pay.
 
     They share their steps. So a stiff contact, which shortens those of one copy after another,
-    and control by the local error leave each realization a netlist of its own. The number follows
-    from the scene alone: the same scene gives the same numbers on any machine.
+    control by the local error and loads that switch leave each realization its own netlist.
+    The number follows from the scene alone: the same scene gives the same numbers on any machine.
 
     Parameters
     ----------
@@ -24,7 +24,12 @@ def copies(scene, most, step="default", source="external", tolerance=None):
     step, source, tolerance
         See `harvester.simulate`.
     """
-    if source != "external" or tolerance is not None or _contacts_shorten_steps(scene, step):
+    if (
+        not scene.electrical_load.is_resistor
+        or source != "external"
+        or tolerance is not None
+        or _contacts_shorten_steps(scene, step)
+    ):
         return 1
     share = max(1, scene.run.realizations // FEWEST_NETLISTS)
     return share if share <= min(MOST_COPIES.values()) else min(share, most())

@@ -21,6 +21,10 @@ class NetlistError(HarvesterError):
     """A netlist or a behavioural expression was refused before it reached ngspice."""
 
 
+class LoadError(HarvesterError):
+    """A method does not know this load."""
+
+
 class OutputError(HarvesterError):
     """A result cannot be written where the user asked for it."""
 

@@ -162,7 +162,7 @@ def estimate_all(moments, parameters, error_of=standard_error):
     dict of str to Estimate
         Scaled units.
     """
-    batches = _complete_batches(moments)
+    batches = complete_batches(moments)
     if batches is None:
         return {}
     series = {name: batches[:, :, row] for row, name in enumerate(QUANTITIES)}
@@ -201,7 +201,7 @@ def paired_difference(result, reference):
         (result − reference)/reference of every mean over time, and of the power conversion
         efficiency.
     """
-    ours, theirs = _complete_batches(result.moments), _complete_batches(reference.moments)
+    ours, theirs = complete_batches(result.moments), complete_batches(reference.moments)
     if ours is None or theirs is None or ours.shape != theirs.shape:
         return {}
     differences = {}
@@ -209,7 +209,7 @@ def paired_difference(result, reference):
         row = QUANTITIES.index(quantity)
         if not theirs[:, :, row].any():
             continue
-        ratio, error = _ratio(ours[:, :, row], theirs[:, :, row])
+        ratio, error = ratio_of_sums(ours[:, :, row], theirs[:, :, row])
         note = "" if error is not None else TOO_SHORT
         differences[name] = Estimate(ratio - 1.0, error, None, "1", note)
     efficiency = _paired_efficiency(ours, theirs)
@@ -267,6 +267,8 @@ def densities(moments, symmetric=True):
         times = groups.sum(axis=1)
         groups = groups[times > 0.0]
         times = times[times > 0.0]
+        if times.size == 0:
+            continue
         density = groups.sum(axis=0) / (times.sum() * width)
         error = None
         if len(groups) >= FEWEST_BATCHES:
@@ -282,7 +284,7 @@ def densities(moments, symmetric=True):
     return result
 
 
-def _complete_batches(moments):
+def complete_batches(moments):
     """Batches that every realization completed, shape (realizations, batches, quantities)."""
     complete = min(
         int((m.time_reached - m.start) / m.batch_length + 1e-6) if m.time_reached > m.start else -1
@@ -295,14 +297,14 @@ def _complete_batches(moments):
     return np.stack([m.integrals[:complete] for m in moments])
 
 
-def _ratio(upper, lower, error_of=standard_error):
+def ratio_of_sums(upper, lower, error_of=standard_error):
     """Ratio of two sums over batches and its standard error (None when too short)."""
     ratio = float(upper.sum() / lower.sum())
     return ratio, error_of((upper - ratio * lower) / lower.mean())
 
 
 def _mean(series, products, name, dimension, error_of):
-    mean, error = _ratio(series[name], series["time"], error_of)
+    mean, error = ratio_of_sums(series[name], series["time"], error_of)
     size = None
     if error and (name, name) in products:
         size = max(products[name, name] - mean**2, 0.0) / error**2
@@ -343,7 +345,7 @@ def _efficiency(upper, lower, mean_lower, upper_square, cross, lower_square, err
     """Ratio of two powers; the squares and `cross` are means of products within the run."""
     if mean_lower == 0.0:
         return Estimate(math.nan, None, None, "1", "nothing was put in")
-    ratio, error = _ratio(upper, lower, error_of)
+    ratio, error = ratio_of_sums(upper, lower, error_of)
     size = None
     if error:
         variance = (upper_square - 2.0 * ratio * cross + ratio**2 * lower_square) / mean_lower**2

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harvester.compilation import compiled, summing
+from harvester.output_moments import OutputMoments
 from harvester.record import Record
 
 # Rows of `Moments.integrals`: time integrals of these, and the numbers of two events.
@@ -62,6 +63,8 @@ class Moments:
         The first measured and the latest point, in `Record`'s order.
     points : int
         Accepted points, those before `start` included.
+    output : OutputMoments or None
+        Of the load's output side, where it has one.
     """
 
     start: float
@@ -75,6 +78,7 @@ class Moments:
     first: np.ndarray
     last: np.ndarray
     points: int = 0
+    output: OutputMoments | None = None
 
     @classmethod
     def empty(cls, start, stop, gap, batches, groups, sample_interval):

@@ -10,6 +10,7 @@ from harvester.estimators import KNOTS_PER_SAMPLE, batch_counts
 from harvester.excitation import realization_seeds
 from harvester.moments import Moments
 from harvester.moments import prepare as prepare_moments
+from harvester.output_moments import OutputMoments
 from harvester.parameters import knot_spacing, scale, stop_time
 from harvester.record import Record
 
@@ -132,6 +133,13 @@ def run(
     module = importlib.import_module(ENGINES[engine])
     paths = [noise_path(scene, index) for index in indices]
     moments = [_empty_moments(scene) for _ in indices]
+    # Only a load in the circuit has an output side.
+    output = {}
+    load = scene.electrical_load.circuit
+    if load and load.has_output:
+        output["outputs"] = [OutputMoments.beside(each) for each in moments]
+        for each, its_output in zip(moments, output["outputs"], strict=True):
+            each.output = its_output
     observers = [[each] for each in moments]
     observers[-1].append(Reporter(moments, report))
     waveforms = [Waveform(*window) if window else None for _ in indices]
@@ -145,7 +153,7 @@ def run(
     scheme = scheme or SCHEMES[engine][0]
     starts = [starts_right(index) for index in indices]
     outcome = module.run_realizations(
-        scene, paths, starts, observers, step, source, scheme, tolerance, device
+        scene, paths, starts, observers, step, source, scheme, tolerance, device, **output
     )
     seconds = time.perf_counter() - clock
     return [

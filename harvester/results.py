@@ -16,7 +16,9 @@ SI_UNITS = {
     "power": "W",
     "displacement": "m",
     "velocity": "m/s",
+    "energy": "J",
     "rate": "1/s",
+    "time": "s",
     "1": "1",
 }
 
@@ -105,7 +107,7 @@ class Result:
         base, _, exponent = dimension.partition("^")
         if base == "1":
             return "1"
-        if self.scene.units == "SI" or base == "rate":
+        if self.scene.units == "SI" or base in ("rate", "time"):
             unit = SI_UNITS[base]
             unit = f"({unit})" if exponent and "/" in unit else unit
         else:

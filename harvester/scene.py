@@ -4,12 +4,12 @@ import dataclasses
 import hashlib
 import json
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from harvester.errors import SceneError
 from harvester.excitation import KINDS, Excitation, build
-from harvester.scene_schema import check_tables, nearest
+from harvester.scene_schema import NESTED_TABLES, REPLACED_KEYS, check_tables, nearest
 
 BUILT_IN = Path(__file__).parent / "scenes"
 
@@ -47,11 +47,25 @@ class Piezo:
 
 @dataclass(frozen=True)
 class Load:
-    """What hangs on the piezo. SI: resistance in Ω. Scaled: λ = 1/(R Cp)."""
+    """What hangs on the piezo: the built-in resistor, or a netlist.
 
-    kind: str = "resistor"
+    `kind`, `resistance` (SI, Ω), `decay_rate` (scaled, λ = 1/(R Cp)) are the built-in resistor's.
+    `netlist` is a name in netlists/ or a path, `subcircuit` the one meant of its file,
+    `parameters` its values; `circuit` is what was read there (circuits.subcircuits.LoadCircuit).
+    """
+
+    kind: str | None = None
     resistance: float | None = None
     decay_rate: float | None = None
+    netlist: str | None = None
+    subcircuit: str | None = None
+    parameters: dict | None = None
+    circuit: object | None = field(default=None, repr=False)
+
+    @property
+    def is_resistor(self):
+        """Whether λ describes it: the built-in resistor, or a netlist that holds only one."""
+        return self.circuit is None or self.circuit.resistance is not None
 
 
 @dataclass(frozen=True)
@@ -94,6 +108,8 @@ class Scene:
     run: Run
     stoppers: Stoppers | None = None
     length_scale: float | None = None
+    # Of the scene's file: where a load's netlist is looked for first.
+    folder: str | None = field(default=None, compare=False, repr=False)
 
     @staticmethod
     def names():
@@ -128,19 +144,26 @@ class Scene:
         for text in overrides:
             key, value = _parse_override(text)
             _put(tables, key, value, "--set")
-        return cls.from_tables(tables, name=name, origin=str(source))
+        folder = None if path.parent == BUILT_IN else str(path.parent.absolute())
+        return cls.from_tables(tables, name=name, origin=str(source), folder=folder)
 
     @classmethod
-    def from_tables(cls, tables, name="scene", origin="scene"):
-        """Build a scene from nested dictionaries of the TOML file's form, checked."""
+    def from_tables(cls, tables, name="scene", origin="scene", folder=None):
+        """Build a scene from nested dictionaries of the TOML file's form, checked.
+
+        A load's netlist is looked for in `folder`, then in the current one, and read here: the
+        scene holds its content.
+        """
         checked = check_tables(tables, origin, {"excitation": KINDS})
+        if "netlist" in checked["load"]:
+            checked["load"]["circuit"] = _read_netlist(checked["load"], folder)
         top = {key: checked[key] for key in ("units", "length_scale") if key in checked}
         parts = {
             attribute: make(**checked[table])
             for table, (attribute, make) in TABLES.items()
             if table in checked
         }
-        scene = cls(name=name, **top, **parts)
+        scene = cls(name=name, folder=folder, **top, **parts)
         scene.excitation.check(scene.units, scene.run, origin)
         return scene
 
@@ -163,7 +186,7 @@ class Scene:
                     _put(new, f"{table}.{key}", value, "replace")
             else:
                 _put(new, table, values, "replace")
-        return self.from_tables(new, name=self.name, origin=self.name)
+        return self.from_tables(new, name=self.name, origin=self.name, folder=self.folder)
 
     def to_tables(self):
         """Nested dictionaries of the TOML file's form, without what is left out."""
@@ -187,20 +210,31 @@ class Scene:
     def digest(self):
         """SHA-256 of the scene's values: the same device and run give the same digest.
 
-        A record counts by its content, wherever it lies.
+        A record and a load's netlist count by their content, wherever they lie.
         """
         text = json.dumps(self._tables(lambda field: field.name != "file"), sort_keys=True)
+        if self.electrical_load.circuit:
+            text += self.electrical_load.circuit.text
         return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _read_netlist(load, folder):
+    from circuits.subcircuits import find_netlist, read_load
+
+    folders = (folder, ".") if folder else (".",)
+    path = find_netlist(load["netlist"], folders)
+    return read_load(path, load.get("subcircuit"), load.get("parameters"))
 
 
 def _plain(part, kept):
     """A dataclass as plain values, without what is left out."""
     values = {}
-    for field in dataclasses.fields(part):
-        value = getattr(part, field.name)
-        if value is not None and kept(field):
+    for each_field in dataclasses.fields(part):
+        value = getattr(part, each_field.name)
+        if value is not None and each_field.name != "circuit" and kept(each_field):
+            value = dict(value) if isinstance(value, dict) else value
             parts = isinstance(value, tuple) and any(map(dataclasses.is_dataclass, value))
-            values[field.name] = [_plain(each, kept) for each in value] if parts else value
+            values[each_field.name] = [_plain(each, kept) for each in value] if parts else value
     return values
 
 
@@ -252,13 +286,15 @@ def _parse_override(text):
 def _put(tables, dotted, value, origin):
     """Set one dotted key in nested dictionaries; None removes it."""
     *path, last = dotted.split(".")
-    if len(path) > 1:
+    if len(path) > 1 and ".".join(path) not in NESTED_TABLES:
         raise SceneError(f"{origin} {dotted}: too many dots; write it as table.key=value")
     place = tables
-    if path:
-        place = tables.setdefault(path[0], {})
+    for part in path:
+        place = place.setdefault(part, {})
         if not isinstance(place, dict):
-            raise SceneError(f"{origin} {dotted}: {path[0]} is not a table")
+            raise SceneError(f"{origin} {dotted}: {part} is not a table")
+    for other in REPLACED_KEYS.get(dotted, ()) if value is not None else ():
+        place.pop(other, None)
     if value is None:
         place.pop(last, None)
     else:

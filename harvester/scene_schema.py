@@ -8,17 +8,19 @@ from harvester.errors import SceneError
 
 SCALED, SI = "scaled", "SI"
 BOTH = (SCALED, SI)
+NAMED_VALUES = "named values"
 
 
 @dataclass(frozen=True)
 class Key:
-    """What one key accepts: a number in a range, a text, one of a few words, or a list.
+    """What one key accepts: a number in a range, a text, one of a few words, a list, named values.
 
-    `kind` is float, int, str, (str, int), or dict for a table with a `kind` of its own. With
-    `each`, a list of `count` (fewest, most) values of that key's sort.
+    `kind` is float, int, str, (str, int), `NAMED_VALUES` for a table of numbers or texts, or dict
+    for a table with a `kind` of its own. With `each`, a list of `count` (fewest, most) values of
+    that key's sort.
     """
 
-    kind: type | tuple = float
+    kind: type | tuple | str = float
     low: float = -math.inf
     high: float = math.inf
     low_allowed: bool = True
@@ -45,7 +47,12 @@ class Key:
         return f"{noun} in {'[' if self.low_allowed else '('}{self.low:g}, {self.high:g}]"
 
 
-_NOUNS = {str: "a text", (str, int): "a name or a whole number ≥ 0", dict: "a table"}
+_NOUNS = {
+    str: "a text",
+    (str, int): "a name or a whole number ≥ 0",
+    dict: "a table",
+    NAMED_VALUES: 'a table of numbers, or of texts like "100k"',
+}
 
 
 def positive(**more):
@@ -82,8 +89,11 @@ KEYS = {
     },
     "load": {
         "kind": Key(kind=str, words=("resistor",)),
-        "resistance": positive(units=(SI,), required=True),
-        "decay_rate": positive(units=(SCALED,), required=True),
+        "resistance": positive(units=(SI,)),
+        "decay_rate": positive(units=(SCALED,)),
+        "netlist": Key(kind=str),
+        "subcircuit": Key(kind=str),
+        "parameters": Key(kind=NAMED_VALUES),
     },
     # Decided by the table's own `kind`.
     "excitation": None,
@@ -95,7 +105,24 @@ KEYS = {
     },
 }
 
+# Keys of an excitation of another kind.
 OPTIONAL_TABLES = ("stoppers",)
+NESTED_TABLES = {
+    f"{table}.{name}"
+    for table, keys in KEYS.items()
+    for name, key in (keys or {}).items()
+    if key.kind is NAMED_VALUES
+}
+# A load is the built-in resistor or a netlist: an override of one takes the other's keys out.
+RESISTOR_KEYS, NETLIST_KEYS = (
+    ("kind", "resistance", "decay_rate"),
+    ("netlist", "subcircuit", "parameters"),
+)
+REPLACED_KEYS = {
+    "load.netlist": RESISTOR_KEYS,
+    "load.resistance": NETLIST_KEYS,
+    "load.decay_rate": NETLIST_KEYS,
+}
 
 
 def nearest(word, known):
@@ -143,6 +170,7 @@ def check_tables(tables, origin, kinds):
             checked[table] = _check_table(table, values, keys, units, origin, kinds.get(table))
         elif table not in OPTIONAL_TABLES:
             raise SceneError(f"{origin}: table [{table}] is missing")
+    _check_load(checked["load"], units, origin)
     _check_physics(checked, origin)
     return checked
 
@@ -200,6 +228,8 @@ def _check_value(where, value, spec, origin):
             _check_value(f"{where}[{place}]", part, spec.each, origin)
             for place, part in enumerate(value)
         )
+    if spec.kind is NAMED_VALUES:
+        return dict(value) if isinstance(value, dict) and _named_values(value) else refuse()
     if spec.words:
         return value if value in spec.words else refuse()
     if spec.kind in _NOUNS:
@@ -214,6 +244,31 @@ def _check_value(where, value, spec, origin):
     if not math.isfinite(number) or too_low or number > spec.high:
         refuse()
     return number
+
+
+def _named_values(table):
+    """Whether all values are numbers or texts."""
+    return all(isinstance(v, (int, float, str)) and not isinstance(v, bool) for v in table.values())
+
+
+def _check_load(load, units, origin):
+    """Either the built-in resistor with its value, or a netlist."""
+    if "netlist" in load:
+        for name in RESISTOR_KEYS:
+            if name in load:
+                raise SceneError(
+                    f"{origin}: load.{name} belongs to the built-in resistor, and load.netlist is "
+                    f"{load['netlist']!r}; take one out (a netlist's values: [load.parameters])"
+                )
+        return
+    for name in NETLIST_KEYS[1:]:
+        if name in load:
+            raise SceneError(f"{origin}: load.{name} needs load.netlist")
+    needed = "resistance" if units == SI else "decay_rate"
+    if needed not in load:
+        allowed = KEYS["load"][needed].allowed()
+        raise SceneError(f"{origin}: load.{needed} is missing; it takes {allowed}")
+    load.setdefault("kind", "resistor")
 
 
 def _check_physics(scene, origin):

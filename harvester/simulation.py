@@ -15,7 +15,8 @@ from harvester.estimators import (
     standard_error_of_drift,
 )
 from harvester.excitation import OrnsteinUhlenbeck
-from harvester.parameters import STEP_LEVELS, knot_spacing, scale, steps_per_knot
+from harvester.output_estimates import estimate_output
+from harvester.parameters import STEP_LEVELS, knot_spacing, require_resistor, scale, steps_per_knot
 from harvester.realization import ENGINES, SCHEMES, Realization
 from harvester.results import Result
 from harvester.workers import ExecutorPool, WorkerPool
@@ -108,9 +109,11 @@ def simulate(
     step = check_step(step)
     engine = check_name("engine", engine, ENGINES)
     source = check_name("source", source, SOURCES)
+    if engine == "monte-carlo":
+        require_resistor(scene, "Monte Carlo")
     scheme = check_name("scheme", scheme or SCHEMES[engine][0], SCHEMES[engine])
     device = check_name("device", device, DEVICES)
-    copies = check_copies(copies, engine, source)
+    copies = check_copies(copies, scene, engine, source)
     options = {"step": step, "source": source, "scheme": scheme, "tolerance": tolerance}
     follow = _Follower(scene, progress) if progress else None
     try:
@@ -212,8 +215,8 @@ def check_step(step):
     return step
 
 
-def check_copies(copies, engine, source):
-    """None, or a whole number ≥ 1 that this engine and source can take.
+def check_copies(copies, scene, engine, source):
+    """None, or a whole number ≥ 1 that this load, engine and source can take.
 
     Raises
     ------
@@ -223,9 +226,11 @@ def check_copies(copies, engine, source):
         return None
     if not isinstance(copies, int) or copies < 1:
         raise HarvesterError(f"copies {copies}: must be a whole number ≥ 1")
-    if copies > 1 and (engine != "circuit" or source != "external"):
+    simple = scene.electrical_load.is_resistor and source == "external"
+    if copies > 1 and not (engine == "circuit" and simple):
         raise HarvesterError(
-            f"copies {copies}: only the circuit with its external source takes more than one"
+            f"copies {copies}: only the circuit with its external source and a resistor as load "
+            "takes more than one"
         )
     return copies
 
@@ -275,7 +280,7 @@ def _result(scene, engine, step, source, realizations, failures, outcome="comple
     return Result(
         scene=scene,
         engine=engine if source == "external" else f"{engine} ({source} source)",
-        scaled_quantities=estimate_all(moments, parameters, error_of),
+        scaled_quantities=estimate_all(moments, parameters, error_of) | estimate_output(moments),
         scales=scales,
         error_kind="statistical",
         energy_balance_residual=energy_balance_residual(moments, parameters),

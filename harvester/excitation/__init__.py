@@ -6,6 +6,7 @@ from harvester.excitation.ornstein_uhlenbeck import (
     OrnsteinUhlenbeck,
     interpolation_loss,
 )
+from harvester.excitation.prescribed import PrescribedDisplacement
 from harvester.excitation.recorded import RecordedMotion
 from harvester.excitation.sine import Sine
 from harvester.excitation.sum import Sum
@@ -18,6 +19,7 @@ KINDS = {
     "sine": Sine,
     "white": White,
     "sum": Sum,
+    "prescribed_displacement": PrescribedDisplacement,
 }
 
 __all__ = [
@@ -25,6 +27,7 @@ __all__ = [
     "Excitation",
     "NoisePath",
     "OrnsteinUhlenbeck",
+    "PrescribedDisplacement",
     "RecordedMotion",
     "Sine",
     "Sum",

@@ -44,6 +44,11 @@ class Excitation(ABC):
         """Whether its strength changes along the run, as in one record of an event."""
         return False
 
+    @property
+    def prescribes_displacement(self):
+        """Whether the displacement is given and nothing moves by forces."""
+        return False
+
     def check(self, units, run, origin):  # noqa: B027
         """Refuse what no single value shows.
 

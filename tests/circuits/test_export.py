@@ -1,36 +1,14 @@
-import shutil
 import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from raw_files import ngspice_program, read_raw
 
 from circuits.export import stand_alone
 from harvester.errors import NetlistError
 from harvester.realization import noise_path
 from harvester.scene import Scene
 from harvester.simulation import simulate
-
-
-def ngspice():
-    """The stand-alone program: the environment's own copy or the system's."""
-    local = Path(sys.prefix) / "ngspice" / "usr" / "bin" / "ngspice"
-    program = str(local) if local.exists() else shutil.which("ngspice")
-    if program is None:
-        pytest.skip("no ngspice program")
-    return program
-
-
-def read_raw(path):
-    """Variables of a binary ngspice raw file, {name: values}."""
-    header, _, data = path.read_bytes().partition(b"Binary:\n")
-    lines = header.decode().splitlines()
-    count = int(next(line.split(":")[1] for line in lines if line.startswith("No. Variables")))
-    start = lines.index("Variables:") + 1
-    names = [line.split()[1] for line in lines[start : start + count]]
-    values = np.frombuffer(data, dtype=float).reshape(-1, count)
-    return dict(zip(names, values.T, strict=True))
 
 
 @pytest.mark.parametrize("name", ["paper", "device"])
@@ -42,7 +20,7 @@ def test_plain_ngspice_runs_the_export_and_agrees_with_the_process(tmp_path, poo
     netlist = stand_alone(scene, noise_path(scene, 0))
     (tmp_path / "scene.cir").write_text(netlist.text + ".end\n")
     subprocess.run(
-        [ngspice(), "-b", "-r", "scene.raw", "scene.cir"],
+        [ngspice_program(), "-b", "-r", "scene.raw", "scene.cir"],
         cwd=tmp_path,
         check=True,
         capture_output=True,
@@ -94,7 +72,7 @@ def test_the_netlist_for_reading_runs_by_hand_and_solves_the_papers_equations(tm
     folder = str(resources.files("netlists"))
     raw_file = tmp_path / "paper.raw"
     subprocess.run(
-        [ngspice(), "-b", "-r", str(raw_file), "paper.cir"],
+        [ngspice_program(), "-b", "-r", str(raw_file), "paper.cir"],
         cwd=folder,
         check=True,
         capture_output=True,
