@@ -8,6 +8,7 @@ from harvester.commands import (
     average,
     engine,
     netlist,
+    reproduce,
     simulate,
     stability,
     validate,
@@ -16,7 +17,7 @@ from harvester.commands import (
 from harvester.commands.options import say
 from harvester.errors import EngineNotFound, HarvesterError, SimulationError
 
-COMMANDS = (validate, simulate, average, work_precision, stability, netlist, engine)
+COMMANDS = (validate, simulate, average, work_precision, stability, reproduce, netlist, engine)
 
 
 def main(arguments=None):
