@@ -6,8 +6,10 @@ import sys
 from harvester import __version__
 from harvester.commands import (
     average,
+    claims,
     engine,
     netlist,
+    optimum,
     reproduce,
     simulate,
     stability,
@@ -17,7 +19,18 @@ from harvester.commands import (
 from harvester.commands.options import say
 from harvester.errors import EngineNotFound, HarvesterError, SimulationError
 
-COMMANDS = (validate, simulate, average, work_precision, stability, reproduce, netlist, engine)
+COMMANDS = (
+    validate,
+    simulate,
+    average,
+    work_precision,
+    stability,
+    optimum,
+    reproduce,
+    claims,
+    netlist,
+    engine,
+)
 
 
 def main(arguments=None):

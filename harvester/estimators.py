@@ -201,6 +201,33 @@ def _paired_efficiency(ours, theirs):
     return Estimate(ratio - 1.0, None if error is None else ratio * error, None, "1", note)
 
 
+def deviations(moments, name):
+    """How far an estimate lies off its mean in each batch, to first order.
+
+    Combinations of several results on common noise get their error from the same combination of
+    these: `standard_error` of it knows what the results have in common.
+
+    Parameters
+    ----------
+    moments : sequence of harvester.moments.Moments
+    name : str
+        A mean over time, or "power_conversion_efficiency".
+
+    Returns
+    -------
+    ndarray, shape (realizations, batches)
+        Mean 0, in the estimate's scaled units.
+    """
+    batches = _complete_batches(moments)
+    load, loss = QUANTITIES.index("load_power"), QUANTITIES.index("loss_power")
+    if name == "power_conversion_efficiency":
+        upper, lower = batches[:, :, load], batches[:, :, load] + batches[:, :, loss]
+    else:
+        upper = batches[:, :, QUANTITIES.index(MEANS[name][0])]
+        lower = batches[:, :, QUANTITIES.index("time")]
+    return (upper - upper.sum() / lower.sum() * lower) / lower.mean()
+
+
 def energy_balance_residual(moments, parameters):
     """Energy put in that is not found again, as a share of the energy that flows.
 

@@ -155,13 +155,13 @@ def answer(request, report):
         report(1.0)
 
 
-def resolving(scene, correlation_time=None):
-    """The scene with knots close enough for its noise, or for one that forgets faster.
+def resolving(scene):
+    """The scene with knots close enough for its noise.
 
     A sweep over τ1 would else leave the scene's own spacing behind.
     """
-    shortest = correlation_time or scene.excitation.correlation_time
-    spacing = min(knot_spacing(scene), shortest / KNOTS_PER_CORRELATION_TIME)
+    shortest = scene.excitation.correlation_time / KNOTS_PER_CORRELATION_TIME
+    spacing = min(knot_spacing(scene), shortest)
     return scene.replace({"excitation.knot_spacing": spacing})
 
 
