@@ -14,6 +14,7 @@ from harvester.estimators import Estimate
 from harvester.optimum_search import Axis, Search, averaged
 from harvester.output import finite
 from harvester.parameters import knot_spacing
+from harvester.realization import ENGINES
 from harvester.results import with_error
 from harvester.scene import Scene
 from harvester.scene_schema import KEYS, nearest
@@ -184,6 +185,7 @@ def optimum(
     """
     clock = time.perf_counter()
     check_name("quantity", maximise, MAXIMISED)
+    check_name("engine", engine, ENGINES)
     axis = _axis(scene, over, low, high)
     device = _common_knots(scene, axis)
     follow = progress or (lambda share: None)

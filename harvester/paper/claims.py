@@ -39,8 +39,8 @@ class Verdict:
 
     @property
     def speaking(self):
-        """(for, against, undecided): findings that decide, and steps that speak against."""
-        pro = [f for f in self.findings if f.decisive and f.sigmas >= SURE]
+        """(for, against, undecided): of those that the statement needs, what is undecided."""
+        pro = [f for f in self.findings if f.sigmas >= SURE]
         contra = [f for f in self.findings if f.sigmas <= -SURE]
         open_ = [f for f in self.findings if f.decisive and abs(f.sigmas) < SURE]
         return pro, contra, open_
@@ -48,6 +48,7 @@ class Verdict:
     def text(self):
         """Cell of the table: the verdict, and the significance of its weakest finding."""
         pro, contra, open_ = self.speaking
+        pro = [f for f in pro if f.decisive]
         sigmas = [abs(f.sigmas) for f in (open_ if self.word == UNDECIDED else pro + contra)]
         finite_ones = [s for s in sigmas if s < 1e3]
         if not finite_ones or self.word == UNTESTED:

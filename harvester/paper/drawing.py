@@ -20,8 +20,8 @@ NAMES = {
 }
 PERCENT = ("power_conversion_efficiency",)
 LETTERS = "abc"
-# Histogram bins of a density that get a symbol, one in so many.
-BINS_PER_SYMBOL = 4
+# Symbols of a density from one end of the axis to the other.
+SYMBOLS_ACROSS = 36
 # How far a density or a curve may rise above the simulated ones before it is cut off.
 HEADROOM = 2.2
 
@@ -53,12 +53,12 @@ def _draw_sweeps(content):
     width = 3.3 * columns + (2.0 if columns == 1 else 0.0)
     figure = _figure(content, content.figure.title, width, 2.6 * rows + 1.1)
     axes = figure.subplots(rows, columns, sharex="col", squeeze=False)
-    columns = zip(content.figure.panels, content.lines, strict=True)
-    for place, (panel, lines) in enumerate(columns):
+    for place, (panel, lines) in enumerate(zip(content.figure.panels, content.lines, strict=True)):
         for row, quantity in enumerate(content.figure.quantities):
             _draw_curves(axes[row, place], panel, lines, quantity)
             axes[row, place].set_ylabel(NAMES[quantity] if place == 0 else "")
-        axes[0, place].set_title(f"({LETTERS[place]})")
+        if columns > 1:
+            axes[0, place].set_title(f"({LETTERS[place]})")
         axes[-1, place].set_xlabel(f"${_tex(panel.swept)}$")
         _curve_legend(axes[0, place], panel)
     _method_legend(figure, content.lines[0])
@@ -90,7 +90,7 @@ def _symbols(axes, method, x, y, errors, colour):
         errors,
         fmt=MARKS[method],
         color=colour,
-        markersize=4.5 if method == "monte-carlo" else 5.5,
+        markersize=4.5,
         markerfacecolor="white" if method == "monte-carlo" else colour,
         markeredgecolor=colour if method == "monte-carlo" else "black",
         elinewidth=0.9,
@@ -129,9 +129,10 @@ def _draw_densities(content):
 
 
 def _density_symbols(axes, method, density, colour):
+    drawn = np.count_nonzero(density.density > WORTH_DRAWING * density.density.max())
+    step = max(1, drawn // SYMBOLS_ACROSS)
     # Symbols of the two engines on different bins, so that neither hides the other.
-    start = 0 if method == "monte-carlo" else BINS_PER_SYMBOL // 2
-    every = slice(start, None, BINS_PER_SYMBOL)
+    every = slice(0 if method == "monte-carlo" else step // 2, None, step)
     errors = density.standard_error
     bars = np.full(density.centre.shape, np.nan) if errors is None else 2.0 * errors
     _symbols(axes, method, density.centre[every], density.density[every], bars[every], colour)
@@ -191,7 +192,7 @@ def _draw_surfaces(content):
         axes.set_xlabel("$X$")
         axes.set_ylabel(r"$\dot X$")
         axes.set_zlabel(label)
-        axes.set_box_aspect(None, zoom=0.86)
+        axes.set_box_aspect((1.0, 1.0, 0.75), zoom=0.9)
     return figure
 
 
@@ -220,7 +221,12 @@ def _draw_frequency_response(content):
                 )
     axes.set_xlabel(r"$\omega$ [rad/s]")
     axes.set_ylabel("$V$")
-    axes.legend(title="lines: Eq. 10, symbols: Eq. 4b", title_fontsize=8, loc="upper left")
+    figure.legend(
+        loc="outside lower center",
+        ncols=2,
+        title="lines: Eq. 10 along each orbit; symbols: Eq. 4b itself",
+        title_fontsize=8,
+    )
     return figure
 
 

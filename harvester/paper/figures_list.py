@@ -132,7 +132,7 @@ FIGURES = {
         (
             Panel(GAP, 0.95, 1.25, TWO_NOISES),
             Panel(RESTITUTION, 0.3, 1.0, TWO_NOISES),
-            Panel(STIFFNESS, 5.0, 13.0, TWO_NOISES, full=5),
+            Panel(STIFFNESS, 5.0, 13.0, TWO_NOISES, 5, 5),
         ),
     ),
     "fig7": Figure(

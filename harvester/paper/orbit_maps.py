@@ -25,6 +25,7 @@ from harvester.scene import Scene
 HIGHEST = 4.0
 LEVELS, NODES = 200, 24
 GRID = 121
+MARGIN = 0.995  # of the rectangle that is drawn, to the outermost orbit
 # Orbits of each edge along which Eq. 4b is solved, and points along each.
 CHECKED, POINTS = 5, 512
 
@@ -82,6 +83,18 @@ class Response:
     highest: np.ndarray
     checked: np.ndarray
 
+    def worst(self):
+        """Largest deviation of Eq. 10 from Eq. 4b: of the swing, and of its middle in swings."""
+        order = np.argsort(self.frequency)
+        low, high = (
+            np.interp(self.checked[:, 0], self.frequency[order], column[order])
+            for column in (self.lowest, self.highest)
+        )
+        exact = self.checked[:, 2] - self.checked[:, 1]
+        middle = 0.5 * (low + high - self.checked[:, 1] - self.checked[:, 2])
+        shares = ((high - low) / exact - 1.0, middle / exact)
+        return [float(share[np.argmax(np.abs(share))]) for share in shares]
+
 
 @dataclass(frozen=True)
 class FrequencyResponse:
@@ -96,27 +109,23 @@ class FrequencyResponse:
     def table(self):
         """Header and rows: the range of frequencies of each kind of orbit."""
         header = ["figure", "device", "orbits", "lowest ω", "highest ω", "greatest |V|"]
-        header.append("Eq. 10 against Eq. 4b, largest")
+        header += ["Eq. 10 against Eq. 4b: swing", "middle, in swings"]
         rows = []
         for device, edges in self.responses.items():
             for edge, r in edges.items():
                 reach = np.maximum(-r.lowest, r.highest)
                 rows.append([self.name, device, edge, f"{r.frequency.min():.3g}"])
                 rows[-1] += [f"{r.frequency.max():.3g}", f"{reach.max():.3g}"]
-                rows[-1].append(f"{self._worst(r):+.1%}")
+                rows[-1] += [f"{worst:+.1%}" for worst in r.worst()]
         return header, rows
-
-    def _worst(self, r):
-        order = np.argsort(r.frequency)
-        swing = np.interp(r.checked[:, 0], r.frequency[order], (r.highest - r.lowest)[order])
-        shares = swing / (r.checked[:, 2] - r.checked[:, 1]) - 1.0
-        return shares[np.argmax(np.abs(shares))]
 
     def sentences(self):
         """What was computed."""
         return [
             f"{self.name}: extremes of V (Eq. 10) along the orbits of Eq. 13 up to H − U(0) = "
-            f"{HIGHEST:g}; symbols: Eq. 4b itself along the same orbits; no noise enters"
+            f"{HIGHEST:g}; symbols: Eq. 4b itself along the same orbits; no noise enters",
+            f"{self.name}: Eq. 10 measures V from the well's bottom, Eq. 4b from the orbit's mean "
+            "position (a periodic V has no mean), so the middles differ inside the wells",
         ]
 
     def to_dict(self):
@@ -148,7 +157,11 @@ def surfaces(scene):
     clock = time.perf_counter()
     parameters, _ = scale(scene)
     wells, outer = _stretches(parameters)
-    reach, speed = outer.orbits.right[-1], np.sqrt(2.0 * _height(outer)[-1])
+    height = _height(outer)
+    # A rectangle whose corners lie on the outermost orbit: half of its energy at rest, half of
+    # it in motion.
+    speed = MARGIN * np.sqrt(height[-1])
+    reach = MARGIN * np.interp(0.5 * height[-1], height, outer.orbits.right)
     x, v = np.linspace(-reach, reach, GRID), np.linspace(-speed, speed, GRID)
     energies = [np.log(_height(stretch)) for stretch in (wells, outer)]
     frequencies = [np.log(stretch.frequency) for stretch in (wells, outer)]

@@ -78,7 +78,8 @@ class Reproduction:
     def table(self):
         """Header and rows: how far each method is from Monte Carlo, and its error bars."""
         header = ["figure", "panel", "method", "points", "refused", "largest error bar"]
-        header += ["deviation from Monte Carlo: median", "largest"]
+        what = "∫|p − p'| dX to" if self.figure.kind == "density" else "deviation from"
+        header += [f"{what} Monte Carlo: median", "largest"]
         rows = []
         for letter, panel, lines in zip("abc", self.figure.panels, self.lines, strict=False):
             for method in lines[0]:
@@ -125,7 +126,7 @@ class Reproduction:
         }
 
     def _deviations(self, method, lines):
-        """Relative to Monte Carlo, at each value that both have."""
+        """Relative to Monte Carlo, at each value that both have; of densities the L1 distance."""
         shares = []
         for line in lines:
             simulated = dict(line["monte-carlo"])
@@ -133,6 +134,8 @@ class Reproduction:
                 reference = simulated.get(value)
                 if reference is None or failed(reference) or failed(outcome):
                     continue
+                if outcome.density is not None:
+                    shares.append(_distance(outcome.density, reference.density))
                 for name in self.figure.quantities:
                     mean = reference.quantities[name].estimate
                     shares.append(outcome.quantities[name].estimate / mean - 1.0)
@@ -253,6 +256,13 @@ def _summary(points, deviations):
         return [*cells, "—", "—"]
     worst = deviations[np.argmax(np.abs(deviations))]
     return [*cells, f"{np.median(deviations):+.1%}", f"{worst:+.1%}"]
+
+
+def _distance(density, reference):
+    """∫|p − p'| dX on the bins of the reference."""
+    values = np.interp(reference.centre, density.centre, density.density, 0.0, 0.0)
+    width = reference.centre[1] - reference.centre[0]
+    return float(np.sum(np.abs(values - reference.density)) * width)
 
 
 def _points_to_dict(points):
