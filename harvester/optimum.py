@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from harvester.averaging import CLOSURES
 from harvester.errors import HarvesterError
 from harvester.estimators import Estimate
-from harvester.optimum_search import Axis, Search, averaged
+from harvester.optimum_search import Axis, Search, amount, averaged, in_units
 from harvester.output import finite
 from harvester.parameters import knot_spacing
 from harvester.realization import ENGINES
@@ -173,7 +173,7 @@ def optimum(
     Returns
     -------
     Optimum
-        Scaled units, but for the place, which is in the scene's.
+        In the scene's units.
 
     Raises
     ------
@@ -210,12 +210,10 @@ def optimum(
         averaged_place=place,
         averaged_value=value,
         averaged_reason=reason,
-        averaged_there=None
-        if failed(closure_there)
-        else closure_there.quantities[maximise].estimate,
+        averaged_there=None if failed(closure_there) else amount(closure_there, maximise),
         engine=engine,
         place=found,
-        value=simulated.quantities[maximise],
+        value=in_units(simulated, maximise),
         fitted=fitted,
         wall_seconds=time.perf_counter() - clock,
     )

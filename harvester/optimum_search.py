@@ -1,13 +1,15 @@
 """How `harvester.optimum` looks for a maximum: by averaging, then by simulation on common noise."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from harvester.averaged import DIMENSIONS
 from harvester.errors import OptimumError
 from harvester.estimators import Estimate, deviations, standard_error
+from harvester.parameters import scale
 from harvester.sweep import Request, failed, sweep
 
 # Ranges wider than this ratio are scanned and fitted over ln of the parameter.
@@ -65,6 +67,27 @@ class Axis:
         return self.high - self.low
 
 
+def unit(scene, quantity):
+    """One scaled unit in the scene's: a sweep of an SI device can change it along the way."""
+    return scale(scene)[1].of(DIMENSIONS[quantity])
+
+
+def amount(answer, quantity):
+    """An answer's mean in the scene's units."""
+    return answer.quantities[quantity].estimate * unit(answer.scene, quantity)
+
+
+def in_units(answer, quantity):
+    """The same as an estimate with its error."""
+    estimate, factor = answer.quantities[quantity], unit(answer.scene, quantity)
+    error = estimate.standard_error
+    return replace(
+        estimate,
+        estimate=estimate.estimate * factor,
+        standard_error=None if error is None else error * factor,
+    )
+
+
 def averaged(scene, axis, quantity, closure, pool):
     """(place, value, reason) of the maximum by averaging; place and value None with a reason."""
 
@@ -73,8 +96,7 @@ def averaged(scene, axis, quantity, closure, pool):
         requests = [Request(scene.replace({axis.key: place}), closure) for place in places]
         outcomes = sweep(requests, pool)
         return [
-            -math.inf if failed(outcomes[r]) else outcomes[r].quantities[quantity].estimate
-            for r in requests
+            -math.inf if failed(outcomes[r]) else amount(outcomes[r], quantity) for r in requests
         ], [str(outcomes[r]) for r in requests if failed(outcomes[r])]
 
     grid = np.linspace(0.0, 1.0, SCANNED)
@@ -165,7 +187,7 @@ class Search:
     def _highest(self):
         """Coordinate of the highest of some places over the range."""
         grid = np.linspace(0.0, 1.0, PLACES)
-        values = [a.quantities[self.quantity].estimate for a in self._answers(grid)]
+        values = [amount(answer, self.quantity) for answer in self._answers(grid)]
         top = int(np.argmax(values))
         if top in (0, PLACES - 1):
             self._refuse_end(grid[top])
@@ -200,7 +222,7 @@ class Search:
         coordinate = centre + half * fit.place
         error = half * fit.error * self.axis.slope(coordinate)
         fitted = [
-            (self.axis.value(c), answer.quantities[self.quantity])
+            (self.axis.value(c), in_units(answer, self.quantity))
             for c, answer in zip(coordinates, answers, strict=True)
         ]
         return Estimate(self.axis.value(coordinate), error, None, "1"), fitted
@@ -234,8 +256,10 @@ class Fit:
     def __init__(self, places, answers, quantity):
         powers = np.vander(places, 4, increasing=True)
         solve = np.linalg.pinv(powers)
-        values = np.array([answer.quantities[quantity].estimate for answer in answers])
-        series = np.array([deviations(a.result.moments, quantity) for a in answers])
+        values = np.array([amount(answer, quantity) for answer in answers])
+        series = np.array(
+            [deviations(a.result.moments, quantity) * unit(a.scene, quantity) for a in answers]
+        )
         c0, c1, c2, c3 = solve @ values
         noise = np.tensordot(solve, series, 1)
         slope_error, curve_error = standard_error(noise[1]), standard_error(noise[2])

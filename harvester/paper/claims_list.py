@@ -79,7 +79,7 @@ DENSITIES = (
     LONG,
 )
 GAPS, RESTITUTIONS, STIFFNESSES = (0.95, 1.1, 1.25), (0.3, 0.7, 1.0), (5.0, 10.0, 13.0)
-INTENSITIES, SCANNED = (0.005, 0.02, 0.08, 0.125), (0.005, 0.02, 0.08, 0.125)
+INTENSITIES = (0.005, 0.02, 0.06, 0.1, 0.125)
 DECAY_RATES, COUPLINGS = (0.03, 0.05, 0.09), (0.3, 0.6, 0.95)
 CORRELATION_TIMES = (0.1, 0.4, 1.1)
 
@@ -233,14 +233,14 @@ CLAIMS = (
         "4, 5",
         "“there is an optimal noise intensity to maximize PCE”",
         "PCE has a maximum inside the range of D",
-        InteriorMaximum(EFFICIENCY, INTENSITY, SCANNED),
+        InteriorMaximum(EFFICIENCY, INTENSITY, INTENSITIES),
         STOPPERS,
     ),
     Claim(
         "4",
         "“the trajectory of the PCE curve is a downward parabola”",
         "PCE rises with D to its maximum, then falls",
-        SingleHump(EFFICIENCY, INTENSITY, SCANNED),
+        SingleHump(EFFICIENCY, INTENSITY, INTENSITIES),
         STOPPERS,
     ),
     Claim(

@@ -17,7 +17,7 @@ from harvester.optimum_search import Axis, Fit, Search, averaged
 from harvester.parameters import knot_spacing, scale
 from harvester.scene import Scene
 
-LINEAR = Scene.load("linear", ["run.duration=10000"])
+LINEAR = Scene.load("linear", ["run.duration=3000"])
 
 
 def oscillator_power(p):
@@ -47,7 +47,7 @@ def test_simulation_finds_the_load_of_a_linear_harvester(pool):
     exact = best_load(lambda p: interpolated_linear_means(p, knot_spacing(LINEAR))["mean_power"])
     assert closed == pytest.approx(exact, rel=2e-3)
     assert abs(place.estimate - exact) < 4.0 * place.standard_error
-    assert place.standard_error < 0.05 * exact
+    assert place.standard_error < 0.1 * exact
     assert fitted[0][0] < place.estimate < fitted[-1][0]
 
 
@@ -68,6 +68,17 @@ def test_averaging_and_simulation_together():
     assert low < told["simulation"]["place"]["estimate"] < high
 
 
+def test_the_maximum_is_that_in_the_scene_s_units():
+    """The coupling of an SI scene sets its volt too (Eq. 3): V̄ = θ l/Cp V."""
+    device = Scene.load("device")
+    stronger = device.replace({"piezo.coupling": 2.0 * device.piezo.coupling})
+    unit = optimum_search.unit(device, "mean_square_voltage")
+    theta, cp = device.piezo.coupling, device.piezo.capacitance
+    assert unit == pytest.approx((theta * device.length_scale / cp) ** 2)
+    assert optimum_search.unit(stronger, "mean_square_voltage") == pytest.approx(4.0 * unit)
+    assert optimum_search.unit(device, "power_conversion_efficiency") == 1.0
+
+
 def test_the_closed_form_has_its_white_noise_optimum():
     """α* = 1/√(1 + κ²)."""
     white = LINEAR.replace({"excitation.correlation_time": 1e-6, "excitation.knot_spacing": 1e-7})
@@ -85,7 +96,7 @@ def test_the_closed_form_has_its_white_noise_optimum():
 def test_an_edge_is_no_optimum(pool, start):
     scene = Scene.load("linear", ["run.duration=1000"])
     axis = Axis("excitation.intensity", 0.01, 0.04)
-    with pytest.raises(OptimumError, match="largest at the end of the range, 0[.]04"):
+    with pytest.raises(OptimumError, match=r"largest at the end of the range, 0\.04"):
         Search(scene, axis, "mean_power", "monte-carlo", pool).find(start)
 
 
@@ -137,8 +148,10 @@ def test_the_fit_covers_a_known_maximum(monkeypatch):
     monkeypatch.setattr(optimum_search, "deviations", lambda moments, name: series[moments])
 
     class Synthetic:
+        scene = LINEAR
+
         def __init__(self, name, value):
-            self.quantities = {"q": type("E", (), {"estimate": value})}
+            self.quantities = {"mean_power": type("E", (), {"estimate": value})}
             self.result = type("R", (), {"moments": name})
 
     covered = 0
@@ -146,12 +159,13 @@ def test_the_fit_covers_a_known_maximum(monkeypatch):
         batches = 3.0 * noise.normal(size=(2, 64)) + 0.3 * noise.normal(size=(7, 2, 64))
         means = batches.mean(axis=(1, 2))
         series.update({k: batches[k] - means[k] for k in range(7)})
-        fit = Fit(places, [Synthetic(k, truth[k] + means[k]) for k in range(7)], "q")
+        fit = Fit(places, [Synthetic(k, truth[k] + means[k]) for k in range(7)], "mean_power")
         assert fit.peaked
         covered += abs(fit.place - 0.2) < 2.0 * fit.error
     assert 0.91 * 300 < covered < 300
 
 
+@pytest.mark.slow
 def test_the_command_prints_the_interval(capsys, tmp_path):
     options = [
         "--set",

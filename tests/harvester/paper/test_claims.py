@@ -23,7 +23,7 @@ from harvester.paper.claim_tests import (
     relative_change,
 )
 from harvester.paper.claims import FAILS, HOLDS, IN_PART, UNDECIDED, UNTESTED, claims, judge
-from harvester.paper.claims_list import CLAIMS
+from harvester.paper.claims_list import CLAIMS, Claim
 from harvester.parameters import knot_spacing, scale
 from harvester.scene import Scene
 from harvester.sweep import Answer, Request, sweep
@@ -166,21 +166,15 @@ def test_every_statement_is_quoted_and_asks_for_devices_that_there_are(claim):
 
 def test_the_command_judges_and_writes(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(module, "DURATIONS", {"monte-carlo": 4000.0, "circuit": 200.0})
-    chosen = [c for c in CLAIMS if c.says == "the peak of p(X) falls with D"]
+    rise = Trend("mean_square_voltage", D, (0.02, 0.1))
+    claim = Claim("4", "“quoted”", "E[V²] rises with D", rise)
     monkeypatch.setattr(
-        module, "claims", lambda scene, **options: claims(scene, chosen=chosen, **options)
+        module, "claims", lambda scene, **options: claims(scene, chosen=[claim], **options)
     )
     assert main(["claims", "--output", str(tmp_path)]) == 0
     shown = capsys.readouterr().out
-    for word in (
-        "statement",
-        "the peak of p(X) falls with D",
-        "monte-carlo",
-        "circuit",
-        "consistent",
-    ):
+    for word in ("statement", "E[V²] rises with D", "monte-carlo", "circuit", "consistent"):
         assert word in shown
-    told = json.loads((tmp_path / "claims.json").read_text())
-    (told,) = told["claims"]
+    (told,) = json.loads((tmp_path / "claims.json").read_text())["claims"]
     assert told["verdicts"]["monte-carlo"]["verdict"] == HOLDS
-    assert "“increasing the parameter D" in (tmp_path / "claims.md").read_text()
+    assert "| 4 | “quoted” | E[V²] rises with D | holds" in (tmp_path / "claims.md").read_text()
