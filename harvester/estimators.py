@@ -156,12 +156,14 @@ def paired_difference(result, reference):
     """Relative differences of two results on the same noise paths, with paired errors.
 
     Batch by batch the common noise cancels as far as the two follow the same path, so that the
-    error is often far below that of either mean.
+    error is often far below that of either mean. Where paths part, nothing cancels and the error
+    is that of independent means: it is the scatter of the difference itself.
 
     Parameters
     ----------
     result, reference : harvester.results.Result
-        Of the same scene, each with its moments.
+        Each with its moments; of the same scene, or of scenes with the same seed, knots and
+        length of run.
 
     Returns
     -------
