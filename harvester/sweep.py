@@ -78,6 +78,9 @@ class Answer:
     simulated_time : float
         Of the run that counts (s); 0 for a closure.
     energy_balance_residual : float or None
+    misses_jumps : bool
+        One jump between the wells more would change E[V²] by more than the error asked for: the
+        error bar knows nothing of jumps that the run did not see.
     notes : tuple of str
     result : Result or None
         With its moments, where they were asked for.
@@ -89,6 +92,7 @@ class Answer:
     seconds: float
     simulated_time: float = 0.0
     energy_balance_residual: float | None = None
+    misses_jumps: bool = False
     notes: tuple = ()
     result: Result | None = field(default=None, repr=False)
 
@@ -111,6 +115,7 @@ class Answer:
                 "realizations": self.scene.run.realizations,
                 "knot_spacing": knot_spacing(self.scene),
                 "energy_balance_residual": finite(self.energy_balance_residual),
+                "misses_jumps": self.misses_jumps,
                 "notes": list(self.notes),
             }
         if self.density is not None:
@@ -203,6 +208,7 @@ def _simulated(request):
         seconds=seconds,
         simulated_time=result.simulated_time,
         energy_balance_residual=result.energy_balance_residual,
+        misses_jumps=unseen_jump(result) > request.error,
         notes=(*result.notes, *_shortfall(result, request.error)),
         result=result if request.moments else None,
     )
@@ -231,12 +237,13 @@ def unseen_jump(result):
 
 def _shortfall(result, error):
     """What a run as long as allowed did not reach."""
-    if not math.isfinite(error) or _lengthening(result, error) <= 1.0:
-        return ()
     reached = max(relative_error(result.scaled_quantities[name]) for name in JUDGED)
+    notes = []
     if reached > error:
-        return (f"relative standard error {reached:.1%}, above the {error:.1%} asked for",)
-    return (f"one jump more would add {unseen_jump(result):.1%} to E[V²]",)
+        notes.append(f"relative standard error {reached:.1%}, above the {error:.1%} asked for")
+    if unseen_jump(result) > error:
+        notes.append(f"one jump more would add {unseen_jump(result):.1%} to E[V²]")
+    return notes
 
 
 def _averaged(request):

@@ -22,6 +22,8 @@ PERCENT = ("power_conversion_efficiency",)
 LETTERS = "abc"
 # Symbols of a density from one end of the axis to the other.
 SYMBOLS_ACROSS = 36
+# Opacity of a symbol whose run was too short for rare jumps.
+FADED = 0.35
 # How far a density or a curve may rise above the simulated ones before it is cut off.
 HEADROOM = 2.2
 
@@ -69,20 +71,21 @@ def _draw_curves(axes, panel, lines, quantity):
     factor = 100.0 if quantity in PERCENT else 1.0
     for colour, line in zip(COLOURS, lines, strict=False):
         for method, points in line.items():
-            points = [(v, o.quantities[quantity]) for v, o in points if not failed(o)]
-            if not points:
-                continue
-            x = [value for value, _ in points]
-            y = factor * np.array([estimate.estimate for _, estimate in points])
-            if method in MARKS:
-                errors = [estimate.standard_error or np.nan for _, estimate in points]
-                _symbols(axes, method, x, y, 2.0 * factor * np.array(errors), colour)
-            else:
+            points = [point for point in points if not failed(point[1])]
+            if method not in MARKS:
+                x = [value for value, _ in points]
+                y = [factor * answer.quantities[quantity].estimate for _, answer in points]
                 axes.plot(x, y, _style(method), color=colour)
+                continue
+            for value, answer in points:
+                estimate = answer.quantities[quantity]
+                bar = 2.0 * factor * (estimate.standard_error or np.nan)
+                opacity = FADED if answer.misses_jumps else 1.0
+                _symbols(axes, method, value, factor * estimate.estimate, bar, colour, opacity)
     axes.set_ylim(bottom=0.0)
 
 
-def _symbols(axes, method, x, y, errors, colour):
+def _symbols(axes, method, x, y, errors, colour, opacity=1.0):
     """Hollow circles for Monte Carlo, filled squares for the circuit, bars of ± `errors`."""
     axes.errorbar(
         x,
@@ -95,6 +98,7 @@ def _symbols(axes, method, x, y, errors, colour):
         markeredgecolor=colour if method == "monte-carlo" else "black",
         elinewidth=0.9,
         capsize=2,
+        alpha=opacity,
         zorder=3,
     )
 
@@ -165,7 +169,7 @@ def _method_legend(figure, lines):
         handles=handles,
         loc="outside lower center",
         ncols=len(handles) if figure.get_figwidth() > 6.0 else 2,
-        title="bars: two standard errors",
+        title="bars: two standard errors; faded: the run was too short for rare jumps",
         title_fontsize=8,
     )
 

@@ -59,6 +59,10 @@ def test_one_unseen_jump_weighs_what_its_charge_leaves_on_the_piezo(pool):
     measured = 2 * PAPER.run.duration
     voltage = result.scaled_quantities["mean_square_voltage"].estimate
     assert unseen_jump(result) == pytest.approx(left / (voltage * measured), rel=1e-6)
+    sure, blind = (Request(PAPER, "monte-carlo", error=share) for share in (1e3, 0.5))
+    outcomes = sweep([sure, blind], pool)
+    assert [outcomes[r].misses_jumps for r in (sure, blind)] == [False, True]
+    assert any(note.startswith("one jump more would add") for note in outcomes[blind].notes)
     assert unseen_jump(simulate(LINEAR, "monte-carlo", pool=pool)) == 0.0
 
 
