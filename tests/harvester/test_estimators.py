@@ -6,6 +6,7 @@ from harvester.estimators import (
     TOO_SHORT,
     batch_counts,
     densities,
+    deviations,
     energy_balance_residual,
     estimate_all,
     standard_error,
@@ -15,6 +16,7 @@ from harvester.monte_carlo import initial_state, integrate
 from harvester.parameters import scale
 from harvester.realization import noise_path
 from harvester.scene import Scene
+from harvester.simulation import simulate
 
 
 def autoregressive(seed, memory, rows, length):
@@ -161,3 +163,15 @@ def test_the_residual_sees_a_wrong_coefficient():
     for m in moments:
         m.integrals[:, 6] *= 1.1
     assert abs(energy_balance_residual(moments, p)) > 0.03
+
+
+@pytest.mark.parametrize(
+    "name", ["mean_square_voltage", "mean_power", "power_conversion_efficiency"]
+)
+def test_deviations_have_the_estimate_s_own_error_and_no_mean(pool, name):
+    scene = Scene.load("linear", ["run.duration=2000", "run.settle=20"])
+    result = simulate(scene, "monte-carlo", pool=pool)
+    series = deviations(result.moments, name)
+    estimate = result.scaled_quantities[name]
+    assert series.mean() == pytest.approx(0.0, abs=1e-12 * estimate.estimate)
+    assert standard_error(series) == pytest.approx(estimate.standard_error, rel=1e-9)
