@@ -9,7 +9,9 @@ MOST_COPIES = {"behavioural": 16, "compiled": 200}
 FEWEST_NETLISTS = 8
 
 
-def copies(scene, most, step="default", source="external", tolerance=None):
+def copies(
+    scene, most, step="default", source="external", tolerance=None, netlists=FEWEST_NETLISTS
+):
     """Copies of the device in one netlist: as many as pay.
 
     They share their steps. So a stiff contact, which shortens those of one copy after another,
@@ -23,6 +25,8 @@ def copies(scene, most, step="default", source="external", tolerance=None):
         Gives the number beyond which more are no faster; asked only where it matters.
     step, source, tolerance
         See `harvester.simulate`.
+    netlists : int
+        That the realizations are split into at least.
     """
     if (
         not scene.electrical_load.is_resistor
@@ -31,7 +35,7 @@ def copies(scene, most, step="default", source="external", tolerance=None):
         or _contacts_shorten_steps(scene, step)
     ):
         return 1
-    share = max(1, scene.run.realizations // FEWEST_NETLISTS)
+    share = max(1, scene.run.realizations // netlists)
     return share if share <= min(MOST_COPIES.values()) else min(share, most())
 
 

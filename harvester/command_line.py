@@ -6,9 +6,12 @@ import sys
 from harvester import __version__
 from harvester.commands import (
     average,
+    claims,
     engine,
     frequency_response,
     netlist,
+    optimum,
+    reproduce,
     simulate,
     stability,
     validate,
@@ -24,6 +27,9 @@ COMMANDS = (
     frequency_response,
     work_precision,
     stability,
+    optimum,
+    reproduce,
+    claims,
     netlist,
     engine,
 )

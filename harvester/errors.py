@@ -33,6 +33,10 @@ class AveragingError(HarvesterError):
     """A closure does not hold for these parameters."""
 
 
+class OptimumError(HarvesterError):
+    """There is no maximum inside the range, or none that can be told from noise."""
+
+
 class SimulationError(HarvesterError):
     """A simulation did not come to its end.
 

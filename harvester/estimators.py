@@ -188,12 +188,14 @@ def paired_difference(result, reference):
     """Relative differences of two results on the same noise paths, with paired errors.
 
     Batch by batch the common noise cancels as far as the two follow the same path, so that the
-    error is often far below that of either mean.
+    error is often far below that of either mean. Where paths part, nothing cancels and the error
+    is that of independent means: it is the scatter of the difference itself.
 
     Parameters
     ----------
     result, reference : harvester.results.Result
-        Of the same scene, each with its moments.
+        Each with its moments; of the same scene, or of scenes with the same seed, knots and
+        length of run.
 
     Returns
     -------
@@ -231,6 +233,33 @@ def _paired_efficiency(ours, theirs):
     error = standard_error(shares[0][1] - shares[1][1])
     note = "" if error is not None else TOO_SHORT
     return Estimate(ratio - 1.0, None if error is None else ratio * error, None, "1", note)
+
+
+def deviations(moments, name):
+    """How far an estimate lies off its mean in each batch, to first order.
+
+    Combinations of several results on common noise get their error from the same combination of
+    these: `standard_error` of it knows what the results have in common.
+
+    Parameters
+    ----------
+    moments : sequence of harvester.moments.Moments
+    name : str
+        A mean over time, or "power_conversion_efficiency".
+
+    Returns
+    -------
+    ndarray, shape (realizations, batches)
+        Mean 0, in the estimate's scaled units.
+    """
+    batches = complete_batches(moments)
+    load, loss = QUANTITIES.index("load_power"), QUANTITIES.index("loss_power")
+    if name == "power_conversion_efficiency":
+        upper, lower = batches[:, :, load], batches[:, :, load] + batches[:, :, loss]
+    else:
+        upper = batches[:, :, QUANTITIES.index(MEANS[name][0])]
+        lower = batches[:, :, QUANTITIES.index("time")]
+    return (upper - upper.sum() / lower.sum() * lower) / lower.mean()
 
 
 def energy_balance_residual(moments, parameters):

@@ -6,6 +6,7 @@ from harvester.estimators import (
     TOO_SHORT,
     batch_counts,
     densities,
+    deviations,
     energy_balance_residual,
     estimate_all,
     standard_error,
@@ -16,6 +17,7 @@ from harvester.monte_carlo import initial_state, integrate
 from harvester.parameters import scale
 from harvester.realization import noise_path
 from harvester.scene import Scene
+from harvester.simulation import simulate
 
 
 def autoregressive(seed, memory, rows, length):
@@ -181,3 +183,15 @@ def test_the_error_of_a_drifting_record_is_the_scatter_among_records_that_drift_
     plain = [standard_error(row[None]) for row in series]
     assert all(error is None or error > 2.0 * scatter for error in plain)
     assert standard_error_of_drift(series[:1, :10]) is None
+
+
+@pytest.mark.parametrize(
+    "name", ["mean_square_voltage", "mean_power", "power_conversion_efficiency"]
+)
+def test_deviations_have_the_estimate_s_own_error_and_no_mean(pool, name):
+    scene = Scene.load("linear", ["run.realizations=2", "run.duration=2000", "run.settle=20"])
+    result = simulate(scene, "monte-carlo", pool=pool)
+    series = deviations(result.moments, name)
+    estimate = result.scaled_quantities[name]
+    assert series.mean() == pytest.approx(0.0, abs=1e-12 * estimate.estimate)
+    assert standard_error(series) == pytest.approx(estimate.standard_error, rel=1e-9)

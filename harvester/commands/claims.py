@@ -1,0 +1,49 @@
+"""`harvester claims`: the paper's statements, judged."""
+
+from harvester.commands.options import add_results, check_options, say
+
+
+def add(commands):
+    """The command's arguments."""
+    command = commands.add_parser(
+        "claims",
+        help="the paper's statements on trends, judged",
+        description="judge every statement of the paper on trends by Monte Carlo, by the circuit "
+        "and by each closure",
+        epilog="example: harvester claims --output results",
+    )
+    command.add_argument("--seed", type=int, help="of the noise (default: the scene's)")
+    command.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
+    command.add_argument(
+        "--thorough", action="store_true", help="longer runs, the circuit at every condition"
+    )
+    add_results(command)
+    command.set_defaults(command=run)
+
+
+def run(options):
+    """Carry it out; returns the exit code, or None for 0."""
+    check_options(options)
+    from pathlib import Path
+
+    from harvester.console import progress, show_table
+    from harvester.output import write_json, write_text
+    from harvester.paper.claims import claims
+    from harvester.scene import Scene
+    from harvester.workers import WorkerPool
+
+    scene = Scene.load("paper")
+    if options.seed is not None:
+        scene = scene.replace({"run.seed": options.seed})
+    with progress() as follow, WorkerPool(workers=options.workers) as pool:
+        judgement = claims(
+            scene, thorough=options.thorough, pool=pool, progress=follow("claims", None)
+        )
+    show_table(judgement, "the paper's statements", to_stderr=options.json == "-")
+    if options.json:
+        write_json(options.json, judgement.to_dict())
+    if options.output:
+        folder = Path(options.output)
+        write_json(folder / "claims.json", judgement.to_dict())
+        write_text(folder / "claims.md", judgement.markdown())
+        say(f"written to {folder}: claims.*")

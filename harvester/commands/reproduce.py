@@ -1,0 +1,82 @@
+"""`harvester reproduce`: the paper's figures by closures, Monte Carlo and circuit."""
+
+from harvester.commands.options import check_options, say
+from harvester.errors import HarvesterError
+
+
+def add(commands):
+    """The command's arguments."""
+    command = commands.add_parser(
+        "reproduce",
+        help="the paper's figures, computed again",
+        description="the paper's figures by averaging, Monte Carlo and circuit; one PNG and one "
+        "JSON each",
+        epilog="example: harvester reproduce fig6 fig9 --quick --output results",
+    )
+    command.add_argument(
+        "figures", nargs="*", default=["all"], metavar="FIGURE", help="fig2 … fig10, or all"
+    )
+    command.add_argument(
+        "--quick",
+        action="store_true",
+        help="all figures in minutes: fewer points, error bars up to 5 %% (circuit: more)",
+    )
+    command.add_argument("--seed", type=int, help="of the noise (default: the scene's)")
+    command.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
+    command.add_argument(
+        "--output", default="results", metavar="DIR", help="folder (default: results)"
+    )
+    command.set_defaults(command=run, json=None)
+
+
+def run(options):
+    """Carry it out; returns the exit code, or None for 0."""
+    check_options(options)
+    from harvester.paper.figures_list import FIGURES
+
+    names = _chosen(options.figures, ["fig2", "fig3", *FIGURES])
+    from harvester.console import progress, show_table
+    from harvester.paper import orbit_maps
+    from harvester.paper.reproduce import reproduce
+    from harvester.scene import Scene
+    from harvester.workers import WorkerPool
+
+    scene = Scene.load("paper")
+    if options.seed is not None:
+        scene = scene.replace({"run.seed": options.seed})
+    without_noise = {"fig2": orbit_maps.surfaces, "fig3": orbit_maps.frequency_response}
+    contents = [draw(scene) for name, draw in without_noise.items() if name in names]
+    swept = [name for name in names if name in FIGURES]
+    if swept:
+        with progress() as follow, WorkerPool(workers=options.workers) as pool:
+            share = follow("figures", None)
+            contents += reproduce(scene, swept, quick=options.quick, pool=pool, progress=share)
+    for content in contents:
+        show_table(content, f"the paper's {content.name}")
+        _write(content, options.output)
+
+
+def _chosen(wanted, known):
+    """Names of figures in the paper's order."""
+    from harvester.scene_schema import nearest
+
+    if "all" in wanted:
+        return known
+    for name in wanted:
+        if name not in known:
+            raise HarvesterError(
+                f"{name}: no such figure{nearest(name, known)}; there are {', '.join(known)}, all"
+            )
+    return [name for name in known if name in wanted]
+
+
+def _write(content, folder):
+    from pathlib import Path
+
+    from harvester import figures
+    from harvester.output import write_json
+    from harvester.paper.drawing import draw
+
+    write_json(Path(folder) / f"{content.name}.json", content.to_dict())
+    figures.save(draw, content, Path(folder) / f"{content.name}.png")
+    say(f"written to {folder}: {content.name}.*")

@@ -1,0 +1,1 @@
+"""The source paper: its figures computed again, and its statements judged."""
