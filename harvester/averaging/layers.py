@@ -42,7 +42,8 @@ class Table:
     Attributes
     ----------
     exists : ndarray of bool, shape (layers,)
-    base : ndarray, shape (layers,)
+    junction, base : ndarray, shape (layers,)
+        X of the saddle or what stands for it, and
         U at the well's bottom, or at the junction for outer orbits.
     height : ndarray
         H of the cells' middles above `base`.
@@ -59,6 +60,7 @@ class Table:
     """
 
     exists: np.ndarray
+    junction: np.ndarray
     base: np.ndarray
     height: np.ndarray
     face_height: np.ndarray
@@ -111,7 +113,7 @@ def _wells(p, lobes, grid):
     for lobe in lobes:
         if not lobe.has_well:
             rows.append({name: np.zeros(len(grid.share)) for name in _row_names()})
-            rows[-1].update(base=0.0, height=np.zeros(len(middle)))
+            rows[-1].update(junction=lobe.junction, base=0.0, height=np.zeros(len(middle)))
             continue
         half = HalfOrbits.of(lobe, lobe.well_path(grid.share[1:], grid.nodes))
         row = {name: np.insert(values, 0, 0.0) for name, values in _integrals(p, half).items()}
@@ -120,6 +122,7 @@ def _wells(p, lobes, grid):
             row["centre"][-1] = lobe.junction
         row["height"] = lobe.well_heights(middle)
         row["face_height"] = lobe.well_heights(grid.share)
+        row["junction"] = lobe.junction
         row["base"] = lobe.potential.energy(lobe.bottom, lobe.stiffness[0])
         rows.append(row)
     return _table(rows, np.array([lobe.has_well for lobe in lobes]))
@@ -144,6 +147,7 @@ def _outer(p, lobes, grid, inner):
             row["centre"][0] = row["centre"][1]
         row["height"] = 0.5 * (grid.excess[1:] + grid.excess[:-1])
         row["face_height"] = grid.excess
+        row["junction"] = right.junction
         row["base"] = right.potential.energy(right.junction, right.stiffness[0])
         rows.append(row)
     return _table(rows, np.ones(count, dtype=bool))

@@ -20,6 +20,7 @@ from harvester.averaging.orbits import (
 from harvester.compilation import compiled
 
 NEAREST = 1e-7  # approach to the saddle that stands for the separatrix, as a share of the way
+SHALLOW = 1e-9  # a depth that is none, in units of the energy at the bottom
 WIDE = 1e3  # scale of a left end without a saddle near it, in lengths of the path
 
 
@@ -64,7 +65,8 @@ class Lobe:
             self.bottom = float(beyond[0])
         way = np.array([self.bottom - self.junction])
         self.depth = float(u.rise(np.array([self.bottom]), -way, self.stiffness)[0])
-        self.has_well = self.has_well and self.depth > 0.0
+        scale = abs(u.energy(np.array([self.bottom]), self.stiffness)[0])
+        self.has_well = bool(self.has_well and self.depth > SHALLOW * scale)
 
     @staticmethod
     def _junction(p, softening, pull):

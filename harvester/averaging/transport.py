@@ -1,19 +1,23 @@
 """Stationary density of energy and slow charge: finite volumes and one sparse solve."""
 
 import numpy as np
-from scipy.sparse import coo_matrix, csc_matrix, diags
+from scipy.sparse import coo_matrix, diags, identity
 from scipy.sparse.linalg import splu
 
 # −ζ(½)/√(2π): the Milne length of a walk with Gaussian steps, in standard deviations.
 MILNE = 0.5825971579390107
 LARGEST_PECLET = 500.0
+SHIFT = 1e-13  # of the matrix of fluxes, in units of a cell's own outflow
+ITERATIONS, SETTLED = 8, 1e-11
+# Between which g at a face lies, in units of g upstream, when positive values are enforced.
+FACE_BOUNDS = (0.5, 2.0)
+NEGATIVE = 1e-9  # share of the greatest g below zero that is not rounding
 
 
 class Network:
     """Fluxes between cells, collected as entries of a sparse matrix."""
 
-    def __init__(self, size):
-        self.size = size
+    def __init__(self):
         self._rows, self._columns, self._values = [], [], []
 
     def add(self, source, target, cells, weights):
@@ -25,7 +29,11 @@ class Network:
             self._values.append(sign * weights.ravel())
 
     def stationary(self, volume):
-        """g with ∑ volume g = 1 whose fluxes balance, by inverse iteration."""
+        """g whose fluxes balance, with ∑ g volume = 1: inverse iteration with one factorisation.
+
+        Eliminated without pivoting: where no weight but the diagonal's is positive, g comes out
+        positive whatever the rounding.
+        """
         inside = volume > 0.0
         place = np.cumsum(inside) - 1
         rows, columns, values = (
@@ -36,22 +44,20 @@ class Network:
         matrix = coo_matrix(
             (values[keep], (place[rows[keep]], place[columns[keep]])), shape=(size, size)
         ).tocsc()
-        inner = volume[inside]
-        # Equations for masses, each in units of its own rate of leaving.
-        rate = matrix.diagonal() / inner
-        scale = 1.0 / matrix.diagonal()
-        matrix = diags(scale) @ matrix
-        slowest = 1e-13
-        shifted = csc_matrix(matrix + slowest * diags(np.ones(size)))
-        factors = splu(shifted)
+        scale = diags(1.0 / matrix.diagonal())
+        factors = splu(
+            (scale @ matrix + SHIFT * identity(size)).tocsc(),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
         g = np.ones(size)
-        for _ in range(6):
-            before = g
-            g = factors.solve(g)
-            g /= np.sum(g * inner)
-            if np.sum(np.abs(g - before) * inner) < 1e-12:
+        for _ in range(ITERATIONS):
+            before, g = g, factors.solve(g)
+            g /= np.sum(g * volume[inside])
+            if np.sum(np.abs(g - before) * volume[inside]) < SETTLED:
                 break
-        density = np.zeros(self.size)
+        density = np.zeros(len(volume))
         density[inside] = g
         return density
 
@@ -86,7 +92,7 @@ class Problem:
     def __init__(self, p, grid, tables, faces):
         self.p, self.tables, self.faces = p, tables, faces
         self.count = len(grid.charge) - 1
-        self.half_faces = grid.charge
+        self.charge = grid.charge
         half = 0.5 * (grid.charge[1:] + grid.charge[:-1])
         width = np.diff(grid.charge)
         self.moves = bool(np.all(width > 0.0))
@@ -100,23 +106,35 @@ class Problem:
             shape = table.height.shape
             self.index[name] = start + np.arange(shape[0] * shape[1]).reshape(shape)
             start += shape[0] * shape[1]
-        self.network = Network(start)
 
     def volume(self, name):
         """∬dX dX' dZ of the cells."""
         return self.tables[name].cells("area") * self.layers[name][1][:, None]
 
     def solve(self):
-        """g of the cells by edge, arrays (layers, cells)."""
-        for name in self.tables:
-            self._along_energy(name)
-            if self.moves:
-                self._along_charge(name)
-        if "wells" in self.tables:
-            self._at_separatrix()
+        """g of the cells by edge, arrays (layers, cells), none of them negative.
+
+        Quadratic interpolation at the faces between layers can undershoot where g is steep. The
+        ratios of g at a face to that upstream are then kept, within bounds, and the equation is
+        solved again with them: its weights have the signs that make g positive.
+        """
         volume = np.concatenate([self.volume(name).ravel() for name in self.tables])
-        density = self.network.stationary(volume)
+        density = self._balanced(volume, None)
+        if density.min() < -NEGATIVE * density.max():
+            density = self._balanced(volume, density)
+        density = np.maximum(density, 0.0)
+        density /= np.sum(density * volume)
         return {name: density[index] for name, index in self.index.items()}
+
+    def _balanced(self, volume, previous):
+        network = Network()
+        for name in self.tables:
+            self._along_energy(network, name)
+            if self.moves:
+                self._along_charge(network, name, previous)
+        if "wells" in self.tables:
+            self._at_separatrix(network)
+        return network.stationary(volume)
 
     def coefficients(self, name):
         """B with the sweep of the moving faces, and A, at the faces."""
@@ -128,7 +146,7 @@ class Problem:
             loss = loss + drift * np.diff(self.faces.area[name], axis=0) / width[:, None]
         return loss, p.intensity * table.noise
 
-    def _along_energy(self, name):
+    def _along_energy(self, network, name):
         table, index = self.tables[name], self.index[name]
         loss, noise = (values[table.exists, 1:-1] for values in self.coefficients(name))
         distance = np.diff(table.height[table.exists], axis=1)
@@ -136,59 +154,56 @@ class Problem:
         width = self.layers[name][1][table.exists, None]
         inner, outer = index[table.exists, :-1], index[table.exists, 1:]
         weights = np.stack([below * width, above * width], axis=-1)
-        self.network.add(inner, outer, np.stack([inner, outer], axis=-1), weights)
+        network.add(inner, outer, np.stack([inner, outer], axis=-1), weights)
 
-    def _along_charge(self, name):
-        charge, _ = self.layers[name]
+    def _along_charge(self, network, name, previous):
+        """λ(⟨X⟩ − Z) g between layers, g at the face from two layers upstream and one ahead."""
         index, exists = self.index[name], self.tables[name].exists
-        at = self._face_charge(name)
+        charge = self.layers[name][0]
+        at = self.charge if name == "outer" else np.append(-self.charge[:0:-1], self.charge)
         flow = self.p.decay_rate * (
             np.diff(self.faces.displacement[name], axis=1)
             - at[:, None] * np.diff(self.faces.area[name], axis=1)
         )
-        last = len(charge) - 1
-        for face in range(1, last + 1):
+        for face in range(1, len(charge)):
             if not (exists[face - 1] and exists[face]):
                 continue
-            for ahead in (True, False):
-                near, far = (face - 1, face) if ahead else (face, face - 1)
-                behind = near - 1 if ahead else near + 1
-                chosen = np.flatnonzero(flow[face] > 0.0 if ahead else flow[face] < 0.0)
+            for near, far in ((face - 1, face), (face, face - 1)):
+                chosen = np.flatnonzero(flow[face] * (far - near) > 0.0)
                 if len(chosen) == 0:
                     continue
-                layers, weights = self._upwind(charge, at[face], behind, near, far, exists, name)
+                layers, weights = self._upwind(name, at[face], near, far)
                 cells = np.stack([index[layer, chosen] for layer in layers], axis=-1)
-                self.network.add(
+                if previous is not None:
+                    upstream = previous[index[near, chosen]]
+                    ratio = previous[cells] @ weights / np.where(upstream > 0.0, upstream, 1.0)
+                    weights = np.where(upstream > 0.0, np.clip(ratio, *FACE_BOUNDS), 1.0)[:, None]
+                    cells = index[near, chosen][:, None]
+                network.add(
                     index[face - 1, chosen],
                     index[face, chosen],
                     cells,
                     flow[face, chosen, None] * weights,
                 )
 
-    def _face_charge(self, name):
-        half = self.half_faces
-        return np.append(-half[:0:-1], half) if name == "wells" else half
-
-    def _upwind(self, charge, at, behind, near, far, exists, name):
-        """Layers and weights of the quadratic through two layers upstream and one downstream."""
-        mirrored = name == "outer" and behind < 0
-        if mirrored:
-            points = np.array([-charge[0], charge[near], charge[far]])
-            layers = (0, near, far)
+    def _upwind(self, name, at, near, far):
+        """Layers and weights of the parabola through the next two upstream and one downstream."""
+        charge, exists = self.layers[name][0], self.tables[name].exists
+        behind = 2 * near - far
+        if name == "outer" and behind < 0:  # the mirror image of the first layer
+            place, behind = -charge[0], 0
         elif 0 <= behind < len(charge) and exists[behind]:
-            points = charge[[behind, near, far]]
-            layers = (behind, near, far)
+            place = charge[behind]
         else:
             return (near,), np.ones(1)
-        weights = np.array(
-            [
-                np.prod([(at - q) / (r - q) for q in np.delete(points, k)])
-                for k, r in enumerate(points)
-            ]
-        )
-        return layers, weights
+        points = np.array([place, charge[near], charge[far]])
+        weights = [
+            np.prod((at - np.delete(points, k)) / (point - np.delete(points, k)))
+            for k, point in enumerate(points)
+        ]
+        return (behind, near, far), np.array(weights)
 
-    def _at_separatrix(self):
+    def _at_separatrix(self, network):
         """Fluxes between wells and outer orbits, which share g at the junction but for the slip."""
         wells, count = self.tables["wells"], self.count
         edges = {name: self.coefficients(name) for name in self.tables}
@@ -208,7 +223,7 @@ class Problem:
             cells = [self.index["wells"][layer, -1] for layer in sides]
             cells = np.array([*cells, self.index["outer"][k, 0]])
             for source, row in zip(cells[:-1], weights, strict=True):
-                self.network.add(
+                network.add(
                     np.array([source]),
                     cells[-1:],
                     cells[None, :],
