@@ -6,6 +6,7 @@ followed; integrals are those of the whole closed orbit.
 """
 
 from dataclasses import dataclass, fields
+from functools import cache
 
 import numpy as np
 
@@ -220,6 +221,13 @@ class Path:
         return np.sum(self.weight / self.speed, axis=1)
 
 
+@cache
+def _unit_nodes(nodes):
+    """Gauss–Legendre nodes and weights on [0, 1]."""
+    points, weights = np.polynomial.legendre.leggauss(nodes)
+    return 0.5 * (points + 1.0), 0.5 * weights
+
+
 def path_between(u, added_stiffness, left, excess, distance, middle, right, nodes):
     """Nodes between left and right, split at the gap and at `middle`.
 
@@ -231,8 +239,7 @@ def path_between(u, added_stiffness, left, excess, distance, middle, right, node
     gap = u.parameters.gap
     split = np.where((left < gap) & (gap < middle), gap, middle)
     touch = np.clip(gap, middle, right)
-    points, weights = np.polynomial.legendre.leggauss(nodes)
-    points, weights = 0.5 * (points + 1.0), 0.5 * weights
+    points, weights = _unit_nodes(nodes)
 
     reach = np.arcsinh(np.sqrt(0.5 * (split - left) / distance))
     turn = reach[:, None] * points

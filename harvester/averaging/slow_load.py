@@ -27,6 +27,9 @@ from harvester.averaging.slow_density import SlowDensity
 from harvester.averaging.transport import Problem
 from harvester.errors import AveragingError
 
+# Walk with Gaussian steps whose side s is kept below 0 and changes at every step above:
+# φ(e) = 1 − E[sgn(e') φ(e')] goes to ½ above, to ½ − e² − 0.3836 below (e in steps).
+IMPULSE = 0.3835
 FORGOTTEN = 40.0  # ln g falls by this much up to the outer end
 # Cells in half the range of Z, in a well and outside; nodes on each piece of an orbit.
 COARSEST = (10, 12, 15, 12)
@@ -104,6 +107,8 @@ class Span:
         Energies above the junction at which the outer ln g has fallen by `FORGOTTEN` and by one.
     lobe : Lobe
         At Z = 0.
+    lag : float
+        Z by which an outer orbit lags behind the well that it comes from (`_lag`).
     """
 
     frequency: float
@@ -112,6 +117,7 @@ class Span:
     excess: float
     typical: float
     lobe: Lobe
+    lag: float
 
     @classmethod
     def of(cls, p):
@@ -145,7 +151,7 @@ class Span:
                 "raise one of them or let the stoppers dissipate (restitution < 1)"
             )
         last, typical = np.interp([FORGOTTEN, 1.0], fall, excess)
-        return cls(frequency, stiffness, energy, last, typical, lobe)
+        return cls(frequency, stiffness, energy, last, typical, lobe, _lag(p, lobe))
 
     def grid(self, p, doubling):
         """The grid after so many doublings: fine where the motion is."""
@@ -161,6 +167,25 @@ class Span:
             inside = min(3.0 * p.cubic_stiffness * self.energy / self.frequency**4, 1.0)
             charge = p.rest * (1.0 - _clustered(layers, 4.0 * inside)[::-1])
         return Grid(charge, share, excess, nodes)
+
+
+def _lag(p, lobe):
+    """Z that one pass of the separatrix leaves behind.
+
+    The noise kicks the energy once per lobe; only then does the side change, so that mass which
+    leaves a well first completes its lobe, on average over `IMPULSE` of one more than the
+    diffusion of the energy tells, and Z relaxes meanwhile. The lobe is that of an orbit one kick,
+    √(2A), above the separatrix.
+    """
+    if not lobe.double:
+        return 0.0
+    separatrix = HalfOrbits.of(lobe, lobe.well_path(np.ones(1), COARSEST[-1]))
+    rate = 1.0 / p.correlation_time
+    kick = np.sqrt(2.0 * p.intensity * separatrix.filtered_power(rate)) * rate
+    half = HalfOrbits.of(lobe, lobe.outer_path(kick, COARSEST[-1]))
+    duration = half.integral(1.0 / half.speed)[0]
+    centre = half.integral(half.x / half.speed)[0] / duration
+    return float(centre * -np.expm1(-IMPULSE * p.decay_rate * duration))
 
 
 def _clustered(cells, scale):
@@ -184,13 +209,14 @@ class _Solution:
         faces = None
         if self.grid.charge[-1] > 0.0:
             faces = faced(p, span.stiffness, self.grid, self.tables)
-        self.problem = Problem(p, self.grid, self.tables, faces)
+        self.problem = Problem(p, self.grid, self.tables, faces, span.lag)
         self.density = self.problem.solve()
 
     def totals(self):
         """Integrals over all cells; those of V² apart for orbit and slow part."""
         parts = [self._edge_totals(name) for name in self.tables]
         totals = {name: sum(part[name] for part in parts) for name in parts[0]}
+        totals["slow"] += self.problem.crossing(self.density)
         totals["share_in_wells"] = parts[0]["mass"] if len(parts) == 2 else 0.0
         return totals
 

@@ -6,6 +6,7 @@ from scipy.sparse.linalg import splu
 
 # −ζ(½)/√(2π): the Milne length of a walk with Gaussian steps, in standard deviations.
 MILNE = 0.5825971579390107
+LEAST_WIDTH = 1e-12  # of a piece of the axis of Z, as a share of its length
 LARGEST_PECLET = 500.0
 SHIFT = 1e-13  # of the matrix of fluxes, in units of a cell's own outflow
 ITERATIONS, SETTLED = 8, 1e-11
@@ -87,12 +88,14 @@ class Problem:
     grid : harvester.averaging.layers.Grid
     tables : dict of str to harvester.averaging.layers.Table
     faces : harvester.averaging.layers.Faces
+    lag : float
+        Z by which outer orbits lag behind a well that they come from.
     """
 
-    def __init__(self, p, grid, tables, faces):
+    def __init__(self, p, grid, tables, faces, lag):
         self.p, self.tables, self.faces = p, tables, faces
         self.count = len(grid.charge) - 1
-        self.charge = grid.charge
+        self.charge, self.lag, self._crossings = grid.charge, lag, []
         half = 0.5 * (grid.charge[1:] + grid.charge[:-1])
         width = np.diff(grid.charge)
         self.moves = bool(np.all(width > 0.0))
@@ -122,12 +125,11 @@ class Problem:
         density = self._balanced(volume, None)
         if density.min() < -NEGATIVE * density.max():
             density = self._balanced(volume, density)
-        density = np.maximum(density, 0.0)
-        density /= np.sum(density * volume)
         return {name: density[index] for name, index in self.index.items()}
 
     def _balanced(self, volume, previous):
         network = Network()
+        self._crossings = []
         for name in self.tables:
             self._along_energy(network, name)
             if self.moves:
@@ -204,32 +206,63 @@ class Problem:
         return (behind, near, far), np.array(weights)
 
     def _at_separatrix(self, network):
-        """Fluxes between wells and outer orbits, which share g at the junction but for the slip."""
-        wells, count = self.tables["wells"], self.count
+        """Fluxes between wells and outer orbits, which share g at the junction but for the slip.
+
+        A well's layer at Z meets the outer one at Z less the lag, a left well's the one at Z plus
+        the lag: the axis of Z is divided into the pieces on which the same layers meet.
+        """
+        wells, outer = self.tables["wells"], self.tables["outer"]
         edges = {name: self.coefficients(name) for name in self.tables}
-        for k in range(count):
-            right, left = count + k, count - 1 - k
-            sides = [layer for layer in (right, left) if wells.exists[layer]]
+        charge = {name: self.layers[name][0] for name in self.tables}
+        for width, k, right, left in self._meetings():
+            sides = [layer for layer in (right, left) if layer is not None and wells.exists[layer]]
             loss, noise = (values[k, 0] for values in edges["outer"])
-            distance = self.tables["outer"].height[k, 0]
-            outside = fitted(loss, noise, distance)
+            outside = fitted(loss, noise, outer.height[k, 0])
             inside, noises = [], []
             for layer in sides:
                 loss, noise = (values[layer, -1] for values in edges["wells"])
                 distance = wells.face_height[layer, -1] - wells.height[layer, -1]
                 inside.append(fitted(loss, noise, distance))
                 noises.append(noise)
-            weights = _junction(inside, noises, outside)
-            cells = [self.index["wells"][layer, -1] for layer in sides]
-            cells = np.array([*cells, self.index["outer"][k, 0]])
-            for source, row in zip(cells[:-1], weights, strict=True):
-                network.add(
-                    np.array([source]),
-                    cells[-1:],
-                    cells[None, :],
-                    (row * self.layers["outer"][1][k])[None, :],
-                )
+            weights = width * _junction(inside, noises, outside)
+            cells = np.append(self.index["wells"][sides, -1], self.index["outer"][k, 0])
+            for layer, source, row in zip(sides, cells[:-1], weights, strict=True):
+                network.add(np.array([source]), cells[-1:], cells[None, :], row[None, :])
+                side = 1.0 if layer == right else -1.0
+                ends = charge["wells"][layer], side * charge["outer"][k]
+                arms = ends[0] - wells.junction[layer], ends[1] - side * outer.junction[k]
+                self._crossings.append((cells, row, (ends[0] - ends[1]) * 0.5 * sum(arms)))
 
+    def _meetings(self):
+        """(width, outer layer, right well's layer, left well's layer by its mirror image).
+
+        Outer orbits nearer to the end than the lag have no right well to come from: None.
+        """
+        last = self.charge[-1]
+        both = np.append(-self.charge[:0:-1], self.charge)
+        cuts = np.concatenate([self.charge, both - self.lag, self.lag - both])
+        cuts = np.unique(np.clip(cuts, 0.0, last))
+        cuts = cuts[np.insert(np.diff(cuts) > LEAST_WIDTH * last, 0, True)]
+        cuts[-1] = last
+        middle = 0.5 * (cuts[1:] + cuts[:-1])
+
+        def layer(faces, place):
+            return np.clip(np.searchsorted(faces, place) - 1, 0, len(faces) - 2)
+
+        outer = layer(self.charge, middle)
+        right, left = layer(both, middle + self.lag), layer(both, self.lag - middle)
+        right = [int(k) if place + self.lag < last else None for k, place in zip(right, middle, strict=True)]
+        return zip(np.diff(cuts), outer, right, left, strict=True)
+
+    def crossing(self, density):
+        """What the lag adds to E[(⟨X⟩ − Z)²]: Z is left behind while the mass crosses.
+
+        The potential at the junction falls by β' ∫(Z − x) dZ on the way, work of the charge that
+        the load takes at the rate β'λ(⟨X⟩ − Z)².
+        """
+        flat = np.concatenate([density[name].ravel() for name in self.tables])
+        work = sum((flat[cells] @ row) * fall for cells, row, fall in self._crossings)
+        return work / self.p.decay_rate
 
 def _junction(inside, noises, outside):
     """Outward fluxes out of the wells as weights of (wells' last cells, outer first cell).
