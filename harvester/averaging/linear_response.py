@@ -17,6 +17,8 @@ from scipy.linalg import solve_continuous_lyapunov
 
 from harvester.forces import contact_damping
 
+FASTEST = 10.0  # rate of damping, in units of the frequency, that still has a resonance
+
 
 class Beside(NamedTuple):
     """Exact minus averaged means of the linearised device."""
@@ -50,7 +52,8 @@ def beside_resonance(p, stiffness, velocity, displacement):
             damping += float(contact_damping(p, x, 0.0, 0.0))
     square = spring + stiffness
     rate = damping + p.coupling * p.decay_rate / (p.decay_rate**2 + square)
-    if rate == 0.0 or spring <= 0.0:
+    # A contact that a resting mass meets at no speed damps without bound: nothing to linearise.
+    if rate == 0.0 or spring <= 0.0 or rate > FASTEST * np.sqrt(square):
         return Beside(0.0, 0.0, 0.0, 0.0)
     averaged = p.intensity / ((1.0 + square * p.correlation_time**2) * rate)
     covariance = _covariance(p, spring, damping)

@@ -206,10 +206,8 @@ def _filtered_power(element, speed, square):
                 count += 1
         before, behind = 2.0 / duration[0], 0.0
         for k in range(count):
-            if k + 1 < count:
-                after = 2.0 / (duration[k] + duration[k + 1])
-            else:
-                after = 2.0 / duration[k]
+            following = duration[k + 1] if k + 1 < count else 0.0
+            after = 2.0 / (duration[k] + following)
             pivot = square * duration[k] + before * (1.0 - (behind if k > 0 else 0.0)) + after
             load[k] = (step[k] + (before * load[k - 1] if k > 0 else 0.0)) / pivot
             coupling[k] = behind = after / pivot

@@ -37,9 +37,12 @@ class SlowDensity:
         self._p, self._span = p, span
         self._charge, self._width = problem.layers["outer"]
         self._least = float(potential(p, p.rest))
-        self._outer = _tabulated(problem.tables["outer"], density["outer"])
         self._junction = problem.tables["outer"].junction
         count = len(self._charge)
+        density = {name: np.maximum(g, 0.0) for name, g in density.items()}
+        norm = sum(np.sum(g * problem.volume(name)) for name, g in density.items())
+        density = {name: g / norm for name, g in density.items()}
+        self._outer = _tabulated(problem.tables["outer"], density["outer"])
         if "wells" in problem.tables:
             self._wells = _tabulated(problem.tables["wells"], density["wells"])
         else:
@@ -91,7 +94,7 @@ class SlowDensity:
         by_speed = self._fast * self._top_speed() < self._slow * self._reach()
         place, weight = self._speeds() if by_speed else self._places()
         total = 0.0
-        for charge, width, k in zip(self._charge, self._width, range(len(self._width)), strict=True):
+        for k, (charge, width) in enumerate(zip(self._charge, self._width, strict=True)):
             for side in (flat, -flat):
                 if by_speed:
                     x = (side[:, None] - self._fast * place) / self._slow + charge
@@ -218,14 +221,13 @@ def _tabulated(table, density):
         height = table.height[k]
         logarithm = np.log(np.maximum(density[k], LEAST))
         ends = (0.0, table.face_height[k, -1])
-        low = logarithm[0] + (logarithm[1] - logarithm[0]) * (height[0] - ends[0]) / (
-            height[0] - height[1]
-        )
-        high = logarithm[-1] + (logarithm[-1] - logarithm[-2]) * (ends[1] - height[-1]) / (
-            height[-1] - height[-2]
-        )
+        slopes = np.diff(logarithm) / np.diff(height)
+        ahead = np.array([ends[0] - height[0], ends[1] - height[-1]])
+        # A cell's g changes by no more than a factor e to its end: next to it may be rounding.
+        change = np.clip(slopes[[0, -1]] * ahead, -1.0, 1.0)
         knots = np.concatenate([ends[:1], height, ends[1:]])
-        curve = PchipInterpolator(knots, np.concatenate([[low], logarithm, [high]]))
+        values_at = [logarithm[:1] + change[0], logarithm, logarithm[-1:] + change[1]]
+        curve = PchipInterpolator(knots, np.concatenate(values_at))
         places = np.arange(FINER * (cells + 1) + 1) / FINER
         fine = np.interp(places, np.arange(cells + 2), knots)
         energies.append(table.base[k] + fine)
@@ -269,9 +271,7 @@ def _joint(x, v, bare, charge, width, stiffness, junction, outer, outside, wells
     for i in range(len(x)):
         for k in range(len(charge)):
             energy = bare[i] + 0.5 * stiffness * (x[i] - charge[k]) ** 2 + 0.5 * v[i] ** 2
-            total[i] += width[k] * _value(
-                energy, x[i], k, junction, outer, outside, wells, inside
-            )
+            total[i] += width[k] * _value(energy, x[i], k, junction, outer, outside, wells, inside)
     return total
 
 

@@ -32,7 +32,9 @@ from harvester.errors import AveragingError
 IMPULSE = 0.3835
 FORGOTTEN = 40.0  # ln g falls by this much up to the outer end
 # Cells in half the range of Z, in a well and outside; nodes on each piece of an orbit.
-COARSEST = (10, 12, 15, 12)
+COARSEST = (10, 12, 15, 8)
+MOST_NODES = 32
+SCAN_NODES = 16
 DOUBLINGS = 4
 JUDGED = (
     "mean_square_voltage",
@@ -47,8 +49,9 @@ JUDGED = (
 def slow_load(parameters, tolerance):
     """Means and densities, on a grid fine enough for the tolerance.
 
-    The means are extrapolated from each grid and one half as fine, errors of second order; their
-    numerical error is the change against the extrapolation from grids half as fine again.
+    The means are extrapolated from each grid and one half as fine, errors of second order. Their
+    numerical error is a third of the change against the extrapolation from grids half as fine,
+    what errors of second order would leave once more.
 
     Parameters
     ----------
@@ -76,7 +79,7 @@ def slow_load(parameters, tolerance):
         totals = {name: (4.0 * raw[name] - coarse[name]) / 3.0 for name in raw}
         means = _means(p, span, totals)
         if before is not None:
-            error = {name: abs(means[name] - before[name]) for name in means}
+            error = {name: abs(means[name] - before[name]) / 3.0 for name in means}
             if all(error[name] <= tolerance * abs(means[name]) for name in JUDGED):
                 return Averages(
                     closure="slow_load",
@@ -101,8 +104,11 @@ class Span:
     ----------
     frequency, stiffness : float
         ω of small oscillations at the rest position, and β'.
-    energy : float
-        Energy of the orbits in a well at which ln g has fallen by about one.
+    energy, depth : float
+        Energy of the orbits in a well at which ln g has fallen by about one, and of its end, at
+        the rest position's Z.
+    inside : float
+        Share of the rest position's distance by which ⟨X⟩ of the first of them lies within it.
     excess, typical : float
         Energies above the junction at which the outer ln g has fallen by `FORGOTTEN` and by one.
     lobe : Lobe
@@ -114,6 +120,8 @@ class Span:
     frequency: float
     stiffness: float
     energy: float
+    depth: float
+    inside: float
     excess: float
     typical: float
     lobe: Lobe
@@ -136,37 +144,47 @@ class Span:
         energy = p.intensity * time / (1.0 + square * p.correlation_time**2)
         lobe = Lobe(p, stiffness, 0.0)
         excess = energy * np.exp(np.linspace(-12.0, 32.0, 177))
-        half = HalfOrbits.of(lobe, lobe.outer_path(excess, COARSEST[-1]))
-        half = half.after_mirrored(half)
-        noise = p.intensity * half.filtered_power(1.0 / p.correlation_time)
-        loss = half.integral(half.speed * (p.damping + half.damping))
-        loss += p.coupling * p.decay_rate * half.filtered_power(p.decay_rate)
-        rate = loss / noise * p.correlation_time**2
-        fall = rate[0] * excess[0] + np.append(
-            0.0, np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(excess))
-        )
+        half = HalfOrbits.of(lobe, lobe.outer_path(excess, SCAN_NODES))
+        fall = _fall(p, half.after_mirrored(half), excess)
         if fall[-1] < FORGOTTEN:
             raise AveragingError(
                 f"damping={p.damping:g} with coupling={p.coupling:g} does not bound the energy; "
                 "raise one of them or let the stoppers dissipate (restitution < 1)"
             )
+        depth = inside = 1.0
+        if lobe.has_well:
+            share = np.exp(np.linspace(np.log(1e-6), 0.0, 60))[:-1]
+            charged = Lobe(p, stiffness, p.rest)
+            half = HalfOrbits.of(charged, charged.well_path(share, SCAN_NODES))
+            height = charged.well_heights(share)
+            energy, depth = float(np.interp(1.0, _fall(p, half, height), height)), charged.depth
+            centre = half.integral(half.x / half.speed) / half.period
+            inside = float(np.interp(energy, height, 1.0 - centre / p.rest))
         last, typical = np.interp([FORGOTTEN, 1.0], fall, excess)
-        return cls(frequency, stiffness, energy, last, typical, lobe, _lag(p, lobe))
+        return cls(frequency, stiffness, energy, depth, inside, last, typical, lobe, _lag(p, lobe))
 
     def grid(self, p, doubling):
         """The grid after so many doublings: fine where the motion is."""
         layers, well, outer, nodes = (count * 2**doubling for count in COARSEST)
-        nodes = COARSEST[-1] * min(2**doubling, 4)
+        nodes = min(nodes, MOST_NODES)
         excess = self.excess * _clustered(outer, self.typical / self.excess)
         share = np.empty(0)
         if self.lobe.double:
-            share = _clustered(well, 2.0 * np.sqrt(self.energy / (3.0 * self.lobe.depth)))
+            share = _clustered(well, 2.0 * np.sqrt(self.energy / (3.0 * self.depth)))
         charge = np.zeros(2)
         if p.linear_stiffness < 0.0:
-            # ⟨X⟩ of the typical orbit in a well lies about this share inside its bottom.
-            inside = min(3.0 * p.cubic_stiffness * self.energy / self.frequency**4, 1.0)
-            charge = p.rest * (1.0 - _clustered(layers, 4.0 * inside)[::-1])
+            charge = p.rest * (1.0 - _clustered(layers, 4.0 * self.inside)[::-1])
         return Grid(charge, share, excess, nodes)
+
+
+def _fall(p, half, height):
+    """∫B/A dH, by which ln g falls up to these orbits."""
+    noise = p.intensity * half.filtered_power(1.0 / p.correlation_time)
+    loss = half.integral(half.speed * (p.damping + half.damping))
+    loss += p.coupling * p.decay_rate * half.filtered_power(p.decay_rate)
+    rate = loss / noise * p.correlation_time**2
+    steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(height)
+    return rate[0] * height[0] + np.append(0.0, np.cumsum(steps))
 
 
 def _lag(p, lobe):
@@ -179,10 +197,10 @@ def _lag(p, lobe):
     """
     if not lobe.double:
         return 0.0
-    separatrix = HalfOrbits.of(lobe, lobe.well_path(np.ones(1), COARSEST[-1]))
+    separatrix = HalfOrbits.of(lobe, lobe.well_path(np.ones(1), SCAN_NODES))
     rate = 1.0 / p.correlation_time
     kick = np.sqrt(2.0 * p.intensity * separatrix.filtered_power(rate)) * rate
-    half = HalfOrbits.of(lobe, lobe.outer_path(kick, COARSEST[-1]))
+    half = HalfOrbits.of(lobe, lobe.outer_path(kick, SCAN_NODES))
     duration = half.integral(1.0 / half.speed)[0]
     centre = half.integral(half.x / half.speed)[0] / duration
     return float(centre * -np.expm1(-IMPULSE * p.decay_rate * duration))
@@ -247,7 +265,7 @@ class _Solution:
         outer, wells = self.tables["outer"], self.tables["wells"]
         beside = {
             "outer": outer.height < kick,
-            "wells": wells.face_height[:, -1:] - wells.height < np.append(kick[::-1], kick)[:, None],
+            "wells": wells.face_height[:, -1:] - wells.height < np.append(kick[::-1], kick, axis=0),
         }
         return float(
             sum(

@@ -251,7 +251,8 @@ class Problem:
 
         outer = layer(self.charge, middle)
         right, left = layer(both, middle + self.lag), layer(both, self.lag - middle)
-        right = [int(k) if place + self.lag < last else None for k, place in zip(right, middle, strict=True)]
+        reached = middle + self.lag < last
+        right = [k if inside else None for k, inside in zip(right, reached, strict=True)]
         return zip(np.diff(cuts), outer, right, left, strict=True)
 
     def crossing(self, density):
@@ -263,6 +264,7 @@ class Problem:
         flat = np.concatenate([density[name].ravel() for name in self.tables])
         work = sum((flat[cells] @ row) * fall for cells, row, fall in self._crossings)
         return work / self.p.decay_rate
+
 
 def _junction(inside, noises, outside):
     """Outward fluxes out of the wells as weights of (wells' last cells, outer first cell).
