@@ -10,8 +10,9 @@ density of the phase space at each Z,
 
 V here its part that goes round with the orbit, by the same filter at 1/λ: ∮V² dt = ∮X' y dt with
 λ² y − y'' = X'. At the frequency ω of the orbits that part has λ²/(λ² + ω²) of its displacement
-in phase with Z: the potential therefore has β' = β ω²/(λ² + ω²) for β, and by balance of energy
-E[V²] takes ω²/(λ² + ω²) of E[(⟨X⟩ − Z)²]. That leads from the open circuit (λ → 0) to the closed
+in phase with Z: the potential therefore has β' = β ω²/(λ² + ω²) for β. The mean over an orbit
+cannot change faster than the orbit turns: Z relaxes at λ' = λω/√(λ² + ω²). By balance of energy
+E[V²] then takes β'λ'/(βλ) of E[(⟨X⟩ − Z)²]. That leads from the open circuit (λ → 0) to the closed
 one (λ → ∞); in between it is exact to first order in λ.
 """
 
@@ -89,7 +90,7 @@ def slow_load(parameters, tolerance):
                     validity=_validity(p, span, solution),
                 )
         before = means
-    worst = max(JUDGED, key=lambda name: error[name] / abs(means[name]))
+    worst = max(JUDGED, key=lambda name: error[name] / (abs(means[name]) or np.inf))
     raise AveragingError(
         f"{worst.replace('_', ' ')} still changes by {error[worst]:.2g} of {means[worst]:.3g} on "
         f"the finest grid, more than the tolerance of {tolerance:g}: raise it, or simulate"
@@ -109,6 +110,8 @@ class Span:
         the rest position's Z.
     inside : float
         Share of the rest position's distance by which ⟨X⟩ of the first of them lies within it.
+    rate : float
+        λ', at which Z relaxes.
     excess, typical : float
         Energies above the junction at which the outer ln g has fallen by `FORGOTTEN` and by one.
     lobe : Lobe
@@ -122,6 +125,7 @@ class Span:
     energy: float
     depth: float
     inside: float
+    rate: float
     excess: float
     typical: float
     lobe: Lobe
@@ -139,6 +143,7 @@ class Span:
         frequency = p.angular_frequency
         square = frequency**2
         stiffness = p.coupling * square / (p.decay_rate**2 + square)
+        rate = p.decay_rate / np.sqrt(1.0 + p.decay_rate**2 / square)
         time = p.relaxation_time
         time = time if np.isfinite(time) else p.correlation_time
         energy = p.intensity * time / (1.0 + square * p.correlation_time**2)
@@ -161,7 +166,18 @@ class Span:
             centre = half.integral(half.x / half.speed) / half.period
             inside = float(np.interp(energy, height, 1.0 - centre / p.rest))
         last, typical = np.interp([FORGOTTEN, 1.0], fall, excess)
-        return cls(frequency, stiffness, energy, depth, inside, last, typical, lobe, _lag(p, lobe))
+        return cls(
+            frequency,
+            stiffness,
+            energy,
+            depth,
+            inside,
+            rate,
+            last,
+            typical,
+            lobe,
+            _lag(p, lobe, rate),
+        )
 
     def grid(self, p, doubling):
         """The grid after so many doublings: fine where the motion is."""
@@ -187,7 +203,7 @@ def _fall(p, half, height):
     return rate[0] * height[0] + np.append(0.0, np.cumsum(steps))
 
 
-def _lag(p, lobe):
+def _lag(p, lobe, rate):
     """Z that one pass of the separatrix leaves behind.
 
     The noise kicks the energy once per lobe; only then does the side change, so that mass which
@@ -198,12 +214,12 @@ def _lag(p, lobe):
     if not lobe.double:
         return 0.0
     separatrix = HalfOrbits.of(lobe, lobe.well_path(np.ones(1), SCAN_NODES))
-    rate = 1.0 / p.correlation_time
-    kick = np.sqrt(2.0 * p.intensity * separatrix.filtered_power(rate)) * rate
+    noise = separatrix.filtered_power(1.0 / p.correlation_time) / p.correlation_time**2
+    kick = np.sqrt(2.0 * p.intensity * noise)
     half = HalfOrbits.of(lobe, lobe.outer_path(kick, SCAN_NODES))
     duration = half.integral(1.0 / half.speed)[0]
     centre = half.integral(half.x / half.speed)[0] / duration
-    return float(centre * -np.expm1(-IMPULSE * p.decay_rate * duration))
+    return float(centre * -np.expm1(-IMPULSE * rate * duration))
 
 
 def _clustered(cells, scale):
@@ -227,7 +243,7 @@ class _Solution:
         faces = None
         if self.grid.charge[-1] > 0.0:
             faces = faced(p, span.stiffness, self.grid, self.tables)
-        self.problem = Problem(p, self.grid, self.tables, faces, span.lag)
+        self.problem = Problem(p, self.grid, self.tables, faces, span.rate, span.lag)
         self.density = self.problem.solve()
 
     def totals(self):
@@ -277,7 +293,7 @@ class _Solution:
 
 def _means(p, span, totals):
     """Dictionary of means from the sums over cells."""
-    passing = span.frequency**2 / (p.decay_rate**2 + span.frequency**2)
+    passing = (1.0 + (p.decay_rate / span.frequency) ** 2) ** -1.5
     velocity, displacement = totals["velocity"], totals["displacement"]
     voltage = totals["round"] + passing * totals["slow"]
     loss = p.damping * velocity + totals["contact"]

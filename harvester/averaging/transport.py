@@ -88,14 +88,14 @@ class Problem:
     grid : harvester.averaging.layers.Grid
     tables : dict of str to harvester.averaging.layers.Table
     faces : harvester.averaging.layers.Faces
-    lag : float
-        Z by which outer orbits lag behind a well that they come from.
+    rate, lag : float
+        At which Z relaxes, and by which outer orbits lag behind a well that they come from.
     """
 
-    def __init__(self, p, grid, tables, faces, lag):
+    def __init__(self, p, grid, tables, faces, rate, lag):
         self.p, self.tables, self.faces = p, tables, faces
         self.count = len(grid.charge) - 1
-        self.charge, self.lag, self._crossings = grid.charge, lag, []
+        self.charge, self.rate, self.lag, self._crossings = grid.charge, rate, lag, []
         half = 0.5 * (grid.charge[1:] + grid.charge[:-1])
         width = np.diff(grid.charge)
         self.moves = bool(np.all(width > 0.0))
@@ -144,7 +144,7 @@ class Problem:
         charge, width = self.layers[name]
         loss = p.damping * table.area + table.contact + p.coupling * p.decay_rate * table.voltage
         if self.moves:
-            drift = p.decay_rate * (table.centre - charge[:, None])
+            drift = self.rate * (table.centre - charge[:, None])
             loss = loss + drift * np.diff(self.faces.area[name], axis=0) / width[:, None]
         return loss, p.intensity * table.noise
 
@@ -159,11 +159,11 @@ class Problem:
         network.add(inner, outer, np.stack([inner, outer], axis=-1), weights)
 
     def _along_charge(self, network, name, previous):
-        """λ(⟨X⟩ − Z) g between layers, g at the face from two layers upstream and one ahead."""
+        """Z' g between layers, g at the face from two layers upstream and one ahead."""
         index, exists = self.index[name], self.tables[name].exists
         charge = self.layers[name][0]
         at = self.charge if name == "outer" else np.append(-self.charge[:0:-1], self.charge)
-        flow = self.p.decay_rate * (
+        flow = self.rate * (
             np.diff(self.faces.displacement[name], axis=1)
             - at[:, None] * np.diff(self.faces.area[name], axis=1)
         )
@@ -259,11 +259,11 @@ class Problem:
         """What the lag adds to E[(⟨X⟩ − Z)²]: Z is left behind while the mass crosses.
 
         The potential at the junction falls by β' ∫(Z − x) dZ on the way, work of the charge that
-        the load takes at the rate β'λ(⟨X⟩ − Z)².
+        the load takes at the rate β' `rate` (⟨X⟩ − Z)².
         """
         flat = np.concatenate([density[name].ravel() for name in self.tables])
         work = sum((flat[cells] @ row) * fall for cells, row, fall in self._crossings)
-        return work / self.p.decay_rate
+        return work / self.rate
 
 
 def _junction(inside, noises, outside):

@@ -90,7 +90,7 @@ def test_every_wrong_and_refused_cell_is_named_with_its_reason():
     matrix = StabilityMatrix(Scene.load("paper"), rows, 1.0)
     assert len(matrix.wrong) == len(matrix.refused) == 1
     text = "\n".join(matrix.sentences())
-    assert "7 right, 1 refused, 1 wrong" in text
+    assert "10 right, 1 refused, 1 wrong" in text
     assert "WRONG scene: as it is, simulation" in text
     assert "refused by paper for scene: as it is: no double well" in text
     json.dumps(matrix.to_dict(), allow_nan=False)
