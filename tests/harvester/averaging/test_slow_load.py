@@ -125,9 +125,7 @@ def test_simulation(intensity, correlation_time, voltage, efficiency, tolerance)
     points = 0.02 if correlation_time == 1.0 and intensity == 0.1 else 0.013
     result = average(p, "slow_load", 5e-3)
     assert result.mean_square_voltage == pytest.approx(voltage, rel=tolerance)
-    assert result.power_conversion_efficiency == pytest.approx(
-        efficiency, abs=0.013 if tolerance < 0.1 else 0.02
-    )
+    assert result.power_conversion_efficiency == pytest.approx(efficiency, abs=points)
 
 
 EDGE_CASES = [
