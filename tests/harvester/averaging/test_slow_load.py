@@ -114,7 +114,7 @@ def test_impulse_left_at_the_separatrix():
     [
         (0.005, 0.4, 0.00782, 0.1512, 0.01),
         pytest.param(0.02, 0.4, 0.02733, 0.1281, 0.01, marks=pytest.mark.slow),
-        (0.1, 0.4, 0.44317, 0.3092, 0.02),
+        (0.1, 0.4, 0.44317, 0.3092, 0.0125),  # the slip alone is 1 %, the lag 1.5 %
         pytest.param(0.02, 1.0, 0.00786, 0.1526, 0.01, marks=pytest.mark.slow),
         pytest.param(0.1, 1.0, 0.0596, 0.19, 0.17, marks=pytest.mark.slow),
     ],
