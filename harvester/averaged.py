@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from harvester.averaging import TOLERANCE
 from harvester.averaging import average as average_parameters
 from harvester.errors import AveragingError
 from harvester.estimators import Density, Estimate, root
@@ -27,20 +28,41 @@ EVEN = 100
 LANDMARKS = 100
 # Densities are given as far out as they exceed this share of their peak.
 NEGLIGIBLE = 1e-6
+# Beyond which a number of `Averages.validity` becomes a note, and what it says there.
+ENDS = {
+    "correlation_time_over_relaxation_time": (
+        0.05,
+        "the noise is remembered for {:.2g} of the energy's relaxation time: averaging takes it "
+        "to forget at once",
+    ),
+    "decay_rate_over_orbit_frequency": (
+        0.3,
+        "the load's decay rate is {:.2g} of the orbits' angular frequency: its charge is no "
+        "longer slow",
+    ),
+    "share_near_separatrix": (
+        0.3,
+        "{:.0%} of the probability lies within one noise kick of the separatrix, where the noise "
+        "outlasts the energy",
+    ),
+}
 
 
-def average(scene, closure="consistent", fit=False):
+def average(scene, closure="consistent", tolerance=TOLERANCE, fit=False):
     """Quantities and densities of a scene by stochastic averaging.
 
     Parameters
     ----------
     scene : Scene
     closure : str
-        "paper" (Eqs. 10–37 as printed, slips corrected) or "consistent" (the constant force of
-        the piezo kept in the potential).
+        "paper" (Eqs. 10–37 as printed, slips corrected), "consistent" (the constant force of
+        the piezo kept in the potential) or "slow_load" (the slow part of the piezo's charge
+        followed beside the energy).
     fit : bool
         Of a record: take the Ornstein–Uhlenbeck noise that fits its spectrum, whose evidence is
         in `Result.spectrum_fit` and `notes`.
+    tolerance : float
+        Largest numerical error that is an answer, as a share of it.
 
     Returns
     -------
@@ -63,7 +85,7 @@ def average(scene, closure="consistent", fit=False):
     if refusal:
         raise AveragingError(f'excitation.kind = "{scene.excitation.kind}": {refusal}')
     parameters, scales = scale(noise)
-    averages = average_parameters(parameters, closure)
+    averages = average_parameters(parameters, closure, tolerance)
     quantities = {
         name: Estimate(
             float(getattr(averages, name)), averages.numerical_error[name], None, dimension
@@ -73,7 +95,7 @@ def average(scene, closure="consistent", fit=False):
     quantities["rms_voltage"] = root(quantities["mean_square_voltage"])
     if parameters.linear_stiffness >= 0.0:
         del quantities["share_in_wells"]
-    densities = {name: _tabulated(averages.density, name) for name in ("displacement", "velocity")}
+    densities = {name: _tabulated(averages.density, name) for name in averages.density.names}
     seconds = time.perf_counter() - clock
     return Result(
         scene=scene,
@@ -91,7 +113,7 @@ def average(scene, closure="consistent", fit=False):
         engine_version=f"stochastic averaging, closure {closure}",
         netlist_sha256=None,
         densities=densities,
-        notes=spectrum_fit.notes() if fit else (),
+        notes=(*(spectrum_fit.notes() if fit else ()), *_notes(averages.validity)),
         spectrum_fit=spectrum_fit,
     )
 
@@ -113,7 +135,7 @@ def _fitted(scene):
 def _tabulated(densities, name):
     """A density on a grid that reaches as far as it matters and is finer where orbits crowd."""
     density = getattr(densities, name)
-    landmarks = _landmarks(densities, name)
+    landmarks = densities.landmarks(name)
     rough = landmarks[np.linspace(0, landmarks.size - 1, LANDMARKS).astype(int)]
     values = density(rough)
     matters = np.flatnonzero(values > NEGLIGIBLE * values.max())
@@ -126,14 +148,10 @@ def _tabulated(densities, name):
     return Density(grid, density(grid), None, name)
 
 
-def _landmarks(densities, name):
-    """Where orbits turn, or their greatest speeds: a narrow well is not missed between them."""
-    points = []
-    for branch in densities.branches:
-        o = branch.orbits
-        if name == "displacement":
-            points += [o.left, o.right]
-        else:
-            bottom = branch.edge.potential.energy(o.bottom, o.added_stiffness)
-            points.append(np.sqrt(2.0 * np.maximum(o.energy - bottom, 0.0)))
-    return np.unique(np.abs(np.concatenate(points)))
+def _notes(validity):
+    """Sentences on the assumptions that end here."""
+    return tuple(
+        sentence.format(validity[name])
+        for name, (limit, sentence) in ENDS.items()
+        if validity.get(name, 0.0) > limit
+    )

@@ -9,11 +9,11 @@ from harvester.diagram import MEANS
 from harvester.output import whole_file
 
 STYLE = Path(__file__).parent / "house.mplstyle"
-LINES = {"paper": ("0.55", "--"), "consistent": ("#009E73", "-")}
+LINES = {"paper": ("0.55", "--"), "consistent": ("#009E73", "-"), "slow_load": ("#7B3FA0", "-.")}
 # Share of its peak down to which a density is drawn.
 WORTH_DRAWING = 1e-3
 CIRCUIT, MONTE_CARLO = "#0072B2", "#D55E00"
-# Of the families of `harvester.methods` in turn; green and grey are the closures'.
+# Of the families of `harvester.methods` in turn; green, grey and violet are the closures'.
 FAMILY_COLOURS = ("#E69F00", "#CC79A7", CIRCUIT, "#8C564B", "#56B4E9", MONTE_CARLO, "0.2")
 FAMILY_MARKERS = "vdoDsP^"
 # Smallest bias that is drawn (%).

@@ -10,7 +10,7 @@ FACE = {RIGHT: "#A8DDB5", REFUSED: "#D0D0D0", WRONG: "#CB181D"}
 INK = {RIGHT: "black", REFUSED: "0.25", WRONG: "white"}
 BLOCKS = 3
 # Left edges and widths of a block's cells, the case's name left of them; a block is 1 wide.
-NAME, CELLS = 0.0, ((0.41, 0.27), (0.69, 0.13), (0.83, 0.13))
+NAME, CELLS = 0.0, ((0.36, 0.24), (0.61, 0.115), (0.735, 0.115), (0.86, 0.115))
 
 
 def draw(matrix):
@@ -18,7 +18,7 @@ def draw(matrix):
     from matplotlib.figure import Figure
 
     depth = math.ceil(len(matrix.rows) / BLOCKS)
-    figure = Figure(figsize=(16.0, 1.3 + 0.27 * depth))
+    figure = Figure(figsize=(19.0, 1.3 + 0.27 * depth))
     axes = figure.add_subplot()
     for place, row in enumerate(matrix.rows):
         _draw_row(axes, row, place // depth, place % depth)

@@ -27,6 +27,8 @@ JUDGED = ("mean_square_voltage", "power_conversion_efficiency")
 MARGIN, GROWTH = 1.1, 8.0
 # Realizations that a request of many is split into: side by side in one netlist they cost half.
 REALIZATIONS = 16
+# Largest numerical error of a closure: finer grids would show in no figure.
+CLOSURE_ERROR = 5e-3
 # Wall-clock limit of one request (s).
 TIME_LIMIT = 3600.0
 # Rough cost of a request in closure points, to start the long ones first.
@@ -260,12 +262,12 @@ def _shortfall(result, error):
 
 def _averaged(request):
     if request.density:
-        result = average(request.scene, request.method)
+        result = average(request.scene, request.method, tolerance=CLOSURE_ERROR)
         density = result.densities["displacement"]
         return Answer(request.scene, result.scaled_quantities, density, result.wall_seconds)
     parameters, _ = scale(request.scene)
     clock = time.perf_counter()
-    averages = average_parameters(parameters, request.method)
+    averages = average_parameters(parameters, request.method, CLOSURE_ERROR)
     quantities = {
         name: Estimate(
             float(getattr(averages, name)), averages.numerical_error[name], None, dimension

@@ -1,5 +1,6 @@
 """Stochastic averaging of the energy: stationary means and densities without simulation."""
 
-from harvester.averaging.closures import CLOSURES, Averages, average
+from harvester.averaging.averages import Averages
+from harvester.averaging.closures import CLOSURES, TOLERANCE, average
 
-__all__ = ["CLOSURES", "Averages", "average"]
+__all__ = ["CLOSURES", "TOLERANCE", "Averages", "average"]

@@ -1,66 +1,32 @@
-"""Quasi-conservative stochastic averaging (Eqs. 10–37) in two closures."""
-
-from dataclasses import dataclass, field
+"""Quasi-conservative stochastic averaging (Eqs. 10–37) in three closures."""
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from harvester.averaging.averages import Averages
 from harvester.averaging.density import Branch, Density
 from harvester.averaging.edges import follow, outer_range, well_range
 from harvester.averaging.orbits import OuterEdge, Potential, WellEdge
+from harvester.averaging.slow_load import slow_load
 from harvester.errors import AveragingError
 from harvester.scene_schema import nearest
 
-CLOSURES = ("paper", "consistent")
+CLOSURES = ("paper", "consistent", "slow_load")
 LEVELS, NODES = 400, 24  # levels of each edge, quadrature nodes on each piece of an orbit
 COARSE_LEVELS, COARSE_NODES = 200, 16  # the grid that tells the numerical error
-LARGEST_ERROR = 1e-3  # that is an answer, as a share of it
+TOLERANCE = 1e-3  # largest numerical error that is an answer, as a share of it
 
 
-@dataclass(frozen=True)
-class Averages:
-    """Stationary means in scaled units.
-
-    Attributes
-    ----------
-    closure : str
-    mean_square_voltage : float
-        E[V²] (Eq. 28).
-    mean_power : float
-        βλE[V²] (Eq. 30), s⁻³.
-    mechanical_loss : float
-        E[(c + contact damping) X'²] (Eq. 36), s⁻³.
-    power_conversion_efficiency : float
-        `mean_power` / (`mechanical_loss` + `mean_power`) (Eq. 35).
-    mean_square_velocity, mean_square_displacement : float
-        E[X'²], E[X²].
-    share_in_wells : float
-        Probability of the orbits inside a well; 0 for a monostable device.
-    numerical_error : dict of str to float
-        For each mean above its change against a grid half as fine.
-    density : Density
-        Densities of displacement, velocity, both, and energy.
-    """
-
-    closure: str
-    mean_square_voltage: float
-    mean_power: float
-    mechanical_loss: float
-    power_conversion_efficiency: float
-    mean_square_velocity: float
-    mean_square_displacement: float
-    share_in_wells: float
-    numerical_error: dict
-    density: Density = field(repr=False)
-
-
-def average(parameters, closure):
+def average(parameters, closure, tolerance=TOLERANCE):
     """Means and densities of a device by stochastic averaging of its energy.
 
     Parameters
     ----------
     parameters : harvester.parameters.ScaledParameters
-    closure : {"paper", "consistent"}
+    closure : {"paper", "consistent", "slow_load"}
+    tolerance : float
+        Largest numerical error that is an answer, as a share of it. `slow_load` refines its grid
+        until it is met.
 
     Returns
     -------
@@ -94,11 +60,13 @@ def average(parameters, closure):
     and outer orbits overlap in the phase plane, have one at the ends of each.
     """
     _check(parameters, closure)
+    if closure == "slow_load":
+        return slow_load(parameters, tolerance)
     edges = _edges(parameters, closure)
     means, _ = _solve(parameters, closure, edges, COARSE_LEVELS, COARSE_NODES)
     fine, density = _solve(parameters, closure, edges, LEVELS, NODES)
     error = {name: abs(fine[name] - means[name]) for name in fine}
-    _check_resolved(fine, error)
+    _check_resolved(fine, error, tolerance)
     return Averages(closure=closure, **fine, numerical_error=error, density=density)
 
 
@@ -112,7 +80,8 @@ def _check(p, closure):
             f"{p.relaxation_time:.3g} s; averaging assumes noise that forgets before the energy "
             "changes: shorten it, or simulate"
         )
-    if p.linear_stiffness < 0.0 and p.coupling >= -p.linear_stiffness:
+    no_wells = p.linear_stiffness < 0.0 and p.coupling >= -p.linear_stiffness
+    if no_wells and closure != "slow_load":
         raise AveragingError(
             f"coupling={p.coupling:g} leaves no double well against "
             f"linear_stiffness={p.linear_stiffness:g}; averaging needs coupling below "
@@ -125,13 +94,13 @@ def _check(p, closure):
         )
 
 
-def _check_resolved(means, error):
+def _check_resolved(means, error, tolerance):
     """Refuse what a finer grid changes; the share in wells may be too small to matter."""
     for name, mean in means.items():
-        if name != "share_in_wells" and not error[name] <= LARGEST_ERROR * abs(mean):
+        if name != "share_in_wells" and not error[name] <= tolerance * abs(mean):
             raise AveragingError(
                 f"{name.replace('_', ' ')} changes from one grid to a finer one by "
-                f"{error[name]:.2g} of {mean:.3g}, more than {LARGEST_ERROR:g} of itself: "
+                f"{error[name]:.2g} of {mean:.3g}, more than {tolerance:g} of itself: "
                 "use softer stoppers, or simulate"
             )
 

@@ -118,6 +118,8 @@ class Density:
     norm: float
     energy: dict
 
+    names = ("displacement", "velocity")
+
     def joint(self, x, v):
         """p(X, X') (Eq. 26): the sum of left well, right well and outer orbits.
 
@@ -142,6 +144,19 @@ class Density:
     def velocity(self, v):
         """p(X'), the integral of `joint` over displacement (Eq. 27)."""
         return self._marginal(v, self._velocity)
+
+    def landmarks(self, name):
+        """Where orbits turn, or their greatest speeds: none is missed between them, how narrow
+        its well may be."""
+        points = []
+        for branch in self.branches:
+            o = branch.orbits
+            if name == "displacement":
+                points += [o.left, o.right]
+            else:
+                bottom = branch.edge.potential.energy(o.bottom, o.added_stiffness)
+                points.append(np.sqrt(2.0 * np.maximum(o.energy - bottom, 0.0)))
+        return np.unique(np.abs(np.concatenate(points)))
 
     def _marginal(self, values, function):
         values = np.asarray(values, dtype=float)

@@ -6,6 +6,7 @@ followed; integrals are those of the whole closed orbit.
 """
 
 from dataclasses import dataclass, fields
+from functools import cache
 
 import numpy as np
 
@@ -72,7 +73,7 @@ class Potential:
         if not p.has_stoppers or np.all(free <= p.gap):
             return free
         start = np.full_like(added_stiffness, p.gap)
-        pressed = _root_beyond(self.slope, self.curvature, start, 0.1 * start, added_stiffness)
+        pressed = root_beyond(self.slope, self.curvature, start, 0.1 * start, added_stiffness)
         return np.where(free <= p.gap, free, pressed)
 
     def well_end(self, added_stiffness):
@@ -140,14 +141,14 @@ class WellEdge:
         self.potential = potential
 
     def path(self, level, added_stiffness, nodes):
-        """Nodes along the orbits, as `_Path`."""
+        """Nodes along the orbits, as `Path`."""
         u, n2 = self.potential, added_stiffness
         bottom, end = u.bottom(n2), u.well_end(n2)
         left = bottom - (bottom - end) / (1.0 + np.exp(-level))
         distance = (bottom - end) / (1.0 + np.exp(level))
         zero = np.zeros_like(level)
-        right = _turning_point(u, left, zero, bottom, bottom - left, n2)
-        return _path(u, n2, left, zero, distance, bottom, right, nodes)
+        right = turning_point(u, left, zero, bottom, bottom - left, n2)
+        return path_between(u, n2, left, zero, distance, bottom, right, nodes)
 
     def period(self, level, added_stiffness, nodes):
         """T of the closed orbits (Eq. 16)."""
@@ -175,16 +176,16 @@ class OuterEdge:
         self.widest = (np.log(energy_scale) - 32.0, np.log(energy_scale) + 32.0)
 
     def path(self, level, added_stiffness, nodes):
-        """Nodes along a quarter of the orbits, as `_Path`."""
+        """Nodes along a quarter of the orbits, as `Path`."""
         u, n2 = self.potential, added_stiffness
         excess, zero = np.exp(level), np.zeros_like(level)
         bottom = u.bottom(n2)
         first_step = bottom if self.bistable else 1e-9 * np.sqrt(excess)
-        right = _turning_point(u, zero, excess, bottom, first_step, n2)
+        right = turning_point(u, zero, excess, bottom, first_step, n2)
         distance = 1e3 * right
         if self.bistable:
             distance = 0.5 * np.sqrt(-2.0 * excess / (u.parameters.linear_stiffness + n2))
-        return _path(u, n2, zero, excess, distance, 0.5 * right, right, nodes)
+        return path_between(u, n2, zero, excess, distance, 0.5 * right, right, nodes)
 
     def period(self, level, added_stiffness, nodes):
         """T of the closed orbits (Eq. 16)."""
@@ -205,7 +206,7 @@ class OuterEdge:
 
 
 @dataclass(frozen=True)
-class _Path:
+class Path:
     """x, speed and weight dx at the nodes (levels × nodes) from `left` to `right`."""
 
     x: np.ndarray
@@ -220,7 +221,14 @@ class _Path:
         return np.sum(self.weight / self.speed, axis=1)
 
 
-def _path(u, added_stiffness, left, excess, distance, middle, right, nodes):
+@cache
+def _unit_nodes(nodes):
+    """Gauss–Legendre nodes and weights on [0, 1]."""
+    points, weights = np.polynomial.legendre.leggauss(nodes)
+    return 0.5 * (points + 1.0), 0.5 * weights
+
+
+def path_between(u, added_stiffness, left, excess, distance, middle, right, nodes):
     """Nodes between left and right, split at the gap and at `middle`.
 
     Speeds left of the middle are measured from the energy U(left) + `excess`, those right of it
@@ -231,8 +239,7 @@ def _path(u, added_stiffness, left, excess, distance, middle, right, nodes):
     gap = u.parameters.gap
     split = np.where((left < gap) & (gap < middle), gap, middle)
     touch = np.clip(gap, middle, right)
-    points, weights = np.polynomial.legendre.leggauss(nodes)
-    points, weights = 0.5 * (points + 1.0), 0.5 * weights
+    points, weights = _unit_nodes(nodes)
 
     reach = np.arcsinh(np.sqrt(0.5 * (split - left) / distance))
     turn = reach[:, None] * points
@@ -258,7 +265,7 @@ def _path(u, added_stiffness, left, excess, distance, middle, right, nodes):
     )
     x = np.concatenate([left[:, None] + from_left, right[:, None] - from_right], axis=1)
     speed = np.maximum(np.sqrt(2.0 * np.maximum(kinetic, 0.0)), SMALLEST)
-    return _Path(x, speed, np.concatenate(weight, axis=1), left, right)
+    return Path(x, speed, np.concatenate(weight, axis=1), left, right)
 
 
 def _integrals(u, path, added_stiffness, energy, bottom, pivot):
@@ -273,14 +280,14 @@ def _integrals(u, path, added_stiffness, energy, bottom, pivot):
         bottom=bottom,
         period=2.0 * path.half_period,
         area=np.sum(element, axis=1),
-        contact_work=np.sum(element * _damping(u, path, added_stiffness), axis=1),
+        contact_work=np.sum(element * contact_damping_on(u, path, added_stiffness), axis=1),
         first_moment=np.sum(element * offset, axis=1),
         second_moment=np.sum(element * offset**2, axis=1),
         speed_moment=np.sum(element * path.speed**2, axis=1) / 3.0,
     )
 
 
-def _damping(u, path, added_stiffness):
+def contact_damping_on(u, path, added_stiffness):
     """Contact damping at the nodes; in `event` mode v0 is the orbit's speed at the gap."""
     p = u.parameters
     if not p.has_stoppers or p.damping_factor == 0.0:
@@ -290,16 +297,16 @@ def _damping(u, path, added_stiffness):
     return contact_damping(p, path.x, path.speed, held[:, None])
 
 
-def _turning_point(u, left, excess, start, step, added_stiffness):
+def turning_point(u, left, excess, start, step, added_stiffness):
     """Where U comes to U(left) + excess right of `start`, beyond which U is convex."""
 
     def height(x, n2):
         return u.rise(left, x - left, n2) - excess
 
-    return _root_beyond(height, u.slope, start, step, added_stiffness)
+    return root_beyond(height, u.slope, start, step, added_stiffness)
 
 
-def _root_beyond(function, derivative, start, step, added_stiffness):
+def root_beyond(function, derivative, start, step, added_stiffness):
     """Root right of `start` of a function convex there: Newton's method from beyond it."""
     x = start + step
     while np.any(short := function(x, added_stiffness) < 0.0):

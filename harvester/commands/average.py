@@ -7,8 +7,9 @@ from harvester.commands.options import (
     scene_command,
     write_result,
 )
+from harvester.errors import HarvesterError
 
-CLOSURES = ("paper", "consistent")
+CLOSURES = ("paper", "consistent", "slow_load")
 
 
 def add(commands):
@@ -24,7 +25,14 @@ def add(commands):
         "--closure",
         default="consistent",
         metavar="NAME",
-        help=f"{' or '.join(CLOSURES)} (default: consistent)",
+        help=f"{', '.join(CLOSURES)} (default: consistent)",
+    )
+    command.add_argument(
+        "--tolerance",
+        type=float,
+        default=1e-3,
+        metavar="SHARE",
+        help="largest numerical error that is an answer (default: 1e-3)",
     )
     command.add_argument(
         "--fit",
@@ -38,9 +46,11 @@ def run(options):
     """Carry it out; returns the exit code, or None for 0."""
     scene = read_scene(options)
     check_options(options)
+    if not 0.0 < options.tolerance < 1.0:
+        raise HarvesterError(f"--tolerance {options.tolerance:g}: must be a number in (0, 1)")
     from harvester.averaged import average
     from harvester.console import show_result
 
-    result = average(scene, options.closure, options.fit)
+    result = average(scene, options.closure, options.tolerance, options.fit)
     show_result(result, to_stderr=options.json == "-")
     write_result(options, f"{scene.name}-{options.closure}", result, "draw_result")

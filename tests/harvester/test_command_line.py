@@ -80,7 +80,7 @@ def test_validate_shows_three_ways_and_writes_one_figure(tmp_path, capsys):
     ]
     assert main(["validate", "paper", *options]) == 0
     shown = capsys.readouterr().out
-    for word in ("circuit", "Monte Carlo", "paper", "consistent", "σ", "wall time"):
+    for word in ("circuit", "Monte Carlo", "paper", "consistent", "slow_load", "σ", "wall time"):
         assert word in shown
     content = json.loads((tmp_path / "paper-validate.json").read_text())
     assert set(content["results"]) == {
@@ -88,6 +88,7 @@ def test_validate_shows_three_ways_and_writes_one_figure(tmp_path, capsys):
         "monte-carlo",
         "averaging paper",
         "averaging consistent",
+        "averaging slow_load",
     }
     assert (tmp_path / "paper-validate.png").exists()
 

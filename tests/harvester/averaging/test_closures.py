@@ -1,15 +1,16 @@
-"""Means of both closures: references, limits, edge cases, errors."""
+"""Means of `paper` and `consistent`: references, limits, edge cases, errors."""
 
 import math
 
 import numpy as np
 import pytest
 
-from harvester.averaging import CLOSURES, average
+from harvester.averaging import average
 from harvester.errors import AveragingError
 from harvester.parameters import scale
 from harvester.scene import Scene
 
+CLOSURES = ("paper", "consistent")
 PAPER = scale(Scene.load("paper"))[0]
 LINEAR = scale(Scene.load("linear"))[0]
 MEANS = (

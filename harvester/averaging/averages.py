@@ -1,0 +1,43 @@
+"""What a closure of stochastic averaging gives."""
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Averages:
+    """Stationary means in scaled units.
+
+    Attributes
+    ----------
+    closure : str
+    mean_square_voltage : float
+        E[V²] (Eq. 28).
+    mean_power : float
+        βλE[V²] (Eq. 30), s⁻³.
+    mechanical_loss : float
+        E[(c + contact damping) X'²] (Eq. 36), s⁻³.
+    power_conversion_efficiency : float
+        `mean_power` / (`mechanical_loss` + `mean_power`) (Eq. 35).
+    mean_square_velocity, mean_square_displacement : float
+        E[X'²], E[X²].
+    share_in_wells : float
+        Probability of the orbits inside a well; 0 for a monostable device.
+    numerical_error : dict of str to float
+        For each mean above its change against a grid half as fine.
+    density : harvester.averaging.density.Density or harvester.averaging.slow_density.SlowDensity
+        Densities of displacement, velocity, both, and energy.
+    validity : dict of str to float
+        Of `slow_load`: numbers that are small where its assumptions hold.
+    """
+
+    closure: str
+    mean_square_voltage: float
+    mean_power: float
+    mechanical_loss: float
+    power_conversion_efficiency: float
+    mean_square_velocity: float
+    mean_square_displacement: float
+    share_in_wells: float
+    numerical_error: dict
+    density: object = field(repr=False)
+    validity: dict = field(default_factory=dict)

@@ -1,0 +1,219 @@
+"""Orbits at a frozen slow charge, put together from right-hand lobes.
+
+With Z held, the potential U(X) = U0(X) + ½ β' (X − Z)² has its lobes to the right and to the left
+of a junction: the saddle between the wells, the weakest point of the pull where one well has
+gone, or the minimum where there is but one. The left lobe at Z is the mirror image of the right
+one at −Z, so that right lobes at all Z tell everything.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from harvester.averaging.orbits import (
+    Potential,
+    contact_damping_on,
+    path_between,
+    root_beyond,
+    turning_point,
+)
+from harvester.compilation import compiled
+
+NEAREST = 1e-7  # approach to the saddle that stands for the separatrix, as a share of the way
+SHALLOW = 1e-9  # a depth that is none, in units of the energy at the bottom
+WIDE = 1e3  # scale of a left end without a saddle near it, in lengths of the path
+
+
+class Lobe:
+    """The potential right of the junction at one Z.
+
+    Parameters
+    ----------
+    parameters : harvester.parameters.ScaledParameters
+    stiffness : float
+        β' of the piezo.
+    charge : float
+        Z.
+
+    Attributes
+    ----------
+    junction, bottom : float
+        Where the lobe begins, and its minimum; the same without a well.
+    has_well : bool
+    depth : float
+        Of the well below the junction; 0 without a well.
+    """
+
+    def __init__(self, parameters, stiffness, charge):
+        p = parameters
+        self.potential = u = Potential(p, anchor=charge)
+        self.stiffness = np.array([stiffness])
+        softening = -(p.linear_stiffness + stiffness)
+        self.double = softening > 0.0
+        if self.double:
+            self.junction, self.has_well = self._junction(p, softening, stiffness * charge)
+        else:
+            self.junction, self.has_well = self._single_minimum(charge), False
+        self.bottom = self.junction
+        if self.has_well:
+            start = p.gap
+            if p.cubic_stiffness > 0.0:
+                start = min(np.sqrt(softening / (3.0 * p.cubic_stiffness)), start)
+            start = np.array([max(start, self.junction)])
+            step = 0.1 * np.abs(start)
+            beyond = root_beyond(u.slope, u.curvature, start, step, self.stiffness)
+            self.bottom = float(beyond[0])
+        way = np.array([self.bottom - self.junction])
+        self.depth = float(u.rise(np.array([self.bottom]), -way, self.stiffness)[0])
+        scale = abs(u.energy(np.array([self.bottom]), self.stiffness)[0])
+        self.has_well = bool(self.has_well and self.depth > SHALLOW * scale)
+
+    @staticmethod
+    def _junction(p, softening, pull):
+        """Middle root of κx³ − (ω0² − β')x = β'Z, or the weakest point; whether a well is there."""
+        if p.cubic_stiffness > 0.0:
+            third = np.sqrt(softening / (3.0 * p.cubic_stiffness))
+            ratio = 1.5 * pull / (softening * third)
+            angle = (np.arccos(np.clip(ratio, -1.0, 1.0)) - 2.0 * np.pi) / 3.0
+            saddle = 2.0 * third * np.cos(angle)
+            has_well = ratio > -1.0 and saddle < p.gap
+        else:
+            saddle = -pull / softening
+            has_well = saddle < p.gap
+        return float(np.clip(saddle, -p.gap, p.gap)), bool(has_well)
+
+    def _single_minimum(self, charge):
+        """Root of the slope between 0 and Z, by bisection."""
+        low, high = min(0.0, charge), max(0.0, charge)
+        for _ in range(200):
+            middle = 0.5 * (low + high)
+            if self.potential.slope(np.array([middle]), self.stiffness)[0] < 0.0:
+                low = middle
+            else:
+                high = middle
+        return 0.5 * (low + high)
+
+    @property
+    def saddle(self):
+        """Whether the junction is a saddle, where orbits take for ever."""
+        if not self.double:
+            return False
+        slope = self.potential.slope(np.array([self.junction]), self.stiffness)[0]
+        return abs(slope) < 1e-9 * abs(self.potential.curvature(0.0, self.stiffness)[0])
+
+    def well_heights(self, share):
+        """H above the bottom where the left turning point is so far towards the junction."""
+        way = (self.bottom - self.junction) * share
+        bottom = np.full_like(share, self.bottom)
+        return self.potential.rise(bottom, -way, np.full_like(share, self.stiffness[0]))
+
+    def well_path(self, share, nodes):
+        """Half orbits inside the well, from the left turning point to the right one."""
+        u, n2 = self.potential, np.full_like(share, self.stiffness[0])
+        way = self.bottom - self.junction
+        rest = np.maximum(1.0 - share, NEAREST)
+        left = np.where(share < 0.5, self.bottom - way * share, self.junction + way * rest)
+        bottom = np.full_like(share, self.bottom)
+        zero = np.zeros_like(share)
+        right = turning_point(u, left, zero, bottom, bottom - left, n2)
+        return path_between(u, n2, left, zero, way * rest, bottom, right, nodes)
+
+    def outer_path(self, excess, nodes):
+        """From the junction to the right turning point at H = U(junction) + excess."""
+        u, n2 = self.potential, np.full_like(excess, self.stiffness[0])
+        left = np.full_like(excess, self.junction)
+        bottom = np.full_like(excess, self.bottom)
+        scale = np.sqrt(excess / max(self.potential.curvature(0.0, n2[:1])[0], 1e-3))
+        first = np.maximum(bottom - left, 1e-9 * np.maximum(scale, excess))
+        right = turning_point(u, left, excess, bottom, first, n2)
+        distance = WIDE * (right - left)
+        if self.double:
+            slope = abs(float(u.slope(left[:1], n2[:1])[0]))
+            bend = max(-float(u.curvature(np.abs(left[:1]), n2[:1])[0]), 0.0)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                scales = [0.5 * np.sqrt(2.0 * excess / bend), 0.5 * excess / slope]
+            distance = np.minimum(distance, np.minimum(*scales))
+        middle = left + 0.5 * (right - left)
+        return path_between(u, n2, left, excess, distance, middle, right, nodes)
+
+
+@dataclass(frozen=True)
+class HalfOrbits:
+    """Half orbits between their turning points, arrays (levels, nodes) in the order of time.
+
+    `element` is dX at a node, `damping` that of the contact.
+    """
+
+    x: np.ndarray
+    speed: np.ndarray
+    element: np.ndarray
+    damping: np.ndarray
+
+    @classmethod
+    def of(cls, lobe, path):
+        """One lobe's path as it is."""
+        n2 = np.broadcast_to(lobe.stiffness, path.left.shape)
+        damping = contact_damping_on(lobe.potential, path, n2)
+        return cls(path.x, path.speed, path.weight, damping)
+
+    def after_mirrored(self, other):
+        """The mirror image of another lobe's path, then this one."""
+
+        def joined(mine, theirs):
+            return np.concatenate([theirs[:, ::-1], mine], axis=1)
+
+        return HalfOrbits(
+            joined(self.x, -other.x),
+            joined(self.speed, other.speed),
+            joined(self.element, other.element),
+            joined(self.damping, other.damping),
+        )
+
+    def integral(self, integrand):
+        """∮ integrand dX, upper and lower half alike."""
+        return 2.0 * np.sum(self.element * integrand, axis=1)
+
+    @property
+    def area(self):
+        """J = ∮X'² dt."""
+        return self.integral(self.speed)
+
+    @property
+    def period(self):
+        """T = ∮dt."""
+        return self.integral(1.0 / self.speed)
+
+    def filtered_power(self, rate):
+        """∮X' y dt with rate² y − y'' = X' and y = 0 at both turning points.
+
+        Finite volumes in time, one for each node: rate² ∮X' y is J exactly for fast rates.
+        """
+        return 2.0 * _filtered_power(self.element, self.speed, rate * rate)
+
+
+@compiled
+def _filtered_power(element, speed, square):
+    levels, nodes = element.shape
+    power = np.zeros(levels)
+    step, duration = np.empty(nodes), np.empty(nodes)
+    coupling, load = np.empty(nodes), np.empty(nodes)
+    for level in range(levels):
+        count = 0
+        for k in range(nodes):  # pieces of no length have no volume
+            if element[level, k] > 0.0:
+                step[count] = element[level, k]
+                duration[count] = step[count] / speed[level, k]
+                count += 1
+        before, behind = 2.0 / duration[0], 0.0
+        for k in range(count):
+            following = duration[k + 1] if k + 1 < count else 0.0
+            after = 2.0 / (duration[k] + following)
+            pivot = square * duration[k] + before * (1.0 - (behind if k > 0 else 0.0)) + after
+            load[k] = (step[k] + (before * load[k - 1] if k > 0 else 0.0)) / pivot
+            coupling[k] = behind = after / pivot
+            before = after
+        response = 0.0
+        for k in range(count - 1, -1, -1):
+            response = load[k] + (coupling[k] * response if k + 1 < count else 0.0)
+            power[level] += step[k] * response
+    return power

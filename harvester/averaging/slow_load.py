@@ -1,0 +1,321 @@
+"""Closure `slow_load`: energy of the orbit and slow part of the piezo's charge, averaged together.
+
+Z = X − V obeys Z' = λ(X − Z): with Z held the orbits are conservative, and energy and Z move
+slowly from orbit to orbit. In place of the energy its action J = ∮X'² dt tells the cells' mass,
+which the drift of Z alone would leave to each orbit (adiabatic invariance), so that for g, the
+density of the phase space at each Z,
+
+    0 = ∂/∂J [B g + A ∂g/∂H] − ∂/∂Z [λ(⟨X⟩ − Z) g]    at fixed J,
+    B = cJ + ∮(contact damping) X'² dt + βλ ∮V² dt,  A = D ∮X' w dt,  w − τ1² w'' = X',
+
+V here its part that goes round with the orbit, by the same filter at 1/λ: ∮V² dt = ∮X' y dt with
+λ² y − y'' = X'. At the frequency ω of the orbits that part has λ²/(λ² + ω²) of its displacement
+in phase with Z: the potential therefore has β' = β ω²/(λ² + ω²) for β. The mean over an orbit
+cannot change faster than the orbit turns: Z relaxes at λ' = λω/√(λ² + ω²). By balance of energy
+E[V²] then takes β'λ'/(βλ) of E[(⟨X⟩ − Z)²]. That leads from the open circuit (λ → 0) to the closed
+one (λ → ∞); in between it is exact to first order in λ.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from harvester.averaging.averages import Averages
+from harvester.averaging.layers import Grid, faced, layered
+from harvester.averaging.linear_response import beside_resonance
+from harvester.averaging.lobes import HalfOrbits, Lobe
+from harvester.averaging.slow_density import SlowDensity
+from harvester.averaging.transport import Problem
+from harvester.errors import AveragingError
+
+# Walk with Gaussian steps whose side s is kept below 0 and changes at every step above:
+# φ(e) = 1 − E[sgn(e') φ(e')] goes to ½ above, to ½ − e² − 0.3836 below (e in steps).
+IMPULSE = 0.3835
+FORGOTTEN = 40.0  # ln g falls by this much up to the outer end
+# Cells in half the range of Z, in a well and outside; nodes on each piece of an orbit.
+COARSEST = (10, 12, 15, 8)
+MOST_NODES = 32
+SCAN_NODES = 16
+DOUBLINGS = 4
+JUDGED = (
+    "mean_square_voltage",
+    "mean_power",
+    "mechanical_loss",
+    "power_conversion_efficiency",
+    "mean_square_velocity",
+    "mean_square_displacement",
+)
+
+
+def slow_load(parameters, tolerance):
+    """Means and densities, on a grid fine enough for the tolerance.
+
+    The means are extrapolated from each grid and one half as fine, errors of second order. Their
+    numerical error is a third of the change against the extrapolation from grids half as fine,
+    what errors of second order would leave once more.
+
+    Parameters
+    ----------
+    parameters : harvester.parameters.ScaledParameters
+    tolerance : float
+        Largest numerical error, as a share of each mean.
+
+    Returns
+    -------
+    Averages
+
+    Raises
+    ------
+    AveragingError
+        Motion that nothing confines or damps; the tolerance is not met on the finest grid.
+    """
+    p = parameters
+    span = Span.of(p)
+    raw, before = None, None
+    for doubling in range(DOUBLINGS + 1):
+        solution = _Solution(p, span, doubling)
+        coarse, raw = raw, solution.totals()
+        if coarse is None:
+            continue
+        totals = {name: (4.0 * raw[name] - coarse[name]) / 3.0 for name in raw}
+        means = _means(p, span, totals)
+        if before is not None:
+            error = {name: abs(means[name] - before[name]) / 3.0 for name in means}
+            if all(error[name] <= tolerance * abs(means[name]) for name in JUDGED):
+                return Averages(
+                    closure="slow_load",
+                    **means,
+                    numerical_error=error,
+                    density=SlowDensity(p, span, solution.problem, solution.density),
+                    validity=_validity(p, span, solution),
+                )
+        before = means
+    worst = max(JUDGED, key=lambda name: error[name] / (abs(means[name]) or np.inf))
+    raise AveragingError(
+        f"{worst.replace('_', ' ')} still changes by {error[worst]:.2g} of {means[worst]:.3g} on "
+        f"the finest grid, more than the tolerance of {tolerance:g}: raise it, or simulate"
+    )
+
+
+@dataclass(frozen=True)
+class Span:
+    """What the grids of one device have in common.
+
+    Attributes
+    ----------
+    frequency, stiffness : float
+        ω of small oscillations at the rest position, and β'.
+    energy, depth : float
+        Energy of the orbits in a well at which ln g has fallen by about one, and of its end, at
+        the rest position's Z.
+    inside : float
+        Share of the rest position's distance by which ⟨X⟩ of the first of them lies within it.
+    rate : float
+        λ', at which Z relaxes.
+    excess, typical : float
+        Energies above the junction at which the outer ln g has fallen by `FORGOTTEN` and by one.
+    lobe : Lobe
+        At Z = 0.
+    lag : float
+        Z by which an outer orbit lags behind the well that it comes from (`_lag`).
+    """
+
+    frequency: float
+    stiffness: float
+    energy: float
+    depth: float
+    inside: float
+    rate: float
+    excess: float
+    typical: float
+    lobe: Lobe
+    lag: float
+
+    @classmethod
+    def of(cls, p):
+        """For these parameters.
+
+        Raises
+        ------
+        AveragingError
+            Nothing holds the energy back.
+        """
+        frequency = p.angular_frequency
+        square = frequency**2
+        stiffness = p.coupling * square / (p.decay_rate**2 + square)
+        rate = p.decay_rate / np.sqrt(1.0 + p.decay_rate**2 / square)
+        time = p.relaxation_time
+        time = time if np.isfinite(time) else p.correlation_time
+        energy = p.intensity * time / (1.0 + square * p.correlation_time**2)
+        lobe = Lobe(p, stiffness, 0.0)
+        excess = energy * np.exp(np.linspace(-12.0, 32.0, 177))
+        half = HalfOrbits.of(lobe, lobe.outer_path(excess, SCAN_NODES))
+        fall = _fall(p, half.after_mirrored(half), excess)
+        if fall[-1] < FORGOTTEN:
+            raise AveragingError(
+                f"damping={p.damping:g} with coupling={p.coupling:g} does not bound the energy; "
+                "raise one of them or let the stoppers dissipate (restitution < 1)"
+            )
+        depth = inside = 1.0
+        if lobe.has_well:
+            share = np.exp(np.linspace(np.log(1e-6), 0.0, 60))[:-1]
+            charged = Lobe(p, stiffness, p.rest)
+            half = HalfOrbits.of(charged, charged.well_path(share, SCAN_NODES))
+            height = charged.well_heights(share)
+            energy, depth = float(np.interp(1.0, _fall(p, half, height), height)), charged.depth
+            centre = half.integral(half.x / half.speed) / half.period
+            inside = float(np.interp(energy, height, 1.0 - centre / p.rest))
+        last, typical = np.interp([FORGOTTEN, 1.0], fall, excess)
+        return cls(
+            frequency,
+            stiffness,
+            energy,
+            depth,
+            inside,
+            rate,
+            last,
+            typical,
+            lobe,
+            _lag(p, lobe, rate),
+        )
+
+    def grid(self, p, doubling):
+        """The grid after so many doublings: fine where the motion is."""
+        layers, well, outer, nodes = (count * 2**doubling for count in COARSEST)
+        nodes = min(nodes, MOST_NODES)
+        excess = self.excess * _clustered(outer, self.typical / self.excess)
+        share = np.empty(0)
+        if self.lobe.double:
+            share = _clustered(well, 2.0 * np.sqrt(self.energy / (3.0 * self.depth)))
+        charge = np.zeros(2)
+        if p.linear_stiffness < 0.0:
+            charge = p.rest * (1.0 - _clustered(layers, 4.0 * self.inside)[::-1])
+        return Grid(charge, share, excess, nodes)
+
+
+def _fall(p, half, height):
+    """∫B/A dH, by which ln g falls up to these orbits."""
+    noise = p.intensity * half.filtered_power(1.0 / p.correlation_time)
+    loss = half.integral(half.speed * (p.damping + half.damping))
+    loss += p.coupling * p.decay_rate * half.filtered_power(p.decay_rate)
+    rate = loss / noise * p.correlation_time**2
+    steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(height)
+    return rate[0] * height[0] + np.append(0.0, np.cumsum(steps))
+
+
+def _lag(p, lobe, rate):
+    """Z that one pass of the separatrix leaves behind.
+
+    The noise kicks the energy once per lobe; only then does the side change, so that mass which
+    leaves a well first completes its lobe, on average over `IMPULSE` of one more than the
+    diffusion of the energy tells, and Z relaxes meanwhile. The lobe is that of an orbit one kick,
+    √(2A), above the separatrix.
+    """
+    if not lobe.double:
+        return 0.0
+    separatrix = HalfOrbits.of(lobe, lobe.well_path(np.ones(1), SCAN_NODES))
+    noise = separatrix.filtered_power(1.0 / p.correlation_time) / p.correlation_time**2
+    kick = np.sqrt(2.0 * p.intensity * noise)
+    half = HalfOrbits.of(lobe, lobe.outer_path(kick, SCAN_NODES))
+    duration = half.integral(1.0 / half.speed)[0]
+    centre = half.integral(half.x / half.speed)[0] / duration
+    return float(centre * -np.expm1(-IMPULSE * rate * duration))
+
+
+def _clustered(cells, scale):
+    """Faces from 0 to 1, close together within `scale` of 0."""
+    even = np.linspace(0.0, 1.0, cells + 1)
+    if scale >= 1.0:
+        return even
+    stretch = np.arcsinh(1.0 / scale)
+    faces = np.sinh(stretch * even) / np.sinh(stretch)
+    faces[-1] = 1.0
+    return faces
+
+
+class _Solution:
+    """Density on one grid and what it adds up to."""
+
+    def __init__(self, p, span, doubling):
+        self.p = p
+        self.grid = span.grid(p, doubling)
+        self.tables = layered(p, span.stiffness, self.grid)
+        faces = None
+        if self.grid.charge[-1] > 0.0:
+            faces = faced(p, span.stiffness, self.grid, self.tables)
+        self.problem = Problem(p, self.grid, self.tables, faces, span.rate, span.lag)
+        self.density = self.problem.solve()
+
+    def totals(self):
+        """Integrals over all cells; those of V² apart for orbit and slow part."""
+        parts = [self._edge_totals(name) for name in self.tables]
+        totals = {name: sum(part[name] for part in parts) for name in parts[0]}
+        totals["slow"] += self.problem.crossing(self.density)
+        totals["share_in_wells"] = parts[0]["mass"] if len(parts) == 2 else 0.0
+        return totals
+
+    def _edge_totals(self, name):
+        table, (charge, width) = self.tables[name], self.problem.layers[name]
+        weight = self.density[name] * width[:, None]
+        area = table.cells("area")
+        centre = table.cells("displacement") / np.where(area > 0.0, area, 1.0)
+        rise = np.diff(table.face_height, axis=1)
+
+        def over_energy(values):
+            return float(np.sum(weight * 0.5 * (values[:, 1:] + values[:, :-1]) * rise))
+
+        return {
+            "mass": float(np.sum(weight * area)),
+            "round": over_energy(table.voltage),
+            "slow": float(np.sum(weight * area * (centre - charge[:, None]) ** 2)),
+            "contact": over_energy(table.contact),
+            "velocity": float(np.sum(weight * table.cells("speed_square"))),
+            "displacement": float(np.sum(weight * table.cells("square"))),
+        }
+
+    def near_separatrix(self):
+        """Share of the probability within one kick of the noise, √(2A), of the separatrix."""
+        if "wells" not in self.tables:
+            return 0.0
+        kick = np.sqrt(2.0 * self.p.intensity * self.tables["outer"].noise[:, :1])
+        outer, wells = self.tables["outer"], self.tables["wells"]
+        beside = {
+            "outer": outer.height < kick,
+            "wells": wells.face_height[:, -1:] - wells.height < np.append(kick[::-1], kick, axis=0),
+        }
+        return float(
+            sum(
+                np.sum((self.density[name] * self.problem.volume(name))[where])
+                for name, where in beside.items()
+            )
+        )
+
+
+def _means(p, span, totals):
+    """Dictionary of means from the sums over cells."""
+    passing = (1.0 + (p.decay_rate / span.frequency) ** 2) ** -1.5
+    velocity, displacement = totals["velocity"], totals["displacement"]
+    voltage = totals["round"] + passing * totals["slow"]
+    loss = p.damping * velocity + totals["contact"]
+    beside = beside_resonance(p, span.stiffness, velocity, displacement)
+    share = totals["share_in_wells"] if p.linear_stiffness < 0.0 else 1.0
+    voltage += share * beside.voltage
+    loss += share * beside.loss
+    power = p.coupling * p.decay_rate * voltage
+    return {
+        "mean_square_voltage": voltage,
+        "mean_power": power,
+        "mechanical_loss": loss,
+        "power_conversion_efficiency": power / (power + loss),
+        "mean_square_velocity": velocity + share * beside.velocity,
+        "mean_square_displacement": displacement + share * beside.displacement,
+        "share_in_wells": totals["share_in_wells"],
+    }
+
+
+def _validity(p, span, solution):
+    return {
+        "correlation_time_over_relaxation_time": p.correlation_time / p.relaxation_time,
+        "decay_rate_over_orbit_frequency": p.decay_rate / span.frequency,
+        "share_near_separatrix": solution.near_separatrix(),
+    }

@@ -1,0 +1,218 @@
+"""The closure `slow_load`: exact limits, simulation, edges of its range, its errors and numbers."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+from truths import interpolated_linear_means
+
+from harvester.averaged import average as average_scene
+from harvester.averaging import average
+from harvester.averaging.slow_load import IMPULSE
+from harvester.errors import AveragingError
+from harvester.forces import potential
+from harvester.parameters import scale
+from harvester.scene import Scene
+
+PAPER = scale(Scene.load("paper"))[0]
+LINEAR = scale(Scene.load("linear"))[0]
+WHITE = {"correlation_time": 1e-6, "coupling": 0.0, "restitution": 1.0, "damping": 0.1}
+NAMES = ("mean_square_voltage", "mean_square_velocity", "mean_square_displacement")
+
+
+def gibbs(p, x):
+    """Density of X without load, proportional to exp(−(c/D) U)."""
+    rise = potential(p, x) - potential(p, p.rest)
+    shape = np.exp(-p.damping / p.intensity * rise)
+    return shape / np.trapezoid(shape, x)
+
+
+@pytest.mark.parametrize(
+    "p",
+    [
+        PAPER._replace(**WHITE, intensity=0.2),
+        LINEAR._replace(**WHITE),
+        LINEAR._replace(**WHITE, cubic_stiffness=3.0, gap=0.2, contact_stiffness=10.0),
+        pytest.param(PAPER._replace(**WHITE), marks=pytest.mark.slow),
+        pytest.param(PAPER._replace(**WHITE, gap=0.95), marks=pytest.mark.slow),
+    ],
+    ids=["strong", "harmonic", "hardening", "elastic", "preloaded"],
+)
+def test_gibbs(p):
+    """White noise, no coupling, elastic stoppers: their Hertz energy is in U."""
+    result = average(p, "slow_load")
+    reach = max(2.5 * p.well, 8.0 * math.sqrt(result.mean_square_displacement))
+    x = np.linspace(-reach, reach, 4001)
+    expected = gibbs(p, x)
+    assert result.mean_square_velocity == pytest.approx(p.intensity / p.damping, rel=1e-4)
+    square = np.trapezoid(expected * x * x, x)
+    assert result.mean_square_displacement == pytest.approx(square, rel=1e-4)
+    density = result.density.displacement(x[::80])
+    assert density == pytest.approx(expected[::80], abs=2e-3 * expected.max())
+
+
+@pytest.mark.parametrize("damping", [1e-4, 0.3])
+def test_linear_device(damping):
+    """Covariances of the linear equations under finely interpolated noise, at any damping."""
+    p = LINEAR._replace(damping=damping, coupling=0.5, decay_rate=1.5, correlation_time=0.3)
+    result, exact = average(p, "slow_load"), interpolated_linear_means(p, 1e-3)
+    for name in (*NAMES, "mean_power", "power_conversion_efficiency"):
+        assert getattr(result, name) == pytest.approx(exact[name], rel=2e-3)
+
+
+def test_slow_load_is_an_open_circuit():
+    """λ → 0: the charge that stays is the mean, and the piezo a spring."""
+    p = PAPER._replace(**{**WHITE, "coupling": 0.8}, decay_rate=1e-6, intensity=0.2)
+    stiffer = p._replace(linear_stiffness=p.linear_stiffness + p.coupling)
+    x = np.linspace(-3.0, 3.0, 4001)
+    square = np.trapezoid(gibbs(stiffer, x) * x * x, x)
+    result = average(p, "slow_load", 5e-3)
+    assert result.mean_square_velocity == pytest.approx(p.intensity / p.damping, rel=1e-3)
+    assert result.mean_square_displacement == pytest.approx(square, rel=1e-3)
+    # Z stays at 0, in a layer whose width remains.
+    assert result.mean_square_voltage == pytest.approx(square, rel=0.015)
+
+
+def test_fast_load_is_a_short_circuit():
+    """λ → ∞: no force, and V = X'/λ."""
+    p = PAPER._replace(decay_rate=1e4, damping=0.1, intensity=0.2)
+    one = average(p, "slow_load", 5e-3)
+    other = average(p._replace(coupling=0.0), "slow_load", 5e-3)
+    for name in NAMES[1:]:
+        assert getattr(one, name) == pytest.approx(getattr(other, name), rel=2e-3)
+    assert one.mean_square_voltage * 1e8 == pytest.approx(one.mean_square_velocity, rel=2e-3)
+
+
+def test_white_noise_gives_its_power_whatever_takes_it():
+    """Exactly so without the lag at the separatrix, which is right to first order in λ only."""
+    p = PAPER._replace(correlation_time=1e-6, intensity=0.1)
+    for rate, tolerance in ((1e-3, 1e-3), (0.05, 0.01)):
+        result = average(p._replace(decay_rate=rate), "slow_load", 5e-3)
+        spent = result.mechanical_loss + result.mean_power
+        assert spent == pytest.approx(p.intensity, rel=tolerance)
+
+
+def test_impulse_left_at_the_separatrix():
+    """φ(e) = 1 − E[sgn(e') φ(e')], e' = e + a normal step: ½ above, ½ − e² − `IMPULSE` below."""
+    width = 0.05
+    e = np.arange(-12.0, 8.0, width) + 0.5 * width
+    far = np.arange(-22.0, 18.0, width) + 0.5 * width
+
+    def known(e):
+        return np.where(e < 0.0, 0.5 - e * e, 0.5)
+
+    steps = -np.sign(e) * norm.pdf(e - e[:, None]) * width
+    given = 1.0 + (norm.pdf(far - e[:, None]) * width) @ (-np.sign(far) * known(far)) - known(e)
+    steps[:, 0] += norm.cdf(-12.0 - e)  # as at the last point beyond it
+    rest = np.linalg.solve(np.eye(len(e)) - steps, given)
+    assert -rest[0] == pytest.approx(IMPULSE, abs=5e-4)
+
+
+@pytest.mark.parametrize(
+    ("intensity", "correlation_time", "voltage", "efficiency", "tolerance"),
+    [
+        (0.005, 0.4, 0.00782, 0.1512, 0.01),
+        pytest.param(0.02, 0.4, 0.02733, 0.1281, 0.01, marks=pytest.mark.slow),
+        (0.1, 0.4, 0.44317, 0.3092, 0.0125),  # the slip alone is 1 %, the lag 1.5 %
+        pytest.param(0.02, 1.0, 0.00786, 0.1526, 0.01, marks=pytest.mark.slow),
+        pytest.param(0.1, 1.0, 0.0596, 0.19, 0.17, marks=pytest.mark.slow),
+    ],
+)
+def test_simulation(intensity, correlation_time, voltage, efficiency, tolerance):
+    """Monte Carlo of the scene `paper`, known to 0.1 to 0.8 %."""
+    p = PAPER._replace(intensity=intensity, correlation_time=correlation_time)
+    points = 0.02 if correlation_time == 1.0 and intensity == 0.1 else 0.013
+    result = average(p, "slow_load", 5e-3)
+    assert result.mean_square_voltage == pytest.approx(voltage, rel=tolerance)
+    assert result.power_conversion_efficiency == pytest.approx(efficiency, abs=points)
+
+
+EDGE_CASES = [
+    {"coupling": 6.0, "intensity": 0.1},
+    {"coupling": 3.99, "intensity": 1e-4},
+    {"coupling": 0.0, "damping": 0.0},
+    {"gap": 0.95, "held_impact_velocity": True},
+    {"restitution": 0.0, "intensity": 1.0},
+    {"cubic_stiffness": 0.0},
+    {"decay_rate": 1e-3, "intensity": 1e-4},
+    {"linear_stiffness": 0.0, "cubic_stiffness": 0.0},
+]
+
+
+@pytest.mark.parametrize("changes", EDGE_CASES, ids=str)
+def test_edges_of_the_range(changes):
+    p = PAPER._replace(**changes)
+    result = average(p, "slow_load", 2e-2)
+    assert min(getattr(result, name) for name in NAMES) > 0.0
+    assert 0.0 <= result.share_in_wells <= 1.0 + 1e-9
+    assert result.mechanical_loss + result.mean_power <= p.intensity
+    deviation = math.sqrt(result.mean_square_displacement)
+    x = np.linspace(-6.0, 6.0, 31) * deviation
+    v = np.linspace(-6.0, 6.0, 31) * math.sqrt(result.mean_square_velocity)
+    voltage = np.linspace(-6.0, 6.0, 31) * math.sqrt(result.mean_square_voltage)
+    density = result.density
+    for values in (
+        density.joint(x[:, None], v),
+        density.displacement(x),
+        density.velocity(v),
+        density.voltage(voltage),
+        *(row[1] for row in density.energy.values()),
+    ):
+        assert np.all(np.isfinite(values))
+        assert values.min() >= 0.0
+
+
+@pytest.mark.parametrize("intensity", [0.005, 0.1])
+def test_densities_are_those_of_the_means(intensity):
+    result = average_scene(
+        Scene.load("paper", [f"excitation.intensity={intensity}"]), "slow_load", 5e-3
+    )
+    assert set(result.densities) == {"displacement", "velocity", "voltage"}
+    for name, density in result.densities.items():
+        assert density.density.min() >= 0.0
+        assert np.trapezoid(density.density, density.centre) == pytest.approx(1.0, abs=5e-3)
+        square = np.trapezoid(density.density * density.centre**2, density.centre)
+        mean = result.scaled_quantities[f"mean_square_{name}"].estimate
+        assert square == pytest.approx(mean, rel=0.03)
+
+
+def test_joint_density_and_energy_hold_all_the_probability():
+    density = average(PAPER._replace(intensity=0.1), "slow_load", 5e-3).density
+    x, v = np.linspace(-2.2, 2.2, 301), np.linspace(-5.0, 5.0, 301)
+    joint = density.joint(x[:, None], v)
+    assert joint.sum() * (x[1] - x[0]) * (v[1] - v[0]) == pytest.approx(1.0, abs=2e-3)
+    assert joint == pytest.approx(joint[::-1, ::-1], abs=1e-9)
+    marginal = joint.sum(axis=1) * (v[1] - v[0])
+    assert marginal == pytest.approx(density.displacement(x), abs=5e-3 * marginal.max())
+    masses = [np.trapezoid(p, h) for h, p in density.energy.values()]
+    assert sum(masses) == pytest.approx(1.0, abs=0.02)
+
+
+def test_numerical_error_covers_a_finer_grid():
+    p = PAPER._replace(intensity=0.1)
+    rough, fine = average(p, "slow_load", 5e-3), average(p, "slow_load", 1e-3)
+    for name in NAMES:
+        assert rough.numerical_error[name] <= 5e-3 * getattr(rough, name)
+        change = abs(getattr(fine, name) - getattr(rough, name))
+        assert change <= 5e-3 * getattr(rough, name)
+
+
+def test_a_tolerance_out_of_reach_is_refused():
+    with pytest.raises(AveragingError, match="more than the tolerance of 1e-15") as caught:
+        average(LINEAR._replace(cubic_stiffness=3.0), "slow_load", 1e-15)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "word"),
+    [
+        (["load.decay_rate=1.5", "excitation.intensity=0.005"], "no longer slow"),
+        (["excitation.intensity=0.1"], "separatrix"),
+        (["excitation.correlation_time=5", "excitation.intensity=0.005"], "relaxation time"),
+    ],
+)
+def test_notes_say_where_assumptions_end(overrides, word):
+    result = average_scene(Scene.load("paper", overrides), "slow_load", 2e-2)
+    assert any(word in note for note in result.notes)
+    assert any(character.isdigit() for note in result.notes for character in note)
