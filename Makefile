@@ -1,10 +1,11 @@
 # harvester: `make run` validates the paper's scene three ways, `make test` runs every test.
+# `make fast` fetches what the compiled device needs and tests it, or says why it cannot.
 # Either sets up first what is missing; see .ci/setup for how, and for its options.
 
 BIN := .venv/bin
 STAMP := .venv/.complete
 
-.PHONY: run test test-fast lint setup clean
+.PHONY: run test test-fast fast lint setup clean
 
 run: $(STAMP)
 	$(BIN)/harvester validate paper --output results
@@ -14,6 +15,9 @@ test: $(STAMP)
 
 test-fast: $(STAMP)
 	$(BIN)/python -m pytest -m "not slow"
+
+fast: $(STAMP)
+	sh .ci/fast
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
