@@ -21,7 +21,7 @@ POINTS = 4096
 KNOTS = 65_536
 # Fewest of either for each copy, and the knots kept behind the latest accepted time when the
 # window moves.
-FEWEST_POINTS, FEWEST_KNOTS = 64, 1024
+FEWEST_POINTS, FEWEST_KNOTS = 512, 1024
 MARGIN = 8
 # Longest name of an element that is looked at, ngspice's prefix included.
 LONGEST_NAME = 64

@@ -4,6 +4,7 @@ import dataclasses
 
 from circuits import elements
 from circuits.assembly import LOAD_TOLERANCE, OWN_TOLERANCE, assemble, own_steps, step_options
+from circuits.ltspice import DIFFERENCES, to_ltspice
 from harvester.errors import NetlistError
 from harvester.parameters import scale
 
@@ -55,21 +56,9 @@ def stand_alone(
     NetlistError
         The longest step does not resolve the contact: ngspice's own control passes over it.
     """
-    parameters, scales = scale(scene)
-    load = scene.electrical_load.circuit
-    if load is None or load.linear:
-        options = own_steps(tolerance or OWN_TOLERANCE)
-    else:
-        options, _ = step_options(scene, step, tolerance or LOAD_TOLERANCE)
-    if save and load and load.has_output:
-        save = (*save, f"v({elements.OUTPUT})", f"v({elements.REFERENCE})")
-    netlist = assemble(scene, step, (right,), "PWL", options, integrator, save)
-    if scene.excitation.prescribes_displacement:
+    netlist, scales, points = _assembled(scene, path, right, step, tolerance, integrator, save)
+    if points is None:
         return dataclasses.replace(netlist, text=_header(netlist.text, scene, netlist, scales))
-    _check_step(parameters, netlist.step)
-    knots = round(netlist.stop / path.spacing) + 1
-    values = path.read(knots) / netlist.rate**2
-    points = [f"{k * path.spacing!r} {float(value)!r}" for k, value in enumerate(values)]
     lines = [
         "+ " + " ".join(points[start : start + PER_LINE])
         for start in range(0, len(points), PER_LINE)
@@ -88,6 +77,65 @@ def stand_alone(
     return dataclasses.replace(netlist, text=text)
 
 
+def for_ltspice(scene, path, noise_file, right=True, step="default"):
+    """The same netlist in LTspice's words, with the noise in a file beside it.
+
+    Parameters
+    ----------
+    scene, path, right, step
+        See `stand_alone`.
+    noise_file : str
+        Name of the file of the noise, as the netlist is to call it.
+
+    Returns
+    -------
+    str, str or None
+        The netlist, and the noise file's text: time (s) and value, or None where the motion is
+        prescribed.
+
+    Raises
+    ------
+    NetlistError
+        As `stand_alone`; or an expression that LTspice has no words for.
+    """
+    netlist, scales, points = _assembled(scene, path, right, step)
+    text = netlist.text
+    if points is not None:
+        source = f"Inoise 0 {elements.VELOCITY} PWL"
+        text = text.replace(source, f'{source} file="{noise_file}"', 1)
+    header = [
+        f"harvester scene {scene.name}, for LTspice: harvester netlist writes it for ngspice",
+        *_reading(scene, netlist, scales),
+        f"I(Inoise): {_noise_unit(netlist)}",
+        "Other than in ngspice:",
+        *DIFFERENCES,
+    ]
+    # LTspice may read a file as one-byte characters.
+    said = "".join(f"* {line}\n" for line in header).replace("η", "eta")
+    noise = None if points is None else "\n".join(points) + "\n"
+    return said + to_ltspice(text) + ".end\n", noise
+
+
+def _assembled(scene, path, right, step, tolerance=None, integrator="trapezoidal", save=SAVED):
+    """Netlist without the noise's points, scales, and the points "time value"; or None for them."""
+    parameters, scales = scale(scene)
+    load = scene.electrical_load.circuit
+    if load is None or load.linear:
+        options = own_steps(tolerance or OWN_TOLERANCE)
+    else:
+        options, _ = step_options(scene, step, tolerance or LOAD_TOLERANCE)
+    if save and load and load.has_output:
+        save = (*save, f"v({elements.OUTPUT})", f"v({elements.REFERENCE})")
+    netlist = assemble(scene, step, (right,), "PWL", options, integrator, save)
+    if scene.excitation.prescribes_displacement:
+        return netlist, scales, None
+    _check_step(parameters, netlist.step)
+    knots = round(netlist.stop / path.spacing) + 1
+    values = path.read(knots) / netlist.rate**2
+    points = [f"{k * path.spacing!r} {float(value)!r}" for k, value in enumerate(values)]
+    return netlist, scales, points
+
+
 def _check_step(parameters, step):
     largest = parameters.contact_time / FEWEST_STEPS_PER_CONTACT
     if step > largest:
@@ -101,14 +149,23 @@ def _check_step(parameters, step):
 def _header(before, scene, netlist, scales):
     """The netlist's first part, with what a reader by hand needs to know."""
     title, rest = before.split("\n", 1)
-    return (
-        f"{title}\n"
-        f"* Run it with: ngspice -b -r {scene.name}.raw {scene.name}.cir\n"
-        f"* v(displacement): X in units of {scales.displacement:g} "
-        f"{'m' if scene.units == 'SI' else '(scaled)'}\n"
-        f"* v(velocity): X' over {netlist.rate!r} per second\n"
-        f"* i(@inoise[current]): η, minus the base acceleration, over {netlist.rate**2!r} "
-        f"per second squared\n"
-        f"* v(piezo): terminal voltage, {'volts' if scene.units == 'SI' else 'scaled'}\n"
-        f"{rest}"
-    )
+    lines = [
+        f"Run it with: ngspice -b -r {scene.name}.raw {scene.name}.cir",
+        *_reading(scene, netlist, scales),
+        f"i(@inoise[current]): {_noise_unit(netlist)}",
+    ]
+    return f"{title}\n" + "".join(f"* {line}\n" for line in lines) + rest
+
+
+def _reading(scene, netlist, scales):
+    """How the nodes read."""
+    si = scene.units == "SI"
+    return [
+        f"v(displacement): X in units of {scales.displacement:g} {'m' if si else '(scaled)'}",
+        f"v(velocity): X' over {netlist.rate!r} per second",
+        f"v(piezo): terminal voltage, {'volts' if si else 'scaled'}",
+    ]
+
+
+def _noise_unit(netlist):
+    return f"η, minus the base acceleration, over {netlist.rate**2!r} per second squared"

@@ -53,7 +53,7 @@ def _read(path, folder, including):
     if len(including) >= DEEPEST_INCLUDE:
         raise NetlistError(f"{path.name}: includes nest deeper than {DEEPEST_INCLUDE} files")
     cards = []
-    for card in _statements(_text(path), path.name):
+    for card in statements(_text(path), path.name):
         first, _, rest = card.text.partition(" ")
         if first.lower() in INCLUDES:
             included = _included(rest.strip(), path.parent, folder, f"{card.where}: {first}")
@@ -98,8 +98,23 @@ def _text(path):
         return content.decode("cp1252", errors="replace")
 
 
-def _statements(text, name):
-    """Lines without comments, continuations joined, blanks single."""
+def statements(text, name):
+    """Lines of a netlist without comments, continuations joined, blanks single.
+
+    Parameters
+    ----------
+    text : str
+    name : str
+        Of the file, for messages.
+
+    Returns
+    -------
+    list of Card
+
+    Raises
+    ------
+    NetlistError
+    """
     cards = []
     for index, line in enumerate(re.split(r"\r\n|\r|\n", text), start=1):
         where = f"{name}:{index}"

@@ -21,6 +21,7 @@ _WHERE = {
     "average": "harvester.averaged",
     "validate": "harvester.comparison",
     "frequency_response": "harvester.response",
+    "schematic": "harvester.circuit_drawing",
     "HarvesterError": "harvester.errors",
 }
 __all__ = ["__version__", *_WHERE]

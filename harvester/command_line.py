@@ -1,4 +1,4 @@
-"""The `harvester` command. Exit codes: 0 done, 1 a run failed, 2 a mistake in the call."""
+"""The `harvester` command."""
 
 import argparse
 import sys
@@ -6,19 +6,22 @@ import sys
 from harvester import __version__
 from harvester.commands import (
     average,
+    cite,
     claims,
+    completion,
     engine,
     frequency_response,
     netlist,
     optimum,
     reproduce,
+    schematic,
     simulate,
     stability,
     validate,
     work_precision,
 )
-from harvester.commands.options import say
 from harvester.errors import EngineNotFound, HarvesterError, SimulationError
+from harvester.quiet import quiet
 
 COMMANDS = (
     validate,
@@ -30,45 +33,70 @@ COMMANDS = (
     optimum,
     reproduce,
     claims,
+    schematic,
     netlist,
+    cite,
     engine,
+    completion,
 )
+
+EPILOG = """\
+exit codes:
+  0    done
+  1    a run failed or was judged wrong, or ngspice is missing
+  2    a mistake in the call, the scene or a file, or a method that does not hold for the scene
+  130  interrupted
+
+Colours appear on a terminal only, and never with NO_COLOR set.
+example: harvester validate paper --output results"""
 
 
 def main(arguments=None):
     """Run the command line; returns the exit code."""
-    options = _parser().parse_args(arguments)
+    options = build_parser()[0].parse_args(arguments)
     try:
-        return options.command(options) or 0
+        with quiet(options.quiet):
+            return options.command(options) or 0
     except SimulationError as error:
-        say(f"harvester: {type(error).__name__}: {error}")
+        _complain(f"harvester: {type(error).__name__}: {error}")
         _keep_partial(options, error)
         return 1
     except EngineNotFound as error:
-        say(f"harvester: {error}")
+        _complain(f"harvester: {error}")
         return 1
     except HarvesterError as error:
-        say(f"harvester: {error}")
+        _complain(f"harvester: {error}")
         return 2
     except KeyboardInterrupt:
-        say("harvester: interrupted; nothing was written")
+        _complain("harvester: interrupted; nothing was written")
         return 130
     except BrokenPipeError:
         sys.stderr.close()
         return 0
 
 
-def _parser():
+def build_parser():
+    """The parser of the command line, and its sub-parsers' action."""
     parser = argparse.ArgumentParser(
         prog="harvester",
-        description="Vibration energy harvesters as circuits: ngspice, Monte Carlo and "
+        description="Vibration energy harvesters as circuits: ngspice, Monte Carlo and\n"
         "stochastic averaging of one scene, with error bars.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"harvester {__version__}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for command in COMMANDS:
         command.add(commands)
-    return parser
+    for command in commands.choices.values():
+        command.add_argument(
+            "--quiet", action="store_true", help="show errors only, and what goes to -"
+        )
+    return parser, commands
+
+
+def _complain(text):
+    print(text, file=sys.stderr)
 
 
 def _keep_partial(options, error):

@@ -9,6 +9,8 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from harvester.quiet import is_quiet
+
 # A bar for less is a flicker.
 SHOW_AFTER_SECONDS = 2.0
 WIDEST = 1000
@@ -16,12 +18,12 @@ WIDEST = 1000
 
 @contextlib.contextmanager
 def progress():
-    """A function (label, scene) → callback for the share done; silent off a terminal.
+    """A function (label, scene) → callback for the share done; silent off a terminal or quiet.
 
     With None for the scene the bar shows no simulated time.
     """
     console = Console(stderr=True)
-    if not console.is_terminal:
+    if is_quiet() or not console.is_terminal:
         yield lambda label, scene: None
         return
     bar = Progress(
@@ -109,6 +111,8 @@ def show_engine(found, to_stderr=False):
 
 
 def _print(table, lines, to_stderr):
+    if is_quiet():
+        return
     stream = sys.stderr if to_stderr else sys.stdout
     # As wide as the table needs: a number cut off at a terminal's edge would be worse than a
     # line that runs on.

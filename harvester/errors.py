@@ -72,3 +72,7 @@ class SolutionDiverged(SimulationError):
 
 class EnergyNotBalanced(SimulationError):
     """The energy balance does not close: the step is too long for this scene."""
+
+
+class MissingLibrary(HarvesterError):
+    """An optional library is asked for and not installed."""

@@ -1,5 +1,6 @@
 """Figures, drawn with matplotlib when asked for."""
 
+import io
 from itertools import cycle
 from pathlib import Path
 
@@ -34,13 +35,25 @@ def save(draw, result, path):
     ------
     OutputError
     """
+    with whole_file(path) as temporary:
+        _render(draw, result, temporary)
+
+
+def picture(draw, result, format="svg"):
+    """Draw a result into bytes; see `save`."""
+    file = io.BytesIO()
+    _render(draw, result, file, format=format)
+    return file.getvalue()
+
+
+def _render(draw, result, target, **options):
     from matplotlib import style
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    with style.context(STYLE), whole_file(path) as temporary:
+    with style.context(STYLE):
         figure = draw(result)
         FigureCanvasAgg(figure)
-        figure.savefig(temporary)
+        figure.savefig(target, **options)
 
 
 def draw_result(result):

@@ -210,6 +210,9 @@ def _simulated(scene, engine, step, report):
         sum(realization.seconds for realization in realizations),
         sum(each.points for each in moments),
         count,
+        scene.run.duration,
+        scene.run.settle,
+        knot_spacing(scene) / steps_per_knot(scene, step, engine),
     )
 
 
@@ -273,19 +276,6 @@ def _row_to_dict(row):
             for method, outcome in row.answers.items()
             if isinstance(outcome, Answer)
         },
-        "run": _run_to_dict(row.scene),
-    }
-
-
-def _run_to_dict(scene):
-    """Length of the run and its steps; None where the case is none for the scene."""
-    if scene is None:
-        return None
-    spacing = knot_spacing(scene)
-    return {
-        **scene.to_tables()["run"],
-        "knot_spacing": spacing,
-        "step": spacing / steps_per_knot(scene),
     }
 
 
@@ -294,6 +284,10 @@ def _answer_to_dict(outcome):
         "energy_balance_residual": finite(outcome.residual),
         "seconds": outcome.seconds,
         "steps": outcome.steps,
+        "realizations": outcome.realizations,
+        "duration": outcome.duration,
+        "settle": outcome.settle,
+        "longest_step": outcome.step,
         "scaled_quantities": {
             name: _estimate_to_dict(estimate) for name, estimate in outcome.estimates.items()
         },

@@ -35,6 +35,8 @@ class Answer:
         Wall time.
     steps, realizations : int
         0 for a closure.
+    duration, settle, step : float or None
+        Of each realization, as it was run, and its longest step (s); None for a closure.
     """
 
     estimates: dict
@@ -42,6 +44,9 @@ class Answer:
     seconds: float
     steps: int = 0
     realizations: int = 0
+    duration: float | None = None
+    settle: float | None = None
+    step: float | None = None
 
 
 @dataclass(frozen=True)

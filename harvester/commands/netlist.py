@@ -5,6 +5,8 @@ from pathlib import Path
 from harvester.commands.options import STEP_HELP, read_scene, scene_command
 from harvester.errors import HarvesterError
 
+DIALECTS = ("ngspice", "ltspice")
+
 
 def add(commands):
     """The command's arguments."""
@@ -21,6 +23,12 @@ def add(commands):
         metavar="FILE",
         help="file, or folder for SCENE.cir (default: standard output)",
     )
+    command.add_argument(
+        "--dialect",
+        default="ngspice",
+        metavar="NAME",
+        help="ngspice (default), or ltspice, with the noise in FILE-noise.txt beside FILE",
+    )
     command.add_argument("--step", default="default", help=STEP_HELP)
     command.add_argument(
         "--realization", type=int, default=0, metavar="N", help="whose noise path (default: 0)"
@@ -30,12 +38,22 @@ def add(commands):
 def run(options):
     """Carry it out; returns the exit code, or None for 0."""
     scene = read_scene(options)
-    from circuits.export import stand_alone
+    from circuits.export import for_ltspice, stand_alone
     from harvester.output import write_text
     from harvester.realization import noise_path, starts_right
+    from harvester.scene_schema import nearest
     from harvester.simulation import check_step
 
+    if options.dialect not in DIALECTS:
+        raise HarvesterError(
+            f"--dialect {options.dialect}: no such dialect{nearest(options.dialect, DIALECTS)}; "
+            f"there are {', '.join(DIALECTS)}"
+        )
     target = options.output
+    if target == "-" and options.dialect != "ngspice":
+        raise HarvesterError(
+            "--dialect ltspice writes a second file, the noise: say where, --output FILE.cir"
+        )
     if target != "-" and Path(target).is_dir():
         target = Path(target) / f"{scene.name}.cir"
     if not 0 <= options.realization < scene.run.realizations:
@@ -43,10 +61,13 @@ def run(options):
             f"--realization {options.realization}: must be a whole number in "
             f"[0, {scene.run.realizations - 1}]"
         )
-    netlist = stand_alone(
-        scene,
-        noise_path(scene, options.realization),
-        starts_right(options.realization),
-        check_step(options.step),
-    )
-    write_text(target, netlist.text + ".end\n")
+    call = (scene, noise_path(scene, options.realization))
+    right, step = starts_right(options.realization), check_step(options.step)
+    if options.dialect == "ngspice":
+        write_text(target, stand_alone(*call, right, step).text + ".end\n")
+        return
+    noise_file = Path(target).with_suffix("").name + "-noise.txt"
+    text, noise = for_ltspice(*call, noise_file, right, step)
+    if noise is not None:
+        write_text(Path(target).with_name(noise_file), noise)
+    write_text(target, text)

@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 
 from harvester.errors import HarvesterError
+from harvester.quiet import is_quiet
 
 STEP_HELP = "default, fine, finest, or the longest step in seconds"
 
@@ -101,5 +102,6 @@ def write_result(options, name, result, draw):
 
 
 def say(text):
-    """One line on standard error."""
-    print(text, file=sys.stderr)
+    """One line on standard error, unless the command line is quiet."""
+    if not is_quiet():
+        print(text, file=sys.stderr)

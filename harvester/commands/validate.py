@@ -5,6 +5,7 @@ from harvester.commands.options import (
     add_results,
     check_options,
     read_scene,
+    say,
     scene_command,
     write_result,
 )
@@ -17,10 +18,13 @@ def add(commands):
         "validate",
         run,
         "compare circuit, Monte Carlo and averaging on one scene",
-        "harvester validate paper --output results",
+        "harvester validate paper --output results --report paper.html",
     )
     add_engine_options(command)
     add_results(command)
+    command.add_argument(
+        "--report", metavar="FILE", help="write one self-contained HTML page with everything"
+    )
 
 
 def run(options):
@@ -29,6 +33,9 @@ def run(options):
     check_options(options)
     from harvester.comparison import validate
     from harvester.console import progress, show_table
+    from harvester.output import check_writable, write_text
+
+    check_writable(options.report)
 
     with progress() as follow:
         comparison = validate(
@@ -40,3 +47,8 @@ def run(options):
         )
     show_table(comparison, "one scene, the same noise", to_stderr=options.json == "-")
     write_result(options, f"{scene.name}-validate", comparison, "draw_comparison")
+    if options.report:
+        from harvester.report import report
+
+        write_text(options.report, report(comparison))
+        say(f"written: {options.report}")

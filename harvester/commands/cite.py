@@ -1,0 +1,43 @@
+"""`harvester cite`: the sources of the methods, of all or of those that a result used."""
+
+import json
+from pathlib import Path
+
+from harvester.errors import HarvesterError
+
+
+def add(commands):
+    """The command's arguments."""
+    command = commands.add_parser(
+        "cite",
+        help="the sources of the methods that a result used",
+        description="the sources of the methods that a result used, or of all methods",
+        epilog="example: harvester cite results/paper-validate.json",
+    )
+    command.add_argument(
+        "result", nargs="?", metavar="FILE", help="JSON of simulate, average or validate"
+    )
+    command.set_defaults(command=run, json=None, output=None)
+
+
+def run(options):
+    """Carry it out; returns the exit code, or None for 0."""
+    from harvester.sources import SOURCES, sources_of
+
+    found = SOURCES
+    if options.result:
+        try:
+            found = sources_of(_read(options.result))
+        except HarvesterError as error:
+            raise HarvesterError(f"{options.result}: {error}") from None
+    for source in found:
+        print(f"{source.method}:\n    {source.reference}")
+
+
+def _read(name):
+    try:
+        return json.loads(Path(name).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise HarvesterError(f"cannot be read: {error.strerror}") from None
+    except ValueError:
+        raise HarvesterError("is no JSON; give a file that --json or --output wrote") from None

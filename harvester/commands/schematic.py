@@ -1,0 +1,40 @@
+"""`harvester schematic`: a drawing of the circuit that a scene builds."""
+
+from pathlib import Path
+
+from harvester.commands.options import read_scene, say, scene_command
+
+
+def add(commands):
+    """The command's arguments."""
+    command = scene_command(
+        commands,
+        "schematic",
+        run,
+        "draw the circuit that the scene really builds, as SVG or PNG",
+        "harvester schematic device --set load.netlist=bridge --output bridge.svg",
+    )
+    command.add_argument(
+        "--output",
+        default="-",
+        metavar="FILE",
+        help="an .svg or .png file, or folder for SCENE-schematic.svg (default: SVG to standard "
+        "output)",
+    )
+
+
+def run(options):
+    """Carry it out; returns the exit code, or None for 0."""
+    scene = read_scene(options)
+    from harvester.circuit_drawing import schematic
+    from harvester.output import write_text
+
+    drawing = schematic(scene)
+    if options.output == "-":
+        write_text("-", drawing.image().decode() + "\n")
+        return
+    target = Path(options.output)
+    if target.is_dir() or not target.suffix:
+        target = target / f"{scene.name}-schematic.svg"
+    drawing.save(target)
+    say(f"written to {target}")

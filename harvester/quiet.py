@@ -1,0 +1,21 @@
+"""Whether the command line is to show nothing but what was asked for and what went wrong."""
+
+import contextlib
+from contextvars import ContextVar
+
+_QUIET = ContextVar("quiet", default=False)
+
+
+@contextlib.contextmanager
+def quiet(wanted=True):
+    """No tables, progress or remarks within the block."""
+    token = _QUIET.set(bool(wanted))
+    try:
+        yield
+    finally:
+        _QUIET.reset(token)
+
+
+def is_quiet():
+    """Whether `quiet` is in force."""
+    return _QUIET.get()

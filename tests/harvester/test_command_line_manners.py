@@ -1,0 +1,118 @@
+import io
+import re
+import subprocess
+import sys
+
+import pytest
+
+from harvester import console
+from harvester.command_line import COMMANDS, build_parser, main
+
+COMMAND_NAMES = sorted(build_parser()[1].choices)
+COLOUR = re.compile(r"\x1b\[[\d;]*\b(?:3[0-7]|9[0-7]|38;[\d;]+)m")
+
+
+class Terminal(io.StringIO):
+    """A stream that says it is a terminal."""
+
+    def isatty(self):
+        return True
+
+
+@pytest.mark.parametrize("name", COMMAND_NAMES)
+def test_every_command_helps_with_an_example_that_parses(name):
+    parser, commands = build_parser()
+    shown = re.sub(r"\s+", " ", commands.choices[name].format_help())
+    example = re.search(r"example: (.*)$", shown).group(1)
+    line = re.search(rf"harvester ({name}[^)\"]*)", example).group(1)
+    assert parser.parse_args(line.split()).command
+
+
+def test_every_command_is_listed_once():
+    assert len(COMMANDS) == len(COMMAND_NAMES)
+
+
+def test_exit_codes_are_told():
+    said = build_parser()[0].format_help()
+    for code in (
+        "0    done",
+        "1    a run failed",
+        "2    a mistake",
+        "130  interrupted",
+        "NO_COLOR",
+    ):
+        assert code in said
+
+
+def test_quiet_shows_what_was_asked_for_and_errors_only(tmp_path, capsys):
+    average = ["average", "linear", "--closure", "paper"]
+    assert main([*average, "--quiet", "--output", str(tmp_path), "--json", "-"]) == 0
+    streams = capsys.readouterr()
+    assert (tmp_path / "linear-paper.png").exists()
+    assert streams.out.startswith("{")
+    assert streams.err == ""
+    assert main(["average", "papre", "--quiet"]) == 2
+    assert "did you mean paper" in capsys.readouterr().err
+    assert main(average) == 0
+    shown = capsys.readouterr().out
+    assert "mean power" in shown
+    assert "\x1b" not in shown  # not on a terminal
+
+
+@pytest.mark.parametrize(
+    ("terminal", "no_colour", "coloured"),
+    [(True, None, True), (True, "1", False), (False, None, False)],
+)
+def test_colours_appear_on_a_terminal_and_never_with_no_color(
+    monkeypatch, terminal, no_colour, coloured
+):
+    stream = Terminal() if terminal else io.StringIO()
+    monkeypatch.setattr(sys, "stderr", stream)
+    monkeypatch.setattr(console, "SHOW_AFTER_SECONDS", 0.0)
+    monkeypatch.setenv("TERM", "xterm-256color")
+    for name in ("FORCE_COLOR", "COLORTERM"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    if no_colour:
+        monkeypatch.setenv("NO_COLOR", no_colour)
+    with console.progress() as follow:
+        update = follow("run", None)
+        if update:
+            update(0.5)
+            update(0.9)
+    assert bool(COLOUR.search(stream.getvalue())) == coloured
+    assert bool(stream.getvalue()) == terminal
+
+
+def completed(script, line):
+    """What bash offers for the last word of a line."""
+    words = line.split(" ")
+    code = (
+        f"{script}\nCOMP_WORDS=({' '.join(w or chr(39) * 2 for w in words)})\n"
+        f"COMP_CWORD={len(words) - 1}\n"
+        "$(complete -p harvester | sed 's/.*-F \\([^ ]*\\).*/\\1/')\n"
+        'printf "%s\\n" "${COMPREPLY[@]}"\n'
+    )
+    return subprocess.run(["bash", "-c", code], capture_output=True, text=True).stdout.split()
+
+
+def test_bash_completes_commands_scenes_and_options(capsys):
+    assert main(["completion", "bash"]) == 0
+    script = capsys.readouterr().out
+    assert set(completed(script, "harvester s")) == {"schematic", "simulate", "stability"}
+    assert {"paper", "paper_si"} <= set(completed(script, "harvester validate pap"))
+    assert "--report" in completed(script, "harvester validate paper --re")
+
+
+@pytest.mark.parametrize(("shell", "word"), [("zsh", "#compdef harvester"), ("fish", "complete")])
+def test_other_shells_have_their_script(capsys, shell, word):
+    assert main(["completion", shell]) == 0
+    script = capsys.readouterr().out
+    assert word in script
+    for name in COMMAND_NAMES:
+        assert name in script
+
+
+def test_an_unknown_shell_is_refused(capsys):
+    assert main(["completion", "bsh"]) == 2
+    assert "did you mean bash" in capsys.readouterr().err
