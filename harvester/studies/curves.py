@@ -3,6 +3,7 @@
 Both from differences on common noise, whose errors are paired.
 """
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -104,7 +105,7 @@ def rank(powers, series):
     Parameters
     ----------
     powers : dict of str to float
-        At each load's optimum; nan where there is none.
+        At each load's optimum, the means of the series; nan where there is none.
     series : dict of str to (ndarray or None)
 
     Returns
@@ -116,20 +117,56 @@ def rank(powers, series):
     differences = []
     for place, better in enumerate(order):
         for worse in order[place + 1 :]:
-            ratio, error = _ratio(series[better], series[worse], powers[better], powers[worse])
+            ratio = powers[better] / powers[worse]
+            error = 0.0
+            if series[better] is not None:
+                shares = [series[k] / powers[k] for k in (better, worse)]
+                error = error_of_sum((ratio, -ratio), shares)
+            error = math.nan if error is None else error
             differences.append(Difference(better, worse, ratio - 1.0, error))
     return order, differences
 
 
-def _ratio(upper, lower, mean_upper, mean_lower):
-    """Ratio of two means on common noise and its error; of the realizations both have."""
-    if upper is None:
-        return mean_upper / mean_lower, 0.0
-    count = min(len(upper), len(lower))
-    upper, lower = upper[:count], lower[:count]
-    ratio = float(upper.mean() / lower.mean())
-    error = standard_error((upper - ratio * lower) / lower.mean())
-    return ratio, math.nan if error is None else error
+def error_of_sum(weights, series):
+    """Standard error of a weighted sum of means on common noise.
+
+    The first realizations of all series are on the same noise; where one has more than another,
+    only what they share cancels.
+
+    Parameters
+    ----------
+    weights : sequence of float
+    series : sequence of ndarray, shape (realizations, batches)
+        Of any numbers of realizations.
+
+    Returns
+    -------
+    float or None
+        None where one is too short for an error bar.
+    """
+    counts = [len(each) for each in series]
+    together = _error_of_prefix(weights, series, min(counts))
+    if min(counts) == max(counts) or together is None:
+        return together
+    errors = [standard_error(each) for each in series]
+    if None in errors:
+        return None
+    variance = sum((w * error) ** 2 for w, error in zip(weights, errors, strict=True))
+    for i, j in itertools.combinations(range(len(series)), 2):
+        count = min(counts[i], counts[j])
+        pair = [series[i], series[j]]
+        parts = [_error_of_prefix(w, pair, count) for w in ((1.0, 0.0), (0.0, 1.0), (1.0, -1.0))]
+        if None in parts:
+            return None
+        covariance = 0.5 * (parts[0] ** 2 + parts[1] ** 2 - parts[2] ** 2)
+        shared = count**2 / (counts[i] * counts[j])
+        variance += 2.0 * weights[i] * weights[j] * covariance * shared
+    # Estimated parts can add up to too little; no longer runs could make it less than this.
+    return math.sqrt(max(variance, together**2 * min(counts) / max(counts)))
+
+
+def _error_of_prefix(weights, series, count):
+    return standard_error(sum(w * each[:count] for w, each in zip(weights, series, strict=True)))
 
 
 def _vertex(x, y):
@@ -145,16 +182,12 @@ def _error_of(gradient, series):
     """Standard error of a function of means by the gradient over their logarithms."""
     if series[0] is None:
         return 0.0
-    count = min(len(each) for each in series)
-    shares = [each[:count] / each[:count].mean() - 1.0 for each in series]
-    return standard_error(sum(g * share for g, share in zip(gradient, shares, strict=True)))
+    return error_of_sum(gradient, [each / each.mean() for each in series])
 
 
 def _no_lower(series, place, best):
     """Whether a point lies within two paired standard errors of the highest."""
     if series[place] is None or series[best] is None:
         return False
-    count = min(len(series[place]), len(series[best]))
-    difference = series[best][:count] - series[place][:count]
-    error = standard_error(difference)
-    return error is None or difference.mean() < INTERVAL * error
+    error = error_of_sum((1.0, -1.0), (series[best], series[place]))
+    return error is None or series[best].mean() - series[place].mean() < INTERVAL * error

@@ -63,6 +63,7 @@ def to_dataset(report):
     attributes = {
         "scene": json.dumps(grid.scene.to_dict(), ensure_ascii=False),
         "method": study.method,
+        "version": study.version,
         "precision": math.nan if study.precision is None else study.precision,
         "out_of_time": int(study.out_of_time),
         "notes": "\n".join(grid.notes) or "none",

@@ -75,7 +75,8 @@ def draw_waveforms(report):
         axes.set_xlabel("time [s]")
     words = dict(report.others())[other]
     title = "piezo voltage (colour) and displacement (grey) where each load is best"
-    figure.suptitle(f"{report.scene.name}: {title}{', ' * bool(words)}{words}", x=0.01, ha="left")
+    title = f"{report.scene.name}: {title}{', ' * bool(words)}{words}"
+    figure.suptitle(title, x=0.01, ha="left", fontsize=9)
     return figure
 
 
@@ -178,10 +179,11 @@ def _draw_waveform(axes, report, load, evaluation, colour):
         evaluation.waveform[Record._fields.index(name)]
         for name in ("time", "voltage", "displacement")
     )
+    in_metres = report.scene.units == "SI"
     axes.plot(time, voltage, color=colour)
-    axes.set_ylabel(f"[{unit_of(report.scene, 'voltage')}]")
+    axes.set_ylabel(f"voltage [{unit_of(report.scene, 'voltage')}]" if in_metres else "voltage")
     axes.set_title(load)
     beside = axes.twinx()
-    beside.plot(time, displacement, color="0.6", linewidth=0.8)
+    beside.plot(time, 1e3 * displacement if in_metres else displacement, color="0.6", linewidth=0.8)
     beside.spines.right.set_visible(True)
-    beside.set_ylabel(f"[{unit_of(report.scene, 'displacement')}]", color="0.5")
+    beside.set_ylabel("X [mm]" if in_metres else "X", color="0.5")

@@ -67,6 +67,11 @@ class Evaluation:
         return self.estimates[POWER].estimate if POWER in self.estimates else math.nan
 
     @property
+    def plain_power(self):
+        """The same without the control variate: what paired differences are taken of."""
+        return self.power if self.series is None else float(self.series.mean())
+
+    @property
     def relative_error(self):
         """Of the output power; infinite without an error bar."""
         error = self.estimates[POWER].standard_error if POWER in self.estimates else None

@@ -128,8 +128,15 @@ def _check_sweep(scene, key, values):
 
 def _at(scene, values):
     """The scene with its load's resistor named as that load does."""
-    own = RESISTANCES[0 if scene.electrical_load.netlist else 1]
-    return scene.replace({own if key in RESISTANCES else key: v for key, v in values.items()})
+    changes = {}
+    for key, value in values.items():
+        if key in RESISTANCES:
+            key = RESISTANCES[0 if scene.electrical_load.netlist else 1]
+            if scene.electrical_load.decay_rate is not None:
+                # Of the scaled resistor, whose λ is 1/R.
+                key, value = "load.decay_rate", 1.0 / value
+        changes[key] = value
+    return scene.replace(changes)
 
 
 def _with_storage(points, sweeps):

@@ -129,7 +129,7 @@ def _read(path):
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = dict(file)
-    except (OSError, ValueError, zipfile.BadZipFile):
+    except (OSError, EOFError, ValueError, zipfile.BadZipFile):
         return None
     quantities = json.loads(str(arrays["quantities"]))
     moments = []

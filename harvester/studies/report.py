@@ -64,7 +64,7 @@ class Report:
         found = np.empty(self.curves.shape[:-1], dtype=object)
         for where in np.ndindex(found.shape):
             row = [self.curves[where][k] for k in order]
-            powers, series = [e.power for e in row], [e.series for e in row]
+            powers, series = [e.plain_power for e in row], [e.series for e in row]
             optimum = optimum_of([places[k] for k in order], powers, series)
             found[where] = optimum, None if optimum.best is None else int(order[optimum.best])
         return found
@@ -82,7 +82,7 @@ class Report:
         for other in np.ndindex(self.optima.shape[1:]):
             best = {load: self.best((k, *other)) for k, load in enumerate(loads)}
             best = {load: e for load, e in best.items() if e}
-            powers = {load: e.power for load, e in best.items()}
+            powers = {load: e.plain_power for load, e in best.items()}
             found[other] = rank(powers, {load: e.series for load, e in best.items()})
         return found
 
@@ -98,7 +98,7 @@ class Report:
 
     def table(self):
         """Header and rows: each load's optimum."""
-        key, others = self.curve_keys
+        key = self.curve_keys[0]
         header = ["load", "at", f"highest at {key or 'the scene'}", "optimum", "interval"]
         header += [f"output power [{self.unit}]", "efficiency", "realizations", "note"]
         rows = []

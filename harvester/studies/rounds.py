@@ -17,10 +17,10 @@ from harvester.studies.sources import (
     make_source,
 )
 
-# Realizations of a point's first round; the least that give an error bar.
+# Realizations of a point's first round.
 FIRST = 8
-# Most realizations of a point: two batches in each, and no more rounds beyond.
-MOST = 128
+# Most realizations of a point: four batches in each, and no more rounds beyond.
+MOST = 80
 # A round asks for what the error bar needs and a little more, at most this much longer.
 MARGIN, GROWTH = 1.1, 2.0
 

@@ -32,6 +32,8 @@ class Study:
     grid : Grid
     method : str
         Engine or closure.
+    version : str
+        Of what computed.
     precision : float or None
     evaluations : list of Evaluation
         In the order of `grid.points`.
@@ -44,6 +46,7 @@ class Study:
 
     grid: Grid
     method: str
+    version: str
     precision: float | None
     evaluations: list
     out_of_time: bool
@@ -66,6 +69,7 @@ def load_study(
     executor=None,
     time_limit=TIME_LIMIT,
     progress=None,
+    pool=None,
 ):
     """Simulate loads over a grid of values, all on the same noise.
 
@@ -97,6 +101,8 @@ def load_study(
         Wall-clock seconds of one realization.
     progress : callable or None
         Given the share done, 0 … 1, and a few words.
+    pool : harvester.workers.WorkerPool or None
+        Running processes to use again.
 
     Returns
     -------
@@ -125,14 +131,15 @@ def load_study(
     if output:
         check_writable(f"{output}/file")
     deadline = clock + time_budget if time_budget else math.inf
-    with _pool(executor, workers) as pool:
-        version = _version(pool, engine)
-        runner = Runner(pool, Store(output), deadline, time_limit)
+    with _running(pool, executor, workers) as running:
+        version = _version(running, engine)
+        runner = Runner(running, Store(output), deadline, time_limit)
         rounds = Rounds(grid, engine, step, version, precision if statistical else None, runner)
         evaluations, out_of_time = rounds.run(progress or (lambda share, words: None))
     return Study(
         grid=grid,
         method=engine,
+        version=version,
         precision=precision,
         evaluations=evaluations,
         out_of_time=out_of_time,
@@ -149,8 +156,11 @@ def _cut(scene):
     return scene.replace({"run.duration": duration, "run.realizations": MOST})
 
 
-def _pool(executor, workers):
-    return contextlib.nullcontext(ExecutorPool(executor)) if executor else WorkerPool(None, workers)
+def _running(pool, executor, workers):
+    """The pool or the executor that was handed in, else workers that end with the block."""
+    if executor is not None:
+        return contextlib.nullcontext(ExecutorPool(executor))
+    return WorkerPool(None, workers) if pool is None else contextlib.nullcontext(pool)
 
 
 def _version(pool, engine):
