@@ -90,6 +90,7 @@ def optimum_of(places, powers, series):
     note = ""
     rivals = [k for k in range(len(places)) if k != best and _no_lower(series, k, best)]
     if rivals:
+        rivals.append(best)
         low, high = min(low, axis[min(rivals)]), max(high, axis[max(rivals)])
         note = "flat within the noise"
     if low <= axis[0] or high >= axis[-1]:

@@ -9,6 +9,7 @@ import hashlib
 import json
 import time
 import zipfile
+import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -82,9 +83,9 @@ def failed(error, seconds=0.0):
     return Piece(failure=f"{type(error).__name__}: {error}", seconds=seconds)
 
 
-def key_of(scene, engine, indices, step, window, version):
-    """SHA-256 of all that decides a piece's numbers."""
-    content = [FORMAT, scene.digest(), engine, list(indices), step, window, version]
+def key_of(digest, engine, indices, step, window, version):
+    """SHA-256 of all that decides a piece's numbers; `digest` is the scene's."""
+    content = [FORMAT, digest, engine, list(indices), step, window, version]
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 
@@ -127,9 +128,9 @@ def _arrays(piece):
 
 def _read(path):
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             arrays = dict(file)
-    except (OSError, EOFError, ValueError, zipfile.BadZipFile):
+    except (OSError, EOFError, ValueError, zipfile.BadZipFile, zlib.error):
         return None
     quantities = json.loads(str(arrays["quantities"]))
     moments = []

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import harvester
 from harvester import batches
@@ -32,7 +33,7 @@ class Source:
 
     @property
     def most(self):
-        """Realizations there are; a closure has one piece."""
+        """Realizations there are."""
         return self.scene.run.realizations
 
     def call(self, start):
@@ -45,12 +46,16 @@ class Source:
             "window": self.window if start == 0 else None,
         }
 
+    @cached_property
+    def digest(self):
+        """The scene's, worked out once."""
+        return self.scene.digest()
+
     def key(self, start):
         """Name of that piece."""
         call = self.call(start)
-        return key_of(
-            *(call[n] for n in ("scene", "engine", "indices", "step", "window")), self.version
-        )
+        decides = (call[name] for name in ("engine", "indices", "step", "window"))
+        return key_of(self.digest, *decides, self.version)
 
 
 def make_source(scene, method, step, version):

@@ -59,7 +59,7 @@ def test_a_closure_that_refuses_is_a_piece_that_says_so():
 
 def test_the_key_follows_all_that_decides_the_numbers(bridge):
     def key(scene=bridge, engine="circuit", indices=(0,), step="default", version="1"):
-        return key_of(scene, engine, indices, step, None, version)
+        return key_of(scene.digest(), engine, indices, step, None, version)
 
     others = [
         key(bridge.replace({"run.seed": 2})),

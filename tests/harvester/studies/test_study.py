@@ -142,7 +142,7 @@ def test_killed_and_run_again_it_comes_to_the_same_file(tmp_path):
         xarray.load_dataset(folder / "load-study.nc", engine="scipy") for folder in (whole, broken)
     )
     assert first.identical(second)
-    rows = list(csv.DictReader((whole / "load-study.csv").open()))
+    rows = list(csv.DictReader((whole / "load-study.csv").read_text().splitlines()))
     assert [float(row["output_power [scaled power]"]) for row in rows] == pytest.approx(
         first.output_power.values.ravel().tolist(), rel=1e-8
     )
