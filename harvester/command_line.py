@@ -53,7 +53,8 @@ def main(arguments=None):
         say(f"harvester: {error}")
         return 2
     except KeyboardInterrupt:
-        say("harvester: interrupted; nothing was written")
+        kept = getattr(options, "kept_when_interrupted", "nothing was written")
+        say(f"harvester: interrupted; {kept}")
         return 130
     except BrokenPipeError:
         sys.stderr.close()

@@ -76,7 +76,7 @@ def controlled_mean(series, control, known_mean=None, known_error=0.0):
 
 
 def significant_correlation(series, control):
-    """Correlation of the batches of both, or None where it could be chance."""
+    """Correlation of the batches of both, or None where it could be chance or gains too little."""
     if len(series) < 3 or series.shape != control.shape:
         return None
     both = np.std(series) * np.std(control)
@@ -84,7 +84,9 @@ def significant_correlation(series, control):
         return None
     deviations = (series - series.mean()) * (control - control.mean())
     correlation = float(deviations.mean() / both)
-    return correlation if abs(correlation) * math.sqrt(series.size) > SIGNIFICANT else None
+    if abs(correlation) * math.sqrt(series.size) <= SIGNIFICANT:
+        return None
+    return correlation if LEAST_GAIN * (1.0 - correlation**2) <= 1.0 else None
 
 
 def _of_the_others(series, control):

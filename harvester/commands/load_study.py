@@ -69,12 +69,12 @@ def run(options):
     _check(options)
     sweeps = _sweeps(options.sweep)
     from harvester.console import progress, show_table
-    from harvester.studies import load_study
+    from harvester.studies import Report, load_study, save
     from harvester.studies.dataset import xarray_or_say
-    from harvester.studies.report import Report
 
     if options.output:
         xarray_or_say()
+        options.kept_when_interrupted = "finished pieces are kept: the same command goes on"
     with _executor(options.scheduler) as executor, progress() as follow:
         study = load_study(
             scene,
@@ -93,7 +93,8 @@ def run(options):
     report = Report(study)
     show_table(report, "load study")
     if options.output:
-        _write(report, options.output)
+        written = save(report, options.output)
+        say(f"written to {options.output}: {', '.join(written)}")
     return 0 if any(e.estimates for e in study.evaluations) else 1
 
 
@@ -129,22 +130,3 @@ def _executor(scheduler):
         return Client(scheduler, timeout="10s").get_executor()
     except (OSError, ValueError) as error:
         raise HarvesterError(f"--scheduler {scheduler}: {error}") from None
-
-
-def _write(report, folder):
-    from pathlib import Path
-
-    from harvester import figures
-    from harvester.studies import drawing
-    from harvester.studies.dataset import save_csv, save_netcdf, to_dataset
-
-    folder = Path(folder)
-    save_netcdf(to_dataset(report), folder / "load-study.nc")
-    save_csv(report, folder / "load-study.csv")
-    figures.save(drawing.draw_power, report, folder / "power.png")
-    figures.save(drawing.draw_efficiency, report, folder / "efficiency.png")
-    figures.save(drawing.draw_waveforms, report, folder / "waveforms.png")
-    say(
-        f"written to {folder}: load-study.nc, load-study.csv, power.png, efficiency.png, "
-        "waveforms.png"
-    )

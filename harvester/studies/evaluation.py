@@ -20,6 +20,8 @@ from harvester.record import Record
 from harvester.simulation import LARGEST_RESIDUAL, NOTED_RESIDUAL
 
 COMPLETE = "complete"
+# Time constants of the output within the settling, below which the outcome says so.
+FEWEST_CHARGING_TIMES = 3.0
 # Dimensions of a record's columns; the others are powers.
 WAVEFORM = {
     "time": "time",
@@ -114,6 +116,11 @@ def evaluate(scene, pieces, control=None):
         outcome = f"ended after {len(moments)} realizations: {failure}"
     elif residual > NOTED_RESIDUAL:
         outcome = f"complete; energy balance residual {residual:.1%}: choose a shorter --step"
+    elif _charging_time(moments[0]) > scene.run.settle / FEWEST_CHARGING_TIMES:
+        outcome = (
+            f"complete; the storage charges in {_charging_time(moments[0]):.2g} s, not short "
+            f"against run.settle = {scene.run.settle:g}: the power may be that of charging"
+        )
     series = power_series(moments, scales.power)
     known = (control[0][: len(series)], *control[1:]) if control else (np.empty((0, 0)),)
     power = controlled_mean(series, *known)
@@ -142,6 +149,12 @@ def power_series(moments, unit):
         energy = batches[:, :, QUANTITIES.index("load_power")]
     mean = energy.sum() / time.sum()
     return unit * (mean + (energy - mean * time) / time.mean())
+
+
+def _charging_time(moments):
+    """Resistance times storage across the output (s)."""
+    output = moments.output
+    return output.capacitance / output.conductance if output and output.conductance else 0.0
 
 
 def _waveform_in_units(waveform, scales):

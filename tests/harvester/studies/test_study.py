@@ -102,11 +102,11 @@ def test_a_load_that_fails_is_the_outcome_of_its_point(linear, tmp_path, pool):
 
 def test_closures_make_a_study_too(pool):
     scene = Scene.load("device")
-    sweeps = {"load.resistance": [3e5, 1e6]}
+    sweeps = {"load.resistance": [1e6]}
     study = load_study(scene, ["resistor"], sweeps, engine="consistent", pool=pool)
     expected = scene.replace({"load.resistance": 1e6})
     value = average(expected, "consistent").quantity("mean_power").estimate
-    assert study.evaluations[1].power == pytest.approx(value, rel=1e-12)
+    assert study.evaluations[0].power == pytest.approx(value, rel=1e-12)
     with pytest.raises(HarvesterError, match="bridge"):
         load_study(scene, ["bridge"], engine="consistent")
 
@@ -190,3 +190,21 @@ def test_mistakes_in_the_call_are_one_line(capsys, arguments, said):
     error = capsys.readouterr().err
     assert said in error
     assert error.count("\n") == 1
+
+
+def test_a_storage_that_charges_for_longer_than_the_settling_is_told(pool):
+    scene = Scene.load("device").replace({"run.duration": 2.0, "run.settle": 1.0})
+    scene = scene.replace({"run.realizations": 1, "load.netlist": "bridge"})
+    sweeps = {RESISTANCE: [1e6], "load.parameters.storage": [1e-7, 1e-5]}
+    quick, slow = load_study(scene, [], sweeps, pool=pool).evaluations
+    assert quick.outcome == "complete"
+    assert "storage charges in 10 s" in slow.outcome
+
+
+@pytest.mark.slow
+def test_the_control_variate_helps_inside_a_well_and_is_refused_between_them(pool):
+    scene = Scene.load("device").replace({"load.netlist": "bridge", RESISTANCE: 1e6})
+    sweeps = {"excitation.intensity": [0.01, 0.36]}
+    inside, between = load_study(scene, [], sweeps, precision=0.5, pool=pool).evaluations
+    assert inside.gain > 2.0
+    assert between.gain == 1.0
