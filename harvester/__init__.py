@@ -22,6 +22,7 @@ _WHERE = {
     "validate": "harvester.comparison",
     "frequency_response": "harvester.response",
     "schematic": "harvester.circuit_drawing",
+    "load_study": "harvester.studies",
     "HarvesterError": "harvester.errors",
 }
 __all__ = ["__version__", *_WHERE]

@@ -11,6 +11,7 @@ from harvester.commands import (
     completion,
     engine,
     frequency_response,
+    load_study,
     netlist,
     optimum,
     reproduce,
@@ -31,6 +32,7 @@ COMMANDS = (
     work_precision,
     stability,
     optimum,
+    load_study,
     reproduce,
     claims,
     schematic,
@@ -68,7 +70,8 @@ def main(arguments=None):
         _complain(f"harvester: {error}")
         return 2
     except KeyboardInterrupt:
-        _complain("harvester: interrupted; nothing was written")
+        kept = getattr(options, "kept_when_interrupted", "nothing was written")
+        _complain(f"harvester: interrupted; {kept}")
         return 130
     except BrokenPipeError:
         sys.stderr.close()
