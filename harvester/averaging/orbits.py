@@ -13,6 +13,7 @@ import numpy as np
 from harvester.forces import contact_damping, potential, restoring_force
 from harvester.parameters import ScaledParameters
 
+PIECES = 4  # of a path between its turning points
 SMALLEST = 1e-150  # a speed to divide by on pieces of no length
 
 
@@ -222,7 +223,7 @@ class Path:
 
 
 @cache
-def _unit_nodes(nodes):
+def unit_nodes(nodes):
     """Gauss–Legendre nodes and weights on [0, 1]."""
     points, weights = np.polynomial.legendre.leggauss(nodes)
     return 0.5 * (points + 1.0), 0.5 * weights
@@ -239,7 +240,7 @@ def path_between(u, added_stiffness, left, excess, distance, middle, right, node
     gap = u.parameters.gap
     split = np.where((left < gap) & (gap < middle), gap, middle)
     touch = np.clip(gap, middle, right)
-    points, weights = _unit_nodes(nodes)
+    points, weights = unit_nodes(nodes)
 
     reach = np.arcsinh(np.sqrt(0.5 * (split - left) / distance))
     turn = reach[:, None] * points

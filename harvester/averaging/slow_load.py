@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harvester.averaging.averages import Averages
+from harvester.averaging.crossing import Crossing
 from harvester.averaging.layers import Grid, faced, layered
 from harvester.averaging.linear_response import beside_resonance
 from harvester.averaging.lobes import HalfOrbits, Lobe
@@ -28,13 +29,10 @@ from harvester.averaging.slow_density import SlowDensity
 from harvester.averaging.transport import Problem
 from harvester.errors import AveragingError
 
-# Walk with Gaussian steps whose side s is kept below 0 and changes at every step above:
-# φ(e) = 1 − E[sgn(e') φ(e')] goes to ½ above, to ½ − e² − 0.3836 below (e in steps).
-IMPULSE = 0.3835
 FORGOTTEN = 40.0  # ln g falls by this much up to the outer end
-# Cells in half the range of Z, in a well and outside; nodes on each piece of an orbit.
-COARSEST = (10, 12, 15, 8)
-MOST_NODES = 32
+# Cells in half the range of Z, in a well and outside.
+COARSEST = (10, 12, 15)
+NODES = 12
 SCAN_NODES = 16
 DOUBLINGS = 4
 JUDGED = (
@@ -116,8 +114,8 @@ class Span:
         Energies above the junction at which the outer ln g has fallen by `FORGOTTEN` and by one.
     lobe : Lobe
         At Z = 0.
-    lag : float
-        Z by which an outer orbit lags behind the well that it comes from (`_lag`).
+    crossing : Crossing
+        Of the separatrix.
     """
 
     frequency: float
@@ -129,7 +127,7 @@ class Span:
     excess: float
     typical: float
     lobe: Lobe
-    lag: float
+    crossing: Crossing
 
     @classmethod
     def of(cls, p):
@@ -176,50 +174,31 @@ class Span:
             last,
             typical,
             lobe,
-            _lag(p, lobe, rate),
+            Crossing.of(p, stiffness, rate, NODES),
         )
 
     def grid(self, p, doubling):
         """The grid after so many doublings: fine where the motion is."""
-        layers, well, outer, nodes = (count * 2**doubling for count in COARSEST)
-        nodes = min(nodes, MOST_NODES)
+        layers, well, outer = (count * 2**doubling for count in COARSEST)
         excess = self.excess * _clustered(outer, self.typical / self.excess)
         share = np.empty(0)
         if self.lobe.double:
             share = _clustered(well, 2.0 * np.sqrt(self.energy / (3.0 * self.depth)))
         charge = np.zeros(2)
         if p.linear_stiffness < 0.0:
-            charge = p.rest * (1.0 - _clustered(layers, 4.0 * self.inside)[::-1])
-        return Grid(charge, share, excess, nodes)
+            charge = self.crossing.last * (1.0 - _clustered(layers, 4.0 * self.inside)[::-1])
+        held = self.crossing.held(np.append(-charge[:0:-1], charge))
+        return Grid(charge, held, share, excess, NODES)
 
 
 def _fall(p, half, height):
     """∫B/A dH, by which ln g falls up to these orbits."""
-    noise = p.intensity * half.filtered_power(1.0 / p.correlation_time)
+    noise = p.intensity * half.noise(p.correlation_time)
     loss = half.integral(half.speed * (p.damping + half.damping))
     loss += p.coupling * p.decay_rate * half.filtered_power(p.decay_rate)
-    rate = loss / noise * p.correlation_time**2
+    rate = loss / noise
     steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(height)
     return rate[0] * height[0] + np.append(0.0, np.cumsum(steps))
-
-
-def _lag(p, lobe, rate):
-    """Z that one pass of the separatrix leaves behind.
-
-    The noise kicks the energy once per lobe; only then does the side change, so that mass which
-    leaves a well first completes its lobe, on average over `IMPULSE` of one more than the
-    diffusion of the energy tells, and Z relaxes meanwhile. The lobe is that of an orbit one kick,
-    √(2A), above the separatrix.
-    """
-    if not lobe.double:
-        return 0.0
-    separatrix = HalfOrbits.of(lobe, lobe.well_path(np.ones(1), SCAN_NODES))
-    noise = separatrix.filtered_power(1.0 / p.correlation_time) / p.correlation_time**2
-    kick = np.sqrt(2.0 * p.intensity * noise)
-    half = HalfOrbits.of(lobe, lobe.outer_path(kick, SCAN_NODES))
-    duration = half.integral(1.0 / half.speed)[0]
-    centre = half.integral(half.x / half.speed)[0] / duration
-    return float(centre * -np.expm1(-IMPULSE * rate * duration))
 
 
 def _clustered(cells, scale):
@@ -243,7 +222,7 @@ class _Solution:
         faces = None
         if self.grid.charge[-1] > 0.0:
             faces = faced(p, span.stiffness, self.grid, self.tables)
-        self.problem = Problem(p, self.grid, self.tables, faces, span.rate, span.lag)
+        self.problem = Problem(p, self.grid, self.tables, faces, span.rate)
         self.density = self.problem.solve()
 
     def totals(self):
@@ -264,9 +243,11 @@ class _Solution:
         def over_energy(values):
             return float(np.sum(weight * 0.5 * (values[:, 1:] + values[:, :-1]) * rise))
 
+        spread = float(np.sum(weight * (table.cells("square") - area * centre**2)))
         return {
             "mass": float(np.sum(weight * area)),
-            "round": over_energy(table.voltage),
+            # Of an open circuit from the cells' own moments, which know no logarithm.
+            "round": spread - over_energy(table.excursion - table.voltage),
             "slow": float(np.sum(weight * area * (centre - charge[:, None]) ** 2)),
             "contact": over_energy(table.contact),
             "velocity": float(np.sum(weight * table.cells("speed_square"))),

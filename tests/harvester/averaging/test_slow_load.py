@@ -9,7 +9,7 @@ from truths import interpolated_linear_means
 
 from harvester.averaged import average as average_scene
 from harvester.averaging import average
-from harvester.averaging.slow_load import IMPULSE
+from harvester.averaging.crossing import IMPULSE
 from harvester.errors import AveragingError
 from harvester.forces import potential
 from harvester.parameters import scale
