@@ -62,6 +62,8 @@ class Crossing:
 
     def held(self, charge):
         """Z of the right well's orbits that outer orbits at Z meet."""
+        if not np.any(self.lag):
+            return charge
         return charge + PchipInterpolator(self.charge, self.lag)(charge)
 
 

@@ -121,52 +121,73 @@ def _integrals_names():
 
 def _wells(p, outer, lobes, grid):
     """A layer's well counts where the outer orbits' Z has it as well."""
-    shares = middle(grid.share)
     exists = np.array([a.has_well and b.has_well for a, b in zip(outer, lobes, strict=True)])
-    rows = []
-    for lobe in lobes:
-        if not lobe.has_well:
-            rows.append({name: np.zeros(len(grid.share)) for name in _row_names()})
-            rows[-1].update(junction=lobe.junction, base=0.0, height=np.zeros(len(shares)))
-            continue
-        half = HalfOrbits.of(lobe, lobe.well_path(grid.share[1:], grid.nodes))
-        row = {name: np.insert(values, 0, 0.0) for name, values in _integrals(p, half).items()}
-        row["centre"][0] = lobe.bottom
-        row["height"] = lobe.well_heights(shares)
-        row["face_height"] = lobe.well_heights(grid.share)
-        row["junction"] = lobe.junction
-        row["base"] = lobe.potential.energy(lobe.bottom, lobe.stiffness[0])
-        rows.append(row)
-    return _table(rows, exists)
+    there = [lobe for lobe, one in zip(lobes, exists, strict=True) if one]
+    half = _well_orbits(there, grid.share[1:], grid.nodes)
+    rows = {name: _rows(values, there) for name, values in _integrals(p, half).items()}
+    rows["centre"][:, 0] = [lobe.bottom for lobe in there]
+    for name, share in (("height", middle(grid.share)), ("face_height", grid.share)):
+        stack = Lobe.stacked(there, len(share))
+        rows[name] = stack.well_heights(np.tile(share, len(there))).reshape(len(there), -1)
+    columns = {name: np.zeros((len(lobes), values.shape[1])) for name, values in rows.items()}
+    for name, values in rows.items():
+        columns[name][exists] = values
+    base = [lobe.potential.energy(lobe.bottom, lobe.stiffness[0]) for lobe in lobes]
+    junction = np.array([lobe.junction for lobe in lobes])
+    return Table(exists=exists, junction=junction, base=np.array(base), **columns)
 
 
 def _outer(p, lobes, grid):
-    inner = [_separatrix(p, lobe, grid) for lobe in lobes]
     count = len(lobes) // 2
-    rows = []
-    for k in range(count):
-        right, left = lobes[count + k], lobes[count - 1 - k]
-        excess = np.append(INNERMOST * grid.excess[1], grid.excess[1:])
-        half, other = (
-            HalfOrbits.of(lobe, lobe.outer_path(excess, grid.nodes)) for lobe in (right, left)
-        )
-        row = _integrals(p, half.after_mirrored(other))
-        for name in (*MOMENTS, "contact", "noise"):
-            sign = -1.0 if name == "displacement" else 1.0
-            row[name][0] = inner[count + k][name] + sign * inner[count - 1 - k][name]
-        row["height"] = 0.5 * (grid.excess[1:] + grid.excess[:-1])
-        row["face_height"] = grid.excess
-        row["junction"] = right.junction
-        row["base"] = right.potential.energy(right.junction, right.stiffness[0])
-        rows.append(row)
-    return _table(rows, np.ones(count, dtype=bool))
+    right, left = lobes[count:], lobes[count - 1 :: -1]
+    excess = np.append(INNERMOST * grid.excess[1], grid.excess[1:])
+    columns = {
+        name: values.reshape(count, -1)
+        for name, values in _integrals(p, _outer_orbits(right, left, excess, grid.nodes)).items()
+    }
+    mine, theirs = _separatrices(p, right, grid.nodes), _separatrices(p, left, grid.nodes)
+    for name in (*MOMENTS, "contact", "noise"):
+        sign = -1.0 if name == "displacement" else 1.0
+        columns[name][:, 0] = mine[name] + sign * theirs[name]
+    base = [lobe.potential.energy(lobe.junction, lobe.stiffness[0]) for lobe in right]
+    return Table(
+        exists=np.ones(count, dtype=bool),
+        junction=np.array([lobe.junction for lobe in right]),
+        base=np.array(base),
+        height=np.tile(middle(grid.excess), (count, 1)),
+        face_height=np.tile(grid.excess, (count, 1)),
+        **columns,
+    )
 
 
-def _separatrix(p, lobe, grid):
-    if not lobe.has_well:
-        return dict.fromkeys(_integrals_names(), 0.0)
-    half = HalfOrbits.of(lobe, lobe.well_path(np.ones(1), grid.nodes))
-    return {name: values[0] for name, values in _integrals(p, half).items()}
+def _rows(values, lobes):
+    """Array (lobes, levels) with a first level of zeros."""
+    return np.pad(values.reshape(len(lobes), -1), ((0, 0), (1, 0)))
+
+
+def _well_orbits(lobes, share, nodes):
+    stack = Lobe.stacked(lobes, len(share))
+    return HalfOrbits.of(stack, stack.well_path(np.tile(share, len(lobes)), nodes))
+
+
+def _outer_orbits(right, left, excess, nodes):
+    mine, theirs = (
+        HalfOrbits.of(stack, stack.outer_path(np.tile(excess, len(right)), nodes))
+        for stack in (Lobe.stacked(lobes, len(excess)) for lobes in (right, left))
+    )
+    return mine.after_mirrored(theirs)
+
+
+def _separatrices(p, lobes, nodes):
+    """Integrals over the separatrix of each lobe, 0 where it has no well."""
+    there = np.array([lobe.has_well for lobe in lobes])
+    values = {name: np.zeros(len(lobes)) for name in _integrals_names()}
+    if np.any(there):
+        wells = [lobe for lobe in lobes if lobe.has_well]
+        found = _integrals(p, _well_orbits(wells, np.ones(1), nodes))
+        for name in values:
+            values[name][there] = found[name]
+    return values
 
 
 def _integrals(p, half):
@@ -183,15 +204,6 @@ def _integrals(p, half):
         "voltage": half.filtered_power(p.decay_rate),
         "noise": half.noise(p.correlation_time),
     }
-
-
-def _row_names():
-    return (*_integrals_names(), "centre", "face_height")
-
-
-def _table(rows, exists):
-    columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-    return Table(exists=exists, **columns)
 
 
 @dataclass(frozen=True)
@@ -212,30 +224,20 @@ def faced(p, stiffness, grid, tables):
     if "wells" in tables:
         lobes = [Lobe(p, stiffness, z) for z in grid.held]
         exists = np.pad(tables["wells"].exists, 1, mode="edge")
-        exists = exists[1:] & exists[:-1]
+        exists = exists[1:] & exists[:-1] & np.array([lobe.has_well for lobe in lobes])
+        there = [lobe for lobe, one in zip(lobes, exists, strict=True) if one]
+        half = _well_orbits(there, grid.share[1:], grid.nodes)
         area["wells"] = np.zeros((2 * count + 1, len(grid.share)))
         displacement["wells"] = np.zeros_like(area["wells"])
-        for k in np.flatnonzero(exists):
-            if not lobes[k].has_well:
-                continue
-            half = HalfOrbits.of(lobes[k], lobes[k].well_path(grid.share[1:], grid.nodes))
-            area["wells"][k, 1:] = half.area
-            displacement["wells"][k, 1:] = half.integral(half.speed * half.x)
+        area["wells"][exists] = _rows(half.area, there)
+        displacement["wells"][exists] = _rows(half.integral(half.speed * half.x), there)
     lobes = both_ways(p, stiffness, grid.charge[1:])
     lobes.insert(count, Lobe(p, stiffness, grid.charge[0]))
-    inner = [_separatrix(p, lobe, grid) for lobe in lobes]
-    area["outer"] = np.zeros((count + 1, len(grid.excess)))
-    displacement["outer"] = np.zeros_like(area["outer"])
-    for k in range(count + 1):
-        right, left = lobes[count + k], lobes[count - k]
-        half, other = (
-            HalfOrbits.of(lobe, lobe.outer_path(grid.excess[1:], grid.nodes))
-            for lobe in (right, left)
-        )
-        whole = half.after_mirrored(other)
-        mine, theirs = inner[count + k], inner[count - k]
-        area["outer"][k, 0] = mine["area"] + theirs["area"]
-        area["outer"][k, 1:] = whole.area
-        displacement["outer"][k, 0] = mine["displacement"] - theirs["displacement"]
-        displacement["outer"][k, 1:] = whole.integral(whole.speed * whole.x)
+    right, left = lobes[count:], lobes[count::-1]
+    mine, theirs = _separatrices(p, right, grid.nodes), _separatrices(p, left, grid.nodes)
+    half = _outer_orbits(right, left, grid.excess[1:], grid.nodes)
+    area["outer"] = _rows(half.area, right)
+    area["outer"][:, 0] = mine["area"] + theirs["area"]
+    displacement["outer"] = _rows(half.integral(half.speed * half.x), right)
+    displacement["outer"][:, 0] = mine["displacement"] - theirs["displacement"]
     return Faces(area, displacement)

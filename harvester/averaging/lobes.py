@@ -94,13 +94,17 @@ class Lobe:
                 high = middle
         return 0.5 * (low + high)
 
-    @property
-    def saddle(self):
-        """Whether the junction is a saddle, where orbits take for ever."""
-        if not self.double:
-            return False
-        slope = self.potential.slope(np.array([self.junction]), self.stiffness)[0]
-        return abs(slope) < 1e-9 * abs(self.potential.curvature(0.0, self.stiffness)[0])
+    @classmethod
+    def stacked(cls, lobes, count):
+        """Lobes as one, each for `count` orbits in a row: attributes are arrays over orbits."""
+        stack = cls.__new__(cls)
+        charge = np.array([lobe.potential.anchor for lobe in lobes])
+        stack.potential = Potential(lobes[0].potential.parameters, np.repeat(charge, count))
+        stack.stiffness, stack.double = lobes[0].stiffness, lobes[0].double
+        for name in ("junction", "bottom"):
+            values = np.array([getattr(lobe, name) for lobe in lobes])
+            setattr(stack, name, np.repeat(values, count))
+        return stack
 
     def well_heights(self, share):
         """H above the bottom where the left turning point is so far towards the junction."""
@@ -129,8 +133,8 @@ class Lobe:
         right = turning_point(u, left, excess, bottom, first, n2)
         distance = WIDE * (right - left)
         if self.double:
-            slope = abs(float(u.slope(left[:1], n2[:1])[0]))
-            bend = max(-float(u.curvature(np.abs(left[:1]), n2[:1])[0]), 0.0)
+            slope = np.abs(u.slope(left, n2))
+            bend = np.maximum(-u.curvature(np.abs(left), n2), 0.0)
             with np.errstate(divide="ignore", invalid="ignore"):
                 scales = [0.5 * np.sqrt(2.0 * excess / bend), 0.5 * excess / slope]
             distance = np.minimum(distance, np.minimum(*scales))
