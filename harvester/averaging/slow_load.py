@@ -68,6 +68,27 @@ def slow_load(parameters, tolerance):
     ------
     AveragingError
         Motion that nothing confines or damps; the tolerance is not met on the finest grid.
+
+    Notes
+    -----
+    Deviation from Monte Carlo over 53 sets, 44 of them random (gap 0.95 to 1.5, e 0.3 to 0.9,
+    K 5 to 50, D 0.005 to 0.15, τ1 0.1 to 1, λ 0.01 to 1, β 0.3 to 0.95; 64 realizations of 8100 s
+    with seed 1, of 40000 s with seed 77 where E[V²] had more than 0.8 % of error; errors of E[V²]
+    0.2 to 2.7 %): median and worst of E[V²] in percent, of the efficiency in points, and of
+    ∫|Δp(X)| dX. A preloaded gap lies inside the well.
+
+    ==========================  ====  ===========  ==========  ============
+    regime                      sets  E[V²]        efficiency  p(X)
+    ==========================  ====  ===========  ==========  ============
+    τ1 ≤ 0.4, λ < 0.5           28    0.55, 2.5    0.07, 0.9   0.005, 0.022
+    τ1 ≤ 0.4, λ ≥ 0.5           5     2.0, 3.3     0.6, 1.3    0.008, 0.009
+    τ1 ≤ 0.4, preloaded         7     5.5, 13.5    0.4, 1.2    0.018, 0.083
+    τ1 > 0.4                    13    1.7, 13.7    0.2, 1.6    0.028, 0.073
+    ==========================  ====  ===========  ==========  ============
+
+    The true numerical error was up to 1.7 times the estimate in 14 comparisons with a tolerance of
+    1e-4, and below the tolerance in all of them. One point takes 0.4 to 1.7 s of processor time
+    at 1e-3, 6 to 7 s where the finest grid is needed.
     """
     p = parameters
     span = Span.of(p)
