@@ -73,8 +73,9 @@ def slow_load(parameters, tolerance):
     -----
     Deviation from Monte Carlo over 53 sets, 44 of them random (gap 0.95 to 1.5, e 0.3 to 0.9,
     K 5 to 50, D 0.005 to 0.15, τ1 0.1 to 1, λ 0.01 to 1, β 0.3 to 0.95; 64 realizations of 8100 s
-    with seed 1, of 40000 s with seed 77 where E[V²] had more than 0.8 % of error; errors of E[V²]
-    0.2 to 2.7 %): median and worst of E[V²] in percent, of the efficiency in points, and of
+    with seed 1, or of 40000 s with seed 77 for most where that left E[V²] known to worse than
+    0.8 %; errors of E[V²] 0.25 to 1.7 %): median and worst of E[V²] in percent, of the efficiency
+    in points, and of
     ∫|Δp(X)| dX. A preloaded gap lies inside the well.
 
     ==========================  ====  ===========  ==========  ============
@@ -86,8 +87,8 @@ def slow_load(parameters, tolerance):
     τ1 > 0.4                    13    1.7, 13.7    0.2, 1.6    0.028, 0.073
     ==========================  ====  ===========  ==========  ============
 
-    The true numerical error was up to 1.7 times the estimate in 14 comparisons with a tolerance of
-    1e-4, and below the tolerance in all of them. One point takes 0.4 to 1.7 s of processor time
+    The true numerical error was up to three times the estimate in 42 means compared with those at
+    tolerance 1e-4, and below the tolerance in all of them. One point takes 0.4 to 1.7 s of processor time
     at 1e-3, 6 to 7 s where the finest grid is needed.
     """
     p = parameters
