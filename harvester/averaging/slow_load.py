@@ -75,8 +75,8 @@ def slow_load(parameters, tolerance):
     K 5 to 50, D 0.005 to 0.15, τ1 0.1 to 1, λ 0.01 to 1, β 0.3 to 0.95; 64 realizations of 8100 s
     with seed 1, or of 40000 s with seed 77 for most where that left E[V²] known to worse than
     0.8 %; errors of E[V²] 0.25 to 1.7 %): median and worst of E[V²] in percent, of the efficiency
-    in points, and of
-    ∫|Δp(X)| dX. A preloaded gap lies inside the well.
+    in points, and of ∫|Δp(X)| dX. A preloaded gap lies inside the well; the first two rows have
+    none.
 
     ==========================  ====  ===========  ==========  ============
     regime                      sets  E[V²]        efficiency  p(X)
@@ -88,8 +88,8 @@ def slow_load(parameters, tolerance):
     ==========================  ====  ===========  ==========  ============
 
     The true numerical error was up to three times the estimate in 42 means compared with those at
-    tolerance 1e-4, and below the tolerance in all of them. One point takes 0.4 to 1.7 s of processor time
-    at 1e-3, 6 to 7 s where the finest grid is needed.
+    tolerance 1e-4, and below the tolerance in all of them. One point takes 0.4 to 1.8 s of
+    processor time at 1e-3, 6 to 7 s where the finest grid is needed (5 sets).
     """
     p = parameters
     span = Span.of(p)
