@@ -2,6 +2,7 @@
 
 Right-hand wells at all Z and outer orbits at Z > 0 stand for the whole: (X, Z) → (−X, −Z) gives
 the rest. Wells are layers from −Z to Z, so that layer k and its mirror image are k and −1 − k.
+They lie at the Z from which the outer orbits of the same layer come.
 """
 
 from dataclasses import dataclass
@@ -11,6 +12,10 @@ import numpy as np
 from harvester.averaging.lobes import HalfOrbits, Lobe
 
 MOMENTS = ("area", "displacement", "square", "speed_square")
+# Excess of the orbit whose ⟨X⟩ and ∮V² stand for the separatrix, in units of the first face's. Both
+# go to their limits as slowly as 1/T there, and only of one and the same orbit do they belong
+# together: in the loss relative to the moving separatrix what goes like 1/T cancels.
+INNERMOST = 1e-4
 
 
 @dataclass(frozen=True)
@@ -20,7 +25,9 @@ class Grid:
     Attributes
     ----------
     charge : ndarray
-        Z ≥ 0 at the faces of the layers; one layer without extent for a monostable device.
+        Z ≥ 0 at the faces of the outer layers; one without extent for a monostable device.
+    held : ndarray
+        Z at the faces of the wells' layers (`Crossing.held`).
     share : ndarray
         Of the way from a well's bottom to its end, from 0 to 1; empty without wells.
     excess : ndarray
@@ -30,6 +37,7 @@ class Grid:
     """
 
     charge: np.ndarray
+    held: np.ndarray
     share: np.ndarray
     excess: np.ndarray
     nodes: int
@@ -53,6 +61,8 @@ class Table:
         Integrals of 1, X, X² and X'² over the area that a face encloses.
     centre : ndarray
         ⟨X⟩ over the orbits at the faces.
+    excursion : ndarray
+        ∮(X − ⟨X⟩)² dt.
     contact, voltage : ndarray
         ∮(contact damping) X'² dt and ∮V² dt of the part of V that goes round with the orbit.
     noise : ndarray
@@ -69,6 +79,7 @@ class Table:
     square: np.ndarray
     speed_square: np.ndarray
     centre: np.ndarray
+    excursion: np.ndarray
     contact: np.ndarray
     voltage: np.ndarray
     noise: np.ndarray
@@ -86,16 +97,17 @@ def layered(p, stiffness, grid):
     dict of str to Table
         "wells" (all Z; absent without wells) and "outer" (Z > 0).
     """
-    charge = 0.5 * (grid.charge[1:] + grid.charge[:-1])
-    lobes = both_ways(p, stiffness, charge)
-    count = len(charge)
+    lobes = both_ways(p, stiffness, middle(grid.charge))
     tables = {}
-    inner = {name: np.zeros(2 * count) for name in _integrals_names()}
     if len(grid.share):
-        tables["wells"] = _wells(p, lobes, grid)
-        inner = {name: getattr(tables["wells"], name)[:, -1] for name in _integrals_names()}
-    tables["outer"] = _outer(p, lobes, grid, inner)
+        tables["wells"] = _wells(p, lobes, [Lobe(p, stiffness, z) for z in middle(grid.held)], grid)
+    tables["outer"] = _outer(p, lobes, grid)
     return tables
+
+
+def middle(faces):
+    """Middles of the cells."""
+    return 0.5 * (faces[1:] + faces[:-1])
 
 
 def both_ways(p, stiffness, charge):
@@ -104,53 +116,78 @@ def both_ways(p, stiffness, charge):
 
 
 def _integrals_names():
-    return (*MOMENTS, "contact", "voltage", "noise")
+    return (*MOMENTS, "excursion", "contact", "voltage", "noise")
 
 
-def _wells(p, lobes, grid):
-    middle = 0.5 * (grid.share[1:] + grid.share[:-1])
-    rows = []
-    for lobe in lobes:
-        if not lobe.has_well:
-            rows.append({name: np.zeros(len(grid.share)) for name in _row_names()})
-            rows[-1].update(junction=lobe.junction, base=0.0, height=np.zeros(len(middle)))
-            continue
-        half = HalfOrbits.of(lobe, lobe.well_path(grid.share[1:], grid.nodes))
-        row = {name: np.insert(values, 0, 0.0) for name, values in _integrals(p, half).items()}
-        row["centre"][0] = lobe.bottom
-        if lobe.saddle:
-            row["centre"][-1] = lobe.junction
-        row["height"] = lobe.well_heights(middle)
-        row["face_height"] = lobe.well_heights(grid.share)
-        row["junction"] = lobe.junction
-        row["base"] = lobe.potential.energy(lobe.bottom, lobe.stiffness[0])
-        rows.append(row)
-    return _table(rows, np.array([lobe.has_well for lobe in lobes]))
+def _wells(p, outer, lobes, grid):
+    """A layer's well counts where the outer orbits' Z has it as well."""
+    exists = np.array([a.has_well and b.has_well for a, b in zip(outer, lobes, strict=True)])
+    there = [lobe for lobe, one in zip(lobes, exists, strict=True) if one]
+    half = _well_orbits(there, grid.share[1:], grid.nodes)
+    rows = {name: _rows(values, there) for name, values in _integrals(p, half).items()}
+    rows["centre"][:, 0] = [lobe.bottom for lobe in there]
+    for name, share in (("height", middle(grid.share)), ("face_height", grid.share)):
+        stack = Lobe.stacked(there, len(share))
+        rows[name] = stack.well_heights(np.tile(share, len(there))).reshape(len(there), -1)
+    columns = {name: np.zeros((len(lobes), values.shape[1])) for name, values in rows.items()}
+    for name, values in rows.items():
+        columns[name][exists] = values
+    base = [lobe.potential.energy(lobe.bottom, lobe.stiffness[0]) for lobe in lobes]
+    junction = np.array([lobe.junction for lobe in lobes])
+    return Table(exists=exists, junction=junction, base=np.array(base), **columns)
 
 
-def _outer(p, lobes, grid, inner):
+def _outer(p, lobes, grid):
     count = len(lobes) // 2
-    rows = []
-    for k in range(count):
-        right, left = lobes[count + k], lobes[count - 1 - k]
-        half, other = (
-            HalfOrbits.of(lobe, lobe.outer_path(grid.excess[1:], grid.nodes))
-            for lobe in (right, left)
-        )
-        row = _integrals(p, half.after_mirrored(other))
-        for name in _integrals_names():
-            sign = -1.0 if name == "displacement" else 1.0
-            enclosed = inner[name][count + k] + sign * inner[name][count - 1 - k]
-            row[name] = np.insert(row[name], 0, enclosed)
-        row["centre"] = np.insert(row["centre"], 0, right.junction)
-        if not right.saddle and right.has_well:
-            row["centre"][0] = row["centre"][1]
-        row["height"] = 0.5 * (grid.excess[1:] + grid.excess[:-1])
-        row["face_height"] = grid.excess
-        row["junction"] = right.junction
-        row["base"] = right.potential.energy(right.junction, right.stiffness[0])
-        rows.append(row)
-    return _table(rows, np.ones(count, dtype=bool))
+    right, left = lobes[count:], lobes[count - 1 :: -1]
+    excess = np.append(INNERMOST * grid.excess[1], grid.excess[1:])
+    columns = {
+        name: values.reshape(count, -1)
+        for name, values in _integrals(p, _outer_orbits(right, left, excess, grid.nodes)).items()
+    }
+    mine, theirs = _separatrices(p, right, grid.nodes), _separatrices(p, left, grid.nodes)
+    for name in (*MOMENTS, "contact", "noise"):
+        sign = -1.0 if name == "displacement" else 1.0
+        columns[name][:, 0] = mine[name] + sign * theirs[name]
+    base = [lobe.potential.energy(lobe.junction, lobe.stiffness[0]) for lobe in right]
+    return Table(
+        exists=np.ones(count, dtype=bool),
+        junction=np.array([lobe.junction for lobe in right]),
+        base=np.array(base),
+        height=np.tile(middle(grid.excess), (count, 1)),
+        face_height=np.tile(grid.excess, (count, 1)),
+        **columns,
+    )
+
+
+def _rows(values, lobes):
+    """Array (lobes, levels) with a first level of zeros."""
+    return np.pad(values.reshape(len(lobes), -1), ((0, 0), (1, 0)))
+
+
+def _well_orbits(lobes, share, nodes):
+    stack = Lobe.stacked(lobes, len(share))
+    return HalfOrbits.of(stack, stack.well_path(np.tile(share, len(lobes)), nodes))
+
+
+def _outer_orbits(right, left, excess, nodes):
+    mine, theirs = (
+        HalfOrbits.of(stack, stack.outer_path(np.tile(excess, len(right)), nodes))
+        for stack in (Lobe.stacked(lobes, len(excess)) for lobes in (right, left))
+    )
+    return mine.after_mirrored(theirs)
+
+
+def _separatrices(p, lobes, nodes):
+    """Integrals over the separatrix of each lobe, 0 where it has no well."""
+    there = np.array([lobe.has_well for lobe in lobes])
+    values = {name: np.zeros(len(lobes)) for name in _integrals_names()}
+    if np.any(there):
+        wells = [lobe for lobe in lobes if lobe.has_well]
+        found = _integrals(p, _well_orbits(wells, np.ones(1), nodes))
+        for name in values:
+            values[name][there] = found[name]
+    return values
 
 
 def _integrals(p, half):
@@ -162,19 +199,11 @@ def _integrals(p, half):
         "square": half.integral(speed * x * x),
         "speed_square": half.integral(speed**3) / 3.0,
         "centre": half.integral(x / speed) / period,
+        "excursion": half.integral(x * x / speed) - half.integral(x / speed) ** 2 / period,
         "contact": half.integral(speed * half.damping),
         "voltage": half.filtered_power(p.decay_rate),
-        "noise": half.filtered_power(1.0 / p.correlation_time) / p.correlation_time**2,
+        "noise": half.noise(p.correlation_time),
     }
-
-
-def _row_names():
-    return (*_integrals_names(), "centre", "face_height")
-
-
-def _table(rows, exists):
-    columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-    return Table(exists=exists, **columns)
 
 
 @dataclass(frozen=True)
@@ -190,37 +219,25 @@ def faced(p, stiffness, grid, tables):
 
     A well's face counts where both layers beside it have the well.
     """
-    lobes = both_ways(p, stiffness, grid.charge[1:])
-    lobes.insert(len(lobes) // 2, Lobe(p, stiffness, grid.charge[0]))
     count = len(grid.charge) - 1
     area, displacement = {}, {}
-    first = {"area": np.zeros(2 * count + 1), "displacement": np.zeros(2 * count + 1)}
     if "wells" in tables:
-        exists = np.insert(tables["wells"].exists, 2 * count, True)
-        exists[1:-1] &= exists[:-2]
-        exists[0] &= lobes[0].has_well
+        lobes = [Lobe(p, stiffness, z) for z in grid.held]
+        exists = np.pad(tables["wells"].exists, 1, mode="edge")
+        exists = exists[1:] & exists[:-1] & np.array([lobe.has_well for lobe in lobes])
+        there = [lobe for lobe, one in zip(lobes, exists, strict=True) if one]
+        half = _well_orbits(there, grid.share[1:], grid.nodes)
         area["wells"] = np.zeros((2 * count + 1, len(grid.share)))
         displacement["wells"] = np.zeros_like(area["wells"])
-        for k, lobe in enumerate(lobes):
-            if not exists[k]:
-                continue
-            half = HalfOrbits.of(lobe, lobe.well_path(grid.share[1:], grid.nodes))
-            area["wells"][k, 1:] = half.area
-            displacement["wells"][k, 1:] = half.integral(half.speed * half.x)
-        first = {"area": area["wells"][:, -1], "displacement": displacement["wells"][:, -1]}
-    area["outer"] = np.zeros((count + 1, len(grid.excess)))
-    displacement["outer"] = np.zeros_like(area["outer"])
-    for k in range(count + 1):
-        right, left = lobes[count + k], lobes[count - k]
-        half, other = (
-            HalfOrbits.of(lobe, lobe.outer_path(grid.excess[1:], grid.nodes))
-            for lobe in (right, left)
-        )
-        whole = half.after_mirrored(other)
-        area["outer"][k, 0] = first["area"][count + k] + first["area"][count - k]
-        area["outer"][k, 1:] = whole.area
-        displacement["outer"][k, 0] = (
-            first["displacement"][count + k] - first["displacement"][count - k]
-        )
-        displacement["outer"][k, 1:] = whole.integral(whole.speed * whole.x)
+        area["wells"][exists] = _rows(half.area, there)
+        displacement["wells"][exists] = _rows(half.integral(half.speed * half.x), there)
+    lobes = both_ways(p, stiffness, grid.charge[1:])
+    lobes.insert(count, Lobe(p, stiffness, grid.charge[0]))
+    right, left = lobes[count:], lobes[count::-1]
+    mine, theirs = _separatrices(p, right, grid.nodes), _separatrices(p, left, grid.nodes)
+    half = _outer_orbits(right, left, grid.excess[1:], grid.nodes)
+    area["outer"] = _rows(half.area, right)
+    area["outer"][:, 0] = mine["area"] + theirs["area"]
+    displacement["outer"] = _rows(half.integral(half.speed * half.x), right)
+    displacement["outer"][:, 0] = mine["displacement"] - theirs["displacement"]
     return Faces(area, displacement)

@@ -10,16 +10,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from harvester.averaging.filters import filtered_power
 from harvester.averaging.orbits import (
+    PIECES,
     Potential,
     contact_damping_on,
     path_between,
     root_beyond,
     turning_point,
 )
-from harvester.compilation import compiled
 
-NEAREST = 1e-7  # approach to the saddle that stands for the separatrix, as a share of the way
+NEAREST = 1e-4  # approach to the saddle that stands for the separatrix, as a share of the way
 SHALLOW = 1e-9  # a depth that is none, in units of the energy at the bottom
 WIDE = 1e3  # scale of a left end without a saddle near it, in lengths of the path
 
@@ -93,13 +94,17 @@ class Lobe:
                 high = middle
         return 0.5 * (low + high)
 
-    @property
-    def saddle(self):
-        """Whether the junction is a saddle, where orbits take for ever."""
-        if not self.double:
-            return False
-        slope = self.potential.slope(np.array([self.junction]), self.stiffness)[0]
-        return abs(slope) < 1e-9 * abs(self.potential.curvature(0.0, self.stiffness)[0])
+    @classmethod
+    def stacked(cls, lobes, count):
+        """Lobes as one, each for `count` orbits in a row: attributes are arrays over orbits."""
+        stack = cls.__new__(cls)
+        charge = np.array([lobe.potential.anchor for lobe in lobes])
+        stack.potential = Potential(lobes[0].potential.parameters, np.repeat(charge, count))
+        stack.stiffness, stack.double = lobes[0].stiffness, lobes[0].double
+        for name in ("junction", "bottom"):
+            values = np.array([getattr(lobe, name) for lobe in lobes])
+            setattr(stack, name, np.repeat(values, count))
+        return stack
 
     def well_heights(self, share):
         """H above the bottom where the left turning point is so far towards the junction."""
@@ -128,8 +133,8 @@ class Lobe:
         right = turning_point(u, left, excess, bottom, first, n2)
         distance = WIDE * (right - left)
         if self.double:
-            slope = abs(float(u.slope(left[:1], n2[:1])[0]))
-            bend = max(-float(u.curvature(np.abs(left[:1]), n2[:1])[0]), 0.0)
+            slope = np.abs(u.slope(left, n2))
+            bend = np.maximum(-u.curvature(np.abs(left), n2), 0.0)
             with np.errstate(divide="ignore", invalid="ignore"):
                 scales = [0.5 * np.sqrt(2.0 * excess / bend), 0.5 * excess / slope]
             distance = np.minimum(distance, np.minimum(*scales))
@@ -141,20 +146,21 @@ class Lobe:
 class HalfOrbits:
     """Half orbits between their turning points, arrays (levels, nodes) in the order of time.
 
-    `element` is dX at a node, `damping` that of the contact.
+    `element` is dX at a node, `damping` that of the contact; `nodes` is how many a piece has.
     """
 
     x: np.ndarray
     speed: np.ndarray
     element: np.ndarray
     damping: np.ndarray
+    nodes: int
 
     @classmethod
     def of(cls, lobe, path):
         """One lobe's path as it is."""
         n2 = np.broadcast_to(lobe.stiffness, path.left.shape)
         damping = contact_damping_on(lobe.potential, path, n2)
-        return cls(path.x, path.speed, path.weight, damping)
+        return cls(path.x, path.speed, path.weight, damping, path.x.shape[1] // PIECES)
 
     def after_mirrored(self, other):
         """The mirror image of another lobe's path, then this one."""
@@ -167,6 +173,7 @@ class HalfOrbits:
             joined(self.speed, other.speed),
             joined(self.element, other.element),
             joined(self.damping, other.damping),
+            self.nodes,
         )
 
     def integral(self, integrand):
@@ -184,36 +191,9 @@ class HalfOrbits:
         return self.integral(1.0 / self.speed)
 
     def filtered_power(self, rate):
-        """∮X' y dt with rate² y − y'' = X' and y = 0 at both turning points.
+        """∮X' y dt with rate² y − y'' = X' and y = 0 at both turning points."""
+        return filtered_power(self.element, self.speed, self.nodes, rate)
 
-        Finite volumes in time, one for each node: rate² ∮X' y is J exactly for fast rates.
-        """
-        return 2.0 * _filtered_power(self.element, self.speed, rate * rate)
-
-
-@compiled
-def _filtered_power(element, speed, square):
-    levels, nodes = element.shape
-    power = np.zeros(levels)
-    step, duration = np.empty(nodes), np.empty(nodes)
-    coupling, load = np.empty(nodes), np.empty(nodes)
-    for level in range(levels):
-        count = 0
-        for k in range(nodes):  # pieces of no length have no volume
-            if element[level, k] > 0.0:
-                step[count] = element[level, k]
-                duration[count] = step[count] / speed[level, k]
-                count += 1
-        before, behind = 2.0 / duration[0], 0.0
-        for k in range(count):
-            following = duration[k + 1] if k + 1 < count else 0.0
-            after = 2.0 / (duration[k] + following)
-            pivot = square * duration[k] + before * (1.0 - (behind if k > 0 else 0.0)) + after
-            load[k] = (step[k] + (before * load[k - 1] if k > 0 else 0.0)) / pivot
-            coupling[k] = behind = after / pivot
-            before = after
-        response = 0.0
-        for k in range(count - 1, -1, -1):
-            response = load[k] + (coupling[k] * response if k + 1 < count else 0.0)
-            power[level] += step[k] * response
-    return power
+    def noise(self, correlation_time):
+        """∮X' w dt, w − τ1² w'' = X'."""
+        return self.filtered_power(1.0 / correlation_time) / correlation_time**2

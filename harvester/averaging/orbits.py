@@ -13,6 +13,7 @@ import numpy as np
 from harvester.forces import contact_damping, potential, restoring_force
 from harvester.parameters import ScaledParameters
 
+PIECES = 4  # of a path between its turning points
 SMALLEST = 1e-150  # a speed to divide by on pieces of no length
 
 
@@ -21,7 +22,8 @@ class Potential:
     """U(X) = −½ω0² X² + ¼κ X⁴ + ½N2 (X − X*)² + contact (Eq. 15), at X ≥ −δ.
 
     N2, the `added_stiffness` of the piezo (Eq. 12), is an argument of the methods because it
-    belongs to the orbit. With `anchor` X* = 0 this is Eq. 15 but for its constant.
+    belongs to the orbit. With `anchor` X* = 0 this is Eq. 15 but for its constant; an array gives
+    each orbit its own.
     """
 
     parameters: ScaledParameters
@@ -29,11 +31,15 @@ class Potential:
 
     def energy(self, x, added_stiffness):
         """U(x)."""
-        return potential(self.parameters, x) + 0.5 * added_stiffness * (x - self.anchor) ** 2
+        return potential(self.parameters, x) + 0.5 * added_stiffness * (x - self._at(x)) ** 2
+
+    def _at(self, x):
+        """The anchor, for orbits' nodes as a column."""
+        return self.anchor[:, None] if np.ndim(x) > np.ndim(self.anchor) > 0 else self.anchor
 
     def slope(self, x, added_stiffness):
         """dU/dx."""
-        return restoring_force(self.parameters, x) + added_stiffness * (x - self.anchor)
+        return restoring_force(self.parameters, x) + added_stiffness * (x - self._at(x))
 
     def curvature(self, x, added_stiffness):
         """d²U/dx² at x ≥ 0."""
@@ -47,7 +53,7 @@ class Potential:
         """U(x + step) − U(x) without cancellation, for x and x + step ≥ −δ."""
         p = self.parameters
         linear, cubic = p.linear_stiffness + added_stiffness, p.cubic_stiffness
-        first = (linear + cubic * x * x) * x - added_stiffness * self.anchor
+        first = (linear + cubic * x * x) * x - added_stiffness * self._at(x)
         second = 0.5 * (linear + 3.0 * cubic * x * x)
         spring = step * (first + step * (second + step * cubic * (x + 0.25 * step)))
         touching = p.has_stoppers and (np.any(x > p.gap) or np.any(x + step > p.gap))
@@ -222,7 +228,7 @@ class Path:
 
 
 @cache
-def _unit_nodes(nodes):
+def unit_nodes(nodes):
     """Gauss–Legendre nodes and weights on [0, 1]."""
     points, weights = np.polynomial.legendre.leggauss(nodes)
     return 0.5 * (points + 1.0), 0.5 * weights
@@ -239,7 +245,7 @@ def path_between(u, added_stiffness, left, excess, distance, middle, right, node
     gap = u.parameters.gap
     split = np.where((left < gap) & (gap < middle), gap, middle)
     touch = np.clip(gap, middle, right)
-    points, weights = _unit_nodes(nodes)
+    points, weights = unit_nodes(nodes)
 
     reach = np.arcsinh(np.sqrt(0.5 * (split - left) / distance))
     turn = reach[:, None] * points

@@ -35,18 +35,11 @@ class SlowDensity:
 
     def __init__(self, p, span, problem, density):
         self._p, self._span = p, span
-        self._charge, self._width = problem.layers["outer"]
         self._least = float(potential(p, p.rest))
-        self._junction = problem.tables["outer"].junction
-        count = len(self._charge)
         density = {name: np.maximum(g, 0.0) for name, g in density.items()}
         norm = sum(np.sum(g * problem.volume(name)) for name, g in density.items())
         density = {name: g / norm for name, g in density.items()}
-        self._outer = _tabulated(problem.tables["outer"], density["outer"])
-        if "wells" in problem.tables:
-            self._wells = _tabulated(problem.tables["wells"], density["wells"])
-        else:
-            self._wells = (np.zeros((2 * count, 2)), np.zeros((2 * count, 2)))
+        self._sheets = [_sheets(problem, name, g) for name, g in density.items()]
         self.energy = {
             name: self._over_energy(problem, name, density[name]) for name in problem.tables
         }
@@ -67,7 +60,8 @@ class SlowDensity:
         total = 0.0
         for side in (flat_x, -flat_x):
             bare = potential(self._p, side)
-            total = total + 0.5 * _joint(side, flat_v, bare, *self._arrays())
+            for sheets in self._sheets:
+                total = total + 0.5 * _joint(side, flat_v, bare, self._span.stiffness, *sheets)
         return total.reshape(x.shape)
 
     def displacement(self, x):
@@ -76,15 +70,20 @@ class SlowDensity:
         flat = np.ascontiguousarray(x.ravel())
         total = 0.0
         for side in (flat, -flat):
-            total = total + 0.5 * _over_velocity(side, potential(self._p, side), *self._arrays())
+            bare = potential(self._p, side)
+            for sheets in self._sheets:
+                total = total + 0.5 * _over_velocity(side, bare, self._span.stiffness, *sheets)
         return total.reshape(x.shape)
 
     def velocity(self, v):
         """p(X'), the integral of `joint` over displacement."""
         v = np.asarray(v, dtype=float)
         place, weight = self._places()
-        bare = potential(self._p, place)
-        total = _over_displacement(np.abs(v).ravel(), place, weight, bare, *self._arrays())
+        bare, speed = potential(self._p, place), np.abs(v).ravel()
+        total = sum(
+            _over_displacement(speed, place, weight, bare, self._span.stiffness, *sheets)
+            for sheets in self._sheets
+        )
         return total.reshape(v.shape)
 
     def voltage(self, voltage):
@@ -94,7 +93,8 @@ class SlowDensity:
         by_speed = self._fast * self._top_speed() < self._slow * self._reach()
         place, weight = self._speeds() if by_speed else self._places()
         total = 0.0
-        for k, (charge, width) in enumerate(zip(self._charge, self._width, strict=True)):
+        for sheet in self._each_sheet():
+            charge = sheet[0][0]
             for side in (flat, -flat):
                 if by_speed:
                     x = (side[:, None] - self._fast * place) / self._slow + charge
@@ -104,7 +104,9 @@ class SlowDensity:
                     x = np.broadcast_to(place, (len(flat), len(place)))
                     v = (side[:, None] - self._slow * (x - charge)) / self._fast
                     each = weight / self._fast
-                total = total + 0.5 * width * (self._layer(k, x, v) @ each)
+                arrays = x.ravel(), v.ravel(), potential(self._p, x.ravel())
+                values = _joint(*arrays, self._span.stiffness, *sheet).reshape(x.shape)
+                total = total + 0.5 * (values @ each)
         return total.reshape(voltage.shape)
 
     def landmarks(self, name):
@@ -117,38 +119,16 @@ class SlowDensity:
         points = [self._slow * (place - z) for z in (0.0, self._p.rest)]
         return np.unique(np.abs(np.concatenate([*points, self._fast * speed])))
 
-    def _arrays(self):
-        return (
-            self._charge,
-            self._width,
-            self._span.stiffness,
-            self._junction,
-            *self._outer,
-            *self._wells,
-        )
-
-    def _layer(self, k, x, v):
-        one = slice(k, k + 1)
-        count = len(self._charge)
-        pair = [count - 1 - k, count + k]
-        flat = np.ascontiguousarray(x.ravel()), np.ascontiguousarray(v.ravel())
-        values = _joint(
-            *flat,
-            potential(self._p, flat[0]),
-            self._charge[one],
-            np.ones(1),
-            self._span.stiffness,
-            self._junction[one],
-            *(part[one] for part in self._outer),
-            *(part[pair] for part in self._wells),
-        )
-        return values.reshape(x.shape)
+    def _each_sheet(self):
+        for sheets in self._sheets:
+            for k in range(len(sheets[0])):
+                yield tuple(np.ascontiguousarray(part[k : k + 1]) for part in sheets)
 
     def _top(self):
         """Greatest energy that matters, above the least one."""
-        energy, g = self._outer
-        matters = g > np.exp(-FALL) * max(g.max(), self._wells[1].max())
-        tops = [energy[matters], self._outer[0][:, 0]]
+        greatest = max(g.max() for *_, g in self._sheets)
+        *_, energy, g = self._sheets[-1]
+        tops = [energy[g > np.exp(-FALL) * greatest], energy[:, 0]]
         return max(part.max() for part in tops if part.size) - self._least
 
     def _reach(self):
@@ -200,6 +180,21 @@ class SlowDensity:
             for row, cumulative in zip(faces[there], enclosed[there], strict=True)
         )
         return 0.5 * (energy[1:] + energy[:-1]), np.diff(total) / np.diff(energy)
+
+
+def _sheets(problem, name, density):
+    """One edge's layers as arrays: Z, width, X from which on, H from which on, and H and g.
+
+    Wells lie right of their junction; outer orbits of a device without wells have none below.
+    """
+    table, (charge, width) = problem.tables[name], problem.layers[name]
+    energies, values = _tabulated(table, density)
+    beginning, floor = table.junction, np.full(len(charge), -np.inf)
+    if name == "outer":
+        beginning = floor
+        if "wells" in problem.tables:
+            floor = energies[:, 0]
+    return charge, width, beginning, floor, energies, values
 
 
 def _spread(length, scale):
@@ -254,42 +249,32 @@ def _at(energy, knots, values):
 
 
 @compiled
-def _value(energy, x, k, junction, outer, outside, wells, inside):
-    """g at this energy and side of the junction in layer k."""
-    if energy >= outer[k, 0]:
-        return _at(energy, outer[k], outside[k])
-    count = len(junction)
-    layer = count + k if x >= junction[k] else count - 1 - k
-    if wells[layer, 0] == wells[layer, -1]:
-        return outside[k, 0]
-    return _at(energy, wells[layer], inside[layer])
-
-
-@compiled
-def _joint(x, v, bare, charge, width, stiffness, junction, outer, outside, wells, inside):
+def _joint(x, v, bare, stiffness, charge, width, beginning, floor, energies, values):
     total = np.zeros(len(x))
     for i in range(len(x)):
         for k in range(len(charge)):
+            if x[i] < beginning[k]:
+                continue
             energy = bare[i] + 0.5 * stiffness * (x[i] - charge[k]) ** 2 + 0.5 * v[i] ** 2
-            total[i] += width[k] * _value(energy, x[i], k, junction, outer, outside, wells, inside)
+            if energy >= floor[k]:
+                total[i] += width[k] * _at(energy, energies[k], values[k])
     return total
 
 
 @compiled
 def _over_displacement(
-    v, x, weight, bare, charge, width, stiffness, junction, outer, outside, wells, inside
+    v, x, weight, bare, stiffness, charge, width, beginning, floor, energies, values
 ):
     total = np.zeros(len(v))
-    for i in range(len(v)):
-        for j in range(len(x)):
-            for k in range(len(charge)):
-                energy = bare[j] + 0.5 * stiffness * (x[j] - charge[k]) ** 2 + 0.5 * v[i] ** 2
-                if energy < outer[k, -1]:
-                    total[i] += (
-                        weight[j]
-                        * width[k]
-                        * _value(energy, x[j], k, junction, outer, outside, wells, inside)
-                    )
+    for j in range(len(x)):
+        for k in range(len(charge)):
+            if x[j] < beginning[k]:
+                continue
+            rest = bare[j] + 0.5 * stiffness * (x[j] - charge[k]) ** 2
+            for i in range(len(v)):
+                energy = rest + 0.5 * v[i] ** 2
+                if energy >= floor[k]:
+                    total[i] += weight[j] * width[k] * _at(energy, energies[k], values[k])
     return total
 
 
@@ -309,15 +294,11 @@ def _above(floor, knots, values):
 
 
 @compiled
-def _over_velocity(x, bare, charge, width, stiffness, junction, outer, outside, wells, inside):
+def _over_velocity(x, bare, stiffness, charge, width, beginning, floor, energies, values):
     total = np.zeros(len(x))
-    count = len(charge)
     for i in range(len(x)):
-        for k in range(count):
-            floor = bare[i] + 0.5 * stiffness * (x[i] - charge[k]) ** 2
-            mass = _above(floor, outer[k], outside[k])
-            layer = count + k if x[i] >= junction[k] else count - 1 - k
-            if floor < outer[k, 0] and wells[layer, 0] < wells[layer, -1]:
-                mass += _above(floor, wells[layer], inside[layer])
-            total[i] += width[k] * mass
+        for k in range(len(charge)):
+            if x[i] >= beginning[k]:
+                rest = bare[i] + 0.5 * stiffness * (x[i] - charge[k]) ** 2
+                total[i] += width[k] * _above(rest, energies[k], values[k])
     return total

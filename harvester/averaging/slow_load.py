@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harvester.averaging.averages import Averages
+from harvester.averaging.crossing import Crossing
 from harvester.averaging.layers import Grid, faced, layered
 from harvester.averaging.linear_response import beside_resonance
 from harvester.averaging.lobes import HalfOrbits, Lobe
@@ -28,15 +29,13 @@ from harvester.averaging.slow_density import SlowDensity
 from harvester.averaging.transport import Problem
 from harvester.errors import AveragingError
 
-# Walk with Gaussian steps whose side s is kept below 0 and changes at every step above:
-# φ(e) = 1 − E[sgn(e') φ(e')] goes to ½ above, to ½ − e² − 0.3836 below (e in steps).
-IMPULSE = 0.3835
 FORGOTTEN = 40.0  # ln g falls by this much up to the outer end
-# Cells in half the range of Z, in a well and outside; nodes on each piece of an orbit.
-COARSEST = (10, 12, 15, 8)
-MOST_NODES = 32
+# Cells in half the range of Z, in a well and outside.
+COARSEST = (10, 12, 15)
+NODES = 12
 SCAN_NODES = 16
 DOUBLINGS = 4
+STEEPEST = 16.0  # fall of the error from grid to grid beyond which none is waited for
 JUDGED = (
     "mean_square_voltage",
     "mean_power",
@@ -51,8 +50,9 @@ def slow_load(parameters, tolerance):
     """Means and densities, on a grid fine enough for the tolerance.
 
     The means are extrapolated from each grid and one half as fine, errors of second order. Their
-    numerical error is a third of the change against the extrapolation from grids half as fine,
-    what errors of second order would leave once more.
+    numerical error is the larger of a third of the change against the extrapolation from grids
+    half as fine, what errors of second order would leave once more, and of half the correction
+    that the extrapolation makes: either alone is small by chance at times.
 
     Parameters
     ----------
@@ -68,6 +68,28 @@ def slow_load(parameters, tolerance):
     ------
     AveragingError
         Motion that nothing confines or damps; the tolerance is not met on the finest grid.
+
+    Notes
+    -----
+    Deviation from Monte Carlo over 53 sets, 44 of them random (gap 0.95 to 1.5, e 0.3 to 0.9,
+    K 5 to 50, D 0.005 to 0.15, τ1 0.1 to 1, λ 0.01 to 1, β 0.3 to 0.95; 64 realizations of 8100 s
+    with seed 1, or of 40000 s with seed 77 for most where that left E[V²] known to worse than
+    0.8 %; errors of E[V²] 0.25 to 1.7 %): median and worst of E[V²] in percent, of the efficiency
+    in points, and of ∫|Δp(X)| dX. A preloaded gap lies inside the well; the first two rows have
+    none.
+
+    ==========================  ====  ===========  ==========  ============
+    regime                      sets  E[V²]        efficiency  p(X)
+    ==========================  ====  ===========  ==========  ============
+    τ1 ≤ 0.4, λ < 0.5           28    0.55, 2.5    0.07, 0.9   0.005, 0.022
+    τ1 ≤ 0.4, λ ≥ 0.5           5     2.0, 3.3     0.6, 1.3    0.008, 0.009
+    τ1 ≤ 0.4, preloaded         7     5.5, 13.5    0.4, 1.2    0.018, 0.083
+    τ1 > 0.4                    13    1.7, 13.7    0.2, 1.6    0.028, 0.073
+    ==========================  ====  ===========  ==========  ============
+
+    The true numerical error was up to three times the estimate in 42 means compared with those at
+    tolerance 1e-4, and below the tolerance in all of them. One point takes 0.4 to 1.8 s of
+    processor time at 1e-3, 6 to 7 s where the finest grid is needed (5 sets).
     """
     p = parameters
     span = Span.of(p)
@@ -78,10 +100,14 @@ def slow_load(parameters, tolerance):
         if coarse is None:
             continue
         totals = {name: (4.0 * raw[name] - coarse[name]) / 3.0 for name in raw}
-        means = _means(p, span, totals)
+        means, fine = _means(p, span, totals), _means(p, span, raw)
         if before is not None:
-            error = {name: abs(means[name] - before[name]) / 3.0 for name in means}
-            if all(error[name] <= tolerance * abs(means[name]) for name in JUDGED):
+            error = {
+                name: max(abs(mean - before[name]) / 3.0, abs(mean - fine[name]) / 2.0)
+                for name, mean in means.items()
+            }
+            excess = max(error[name] / (abs(means[name]) or np.inf) for name in JUDGED) / tolerance
+            if excess <= 1.0:
                 return Averages(
                     closure="slow_load",
                     **means,
@@ -89,11 +115,13 @@ def slow_load(parameters, tolerance):
                     density=SlowDensity(p, span, solution.problem, solution.density),
                     validity=_validity(p, span, solution),
                 )
+            if excess > STEEPEST ** (DOUBLINGS - doubling):
+                break
         before = means
     worst = max(JUDGED, key=lambda name: error[name] / (abs(means[name]) or np.inf))
     raise AveragingError(
-        f"{worst.replace('_', ' ')} still changes by {error[worst]:.2g} of {means[worst]:.3g} on "
-        f"the finest grid, more than the tolerance of {tolerance:g}: raise it, or simulate"
+        f"{worst.replace('_', ' ')} still changes by {error[worst]:.2g} of {means[worst]:.3g} from "
+        f"grid to grid, more than the tolerance of {tolerance:g}: raise it, or simulate"
     )
 
 
@@ -116,8 +144,8 @@ class Span:
         Energies above the junction at which the outer ln g has fallen by `FORGOTTEN` and by one.
     lobe : Lobe
         At Z = 0.
-    lag : float
-        Z by which an outer orbit lags behind the well that it comes from (`_lag`).
+    crossing : Crossing
+        Of the separatrix.
     """
 
     frequency: float
@@ -129,7 +157,7 @@ class Span:
     excess: float
     typical: float
     lobe: Lobe
-    lag: float
+    crossing: Crossing
 
     @classmethod
     def of(cls, p):
@@ -176,50 +204,31 @@ class Span:
             last,
             typical,
             lobe,
-            _lag(p, lobe, rate),
+            Crossing.of(p, stiffness, rate, NODES),
         )
 
     def grid(self, p, doubling):
         """The grid after so many doublings: fine where the motion is."""
-        layers, well, outer, nodes = (count * 2**doubling for count in COARSEST)
-        nodes = min(nodes, MOST_NODES)
+        layers, well, outer = (count * 2**doubling for count in COARSEST)
         excess = self.excess * _clustered(outer, self.typical / self.excess)
         share = np.empty(0)
-        if self.lobe.double:
+        if self.lobe.has_well:
             share = _clustered(well, 2.0 * np.sqrt(self.energy / (3.0 * self.depth)))
         charge = np.zeros(2)
         if p.linear_stiffness < 0.0:
-            charge = p.rest * (1.0 - _clustered(layers, 4.0 * self.inside)[::-1])
-        return Grid(charge, share, excess, nodes)
+            charge = self.crossing.last * (1.0 - _clustered(layers, 4.0 * self.inside)[::-1])
+        held = self.crossing.held(np.append(-charge[:0:-1], charge))
+        return Grid(charge, held, share, excess, NODES)
 
 
 def _fall(p, half, height):
     """∫B/A dH, by which ln g falls up to these orbits."""
-    noise = p.intensity * half.filtered_power(1.0 / p.correlation_time)
+    noise = p.intensity * half.noise(p.correlation_time)
     loss = half.integral(half.speed * (p.damping + half.damping))
     loss += p.coupling * p.decay_rate * half.filtered_power(p.decay_rate)
-    rate = loss / noise * p.correlation_time**2
+    rate = loss / noise
     steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(height)
     return rate[0] * height[0] + np.append(0.0, np.cumsum(steps))
-
-
-def _lag(p, lobe, rate):
-    """Z that one pass of the separatrix leaves behind.
-
-    The noise kicks the energy once per lobe; only then does the side change, so that mass which
-    leaves a well first completes its lobe, on average over `IMPULSE` of one more than the
-    diffusion of the energy tells, and Z relaxes meanwhile. The lobe is that of an orbit one kick,
-    √(2A), above the separatrix.
-    """
-    if not lobe.double:
-        return 0.0
-    separatrix = HalfOrbits.of(lobe, lobe.well_path(np.ones(1), SCAN_NODES))
-    noise = separatrix.filtered_power(1.0 / p.correlation_time) / p.correlation_time**2
-    kick = np.sqrt(2.0 * p.intensity * noise)
-    half = HalfOrbits.of(lobe, lobe.outer_path(kick, SCAN_NODES))
-    duration = half.integral(1.0 / half.speed)[0]
-    centre = half.integral(half.x / half.speed)[0] / duration
-    return float(centre * -np.expm1(-IMPULSE * rate * duration))
 
 
 def _clustered(cells, scale):
@@ -243,7 +252,7 @@ class _Solution:
         faces = None
         if self.grid.charge[-1] > 0.0:
             faces = faced(p, span.stiffness, self.grid, self.tables)
-        self.problem = Problem(p, self.grid, self.tables, faces, span.rate, span.lag)
+        self.problem = Problem(p, self.grid, self.tables, faces, span.rate)
         self.density = self.problem.solve()
 
     def totals(self):
@@ -264,9 +273,15 @@ class _Solution:
         def over_energy(values):
             return float(np.sum(weight * 0.5 * (values[:, 1:] + values[:, :-1]) * rise))
 
+        # ∫∮(X − ⟨X⟩)² dt dH from the cells' own moments, which know no logarithm at the separatrix.
+        spread = table.cells("square") - area * centre**2
+        excursion = 0.5 * (table.excursion[:, 1:] + table.excursion[:, :-1]) * rise
+        passed = spread / np.where(excursion > 0.0, excursion, np.inf)
+        filtered = 0.5 * (table.voltage[:, 1:] + table.voltage[:, :-1]) * rise * passed
+
         return {
             "mass": float(np.sum(weight * area)),
-            "round": over_energy(table.voltage),
+            "round": float(np.sum(weight * filtered)),
             "slow": float(np.sum(weight * area * (centre - charge[:, None]) ** 2)),
             "contact": over_energy(table.contact),
             "velocity": float(np.sum(weight * table.cells("speed_square"))),

@@ -4,9 +4,10 @@ import numpy as np
 from scipy.sparse import coo_matrix, diags, identity
 from scipy.sparse.linalg import splu
 
+from harvester.averaging.layers import middle
+
 # −ζ(½)/√(2π): the Milne length of a walk with Gaussian steps, in standard deviations.
 MILNE = 0.5825971579390107
-LEAST_WIDTH = 1e-12  # of a piece of the axis of Z, as a share of its length
 LARGEST_PECLET = 500.0
 SHIFT = 1e-13  # of the matrix of fluxes, in units of a cell's own outflow
 ITERATIONS, SETTLED = 8, 1e-11
@@ -88,21 +89,19 @@ class Problem:
     grid : harvester.averaging.layers.Grid
     tables : dict of str to harvester.averaging.layers.Table
     faces : harvester.averaging.layers.Faces
-    rate, lag : float
-        At which Z relaxes, and by which outer orbits lag behind a well that they come from.
+    rate : float
+        At which Z relaxes.
     """
 
-    def __init__(self, p, grid, tables, faces, rate, lag):
+    def __init__(self, p, grid, tables, faces, rate):
         self.p, self.tables, self.faces = p, tables, faces
         self.count = len(grid.charge) - 1
-        self.charge, self.rate, self.lag, self._crossings = grid.charge, rate, lag, []
-        half = 0.5 * (grid.charge[1:] + grid.charge[:-1])
-        width = np.diff(grid.charge)
-        self.moves = bool(np.all(width > 0.0))
-        width = width if self.moves else np.ones(1)
+        self.charge, self.rate, self._crossings = grid.charge, rate, []
+        self.held = grid.held
+        self.moves = bool(np.all(np.diff(grid.charge) > 0.0))
         self.layers = {
-            "wells": (np.append(-half[::-1], half), np.append(width[::-1], width)),
-            "outer": (half, width),
+            name: (middle(at), np.diff(at) if self.moves else np.ones(len(at) - 1))
+            for name, at in (("wells", grid.held), ("outer", grid.charge))
         }
         self.index, start = {}, 0
         for name, table in tables.items():
@@ -162,7 +161,7 @@ class Problem:
         """Z' g between layers, g at the face from two layers upstream and one ahead."""
         index, exists = self.index[name], self.tables[name].exists
         charge = self.layers[name][0]
-        at = self.charge if name == "outer" else np.append(-self.charge[:0:-1], self.charge)
+        at = self.charge if name == "outer" else self.held
         flow = self.rate * (
             np.diff(self.faces.displacement[name], axis=1)
             - at[:, None] * np.diff(self.faces.area[name], axis=1)
@@ -206,54 +205,37 @@ class Problem:
         return (behind, near, far), np.array(weights)
 
     def _at_separatrix(self, network):
-        """Fluxes between wells and outer orbits, which share g at the junction but for the slip.
+        """Fluxes between wells and outer orbits of the same layer.
 
-        A well's layer at Z meets the outer one at Z less the lag, a left well's the one at Z plus
-        the lag: the axis of Z is divided into the pieces on which the same layers meet.
+        They share g at the junction, but for the slip and for a factor that keeps Σ A g over the
+        wells that of the outer orbits: A g there is what the noise gives to one and takes from
+        the other.
         """
         wells, outer = self.tables["wells"], self.tables["outer"]
         edges = {name: self.coefficients(name) for name in self.tables}
-        charge = {name: self.layers[name][0] for name in self.tables}
-        for width, k, right, left in self._meetings():
-            sides = [layer for layer in (right, left) if layer is not None and wells.exists[layer]]
+        (held, held_width), (charge, outer_width) = self.layers["wells"], self.layers["outer"]
+        for k in range(self.count):
             loss, noise = (values[k, 0] for values in edges["outer"])
             outside = fitted(loss, noise, outer.height[k, 0])
+            right, left = self.count + k, self.count - 1 - k
+            sides = [layer for layer in (right, left) if wells.exists[layer]]
+            if not sides:
+                continue
             inside, noises = [], []
             for layer in sides:
                 loss, noise = (values[layer, -1] for values in edges["wells"])
                 distance = wells.face_height[layer, -1] - wells.height[layer, -1]
-                inside.append(fitted(loss, noise, distance))
-                noises.append(noise)
-            weights = width * _junction(inside, noises, outside)
+                share = held_width[layer] / outer_width[k]
+                inside.append([share * weight for weight in fitted(loss, noise, distance)])
+                noises.append(share * noise)
+            weights = outer_width[k] * _junction(inside, noises, outside, edges["outer"][1][k, 0])
             cells = np.append(self.index["wells"][sides, -1], self.index["outer"][k, 0])
             for layer, source, row in zip(sides, cells[:-1], weights, strict=True):
                 network.add(np.array([source]), cells[-1:], cells[None, :], row[None, :])
                 side = 1.0 if layer == right else -1.0
-                ends = charge["wells"][layer], side * charge["outer"][k]
+                ends = held[layer], side * charge[k]
                 arms = ends[0] - wells.junction[layer], ends[1] - side * outer.junction[k]
                 self._crossings.append((cells, row, (ends[0] - ends[1]) * 0.5 * sum(arms)))
-
-    def _meetings(self):
-        """(width, outer layer, right well's layer, left well's layer by its mirror image).
-
-        Outer orbits nearer to the end than the lag have no right well to come from: None.
-        """
-        last = self.charge[-1]
-        both = np.append(-self.charge[:0:-1], self.charge)
-        cuts = np.concatenate([self.charge, both - self.lag, self.lag - both])
-        cuts = np.unique(np.clip(cuts, 0.0, last))
-        cuts = cuts[np.insert(np.diff(cuts) > LEAST_WIDTH * last, 0, True)]
-        cuts[-1] = last
-        middle = 0.5 * (cuts[1:] + cuts[:-1])
-
-        def layer(faces, place):
-            return np.clip(np.searchsorted(faces, place) - 1, 0, len(faces) - 2)
-
-        outer = layer(self.charge, middle)
-        right, left = layer(both, middle + self.lag), layer(both, self.lag - middle)
-        reached = middle + self.lag < last
-        right = [k if inside else None for k, inside in zip(right, reached, strict=True)]
-        return zip(np.diff(cuts), outer, right, left, strict=True)
 
     def crossing(self, density):
         """What the lag adds to E[(⟨X⟩ − Z)²]: Z is left behind while the mass crosses.
@@ -266,7 +248,7 @@ class Problem:
         return work / self.rate
 
 
-def _junction(inside, noises, outside):
+def _junction(inside, noises, outside, noise):
     """Outward fluxes out of the wells as weights of (wells' last cells, outer first cell).
 
     One kick per pass is not small against the layer at the separatrix: g of the wells there
@@ -281,10 +263,11 @@ def _junction(inside, noises, outside):
         length = MILNE * (sum(np.sqrt(2.0 * a) for a in noises) - np.sqrt(2.0 * total))
         change = np.array([noises[1], -noises[0]]) / total
         slip = np.array([change, -change]) * length / np.array(noises)[:, None]
+    share = noise / sum(noises)
     for k, (below, above) in enumerate(inside):
         matrix[k, :sides] = -above * slip[k]
         matrix[k, k] += 1.0
-        matrix[k, sides] = -above
+        matrix[k, sides] = -above * share
         given[k, k] = below
     matrix[sides, :sides] = 1.0
     matrix[sides, sides] = -outside[0]

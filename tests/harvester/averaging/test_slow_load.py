@@ -1,6 +1,7 @@
 """The closure `slow_load`: exact limits, simulation, edges of its range, its errors and numbers."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -9,7 +10,8 @@ from truths import interpolated_linear_means
 
 from harvester.averaged import average as average_scene
 from harvester.averaging import average
-from harvester.averaging.slow_load import IMPULSE
+from harvester.averaging.crossing import IMPULSE
+from harvester.averaging.filters import filtered_power
 from harvester.errors import AveragingError
 from harvester.forces import potential
 from harvester.parameters import scale
@@ -74,6 +76,7 @@ def test_slow_load_is_an_open_circuit():
     assert result.mean_square_voltage == pytest.approx(square, rel=0.015)
 
 
+@pytest.mark.slow
 def test_fast_load_is_a_short_circuit():
     """λ → ∞: no force, and V = X'/λ."""
     p = PAPER._replace(decay_rate=1e4, damping=0.1, intensity=0.2)
@@ -84,13 +87,25 @@ def test_fast_load_is_a_short_circuit():
     assert one.mean_square_voltage * 1e8 == pytest.approx(one.mean_square_velocity, rel=2e-3)
 
 
-def test_white_noise_gives_its_power_whatever_takes_it():
-    """Exactly so without the lag at the separatrix, which is right to first order in λ only."""
-    p = PAPER._replace(correlation_time=1e-6, intensity=0.1)
-    for rate, tolerance in ((1e-3, 1e-3), (0.05, 0.01)):
-        result = average(p._replace(decay_rate=rate), "slow_load", 5e-3)
-        spent = result.mechanical_loss + result.mean_power
-        assert spent == pytest.approx(p.intensity, rel=tolerance)
+@pytest.mark.parametrize("rate", [pytest.param(1e-3, marks=pytest.mark.slow), 0.5])
+def test_white_noise_gives_its_power_whatever_takes_it(rate):
+    """Also what the load takes while mass crosses the separatrix."""
+    p = PAPER._replace(correlation_time=1e-6, intensity=0.1, decay_rate=rate)
+    result = average(p, "slow_load", 5e-3)
+    spent = result.mechanical_loss + result.mean_power
+    assert spent == pytest.approx(p.intensity, rel=1e-3)
+
+
+def test_filter_along_an_orbit():
+    """Half a harmonic orbit, X = −cos t: y = sin t/(r² + 1), and ∮X' y dt = π/(r² + 1)."""
+    points, weights = np.polynomial.legendre.leggauss(12)
+    pieces = [np.arccos(1.0 - 2.0 * place) for place in (0.0, 0.2, 0.7, 1.0)]
+    spans = list(pairwise(pieces))
+    time = np.concatenate([0.5 * (b - a) * (points + 1.0) + a for a, b in spans])[None]
+    step = np.concatenate([0.5 * (b - a) * weights for a, b in spans])[None]
+    for rate in (1e-3, 1.0, 30.0, 1e6):
+        power = filtered_power(np.sin(time) * step, np.sin(time), 12, rate)
+        assert power[0] * (rate**2 + 1.0) == pytest.approx(math.pi, rel=1e-9)
 
 
 def test_impulse_left_at_the_separatrix():
@@ -114,7 +129,7 @@ def test_impulse_left_at_the_separatrix():
     [
         (0.005, 0.4, 0.00782, 0.1512, 0.01),
         pytest.param(0.02, 0.4, 0.02733, 0.1281, 0.01, marks=pytest.mark.slow),
-        (0.1, 0.4, 0.44317, 0.3092, 0.0125),  # the slip alone is 1 %, the lag 1.5 %
+        (0.1, 0.4, 0.44317, 0.3092, 0.015),  # 1.3 % too high, without the lag 2.2 %
         pytest.param(0.02, 1.0, 0.00786, 0.1526, 0.01, marks=pytest.mark.slow),
         pytest.param(0.1, 1.0, 0.0596, 0.19, 0.17, marks=pytest.mark.slow),
     ],
@@ -130,11 +145,11 @@ def test_simulation(intensity, correlation_time, voltage, efficiency, tolerance)
 
 EDGE_CASES = [
     {"coupling": 6.0, "intensity": 0.1},
-    {"coupling": 3.99, "intensity": 1e-4},
-    {"coupling": 0.0, "damping": 0.0},
+    pytest.param({"coupling": 3.99, "intensity": 1e-4}, marks=pytest.mark.slow),
+    pytest.param({"coupling": 0.0, "damping": 0.0}, marks=pytest.mark.slow),
     {"gap": 0.95, "held_impact_velocity": True},
-    {"restitution": 0.0, "intensity": 1.0},
-    {"cubic_stiffness": 0.0},
+    pytest.param({"restitution": 0.0, "intensity": 1.0}, marks=pytest.mark.slow),
+    pytest.param({"cubic_stiffness": 0.0}, marks=pytest.mark.slow),
     {"decay_rate": 1e-3, "intensity": 1e-4},
     {"linear_stiffness": 0.0, "cubic_stiffness": 0.0},
 ]
@@ -163,7 +178,7 @@ def test_edges_of_the_range(changes):
         assert values.min() >= 0.0
 
 
-@pytest.mark.parametrize("intensity", [0.005, 0.1])
+@pytest.mark.parametrize("intensity", [pytest.param(0.005, marks=pytest.mark.slow), 0.1])
 def test_densities_are_those_of_the_means(intensity):
     result = average_scene(
         Scene.load("paper", [f"excitation.intensity={intensity}"]), "slow_load", 5e-3
@@ -208,8 +223,12 @@ def test_a_tolerance_out_of_reach_is_refused():
     ("overrides", "word"),
     [
         (["load.decay_rate=1.5", "excitation.intensity=0.005"], "no longer slow"),
-        (["excitation.intensity=0.1"], "separatrix"),
-        (["excitation.correlation_time=5", "excitation.intensity=0.005"], "relaxation time"),
+        pytest.param(["excitation.intensity=0.1"], "separatrix", marks=pytest.mark.slow),
+        pytest.param(
+            ["excitation.correlation_time=5", "excitation.intensity=0.005"],
+            "relaxation time",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_notes_say_where_assumptions_end(overrides, word):
