@@ -73,7 +73,10 @@ results = [
     for resistance in resistances
 ]
 for resistance, result in zip(resistances, results, strict=True):
-    power, efficiency = result.quantity("mean_output_power"), result.quantity("converter_efficiency")
+    power, efficiency = (
+        result.quantity("mean_output_power"),
+        result.quantity("converter_efficiency"),
+    )
     print(
         f"{resistance / 1e3:7.0f} kΩ: {power.estimate * 1e6:6.2f} ± "
         f"{power.standard_error * 1e6:.2f} µW out, converter efficiency {efficiency.estimate:.1%}"

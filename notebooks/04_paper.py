@@ -50,8 +50,8 @@ for row in [header, *rows]:
 # %% [markdown]
 # ## Three statements
 #
-# Each statement is tested at its conditions, and counts from three standard errors on. Here three of
-# them at D = 0.08, where the mass jumps between the wells; `harvester claims` judges them all.
+# Each statement is tested at its conditions, and counts from three standard errors on. Here are
+# three of them at D = 0.08, where the mass jumps between the wells; `harvester claims` judges all.
 
 # %%
 chosen = [
@@ -83,8 +83,8 @@ failed = [
     if verdicts["monte-carlo"].word == "does not hold"
 ]
 print(
-    f"In Fig. 5a the circuit is {distances['circuit']} from Monte Carlo in ∫|p − p'| dX, the closure "
-    f"slow_load {distances['slow_load']} and the closure as printed {distances['paper']}; of the "
+    f"In Fig. 5a the circuit is {distances['circuit']} from Monte Carlo in ∫|p − p'| dX, the "
+    f"closure slow_load {distances['slow_load']} and the closure as printed {distances['paper']}; of the "
     f"statements tried, by Monte Carlo {'; '.join(held) or 'none'} held, and "
     f"{'; '.join(failed) or 'none'} did not."
 )

@@ -112,15 +112,19 @@ print(
     f"{abs(circuit.estimate - monte_carlo.estimate) / joint:.1f} joint standard errors apart."
 )
 _, (left, right) = plt.subplots(1, 2, figsize=(9.0, 3.0))
-frequencies, density = welch(scene.excitation.samples, 1.0 / scene.excitation.interval, nperseg=1024)
+frequencies, density = welch(
+    scene.excitation.samples, 1.0 / scene.excitation.interval, nperseg=1024
+)
 left.semilogy(frequencies[1:], density[1:])
-left.set(xlabel="frequency [Hz]", ylabel="density [(m/s²)²/Hz]", title="the record", ylim=(1e-6, None))
+left.set(
+    xlabel="frequency [Hz]", ylabel="density [(m/s²)²/Hz]", title="the record", ylim=(1e-6, None)
+)
 for engine, style in (("monte-carlo", "-"), ("circuit", "--")):
     waveform, scales = results[engine].waveform, results[engine].scales
     colour = figures.CIRCUIT if engine == "circuit" else figures.MONTE_CARLO
-    right.plot(
-        waveform.time, waveform.voltage * scales.voltage, style, color=colour, label=engine
-    )
-right.set(xlabel="time [s]", ylabel="voltage [V]", title="the piezo's voltage: paths part, means do not")
+    right.plot(waveform.time, waveform.voltage * scales.voltage, style, color=colour, label=engine)
+right.set(
+    xlabel="time [s]", ylabel="voltage [V]", title="the piezo's voltage: paths part, means do not"
+)
 right.legend(loc="upper left")
 plt.show()
