@@ -84,8 +84,8 @@ failed = [
 ]
 print(
     f"In Fig. 5a the circuit is {distances['circuit']} from Monte Carlo in ∫|p − p'| dX, the "
-    f"closure slow_load {distances['slow_load']} and the closure as printed {distances['paper']}; of the "
-    f"statements tried, by Monte Carlo {'; '.join(held) or 'none'} held, and "
+    f"closure slow_load {distances['slow_load']} and the closure as printed {distances['paper']}; "
+    f"of the statements tried, by Monte Carlo {'; '.join(held) or 'none'} held, and "
     f"{'; '.join(failed) or 'none'} did not."
 )
 draw(fifth)

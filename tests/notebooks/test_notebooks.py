@@ -42,13 +42,8 @@ def test_a_notebook_opens_with_a_question_and_is_plain_python(path):
 @pytest.mark.filterwarnings("default")
 def test_a_notebook_runs_and_ends_with_an_answer_and_a_figure(path, tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(ROOT), prepend=":")
-    # The kernel listens on files of its own folder instead of ports.
-    monkeypatch.setenv("JUPYTER_RUNTIME_DIR", str(tmp_path))
-    from jupyter_client.manager import AsyncKernelManager
-
     notebook = jupytext.read(path)
-    kernel = AsyncKernelManager(kernel_name="python3", transport="ipc")
-    client = nbclient.NotebookClient(notebook, km=kernel, timeout=600)
+    client = nbclient.NotebookClient(notebook, kernel_name="python3", timeout=600)
     client.execute(cwd=str(tmp_path))
     last = [cell for cell in notebook.cells if cell.cell_type == "code"][-1]
     (answer,) = outputs(last, "text")
