@@ -31,6 +31,8 @@ class LoadCircuit:
         As declared, from `PIEZO_PINS` and `OUTPUT_PINS`.
     parameters : tuple of (str, float)
         Values other than the netlist's own, given where it is called.
+    defaults : tuple of (str, float)
+        The netlist's own values of its sub-circuit's parameters, where they are plain numbers.
     output_resistors, storage : tuple of str
         Resistors and capacitors across the output, by ngspice's names.
     linear, switches : bool
@@ -43,6 +45,7 @@ class LoadCircuit:
     name: str
     pins: tuple
     parameters: tuple
+    defaults: tuple
     output_resistors: tuple
     storage: tuple
     linear: bool
@@ -155,6 +158,7 @@ def read_load(path, subcircuit=None, parameters=None):
     root = _parse([vetting.tidy(card) for card in read_cards(path)])
     top = _chosen(root, path, subcircuit)
     values = _override(root, top, parameters or {}, path)
+    defaults = {name: vetting.number(value) for name, value in top.parameters.items()}
     _check_pins(top)
     _vet(root)
     count, letters = _size(top, ())
@@ -167,6 +171,7 @@ def read_load(path, subcircuit=None, parameters=None):
         name=top.name,
         pins=top.pins,
         parameters=tuple(values.items()),
+        defaults=tuple((name, size) for name, size in defaults.items() if size is not None),
         output_resistors=output_resistors,
         storage=storage,
         linear=letters <= {"r", "c"},

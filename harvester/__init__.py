@@ -21,6 +21,7 @@ _WHERE = {
     "average": "harvester.averaged",
     "validate": "harvester.comparison",
     "frequency_response": "harvester.response",
+    "load_study": "harvester.studies",
     "HarvesterError": "harvester.errors",
 }
 __all__ = ["__version__", *_WHERE]

@@ -9,6 +9,7 @@ from harvester.commands import (
     claims,
     engine,
     frequency_response,
+    load_study,
     netlist,
     optimum,
     reproduce,
@@ -28,6 +29,7 @@ COMMANDS = (
     work_precision,
     stability,
     optimum,
+    load_study,
     reproduce,
     claims,
     netlist,
@@ -51,7 +53,8 @@ def main(arguments=None):
         say(f"harvester: {error}")
         return 2
     except KeyboardInterrupt:
-        say("harvester: interrupted; nothing was written")
+        kept = getattr(options, "kept_when_interrupted", "nothing was written")
+        say(f"harvester: interrupted; {kept}")
         return 130
     except BrokenPipeError:
         sys.stderr.close()

@@ -18,7 +18,7 @@ WIDEST = 1000
 def progress():
     """A function (label, scene) → callback for the share done; silent off a terminal.
 
-    With None for the scene the bar shows no simulated time.
+    With None for the scene the bar shows no simulated time, but the callback's own words.
     """
     console = Console(stderr=True)
     if not console.is_terminal:
@@ -40,11 +40,11 @@ def progress():
         task = bar.add_task(label, total=1.0, rate="", start=True)
         started = time.monotonic()
 
-        def update(share):
+        def update(share, words=""):
             elapsed = time.monotonic() - started
             if time.monotonic() - opened > SHOW_AFTER_SECONDS:
                 bar.start()
-            rate = f"{share * total / elapsed:,.0f} s/s" if total and elapsed > 0.0 else ""
+            rate = f"{share * total / elapsed:,.0f} s/s" if total and elapsed > 0.0 else words
             bar.update(task, completed=share, rate=rate)
 
         return update

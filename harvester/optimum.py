@@ -17,7 +17,7 @@ from harvester.parameters import knot_spacing
 from harvester.realization import ENGINES
 from harvester.results import with_error
 from harvester.scene import Scene
-from harvester.scene_schema import KEYS, nearest
+from harvester.scene_schema import nearest, number_keys
 from harvester.simulation import check_name
 from harvester.sweep import Request, failed, resolving, sweep
 from harvester.workers import WorkerPool
@@ -221,21 +221,13 @@ def optimum(
 
 def _axis(scene, over, low, high):
     """The key and its range, checked."""
-    tables = scene.to_tables()
-    all_keys = {**KEYS, "excitation": scene.excitation.KEYS}
-    known = [
-        f"{table}.{key}"
-        for table, keys in all_keys.items()
-        for key, spec in keys.items()
-        if table != "run" and key != "knot_spacing"
-        if spec.kind is float and not spec.words and key in tables.get(table, {})
-    ]
+    known = number_keys(scene.to_tables(), scene.excitation.KEYS)
     if over not in known:
         raise HarvesterError(
             f"{over}: no number of this scene{nearest(over, known)}; there are {', '.join(known)}"
         )
     table, key = over.split(".")
-    value, spec = tables[table][key], all_keys[table][key]
+    value, spec = scene.to_tables()[table][key], known[over]
     ends = sorted((value / SPAN, value * SPAN))
     low = max(ends[0], spec.low) if low is None else low
     high = min(ends[1], spec.high) if high is None else high

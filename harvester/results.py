@@ -104,15 +104,7 @@ class Result:
 
     def unit(self, dimension):
         """Unit of a dimension like "voltage^2" in this scene."""
-        base, _, exponent = dimension.partition("^")
-        if base == "1":
-            return "1"
-        if self.scene.units == "SI" or base in ("rate", "time"):
-            unit = SI_UNITS[base]
-            unit = f"({unit})" if exponent and "/" in unit else unit
-        else:
-            unit = f"scaled {base}"
-        return f"{unit}^{exponent}" if exponent else unit
+        return unit_of(self.scene, dimension)
 
     def to_dict(self):
         """Plain values for JSON; NaN and missing errors become null."""
@@ -220,6 +212,19 @@ class Result:
             "unit": unit,
         }
         return {**entry, "note": estimate.note} if estimate.note else entry
+
+
+def unit_of(scene, dimension):
+    """Unit of a dimension like "voltage^2" in a scene's own units."""
+    base, _, exponent = dimension.partition("^")
+    if base == "1":
+        return "1"
+    if scene.units == "SI" or base in ("rate", "time"):
+        unit = SI_UNITS[base]
+        unit = f"({unit})" if exponent and "/" in unit else unit
+    else:
+        unit = f"scaled {base}"
+    return f"{unit}^{exponent}" if exponent else unit
 
 
 def with_error(estimate):

@@ -172,7 +172,16 @@ class WorkerPool:
     def __exit__(self, *_):
         self.close()
 
-    def map(self, function, calls, time_limit=None, on_progress=None, keep_going=False):
+    def map(
+        self,
+        function,
+        calls,
+        time_limit=None,
+        on_progress=None,
+        keep_going=False,
+        on_result=None,
+        stop=None,
+    ):
         """Outcomes of one function over several argument sets, in their order.
 
         Parameters
@@ -189,11 +198,15 @@ class WorkerPool:
             Make a call whose process crashed or ran out of time once more, and let a
             SimulationError that stays stand in the place of its result. Without it the first
             error ends the other calls and is raised, as any other error and an interrupt do.
+        on_result : callable or None
+            Given (index, outcome) as soon as there is one.
+        stop : callable or None
+            Asked now and then; once it says so, calls that have not begun are left out.
 
         Returns
         -------
         list
-            Results, or SimulationError where a call failed.
+            Results, or SimulationError where a call failed; None where it was left out.
         """
         call = call_twice if keep_going else Worker.call
         futures = [
@@ -203,7 +216,7 @@ class WorkerPool:
             for index, arguments in enumerate(calls)
         ]
         try:
-            return gather(futures)
+            return gather(futures, on_result, stop)
         except BaseException:
             self.close()
             raise
@@ -233,30 +246,46 @@ class ExecutorPool:
     def __init__(self, executor):
         self._executor = executor
 
-    def map(self, function, calls, time_limit=None, on_progress=None, keep_going=False):
+    def map(
+        self,
+        function,
+        calls,
+        time_limit=None,
+        on_progress=None,
+        keep_going=False,
+        on_result=None,
+        stop=None,
+    ):
         """See `WorkerPool.map`."""
-        return gather(
-            [
-                self._executor.submit(call_here, function, arguments, time_limit, keep_going)
-                for arguments in calls
-            ]
-        )
+        futures = [
+            self._executor.submit(call_here, function, arguments, time_limit, keep_going)
+            for arguments in calls
+        ]
+        return gather(futures, on_result, stop)
 
 
-def gather(futures):
-    """Outcomes in order; the first unexpected error cancels the rest and is raised."""
+def gather(futures, on_result=None, stop=None):
+    """Outcomes in order; the first unexpected error cancels the rest and is raised.
+
+    `on_result` and `stop` as in `WorkerPool.map`.
+    """
+    place = {future: index for index, future in enumerate(futures)}
     pending = set(futures)
     try:
         while pending:
             # A finite wait lets an interrupt through on every platform.
             done, pending = wait(pending, timeout=0.5, return_when=FIRST_COMPLETED)
             for future in done:
-                future.result()
+                outcome = None if future.cancelled() else future.result()
+                if on_result and not future.cancelled():
+                    on_result(place[future], outcome)
+            if stop and stop():
+                pending = {future for future in pending if not future.cancel()}
     except BaseException:
         for future in futures:
             future.cancel()
         raise
-    return [future.result() for future in futures]
+    return [None if future.cancelled() else future.result() for future in futures]
 
 
 def call_twice(worker, function, arguments, time_limit=None, report=None):

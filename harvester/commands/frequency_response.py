@@ -1,14 +1,15 @@
 """`harvester frequency-response`: amplitude and power over the frequency of a sine."""
 
 from harvester.commands.options import (
+    NUMBERS_HELP,
     add_engine_options,
     add_results,
     check_options,
+    number_list,
     read_scene,
     scene_command,
     write_result,
 )
-from harvester.errors import HarvesterError
 
 
 def add(commands):
@@ -24,7 +25,7 @@ def add(commands):
         "--frequencies",
         required=True,
         metavar="LIST",
-        help="Hz: FIRST:LAST:log:NUMBER, FIRST:LAST:linear:NUMBER, or numbers between commas",
+        help=f"Hz: {NUMBERS_HELP}",
     )
     command.add_argument(
         "--amplitude",
@@ -46,7 +47,7 @@ def run(options):
     """Carry it out; returns the exit code, or None for 0."""
     scene = read_scene(options)
     check_options(options)
-    frequencies = parse(options.frequencies)
+    frequencies = number_list(options.frequencies, "--frequencies")
     from harvester.console import show_table
     from harvester.response import frequency_response
 
@@ -62,28 +63,3 @@ def run(options):
     )
     show_table(response, "frequency response", to_stderr=options.json == "-")
     write_result(options, f"{scene.name}-frequency-response", response, "draw_frequency_response")
-
-
-def parse(text):
-    """Frequencies from their short form.
-
-    Raises
-    ------
-    HarvesterError
-    """
-    import numpy as np
-
-    first, *rest = text.split(":")
-    try:
-        if not rest:
-            return [float(number) for number in text.split(",")]
-        last, spacing, number = rest
-        grid = {"log": np.geomspace, "linear": np.linspace}[spacing]
-        low, high, count = float(first), float(last), int(number)
-        if 0.0 < low < high and count > 1:
-            return grid(low, high, count)
-    except (ValueError, KeyError):
-        pass
-    raise HarvesterError(
-        f"--frequencies {text}: write it as 0.1:2:log:40, 0.1:2:linear:40 or 0.1,0.2,0.5"
-    )

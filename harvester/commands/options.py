@@ -6,6 +6,7 @@ from pathlib import Path
 from harvester.errors import HarvesterError
 
 STEP_HELP = "default, fine, finest, or the longest step in seconds"
+NUMBERS_HELP = "FIRST:LAST:log:NUMBER, FIRST:LAST:linear:NUMBER, or numbers between commas"
 
 
 def scene_command(commands, name, function, text, example, default_scene=None):
@@ -66,6 +67,32 @@ def read_scene(options):
     if options.seed is not None:
         overrides.append(f"run.seed={options.seed}")
     return Scene.load(options.scene, overrides)
+
+
+def number_list(text, where):
+    """Numbers from their short form: 0.1:2:log:40, 0.1:2:linear:40 or 0.1,0.2,0.5.
+
+    Raises
+    ------
+    HarvesterError
+        Says `where`, the option.
+    """
+    import numpy as np
+
+    first, *rest = text.split(":")
+    try:
+        if not rest:
+            return [float(number) for number in text.split(",")]
+        last, spacing, number = rest
+        grid = {"log": np.geomspace, "linear": np.linspace}[spacing]
+        low, high, count = float(first), float(last), int(number)
+        if 0.0 < low < high and count > 1:
+            return [float(number) for number in grid(low, high, count)]
+    except (ValueError, KeyError):
+        pass
+    raise HarvesterError(
+        f"{where} {text}: write it as 0.1:2:log:40, 0.1:2:linear:40 or 0.1,0.2,0.5"
+    )
 
 
 def check_options(options):

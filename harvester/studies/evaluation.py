@@ -1,0 +1,177 @@
+"""From the pieces of one point to its quantities with error bars."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from harvester.control_variate import controlled_mean
+from harvester.estimators import (
+    Estimate,
+    complete_batches,
+    energy_balance_residual,
+    estimate_all,
+)
+from harvester.moments import QUANTITIES
+from harvester.output_estimates import estimate_output
+from harvester.output_moments import QUANTITIES as OUTPUT_QUANTITIES
+from harvester.parameters import scale
+from harvester.record import Record
+from harvester.simulation import LARGEST_RESIDUAL, NOTED_RESIDUAL
+
+COMPLETE = "complete"
+# Time constants of the output within the settling, below which the outcome says so.
+FEWEST_CHARGING_TIMES = 3.0
+# Dimensions of a record's columns; the others are powers.
+WAVEFORM = {
+    "time": "time",
+    "displacement": "displacement",
+    "velocity": "velocity",
+    "voltage": "voltage",
+    "load_power": "power",
+}
+POWER = "output_power"
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What a point has come to.
+
+    Attributes
+    ----------
+    outcome : str
+        "complete", or what went wrong.
+    estimates : dict of str to Estimate
+        In the scene's units; `output_power` is the power into the load's output, or, without a
+        DC side, what leaves the piezo.
+    series : ndarray, shape (realizations, batches), or None
+        Output power, in the scene's units.
+    realizations : int
+    gain : float
+        Of the control variate, 1 without.
+    plain_error : float
+        Standard error of the output power without it; nan where there is none.
+    waveform : ndarray or None
+        As in `Piece`, in the scene's units.
+    """
+
+    outcome: str
+    estimates: dict = field(default_factory=dict)
+    series: np.ndarray | None = field(default=None, repr=False)
+    realizations: int = 0
+    gain: float = 1.0
+    plain_error: float = math.nan
+    waveform: np.ndarray | None = field(default=None, repr=False)
+
+    @property
+    def power(self):
+        """Output power, nan where there is none."""
+        return self.estimates[POWER].estimate if POWER in self.estimates else math.nan
+
+    @property
+    def plain_power(self):
+        """The same without the control variate: what paired differences are taken of."""
+        return self.power if self.series is None else float(self.series.mean())
+
+    @property
+    def relative_error(self):
+        """Of the output power; infinite without an error bar."""
+        error = self.estimates[POWER].standard_error if POWER in self.estimates else None
+        return error / abs(self.power) if error is not None and self.power else math.inf
+
+
+def evaluate(scene, pieces, control=None):
+    """Quantities of one point.
+
+    Parameters
+    ----------
+    scene : Scene
+    pieces : sequence of Piece
+        In the order of their realizations; those after a failure are not looked at.
+    control : (ndarray, float or None, float), optional
+        Power of the control on the same realizations, its known mean and that one's error.
+
+    Returns
+    -------
+    Evaluation
+    """
+    parameters, scales = scale(scene)
+    good, failure = [], ""
+    for piece in pieces:
+        if piece.failure:
+            failure = piece.failure
+            break
+        good.append(piece)
+    if not good:
+        return Evaluation(failure or "nothing was run: the time budget was spent")
+    if good[0].quantities:
+        estimates = _in_units(good[0].quantities, scales)
+        return Evaluation(COMPLETE, {**estimates, POWER: estimates["mean_power"]})
+    moments = [each for piece in good for each in piece.moments]
+    residual = abs(energy_balance_residual(moments, parameters))
+    if not residual <= LARGEST_RESIDUAL:
+        return Evaluation(f"EnergyNotBalanced: the energy balance leaves {residual:.0%}; --step")
+    outcome = COMPLETE
+    if failure:
+        outcome = f"ended after {len(moments)} realizations: {failure}"
+    elif residual > NOTED_RESIDUAL:
+        outcome = f"complete; energy balance residual {residual:.1%}: choose a shorter --step"
+    elif _charging_time(moments[0]) > scene.run.settle / FEWEST_CHARGING_TIMES:
+        outcome = (
+            f"complete; the storage charges in {_charging_time(moments[0]):.2g} s, not short "
+            f"against run.settle = {scene.run.settle:g}: the power may be that of charging"
+        )
+    series = power_series(moments, scales.power)
+    known = (control[0][: len(series)], *control[1:]) if control else (np.empty((0, 0)),)
+    power = controlled_mean(series, *known)
+    plain = controlled_mean(series, np.empty((0, 0))).standard_error
+    estimates = _in_units(estimate_all(moments, parameters) | estimate_output(moments), scales)
+    estimates[POWER] = Estimate(power.mean, power.standard_error, None, "power")
+    return Evaluation(
+        outcome=outcome,
+        estimates=estimates,
+        series=series,
+        realizations=len(moments),
+        gain=power.gain,
+        plain_error=math.nan if plain is None else plain,
+        waveform=_waveform_in_units(good[0].waveform, scales),
+    )
+
+
+def power_series(moments, unit):
+    """Output power batch by batch, shape (realizations, batches), whose mean is the estimate."""
+    batches = complete_batches(moments)
+    time = batches[:, :, QUANTITIES.index("time")]
+    if moments[0].output is not None:
+        row, count = OUTPUT_QUANTITIES.index("square_voltage"), batches.shape[1]
+        energy = np.stack([m.output.conductance * m.output.integrals[:count, row] for m in moments])
+    else:
+        energy = batches[:, :, QUANTITIES.index("load_power")]
+    mean = energy.sum() / time.sum()
+    return unit * (mean + (energy - mean * time) / time.mean())
+
+
+def _charging_time(moments):
+    """Resistance times storage across the output (s)."""
+    output = moments.output
+    return output.capacitance / output.conductance if output and output.conductance else 0.0
+
+
+def _waveform_in_units(waveform, scales):
+    if waveform is None:
+        return None
+    factors = [scales.of(WAVEFORM.get(name, "power")) for name in Record._fields]
+    return waveform * np.array(factors)[:, None]
+
+
+def _in_units(estimates, scales):
+    return {
+        name: Estimate(
+            e.estimate * scales.of(e.dimension),
+            None if e.standard_error is None else e.standard_error * scales.of(e.dimension),
+            e.effective_sample_size,
+            e.dimension,
+            e.note,
+        )
+        for name, e in estimates.items()
+    }

@@ -1,0 +1,35 @@
+"""The files of a study: NetCDF, CSV, figures."""
+
+from pathlib import Path
+
+from harvester import figures
+from harvester.studies import drawing
+from harvester.studies.dataset import save_csv, save_netcdf, to_dataset
+
+FIGURES = {
+    "power.png": drawing.draw_power,
+    "efficiency.png": drawing.draw_efficiency,
+    "waveforms.png": drawing.draw_waveforms,
+}
+
+
+def save(report, folder):
+    """Write a study's files, each whole or not at all; returns their names.
+
+    Parameters
+    ----------
+    report : harvester.studies.report.Report
+    folder : str or Path
+
+    Raises
+    ------
+    HarvesterError
+        xarray is missing.
+    OutputError
+    """
+    folder = Path(folder)
+    save_netcdf(to_dataset(report), folder / "load-study.nc")
+    save_csv(report, folder / "load-study.csv")
+    for name, draw in FIGURES.items():
+        figures.save(draw, report, folder / name)
+    return ["load-study.nc", "load-study.csv", *FIGURES]

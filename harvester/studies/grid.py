@@ -1,0 +1,179 @@
+"""The points of a load study: every load at every place of the swept values."""
+
+import itertools
+from dataclasses import dataclass
+from pathlib import Path
+
+from harvester.errors import HarvesterError, SceneError
+from harvester.parameters import knot_spacing
+from harvester.scene import Scene
+from harvester.scene_schema import nearest, number_keys
+
+# Both name the load's resistor, whether it is the built-in one or a netlist's parameter.
+RESISTANCES = ("load.parameters.resistance", "load.resistance")
+# Time constants of a load's output between a realization's start and its measured time.
+CHARGING_TIMES = 5.0
+OWN_LOAD = "scene"
+
+
+@dataclass(frozen=True)
+class Point:
+    """One load at one place of the grid.
+
+    Attributes
+    ----------
+    load : str
+        Its label.
+    place : tuple of float
+        Value of each sweep.
+    scene : Scene
+    """
+
+    load: str
+    place: tuple
+    scene: Scene
+
+
+@dataclass(frozen=True)
+class Grid:
+    """What a study varies.
+
+    Attributes
+    ----------
+    scene : Scene
+        With one spacing of knots for all points.
+    loads : tuple of str
+        Labels.
+    sweeps : dict of str to tuple of float
+        Keys to values.
+    points : tuple of Point
+        Loads first, the last sweep fastest.
+    notes : tuple of str
+    """
+
+    scene: Scene
+    loads: tuple
+    sweeps: dict
+    points: tuple
+    notes: tuple
+
+    @property
+    def curve(self):
+        """Place among the sweeps of the one that optima are sought along: the longest."""
+        lengths = [len(values) for values in self.sweeps.values()]
+        return lengths.index(max(lengths)) if lengths else None
+
+
+def make_grid(scene, loads, sweeps):
+    """Every point of a study, its scene checked.
+
+    Parameters
+    ----------
+    scene : Scene
+    loads : sequence of str
+        Names in netlists/ or paths; empty: the scene's own.
+    sweeps : dict of str to sequence of float
+        "table.key" to values.
+
+    Returns
+    -------
+    Grid
+
+    Raises
+    ------
+    HarvesterError
+        An unknown key or load, a value out of range, a load given twice.
+    """
+    loads = tuple(loads) or (OWN_LOAD,)
+    labels = tuple(Path(load).stem if _is_path(load) else load for load in loads)
+    for label in labels:
+        if labels.count(label) > 1:
+            raise HarvesterError(f"--load {label}: is there twice")
+    loaded = {k: _with_load(scene, load) for k, load in zip(labels, loads, strict=True)}
+    for key, values in sweeps.items():
+        _check_sweep(scene, key, values)
+    points = [
+        Point(label, place, _at(loaded[label], dict(zip(sweeps, place, strict=True))))
+        for label in labels
+        for place in itertools.product(*sweeps.values())
+    ]
+    points, notes = _with_storage(points, sweeps)
+    points = _on_common_knots(points)
+    sweeps = {key: tuple(float(v) for v in values) for key, values in sweeps.items()}
+    return Grid(points[0].scene, labels, sweeps, tuple(points), notes)
+
+
+def _is_path(load):
+    return "." in load or "/" in load
+
+
+def _with_load(scene, load):
+    if load in (OWN_LOAD, scene.electrical_load.netlist):
+        return scene
+    tables = scene.to_tables()
+    tables["load"] = {"netlist": load}
+    return Scene.from_tables(tables, name=scene.name, origin=scene.name, folder=scene.folder)
+
+
+def _check_sweep(scene, key, values):
+    known = [*number_keys(scene.to_tables(), scene.excitation.KEYS), RESISTANCES[0]]
+    if key not in known and key not in RESISTANCES and not key.startswith("load.parameters."):
+        raise HarvesterError(
+            f"--sweep {key}: no number of this scene{nearest(key, known)}; there are "
+            f"{', '.join(known)} and what else a load calls its parameters"
+        )
+    if len(values) == 0 or len(set(values)) < len(values):
+        raise HarvesterError(f"--sweep {key}: give each value once, and at least one")
+
+
+def _at(scene, values):
+    """The scene with its load's resistor named as that load does."""
+    changes = {}
+    for key, value in values.items():
+        if key in RESISTANCES:
+            key = RESISTANCES[0 if scene.electrical_load.netlist else 1]
+            if scene.electrical_load.decay_rate is not None:
+                # Of the scaled resistor, whose λ is 1/R.
+                key, value = "load.decay_rate", 1.0 / value
+        changes[key] = value
+    return scene.replace(changes)
+
+
+def _with_storage(points, sweeps):
+    """Storage capacitors of the library's loads small enough to charge while a run settles.
+
+    Where the user says nothing: at 10 MΩ the library's 10 µF would take minutes.
+    """
+    changed = []
+    for k, point in enumerate(points):
+        load, settle = point.scene.electrical_load, point.scene.run.settle
+        if not load.netlist or _is_path(load.netlist) or settle == 0.0:
+            continue
+        values = dict(load.circuit.defaults) | dict(load.circuit.parameters)
+        if "storage" in (load.parameters or {}) or not {"storage", "resistance"} <= {*values}:
+            continue
+        fitting = settle / CHARGING_TIMES / values["resistance"]
+        if fitting < values["storage"]:
+            scene = point.scene.replace({"load.parameters.storage": fitting})
+            points[k] = Point(point.load, point.place, scene)
+            changed.append(point.load)
+    if not changed:
+        return points, ()
+    return points, (
+        f"storage capacitor of {', '.join(dict.fromkeys(changed))}: the netlist's own, or what "
+        f"charges with a time constant of settle/{CHARGING_TIMES:g} = "
+        f"{settle / CHARGING_TIMES:g} s where that is smaller; --sweep load.parameters.storage="
+        "VALUE sets another",
+    )
+
+
+def _on_common_knots(points):
+    """All points with the finest spacing of any: else they would not share their noise."""
+    spacings = [knot_spacing(point.scene) for point in points]
+    if min(spacings) == max(spacings) and not hasattr(points[0].scene.excitation, "knot_spacing"):
+        return points
+    try:
+        change = {"excitation.knot_spacing": min(spacings)}
+        return [Point(p.load, p.place, p.scene.replace(change)) for p in points]
+    except SceneError as error:
+        raise HarvesterError(f"one spacing of knots for all points: {error}") from None

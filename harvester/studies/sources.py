@@ -1,0 +1,106 @@
+"""What pieces of a study are cut from: the scene of a point, or its control, by a method."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import harvester
+from harvester import batches
+from harvester.averaging import CLOSURES
+from harvester.excitation import OrnsteinUhlenbeck
+from harvester.parameters import scale
+from harvester.scene import Scene
+from harvester.studies.pieces import key_of
+
+# Realizations in one piece where they run side by side or fast.
+TOGETHER = 8
+# The control's mean comes from so many realizations, this much longer, of another seed.
+CONTROL_REALIZATIONS, CONTROL_LENGTH = 32, 30.0
+# Periods of small oscillations in a waveform.
+PERIODS = 6.0
+
+
+@dataclass(frozen=True)
+class Source:
+    """A scene by a method: what pieces are cut from."""
+
+    scene: Scene
+    method: str
+    step: str | float
+    size: int
+    version: str
+    window: tuple | None = None
+
+    @property
+    def most(self):
+        """Realizations there are."""
+        return self.scene.run.realizations
+
+    def call(self, start):
+        """Arguments of `pieces.compute` for the piece that begins with this realization."""
+        return {
+            "scene": self.scene,
+            "engine": self.method,
+            "indices": list(range(start, min(start + self.size, self.most))),
+            "step": self.step,
+            "window": self.window if start == 0 else None,
+        }
+
+    @cached_property
+    def digest(self):
+        """The scene's, worked out once."""
+        return self.scene.digest()
+
+    def key(self, start):
+        """Name of that piece."""
+        call = self.call(start)
+        decides = (call[name] for name in ("engine", "indices", "step", "window"))
+        return key_of(self.digest, *decides, self.version)
+
+
+def make_source(scene, method, step, version):
+    parameters, _ = scale(scene)
+    start = scene.run.settle
+    window = (start, start + PERIODS * 2.0 * math.pi / parameters.angular_frequency)
+    window = (start, min(window[1], start + scene.run.duration))
+    if method in CLOSURES:
+        return Source(scene, method, step, 1, version)
+    return Source(scene, method, step, _together(scene, method, step), version, window)
+
+
+def _together(scene, method, step):
+    """Realizations in one piece: several only where they cost less so."""
+    many = scene.replace({"run.realizations": TOGETHER * batches.FEWEST_NETLISTS})
+    size = batches.copies(many, lambda: TOGETHER, step) if method == "circuit" else TOGETHER
+    return min(size, scene.run.realizations)
+
+
+def control_of(scene):
+    """Monte Carlo of the device with the resistor that matches it; None where there is none."""
+    if not isinstance(scene.excitation, OrnsteinUhlenbeck):
+        return None
+    parameters, _ = scale(scene)
+    rate = parameters.angular_frequency
+    load = {"decay_rate": rate}
+    if scene.units == "SI":
+        load = {"resistance": 1.0 / (rate * scene.piezo.capacitance)}
+    tables = scene.to_tables()
+    tables["load"] = load
+    tables["excitation"].setdefault("knot_spacing", scene.excitation.knot_spacing)
+    resistor = Scene.from_tables(tables, name=scene.name, origin=scene.name)
+    return Source(
+        resistor, "monte-carlo", "default", TOGETHER, f"harvester {harvester.__version__}"
+    )
+
+
+def long_control(control):
+    """Where a control's mean is known from: longer, and another seed."""
+    run = control.scene.run
+    scene = control.scene.replace(
+        {
+            "run.seed": run.seed + 1,
+            "run.duration": CONTROL_LENGTH * run.duration,
+            "run.realizations": CONTROL_REALIZATIONS,
+        }
+    )
+    return Source(scene, control.method, control.step, 1, control.version)

@@ -1,0 +1,66 @@
+import pytest
+
+from harvester.errors import HarvesterError
+from harvester.parameters import knot_spacing
+from harvester.scene import Scene
+from harvester.studies.grid import make_grid
+
+RESISTANCE = "load.parameters.resistance"
+
+
+@pytest.fixture
+def device():
+    return Scene.load("device")
+
+
+def test_several_sweeps_make_a_grid(device):
+    sweeps = {RESISTANCE: [1e5, 1e6], "excitation.intensity": [0.1, 0.2, 0.3]}
+    grid = make_grid(device, ["bridge", "resistor"], sweeps)
+    assert len(grid.points) == 12
+    last = grid.points[-1]
+    assert (last.load, last.place) == ("resistor", (1e6, 0.3))
+    assert last.scene.electrical_load.circuit.resistance == 1e6
+    assert last.scene.excitation.intensity == 0.3
+    assert list(grid.sweeps)[grid.curve] == "excitation.intensity"
+
+
+@pytest.mark.parametrize("key", [RESISTANCE, "load.resistance"])
+def test_either_name_means_the_loads_resistor(device, key):
+    own = make_grid(device, [], {key: [2e5]}).points[0].scene
+    netlist = make_grid(device, ["bridge"], {key: [2e5]}).points[0].scene
+    assert own.electrical_load.resistance == 2e5
+    assert netlist.electrical_load.parameters["resistance"] == 2e5
+
+
+def test_all_points_share_the_finest_knots(device):
+    grid = make_grid(device, ["resistor"], {"oscillator.mass": [0.001, 0.022]})
+    alone = device.replace({"oscillator.mass": 0.001})
+    assert knot_spacing(alone) < knot_spacing(device)
+    assert {knot_spacing(p.scene) for p in grid.points} == {knot_spacing(alone)}
+
+
+def test_storage_charges_while_the_run_settles(device):
+    grid = make_grid(device, ["bridge"], {RESISTANCE: [1e3, 1e7]})
+    quick, slow = (p.scene.electrical_load.parameters for p in grid.points)
+    assert "storage" not in quick
+    assert slow["storage"] * 1e7 == pytest.approx(device.run.settle / 5.0)
+    assert "storage" in grid.notes[0]
+    own = make_grid(device, ["bridge"], {RESISTANCE: [1e7], "load.parameters.storage": [1e-5]})
+    assert own.points[0].scene.electrical_load.parameters["storage"] == 1e-5
+    assert own.notes == ()
+
+
+@pytest.mark.parametrize(
+    ("loads", "sweeps", "said"),
+    [
+        (["bridge"], {"excitation.intensty": [1.0]}, "did you mean excitation.intensity"),
+        (["bridge"], {"run.duration": [1.0]}, "no number of this scene"),
+        (["bridge"], {"load.parameters.resistence": [1.0]}, "did you mean resistance"),
+        (["bridg"], {}, "did you mean bridge"),
+        (["bridge", "bridge"], {}, "is there twice"),
+        (["bridge"], {RESISTANCE: [1.0, 1.0]}, "each value once"),
+    ],
+)
+def test_mistakes_are_refused_before_anything_runs(device, loads, sweeps, said):
+    with pytest.raises(HarvesterError, match=said):
+        make_grid(device, loads, sweeps)

@@ -1,0 +1,210 @@
+import csv
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar
+from truths import interpolated_linear_means
+
+from harvester.averaged import average
+from harvester.command_line import main
+from harvester.errors import HarvesterError
+from harvester.parameters import knot_spacing, scale
+from harvester.scene import Scene
+from harvester.studies import load_study
+from harvester.studies.dataset import to_dataset
+from harvester.studies.report import Report
+
+RESISTANCE = "load.parameters.resistance"
+BRIEF = {"run.duration": 20.0, "run.settle": 5.0}
+# Two resistors, so that Monte Carlo refuses it and ngspice runs it.
+LOAD = ".subckt two p n resistance=1\nR1 p m {resistance}\nR2 m n 0.01\n.ends\n"
+
+
+@pytest.fixture
+def linear():
+    return Scene.load("linear").replace(BRIEF)
+
+
+@pytest.fixture(scope="module")
+def study(pool):
+    """Monte Carlo of the linear device, long enough for 3 %."""
+    scene = Scene.load("linear").replace({"run.settle": 50.0})
+    places = np.geomspace(0.05, 5.0, 9)
+    return load_study(
+        scene, ["resistor"], {RESISTANCE: places}, engine="monte-carlo", precision=0.03, pool=pool
+    )
+
+
+def power_of(scene, resistance):
+    parameters, _ = scale(scene.replace({"load.decay_rate": 1.0 / resistance}))
+    return interpolated_linear_means(parameters, knot_spacing(scene))["mean_power"]
+
+
+def test_the_optimum_is_that_of_the_closed_form(study):
+    scene = Scene.load("linear")
+    best = minimize_scalar(
+        lambda x: -power_of(scene, math.exp(x)), bounds=(-3.0, 1.0), method="bounded"
+    )
+    optimum, _ = Report(study).optima[0]
+    assert optimum.low < math.exp(best.x) < optimum.high
+    assert optimum.high / optimum.low < 1.6
+
+
+def test_every_point_has_the_power_of_the_closed_form(study):
+    for point, evaluation in zip(study.grid.points, study.evaluations, strict=True):
+        assert evaluation.relative_error <= 0.03
+        error = evaluation.relative_error * evaluation.power
+        # 9 points within 4 standard errors: false alarm in 1 of 1800 seeds.
+        assert abs(evaluation.power - power_of(Scene.load("linear"), point.place[0])) < 4.0 * error
+
+
+def test_loads_are_compared_on_the_same_noise(linear, pool):
+    study = load_study(linear, ["resistor", "scene"], {RESISTANCE: [0.4]}, precision=0.5, pool=pool)
+    _, (difference,) = Report(study).rankings[()]
+    # The same resistor twice.
+    assert difference.standard_error < 1e-5
+    assert abs(difference.estimate) < 1e-5
+    assert all(e.plain_error / e.power > 0.02 for e in study.evaluations)
+
+
+def test_the_control_variate_narrows_the_circuits_error_bar(linear, pool):
+    study = load_study(linear, [], {"load.decay_rate": [1.0, 2.0]}, precision=0.4, pool=pool)
+    for point, evaluation in zip(study.grid.points, study.evaluations, strict=True):
+        assert evaluation.gain > 3.0
+        error = evaluation.estimates["output_power"].standard_error
+        assert error == pytest.approx(evaluation.plain_error / math.sqrt(evaluation.gain))
+        expected = power_of(Scene.load("linear"), 1.0 / point.place[0])
+        # 4 standard errors of a few batches, good to 20 %: false alarm in under 1 of 500 seeds.
+        assert abs(evaluation.power - expected) < 4.0 * error
+
+
+def test_a_load_that_fails_is_the_outcome_of_its_point(linear, tmp_path, pool):
+    (tmp_path / "two.lib").write_text(LOAD)
+    sweeps = {RESISTANCE: [-0.02, 1.0]}
+    short = linear.replace({"run.realizations": 1})
+    options = {"output": tmp_path, "pool": pool}
+    study = load_study(short, [str(tmp_path / "two.lib")], sweeps, **options)
+    broken, whole = study.evaluations
+    assert math.isnan(broken.power)
+    assert broken.outcome.split(":")[0] in ("SolutionDiverged", "SimulatorAborted")
+    assert whole.outcome == "complete"
+    assert whole.power > 0.0
+    again = load_study(short, [str(tmp_path / "two.lib")], sweeps, **options)
+    assert (again.computed, again.reused) == (0, 2)
+    assert again.evaluations[0].outcome == broken.outcome
+
+
+def test_closures_make_a_study_too(pool):
+    scene = Scene.load("device")
+    sweeps = {"load.resistance": [1e6]}
+    study = load_study(scene, ["resistor"], sweeps, engine="consistent", pool=pool)
+    expected = scene.replace({"load.resistance": 1e6})
+    value = average(expected, "consistent").quantity("mean_power").estimate
+    assert study.evaluations[0].power == pytest.approx(value, rel=1e-12)
+    with pytest.raises(HarvesterError, match="bridge"):
+        load_study(scene, ["bridge"], engine="consistent")
+
+
+COMMAND = ["linear", "--load", "resistor", "--engine", "monte-carlo", "--precision", "0.03"]
+COMMAND += ["--sweep", f"{RESISTANCE}=0.1:2:log:4", "--set", "run.settle=60", "--workers", "1"]
+
+
+@pytest.mark.slow
+def test_killed_and_run_again_it_comes_to_the_same_file(tmp_path):
+    xarray = pytest.importorskip("xarray")
+    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    assert main(["load-study", *COMMAND, "--output", str(whole)]) == 0
+    pieces = {path.name for path in (whole / "points").iterdir()}
+    for count in (2, 5):
+        process = subprocess.Popen(
+            [sys.executable, "-m", "harvester", "load-study", *COMMAND, "--output", str(broken)],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        deadline = time.monotonic() + 60.0
+        while len(list(broken.glob("points/[!.]*.npz"))) < count and time.monotonic() < deadline:
+            time.sleep(0.005)
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+    kept = {path: path.stat().st_mtime_ns for path in broken.glob("points/[!.]*.npz")}
+    assert 5 <= len(kept) < len(pieces)
+    assert not (broken / "load-study.nc").exists()
+    assert main(["load-study", *COMMAND, "--output", str(broken)]) == 0
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+    assert {path.name for path in broken.glob("points/[!.]*.npz")} == pieces
+    first, second = (
+        xarray.load_dataset(folder / "load-study.nc", engine="scipy") for folder in (whole, broken)
+    )
+    assert first.identical(second)
+    rows = list(csv.DictReader((whole / "load-study.csv").read_text().splitlines()))
+    assert [float(row["output_power [scaled power]"]) for row in rows] == pytest.approx(
+        first.output_power.values.ravel().tolist(), rel=1e-8
+    )
+
+
+def test_the_time_budget_ends_a_study_and_the_next_call_goes_on(linear, tmp_path, pool):
+    options = {"engine": "monte-carlo", "precision": 0.05, "output": tmp_path, "pool": pool}
+    sweeps = {RESISTANCE: [0.3, 0.5, 1.0]}
+    first = load_study(linear, ["resistor"], sweeps, time_budget=1e-3, **options)
+    assert first.out_of_time
+    assert first.computed == 0
+    last = load_study(linear, ["resistor"], sweeps, **options)
+    assert not last.out_of_time
+
+
+@pytest.mark.slow
+def test_a_dask_cluster_gives_identical_numbers(linear, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    pytest.importorskip("xarray")
+    loads, sweeps = ["resistor", "bridge_ideal"], {RESISTANCE: [0.2, 1.0]}
+    options = {"precision": 0.2, "time_budget": 600.0}
+    expected = to_dataset(Report(load_study(linear, loads, sweeps, **options)))
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=None
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        found = load_study(linear, loads, sweeps, executor=client.get_executor(), **options)
+    assert to_dataset(Report(found)).identical(expected)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--sweep", "excitation.intensity"], "write it as table.key=LIST"),
+        (["--sweep", "excitation.intensity=1:2:log"], "write it as 0.1:2:log:40"),
+        (["--engine", "circuitt"], "did you mean circuit"),
+        (["--precision", "3"], "must be a number in"),
+        (["--load", "nothing"], "no such load"),
+    ],
+)
+def test_mistakes_in_the_call_are_one_line(capsys, arguments, said):
+    assert main(["load-study", "linear", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
+
+
+def test_a_storage_that_charges_for_longer_than_the_settling_is_told(pool):
+    scene = Scene.load("device").replace({"run.duration": 2.0, "run.settle": 1.0})
+    scene = scene.replace({"run.realizations": 1, "load.netlist": "bridge"})
+    sweeps = {RESISTANCE: [1e6], "load.parameters.storage": [1e-7, 1e-5]}
+    quick, slow = load_study(scene, [], sweeps, pool=pool).evaluations
+    assert quick.outcome == "complete"
+    assert "storage charges in 10 s" in slow.outcome
+
+
+@pytest.mark.slow
+def test_the_control_variate_helps_inside_a_well_and_is_refused_between_them(pool):
+    scene = Scene.load("device").replace({"load.netlist": "bridge", RESISTANCE: 1e6})
+    sweeps = {"excitation.intensity": [0.01, 0.36]}
+    inside, between = load_study(scene, [], sweeps, precision=0.5, pool=pool).evaluations
+    assert inside.gain > 2.0
+    assert between.gain == 1.0
