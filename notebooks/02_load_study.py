@@ -2,6 +2,7 @@
 # jupyter:
 #   jupytext:
 #     text_representation:
+#       extension: .py
 #       format_name: percent
 #   kernelspec:
 #     display_name: Python 3
@@ -10,12 +11,14 @@
 # ---
 
 # %% [markdown]
-# # A load study: which resistance behind my own rectifier harvests most?
+# # A load study: which resistance does my own rectifier want, and what does rectifying cost?
 #
 # Any sub-circuit can be the load. This one is a full-wave bridge with its own diodes; it comes from
 # a file, as a netlist of yours would, and no line of Python knows it.
 
 # %%
+# %matplotlib inline
+import math
 import tempfile
 from pathlib import Path
 
@@ -24,6 +27,8 @@ import numpy as np
 
 import harvester
 from harvester import figures
+from harvester.studies import Report
+from harvester.studies.drawing import draw_power
 
 plt.style.use(figures.STYLE)
 
@@ -36,9 +41,9 @@ plt.style.use(figures.STYLE)
 # %%
 folder = tempfile.TemporaryDirectory()
 path = Path(folder.name) / "my_rectifier.lib"
-path.write_text(
+_ = path.write_text(
     """* full-wave bridge of small Schottky diodes
-.subckt my_rectifier p n out ref resistance=100k storage=100n
+.subckt my_rectifier p n out ref resistance=500k storage=100n
 .model schottky d(is=200n n=1.05 rs=10 cjo=5p)
 D1 p out schottky
 D2 ref p schottky
@@ -50,59 +55,57 @@ Rload out ref {resistance}
 .ends
 """
 )
-scene = harvester.Scene.load("device").replace(
-    {
-        "load.netlist": str(path),
-        "run.duration": 20.0,
-        "run.settle": 2.0,
-        "run.realizations": 8,
-    }
-)
-scene.electrical_load.circuit.has_output
 
 # %% [markdown]
 # ## The sweep
 #
-# The noise is the same for every resistance, so differences between neighbours are surer than the
-# error bars of each.
+# The rectifier stands beside the plain resistor, which takes the alternating voltage as it is. All
+# points get the same noise, and each runs until the standard error of its output power is 5 %. With
+# `output="folder"` every finished piece is kept: the same call goes on after a break.
 
 # %%
-resistances = np.geomspace(5e4, 5e6, 7)
-results = [
-    harvester.simulate(scene.replace({"load.parameters.resistance": float(resistance)}))
-    for resistance in resistances
-]
-for resistance, result in zip(resistances, results, strict=True):
-    power, efficiency = (
-        result.quantity("mean_output_power"),
-        result.quantity("converter_efficiency"),
-    )
+scene = harvester.Scene.load("device").replace({"run.settle": 2.0})
+study = harvester.load_study(
+    scene,
+    ["resistor", str(path)],
+    {"load.parameters.resistance": np.geomspace(1e5, 3e6, 5)},
+    precision=0.05,
+)
+report = Report(study)
+for evaluation, point in zip(study.evaluations, study.grid.points, strict=True):
+    power = evaluation.estimates["output_power"]
+    resistance = point.scene.electrical_load.parameters["resistance"]
     print(
-        f"{resistance / 1e3:7.0f} kΩ: {power.estimate * 1e6:6.2f} ± "
-        f"{power.standard_error * 1e6:.2f} µW out, converter efficiency {efficiency.estimate:.1%}"
+        f"{point.scene.electrical_load.circuit.name:14} {resistance / 1e3:6.0f} kΩ: "
+        f"{power.estimate * 1e6:5.0f} ± {power.standard_error * 1e6:.0f} µW"
     )
+
+# %% [markdown]
+# ## The optimum and the ranking
+#
+# A load's optimum is where a parabola through its highest point and the neighbours peaks, with an
+# interval from paired errors; at an edge of the sweep there is none. Loads are ranked by the paired
+# difference between their highest points: the noise that both had cancels.
+
+# %%
+print(*report.sentences(), sep="\n")
 
 # %% [markdown]
 # ## Answer
 
 # %%
-powers = [result.quantity("mean_output_power") for result in results]
-best = max(range(len(powers)), key=lambda k: powers[k].estimate)
-inside = 0 < best < len(powers) - 1
-where = "near" if inside else "at the end of the range,"
+(found, place) = report.optima[1]
+power = report.best((1,)).estimates["output_power"]
+best = study.grid.sweeps["load.parameters.resistance"][place]
+interval = (
+    f"its optimum lies between {found.low / 1e3:.0f} and {found.high / 1e3:.0f} kΩ"
+    if math.isfinite(found.low)
+    else "the sweep does not enclose its optimum"
+)
+(_, (difference,)) = report.rankings[()]
 print(
-    f"Of these loads the rectifier harvests most {where} {resistances[best] / 1e3:.0f} kΩ: "
-    f"{powers[best].estimate * 1e6:.1f} ± {powers[best].standard_error * 1e6:.1f} µW, "
-    f"{results[best].quantity('end_to_end_efficiency').estimate:.1%} of the mechanical input."
+    f"My rectifier gives {power.estimate * 1e3:.2f} ± {power.standard_error * 1e3:.2f} mW at "
+    f"{best / 1e3:.0f} kΩ, and {interval}; at the best of each, {difference.better} is "
+    f"{difference.estimate:.0%} ± {difference.standard_error:.0%} ahead of {difference.worse}."
 )
-_, axes = plt.subplots(figsize=(6.0, 3.2))
-axes.errorbar(
-    resistances,
-    [1e6 * power.estimate for power in powers],
-    [2e6 * power.standard_error for power in powers],
-    marker="o",
-    capsize=2,
-)
-axes.set(xscale="log", xlabel="resistance [Ω]", ylabel="mean output power [µW]", ylim=(0.0, None))
-axes.set_title("output power, two standard errors")
-plt.show()
+draw_power(report)

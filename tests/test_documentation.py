@@ -49,7 +49,7 @@ def test_the_theory_names_functions():
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_commands_are_accepted(page):
     for block in blocks(page.read_text(encoding="utf-8"), "sh"):
-        for line in block.splitlines():
+        for line in block.replace("\\\n", " ").splitlines():
             words = shlex.split(line.split("&&")[0], comments=True)
             if words[:1] == ["harvester"]:
                 assert _parser().parse_args(words[1:]).command
