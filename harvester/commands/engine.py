@@ -5,7 +5,12 @@ from contextlib import closing
 
 def add(commands):
     """The command's arguments."""
-    command = commands.add_parser("engine", help="show the ngspice that was found")
+    command = commands.add_parser(
+        "engine",
+        help="show the ngspice that was found",
+        description="show the ngspice that was found, and what it can do",
+        epilog="example: harvester engine --json -",
+    )
     command.add_argument("--json", metavar="FILE", help="write JSON; - for standard output")
     command.set_defaults(command=run, output=None)
 
