@@ -122,7 +122,7 @@ def _panels(report, label, value, factor):
     handles, names = panels[0][0].get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=min(len(names), 5))
     figure.suptitle(
-        f"{report.scene.name}: {report.study.method}, bars two standard errors",
+        f"{report.scene.name}: {report.study.method}, bars: 2 standard errors (hollow: none)",
         x=0.01,
         ha="left",
         fontsize=9,
@@ -153,6 +153,10 @@ def _draw_curves(axes, report, other, value, factor):
             linewidth=1.0,
             label=report.study.grid.loads[k],
         )
+        bare = [place for place, (_, (_, error)) in enumerate(shown) if error is None]
+        if bare:
+            at, height = np.array(x)[bare], np.array(y)[bare]
+            axes.plot(at, height, marker, color=colour, markersize=4, markerfacecolor="white")
     axes.set_ylim(bottom=0.0)
     if key is None:
         axes.set_xticks(list(_loads(report)), report.study.grid.loads)

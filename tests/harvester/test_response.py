@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 
 import harvester
 from harvester.command_line import main
-from harvester.commands.frequency_response import parse
+from harvester.commands.options import number_list
 from harvester.errors import HarvesterError
 from harvester.parameters import scale
 from harvester.scene import Scene
@@ -116,11 +116,11 @@ def test_the_command_writes_table_json_and_figure(tmp_path, capsys):
 
 
 def test_frequencies_have_a_short_form():
-    np.testing.assert_allclose(parse("0.1:10:log:3"), [0.1, 1, 10])
-    np.testing.assert_allclose(parse("1:2:linear:3"), [1, 1.5, 2])
-    assert parse("1,2.5") == [1.0, 2.5]
+    np.testing.assert_allclose(number_list("0.1:10:log:3", "--frequencies"), [0.1, 1, 10])
+    np.testing.assert_allclose(number_list("1:2:linear:3", "--frequencies"), [1, 1.5, 2])
+    assert number_list("1,2.5", "--frequencies") == [1.0, 2.5]
     for text in ("1:2", "2:1:log:3", "1:2:lin:3", "a", "1:2:log:x"):
         with pytest.raises(HarvesterError, match="write it as"):
-            parse(text)
+            number_list(text, "--frequencies")
     with pytest.raises(HarvesterError, match="> 0"):
         harvester.frequency_response(sine("linear", 0.3), [0.0, 1.0])

@@ -16,9 +16,7 @@ from harvester.command_line import main
 from harvester.errors import HarvesterError
 from harvester.parameters import knot_spacing, scale
 from harvester.scene import Scene
-from harvester.studies import load_study
-from harvester.studies.dataset import to_dataset
-from harvester.studies.report import Report
+from harvester.studies import Report, load_study, save, to_dataset
 
 RESISTANCE = "load.parameters.resistance"
 BRIEF = {"run.duration": 20.0, "run.settle": 5.0}
@@ -208,3 +206,15 @@ def test_the_control_variate_helps_inside_a_well_and_is_refused_between_them(poo
     inside, between = load_study(scene, [], sweeps, precision=0.5, pool=pool).evaluations
     assert inside.gain > 2.0
     assert between.gain == 1.0
+
+
+def test_its_files_hold_what_it_found(study, tmp_path):
+    xarray = pytest.importorskip("xarray")
+    report = Report(study)
+    names = save(report, tmp_path)
+    assert all((tmp_path / name).stat().st_size > 1000 for name in names)
+    found = xarray.load_dataset(tmp_path / "load-study.nc", engine="scipy")
+    assert found.identical(to_dataset(report))
+    powers = [evaluation.power for evaluation in study.evaluations]
+    assert found["output_power"].sel(load="resistor").values.tolist() == powers
+    assert float(found["optimum"][0]) == report.optima[0][0].place
