@@ -48,7 +48,7 @@ ENDS = {
 }
 
 
-def average(scene, closure="consistent", tolerance=TOLERANCE, fit=False):
+def average(scene, closure="slow_load", tolerance=TOLERANCE, fit=False):
     """Quantities and densities of a scene by stochastic averaging.
 
     Parameters

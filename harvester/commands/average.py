@@ -19,13 +19,13 @@ def add(commands):
         "average",
         run,
         "stochastic averaging of one scene",
-        "harvester average paper --closure consistent",
+        "harvester average paper --closure slow_load",
     )
     command.add_argument(
         "--closure",
-        default="consistent",
+        default="slow_load",
         metavar="NAME",
-        help=f"{', '.join(CLOSURES)} (default: consistent)",
+        help=f"{', '.join(CLOSURES)} (default: slow_load)",
     )
     command.add_argument(
         "--tolerance",

@@ -1,0 +1,111 @@
+# ---
+# jupyter:
+#   jupytext:
+#     text_representation:
+#       extension: .py
+#       format_name: percent
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+# %% [markdown]
+# # A load study: which resistance does my own rectifier want, and what does rectifying cost?
+#
+# Any sub-circuit can be the load. This one is a full-wave bridge with its own diodes; it comes from
+# a file, as a netlist of yours would, and no line of Python knows it.
+
+# %%
+# %matplotlib inline
+import math
+import tempfile
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import harvester
+from harvester import figures
+from harvester.studies import Report
+from harvester.studies.drawing import draw_power
+
+plt.style.use(figures.STYLE)
+
+# %% [markdown]
+# ## The load
+#
+# Pins named `p n out ref` are the piezo's terminals and the DC side. Resistors across `out ref` are
+# the output, capacitors there its storage.
+
+# %%
+folder = tempfile.TemporaryDirectory()
+path = Path(folder.name) / "my_rectifier.lib"
+_ = path.write_text(
+    """* full-wave bridge of small Schottky diodes
+.subckt my_rectifier p n out ref resistance=500k storage=100n
+.model schottky d(is=200n n=1.05 rs=10 cjo=5p)
+D1 p out schottky
+D2 ref p schottky
+D3 n out schottky
+D4 ref n schottky
+Cstray ref n 10p
+Cstorage out ref {storage}
+Rload out ref {resistance}
+.ends
+"""
+)
+
+# %% [markdown]
+# ## The sweep
+#
+# The rectifier stands beside the plain resistor, which takes the alternating voltage as it is. All
+# points get the same noise, and each runs until the standard error of its output power is 5 %. With
+# `output="folder"` every finished piece is kept: the same call goes on after a break.
+
+# %%
+scene = harvester.Scene.load("device").replace({"run.settle": 2.0})
+study = harvester.load_study(
+    scene,
+    ["resistor", str(path)],
+    {"load.parameters.resistance": np.geomspace(1e5, 3e6, 5)},
+    precision=0.05,
+)
+report = Report(study)
+for evaluation, point in zip(study.evaluations, study.grid.points, strict=True):
+    power = evaluation.estimates["output_power"]
+    resistance = point.scene.electrical_load.parameters["resistance"]
+    print(
+        f"{point.scene.electrical_load.circuit.name:14} {resistance / 1e3:6.0f} kΩ: "
+        f"{power.estimate * 1e6:5.0f} ± {power.standard_error * 1e6:.0f} µW"
+    )
+
+# %% [markdown]
+# ## The optimum and the ranking
+#
+# A load's optimum is where a parabola through its highest point and the neighbours peaks, with an
+# interval from paired errors; at an edge of the sweep there is none. Loads are ranked by the paired
+# difference between their highest points: the noise that both had cancels.
+
+# %%
+print(*report.sentences(), sep="\n")
+
+# %% [markdown]
+# ## Answer
+
+# %%
+(found, place) = report.optima[1]
+power = report.best((1,)).estimates["output_power"]
+best = study.grid.sweeps["load.parameters.resistance"][place]
+interval = (
+    f"its optimum lies between {found.low / 1e3:.0f} and {found.high / 1e3:.0f} kΩ"
+    if math.isfinite(found.low)
+    else "the sweep does not enclose its optimum"
+)
+(_, (difference,)) = report.rankings[()]
+print(
+    f"My rectifier gives {power.estimate * 1e3:.2f} ± {power.standard_error * 1e3:.2f} mW at "
+    f"{best / 1e3:.0f} kΩ, and {interval}; at the best of each, {difference.better} is "
+    f"{difference.estimate:.0%} ± {difference.standard_error:.0%} ahead of {difference.worse}."
+)
+draw_power(report)
