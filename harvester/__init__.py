@@ -5,7 +5,7 @@
 >>> scene.excitation.intensity
 0.05
 
-`harvester.simulate(scene, engine="circuit")`, `harvester.average(scene, closure="consistent")`
+`harvester.simulate(scene, engine="circuit")`, `harvester.average(scene)`
 and `harvester.validate(scene)` return results with error bars; see their help.
 """
 

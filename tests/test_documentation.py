@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from circuits.subcircuits import read_load
-from harvester.command_line import COMMANDS, _parser
+from harvester.command_line import COMMANDS, build_parser
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -52,18 +52,18 @@ def test_commands_are_accepted(page):
         for line in block.replace("\\\n", " ").splitlines():
             words = shlex.split(line.split("&&")[0], comments=True)
             if words[:1] == ["harvester"]:
-                assert _parser().parse_args(words[1:]).command
+                assert build_parser()[0].parse_args(words[1:]).command
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.__name__)
 def test_the_help_of_a_command_holds_an_example_that_is_accepted(command, capsys):
     name = command.__name__.rpartition(".")[2].replace("_", "-")
     with pytest.raises(SystemExit):
-        _parser().parse_args([name, "--help"])
+        build_parser()[0].parse_args([name, "--help"])
     example = capsys.readouterr().out.partition("example: ")[2]
     words = shlex.split(example)
     assert words[:2] == ["harvester", name]
-    assert _parser().parse_args(words[1:]).command is command.run
+    assert build_parser()[0].parse_args(words[1:]).command is command.run
 
 
 def test_the_load_of_the_readme_is_one(tmp_path):

@@ -10,9 +10,10 @@ def add(commands):
     command = commands.add_parser(
         "completion",
         help="print the completion script of a shell",
-        description="print the completion script of a shell; for good: write it where the shell "
-        "looks, such as ~/.local/share/bash-completion/completions/harvester",
-        epilog='example: eval "$(harvester completion bash)"',
+        description="print the completion script of a shell; for this session: eval it; for good: "
+        "write it where the shell looks, such as "
+        "~/.local/share/bash-completion/completions/harvester",
+        epilog="example: harvester completion bash",
     )
     command.add_argument("shell", metavar="SHELL", help=", ".join(SHELLS))
     command.set_defaults(command=run, json=None, output=None)
