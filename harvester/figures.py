@@ -15,8 +15,10 @@ LINES = {"paper": ("0.55", "--"), "consistent": ("#009E73", "-"), "slow_load": (
 WORTH_DRAWING = 1e-3
 CIRCUIT, MONTE_CARLO = "#0072B2", "#D55E00"
 # Of the families of `harvester.methods` in turn; green, grey and violet are the closures'.
+# As many of both as there are families.
 FAMILY_COLOURS = ("#E69F00", "#CC79A7", CIRCUIT, "#8C564B", "#56B4E9", MONTE_CARLO, "0.2")
-FAMILY_MARKERS = "vdoDsP^"
+FAMILY_COLOURS += ("#117733", "#882255")
+FAMILY_MARKERS = "vdoDsP^<>"
 # Smallest bias that is drawn (%).
 LEAST_BIAS = 1e-3
 
