@@ -171,11 +171,11 @@ def scale(scene):
     """
     parameters, scales = _scale_si(scene) if scene.units == "SI" else _scale_scaled(scene)
     if scene.excitation.prescribes_displacement:
-        parameters = _without_mechanics(parameters, scene.excitation.frequency)
+        parameters = _without_mechanics(parameters)
     return parameters, scales
 
 
-def _without_mechanics(p, frequency):
+def _without_mechanics(p):
     """Only the piezo is left: what drives a mass without spring and damper is its η."""
     return p._replace(
         damping=0.0,
@@ -185,8 +185,6 @@ def _without_mechanics(p, frequency):
         contact_stiffness=0.0,
         restitution=1.0,
         held_impact_velocity=False,
-        intensity=0.0,
-        correlation_time=1.0 / (2.0 * math.pi * frequency),
     )
 
 

@@ -179,17 +179,21 @@ class Stronger(_Pairs):
         return found
 
 
+class _Ranges(_Pairs):
+    """A statement on the two ends of the `ranges` of some keys."""
+
+    def scenes(self, condition):
+        """Changes of the scene."""
+        return [with_value(condition, key, v) for key, ends in self.ranges for v in ends]
+
+
 @dataclass(frozen=True)
-class Unchanged(_Pairs):
+class Unchanged(_Ranges):
     """A quantity changes by less than a share over the ranges of some keys."""
 
     quantity: str
     ranges: tuple
     limit: float
-
-    def scenes(self, condition):
-        """Changes of the scene."""
-        return [with_value(condition, key, v) for key, ends in self.ranges for v in ends]
 
     def findings(self, condition, read):
         """What is left of the limit for each key."""
@@ -203,16 +207,12 @@ class Unchanged(_Pairs):
 
 
 @dataclass(frozen=True)
-class Opposed(_Pairs):
+class Opposed(_Ranges):
     """One quantity rises where another falls, over ranges of some keys."""
 
     quantity: str
     other: str
     ranges: tuple
-
-    def scenes(self, condition):
-        """Changes of the scene."""
-        return [with_value(condition, key, v) for key, ends in self.ranges for v in ends]
 
     def findings(self, condition, read):
         """The other's change, for the statement when it is against the first one's.
