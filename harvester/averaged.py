@@ -144,8 +144,11 @@ def _tabulated(densities, name):
     landmarks = landmarks[(landmarks >= first) & (landmarks <= last)]
     landmarks = landmarks[np.linspace(0, landmarks.size - 1, LANDMARKS).astype(int)]
     half = np.concatenate([np.linspace(first, last, EVEN), landmarks])
-    grid = np.unique(np.concatenate([-half, half]))
-    return Density(grid, density(grid), None, name)
+    half = np.unique(half)
+    values = density(half)
+    mirrored = slice(None, 0 if half[0] == 0.0 else None, -1)
+    grid = np.append(-half[mirrored], half)
+    return Density(grid, np.append(values[mirrored], values), None, name)
 
 
 def _notes(validity):

@@ -84,8 +84,9 @@ class Lobe:
         return float(np.clip(saddle, -p.gap, p.gap)), bool(has_well)
 
     def _single_minimum(self, charge):
-        """Root of the slope between 0 and Z, by bisection."""
-        low, high = min(0.0, charge), max(0.0, charge)
+        """Root of the slope, by bisection: the bare force pulls to a rest position, β' to Z."""
+        rest = self.potential.parameters.rest
+        low, high = min(-rest, charge), max(rest, charge)
         for _ in range(200):
             middle = 0.5 * (low + high)
             if self.potential.slope(np.array([middle]), self.stiffness)[0] < 0.0:
@@ -139,6 +140,8 @@ class Lobe:
                 scales = [0.5 * np.sqrt(2.0 * excess / bend), 0.5 * excess / slope]
             distance = np.minimum(distance, np.minimum(*scales))
         middle = left + 0.5 * (right - left)
+        gap = u.parameters.gap
+        middle = np.where((left < -gap) & (-gap < right), -gap, middle)
         return path_between(u, n2, left, excess, distance, middle, right, nodes)
 
 

@@ -50,14 +50,17 @@ class Potential:
         return spring + 1.5 * p.contact_stiffness * np.sqrt(np.maximum(x - p.gap, 0.0))
 
     def rise(self, x, step, added_stiffness):
-        """U(x + step) − U(x) without cancellation, for x and x + step ≥ −δ."""
+        """U(x + step) − U(x) without cancellation."""
         p = self.parameters
         linear, cubic = p.linear_stiffness + added_stiffness, p.cubic_stiffness
         first = (linear + cubic * x * x) * x - added_stiffness * self._at(x)
         second = 0.5 * (linear + 3.0 * cubic * x * x)
         spring = step * (first + step * (second + step * cubic * (x + 0.25 * step)))
-        touching = p.has_stoppers and (np.any(x > p.gap) or np.any(x + step > p.gap))
-        return spring + self._contact_rise(x, step) if touching else spring
+        for side in (1.0, -1.0):
+            ahead, way = side * x, side * step
+            if p.has_stoppers and (np.any(ahead > p.gap) or np.any(ahead + way > p.gap)):
+                spring = spring + self._contact_rise(ahead, way)
+        return spring
 
     def _contact_rise(self, x, step):
         gap = self.parameters.gap
@@ -298,9 +301,12 @@ def contact_damping_on(u, path, added_stiffness):
     p = u.parameters
     if not p.has_stoppers or p.damping_factor == 0.0:
         return np.zeros_like(path.x)
-    kinetic = -u.rise(path.right, p.gap - path.right, added_stiffness)
-    held = np.sqrt(2.0 * np.maximum(kinetic, 0.0))
-    return contact_damping(p, path.x, path.speed, held[:, None])
+    right, left = (
+        np.sqrt(2.0 * np.maximum(-u.rise(path.right, at - path.right, added_stiffness), 0.0))
+        for at in (p.gap, -p.gap)
+    )
+    held = np.where(path.x > 0.0, right[:, None], left[:, None])
+    return contact_damping(p, path.x, path.speed, held)
 
 
 def turning_point(u, left, excess, start, step, added_stiffness):

@@ -10,6 +10,7 @@ FINER = 3  # pieces of a cell between which g is taken as linear in the energy
 PLACES = 320  # points of a quadrature over displacement or velocity
 ENERGIES = 200  # at which p(H) is given
 LEAST = 1e-300
+UNSEEN = 1e-14  # share of the most probable layer's probability that adds nothing
 FALL = 28.0  # ln g falls by this much within the quadratures
 
 
@@ -40,6 +41,11 @@ class SlowDensity:
         norm = sum(np.sum(g * problem.volume(name)) for name, g in density.items())
         density = {name: g / norm for name, g in density.items()}
         self._sheets = [_sheets(problem, name, g) for name, g in density.items()]
+        # Between the cells g is another one than the cells' own: its integral is made to be 1.
+        place, weight = self._places()
+        half = place > 0.0
+        mass = 2.0 * (self.displacement(place[half]) @ weight[half])
+        self._sheets = [(*sheets[:-1], sheets[-1] / mass) for sheets in self._sheets]
         self.energy = {
             name: self._over_energy(problem, name, density[name]) for name in problem.tables
         }
@@ -194,7 +200,9 @@ def _sheets(problem, name, density):
         beginning = floor
         if "wells" in problem.tables:
             floor = energies[:, 0]
-    return charge, width, beginning, floor, energies, values
+    mass = np.sum(density * problem.volume(name), axis=1)
+    there = mass > UNSEEN * mass.max()
+    return tuple(part[there] for part in (charge, width, beginning, floor, energies, values))
 
 
 def _spread(length, scale):

@@ -31,8 +31,8 @@ from harvester.errors import AveragingError
 
 FORGOTTEN = 40.0  # ln g falls by this much up to the outer end
 # Cells in half the range of Z, in a well and outside.
-COARSEST = (10, 12, 15)
-NODES = 12
+COARSEST = (14, 18, 12)
+NODES = 10
 SCAN_NODES = 16
 DOUBLINGS = 4
 STEEPEST = 16.0  # fall of the error from grid to grid beyond which none is waited for
@@ -50,9 +50,9 @@ def slow_load(parameters, tolerance):
     """Means and densities, on a grid fine enough for the tolerance.
 
     The means are extrapolated from each grid and one half as fine, errors of second order. Their
-    numerical error is the larger of a third of the change against the extrapolation from grids
-    half as fine, what errors of second order would leave once more, and of half the correction
-    that the extrapolation makes: either alone is small by chance at times.
+    numerical error is the larger of a seventh of the change against the extrapolation from grids
+    half as fine, what errors of third order would leave, that of the steps between the layers, and
+    of half the correction that the extrapolation makes: either alone is small by chance at times.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def slow_load(parameters, tolerance):
         means, fine = _means(p, span, totals), _means(p, span, raw)
         if before is not None:
             error = {
-                name: max(abs(mean - before[name]) / 3.0, abs(mean - fine[name]) / 2.0)
+                name: max(abs(mean - before[name]) / 7.0, abs(mean - fine[name]) / 2.0)
                 for name, mean in means.items()
             }
             excess = max(error[name] / (abs(means[name]) or np.inf) for name in JUDGED) / tolerance
@@ -184,16 +184,24 @@ class Span:
                 f"damping={p.damping:g} with coupling={p.coupling:g} does not bound the energy; "
                 "raise one of them or let the stoppers dissipate (restitution < 1)"
             )
+        last, typical = np.interp([FORGOTTEN, 1.0], fall, excess)
         depth = inside = 1.0
+        charged = Lobe(p, stiffness, p.rest)
         if lobe.has_well:
             share = np.exp(np.linspace(np.log(1e-6), 0.0, 60))[:-1]
-            charged = Lobe(p, stiffness, p.rest)
             half = HalfOrbits.of(charged, charged.well_path(share, SCAN_NODES))
             height = charged.well_heights(share)
             energy, depth = float(np.interp(1.0, _fall(p, half, height), height)), charged.depth
             centre = half.integral(half.x / half.speed) / half.period
             inside = float(np.interp(energy, height, 1.0 - centre / p.rest))
-        last, typical = np.interp([FORGOTTEN, 1.0], fall, excess)
+        elif p.linear_stiffness < 0.0:
+            half = HalfOrbits.of(charged, charged.outer_path(excess, SCAN_NODES))
+            left = Lobe(p, stiffness, -p.rest)
+            half = half.after_mirrored(HalfOrbits.of(left, left.outer_path(excess, SCAN_NODES)))
+            centre = half.integral(half.x / half.speed) / half.period
+            apart = _fall(p, half, excess)
+            inside = float(np.interp(1.0, apart, 1.0 - centre / p.rest))
+            typical = min(typical, float(np.interp(1.0, apart, excess)))
         return cls(
             frequency,
             stiffness,
@@ -213,10 +221,10 @@ class Span:
         excess = self.excess * _clustered(outer, self.typical / self.excess)
         share = np.empty(0)
         if self.lobe.has_well:
-            share = _clustered(well, 2.0 * np.sqrt(self.energy / (3.0 * self.depth)))
+            share = _clustered(well, np.sqrt(self.energy / (6.0 * self.depth)))
         charge = np.zeros(2)
         if p.linear_stiffness < 0.0:
-            charge = self.crossing.last * (1.0 - _clustered(layers, 4.0 * self.inside)[::-1])
+            charge = self.crossing.last * (1.0 - _clustered(layers, self.inside)[::-1])
         held = self.crossing.held(np.append(-charge[:0:-1], charge))
         return Grid(charge, held, share, excess, NODES)
 
