@@ -26,12 +26,13 @@ from harvester.averaging.layers import Grid, faced, layered
 from harvester.averaging.linear_response import beside_resonance
 from harvester.averaging.lobes import HalfOrbits, Lobe
 from harvester.averaging.slow_density import SlowDensity
+from harvester.averaging.spacing import clustered, fitted_to
 from harvester.averaging.transport import Problem
 from harvester.errors import AveragingError
 
 FORGOTTEN = 40.0  # ln g falls by this much up to the outer end
 # Cells in half the range of Z, in a well and outside.
-COARSEST = (14, 18, 12)
+COARSEST = (12, 14, 10)
 NODES = 10
 SCAN_NODES = 16
 DOUBLINGS = 4
@@ -50,9 +51,10 @@ def slow_load(parameters, tolerance):
     """Means and densities, on a grid fine enough for the tolerance.
 
     The means are extrapolated from each grid and one half as fine, errors of second order. Their
-    numerical error is the larger of a seventh of the change against the extrapolation from grids
-    half as fine, what errors of third order would leave, that of the steps between the layers, and
-    of half the correction that the extrapolation makes: either alone is small by chance at times.
+    numerical error is the larger of a third of the change against the extrapolation from grids
+    half as fine, what errors of second order would leave once more, and of half the correction
+    that the extrapolation makes: either alone is small by chance at times. The grids are fitted to
+    the density on a first one.
 
     Parameters
     ----------
@@ -93,9 +95,10 @@ def slow_load(parameters, tolerance):
     """
     p = parameters
     span = Span.of(p)
+    first = _Solution(p, span, span.first_grid(p))
     raw, before = None, None
     for doubling in range(DOUBLINGS + 1):
-        solution = _Solution(p, span, doubling)
+        solution = _Solution(p, span, first.fitting_grid(doubling))
         coarse, raw = raw, solution.totals()
         if coarse is None:
             continue
@@ -103,7 +106,7 @@ def slow_load(parameters, tolerance):
         means, fine = _means(p, span, totals), _means(p, span, raw)
         if before is not None:
             error = {
-                name: max(abs(mean - before[name]) / 7.0, abs(mean - fine[name]) / 2.0)
+                name: max(abs(mean - before[name]) / 3.0, abs(mean - fine[name]) / 2.0)
                 for name, mean in means.items()
             }
             excess = max(error[name] / (abs(means[name]) or np.inf) for name in JUDGED) / tolerance
@@ -215,16 +218,20 @@ class Span:
             Crossing.of(p, stiffness, rate, NODES),
         )
 
-    def grid(self, p, doubling):
-        """The grid after so many doublings: fine where the motion is."""
-        layers, well, outer = (count * 2**doubling for count in COARSEST)
-        excess = self.excess * _clustered(outer, self.typical / self.excess)
+    def first_grid(self, p):
+        """The coarsest grid, fine where the motion may be."""
+        layers, well, outer = COARSEST
+        excess = self.excess * clustered(outer, self.typical / self.excess)
         share = np.empty(0)
         if self.lobe.has_well:
-            share = _clustered(well, np.sqrt(self.energy / (6.0 * self.depth)))
+            share = clustered(well, np.sqrt(self.energy / (6.0 * self.depth)))
         charge = np.zeros(2)
         if p.linear_stiffness < 0.0:
-            charge = self.crossing.last * (1.0 - _clustered(layers, self.inside)[::-1])
+            charge = self.crossing.last * (1.0 - clustered(layers, self.inside)[::-1])
+        return self.grid(charge, share, excess)
+
+    def grid(self, charge, share, excess):
+        """`Grid` of these faces."""
         held = self.crossing.held(np.append(-charge[:0:-1], charge))
         return Grid(charge, held, share, excess, NODES)
 
@@ -239,29 +246,32 @@ def _fall(p, half, height):
     return rate[0] * height[0] + np.append(0.0, np.cumsum(steps))
 
 
-def _clustered(cells, scale):
-    """Faces from 0 to 1, close together within `scale` of 0."""
-    even = np.linspace(0.0, 1.0, cells + 1)
-    if scale >= 1.0:
-        return even
-    stretch = np.arcsinh(1.0 / scale)
-    faces = np.sinh(stretch * even) / np.sinh(stretch)
-    faces[-1] = 1.0
-    return faces
-
-
 class _Solution:
     """Density on one grid and what it adds up to."""
 
-    def __init__(self, p, span, doubling):
-        self.p = p
-        self.grid = span.grid(p, doubling)
+    def __init__(self, p, span, grid):
+        self.p, self.span, self.grid = p, span, grid
         self.tables = layered(p, span.stiffness, self.grid)
         faces = None
         if self.grid.charge[-1] > 0.0:
             faces = faced(p, span.stiffness, self.grid, self.tables)
         self.problem = Problem(p, self.grid, self.tables, faces, span.rate)
         self.density = self.problem.solve()
+
+    def fitting_grid(self, doubling):
+        """The coarsest grid after so many doublings, fine where this density is."""
+        mass = {name: self.density[name] * self.problem.volume(name) for name in self.tables}
+        layers, well, outer = (count * 2**doubling for count in COARSEST)
+        over_charge, share = mass["outer"].sum(axis=1), self.grid.share
+        if "wells" in mass:
+            share = fitted_to(mass["wells"].sum(axis=0), share, well)
+            held = mass["wells"].sum(axis=1)
+            over_charge = over_charge + (held + held[::-1])[len(over_charge) :]
+        charge = self.grid.charge
+        if self.problem.moves:
+            charge = fitted_to(over_charge, charge, layers)
+        excess = fitted_to(mass["outer"].sum(axis=0), self.grid.excess, outer)
+        return self.span.grid(charge, share, excess)
 
     def totals(self):
         """Integrals over all cells; those of V² apart for orbit and slow part."""
