@@ -42,7 +42,7 @@ class SlowDensity:
         density = {name: g / norm for name, g in density.items()}
         self._sheets = [_sheets(problem, name, g) for name, g in density.items()]
         # Between the cells g is another one than the cells' own: its integral is made to be 1.
-        place, weight = self._places()
+        place, weight = self._places(2 * PLACES)
         half = place > 0.0
         mass = 2.0 * (self.displacement(place[half]) @ weight[half])
         self._sheets = [(*sheets[:-1], sheets[-1] / mass) for sheets in self._sheets]
@@ -151,21 +151,21 @@ class SlowDensity:
     def _top_speed(self):
         return np.sqrt(2.0 * self._top())
 
-    def _places(self):
+    def _places(self, count=PLACES):
         """Points and weights over X, close together about the rest positions."""
         rest, reach = self._p.rest, self._reach()
         scale = np.sqrt(2.0 * self._span.energy) / self._span.frequency
-        outward = _spread(reach - rest, scale)
+        outward = _spread(reach - rest, scale, count)
         if rest == 0.0:
             half, weight = outward
         else:
-            inward = _spread(rest, scale)
+            inward = _spread(rest, scale, count)
             half = np.concatenate([rest - inward[0][::-1], rest + outward[0]])
             weight = np.concatenate([inward[1][::-1], outward[1]])
         return np.append(-half[::-1], half), np.append(weight[::-1], weight)
 
     def _speeds(self):
-        speed, weight = _spread(self._top_speed(), np.sqrt(2.0 * self._span.energy))
+        speed, weight = _spread(self._top_speed(), np.sqrt(2.0 * self._span.energy), PLACES)
         return np.append(-speed[::-1], speed), np.append(weight[::-1], weight)
 
     def _over_energy(self, problem, name, density):
@@ -201,14 +201,14 @@ def _sheets(problem, name, density):
         if "wells" in problem.tables:
             floor = energies[:, 0]
     mass = np.sum(density * problem.volume(name), axis=1)
-    there = mass > UNSEEN * mass.max()
+    there = mass >= UNSEEN * mass.max()
     return tuple(part[there] for part in (charge, width, beginning, floor, energies, values))
 
 
-def _spread(length, scale):
+def _spread(length, scale, count):
     """Midpoints from 0 to the length and their widths, close together within `scale`."""
     stretch = np.arcsinh(length / scale) if length > scale else 1.0
-    faces = length * np.sinh(stretch * np.linspace(0.0, 1.0, PLACES // 4 + 1)) / np.sinh(stretch)
+    faces = length * np.sinh(stretch * np.linspace(0.0, 1.0, count // 4 + 1)) / np.sinh(stretch)
     return 0.5 * (faces[1:] + faces[:-1]), np.diff(faces)
 
 

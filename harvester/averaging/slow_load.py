@@ -204,7 +204,8 @@ class Span:
             centre = half.integral(half.x / half.speed) / half.period
             apart = _fall(p, half, excess)
             inside = float(np.interp(1.0, apart, 1.0 - centre / p.rest))
-            typical = min(typical, float(np.interp(1.0, apart, excess)))
+            energy = float(np.interp(1.0, apart, excess))
+            typical = min(typical, energy)
         return cls(
             frequency,
             stiffness,
@@ -342,7 +343,7 @@ def _means(p, span, totals):
         "power_conversion_efficiency": power / (power + loss),
         "mean_square_velocity": velocity + share * beside.velocity,
         "mean_square_displacement": displacement + share * beside.displacement,
-        "share_in_wells": totals["share_in_wells"],
+        "share_in_wells": float(np.clip(totals["share_in_wells"], 0.0, 1.0)),
     }
 
 

@@ -30,9 +30,11 @@ class Network:
             self._columns.append(cells.ravel())
             self._values.append(sign * weights.ravel())
 
-    def stationary(self, volume):
+    def stationary(self, volume, start):
         """g whose fluxes balance, with ∑ g volume = 1: inverse iteration with one factorisation.
 
+        It begins with the mass in the cells `start`, and so ends in what that mass can reach where
+        other cells keep theirs as well.
         Eliminated without pivoting: where no weight but the diagonal's is positive, g comes out
         positive whatever the rounding.
         """
@@ -53,7 +55,9 @@ class Network:
             diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
         )
-        g = np.ones(size)
+        g = np.zeros(len(volume))
+        g[start] = 1.0
+        g = g[inside]
         for _ in range(ITERATIONS):
             before, g = g, factors.solve(g)
             g /= np.sum(g * volume[inside])
@@ -135,7 +139,9 @@ class Problem:
                 self._along_charge(network, name, previous)
         if "wells" in self.tables:
             self._at_separatrix(network)
-        return network.stationary(volume)
+        # The bottoms of the wells if there are any: weak noise leaves all the mass there.
+        bottoms = [index[self.tables[name].exists, 0] for name, index in self.index.items()]
+        return network.stationary(volume, next(cells for cells in bottoms if len(cells)))
 
     def coefficients(self, name):
         """B with the sweep of the moving faces, and A, at the faces."""

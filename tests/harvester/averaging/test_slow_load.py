@@ -69,11 +69,11 @@ def test_slow_load_is_an_open_circuit():
     stiffer = p._replace(linear_stiffness=p.linear_stiffness + p.coupling)
     x = np.linspace(-3.0, 3.0, 4001)
     square = np.trapezoid(gibbs(stiffer, x) * x * x, x)
-    result = average(p, "slow_load", 5e-3)
+    result = average(p, "slow_load")
     assert result.mean_square_velocity == pytest.approx(p.intensity / p.damping, rel=1e-3)
     assert result.mean_square_displacement == pytest.approx(square, rel=1e-3)
-    # Z stays at 0, in a layer whose width remains.
-    assert result.mean_square_voltage == pytest.approx(square, rel=0.015)
+    # Z stays at 0, in layers as narrow as the first grid tells.
+    assert result.mean_square_voltage == pytest.approx(square, rel=1e-3)
 
 
 @pytest.mark.slow
@@ -152,6 +152,7 @@ EDGE_CASES = [
     pytest.param({"cubic_stiffness": 0.0}, marks=pytest.mark.slow),
     {"decay_rate": 1e-3, "intensity": 1e-4},
     {"linear_stiffness": 0.0, "cubic_stiffness": 0.0},
+    {"gap": 0.95, "contact_stiffness": 1e3, "restitution": 1.0, "coupling": 6.0, "intensity": 1e-4},
 ]
 
 
@@ -186,7 +187,7 @@ def test_densities_are_those_of_the_means(intensity):
     assert set(result.densities) == {"displacement", "velocity", "voltage"}
     for name, density in result.densities.items():
         assert density.density.min() >= 0.0
-        assert np.trapezoid(density.density, density.centre) == pytest.approx(1.0, abs=5e-3)
+        assert np.trapezoid(density.density, density.centre) == pytest.approx(1.0, abs=1e-3)
         square = np.trapezoid(density.density * density.centre**2, density.centre)
         mean = result.scaled_quantities[f"mean_square_{name}"].estimate
         assert square == pytest.approx(mean, rel=0.03)
