@@ -153,6 +153,7 @@ EDGE_CASES = [
     {"decay_rate": 1e-3, "intensity": 1e-4},
     {"linear_stiffness": 0.0, "cubic_stiffness": 0.0},
     {"gap": 0.95, "contact_stiffness": 1e3, "restitution": 1.0, "coupling": 6.0, "intensity": 1e-4},
+    {"coupling": 6.0, "decay_rate": 10.0, "intensity": 1e-4, "correlation_time": 0.01, "gap": 1.5},
 ]
 
 
