@@ -9,7 +9,7 @@ from harvester.paper.claim_tests import name_of
 from harvester.paper.claims_list import CLAIMS, JUMPING, PEAK
 from harvester.realization import ENGINES
 from harvester.scene import Scene
-from harvester.sweep import REALIZATIONS, Request, failed, resolving, sweep
+from harvester.sweep import REALIZATIONS, Request, costly_first, failed, resolving, sweep
 
 # Standard errors from which on a finding counts; by chance alone one in 370 does.
 SURE = 3.0
@@ -183,7 +183,7 @@ def claims(scene, *, thorough=False, pool, chosen=CLAIMS, progress=None):
     """
     clock = time.perf_counter()
     wanted = _wanted(scene, chosen, thorough)
-    outcomes = sweep(wanted.values(), pool, progress)
+    outcomes = sweep(costly_first(wanted.values()), pool, progress)
     answers = {key: outcomes[request] for key, request in wanted.items()}
     verdicts = [{m: _verdict(scene, claim, m, answers) for m in METHODS} for claim in chosen]
     return Judgement(scene, tuple(chosen), verdicts, answers, thorough, time.perf_counter() - clock)

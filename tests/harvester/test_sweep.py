@@ -6,11 +6,22 @@ import pytest
 from scipy.integrate import quad
 from truths import interpolated_linear_means
 
-from harvester.errors import AveragingError
+import harvester.sweep as module
+from harvester.errors import AveragingError, EngineNotFound, SimulationError
 from harvester.parameters import knot_spacing, scale
 from harvester.scene import Scene
 from harvester.simulation import simulate
-from harvester.sweep import Request, failed, relative_error, resolving, sweep, unseen_jump
+from harvester.sweep import (
+    Request,
+    answer,
+    costly_first,
+    failed,
+    relative_error,
+    resolving,
+    sweep,
+    unseen_jump,
+)
+from harvester.workers import WorkerPool
 
 LINEAR = Scene.load("linear", ["run.realizations=2", "run.duration=500", "run.settle=50"])
 PAPER = Scene.load("paper", ["run.realizations=2", "run.duration=500", "run.settle=50"])
@@ -30,6 +41,39 @@ def test_outcomes_stand_by_their_requests_and_a_refusal_in_its_place(pool):
     alone = simulate(PAPER, "monte-carlo", pool=pool)
     mine = outcomes[engine].result.scaled_quantities
     assert mine["mean_square_voltage"] == alone.scaled_quantities["mean_square_voltage"]
+
+
+def test_answers_are_told_in_the_order_of_the_requests_by_one_process():
+    device = PAPER.replace({"run.duration": 50.0})
+    requests = [Request(device, method) for method in ("consistent", "circuit", "paper")]
+    told = []
+    with WorkerPool(workers=1) as alone:
+        outcomes = sweep(requests, alone, on_answer=lambda *pair: told.append(pair))
+    assert told == [(request, outcomes[request]) for request in requests]
+    assert costly_first(requests)[0].method == "circuit"
+
+
+@pytest.mark.parametrize(
+    ("method", "kind"), [("paper", AveragingError), ("circuit", SimulationError)]
+)
+def test_a_slip_at_one_point_is_an_outcome_with_its_name(method, kind, monkeypatch):
+    def slip(request):
+        raise ZeroDivisionError("nothing to divide by")
+
+    monkeypatch.setattr(module, "_averaged", slip)
+    monkeypatch.setattr(module, "_simulated", slip)
+    outcome = answer(Request(PAPER, method), report=lambda share: None)
+    assert type(outcome) is kind
+    assert str(outcome) == "ZeroDivisionError: nothing to divide by"
+
+
+def test_what_would_fail_at_every_point_ends_the_sweep(monkeypatch):
+    def missing(request):
+        raise EngineNotFound("no ngspice")
+
+    monkeypatch.setattr(module, "_simulated", missing)
+    with pytest.raises(EngineNotFound, match="no ngspice"):
+        answer(Request(PAPER, "circuit"), report=lambda share: None)
 
 
 def test_a_run_is_lengthened_until_its_error_bar_is_the_one_asked_for(pool):
