@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from harvester.averaging import CLOSURES
 from harvester.output import finite
 from harvester.paper.claim_tests import name_of
-from harvester.paper.claims_list import CLAIMS, JUMPING, PEAK
+from harvester.paper.claims_list import CLAIMS, JUMPING
+from harvester.paper.density_features import FEATURES
 from harvester.realization import ENGINES
 from harvester.scene import Scene
 from harvester.sweep import REALIZATIONS, Request, costly_first, failed, resolving, sweep
@@ -197,7 +198,7 @@ def _wanted(scene, chosen, thorough):
             for changes in _needed(claim, method, thorough):
                 changed = scene.replace(dict(changes))
                 needed[method, changes] = changed
-                if getattr(claim.test, "quantity", None) == PEAK:
+                if getattr(claim.test, "quantity", None) in FEATURES:
                     dense.add((method, changed))
     durations = THOROUGH if thorough else DURATIONS
     return {

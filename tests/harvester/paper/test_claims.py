@@ -2,6 +2,7 @@
 
 import json
 import math
+from statistics import NormalDist
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from harvester.estimators import Density, Estimate
 from harvester.paper import claims as module
 from harvester.paper.claim_tests import (
     Bimodal,
+    Changed,
     Finding,
     InteriorMaximum,
     Opposed,
@@ -19,11 +21,11 @@ from harvester.paper.claim_tests import (
     Stronger,
     Trend,
     Unchanged,
-    peak_of,
     relative_change,
 )
 from harvester.paper.claims import FAILS, HOLDS, IN_PART, UNDECIDED, UNTESTED, claims, judge
 from harvester.paper.claims_list import CLAIMS, Claim
+from harvester.paper.density_features import BEYOND, peak_of, reach_of
 from harvester.parameters import knot_spacing, scale
 from harvester.scene import Scene
 from harvester.sweep import Answer, Request, sweep
@@ -110,6 +112,8 @@ def test_comparisons_of_two_parameters():
     assert verdict(Stronger("mean_power", ((E, ends),), ((D, ends),)), function) == FAILS
     assert verdict(Unchanged("mean_power", ((E, ends),), 0.2), function) == HOLDS
     assert verdict(Unchanged("mean_power", ((E, ends), (D, ends)), 0.2), function) == IN_PART
+    assert verdict(Changed("mean_power", ((D, ends),), 0.2), function) == HOLDS
+    assert verdict(Changed("mean_power", ((E, ends),), 0.2), function) == FAILS
     assert verdict(Opposed("mean_power", "other", ((D, ends),)), function) == HOLDS
     assert verdict(Opposed("mean_power", "mean_power", ((D, ends),)), function) == FAILS
 
@@ -131,6 +135,19 @@ def test_peaks_of_a_density():
     for half, word in ((1.0, HOLDS), (0.1, UNDECIDED)):
         answer = Answer(SCENE, {}, density(half), 0.0)
         assert judge(Bimodal().findings((), lambda c, a=answer: a)).word == word
+
+
+def test_the_reach_of_a_density_is_its_quantile():
+    """Of a normal density on bins of 0.02, whose errors are all equal."""
+    centre = np.linspace(-4.99, 4.99, 500)
+    values = np.exp(-0.5 * centre**2) / math.sqrt(2.0 * math.pi)
+    reach, error = reach_of(Density(centre, values, np.full_like(values, 1e-4), "displacement"))
+    exact = NormalDist().inv_cdf(1.0 - BEYOND / 2.0)
+    assert reach == pytest.approx(exact, abs=0.01)
+    # The tail's probability is off by 1e-4 times its width, at a slope of 2 p(reach).
+    tail = 1e-4 * 2.0 * (5.0 - exact)
+    assert error == pytest.approx(tail / (2.0 * NormalDist().pdf(exact)), rel=0.05)
+    assert reach_of(Density(centre, values, None, "displacement"))[1] == 0.0
 
 
 def test_differences_on_common_noise_are_right_and_surer(pool):
