@@ -32,6 +32,8 @@ class Finding:
         Sign of an effect that speaks for the statement.
     decisive : bool
         Whether the statement needs it; steps of a trend only may speak against it.
+    margin : float or None
+        What decides instead of the effect: how far it stays below a limit.
     """
 
     where: str
@@ -39,11 +41,12 @@ class Finding:
     error: float
     favours: int = 1
     decisive: bool = True
+    margin: float | None = None
 
     @property
     def sigmas(self):
         """For the statement (> 0) or against it, in standard errors."""
-        signed = self.favours * self.effect
+        signed = self.favours * (self.effect if self.margin is None else self.margin)
         return signed / self.error if self.error > 0.0 else math.copysign(math.inf, signed)
 
 
@@ -194,13 +197,13 @@ class Unchanged(_Ranges):
     limit: float
 
     def findings(self, condition, read):
-        """What is left of the limit for each key."""
+        """Each key's change, by how far it stays below the limit."""
         found = []
         for key, ends in self.ranges:
             change = self._change(condition, read, self.quantity, key, ends)
             if change:
-                where = f"{_range(condition, key, *ends)} (changes by {change[0]:+.1%})"
-                found.append(Finding(where, self.limit - abs(change[0]), change[1]))
+                where, margin = _range(condition, key, *ends), self.limit - abs(change[0])
+                found.append(Finding(where, *change, margin=margin))
         return found
 
 
@@ -209,7 +212,7 @@ class Changed(Unchanged):
     """A quantity changes by more than a share over the ranges of some keys."""
 
     def findings(self, condition, read):
-        """What is left of the limit for each key, against the statement."""
+        """The same, in which staying below the limit speaks against the statement."""
         return [replace(finding, favours=-1) for finding in super().findings(condition, read)]
 
 
@@ -272,15 +275,15 @@ class Agreement:
         return [condition]
 
     def findings(self, condition, read, reference):
-        """What is left of the limit."""
+        """The deviations, by how far they stay below the limit."""
         ours, theirs = read(condition), reference(condition)
         if ours is None or theirs is None:
             return []
         found = []
         for name in self.quantities:
             share, error = independent_change(theirs, ours, name)
-            where = f"{name.replace('_', ' ')} at {name_of(condition)} ({share:+.1%})"
-            found.append(Finding(where, self.limit - abs(share), error))
+            where = f"{name.replace('_', ' ')} at {name_of(condition)}"
+            found.append(Finding(where, share, error, margin=self.limit - abs(share)))
         return found
 
 

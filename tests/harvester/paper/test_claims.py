@@ -23,7 +23,16 @@ from harvester.paper.claim_tests import (
     Unchanged,
     relative_change,
 )
-from harvester.paper.claims import FAILS, HOLDS, IN_PART, UNDECIDED, UNTESTED, claims, judge
+from harvester.paper.claims import (
+    FAILS,
+    HOLDS,
+    IN_PART,
+    UNDECIDED,
+    UNTESTED,
+    claims,
+    disagreements,
+    judge,
+)
 from harvester.paper.claims_list import CLAIMS, Claim
 from harvester.paper.density_features import BEYOND, peak_of, reach_of
 from harvester.parameters import knot_spacing, scale
@@ -116,6 +125,37 @@ def test_comparisons_of_two_parameters():
     assert verdict(Changed("mean_power", ((E, ends),), 0.2), function) == FAILS
     assert verdict(Opposed("mean_power", "other", ((D, ends),)), function) == HOLDS
     assert verdict(Opposed("mean_power", "mean_power", ((D, ends),)), function) == FAILS
+
+
+def test_a_change_below_a_limit_is_told_as_it_is_and_judged_by_what_is_left():
+    (finding,) = Unchanged("mean_power", ((D, (1.0, 2.0)),), 0.2).findings(
+        (), answers(lambda c: 9.0 + c[D], error=0.1)
+    )
+    assert finding.effect == pytest.approx(0.1)
+    assert finding.margin == pytest.approx(0.1)
+    assert finding.sigmas == pytest.approx(0.1 / (math.hypot(0.1, 0.11) / 10.0))
+
+
+def test_what_is_undecided_is_told_in_the_verdict():
+    read = answers(lambda c: c[D] if c[E] < 0.5 else 5.0)
+    verdict_ = judge([f for c in TWO for f in RISE.findings(c, read)])
+    assert verdict_.word == IN_PART
+    assert "1 of 2 undecided" in verdict_.text()
+    against = judge([Finding("a", 1.0, 0.1), Finding("b", -1.0, 0.1)])
+    assert against.word == IN_PART
+    assert "undecided" not in against.text()
+
+
+def test_closure_and_simulation_disagree_where_both_are_sure_of_opposite_signs():
+    def parted(printed, found):
+        verdicts = {"paper": judge([printed]), "monte-carlo": judge([found])}
+        return disagreements(verdicts)
+
+    rise, fall = Finding("β", 0.5, 0.01), Finding("β", -0.4, 0.01)
+    assert parted(rise, fall) == [("β", 0.5, -0.4)]
+    assert parted(rise, rise) == []
+    assert parted(rise, Finding("β", -0.02, 0.01)) == []
+    assert parted(rise, Finding("K", -0.4, 0.01)) == []
 
 
 def test_peaks_of_a_density():
