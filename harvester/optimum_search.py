@@ -233,7 +233,7 @@ class Search:
         end = self.axis.value(centre + half * fit.flat_to)
         raise OptimumError(
             f"{self.axis.key}: {self._name()} is flat from {place:.4g} to {end:.4g} by "
-            f"{self.engine}: no optimum to be told; widen the range with --from and --to"
+            f"{self.engine}, within errors or {STANDS_OUT:.1%}: a plateau, or a range too narrow"
         )
 
     def _lengthen(self):

@@ -187,7 +187,7 @@ def test_a_folder_that_cannot_be_is_refused_before_anything_runs(tmp_path, capsy
     (tmp_path / "file").touch()
     assert main(["reproduce", "fig2", "--output", str(tmp_path / "file")]) == 2
     shown = capsys.readouterr()
-    assert "cannot be written" in shown.err
+    assert shown.err.startswith(f"harvester: {tmp_path / 'file'}: cannot be written: ")
     assert shown.err.count("\n") == 1
     assert not shown.out
 
