@@ -21,7 +21,6 @@ from harvester.sweep import (
     sweep,
     unseen_jump,
 )
-from harvester.workers import WorkerPool
 
 LINEAR = Scene.load("linear", ["run.realizations=2", "run.duration=500", "run.settle=50"])
 PAPER = Scene.load("paper", ["run.realizations=2", "run.duration=500", "run.settle=50"])
@@ -43,14 +42,23 @@ def test_outcomes_stand_by_their_requests_and_a_refusal_in_its_place(pool):
     assert mine["mean_square_voltage"] == alone.scaled_quantities["mean_square_voltage"]
 
 
-def test_answers_are_told_in_the_order_of_the_requests_by_one_process():
-    device = PAPER.replace({"run.duration": 50.0})
-    requests = [Request(device, method) for method in ("consistent", "circuit", "paper")]
-    told = []
-    with WorkerPool(workers=1) as alone:
-        outcomes = sweep(requests, alone, on_answer=lambda *pair: told.append(pair))
-    assert told == [(request, outcomes[request]) for request in requests]
-    assert costly_first(requests)[0].method == "circuit"
+def test_requests_are_begun_in_their_order_and_told_with_their_outcomes():
+    class Backwards:
+        """A pool whose last call is done first."""
+
+        def map(self, function, calls, time_limit, on_progress, keep_going, on_result):
+            self.begun = [call["request"] for call in calls]
+            for index in reversed(range(len(calls))):
+                on_result(index, f"by {self.begun[index].method}")
+            return [f"by {request.method}" for request in self.begun]
+
+    requests = [Request(PAPER, method) for method in ("consistent", "circuit", "paper")]
+    told, pool = {}, Backwards()
+    outcomes = sweep([*requests, requests[0]], pool, on_answer=told.__setitem__)
+    assert pool.begun == requests
+    assert told == outcomes == {request: f"by {request.method}" for request in requests}
+    assert list(told) == requests[::-1]
+    assert [r.method for r in costly_first(requests)] == ["circuit", "consistent", "paper"]
 
 
 @pytest.mark.parametrize(
