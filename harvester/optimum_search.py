@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
 from harvester.averaged import DIMENSIONS
@@ -24,8 +25,16 @@ MOVES = 16
 # are made for it at a time, and at most.
 WANTED, LENGTHENING = 0.15, 4
 LONGEST = {"monte-carlo": 16, "circuit": 1}
-# Standard errors from which on a curvature is one.
+# Standard errors from which on a curvature, a slope or a fall is one.
 SURE = 3.0
+# Standard errors of a value off the cubic, and its share of the fall within the window, from both
+# of which on a narrower window is fitted.
+MISFIT, MISFIT_SHARE = 4.0, 0.05
+# What a maximum must stand out by within its window, as a share; less is a plateau. A bend that no
+# cubic follows is the same at every scale: narrower windows end before it is lost in this.
+STANDS_OUT, NARROWED = 1e-3, 1e-2
+# A window is moved to a maximum that lies off its middle by more than this share of its half.
+RECENTRED = 0.2
 
 
 @dataclass(frozen=True)
@@ -109,6 +118,10 @@ def averaged(scene, axis, quantity, closure, pool):
         return None, None, f"largest at the end of the range, {axis.key} = {end:.4g}"
     if not (math.isfinite(scanned[top - 1]) and math.isfinite(scanned[top + 1])):
         return None, None, f"largest beside where it is refused: {refusals[0]}"
+    for side, values_there in (("below", scanned[:top]), ("above", scanned[top:])):
+        lowest = min(value for value in values_there if math.isfinite(value))
+        if not scanned[top] - lowest > STANDS_OUT * abs(scanned[top]):
+            return None, None, f"flat {side} {axis.key} = {axis.value(grid[top]):.4g}"
     best = minimize_scalar(
         lambda c: -values([c])[0][0],
         bounds=(grid[top - 1], grid[top + 1]),
@@ -156,8 +169,10 @@ class Search:
             fit = Fit(np.linspace(-1.0, 1.0, PLACES), answers, self.quantity)
             if not fit.peaked or abs(fit.place) > 1.0:
                 centre = self._moved(centre, half, fit)
-            elif fit.drop > DROP and half > NARROWEST:
+            elif (fit.drop > DROP or fit.misfit) and half > NARROWEST:
                 centre, half = centre + half * fit.place, max(0.5 * half, NARROWEST)
+            elif fit.flat_to:
+                centre = self._better_seen(centre, half, fit)
             elif not fit.error or 2.0 * fit.error > WANTED:
                 if not self._lengthen():
                     return self._found(centre, half, fit, coordinates, answers)
@@ -207,6 +222,20 @@ class Search:
             self._refuse_end(0.5 + 0.5 * side)
         return centre + side * half
 
+    def _better_seen(self, centre, half, fit):
+        """The next window's centre, for a maximum that does not fall to both ends of this one."""
+        around = min(max(centre + half * fit.place, half), 1.0 - half)
+        if abs(around - centre) > RECENTRED * half:
+            return around
+        if fit.noisy_ends and self._lengthen():
+            return centre
+        place = self.axis.value(centre + half * fit.place)
+        end = self.axis.value(centre + half * fit.flat_to)
+        raise OptimumError(
+            f"{self.axis.key}: {self._name()} is flat from {place:.4g} to {end:.4g} by "
+            f"{self.engine}, within errors or {STANDS_OUT:.1%}: a plateau, or a range too narrow"
+        )
+
     def _lengthen(self):
         """Whether the runs could be made longer."""
         if self._longer * LENGTHENING > LONGEST[self.engine]:
@@ -220,7 +249,7 @@ class Search:
                 f"{self.axis.key}: the runs are too short for an interval; raise run.duration"
             )
         coordinate = centre + half * fit.place
-        error = half * fit.error * self.axis.slope(coordinate)
+        error = half * math.hypot(fit.error, fit.bias) * self.axis.slope(coordinate)
         fitted = [
             (self.axis.value(c), in_units(answer, self.quantity))
             for c, answer in zip(coordinates, answers, strict=True)
@@ -244,13 +273,23 @@ class Fit:
     Attributes
     ----------
     place, error : float, float or None
-        Of the maximum.
+        Of the maximum, by noise.
+    bias : float
+        How far a spline through the values has its maximum from there, where values lie off the
+        cubic beyond chance.
     slope : float
         At the middle.
     sloped, peaked : bool
         Whether the slope, and the downward curvature, are beyond chance.
     drop : float
         From the maximum to the lower end, as a share of the maximum.
+    misfit : bool
+        Whether that matters, in a window that can be narrowed.
+    flat_to : int
+        −1 or 1, the end that the values do not surely fall to from the place nearest to the
+        maximum; 0: they fall to both.
+    noisy_ends : bool
+        Whether longer runs could tell more of that.
     """
 
     def __init__(self, places, answers, quantity):
@@ -275,3 +314,30 @@ class Fit:
             self.error = standard_error(-0.5 * moved)
             top = c0 + t * (c1 + t * (c2 + t * c3))
             self.drop = float(1.0 - (powers @ [c0, c1, c2, c3])[[0, -1]].min() / top)
+        self._look_for_misfit(places, values, series, powers @ solve)
+        self._look_at_ends(places, values, series)
+
+    def _look_for_misfit(self, places, values, series, fitting):
+        residual = np.eye(len(places)) - fitting
+        off = np.abs(residual @ values)
+        errors = [standard_error(row) for row in np.tensordot(residual, series, 1)]
+        beyond = [x for x, e in zip(off, errors, strict=True) if e is not None and x > MISFIT * e]
+        self.bias, self.misfit = 0.0, False
+        if beyond and self.peaked:
+            fine = np.linspace(-1.0, 1.0, 2001)
+            self.bias = float(abs(fine[np.argmax(CubicSpline(places, values)(fine))] - self.place))
+            fall = values.max() - max(values[0], values[-1])
+            narrow = fall <= NARROWED * values.max()
+            self.misfit = not narrow and max(beyond) > MISFIT_SHARE * np.ptp(values)
+
+    def _look_at_ends(self, places, values, series):
+        """Measured values alone: a cubic through a plateau has a maximum too."""
+        self.flat_to, self.noisy_ends = 0, False
+        nearest = int(np.argmin(np.abs(places - self.place)))
+        least = STANDS_OUT * abs(values[nearest])
+        for end in (0, -1):
+            fall = values[nearest] - values[end]
+            error = standard_error(series[nearest] - series[end])
+            if error is None or not fall > max(SURE * error, least):
+                self.flat_to = int(np.sign(places[end]))
+                self.noisy_ends = error is None or SURE * error > least

@@ -69,6 +69,8 @@ def check_writable(path):
     path = Path(path)
     if path.is_dir():
         raise OutputError(f"{path}: is a folder; name a file")
-    with whole_file(path.parent / ".harvester-write-test") as temporary:
-        temporary.touch()
-    (path.parent / ".harvester-write-test").unlink(missing_ok=True)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=path.parent).close()
+    except OSError as error:
+        raise OutputError(f"{path.parent}: cannot be written: {error.strerror}") from None

@@ -31,7 +31,7 @@ REALIZATIONS = 16
 CLOSURE_ERROR = 5e-3
 # Wall-clock limit of one request (s).
 TIME_LIMIT = 3600.0
-# Rough cost of a request in closure points, to start the long ones first.
+# Rough cost of a request in closure points.
 COSTS = {"circuit": 20.0, "monte-carlo": 2.0}
 
 
@@ -135,8 +135,8 @@ class Answer:
         return content
 
 
-def sweep(requests, pool, progress=None):
-    """Answer many requests, equal ones once.
+def sweep(requests, pool, progress=None, on_answer=None):
+    """Answer many requests, equal ones once, begun in the order given.
 
     Parameters
     ----------
@@ -144,17 +144,31 @@ def sweep(requests, pool, progress=None):
     pool : harvester.workers.WorkerPool
     progress : callable or None
         Given the share done, 0 … 1.
+    on_answer : callable or None
+        Given (request, outcome) as soon as there is one.
 
     Returns
     -------
     dict of Request to Answer, AveragingError or SimulationError
         What a closure refuses or a run fails of stands in the answer's place.
     """
-    ordered = sorted(dict.fromkeys(requests), key=_cost, reverse=True)
+    ordered = list(dict.fromkeys(requests))
     follow = _Follower([_cost(request) for request in ordered], progress) if progress else None
     calls = [{"request": request} for request in ordered]
-    outcomes = pool.map("harvester.sweep:answer", calls, TIME_LIMIT, follow, keep_going=True)
+    outcomes = pool.map(
+        "harvester.sweep:answer",
+        calls,
+        TIME_LIMIT,
+        follow,
+        keep_going=True,
+        on_result=on_answer and (lambda index, outcome: on_answer(ordered[index], outcome)),
+    )
     return dict(zip(ordered, outcomes, strict=True))
+
+
+def costly_first(requests):
+    """The requests with the long ones in front: no process is left alone with one at the end."""
+    return sorted(requests, key=_cost, reverse=True)
 
 
 def answer(request, report):
@@ -163,6 +177,12 @@ def answer(request, report):
         return _simulated(request) if request.simulated else _averaged(request)
     except (AveragingError, SimulationError) as error:
         return error
+    except HarvesterError:
+        # Of the call or the machine, so the same at every point.
+        raise
+    except Exception as error:
+        kind = SimulationError if request.simulated else AveragingError
+        return kind(f"{type(error).__name__}: {error}")
     finally:
         report(1.0)
 

@@ -10,7 +10,7 @@ def add(commands):
         "reproduce",
         help="the paper's figures, computed again",
         description="the paper's figures by averaging, Monte Carlo and circuit; one PNG and one "
-        "JSON each",
+        "JSON each, written as soon as the figure is done",
         epilog="example: harvester reproduce fig6 fig9 --quick --output results",
     )
     command.add_argument(
@@ -35,39 +35,60 @@ def run(options):
     from harvester.paper.figures_list import FIGURES
 
     names = _chosen(options.figures, ["fig2", "fig3", *FIGURES])
-    from harvester.console import progress, show_table
-    from harvester.paper import orbit_maps
-    from harvester.paper.reproduce import reproduce
+    from harvester.console import show_table
     from harvester.scene import Scene
-    from harvester.workers import WorkerPool
 
     scene = Scene.load("paper")
     if options.seed is not None:
         scene = scene.replace({"run.seed": options.seed})
-    without_noise = {"fig2": orbit_maps.surfaces, "fig3": orbit_maps.frequency_response}
-    contents = [draw(scene) for name, draw in without_noise.items() if name in names]
-    swept = [name for name in names if name in FIGURES]
-    if swept:
-        with progress() as follow, WorkerPool(workers=options.workers) as pool:
-            share = follow("figures", None)
-            contents += reproduce(scene, swept, quick=options.quick, pool=pool, progress=share)
-    for content in contents:
-        show_table(content, f"the paper's {content.name}")
+    finished = {}
+
+    def keep(content):
         _write(content, options.output)
+        finished[content.name] = content
+        kept = f"finished figures are in {options.output}: {', '.join(finished)}"
+        options.kept_when_interrupted = kept
+
+    try:
+        failed_runs = _compute(scene, names, options, keep)
+    finally:
+        for name in (name for name in names if name in finished):
+            show_table(finished[name], f"the paper's {name}")
+    return 1 if failed_runs else 0
+
+
+def _compute(scene, names, options, keep):
+    """Give `keep` each figure as soon as it is done; the number of runs that failed."""
+    from harvester.console import progress
+    from harvester.paper import orbit_maps
+    from harvester.paper.figures_list import FIGURES
+    from harvester.paper.reproduce import reproduce
+    from harvester.workers import WorkerPool
+
+    without_noise = {"fig2": orbit_maps.surfaces, "fig3": orbit_maps.frequency_response}
+    for name in (name for name in names if name in without_noise):
+        keep(without_noise[name](scene))
+    swept = [name for name in names if name in FIGURES]
+    if not swept:
+        return 0
+    with progress() as follow, WorkerPool(workers=options.workers) as pool:
+        share = follow("figures", None)
+        contents = reproduce(
+            scene, swept, quick=options.quick, pool=pool, progress=share, on_figure=keep
+        )
+    return sum(content.failed_runs for content in contents)
 
 
 def _chosen(wanted, known):
     """Names of figures in the paper's order."""
     from harvester.scene_schema import nearest
 
-    if "all" in wanted:
-        return known
     for name in wanted:
-        if name not in known:
+        if name not in (*known, "all"):
             raise HarvesterError(
                 f"{name}: no such figure{nearest(name, known)}; there are {', '.join(known)}, all"
             )
-    return [name for name in known if name in wanted]
+    return [name for name in known if name in wanted or "all" in wanted]
 
 
 def _write(content, folder):

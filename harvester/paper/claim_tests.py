@@ -8,15 +8,13 @@ valid whether or not the paths stay together: the error is that of the differenc
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from harvester.estimators import paired_difference
+from harvester.paper.density_features import FEATURES, middle_of, peak_of
 from harvester.paper.figures_list import SYMBOLS
-
-# Width of X over which the peak of a density is averaged.
-PEAK_WIDTH = 0.1
 
 
 @dataclass(frozen=True)
@@ -34,6 +32,8 @@ class Finding:
         Sign of an effect that speaks for the statement.
     decisive : bool
         Whether the statement needs it; steps of a trend only may speak against it.
+    margin : float or None
+        What decides instead of the effect: how far it stays below a limit.
     """
 
     where: str
@@ -41,11 +41,12 @@ class Finding:
     error: float
     favours: int = 1
     decisive: bool = True
+    margin: float | None = None
 
     @property
     def sigmas(self):
         """For the statement (> 0) or against it, in standard errors."""
-        signed = self.favours * self.effect
+        signed = self.favours * (self.effect if self.margin is None else self.margin)
         return signed / self.error if self.error > 0.0 else math.copysign(math.inf, signed)
 
 
@@ -196,14 +197,23 @@ class Unchanged(_Ranges):
     limit: float
 
     def findings(self, condition, read):
-        """What is left of the limit for each key."""
+        """Each key's change, by how far it stays below the limit."""
         found = []
         for key, ends in self.ranges:
             change = self._change(condition, read, self.quantity, key, ends)
             if change:
-                where = f"{_range(condition, key, *ends)} (changes by {change[0]:+.1%})"
-                found.append(Finding(where, self.limit - abs(change[0]), change[1]))
+                where, margin = _range(condition, key, *ends), self.limit - abs(change[0])
+                found.append(Finding(where, *change, margin=margin))
         return found
+
+
+@dataclass(frozen=True)
+class Changed(Unchanged):
+    """A quantity changes by more than a share over the ranges of some keys."""
+
+    def findings(self, condition, read):
+        """The same, in which staying below the limit speaks against the statement."""
+        return [replace(finding, favours=-1) for finding in super().findings(condition, read)]
 
 
 @dataclass(frozen=True)
@@ -265,15 +275,15 @@ class Agreement:
         return [condition]
 
     def findings(self, condition, read, reference):
-        """What is left of the limit."""
+        """The deviations, by how far they stay below the limit."""
         ours, theirs = read(condition), reference(condition)
         if ours is None or theirs is None:
             return []
         found = []
         for name in self.quantities:
             share, error = independent_change(theirs, ours, name)
-            where = f"{name.replace('_', ' ')} at {name_of(condition)} ({share:+.1%})"
-            found.append(Finding(where, self.limit - abs(share), error))
+            where = f"{name.replace('_', ' ')} at {name_of(condition)}"
+            found.append(Finding(where, share, error, margin=self.limit - abs(share)))
         return found
 
 
@@ -303,7 +313,7 @@ def with_value(condition, key, value):
 
 def relative_change(first, second, quantity):
     """(change from the first answer to the second as a share of the first, its error), or None."""
-    if first.result is not None and second.result is not None and quantity != "peak":
+    if first.result is not None and second.result is not None:
         paired = paired_difference(second.result, first.result).get(quantity)
         if paired is not None and paired.standard_error is not None:
             return paired.estimate, paired.standard_error
@@ -318,33 +328,6 @@ def independent_change(first, second, quantity):
     return b / a - 1.0, math.hypot(error_b, error_a * b / a) / abs(a)
 
 
-def peak_of(density):
-    """(highest average of p(X) over a width of X, its error), whatever the grid."""
-    centre, values, errors = _smooth(density)
-    top = int(np.argmax(np.where(centre >= 0.0, values, 0.0)))
-    return values[top], errors[top]
-
-
-def middle_of(density):
-    """(average of p(X) about X = 0, its error)."""
-    centre, values, errors = _smooth(density)
-    middle = int(np.argmin(np.abs(centre)))
-    return values[middle], errors[middle]
-
-
-def _smooth(density):
-    """Averages over `PEAK_WIDTH`; bins in it count as fully correlated, which is cautious."""
-    reach, step = max(np.abs(density.centre).max(), 2.0 * PEAK_WIDTH), PEAK_WIDTH / 16
-    centre = np.arange(-reach, reach + step, step)
-    errors = density.standard_error
-    errors = np.zeros_like(density.density) if errors is None else errors
-    window = np.full(16, 1.0 / 16)
-    return centre, *(
-        np.convolve(np.interp(centre, density.centre, column, 0.0, 0.0), window, "same")
-        for column in (density.density, errors)
-    )
-
-
 def _known(test, condition, read):
     """(value, answer) where there is one that has the quantity."""
     points = [(value, read(with_value(condition, test.swept, value))) for value in test.values]
@@ -354,12 +337,12 @@ def _known(test, condition, read):
 def _has(answer, quantity):
     if answer is None:
         return False
-    return quantity in answer.quantities or (quantity == "peak" and answer.density is not None)
+    return quantity in answer.quantities or (quantity in FEATURES and answer.density is not None)
 
 
 def _value(answer, quantity):
-    if quantity == "peak":
-        return peak_of(answer.density)
+    if quantity in FEATURES:
+        return FEATURES[quantity](answer.density)
     estimate = answer.quantities[quantity]
     return (
         estimate.estimate,

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from harvester.averaging import CLOSURES
 from harvester.output import finite
 from harvester.paper.claim_tests import name_of
-from harvester.paper.claims_list import CLAIMS, JUMPING, PEAK
+from harvester.paper.claims_list import CLAIMS, JUMPING
+from harvester.paper.density_features import FEATURES
 from harvester.realization import ENGINES
 from harvester.scene import Scene
-from harvester.sweep import REALIZATIONS, Request, failed, resolving, sweep
+from harvester.sweep import REALIZATIONS, Request, costly_first, failed, resolving, sweep
 
 # Standard errors from which on a finding counts; by chance alone one in 370 does.
 SURE = 3.0
@@ -51,10 +52,14 @@ class Verdict:
         pro = [f for f in pro if f.decisive]
         sigmas = [abs(f.sigmas) for f in (open_ if self.word == UNDECIDED else pro + contra)]
         finite_ones = [s for s in sigmas if s < 1e3]
-        if not finite_ones or self.word == UNTESTED:
-            return self.word
-        most = max(finite_ones) if self.word == UNDECIDED else min(finite_ones)
-        return f"{self.word} ({'≤' if self.word == UNDECIDED else '≥'} {most:.0f} σ)"
+        words = []
+        if finite_ones and self.word != UNTESTED:
+            most = max(finite_ones) if self.word == UNDECIDED else min(finite_ones)
+            words.append(f"{'≤' if self.word == UNDECIDED else '≥'} {most:.0f} σ")
+        if self.word == IN_PART and not contra:
+            # Nothing speaks against it: more data may make it hold.
+            words.append(f"{len(open_)} of {len(pro) + len(open_)} undecided")
+        return f"{self.word} ({', '.join(words)})" if words else self.word
 
     def where(self):
         """Where it holds, where not, and where nothing can be said, in words."""
@@ -111,6 +116,14 @@ class Judgement:
                 if verdict.word in (HOLDS, UNTESTED):
                     continue
                 lines.append(f"{claim.says}: {method} {verdict.word}: {verdict.where()}")
+        for claim, verdicts in zip(self.claims, self.verdicts, strict=True):
+            parted = disagreements(verdicts)
+            if parted:
+                pairs = (f"{where}: {p:+.1%} and {s:+.1%}" for where, p, s in parted)
+                lines.append(
+                    f"{claim.says}: the printed formulas (paper) and simulation of the printed "
+                    f"equations (monte-carlo) disagree: {'; '.join(pairs)}"
+                )
         lines += [
             f"{method} refused at {name_of(changes)}: {outcome}"
             for (method, changes), outcome in self.answers.items()
@@ -153,6 +166,10 @@ class Judgement:
                     "tested": claim.says,
                     "conditions": [dict(condition) for condition in claim.conditions],
                     "verdicts": {m: _verdict_to_dict(v) for m, v in verdicts.items()},
+                    "disagreements": [
+                        {"where": where, "paper": finite(p), "monte-carlo": finite(s)}
+                        for where, p, s in disagreements(verdicts)
+                    ],
                 }
                 for claim, verdicts in zip(self.claims, self.verdicts, strict=True)
             ],
@@ -162,6 +179,18 @@ class Judgement:
                 for (method, changes), a in self.answers.items()
             ],
         }
+
+
+def disagreements(verdicts):
+    """(where, effect by `paper`, effect by Monte Carlo) where one is for and one against it."""
+    simulated = {f.where: f for f in verdicts["monte-carlo"].findings}
+    pairs = [(f, simulated[f.where]) for f in verdicts["paper"].findings if f.where in simulated]
+    return [
+        (printed.where, printed.effect, found.effect)
+        for printed, found in pairs
+        if min(abs(printed.sigmas), abs(found.sigmas)) >= SURE
+        and (printed.sigmas > 0.0) != (found.sigmas > 0.0)
+    ]
 
 
 def claims(scene, *, thorough=False, pool, chosen=CLAIMS, progress=None):
@@ -183,7 +212,7 @@ def claims(scene, *, thorough=False, pool, chosen=CLAIMS, progress=None):
     """
     clock = time.perf_counter()
     wanted = _wanted(scene, chosen, thorough)
-    outcomes = sweep(wanted.values(), pool, progress)
+    outcomes = sweep(costly_first(wanted.values()), pool, progress)
     answers = {key: outcomes[request] for key, request in wanted.items()}
     verdicts = [{m: _verdict(scene, claim, m, answers) for m in METHODS} for claim in chosen]
     return Judgement(scene, tuple(chosen), verdicts, answers, thorough, time.perf_counter() - clock)
@@ -197,7 +226,7 @@ def _wanted(scene, chosen, thorough):
             for changes in _needed(claim, method, thorough):
                 changed = scene.replace(dict(changes))
                 needed[method, changes] = changed
-                if getattr(claim.test, "quantity", None) == PEAK:
+                if getattr(claim.test, "quantity", None) in FEATURES:
                     dense.add((method, changed))
     durations = THOROUGH if thorough else DURATIONS
     return {
@@ -230,8 +259,8 @@ def _request(scene, method, density, durations):
 
 def _verdict(scene, claim, method, answers):
     if hasattr(claim.test, "findings_of_orbits"):
-        if method in ENGINES:
-            return Verdict(UNTESTED, reason="orbits without noise; no spectrum is estimated")
+        if method != "paper":
+            return Verdict(UNTESTED, reason="a statement on the orbits of Eq. 13, without noise")
         return judge(claim.test.findings_of_orbits(scene))
     if getattr(claim.test, "compares", False) and method == "monte-carlo":
         return Verdict(UNTESTED, reason="Monte Carlo is what the others are compared with")
@@ -259,6 +288,7 @@ def _verdict_to_dict(verdict):
                 "where": finding.where,
                 "effect": finite(finding.effect),
                 "error": finite(finding.error),
+                "margin": finite(finding.margin),
                 "standard_errors": finite(finding.sigmas),
             }
             for finding in verdict.findings

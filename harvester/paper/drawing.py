@@ -8,7 +8,7 @@ from harvester.paper.figures_list import SYMBOLS
 from harvester.sweep import failed
 
 # Of a panel's curves in turn: blue and red as in the paper, then green.
-COLOURS = ("#0072B2", "#D55E00", "#009E73")
+COLOURS = ("#0077BB", "#CC3311", "#009988")
 # Of the closures from the last, which is the default, to the first.
 STYLES = ("-", "--", ":", "-.")
 # Monte Carlo and circuit.
@@ -24,6 +24,11 @@ LETTERS = "abc"
 SYMBOLS_ACROSS = 36
 # Opacity of a symbol whose run was too short for rare jumps.
 FADED = 0.35
+# Width of an entry of the legend below a figure (inches).
+LEGEND_ENTRY = 1.9
+# Fig. 2's frequency falls to 0 at the separatrix, in a trench narrower than the grid below this
+# (rad/s).
+TRENCH = 1.0
 # How far a density or a curve may rise above the simulated ones before it is cut off.
 HEADROOM = 2.2
 
@@ -63,7 +68,7 @@ def _draw_sweeps(content):
             axes[0, place].set_title(f"({LETTERS[place]})")
         axes[-1, place].set_xlabel(f"${_tex(panel.swept)}$")
         _curve_legend(axes[0, place], panel)
-    _method_legend(figure, content.lines[0])
+    _method_legend(figure, content)
     return figure
 
 
@@ -71,13 +76,17 @@ def _draw_curves(axes, panel, lines, quantity):
     factor = 100.0 if quantity in PERCENT else 1.0
     for colour, line in zip(COLOURS, lines, strict=False):
         for method, points in line.items():
-            points = [point for point in points if not failed(point[1])]
             if method not in MARKS:
-                x = [value for value, _ in points]
-                y = [factor * answer.quantities[quantity].estimate for _, answer in points]
-                axes.plot(x, y, _style(method), color=colour)
+                # What was refused is a gap, never a line drawn past it.
+                y = [
+                    np.nan if failed(outcome) else factor * outcome.quantities[quantity].estimate
+                    for _, outcome in points
+                ]
+                axes.plot([value for value, _ in points], y, _style(method), color=colour)
                 continue
             for value, answer in points:
+                if failed(answer):
+                    continue
                 estimate = answer.quantities[quantity]
                 bar = 2.0 * factor * (estimate.standard_error or np.nan)
                 opacity = FADED if answer.misses_jumps else 1.0
@@ -93,13 +102,14 @@ def _symbols(axes, method, x, y, errors, colour, opacity=1.0):
         errors,
         fmt=MARKS[method],
         color=colour,
-        markersize=4.5,
+        # A hollow circle fits into a square: both are seen where they agree.
+        markersize=4.0 if method == "monte-carlo" else 6.0,
         markerfacecolor="white" if method == "monte-carlo" else colour,
         markeredgecolor=colour if method == "monte-carlo" else "black",
         elinewidth=0.9,
         capsize=2,
         alpha=opacity,
-        zorder=3,
+        zorder=4 if method == "monte-carlo" else 3,
     )
 
 
@@ -122,13 +132,14 @@ def _draw_densities(content):
                 else:
                     style = _style(method)
                     axes[place].plot(density.centre, density.density, style, color=colour)
-        axes[place].set_xlim(-1.05 * reach, 1.05 * reach)
-        axes[place].set_ylim(0.0, min(axes[place].get_ylim()[1], HEADROOM * highest))
+        if highest > 0.0:
+            axes[place].set_xlim(-1.05 * reach, 1.05 * reach)
+            axes[place].set_ylim(0.0, min(axes[place].get_ylim()[1], HEADROOM * highest))
         axes[place].set_title(f"({LETTERS[place]})")
         axes[place].set_xlabel("$X$")
         axes[place].set_ylabel("$p(X)$" if place == 0 else "")
         _curve_legend(axes[place], panel)
-    _method_legend(figure, content.lines[0])
+    _method_legend(figure, content)
     return figure
 
 
@@ -153,11 +164,11 @@ def _curve_legend(axes, panel):
     axes.legend(handles=handles, fontsize=8, handlelength=1.2)
 
 
-def _method_legend(figure, lines):
+def _method_legend(figure, content):
     from matplotlib.lines import Line2D
 
     handles = []
-    for method in lines[0]:
+    for method in content.lines[0][0]:
         if method in MARKS:
             hollow = "white" if method == "monte-carlo" else "0.2"
             label = {"monte-carlo": "Monte Carlo", "circuit": "circuit"}[method]
@@ -165,11 +176,15 @@ def _method_legend(figure, lines):
         else:
             label, mark = f"averaging, {method}", {"linestyle": _style(method)}
         handles.append(Line2D([], [], color="0.2", label=label, **mark))
+    words = ["bars: two standard errors; faded: the run was too short for rare jumps"]
+    if content.refused:
+        methods = ", ".join(dict.fromkeys(method for method, *_ in content.refused))
+        words.append(f"no answer at some points ({methods}): why is in {content.name}.json")
     figure.legend(
         handles=handles,
         loc="outside lower center",
-        ncols=len(handles) if figure.get_figwidth() > 6.0 else 2,
-        title="bars: two standard errors; faded: the run was too short for rare jumps",
+        ncols=min(len(handles), int(figure.get_figwidth() / LEGEND_ENTRY)),
+        title="\n".join(words),
         title_fontsize=8,
     )
 
@@ -186,13 +201,16 @@ def _tex(key):
 def _draw_surfaces(content):
     figure = _figure(content, "energy and frequency of the undisturbed system", 9.0, 4.2)
     x, v = np.meshgrid(content.displacement, content.velocity)
-    drawn = (("energy", "$H$"), ("frequency", r"$\omega$"))
-    for place, (name, label) in enumerate(drawn):
+    drawn = (
+        (content.energy, "$H$", ""),
+        (np.maximum(content.frequency, TRENCH), r"$\omega$", f"cut off below {TRENCH:g} rad/s"),
+    )
+    for place, (surface, label, words) in enumerate(drawn):
         axes = figure.add_subplot(1, 2, place + 1, projection="3d")
         axes.plot_surface(
-            x, v, getattr(content, name), cmap="viridis", linewidth=0, rcount=121, ccount=121
+            x, v, surface, cmap="viridis", linewidth=0, antialiased=False, rcount=121, ccount=121
         )
-        axes.set_title(f"({LETTERS[place]})")
+        axes.set_title(f"({LETTERS[place]}) {words}")
         axes.set_xlabel("$X$")
         axes.set_ylabel(r"$\dot X$")
         axes.set_zlabel(label)
@@ -228,7 +246,8 @@ def _draw_frequency_response(content):
     figure.legend(
         loc="outside lower center",
         ncols=2,
-        title="lines: Eq. 10 along each orbit; symbols: Eq. 4b itself",
+        title="lines: Eq. 10 along each orbit; symbols: Eq. 4b itself, whose V has no mean:\n"
+        "inside a well Eq. 10 measures it from the well's bottom",
         title_fontsize=8,
     )
     return figure

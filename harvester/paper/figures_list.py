@@ -51,7 +51,8 @@ class Panel:
         Ends of the axis; not used for densities.
     curves : tuple of Curve
     quick, full : int
-        Monte Carlo points of a curve with and without --quick.
+        Monte Carlo points of a curve with and without --quick; lines have one more between
+        any two.
     """
 
     swept: str
@@ -63,8 +64,9 @@ class Panel:
 
     def values(self, quick):
         """(of the closures, of Monte Carlo): the second are among the first."""
-        simulated = np.linspace(self.first, self.last, self.quick if quick else self.full)
-        lines = simulated if quick else np.linspace(self.first, self.last, 2 * self.full - 1)
+        number = self.quick if quick else self.full
+        simulated = np.linspace(self.first, self.last, number)
+        lines = np.linspace(self.first, self.last, 2 * number - 1)
         return [_rounded(v) for v in lines], [_rounded(v) for v in simulated]
 
 
@@ -139,7 +141,7 @@ FIGURES = {
         "Mean square voltage and mean power: noise intensity",
         "sweep",
         (VOLTAGE, POWER),
-        (Panel(INTENSITY, 0.005, 0.125, TWO_NOISES, 6, 9),),
+        (Panel(INTENSITY, 0.005, 0.125, TWO_NOISES, 5, 9),),
     ),
     "fig8": Figure(
         "Mean square voltage and mean power: load and coupling",
@@ -154,12 +156,12 @@ FIGURES = {
         "Power conversion efficiency: noise intensity",
         "sweep",
         (EFFICIENCY,),
-        _efficiency_panels(INTENSITY, 0.005, 0.125, (6, 9)),
+        _efficiency_panels(INTENSITY, 0.005, 0.125, (5, 9)),
     ),
     "fig10": Figure(
         "Power conversion efficiency: correlation time",
         "sweep",
         (EFFICIENCY,),
-        _efficiency_panels(CORRELATION_TIME, 0.1, 1.1, (5, 6)),
+        _efficiency_panels(CORRELATION_TIME, 0.1, 1.1, (4, 6)),
     ),
 }

@@ -6,11 +6,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from harvester.averaging import CLOSURES
+from harvester.errors import SimulationError
 from harvester.output import finite
 from harvester.paper.figures_list import FIGURES, SYMBOLS, Figure
 from harvester.realization import ENGINES
 from harvester.scene import Scene
-from harvester.sweep import REALIZATIONS, Request, failed, relative_error, resolving, sweep
+from harvester.sweep import (
+    REALIZATIONS,
+    Request,
+    costly_first,
+    failed,
+    relative_error,
+    resolving,
+    sweep,
+)
 
 
 @dataclass(frozen=True)
@@ -48,7 +57,7 @@ class Reproduction:
         Per panel and curve: {method: [(value, Answer or error), …]}, values increasing.
     quick : bool
     wall_seconds : float
-        Of the whole call, in which figures share their points.
+        From the call until the figure was done; figures share points.
     """
 
     name: str
@@ -74,6 +83,11 @@ class Reproduction:
             for panel, curve, method, value, outcome in self.points()
             if failed(outcome)
         ]
+
+    @property
+    def failed_runs(self):
+        """Number of simulations that did not come to their end."""
+        return sum(isinstance(outcome, SimulationError) for *_, outcome in self.points())
 
     def table(self):
         """Header and rows: how far each method is from Monte Carlo, and its error bars."""
@@ -142,7 +156,7 @@ class Reproduction:
         return np.array(shares)
 
 
-def reproduce(scene, names, *, quick=False, pool, progress=None):
+def reproduce(scene, names, *, quick=False, pool, progress=None, on_figure=None):
     """Compute figures; scenes that several share are computed once.
 
     Parameters
@@ -156,6 +170,8 @@ def reproduce(scene, names, *, quick=False, pool, progress=None):
     pool : harvester.workers.WorkerPool
     progress : callable or None
         Given the share done, 0 … 1.
+    on_figure : callable or None
+        Given each Reproduction as soon as its last point is there.
 
     Returns
     -------
@@ -163,19 +179,22 @@ def reproduce(scene, names, *, quick=False, pool, progress=None):
     """
     clock = time.perf_counter()
     plans = {name: _plan(scene, FIGURES[name], quick) for name in names}
-    requests = [
-        request
-        for panels in plans.values()
-        for line in (line for lines in panels for line in lines)
-        for points in line.values()
-        for _, request in points
-    ]
-    answers = sweep(requests, pool, progress)
-    seconds = time.perf_counter() - clock
-    return [
-        Reproduction(name, FIGURES[name], scene, _answered(plan, answers), quick, seconds)
-        for name, plan in plans.items()
-    ]
+    requests = {name: costly_first(_requests(plan)) for name, plan in plans.items()}
+    missing = {name: set(wanted) for name, wanted in requests.items()}
+    answers, contents = {}, {}
+
+    def collect(request, outcome):
+        answers[request] = outcome
+        for name in [name for name, wanted in missing.items() if request in wanted]:
+            missing[name].remove(request)
+            if not missing[name]:
+                lines, seconds = _answered(plans[name], answers), time.perf_counter() - clock
+                contents[name] = Reproduction(name, FIGURES[name], scene, lines, quick, seconds)
+                if on_figure:
+                    on_figure(contents[name])
+
+    sweep([r for wanted in requests.values() for r in wanted], pool, progress, collect)
+    return [contents[name] for name in names]
 
 
 def place(panel, curve, value):
@@ -193,6 +212,17 @@ def _plan(scene, figure, quick):
         else:
             plan.append(_sweep_plan(scene, panel, quick))
     return plan
+
+
+def _requests(plan):
+    """All of a figure's."""
+    return [
+        request
+        for lines in plan
+        for line in lines
+        for points in line.values()
+        for _, request in points
+    ]
 
 
 def _density_plan(scene, panel, quick):

@@ -165,6 +165,75 @@ def test_the_fit_covers_a_known_maximum(monkeypatch):
     assert 0.91 * 300 < covered < 300
 
 
+def searched(function, own_noise, monkeypatch):
+    """A Search over 0 … 1 of a function, under noise that all places have in common and their own.
+
+    What is their own is a hundredth of the common part, as on a path that a parameter hardly
+    changes.
+    """
+    noise = np.random.default_rng(7)
+    common = 0.05 * noise.normal(size=(2, 64))
+    monkeypatch.setattr(optimum_search, "deviations", lambda moments, name: moments)
+    monkeypatch.setattr(optimum_search, "in_units", lambda answer, name: None)
+
+    class Synthetic:
+        scene = LINEAR
+
+        def __init__(self, coordinate):
+            batches = common + own_noise * noise.normal(size=common.shape)
+            value = function(coordinate) + batches.mean()
+            self.quantities = {"mean_power": type("E", (), {"estimate": value})}
+            self.result = type("R", (), {"moments": batches - batches.mean()})
+
+    search = Search(LINEAR, Axis("load.decay_rate", 0.0, 1.0), "mean_power", "monte-carlo", None)
+    monkeypatch.setattr(search, "_answers", lambda places: [Synthetic(c) for c in places])
+    return search
+
+
+@pytest.mark.parametrize("own_noise", [0.0, 5e-4])
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize("start", [0.5, 0.7])
+def test_a_plateau_is_no_optimum(own_noise, side, start, monkeypatch):
+    """Rises up to one place and stays: stoppers too far away to be touched."""
+
+    def plateau(coordinate):
+        return 10.0 - 9.0 * max(0.5 - (0.5 + side * (coordinate - 0.5)), 0.0) ** 2
+
+    search = searched(plateau, own_noise, monkeypatch)
+    with pytest.raises(OptimumError, match=r"flat from|neither slope|end of the range"):
+        search.find(start)
+
+
+@pytest.mark.parametrize("top", [0.35, 0.5])
+def test_a_sharp_bend_is_fitted_closely(top, monkeypatch):
+    """Parabolas of different width on both sides, which no cubic follows.
+
+    Within four standard errors, which know of the misfit; false alarm one in 16 000.
+    """
+
+    def bent(coordinate):
+        off = coordinate - top
+        return 10.0 - (30.0 if off > 0.0 else 3.0) * off * off
+
+    place, _ = searched(bent, 5e-4, monkeypatch).find(0.5)
+    assert abs(place.estimate - top) < 4.0 * place.standard_error
+    assert place.standard_error < 0.03
+
+
+def test_averaging_knows_a_plateau_too(monkeypatch):
+    def rate(scene):
+        return scene.to_tables()["load"]["decay_rate"]
+
+    monkeypatch.setattr(optimum_search, "sweep", lambda requests, pool: {r: r for r in requests})
+    monkeypatch.setattr(
+        optimum_search, "amount", lambda request, name: min(rate(request.scene), 3.0)
+    )
+    axis = Axis("load.decay_rate", 0.5, 10.0)
+    place, _, reason = averaged(LINEAR, axis, "mean_power", CLOSURES[-1], None)
+    assert place is None
+    assert reason.startswith("flat above load.decay_rate = 3.")
+
+
 @pytest.mark.slow
 def test_the_command_prints_the_interval(capsys, tmp_path):
     options = [

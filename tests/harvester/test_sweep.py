@@ -6,11 +6,21 @@ import pytest
 from scipy.integrate import quad
 from truths import interpolated_linear_means
 
-from harvester.errors import AveragingError
+import harvester.sweep as module
+from harvester.errors import AveragingError, EngineNotFound, SimulationError
 from harvester.parameters import knot_spacing, scale
 from harvester.scene import Scene
 from harvester.simulation import simulate
-from harvester.sweep import Request, failed, relative_error, resolving, sweep, unseen_jump
+from harvester.sweep import (
+    Request,
+    answer,
+    costly_first,
+    failed,
+    relative_error,
+    resolving,
+    sweep,
+    unseen_jump,
+)
 
 LINEAR = Scene.load("linear", ["run.realizations=2", "run.duration=500", "run.settle=50"])
 PAPER = Scene.load("paper", ["run.realizations=2", "run.duration=500", "run.settle=50"])
@@ -30,6 +40,48 @@ def test_outcomes_stand_by_their_requests_and_a_refusal_in_its_place(pool):
     alone = simulate(PAPER, "monte-carlo", pool=pool)
     mine = outcomes[engine].result.scaled_quantities
     assert mine["mean_square_voltage"] == alone.scaled_quantities["mean_square_voltage"]
+
+
+def test_requests_are_begun_in_their_order_and_told_with_their_outcomes():
+    class Backwards:
+        """A pool whose last call is done first."""
+
+        def map(self, function, calls, time_limit, on_progress, keep_going, on_result):
+            self.begun = [call["request"] for call in calls]
+            for index in reversed(range(len(calls))):
+                on_result(index, f"by {self.begun[index].method}")
+            return [f"by {request.method}" for request in self.begun]
+
+    requests = [Request(PAPER, method) for method in ("consistent", "circuit", "paper")]
+    told, pool = {}, Backwards()
+    outcomes = sweep([*requests, requests[0]], pool, on_answer=told.__setitem__)
+    assert pool.begun == requests
+    assert told == outcomes == {request: f"by {request.method}" for request in requests}
+    assert list(told) == requests[::-1]
+    assert [r.method for r in costly_first(requests)] == ["circuit", "consistent", "paper"]
+
+
+@pytest.mark.parametrize(
+    ("method", "kind"), [("paper", AveragingError), ("circuit", SimulationError)]
+)
+def test_a_slip_at_one_point_is_an_outcome_with_its_name(method, kind, monkeypatch):
+    def slip(request):
+        raise ZeroDivisionError("nothing to divide by")
+
+    monkeypatch.setattr(module, "_averaged", slip)
+    monkeypatch.setattr(module, "_simulated", slip)
+    outcome = answer(Request(PAPER, method), report=lambda share: None)
+    assert type(outcome) is kind
+    assert str(outcome) == "ZeroDivisionError: nothing to divide by"
+
+
+def test_what_would_fail_at_every_point_ends_the_sweep(monkeypatch):
+    def missing(request):
+        raise EngineNotFound("no ngspice")
+
+    monkeypatch.setattr(module, "_simulated", missing)
+    with pytest.raises(EngineNotFound, match="no ngspice"):
+        answer(Request(PAPER, "circuit"), report=lambda share: None)
 
 
 def test_a_run_is_lengthened_until_its_error_bar_is_the_one_asked_for(pool):

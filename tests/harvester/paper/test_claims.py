@@ -2,6 +2,7 @@
 
 import json
 import math
+from statistics import NormalDist
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from harvester.estimators import Density, Estimate
 from harvester.paper import claims as module
 from harvester.paper.claim_tests import (
     Bimodal,
+    Changed,
     Finding,
     InteriorMaximum,
     Opposed,
@@ -19,11 +21,20 @@ from harvester.paper.claim_tests import (
     Stronger,
     Trend,
     Unchanged,
-    peak_of,
     relative_change,
 )
-from harvester.paper.claims import FAILS, HOLDS, IN_PART, UNDECIDED, UNTESTED, claims, judge
+from harvester.paper.claims import (
+    FAILS,
+    HOLDS,
+    IN_PART,
+    UNDECIDED,
+    UNTESTED,
+    claims,
+    disagreements,
+    judge,
+)
 from harvester.paper.claims_list import CLAIMS, Claim
+from harvester.paper.density_features import BEYOND, peak_of, reach_of
 from harvester.parameters import knot_spacing, scale
 from harvester.scene import Scene
 from harvester.sweep import Answer, Request, sweep
@@ -110,8 +121,41 @@ def test_comparisons_of_two_parameters():
     assert verdict(Stronger("mean_power", ((E, ends),), ((D, ends),)), function) == FAILS
     assert verdict(Unchanged("mean_power", ((E, ends),), 0.2), function) == HOLDS
     assert verdict(Unchanged("mean_power", ((E, ends), (D, ends)), 0.2), function) == IN_PART
+    assert verdict(Changed("mean_power", ((D, ends),), 0.2), function) == HOLDS
+    assert verdict(Changed("mean_power", ((E, ends),), 0.2), function) == FAILS
     assert verdict(Opposed("mean_power", "other", ((D, ends),)), function) == HOLDS
     assert verdict(Opposed("mean_power", "mean_power", ((D, ends),)), function) == FAILS
+
+
+def test_a_change_below_a_limit_is_told_as_it_is_and_judged_by_what_is_left():
+    (finding,) = Unchanged("mean_power", ((D, (1.0, 2.0)),), 0.2).findings(
+        (), answers(lambda c: 9.0 + c[D], error=0.1)
+    )
+    assert finding.effect == pytest.approx(0.1)
+    assert finding.margin == pytest.approx(0.1)
+    assert finding.sigmas == pytest.approx(0.1 / (math.hypot(0.1, 0.11) / 10.0))
+
+
+def test_what_is_undecided_is_told_in_the_verdict():
+    read = answers(lambda c: c[D] if c[E] < 0.5 else 5.0)
+    verdict_ = judge([f for c in TWO for f in RISE.findings(c, read)])
+    assert verdict_.word == IN_PART
+    assert "1 of 2 undecided" in verdict_.text()
+    against = judge([Finding("a", 1.0, 0.1), Finding("b", -1.0, 0.1)])
+    assert against.word == IN_PART
+    assert "undecided" not in against.text()
+
+
+def test_closure_and_simulation_disagree_where_both_are_sure_of_opposite_signs():
+    def parted(printed, found):
+        verdicts = {"paper": judge([printed]), "monte-carlo": judge([found])}
+        return disagreements(verdicts)
+
+    rise, fall = Finding("β", 0.5, 0.01), Finding("β", -0.4, 0.01)
+    assert parted(rise, fall) == [("β", 0.5, -0.4)]
+    assert parted(rise, rise) == []
+    assert parted(rise, Finding("β", -0.02, 0.01)) == []
+    assert parted(rise, Finding("K", -0.4, 0.01)) == []
 
 
 def test_peaks_of_a_density():
@@ -131,6 +175,19 @@ def test_peaks_of_a_density():
     for half, word in ((1.0, HOLDS), (0.1, UNDECIDED)):
         answer = Answer(SCENE, {}, density(half), 0.0)
         assert judge(Bimodal().findings((), lambda c, a=answer: a)).word == word
+
+
+def test_the_reach_of_a_density_is_its_quantile():
+    """Of a normal density on bins of 0.02, whose errors are all equal."""
+    centre = np.linspace(-4.99, 4.99, 500)
+    values = np.exp(-0.5 * centre**2) / math.sqrt(2.0 * math.pi)
+    reach, error = reach_of(Density(centre, values, np.full_like(values, 1e-4), "displacement"))
+    exact = NormalDist().inv_cdf(1.0 - BEYOND / 2.0)
+    assert reach == pytest.approx(exact, abs=0.01)
+    # The tail's probability is off by 1e-4 times its width, at a slope of 2 p(reach).
+    tail = 1e-4 * 2.0 * (5.0 - exact)
+    assert error == pytest.approx(tail / (2.0 * NormalDist().pdf(exact)), rel=0.05)
+    assert reach_of(Density(centre, values, None, "displacement"))[1] == 0.0
 
 
 def test_differences_on_common_noise_are_right_and_surer(pool):
