@@ -10,7 +10,12 @@ from harvester.diagram import MEANS
 from harvester.output import whole_file
 
 STYLE = Path(__file__).parent / "house.mplstyle"
-LINES = {"paper": ("0.55", "--"), "consistent": ("#009E73", "-"), "slow_load": ("#7B3FA0", "-.")}
+LINES = {
+    "paper": ("0.55", "--"),
+    "consistent": ("#009E73", "-"),
+    "slow_load": ("#7B3FA0", "-."),
+    "fokker_planck": ("#A50026", ":"),
+}
 # Share of its peak down to which a density is drawn.
 WORTH_DRAWING = 1e-3
 CIRCUIT, MONTE_CARLO = "#0072B2", "#D55E00"

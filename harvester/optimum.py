@@ -8,7 +8,6 @@ the maximum's place is what the paired errors of the values make of it.
 import time
 from dataclasses import dataclass
 
-from harvester.averaging import CLOSURES
 from harvester.errors import HarvesterError
 from harvester.estimators import Estimate
 from harvester.optimum_search import Axis, Search, amount, averaged, in_units
@@ -146,7 +145,7 @@ def optimum(
     high=None,
     maximise=MAXIMISED[0],
     engine="monte-carlo",
-    closure=CLOSURES[-1],
+    closure="slow_load",
     workers=None,
     progress=None,
 ):

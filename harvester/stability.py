@@ -10,7 +10,7 @@ import time
 import warnings
 from dataclasses import dataclass
 
-from harvester.averaging import CLOSURES, average
+from harvester.averaging import AVERAGED, average
 from harvester.errors import HarvesterError, SceneError
 from harvester.estimators import Estimate, energy_balance_residual, estimate_all
 from harvester.output import finite
@@ -61,7 +61,7 @@ class StabilityMatrix:
         """Header and rows of the table, as text."""
         header = ["case", "simulation", "circuit residual", "Monte Carlo residual"]
         header += ["circuit s", "Monte Carlo s", "worst difference", "error bar of E[V²]"]
-        header += [f"closure {closure}" for closure in CLOSURES]
+        header += [f"closure {closure}" for closure in AVERAGED]
         return header, [self._cells_of(row) for row in self.rows]
 
     def sentences(self):
@@ -142,7 +142,7 @@ def stability(scene, *, cases=None, step="default", workers=None, progress=None)
     clock = time.perf_counter()
     cases = default_cases() if cases is None else cases
     scenes = [_changed_or_refused(scene, case) for case in cases]
-    methods = [*ENGINES, *CLOSURES]
+    methods = [*ENGINES, *AVERAGED]
     calls = [
         {"scene": changed_scene, "method": method, "step": step}
         for changed_scene in scenes

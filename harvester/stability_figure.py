@@ -2,7 +2,7 @@
 
 import math
 
-from harvester.averaging import CLOSURES
+from harvester.averaging import AVERAGED
 from harvester.realization import ENGINES
 from harvester.stability_verdicts import REFUSED, RIGHT, WRONG
 
@@ -42,14 +42,14 @@ def draw(matrix):
 
 
 def _draw_heads(axes, block):
-    heads = ("simulation", *CLOSURES)
+    heads = ("simulation", *AVERAGED)
     for head, (left, width) in zip(heads, CELLS, strict=True):
         axes.text(block + left + 0.5 * width, -0.5, head, ha="center", va="center", weight="bold")
 
 
 def _draw_row(axes, row, block, line):
     axes.text(block + NAME, line + 0.5, row.case.title, va="center", fontsize=8)
-    texts = [_simulation_text(row), *(_closure_text(row, name) for name in CLOSURES)]
+    texts = [_simulation_text(row), *(_closure_text(row, name) for name in AVERAGED)]
     for word, text, (left, width) in zip(_words(row), texts, CELLS, strict=True):
         corner = (block + left, line + 0.06)
         axes.add_patch(_rectangle(corner, width, FACE[word]))
@@ -71,7 +71,7 @@ def _rectangle(corner, width, colour):
 
 
 def _words(row):
-    return [row.simulation.word, *(row.closures[name].word for name in CLOSURES)]
+    return [row.simulation.word, *(row.closures[name].word for name in AVERAGED)]
 
 
 def _simulation_text(row):

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, field
 
-from harvester.averaging import CLOSURES
+from harvester.averaging import AVERAGED
 from harvester.errors import AveragingError, SceneError
 from harvester.realization import ENGINES
 from harvester.scene import Scene
@@ -124,7 +124,7 @@ def judged(case, scene, answers):
         By engine and closure.
     """
     circuit, monte_carlo = (answers[engine] for engine in ENGINES)
-    closures = {name: _judge_closure(answers[name]) for name in CLOSURES if name in answers}
+    closures = {name: _judge_closure(answers[name]) for name in AVERAGED if name in answers}
     failed = _judge_failures({engine: answers[engine] for engine in ENGINES})
     if failed:
         return Row(case, scene, answers, failed, closures)

@@ -9,6 +9,7 @@ import numpy as np
 
 from harvester import batches
 from harvester.averaged import DIMENSIONS, average
+from harvester.averaging import TOLERANCES
 from harvester.averaging import average as average_parameters
 from harvester.batches import MOST_COPIES
 from harvester.errors import AveragingError, HarvesterError, SimulationError
@@ -32,7 +33,7 @@ CLOSURE_ERROR = 5e-3
 # Wall-clock limit of one request (s).
 TIME_LIMIT = 3600.0
 # Rough cost of a request in closure points.
-COSTS = {"circuit": 20.0, "monte-carlo": 2.0}
+COSTS = {"circuit": 20.0, "monte-carlo": 2.0, "fokker_planck": 5.0}
 
 
 @dataclass(frozen=True)
@@ -281,18 +282,20 @@ def _shortfall(result, error):
 
 
 def _averaged(request):
+    tolerance = max(CLOSURE_ERROR, TOLERANCES[request.method])
     if request.density:
-        result = average(request.scene, request.method, tolerance=CLOSURE_ERROR)
+        result = average(request.scene, request.method, tolerance)
         density = result.densities["displacement"]
         return Answer(request.scene, result.scaled_quantities, density, result.wall_seconds)
     parameters, _ = scale(request.scene)
     clock = time.perf_counter()
-    averages = average_parameters(parameters, request.method, CLOSURE_ERROR)
+    averages = average_parameters(parameters, request.method, tolerance)
     quantities = {
         name: Estimate(
             float(getattr(averages, name)), averages.numerical_error[name], None, dimension
         )
         for name, dimension in DIMENSIONS.items()
+        if name in averages.numerical_error
     }
     return Answer(request.scene, quantities, None, time.perf_counter() - clock)
 

@@ -1,6 +1,6 @@
-"""Stochastic averaging of the energy: stationary means and densities without simulation."""
+"""Stationary means and densities without simulation, most by stochastic averaging of the energy."""
 
 from harvester.averaging.averages import Averages
-from harvester.averaging.closures import CLOSURES, TOLERANCE, average
+from harvester.averaging.closures import AVERAGED, CLOSURES, TOLERANCES, average
 
-__all__ = ["CLOSURES", "TOLERANCE", "Averages", "average"]
+__all__ = ["AVERAGED", "CLOSURES", "TOLERANCES", "Averages", "average"]

@@ -20,12 +20,13 @@ class Averages:
         `mean_power` / (`mechanical_loss` + `mean_power`) (Eq. 35).
     mean_square_velocity, mean_square_displacement : float
         E[X'²], E[X²].
-    share_in_wells : float
-        Probability of the orbits inside a well; 0 for a monostable device.
+    share_in_wells : float or None
+        Probability of the orbits inside a well; 0 for a monostable device. None where nothing is
+        averaged over orbits.
     numerical_error : dict of str to float
-        For each mean above its change against a grid half as fine.
-    density : harvester.averaging.density.Density or harvester.averaging.slow_density.SlowDensity
-        Densities of displacement, velocity, both, and energy.
+        Of each mean above, from a coarser grid.
+    density : Density, SlowDensity or GridDensity
+        Densities of displacement, velocity and both; of the first two of energy as well.
     validity : dict of str to float
         Of `slow_load`: numbers that are small where its assumptions hold.
     """

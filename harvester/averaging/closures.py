@@ -1,4 +1,4 @@
-"""Quasi-conservative stochastic averaging (Eqs. 10–37) in three closures."""
+"""Stationary means by the four closures: three of quasi-conservative averaging, one without."""
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -6,27 +6,30 @@ from scipy.interpolate import CubicSpline
 from harvester.averaging.averages import Averages
 from harvester.averaging.density import Branch, Density
 from harvester.averaging.edges import follow, outer_range, well_range
+from harvester.averaging.fokker_planck import fokker_planck
 from harvester.averaging.orbits import OuterEdge, Potential, WellEdge
 from harvester.averaging.slow_load import slow_load
 from harvester.errors import AveragingError
 from harvester.scene_schema import nearest
 
-CLOSURES = ("paper", "consistent", "slow_load")
+AVERAGED = ("paper", "consistent", "slow_load")  # over orbits: about a second
+CLOSURES = (*AVERAGED, "fokker_planck")
 LEVELS, NODES = 400, 24  # levels of each edge, quadrature nodes on each piece of an orbit
 COARSE_LEVELS, COARSE_NODES = 200, 16  # the grid that tells the numerical error
-TOLERANCE = 1e-3  # largest numerical error that is an answer, as a share of it
+# Largest numerical error that is an answer, as a share of it, unless another is asked for.
+TOLERANCES = {"paper": 1e-3, "consistent": 1e-3, "slow_load": 1e-3, "fokker_planck": 2e-2}
 
 
-def average(parameters, closure, tolerance=TOLERANCE):
-    """Means and densities of a device by stochastic averaging of its energy.
+def average(parameters, closure, tolerance=None):
+    """Means and densities of a device by stochastic averaging, or by what it approximates.
 
     Parameters
     ----------
     parameters : harvester.parameters.ScaledParameters
-    closure : {"paper", "consistent", "slow_load"}
-    tolerance : float
-        Largest numerical error that is an answer, as a share of it. `slow_load` refines its grid
-        until it is met.
+    closure : {"paper", "consistent", "slow_load", "fokker_planck"}
+    tolerance : float, optional
+        Largest numerical error that is an answer, as a share of it; the closure's own of
+        `TOLERANCES` by default. The last two closures refine their grids until it is met.
 
     Returns
     -------
@@ -60,6 +63,10 @@ def average(parameters, closure, tolerance=TOLERANCE):
     and outer orbits overlap in the phase plane, have one at the ends of each.
     """
     _check(parameters, closure)
+    if tolerance is None:
+        tolerance = TOLERANCES[closure]
+    if closure == "fokker_planck":
+        return fokker_planck(parameters, tolerance)
     if closure == "slow_load":
         return slow_load(parameters, tolerance)
     edges = _edges(parameters, closure)
@@ -74,14 +81,14 @@ def _check(p, closure):
     if closure not in CLOSURES:
         known = ", ".join(CLOSURES)
         raise AveragingError(f"{closure}: no such closure{nearest(closure, CLOSURES)}; use {known}")
-    if p.correlation_time > p.relaxation_time:
+    if p.correlation_time > p.relaxation_time and closure != "fokker_planck":
         raise AveragingError(
             f"correlation_time={p.correlation_time:g} is above the relaxation time of "
             f"{p.relaxation_time:.3g} s; averaging assumes noise that forgets before the energy "
             "changes: shorten it, or simulate"
         )
     no_wells = p.linear_stiffness < 0.0 and p.coupling >= -p.linear_stiffness
-    if no_wells and closure != "slow_load":
+    if no_wells and closure in ("paper", "consistent"):
         raise AveragingError(
             f"coupling={p.coupling:g} leaves no double well against "
             f"linear_stiffness={p.linear_stiffness:g}; averaging needs coupling below "

@@ -120,7 +120,7 @@ def slow_load(parameters, tolerance):
                     **means,
                     numerical_error=error,
                     density=SlowDensity(p, span, solution.problem, solution.density),
-                    validity=_validity(p, span, solution),
+                    validity=_validity(p, span, solution, means, totals),
                 )
             if excess > STEEPEST ** (DOUBLINGS - doubling):
                 break
@@ -329,11 +329,15 @@ class _Solution:
         )
 
 
+def _slow_voltage(p, span, totals):
+    """What Z and the centre of the orbit add to E[V²]."""
+    return (1.0 + (p.decay_rate / span.frequency) ** 2) ** -1.5 * totals["slow"]
+
+
 def _means(p, span, totals):
     """Dictionary of means from the sums over cells."""
-    passing = (1.0 + (p.decay_rate / span.frequency) ** 2) ** -1.5
     velocity, displacement = totals["velocity"], totals["displacement"]
-    voltage = totals["round"] + passing * totals["slow"]
+    voltage = totals["round"] + _slow_voltage(p, span, totals)
     loss = p.damping * velocity + totals["contact"]
     beside = beside_resonance(p, span.stiffness, velocity, displacement)
     share = totals["share_in_wells"] if p.linear_stiffness < 0.0 else 1.0
@@ -351,9 +355,14 @@ def _means(p, span, totals):
     }
 
 
-def _validity(p, span, solution):
+def _validity(p, span, solution, means, totals):
+    half_turn = np.pi / span.frequency
+    jumping = _slow_voltage(p, span, totals) / means["mean_square_voltage"]
+    contact = totals["contact"] / totals["velocity"]
     return {
         "correlation_time_over_relaxation_time": p.correlation_time / p.relaxation_time,
         "decay_rate_over_orbit_frequency": p.decay_rate / span.frequency,
         "share_near_separatrix": solution.near_separatrix(),
+        "noise_kept_to_the_next_pass": np.exp(-half_turn / p.correlation_time) * jumping,
+        "contact_loss_in_a_turn": 2.0 * half_turn * contact,
     }

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from harvester.averaging import CLOSURES
+from harvester.averaging import AVERAGED
 from harvester.figures import WORTH_DRAWING
 from harvester.paper.figures_list import SYMBOLS
 from harvester.sweep import failed
@@ -51,7 +51,7 @@ def _figure(content, title, width, height):
 
 
 def _style(closure):
-    return STYLES[(len(CLOSURES) - 1 - CLOSURES.index(closure)) % len(STYLES)]
+    return STYLES[(len(AVERAGED) - 1 - AVERAGED.index(closure)) % len(STYLES)]
 
 
 def _draw_sweeps(content):

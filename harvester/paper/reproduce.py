@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harvester.averaging import CLOSURES
+from harvester.averaging import AVERAGED
 from harvester.errors import SimulationError
 from harvester.output import finite
 from harvester.paper.figures_list import FIGURES, SYMBOLS, Figure
@@ -231,7 +231,7 @@ def _density_plan(scene, panel, quick):
         changed = scene.replace(dict(curve.changes))
         value = dict(curve.changes)[panel.swept]
         # The circuit takes a hundred times as long: one curve of each panel.
-        methods = [*CLOSURES, "monte-carlo"] + ["circuit"] * (place_ == 0)
+        methods = [*AVERAGED, "monte-carlo"] + ["circuit"] * (place_ == 0)
         lines.append({m: [(value, _request(changed, m, quick, density=True))] for m in methods})
     return lines
 
@@ -242,7 +242,7 @@ def _sweep_plan(scene, panel, quick):
     lines = []
     for place_, curve in enumerate(panel.curves):
         device = scene.replace(dict(curve.changes))
-        wanted = {closure: fine for closure in CLOSURES}
+        wanted = {closure: fine for closure in AVERAGED}
         wanted["monte-carlo"] = coarse
         wanted["circuit"] = [middle] if place_ == 0 or not quick else []
         lines.append(

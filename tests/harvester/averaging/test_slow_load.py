@@ -225,7 +225,13 @@ def test_a_tolerance_out_of_reach_is_refused():
     ("overrides", "word"),
     [
         (["load.decay_rate=1.5", "excitation.intensity=0.005"], "no longer slow"),
+        (["stoppers.gap=0.95", "excitation.intensity=0.005"], "stoppers take"),
         pytest.param(["excitation.intensity=0.1"], "separatrix", marks=pytest.mark.slow),
+        pytest.param(
+            ["excitation.correlation_time=1", "excitation.intensity=0.1"],
+            "next pass",
+            marks=pytest.mark.slow,
+        ),
         pytest.param(
             ["excitation.correlation_time=5", "excitation.intensity=0.005"],
             "relaxation time",
@@ -237,3 +243,4 @@ def test_notes_say_where_assumptions_end(overrides, word):
     result = average_scene(Scene.load("paper", overrides), "slow_load", 2e-2)
     assert any(word in note for note in result.notes)
     assert any(character.isdigit() for note in result.notes for character in note)
+    assert "fokker_planck" in result.notes[-1]

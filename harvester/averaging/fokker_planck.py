@@ -1,0 +1,339 @@
+"""Closure `fokker_planck`: the stationary density of (X, X', Z, η), without averaging.
+
+The Fokker–Planck equation of Eq. 4 with Z = X − V, Z' = λ(X − Z), is carried on in time by
+`propagator`; what P, the propagator over about one period, leaves as it is, is the stationary
+density: (1 − P) p = 0, solved by GMRES. It starts from the averaged density of `slow_load`, which
+also tells how far the grid must reach, and goes on from grid to grid, each finer in time, X and
+X', until the means change by less than the tolerance.
+
+Nothing is assumed of the noise's memory, of the contact's damping or of the load's rate. Where
+hardly any motion leaves a well, the grid holds that well alone; the other is its mirror image.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import RectBivariateSpline
+from scipy.sparse.linalg import LinearOperator, gmres
+
+from harvester.averaging.averages import Averages
+from harvester.averaging.grid_density import GridDensity
+from harvester.averaging.propagator import Grid, Propagator, mirrored, shares
+from harvester.averaging.slow_load import slow_load
+from harvester.errors import AveragingError
+from harvester.forces import contact_damping, potential
+
+START = 0.05  # tolerance of the averaged density it starts from
+# Steps a period, nodes within the core of the density in X and in X', nodes of Z that are kept
+# and Hermite functions of η.
+LEVELS = ((8, 3.3, 2.4, 4, 4), (11, 4.2, 3.2, 5, 5), (16, 5.6, 4.4, 6, 6))
+# More nodes of Z for each core of the density by which the greatest Z displaces it.
+NODES_PER_CORE = 4.0
+GREATEST_DISPLACEMENT = 2.0  # in cores: the charge decides there whether there is a well
+HOPELESS = 5.0  # tolerances by which a grid may miss for the next one to be tried
+FEWEST = 20  # cores that the range of X and of X' has at least
+MOST = 1_000_000  # nodes of all: half a gigabyte for the vectors of GMRES
+DECAY = 0.35  # greatest λ dt of the first grid
+FASTEST_DECAY = 40.0  # λ, in units of the period, beyond which that takes too many steps
+NEGLIGIBLE = 1e-6  # share of its greatest value below which the density is left out
+MARGIN = 1.05
+HELD = 4.0  # standard deviations of what the noise holds
+ESCAPED = 1e-4  # share of E[V²] that motion out of the well may add before it is followed
+PERIODS = 1.5  # between two vectors of GMRES
+RESTARTS = 3
+RESIDUAL = 1e-5  # of them, as a share of the density
+VECTORS = 60
+JUDGED = (
+    "mean_square_voltage",
+    "mechanical_loss",
+    "power_conversion_efficiency",
+    "mean_square_velocity",
+    "mean_square_displacement",
+)
+
+
+def fokker_planck(parameters, tolerance):
+    """Means and densities of the stationary density, on a grid fine enough for the tolerance.
+
+    Parameters
+    ----------
+    parameters : harvester.parameters.ScaledParameters
+    tolerance : float
+        Largest numerical error of each mean, as a share of it: the correction by extrapolation
+        from two grids, their errors being of second order in the step.
+
+    Returns
+    -------
+    Averages
+
+    Raises
+    ------
+    AveragingError
+        An impact velocity held from the moment of contact; a device that `slow_load` refuses;
+        the tolerance is not met on the finest grid.
+    """
+    p = parameters
+    if p.held_impact_velocity and p.has_stoppers:
+        raise AveragingError(
+            'impact_velocity = "event": the speed at the beginning of a contact is no part of the '
+            'state that fokker_planck follows; use "energy", or another closure'
+        )
+    if p.decay_rate * _period(p) > FASTEST_DECAY:
+        raise AveragingError(
+            f"decay_rate={p.decay_rate:g} is beyond the {FASTEST_DECAY / _period(p):.3g} /s that "
+            "fokker_planck has steps for: use slow_load"
+        )
+    region = Region.of(p, slow_load(p, START))
+    solution = None
+    for level in LEVELS:
+        coarser, solution = solution, _Solution(p, region, region.grid(p, *level), solution)
+        if coarser is None:
+            continue
+        means, error = _extrapolated(p, coarser, solution)
+        excess = {name: error[name] / abs(means[name] or np.inf) for name in JUDGED}
+        if max(excess.values()) <= tolerance:
+            return Averages(
+                closure="fokker_planck",
+                **means,
+                share_in_wells=None,
+                numerical_error=error,
+                density=solution.density(),
+            )
+        if max(excess.values()) > HOPELESS * tolerance:
+            break
+    worst = max(excess, key=excess.get)
+    raise AveragingError(
+        f"{worst.replace('_', ' ')} is known to {excess[worst]:.2g} of itself, not to the "
+        f"tolerance of {tolerance:g}, on as fine a grid as is tried: raise it, use slow_load, or "
+        "simulate"
+    )
+
+
+def _extrapolated(p, coarse, fine):
+    """Means without their error of second order in the step, and what it was on the fine grid."""
+    left = 1.0 / ((coarse.grid.step / fine.grid.step) ** 2 - 1.0)
+    totals = {
+        name: (1.0 + left) * total - left * coarse.totals[name]
+        for name, total in fine.totals.items()
+    }
+    means, raw = _means(p, totals), _means(p, fine.totals)
+    return means, {name: abs(mean - raw[name]) for name, mean in means.items()}
+
+
+def _means(p, totals):
+    """The totals, with power and efficiency."""
+    power = p.coupling * p.decay_rate * totals["mean_square_voltage"]
+    efficiency = power / (power + totals["mechanical_loss"])
+    return {**totals, "mean_power": power, "power_conversion_efficiency": efficiency}
+
+
+class Region(NamedTuple):
+    """Where the density is, and how narrow.
+
+    Attributes
+    ----------
+    left, right : float
+        Least and greatest X.
+    speed : float
+        Greatest |X'|.
+    core, core_speed : float
+        Half widths of the densities of X and of X' about their peaks.
+    centre, reach : float
+        Of Z.
+    mirrored : bool
+        Both wells are in it.
+    start : SlowDensity
+        Averaged densities.
+    """
+
+    left: float
+    right: float
+    speed: float
+    core: float
+    core_speed: float
+    centre: float
+    reach: float
+    mirrored: bool
+    start: object
+
+    @classmethod
+    def of(cls, p, averages):
+        """From the averaged densities of a device."""
+        density = averages.density
+        (left, right, core), (_, speed, core_speed) = (
+            _extent(density, name) for name in ("displacement", "velocity")
+        )
+        speed *= MARGIN
+        mirrored = p.rest == 0.0 or _escape(p, averages) > ESCAPED * averages.mean_square_voltage
+        if mirrored:
+            speed, right = _beyond_saddle(p, speed, right)
+            left = -right
+        else:
+            left, right = right - MARGIN * (right - left), left + MARGIN * (right - left)
+        reach = max(MARGIN * p.rest, _following(p, right)) if mirrored else 0.5 * (right - left)
+        centre = 0.0 if mirrored else p.rest
+        return cls(left, right, speed, core, core_speed, centre, reach, mirrored, density)
+
+    def grid(self, p, steps, fine, fine_speed, nodes, modes):
+        """Its nodes, with so many steps a period and nodes to each core."""
+        range_x, range_v = self.right - self.left, 2.0 * self.speed
+        halves_x = max(range_x / self.core, FEWEST) * fine / 2.0
+        halves_v = max(range_v / self.core_speed, FEWEST) * fine_speed / 2.0
+        displaced = p.coupling * self.reach / p.angular_frequency**2 / self.core
+        if displaced > GREATEST_DISPLACEMENT:
+            raise AveragingError(
+                f"coupling={p.coupling:g}: the charge displaces the mass by {displaced:.2g} times "
+                "the width of its density, too far for fokker_planck: use slow_load"
+            )
+        nodes += int(np.ceil(NODES_PER_CORE * displaced))
+        z = np.polynomial.legendre.leggauss(2 * nodes if self.mirrored else nodes)[0]
+        grid = Grid(
+            x=np.linspace(self.left, self.right, 2 * int(np.ceil(halves_x))),
+            v=np.linspace(-self.speed, self.speed, 2 * int(np.ceil(halves_v))),
+            z=self.centre + self.reach * z,
+            mirrored=self.mirrored,
+            modes=modes,
+            step=_longest_step(p) * LEVELS[0][0] / steps,
+        )
+        if np.prod(grid.shape) > MOST:
+            raise AveragingError(
+                f"motion over a range of {range_x:.3g} with a density {2.0 * self.core:.2g} wide "
+                "takes more nodes than fokker_planck has: use slow_load, or simulate"
+            )
+        return grid
+
+
+def _longest_step(p):
+    """Of the first grid (s)."""
+    step = _period(p) / LEVELS[0][0]
+    return min(step, DECAY / p.decay_rate) if p.decay_rate > 0.0 else step
+
+
+def _period(p):
+    """Of small oscillations (s)."""
+    return 2.0 * np.pi / p.angular_frequency
+
+
+def _extent(density, name):
+    """Where, at or above 0, a density begins and ends to matter, and half its peak's width."""
+    function, landmarks = getattr(density, name), density.landmarks(name)
+    place = np.linspace(0.0, landmarks[-1], 500)
+    place = np.unique(np.concatenate([place, landmarks[:: max(1, landmarks.size // 400)]]))
+    values = function(place)
+    matters = place[values > NEGLIGIBLE * values.max()]
+    core = np.trapezoid((values > np.exp(-0.5) * values.max()).astype(float), place)
+    # About a peak at 0 that is the right half of it.
+    return matters[0], matters[-1], core if values.argmax() == 0 else 0.5 * core
+
+
+def _escape(p, averages):
+    """About what E[V²] gets from motion out of a well: outside, and back with another charge."""
+    share = 1.0 - averages.share_in_wells
+    return share * p.rest**2 * (1.0 + 2.0 / (p.decay_rate * p.relaxation_time))
+
+
+def _following(p, right):
+    """How far Z follows X: what goes round at the orbits' frequency and what the noise holds."""
+    turning = right * p.decay_rate / np.hypot(p.decay_rate, p.angular_frequency)
+    held = np.sqrt(p.intensity / max(p.correlation_time, 1e-300)) / p.angular_frequency**2
+    memory = p.decay_rate * p.correlation_time
+    return min(right, turning + HELD * held * np.sqrt(memory / (1.0 + memory)))
+
+
+def _beyond_saddle(p, speed, right):
+    """Greatest speed and displacement of the orbits that matter, some beyond the saddle."""
+    depth = potential(p, 0.0) - potential(p, p.rest)
+    energy = max(0.5 * speed**2, 1.44 * depth)
+    high = max(right, p.rest, 1e-150)
+    while (
+        potential(p, high) - potential(p, p.rest) + 0.5 * p.coupling * (high - p.rest) ** 2 < energy
+    ):
+        high *= 1.02
+    return np.sqrt(2.0 * energy), MARGIN * high
+
+
+class _Solution:
+    """Stationary state on one grid, from that on a coarser one or from the averaged density."""
+
+    def __init__(self, p, region, grid, coarser):
+        self.grid = grid
+        propagator = Propagator(p, grid)
+        start = _averaged(p, region, grid) if coarser is None else coarser.on(grid)
+        steps = int(np.ceil(PERIODS * _period(p) / grid.step))
+        self.before_flow = _stationary(propagator, start, steps)
+        state = propagator.centred(self.before_flow)
+        self.state = state / state[..., 0].sum()
+        self.totals = self._totals(p)
+
+    def on(self, grid):
+        """Its state before the flow on the nodes of another grid."""
+        old, state = self.grid, self.before_flow
+        moved = np.zeros((*grid.shape[:3], max(grid.modes, state.shape[-1])))
+        across = shares(old.z, grid.z)
+        if grid.mirrored:
+            state = np.concatenate([mirrored(state), state])
+            across = across[len(grid.z) // 2 :]
+        state = np.tensordot(across, state, axes=1)
+        for z in range(state.shape[0]):
+            for mode in range(state.shape[-1]):
+                spline = RectBivariateSpline(old.x, old.v, state[z, :, :, mode])
+                moved[z, :, :, mode] = spline(grid.x, grid.v)
+        return moved[..., : grid.modes] / moved[..., 0].sum()
+
+    def _totals(self, p):
+        mass, grid = self.state[..., 0], self.grid
+        x, v = grid.x[:, None], grid.v
+        both = mass.sum(axis=0)
+        voltage = np.sum(mass * (x - grid.kept[:, None, None]) ** 2)
+        contact = contact_damping(p, x, v, 0.0) if p.has_stoppers else 0.0
+        loss = np.sum(both * (p.damping + contact) * v**2)
+        totals = {
+            "mean_square_voltage": voltage,
+            "mechanical_loss": loss,
+            "mean_square_velocity": np.sum(both * v**2),
+            "mean_square_displacement": np.sum(both * x**2),
+        }
+        return {name: float(total) for name, total in totals.items()}
+
+    def density(self):
+        """Densities of displacement and velocity, symmetric."""
+        grid = self.grid
+        area = (grid.x[1] - grid.x[0]) * (grid.v[1] - grid.v[0])
+        both = self.state[..., 0].sum(axis=0) / area
+        if grid.mirrored:
+            both = 0.5 * (both + both[::-1, ::-1])
+        return GridDensity(grid.x, grid.v, both, paired=not grid.mirrored)
+
+
+def _averaged(p, region, grid):
+    """The averaged density, with a charge about that of the nearest well."""
+    state = np.zeros(grid.shape)
+    charge = np.clip(grid.x, -p.rest, p.rest)
+    width = 0.5 * region.reach
+    charges = np.exp(-(((grid.kept[:, None] - charge) / width) ** 2))
+    state[..., 0] = charges[:, :, None] * region.start.joint(grid.x[:, None], grid.v)
+    return state / state[..., 0].sum()
+
+
+def _stationary(propagator, start, steps):
+    """The state that so many steps leave as it is, of mass 1."""
+
+    def change(flat):
+        state = flat.reshape(start.shape)
+        for _ in range(steps):
+            state = propagator.step(state)
+        return flat - state.ravel()
+
+    operator = LinearOperator((start.size, start.size), matvec=change, dtype=float)
+    correction, status = gmres(
+        operator,
+        -change(start.ravel()),
+        rtol=0.0,
+        atol=RESIDUAL * np.linalg.norm(start),
+        restart=VECTORS,
+        maxiter=RESTARTS,
+    )
+    if status:
+        raise AveragingError("the stationary density was not reached: use slow_load, or simulate")
+    state = start + correction.reshape(start.shape)
+    return state / state[..., 0].sum()
