@@ -76,6 +76,13 @@ SOURCES = (
         lambda used: used.engine("slow_load"),
     ),
     Source(
+        "the stationary Fokker-Planck equation",
+        "H. Risken, The Fokker-Planck Equation, 2nd ed., Springer (1989); Y. Saad and M. H. "
+        "Schultz, GMRES: a generalized minimal residual algorithm for solving nonsymmetric linear "
+        "systems, SIAM J. Sci. Stat. Comput. 7, 856-869 (1986)",
+        lambda used: used.engine("fokker_planck"),
+    ),
+    Source(
         "the noise fitted to a record's spectrum",
         "P. Whittle, The analysis of multiple stationary time series, Ark. Mat. 2, 423 (1953)",
         lambda used: used.engine("fitted noise"),

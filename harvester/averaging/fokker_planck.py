@@ -21,7 +21,7 @@ from harvester.averaging.grid_density import GridDensity
 from harvester.averaging.propagator import Grid, Propagator, mirrored, shares
 from harvester.averaging.slow_load import slow_load
 from harvester.errors import AveragingError
-from harvester.forces import contact_damping, potential
+from harvester.forces import potential
 
 START = 0.05  # tolerance of the averaged density it starts from
 # Steps a period, nodes within the core of the density in X and in X', nodes of Z that are kept
@@ -121,10 +121,17 @@ def _extrapolated(p, coarse, fine):
 
 
 def _means(p, totals):
-    """The totals, with power and efficiency."""
-    power = p.coupling * p.decay_rate * totals["mean_square_voltage"]
-    efficiency = power / (power + totals["mechanical_loss"])
-    return {**totals, "mean_power": power, "power_conversion_efficiency": efficiency}
+    """The totals, and what the power that comes in turns to."""
+    means = dict(totals)
+    power, power_in = (
+        p.coupling * p.decay_rate * means["mean_square_voltage"],
+        means.pop("power_in"),
+    )
+    return means | {
+        "mean_power": power,
+        "mechanical_loss": power_in - power,
+        "power_conversion_efficiency": power / power_in,
+    }
 
 
 class Region(NamedTuple):
@@ -263,7 +270,7 @@ class _Solution:
         self.before_flow = _stationary(propagator, start, steps)
         state = propagator.centred(self.before_flow)
         self.state = state / state[..., 0].sum()
-        self.totals = self._totals(p)
+        self.totals = self._totals(_power_in(propagator, self.before_flow))
 
     def on(self, grid):
         """Its state before the flow on the nodes of another grid."""
@@ -280,18 +287,14 @@ class _Solution:
                 moved[z, :, :, mode] = spline(grid.x, grid.v)
         return moved[..., : grid.modes] / moved[..., 0].sum()
 
-    def _totals(self, p):
+    def _totals(self, power_in):
         mass, grid = self.state[..., 0], self.grid
-        x, v = grid.x[:, None], grid.v
         both = mass.sum(axis=0)
-        voltage = np.sum(mass * (x - grid.kept[:, None, None]) ** 2)
-        contact = contact_damping(p, x, v, 0.0) if p.has_stoppers else 0.0
-        loss = np.sum(both * (p.damping + contact) * v**2)
         totals = {
-            "mean_square_voltage": voltage,
-            "mechanical_loss": loss,
-            "mean_square_velocity": np.sum(both * v**2),
-            "mean_square_displacement": np.sum(both * x**2),
+            "power_in": power_in,
+            "mean_square_voltage": np.sum(mass * (grid.x[:, None] - grid.kept[:, None, None]) ** 2),
+            "mean_square_velocity": np.sum(both * grid.v**2),
+            "mean_square_displacement": np.sum(both * grid.x[:, None] ** 2),
         }
         return {name: float(total) for name, total in totals.items()}
 
@@ -313,6 +316,16 @@ def _averaged(p, region, grid):
     charges = np.exp(-(((grid.kept[:, None] - charge) / width) ** 2))
     state[..., 0] = charges[:, :, None] * region.start.joint(grid.x[:, None], grid.v)
     return state / state[..., 0].sum()
+
+
+def _power_in(propagator, before_flow):
+    """What the noise adds to ½X'² in a step, over the step.
+
+    That is known far better than what the stoppers take, in contacts shorter than a step.
+    """
+    grid, flowed = propagator.grid, propagator.flowed(before_flow)
+    gained = np.sum((before_flow - flowed)[..., 0] * grid.v**2)
+    return 0.5 * gained / grid.step / before_flow[..., 0].sum()
 
 
 def _stationary(propagator, start, steps):

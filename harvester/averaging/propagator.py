@@ -85,13 +85,14 @@ class Propagator:
 
     def step(self, state):
         """The state one step later, before the flow."""
-        return self._slow(self._flowed(state), *self._whole)
+        return self._slow(self.flowed(state), *self._whole)
 
     def centred(self, state):
         """The state half-way between two flows, where a step is symmetric in time."""
-        return self._slow(self._flowed(state), *self._half)
+        return self._slow(self.flowed(state), *self._half)
 
-    def _flowed(self, state):
+    def flowed(self, state):
+        """The state after the flow alone."""
         pairs = zip(self._flow, state, strict=True)
         return np.stack(
             [

@@ -89,6 +89,7 @@ def test_validate_shows_three_ways_and_writes_one_figure(tmp_path, capsys):
         "averaging paper",
         "averaging consistent",
         "averaging slow_load",
+        "averaging fokker_planck",
     }
     assert (tmp_path / "paper-validate.png").exists()
 

@@ -9,7 +9,6 @@ from scipy.optimize import minimize_scalar
 from truths import interpolated_linear_means
 
 from harvester import optimum_search
-from harvester.averaging import CLOSURES
 from harvester.command_line import main
 from harvester.errors import HarvesterError, OptimumError
 from harvester.optimum import optimum
@@ -104,7 +103,7 @@ def test_averaging_gives_a_reason_instead_of_an_edge(pool, monkeypatch):
     monkeypatch.setattr(optimum_search, "SCANNED", 3)
     scene = Scene.load("linear")
     axis = Axis("excitation.intensity", 0.01, 0.04)
-    place, _, reason = averaged(scene, axis, "mean_power", CLOSURES[-1], pool)
+    place, _, reason = averaged(scene, axis, "mean_power", "slow_load", pool)
     assert place is None
     assert reason == "largest at the end of the range, excitation.intensity = 0.04"
 
@@ -229,7 +228,7 @@ def test_averaging_knows_a_plateau_too(monkeypatch):
         optimum_search, "amount", lambda request, name: min(rate(request.scene), 3.0)
     )
     axis = Axis("load.decay_rate", 0.5, 10.0)
-    place, _, reason = averaged(LINEAR, axis, "mean_power", CLOSURES[-1], None)
+    place, _, reason = averaged(LINEAR, axis, "mean_power", "slow_load", None)
     assert place is None
     assert reason.startswith("flat above load.decay_rate = 3.")
 

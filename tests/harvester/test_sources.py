@@ -48,7 +48,8 @@ def test_every_source_can_be_reached():
         Scene.load("device", [f"load.netlist={load}"])
         for load in ("bridge_buck", "sshi_parallel", "sece")
     ]
-    engines = ("circuit", "averaging slow_load", "averaging consistent of fitted noise")
+    engines = ("circuit", "averaging slow_load", "averaging fokker_planck")
+    engines += ("averaging consistent of fitted noise",)
     reached = {s.reference for scene in scenes for s in sources_of(content(scene, *engines))}
     assert reached == {source.reference for source in SOURCES}
 

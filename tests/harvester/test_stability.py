@@ -5,7 +5,7 @@ import math
 import pytest
 from truths import rebound_speed
 
-from harvester.averaging import CLOSURES
+from harvester.averaging import AVERAGED
 from harvester.command_line import main
 from harvester.errors import AveragingError, EnergyNotBalanced, HarvesterError, SceneError
 from harvester.estimators import Estimate
@@ -39,7 +39,7 @@ def test_agreement_within_error_bars_is_right():
     found = row(said(1.03), said(1.0))
     assert found.simulation.word == "right"
     assert found.worst_difference == pytest.approx(0.03 / math.hypot(0.01, 0.01))
-    assert [verdict.word for verdict in found.closures.values()] == ["right"] * len(CLOSURES)
+    assert [verdict.word for verdict in found.closures.values()] == ["right"] * len(AVERAGED)
 
 
 @pytest.mark.parametrize(
