@@ -32,7 +32,7 @@ NODES_PER_CORE = 4.0
 GREATEST_DISPLACEMENT = 2.0  # in cores: the charge decides there whether there is a well
 HOPELESS = 5.0  # tolerances by which a grid may miss for the next one to be tried
 FEWEST = 20  # cores that the range of X and of X' has at least
-MOST = 1_000_000  # nodes of all: half a gigabyte for the vectors of GMRES
+MOST = 3e7  # nodes times steps between two vectors of GMRES: half a minute
 DECAY = 0.35  # greatest λ dt of the first grid
 FASTEST_DECAY = 40.0  # λ, in units of the period, beyond which that takes too many steps
 NEGLIGIBLE = 1e-6  # share of its greatest value below which the density is left out
@@ -45,7 +45,6 @@ RESIDUAL = 1e-5  # of them, as a share of the density
 VECTORS = 60
 JUDGED = (
     "mean_square_voltage",
-    "mechanical_loss",
     "power_conversion_efficiency",
     "mean_square_velocity",
     "mean_square_displacement",
@@ -60,7 +59,8 @@ def fokker_planck(parameters, tolerance):
     parameters : harvester.parameters.ScaledParameters
     tolerance : float
         Largest numerical error of each mean, as a share of it: the correction by extrapolation
-        from two grids, their errors being of second order in the step.
+        from two grids, their errors being of second order in the step. Not of the mechanical
+        loss, the difference of two powers, which may be small against both.
 
     Returns
     -------
@@ -202,18 +202,23 @@ class Region(NamedTuple):
             modes=modes,
             step=_longest_step(p) * LEVELS[0][0] / steps,
         )
-        if np.prod(grid.shape) > MOST:
+        if np.prod(grid.shape) * _steps(p, grid) > MOST:
             raise AveragingError(
                 f"motion over a range of {range_x:.3g} with a density {2.0 * self.core:.2g} wide "
-                "takes more nodes than fokker_planck has: use slow_load, or simulate"
+                f"and decay_rate={p.decay_rate:g} takes more nodes and steps than fokker_planck "
+                "has: raise the tolerance, use slow_load, or simulate"
             )
         return grid
 
 
 def _longest_step(p):
     """Of the first grid (s)."""
-    step = _period(p) / LEVELS[0][0]
-    return min(step, DECAY / p.decay_rate) if p.decay_rate > 0.0 else step
+    return min(_period(p) / LEVELS[0][0], DECAY / p.decay_rate)
+
+
+def _steps(p, grid):
+    """Between two vectors of GMRES."""
+    return int(np.ceil(PERIODS * _period(p) / grid.step))
 
 
 def _period(p):
@@ -266,8 +271,7 @@ class _Solution:
         self.grid = grid
         propagator = Propagator(p, grid)
         start = _averaged(p, region, grid) if coarser is None else coarser.on(grid)
-        steps = int(np.ceil(PERIODS * _period(p) / grid.step))
-        self.before_flow = _stationary(propagator, start, steps)
+        self.before_flow = _stationary(propagator, start, _steps(p, grid))
         state = propagator.centred(self.before_flow)
         self.state = state / state[..., 0].sum()
         self.totals = self._totals(_power_in(propagator, self.before_flow))
