@@ -34,7 +34,7 @@ def within(result, name, truth, floor=2e-3):
     [
         PAPER._replace(**WHITE, intensity=0.2),
         LINEAR._replace(**WHITE, cubic_stiffness=3.0, gap=0.2, contact_stiffness=10.0),
-        PAPER._replace(**WHITE, gap=0.95, intensity=0.02),
+        pytest.param(PAPER._replace(**WHITE, gap=0.95, intensity=0.02), marks=pytest.mark.slow),
     ],
     ids=["wells", "stoppers", "preloaded"],
 )
@@ -101,6 +101,7 @@ def test_simulation(overrides):
         assert answer.estimate == pytest.approx(truth.estimate, abs=error)
 
 
+@pytest.mark.slow
 def test_densities():
     """Nowhere negative, symmetric, of integral 1, and with the means of the result."""
     p = PAPER._replace(intensity=0.005)
