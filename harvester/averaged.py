@@ -97,13 +97,7 @@ def average(scene, closure="slow_load", tolerance=None, fit=False):
         raise AveragingError(f'excitation.kind = "{scene.excitation.kind}": {refusal}')
     parameters, scales = scale(noise)
     averages = average_parameters(parameters, closure, tolerance)
-    quantities = {
-        name: Estimate(
-            float(getattr(averages, name)), averages.numerical_error[name], None, dimension
-        )
-        for name, dimension in DIMENSIONS.items()
-        if name in averages.numerical_error
-    }
+    quantities = estimates_of(averages)
     quantities["rms_voltage"] = root(quantities["mean_square_voltage"])
     if parameters.linear_stiffness >= 0.0:
         quantities.pop("share_in_wells", None)
@@ -128,6 +122,17 @@ def average(scene, closure="slow_load", tolerance=None, fit=False):
         notes=(*(spectrum_fit.notes() if fit else ()), *_notes(averages.validity)),
         spectrum_fit=spectrum_fit,
     )
+
+
+def estimates_of(averages):
+    """Those of `DIMENSIONS` that a closure gives, as estimates with its numerical error."""
+    return {
+        name: Estimate(
+            float(getattr(averages, name)), averages.numerical_error[name], None, dimension
+        )
+        for name, dimension in DIMENSIONS.items()
+        if name in averages.numerical_error
+    }
 
 
 def _fitted(scene):

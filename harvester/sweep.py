@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from harvester import batches
-from harvester.averaged import DIMENSIONS, average
+from harvester.averaged import average, estimates_of
 from harvester.averaging import TOLERANCES
 from harvester.averaging import average as average_parameters
 from harvester.batches import MOST_COPIES
 from harvester.errors import AveragingError, HarvesterError, SimulationError
-from harvester.estimators import Density, Estimate
+from harvester.estimators import Density
 from harvester.excitation.ornstein_uhlenbeck import KNOTS_PER_CORRELATION_TIME
 from harvester.output import finite
 from harvester.parameters import knot_spacing, scale
@@ -290,14 +290,7 @@ def _averaged(request):
     parameters, _ = scale(request.scene)
     clock = time.perf_counter()
     averages = average_parameters(parameters, request.method, tolerance)
-    quantities = {
-        name: Estimate(
-            float(getattr(averages, name)), averages.numerical_error[name], None, dimension
-        )
-        for name, dimension in DIMENSIONS.items()
-        if name in averages.numerical_error
-    }
-    return Answer(request.scene, quantities, None, time.perf_counter() - clock)
+    return Answer(request.scene, estimates_of(averages), None, time.perf_counter() - clock)
 
 
 def _cost(request):

@@ -123,10 +123,8 @@ def _extrapolated(p, coarse, fine):
 def _means(p, totals):
     """The totals, and what the power that comes in turns to."""
     means = dict(totals)
-    power, power_in = (
-        p.coupling * p.decay_rate * means["mean_square_voltage"],
-        means.pop("power_in"),
-    )
+    power_in = means.pop("power_in")
+    power = p.coupling * p.decay_rate * means["mean_square_voltage"]
     return means | {
         "mean_power": power,
         "mechanical_loss": power_in - power,
