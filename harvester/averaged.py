@@ -50,7 +50,7 @@ ENDS = {
         "there at the next pass of the separatrix: averaging takes it for new",
     ),
     "contact_loss_in_a_turn": (
-        0.1,
+        0.3,
         "the stoppers take {:.2g} of the mean square velocity in a turn of the orbits: averaging "
         "takes that for little",
     ),

@@ -2,8 +2,9 @@
 
 The noise kicks the energy once per lobe; only then does the side change, so that mass which leaves
 a well first completes its lobe, on average over `IMPULSE` of one more than the diffusion of the
-energy tells, and Z relaxes meanwhile. Outer orbits at Z therefore meet the right well's orbits at
-Z + lag(Z), and the left well's, by its mirror image, at −Z + lag(−Z).
+energy tells, and Z relaxes meanwhile: by tanh(`IMPULSE` λ'T) of its way, T the time of a lobe, as
+the outer orbits' own swing of Z about its mean is tanh(½ λ'T). Outer orbits at Z therefore meet the
+right well's orbits at Z + lag(Z), and the left well's, by its mirror image, at −Z + lag(−Z).
 
 With A, that of each well's separatrix, A lag is the same on both sides: kicks of zero mean leave
 the mean energy alone, so that Σ A g of the wells is A g of the outer orbit. That divides the lag of
@@ -52,7 +53,7 @@ class Crossing:
         both = noise + noise[::-1]
         share = 2.0 * noise[::-1] / np.where(both > 0.0, both, 1.0)
         change = np.abs(np.diff(share) / np.diff(charge)).max()
-        lag = centre * -np.expm1(-IMPULSE * rate * duration)
+        lag = centre * np.tanh(IMPULSE * rate * duration)
         return cls(charge, lag * share * min(1.0, STEEPEST / max(lag * change, STEEPEST)))
 
     @property
@@ -71,4 +72,4 @@ def _noise(p, lobe, nodes):
     if not lobe.has_well:
         return 0.0
     half = HalfOrbits.of(lobe, lobe.well_path(np.ones(1), nodes))
-    return half.noise(p.correlation_time)[0]
+    return half.noise(p)[0]

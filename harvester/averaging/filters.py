@@ -15,8 +15,8 @@ from harvester.compilation import compiled
 SHORTEST = 1e-9  # duration of a piece that counts, in units of the whole
 
 
-def filtered_power(element, speed, nodes, rate):
-    """∮X' y dt with rate² y − y'' = X' and y = 0 at both turning points.
+def filtered_power(element, speed, nodes, rate, damping=0.0):
+    """∮X' y dt with rate (rate + damping) y − y'' = X' and y = 0 at both turning points.
 
     Galerkin's solution: symmetric, and with the square of the error of y.
 
@@ -28,13 +28,16 @@ def filtered_power(element, speed, nodes, rate):
         Gauss–Legendre nodes of each piece.
     rate : float
         Of the filter; 1/rate its time.
+    damping : ndarray, shape (orbits, pieces · nodes), or float
+        Of the motion, ≥ 0.
 
     Returns
     -------
     ndarray, shape (orbits,)
         Over upper and lower half.
     """
-    return 2.0 * _power(element, element / speed, rate * rate, *_polynomials(nodes))
+    duration = element / speed
+    return 2.0 * _power(element, duration, rate * (rate + damping) * duration, *_polynomials(nodes))
 
 
 @cache
@@ -55,7 +58,7 @@ def _polynomials(nodes):
 
 
 @compiled
-def _power(element, duration, square, value, slope):
+def _power(element, duration, weighted, value, slope):
     orbits, (functions, nodes) = len(element), value.shape
     power = np.zeros(orbits)
     matrix, load = np.empty((functions, functions)), np.empty(functions)
@@ -72,7 +75,7 @@ def _power(element, duration, square, value, slope):
             if np.sum(duration[orbit, start : start + nodes]) <= shortest:
                 continue
             for q in range(nodes):
-                mass[q] = square * duration[orbit, start + q]
+                mass[q] = weighted[orbit, start + q]
                 bend[q] = 1.0 / duration[orbit, start + q]
             for a in range(functions):
                 load[a] = 0.0

@@ -64,9 +64,11 @@ class Table:
     excursion : ndarray
         ∮(X − ⟨X⟩)² dt.
     contact, voltage : ndarray
-        ∮(contact damping) X'² dt and ∮V² dt of the part of V that goes round with the orbit.
+        `HalfOrbits.contact_work`, and ∮V² dt of the part of V that goes round with the orbit.
     noise : ndarray
-        ∮X' w dt, w − τ1² w'' = X'.
+        `HalfOrbits.noise`.
+    mass : ndarray
+        1 + τ1 (mean damping), see `effective_mass`.
     """
 
     exists: np.ndarray
@@ -83,6 +85,7 @@ class Table:
     contact: np.ndarray
     voltage: np.ndarray
     noise: np.ndarray
+    mass: np.ndarray
 
     def cells(self, name):
         """Differences of a moment between a cell's faces."""
@@ -132,6 +135,7 @@ def _wells(p, outer, lobes, grid):
     columns = {name: np.zeros((len(lobes), values.shape[1])) for name, values in rows.items()}
     for name, values in rows.items():
         columns[name][exists] = values
+    _add_mass(p, lobes[0].stiffness[0], columns)
     base = [lobe.potential.energy(lobe.bottom, lobe.stiffness[0]) for lobe in lobes]
     junction = np.array([lobe.junction for lobe in lobes])
     return Table(exists=exists, junction=junction, base=np.array(base), **columns)
@@ -149,6 +153,7 @@ def _outer(p, lobes, grid):
     for name in (*MOMENTS, "contact", "noise"):
         sign = -1.0 if name == "displacement" else 1.0
         columns[name][:, 0] = mine[name] + sign * theirs[name]
+    _add_mass(p, lobes[0].stiffness[0], columns)
     base = [lobe.potential.energy(lobe.junction, lobe.stiffness[0]) for lobe in right]
     return Table(
         exists=np.ones(count, dtype=bool),
@@ -190,6 +195,31 @@ def _separatrices(p, lobes, nodes):
     return values
 
 
+def effective_mass(p, area, contact):
+    """What stands for the noise's memory beside the resonance: 1 + τ1 (mean damping).
+
+    Noise that is remembered follows the displacement too, E[Xη] = τ1 E[ηX'] whatever the forces.
+    It thereby takes from the spring what a greater mass would: orbits of energy H have
+    ½(1 + τ1 c)X'² + U = H, c the damping by its work, which is exact for a linear device.
+
+    Parameters
+    ----------
+    p : harvester.parameters.ScaledParameters
+    area, contact : ndarray, shape (..., levels)
+        ∮X'² dt and ∮(contact damping) X'² dt; where no area is enclosed the next level counts.
+    """
+    damping = contact / np.where(area > 0.0, area, 1.0)
+    damping[..., 0] = np.where(area[..., 0] > 0.0, damping[..., 0], damping[..., 1])
+    return 1.0 + p.correlation_time * (p.damping + damping)
+
+
+def _add_mass(p, stiffness, columns):
+    """The effective mass, and the share of V that follows X' as that does."""
+    mass = columns["mass"] = effective_mass(p, columns["area"], columns["contact"])
+    square, rate = p.angular_frequency**2 - p.coupling + stiffness, p.decay_rate**2
+    columns["voltage"] = columns["voltage"] * (square + rate / mass) / (square + rate)
+
+
 def _integrals(p, half):
     speed, x = half.speed, half.x
     period = half.period
@@ -200,9 +230,9 @@ def _integrals(p, half):
         "speed_square": half.integral(speed**3) / 3.0,
         "centre": half.integral(x / speed) / period,
         "excursion": half.integral(x * x / speed) - half.integral(x / speed) ** 2 / period,
-        "contact": half.integral(speed * half.damping),
+        "contact": half.contact_work,
         "voltage": half.filtered_power(p.decay_rate),
-        "noise": half.noise(p.correlation_time),
+        "noise": half.noise(p),
     }
 
 

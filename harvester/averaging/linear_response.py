@@ -1,21 +1,18 @@
-"""What averaging leaves out of small oscillations: the response beside the resonance.
+"""What averaging leaves out of small oscillations: the load's response beside the resonance.
 
-Coloured noise moves a mass below its resonance as well, by its stiffness alone. For a linear
-device the covariance is known exactly, so that what averaging lacks there is a difference: of the
-solution of the Lyapunov equation of (X, X', V, η), and of the averaged energy
+For a linear device the covariance is known exactly, so that what averaging lacks there is a
+difference: of the solution of the Lyapunov equation of (X, X', V, η), and of the averaged energy
 
-    E[X'²] = D/((1 + ω² τ1²)(c + N1)),  E[X²] = E[X'²]/ω²,  E[V²] = E[X'²]/(λ² + ω²),
+    ω² E[X²] = D/((m + ω² τ1²)(c/m + βλ r)),  E[X'²] = ω² E[X²]/m,  E[V²] = r ω² E[X²],
 
-N1 = βλ/(λ² + ω²), ω² the stiffness with β'. To first order in damping and coupling it is the finite
-part of the integral over the spectrum, without the pole: for E[X²] D τ1³/(1 + ω² τ1²)².
+m = 1 + τ1 c (`layers.effective_mass`), r = (ω² + λ²/m)/(ω² + λ²)², ω² the stiffness with β'.
+Without a load there is none.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_continuous_lyapunov
-
-from harvester.forces import contact_damping
 
 FASTEST = 10.0  # rate of damping, in units of the frequency, that still has a resonance
 
@@ -29,37 +26,38 @@ class Beside(NamedTuple):
     loss: float
 
 
-def beside_resonance(p, stiffness, velocity, displacement):
+def beside_resonance(p, stiffness, velocity, displacement, loss):
     """`Beside` of the small oscillations about the rest position.
 
-    A monostable device is linearised at the frequency that its means tell, ω² = E[X'²]/E[X²].
+    Linearised with the damping that the means tell, c = loss/E[X'²], and a monostable device at
+    their frequency, ω² = m E[X'²]/E[X²].
 
     Parameters
     ----------
     p : harvester.parameters.ScaledParameters
     stiffness : float
         β' of the piezo in the averaged potential.
-    velocity, displacement : float
-        Averaged E[X'²] and E[X²].
+    velocity, displacement, loss : float
+        Averaged E[X'²], E[X²] and mechanical loss.
     """
-    x, damping = p.rest, p.damping
+    x, damping = p.rest, loss / velocity
+    mass = 1.0 + p.correlation_time * damping
     if p.linear_stiffness >= 0.0:
-        spring = velocity / displacement - stiffness
+        spring = mass * velocity / displacement - stiffness
     else:
         spring = p.linear_stiffness + 3.0 * p.cubic_stiffness * x * x
         if p.preloaded:
             spring += 1.5 * p.contact_stiffness * np.sqrt(x - p.gap)
-            damping += float(contact_damping(p, x, 0.0, 0.0))
     square = spring + stiffness
-    rate = damping + p.coupling * p.decay_rate / (p.decay_rate**2 + square)
-    # A contact that a resting mass meets at no speed damps without bound: nothing to linearise.
+    followed = (square + p.decay_rate**2 / mass) / (square + p.decay_rate**2) ** 2
+    rate = damping / mass + p.coupling * p.decay_rate * followed
     if rate == 0.0 or spring <= 0.0 or rate > FASTEST * np.sqrt(square):
         return Beside(0.0, 0.0, 0.0, 0.0)
-    averaged = p.intensity / ((1.0 + square * p.correlation_time**2) * rate)
+    averaged = p.intensity / ((mass + square * p.correlation_time**2) * rate)
     covariance = _covariance(p, spring, damping)
-    change = covariance[1, 1] - averaged
+    change = covariance[1, 1] - averaged / mass
     return Beside(
-        voltage=covariance[2, 2] - averaged / (p.decay_rate**2 + square),
+        voltage=covariance[2, 2] - averaged * followed,
         velocity=change,
         displacement=covariance[0, 0] - averaged / square,
         loss=damping * change,

@@ -22,6 +22,7 @@ from harvester.averaging.orbits import (
 
 NEAREST = 1e-4  # approach to the saddle that stands for the separatrix, as a share of the way
 SHALLOW = 1e-9  # a depth that is none, in units of the energy at the bottom
+FAINTEST = 1e-6  # share of its energy that a contact takes, not to divide zero by zero
 WIDE = 1e3  # scale of a left end without a saddle near it, in lengths of the path
 
 
@@ -193,10 +194,29 @@ class HalfOrbits:
         """T = ∮dt."""
         return self.integral(1.0 / self.speed)
 
-    def filtered_power(self, rate):
-        """∮X' y dt with rate² y − y'' = X' and y = 0 at both turning points."""
-        return filtered_power(self.element, self.speed, self.nodes, rate)
+    def filtered_power(self, rate, damping=0.0):
+        """∮X' y dt with rate (rate + damping) y − y'' = X' and y = 0 at both turning points."""
+        return filtered_power(self.element, self.speed, self.nodes, rate, damping)
 
-    def noise(self, correlation_time):
-        """∮X' w dt, w − τ1² w'' = X'."""
-        return self.filtered_power(1.0 / correlation_time) / correlation_time**2
+    def noise(self, p):
+        """∮X' w dt, (1 + τ1 c) w − τ1² w'' = X', c the damping with that of the contact."""
+        time = p.correlation_time
+        return self.filtered_power(1.0 / time, p.damping + self.damping) / time**2
+
+    @property
+    def contact_work(self):
+        """∮(contact damping) X'² dt of the motion whose energy midway between contacts is H.
+
+        A contact takes a share x of its energy while the free flight adds the noise's evenly.
+        Balance of both, E' = −(x/duration) E in contact, gives the orbit's own work but for the
+        divisor φ + (1 − φ) (x/2) coth(x/2), φ the contact's share of the turn.
+        """
+        work = self.integral(self.speed * self.damping)
+        touching = self.damping > 0.0
+        energy = sum(
+            np.max(np.where(touching & side, 0.5 * self.speed**2, 0.0), axis=1)
+            for side in (self.x > 0.0, self.x < 0.0)
+        )
+        half = np.maximum(0.5 * work / np.where(energy > 0.0, energy, np.inf), FAINTEST)
+        share = self.integral(touching / self.speed) / self.period
+        return work / (share + (1.0 - share) * half / np.tanh(half))

@@ -36,6 +36,7 @@ class SlowDensity:
 
     def __init__(self, p, span, problem, density):
         self._p, self._span = p, span
+        self._inertia = np.sqrt(_mean_mass(problem, density))
         self._least = float(potential(p, p.rest))
         density = {name: np.maximum(g, 0.0) for name, g in density.items()}
         norm = sum(np.sum(g * problem.volume(name)) for name, g in density.items())
@@ -67,8 +68,13 @@ class SlowDensity:
         for side in (flat_x, -flat_x):
             bare = potential(self._p, side)
             for sheets in self._sheets:
-                total = total + 0.5 * _joint(side, flat_v, bare, self._span.stiffness, *sheets)
+                total = total + 0.5 * self._probability(side, flat_v, bare, sheets)
         return total.reshape(x.shape)
+
+    def _probability(self, x, v, bare, sheets):
+        """p(X, X') of some sheets: orbits of one energy go round at ½ (effective mass) X'²."""
+        arrays = x, self._inertia * v, bare
+        return self._inertia * _joint(*arrays, self._span.stiffness, *sheets)
 
     def displacement(self, x):
         """p(X), the integral of `joint` over velocity."""
@@ -85,12 +91,12 @@ class SlowDensity:
         """p(X'), the integral of `joint` over displacement."""
         v = np.asarray(v, dtype=float)
         place, weight = self._places()
-        bare, speed = potential(self._p, place), np.abs(v).ravel()
+        bare, speed = potential(self._p, place), self._inertia * np.abs(v).ravel()
         total = sum(
             _over_displacement(speed, place, weight, bare, self._span.stiffness, *sheets)
             for sheets in self._sheets
         )
-        return total.reshape(v.shape)
+        return self._inertia * total.reshape(v.shape)
 
     def voltage(self, voltage):
         """p(V), with V of each orbit as at the frequency of small oscillations."""
@@ -110,8 +116,8 @@ class SlowDensity:
                     x = np.broadcast_to(place, (len(flat), len(place)))
                     v = (side[:, None] - self._slow * (x - charge)) / self._fast
                     each = weight / self._fast
-                arrays = x.ravel(), v.ravel(), potential(self._p, x.ravel())
-                values = _joint(*arrays, self._span.stiffness, *sheet).reshape(x.shape)
+                bare = potential(self._p, x.ravel())
+                values = self._probability(x.ravel(), v.ravel(), bare, sheet).reshape(x.shape)
                 total = total + 0.5 * (values @ each)
         return total.reshape(voltage.shape)
 
@@ -149,7 +155,7 @@ class SlowDensity:
         return high
 
     def _top_speed(self):
-        return np.sqrt(2.0 * self._top())
+        return np.sqrt(2.0 * self._top()) / self._inertia
 
     def _places(self, count=PLACES):
         """Points and weights over X, close together about the rest positions."""
@@ -186,6 +192,16 @@ class SlowDensity:
             for row, cumulative in zip(faces[there], enclosed[there], strict=True)
         )
         return 0.5 * (energy[1:] + energy[:-1]), np.diff(total) / np.diff(energy)
+
+
+def _mean_mass(problem, density):
+    """The effective mass, by its share of X'², over all orbits."""
+    whole = borne = 0.0
+    for name, table in problem.tables.items():
+        square = density[name] * table.cells("speed_square") * problem.layers[name][1][:, None]
+        whole += np.sum(square)
+        borne += np.sum(square / (0.5 * (table.mass[:, 1:] + table.mass[:, :-1])))
+    return whole / borne
 
 
 def _sheets(problem, name, density):

@@ -6,9 +6,11 @@ which the drift of Z alone would leave to each orbit (adiabatic invariance), so 
 density of the phase space at each Z,
 
     0 = ∂/∂J [B g + A ∂g/∂H] − ∂/∂Z [λ(⟨X⟩ − Z) g]    at fixed J,
-    B = cJ + ∮(contact damping) X'² dt + βλ ∮V² dt,  A = D ∮X' w dt,  w − τ1² w'' = X',
+    B = (cJ + W)/m + βλ ∮V² dt,  A = D ∮X' w dt,  (1 + τ1 c') w − τ1² w'' = X',
 
-V here its part that goes round with the orbit, by the same filter at 1/λ: ∮V² dt = ∮X' y dt with
+W what a turn leaves to the stoppers (`HalfOrbits.contact_work`), c' the damping with theirs and
+m = 1 + τ1 (c + W/J) (`layers.effective_mass`): with them a linear device is exact at any damping.
+V here is its part that goes round with the orbit, by the same filter at 1/λ: ∮V² dt = ∮X' y dt with
 λ² y − y'' = X'. At the frequency ω of the orbits that part has λ²/(λ² + ω²) of its displacement
 in phase with Z: the potential therefore has β' = β ω²/(λ² + ω²) for β. The mean over an orbit
 cannot change faster than the orbit turns: Z relaxes at λ' = λω/√(λ² + ω²). By balance of energy
@@ -22,7 +24,7 @@ import numpy as np
 
 from harvester.averaging.averages import Averages
 from harvester.averaging.crossing import Crossing
-from harvester.averaging.layers import Grid, faced, layered
+from harvester.averaging.layers import Grid, effective_mass, faced, layered
 from harvester.averaging.linear_response import beside_resonance
 from harvester.averaging.lobes import HalfOrbits, Lobe
 from harvester.averaging.slow_density import SlowDensity
@@ -36,6 +38,8 @@ COARSEST = (12, 14, 10)
 NODES = 10
 SCAN_NODES = 16
 DOUBLINGS = 4
+# Product of what the stoppers take in a turn and of the noise that is kept to the next pass.
+LARGEST_LOSS_WITHIN_MEMORY = 0.03
 STEEPEST = 16.0  # fall of the error from grid to grid beyond which none is waited for
 JUDGED = (
     "mean_square_voltage",
@@ -69,7 +73,8 @@ def slow_load(parameters, tolerance):
     Raises
     ------
     AveragingError
-        Motion that nothing confines or damps; the tolerance is not met on the finest grid.
+        Motion that nothing confines or damps; the tolerance is not met on the finest grid;
+        stoppers that take much of the energy within the noise's memory.
 
     Notes
     -----
@@ -115,12 +120,14 @@ def slow_load(parameters, tolerance):
             }
             excess = max(error[name] / (abs(means[name]) or np.inf) for name in JUDGED) / tolerance
             if excess <= 1.0:
+                validity = _validity(p, span, solution, means, totals)
+                _check(validity)
                 return Averages(
                     closure="slow_load",
                     **means,
                     numerical_error=error,
                     density=SlowDensity(p, span, solution.problem, solution.density),
-                    validity=_validity(p, span, solution, means, totals),
+                    validity=validity,
                 )
             if excess > STEEPEST ** (DOUBLINGS - doubling):
                 break
@@ -243,8 +250,9 @@ class Span:
 
 def _fall(p, half, height):
     """∫B/A dH, by which ln g falls up to these orbits."""
-    noise = p.intensity * half.noise(p.correlation_time)
-    loss = half.integral(half.speed * (p.damping + half.damping))
+    noise = p.intensity * half.noise(p)
+    area, contact = half.area, half.contact_work
+    loss = (p.damping * area + contact) / effective_mass(p, area, contact)
     loss += p.coupling * p.decay_rate * half.filtered_power(p.decay_rate)
     rate = loss / noise
     steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(height)
@@ -292,6 +300,7 @@ class _Solution:
         area = table.cells("area")
         centre = table.cells("displacement") / np.where(area > 0.0, area, 1.0)
         rise = np.diff(table.face_height, axis=1)
+        mass = 0.5 * (table.mass[:, 1:] + table.mass[:, :-1])
 
         def over_energy(values):
             return float(np.sum(weight * 0.5 * (values[:, 1:] + values[:, :-1]) * rise))
@@ -306,8 +315,8 @@ class _Solution:
             "mass": float(np.sum(weight * area)),
             "round": float(np.sum(weight * filtered)),
             "slow": float(np.sum(weight * area * (centre - charge[:, None]) ** 2)),
-            "contact": over_energy(table.contact),
-            "velocity": float(np.sum(weight * table.cells("speed_square"))),
+            "contact": over_energy(table.contact / table.mass),
+            "velocity": float(np.sum(weight * table.cells("speed_square") / mass)),
             "displacement": float(np.sum(weight * table.cells("square"))),
         }
 
@@ -339,7 +348,7 @@ def _means(p, span, totals):
     velocity, displacement = totals["velocity"], totals["displacement"]
     voltage = totals["round"] + _slow_voltage(p, span, totals)
     loss = p.damping * velocity + totals["contact"]
-    beside = beside_resonance(p, span.stiffness, velocity, displacement)
+    beside = beside_resonance(p, span.stiffness, velocity, displacement, loss)
     share = totals["share_in_wells"] if p.linear_stiffness < 0.0 else 1.0
     voltage += share * beside.voltage
     loss += share * beside.loss
@@ -366,3 +375,13 @@ def _validity(p, span, solution, means, totals):
         "noise_kept_to_the_next_pass": np.exp(-half_turn / p.correlation_time) * jumping,
         "contact_loss_in_a_turn": 2.0 * half_turn * contact,
     }
+
+
+def _check(validity):
+    taken, kept = validity["contact_loss_in_a_turn"], validity["noise_kept_to_the_next_pass"]
+    if taken * kept > LARGEST_LOSS_WITHIN_MEMORY:
+        raise AveragingError(
+            f"the stoppers take {taken:.2g} of the mean square velocity in a turn and {kept:.2g} "
+            "of the noise is still there at the next pass of the separatrix, together more than "
+            "averaging bears: use the closure fokker_planck, or simulate"
+        )

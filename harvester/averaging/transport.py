@@ -5,9 +5,8 @@ from scipy.sparse import coo_matrix, diags, identity
 from scipy.sparse.linalg import splu
 
 from harvester.averaging.layers import middle
+from harvester.averaging.separatrix import fluxes
 
-# −ζ(½)/√(2π): the Milne length of a walk with Gaussian steps, in standard deviations.
-MILNE = 0.5825971579390107
 LARGEST_PECLET = 500.0
 SHIFT = 1e-13  # of the matrix of fluxes, in units of a cell's own outflow
 ITERATIONS, SETTLED = 8, 1e-11
@@ -143,15 +142,21 @@ class Problem:
         bottoms = [index[self.tables[name].exists, 0] for name, index in self.index.items()]
         return network.stationary(volume, next(cells for cells in bottoms if len(cells)))
 
+    def loss(self, name):
+        """B at the faces: what damping, contact and load take in a turn."""
+        p, table = self.p, self.tables[name]
+        mechanical = (p.damping * table.area + table.contact) / table.mass
+        return mechanical + p.coupling * p.decay_rate * table.voltage
+
     def coefficients(self, name):
         """B with the sweep of the moving faces, and A, at the faces."""
-        p, table = self.p, self.tables[name]
+        table = self.tables[name]
         charge, width = self.layers[name]
-        loss = p.damping * table.area + table.contact + p.coupling * p.decay_rate * table.voltage
+        loss = self.loss(name)
         if self.moves:
             drift = self.rate * (table.centre - charge[:, None])
             loss = loss + drift * np.diff(self.faces.area[name], axis=0) / width[:, None]
-        return loss, p.intensity * table.noise
+        return loss, self.p.intensity * table.noise
 
     def _along_energy(self, network, name):
         table, index = self.tables[name], self.index[name]
@@ -211,14 +216,10 @@ class Problem:
         return (behind, near, far), np.array(weights)
 
     def _at_separatrix(self, network):
-        """Fluxes between wells and outer orbits of the same layer.
-
-        They share g at the junction, but for the slip and for a factor that keeps Σ A g over the
-        wells that of the outer orbits: A g there is what the noise gives to one and takes from
-        the other.
-        """
+        """Fluxes between wells and outer orbits of the same layer."""
         wells, outer = self.tables["wells"], self.tables["outer"]
         edges = {name: self.coefficients(name) for name in self.tables}
+        taken = self.loss("wells")
         (held, held_width), (charge, outer_width) = self.layers["wells"], self.layers["outer"]
         for k in range(self.count):
             loss, noise = (values[k, 0] for values in edges["outer"])
@@ -227,14 +228,16 @@ class Problem:
             sides = [layer for layer in (right, left) if wells.exists[layer]]
             if not sides:
                 continue
-            inside, noises = [], []
+            inside, noises, losses = [], [], []
             for layer in sides:
                 loss, noise = (values[layer, -1] for values in edges["wells"])
                 distance = wells.face_height[layer, -1] - wells.height[layer, -1]
                 share = held_width[layer] / outer_width[k]
                 inside.append([share * weight for weight in fitted(loss, noise, distance)])
                 noises.append(share * noise)
-            weights = outer_width[k] * _junction(inside, noises, outside, edges["outer"][1][k, 0])
+                losses.append(share * taken[layer, -1])
+            weights = fluxes(inside, noises, losses, outside, edges["outer"][1][k, 0])
+            weights *= outer_width[k]
             cells = np.append(self.index["wells"][sides, -1], self.index["outer"][k, 0])
             for layer, source, row in zip(sides, cells[:-1], weights, strict=True):
                 network.add(np.array([source]), cells[-1:], cells[None, :], row[None, :])
@@ -252,30 +255,3 @@ class Problem:
         flat = np.concatenate([density[name].ravel() for name in self.tables])
         work = sum((flat[cells] @ row) * fall for cells, row, fall in self._crossings)
         return work / self.rate
-
-
-def _junction(inside, noises, outside, noise):
-    """Outward fluxes out of the wells as weights of (wells' last cells, outer first cell).
-
-    One kick per pass is not small against the layer at the separatrix: g of the wells there
-    differs from the outer one by E0/A of the flux that changes sides (Milne's problem).
-    """
-    sides = len(inside)
-    # Unknowns: fluxes of the sides, then g at the junction.
-    matrix, given = np.zeros((sides + 1, sides + 1)), np.zeros((sides + 1, sides + 1))
-    slip = np.zeros((sides, sides))
-    if sides == 2:
-        total = sum(noises)
-        length = MILNE * (sum(np.sqrt(2.0 * a) for a in noises) - np.sqrt(2.0 * total))
-        change = np.array([noises[1], -noises[0]]) / total
-        slip = np.array([change, -change]) * length / np.array(noises)[:, None]
-    share = noise / sum(noises)
-    for k, (below, above) in enumerate(inside):
-        matrix[k, :sides] = -above * slip[k]
-        matrix[k, k] += 1.0
-        matrix[k, sides] = -above * share
-        given[k, k] = below
-    matrix[sides, :sides] = 1.0
-    matrix[sides, sides] = -outside[0]
-    given[sides, sides] = outside[1]
-    return np.linalg.solve(matrix, given)[:sides]
