@@ -38,8 +38,9 @@ def average(parameters, closure, tolerance=None):
     Raises
     ------
     AveragingError
-        Unknown closure; noise that outlasts the relaxation time; β ≥ ω0² of a bistable device;
-        motion that nothing confines or damps; means that the grid does not resolve.
+        Unknown closure; noise that outlasts the relaxation time; β ≥ ω0² of a bistable device
+        (the first two); motion that nothing confines or damps; stoppers that take much of the
+        energy within the noise's memory (`slow_load`); means that the grid does not resolve.
 
     Notes
     -----
