@@ -14,20 +14,20 @@ PACKAGE = Path(__file__).parent
 
 
 def forget_stale_code():
-    """Drop compiled code when any source of this package has changed since it was written.
+    """Drop compiled code when any source of the package has changed since it was written.
 
     numba looks at the file of the function alone, not at what the function calls elsewhere: a
     changed force law would go on being compiled into an unchanged integrator.
     """
     digest = hashlib.sha256()
-    for source in sorted(PACKAGE.glob("*.py")):
+    for source in sorted(PACKAGE.rglob("*.py")):
         digest.update(source.read_bytes())
     stamp = PACKAGE / "__pycache__" / "compiled-from.sha256"
     try:
         if stamp.exists() and stamp.read_text() == digest.hexdigest():
             return
         for package in (PACKAGE, PACKAGE.parent / "circuits"):
-            for index in package.glob("__pycache__/*.nbi"):
+            for index in package.rglob("*.nbi"):
                 index.unlink(missing_ok=True)
         stamp.parent.mkdir(exist_ok=True)
         stamp.write_text(digest.hexdigest())

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from harvester.diagram import MEANS
 from harvester.output import whole_file
+from harvester.work_precision.diagram import MEANS
 
 STYLE = Path(__file__).parent / "house.mplstyle"
 LINES = {
@@ -19,8 +19,8 @@ LINES = {
 # Share of its peak down to which a density is drawn.
 WORTH_DRAWING = 1e-3
 CIRCUIT, MONTE_CARLO = "#0072B2", "#D55E00"
-# Of the families of `harvester.methods` in turn; green, grey and violet are the closures'.
-# As many of both as there are families.
+# Of the families of `work_precision.methods` in turn, as many of both as there are families; green,
+# grey and violet are the closures'.
 FAMILY_COLOURS = ("#E69F00", "#CC79A7", CIRCUIT, "#8C564B", "#56B4E9", MONTE_CARLO, "0.2")
 FAMILY_COLOURS += ("#117733", "#882255")
 FAMILY_MARKERS = "vdoDsP^<>"
@@ -279,6 +279,6 @@ def draw_frequency_response(response):
 
 def draw_stability(matrix):
     """The coloured grid of `harvester stability`."""
-    from harvester.stability_figure import draw
+    from harvester.stability.figure import draw
 
     return draw(matrix)

@@ -23,9 +23,9 @@ import matplotlib.pyplot as plt
 
 import harvester
 from harvester import figures
-from harvester.diagram import MEANS, judged
-from harvester.methods import Method
-from harvester.work_precision import work_precision
+from harvester.work_precision.diagram import MEANS, judged
+from harvester.work_precision.measurement import work_precision
+from harvester.work_precision.methods import Method
 
 plt.style.use(figures.STYLE)
 

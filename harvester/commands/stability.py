@@ -30,7 +30,7 @@ def run(options):
     scene = read_scene(options)
     check_options(options)
     from harvester.console import progress, show_table
-    from harvester.stability import stability
+    from harvester.stability.matrix import stability
 
     with progress() as follow:
         matrix = stability(

@@ -30,7 +30,7 @@ def run(options):
     scene = read_scene(options)
     check_options(options)
     from harvester.console import progress, show_table
-    from harvester.work_precision import work_precision
+    from harvester.work_precision.measurement import work_precision
 
     with progress() as follow:
         diagram = work_precision(

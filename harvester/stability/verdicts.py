@@ -7,7 +7,7 @@ from harvester.averaging import AVERAGED
 from harvester.errors import AveragingError, SceneError
 from harvester.realization import ENGINES
 from harvester.scene import Scene
-from harvester.stability_cases import Case
+from harvester.stability.cases import Case
 
 RIGHT, REFUSED, WRONG = "right", "refused", "wrong"
 REFUSALS = (SceneError, AveragingError)

@@ -4,12 +4,12 @@ import math
 from dataclasses import dataclass
 
 from harvester.estimators import Estimate
-from harvester.methods import Method
 from harvester.output import finite
 from harvester.results import Result
 from harvester.scene import Scene
-from harvester.throughput import ratios
-from harvester.throughput import to_dict as throughput_to_dict
+from harvester.work_precision.methods import Method
+from harvester.work_precision.throughput import ratios
+from harvester.work_precision.throughput import to_dict as throughput_to_dict
 
 STATES = ("displacement", "velocity", "voltage")
 MEANS = ("mean_square_voltage", "mean_square_velocity", "power_conversion_efficiency")
@@ -73,7 +73,7 @@ class WorkPrecision:
         Length of the paths for the strong error (s).
     paths : int
     machine : dict
-    throughput : list of harvester.throughput.Throughput
+    throughput : list of harvester.work_precision.throughput.Throughput
     """
 
     scene: Scene

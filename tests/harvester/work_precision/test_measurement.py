@@ -5,15 +5,15 @@ import numpy as np
 import pytest
 from truths import reference_path as independent_path
 
-from harvester import reference_path
 from harvester.command_line import main
-from harvester.diagram import MEANS, STATES
 from harvester.errors import SimulatorAborted
 from harvester.estimators import paired_difference
-from harvester.methods import METHODS, THOROUGH_METHODS, Method
 from harvester.scene import Scene
 from harvester.simulation import simulate
-from harvester.work_precision import work_precision
+from harvester.work_precision import reference_path
+from harvester.work_precision.diagram import MEANS, STATES
+from harvester.work_precision.measurement import work_precision
+from harvester.work_precision.methods import METHODS, THOROUGH_METHODS, Method
 
 FAMILIES = {
     # At the default step contacts ask for shorter ones: orders are those of uniform steps.
@@ -131,7 +131,7 @@ def test_the_paired_difference_of_efficiency_is_that_of_the_two_estimates(pool):
 
 
 def test_a_method_that_fails_leaves_the_others_and_says_why(monkeypatch):
-    from harvester import work_precision as module
+    from harvester.work_precision import measurement as module
 
     def failing(scene, engine, **options):
         if engine == "circuit":

@@ -4,7 +4,7 @@ import math
 
 from harvester.averaging import AVERAGED
 from harvester.realization import ENGINES
-from harvester.stability_verdicts import REFUSED, RIGHT, WRONG
+from harvester.stability.verdicts import REFUSED, RIGHT, WRONG
 
 FACE = {RIGHT: "#A8DDB5", REFUSED: "#D0D0D0", WRONG: "#CB181D"}
 INK = {RIGHT: "black", REFUSED: "0.25", WRONG: "white"}

@@ -6,7 +6,7 @@ import pytest
 
 from harvester.parameters import knot_spacing
 from harvester.scene import Scene
-from harvester.throughput import Throughput, measure, ratios, to_dict
+from harvester.work_precision.throughput import Throughput, measure, ratios, to_dict
 
 
 def test_ratios_are_of_the_rates_they_name():
@@ -24,8 +24,8 @@ def test_ratios_are_of_the_rates_they_name():
 
 
 def test_every_way_is_measured_at_its_own_step(pool, monkeypatch):
-    monkeypatch.setattr("harvester.throughput.KNOTS", 200)
-    monkeypatch.setattr("harvester.throughput.REPEATS", 1)
+    monkeypatch.setattr("harvester.work_precision.throughput.KNOTS", 200)
+    monkeypatch.setattr("harvester.work_precision.throughput.REPEATS", 1)
     scene = Scene.load("paper")
     asked = []
 

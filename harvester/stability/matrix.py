@@ -1,6 +1,6 @@
 """`stability`: stiff and extreme cases of a scene, each judged by what was computed.
 
-Every case of `harvester.stability_cases` is run by circuit and Monte Carlo on the same noise and
+Every case of `harvester.stability.cases` is run by circuit and Monte Carlo on the same noise and
 by every averaging closure. A verdict is *right*, *refused* (with a reason before anything was
 computed) or *wrong*: numbers that do not hold, a run that did not end, a warning.
 """
@@ -18,8 +18,8 @@ from harvester.parameters import STEPS_PER_PERIOD, knot_spacing, scale, steps_pe
 from harvester.realization import ENGINES, run
 from harvester.scene import Scene
 from harvester.simulation import check_step, require_noise
-from harvester.stability_cases import STEP_BUDGET, changed, default_cases
-from harvester.stability_verdicts import (
+from harvester.stability.cases import STEP_BUDGET, changed, default_cases
+from harvester.stability.verdicts import (
     JUDGED,
     LARGEST_NUMERICAL_ERROR,
     LARGEST_RESIDUAL,
@@ -152,7 +152,9 @@ def stability(scene, *, cases=None, step="default", workers=None, progress=None)
     with WorkerPool(len(calls), workers) as pool:
         follow = _Follower(len(calls), progress) if progress else None
         outcomes = iter(
-            pool.map("harvester.stability:answer", calls, TIME_LIMIT, follow, keep_going=True)
+            pool.map(
+                "harvester.stability.matrix:answer", calls, TIME_LIMIT, follow, keep_going=True
+            )
         )
     rows = []
     for case, changed_scene in zip(cases, scenes, strict=True):

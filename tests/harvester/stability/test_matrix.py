@@ -12,9 +12,9 @@ from harvester.estimators import Estimate
 from harvester.parameters import knot_spacing, scale, steps_per_knot
 from harvester.scene import Scene
 from harvester.simulation import simulate
-from harvester.stability import StabilityMatrix, stability
-from harvester.stability_cases import STEP_BUDGET, Case, changed, default_cases
-from harvester.stability_verdicts import JUDGED, Answer, judged
+from harvester.stability.cases import STEP_BUDGET, Case, changed, default_cases
+from harvester.stability.matrix import StabilityMatrix, stability
+from harvester.stability.verdicts import JUDGED, Answer, judged
 
 CASE = Case("scene", "as it is", {})
 
@@ -193,8 +193,8 @@ def test_statistics_converge_in_the_rigid_limit(pool):
 def test_a_small_matrix_from_the_command_line(tmp_path, monkeypatch, capsys):
     wanted = ("as it is", "β = 0", "K = 1e8", "δ = 0.95 wells", "λ = 1e4, β = 100")
     cases = [case for case in default_cases() if case.name in wanted]
-    monkeypatch.setattr("harvester.stability.default_cases", lambda: cases)
-    monkeypatch.setattr("harvester.stability_cases.STEP_BUDGET", 20_000)
+    monkeypatch.setattr("harvester.stability.matrix.default_cases", lambda: cases)
+    monkeypatch.setattr("harvester.stability.cases.STEP_BUDGET", 20_000)
     call = ["stability", "paper_si", "--json", str(tmp_path / "a.json"), "--output", str(tmp_path)]
     assert main(call) == 0
     content = json.loads((tmp_path / "a.json").read_text())
@@ -209,13 +209,13 @@ def test_a_small_matrix_from_the_command_line(tmp_path, monkeypatch, capsys):
 
 def test_a_wrong_cell_is_exit_code_one(monkeypatch, capsys):
     wrong = StabilityMatrix(Scene.load("paper"), [row(said(2.0))], 1.0)
-    monkeypatch.setattr("harvester.stability.stability", lambda scene, **_: wrong)
+    monkeypatch.setattr("harvester.stability.matrix.stability", lambda scene, **_: wrong)
     assert main(["stability"]) == 1
     assert "WRONG" in capsys.readouterr().out
 
 
 def test_a_case_that_runs_out_of_time_is_its_verdict_only(monkeypatch):
-    monkeypatch.setattr("harvester.stability.TIME_LIMIT", 0.01)
+    monkeypatch.setattr("harvester.stability.matrix.TIME_LIMIT", 0.01)
     matrix = stability(Scene.load("paper"), cases=[CASE])
     assert matrix.rows[0].simulation.word == "wrong"
     assert "SimulatorTimeout" in matrix.rows[0].simulation.reason

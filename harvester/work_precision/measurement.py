@@ -12,15 +12,15 @@ import platform
 
 import numpy as np
 
-from harvester import throughput
 from harvester.averaged import average
 from harvester.averaging import CLOSURES
-from harvester.diagram import MEANS, STATES, Row, WorkPrecision, relative_error
 from harvester.errors import AveragingError, EnergyNotBalanced, SimulationError
 from harvester.estimators import paired_difference
-from harvester.methods import COMPILED_METHODS, METHODS, THOROUGH_METHODS
 from harvester.parameters import knot_spacing, scale
 from harvester.simulation import require_noise, simulate
+from harvester.work_precision import throughput
+from harvester.work_precision.diagram import MEANS, STATES, Row, WorkPrecision, relative_error
+from harvester.work_precision.methods import COMPILED_METHODS, METHODS, THOROUGH_METHODS
 from harvester.workers import WorkerPool
 
 # Strong errors: paths, and the length of each in periods of small oscillations, or in knots
@@ -132,7 +132,8 @@ def _strong_errors(scene, methods, pool, follow):
     """(mean step, RMS error of each state) of every method."""
     indices = range(scene.run.realizations)
     exact = pool.map(
-        "harvester.reference_path:run", [{"scene": scene, "index": index} for index in indices]
+        "harvester.work_precision.reference_path:run",
+        [{"scene": scene, "index": index} for index in indices],
     )
     window = (0.0, 2.0 * scene.run.duration)
     calls = [
