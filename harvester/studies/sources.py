@@ -59,6 +59,18 @@ class Source:
 
 
 def make_source(scene, method, step, version):
+    """The `Source` of one scene by one engine or closure, its first window some periods long.
+
+    Parameters
+    ----------
+    scene : harvester.scene.Scene
+    method : str
+        An engine or a closure.
+    step : str or float
+        As `harvester.simulation.simulate` takes it.
+    version : str
+        Of what makes the numbers, part of their key.
+    """
     parameters, _ = scale(scene)
     start = scene.run.settle
     window = (start, start + PERIODS * 2.0 * math.pi / parameters.angular_frequency)

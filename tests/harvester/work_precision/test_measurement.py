@@ -30,6 +30,15 @@ FEW = [
 SHORT = ["run.realizations=2", "run.duration=200", "run.settle=20", "excitation.intensity=0.03"]
 
 
+@pytest.fixture(scope="module", autouse=True)
+def brief_throughput():
+    """Speeds have tests of their own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("harvester.work_precision.throughput.KNOTS", 200)
+        patch.setattr("harvester.work_precision.throughput.REPEATS", 1)
+        yield
+
+
 @pytest.fixture(scope="module")
 def diagram():
     return work_precision(Scene.load("paper", SHORT), methods=FEW, workers=2)
