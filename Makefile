@@ -10,12 +10,12 @@ STAMP := .venv/.complete
 run: $(STAMP)
 	$(BIN)/harvester validate paper --output results
 
-# The tests' arrays are small, and processes run beside them: threads of BLAS only wait for each other.
+# Modules run side by side, one a core. Their arrays are small: threads of BLAS only wait for each other.
 test: $(STAMP)
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m "slow or not slow" --durations=25
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadscope -m "slow or not slow"
 
 test-fast: $(STAMP)
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m "not slow"
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadscope -m "not slow"
 
 fast: $(STAMP)
 	sh .ci/fast
