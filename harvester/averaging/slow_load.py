@@ -94,13 +94,15 @@ def slow_load(parameters, tolerance):
     τ1 > 0.4                    13    1.7, 11.3    0.13, 1.2   0.015, 0.034
     ==========================  ====  ===========  ==========  ============
 
-    Against `fokker_planck` on 59 other sets with τ1 ≤ 0.4, half of them preloaded: 0.4, 5.4 for
-    E[V²]; 0.05, 1.9; 0.005, 0.036. Beyond 4 % are two with e ≤ 0.4, λ > 0.3, D > 0.08 and
-    preloaded stoppers, where most mass is within a kick of the separatrix.
+    In the ranges of the paper's figures (gap 0.95 to 1.3, K 1 to 13, λ 0.03 to 0.09) it is 0.5, 3.0
+    for E[V²], 0.04, 0.6 and 0.007, 0.028 over 34 more sets of τ1 ≤ 0.4, and 1.0, 3.6 for E[V²] over
+    10 of τ1 near 1. Against `fokker_planck` on 59 other sets with τ1 ≤ 0.4, half of them preloaded:
+    0.4, 5.4 for E[V²]; 0.05, 1.9; 0.005, 0.036. Beyond 4 % are two with e ≤ 0.4, λ > 0.3, D > 0.08
+    and preloaded stoppers, where most mass is within a kick of the separatrix.
 
     At tolerance 1e-3 the true numerical error was at most 0.5e-3 in 95 means of 19 sets and edges,
     up to one and a half times the estimate. One point takes 0.6 to 1.0 s of processor time, 1.8 to
-    2.7 s where the finer grid is needed (9 of the 53 sets). Of 230 points on the edges of the range
+    2.3 s where the finer grid is needed (9 of the 53 sets). Of 230 points on the edges of the range
     (gap 0.95 to 1.5, e 0 to 1, K 0 to 1000, β 0 to 6, λ 1e-3 to 10, D 1e-4 to 1, τ1 0 to 1) three
     are refused, at β = ω0² and D = 1, where wells come and go from one layer of Z to the next.
     Where β > ω0² nothing stands for the response beside the resonance: at λ = 1 and D = 1e-4,
