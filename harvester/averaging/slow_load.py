@@ -102,9 +102,10 @@ def slow_load(parameters, tolerance):
 
     At tolerance 1e-3 the true numerical error was at most 0.5e-3 in 95 means of 19 sets and edges,
     up to one and a half times the estimate. One point takes 0.6 to 1.0 s of processor time, 1.8 to
-    2.3 s where the finer grid is needed (9 of the 53 sets). Of 230 points on the edges of the range
-    (gap 0.95 to 1.5, e 0 to 1, K 0 to 1000, β 0 to 6, λ 1e-3 to 10, D 1e-4 to 1, τ1 0 to 1) three
-    are refused, at β = ω0² and D = 1, where wells come and go from one layer of Z to the next.
+    2.3 s where the finer grid is needed (9 of the 53 sets). Of 150 points on the edges of the range
+    (gap 0.95 to 1.5, e 0 to 1, K 0 to 1000, β 0 to 6, λ 1e-3 to 10, D 1e-4 to 1, τ1 0 to 1) eight
+    are refused: K = 1000 within the noise's memory, K = 1000 with β near or above ω0², where wells
+    come and go from one layer of Z to the next, and motion that nothing bounds.
     Where β > ω0² nothing stands for the response beside the resonance: at λ = 1 and D = 1e-4,
     0.4 % of the power.
     """
