@@ -10,6 +10,23 @@ from scipy.optimize import brentq
 from harvester import forces
 from harvester.parameters import knot_spacing, scale
 from harvester.realization import noise_path
+from harvester.scene import Scene
+
+# One mass and its stoppers alone, v0 held: what `rebound_speed` is the law of.
+NOTHING_BUT_STOPPERS = [
+    "oscillator.damping=1e-12",
+    "oscillator.linear_stiffness=1e-12",
+    "oscillator.cubic_stiffness=0",
+    "piezo.coupling=1e-12",
+    "excitation.intensity=1e-30",
+    "stoppers.impact_velocity=event",
+]
+
+
+def drop_scene(restitution, stiffness, *overrides):
+    """A scene in which a mass drops on one stopper."""
+    stoppers = [f"stoppers.restitution={restitution}", f"stoppers.stiffness={stiffness}"]
+    return Scene.load("paper", [*NOTHING_BUT_STOPPERS, *stoppers, *overrides])
 
 
 def interpolated_linear_means(p, spacing):

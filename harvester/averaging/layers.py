@@ -91,6 +91,10 @@ class Table:
         """Differences of a moment between a cell's faces."""
         return np.diff(getattr(self, name), axis=1)
 
+    def velocity_square(self):
+        """Integrals of X'² over the cells, orbits going round with their effective mass."""
+        return self.cells("speed_square") / (0.5 * (self.mass[:, 1:] + self.mass[:, :-1]))
+
 
 def layered(p, stiffness, grid):
     """Tables at the layers' middles.
@@ -207,6 +211,10 @@ def effective_mass(p, area, contact):
     p : harvester.parameters.ScaledParameters
     area, contact : ndarray, shape (..., levels)
         ∮X'² dt and ∮(contact damping) X'² dt; where no area is enclosed the next level counts.
+
+    Returns
+    -------
+    ndarray, shape (..., levels)
     """
     damping = contact / np.where(area > 0.0, area, 1.0)
     damping[..., 0] = np.where(area[..., 0] > 0.0, damping[..., 0], damping[..., 1])

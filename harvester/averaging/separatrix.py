@@ -82,6 +82,10 @@ def slip_length(noises, losses):
     ----------
     noises, losses : ndarray, shape (2,)
         A > 0 and B ≥ 0 of the sides.
+
+    Returns
+    -------
+    float
     """
     inverse = losses.sum() / noises.sum()
     excess = sum(_missed(a, inverse) for a in noises) - _missed(noises.sum(), inverse)

@@ -198,9 +198,9 @@ def _mean_mass(problem, density):
     """The effective mass, by its share of X'², over all orbits."""
     whole = borne = 0.0
     for name, table in problem.tables.items():
-        square = density[name] * table.cells("speed_square") * problem.layers[name][1][:, None]
-        whole += np.sum(square)
-        borne += np.sum(square / (0.5 * (table.mass[:, 1:] + table.mass[:, :-1])))
+        weight = density[name] * problem.layers[name][1][:, None]
+        whole += np.sum(weight * table.cells("speed_square"))
+        borne += np.sum(weight * table.velocity_square())
     return whole / borne
 
 

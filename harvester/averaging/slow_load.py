@@ -307,7 +307,6 @@ class _Solution:
         area = table.cells("area")
         centre = table.cells("displacement") / np.where(area > 0.0, area, 1.0)
         rise = np.diff(table.face_height, axis=1)
-        mass = 0.5 * (table.mass[:, 1:] + table.mass[:, :-1])
 
         def over_energy(values):
             return float(np.sum(weight * 0.5 * (values[:, 1:] + values[:, :-1]) * rise))
@@ -323,7 +322,7 @@ class _Solution:
             "round": float(np.sum(weight * filtered)),
             "slow": float(np.sum(weight * area * (centre - charge[:, None]) ** 2)),
             "contact": over_energy(table.contact / table.mass),
-            "velocity": float(np.sum(weight * table.cells("speed_square") / mass)),
+            "velocity": float(np.sum(weight * table.velocity_square())),
             "displacement": float(np.sum(weight * table.cells("square"))),
         }
 

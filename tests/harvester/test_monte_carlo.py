@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from truths import Keep, rebound_speed, reference_path
+from truths import Keep, drop_scene, rebound_speed, reference_path
 
 from harvester.excitation import NoisePath
 from harvester.moments import Moments
@@ -39,19 +39,7 @@ def test_the_order_is_four_against_scipy_on_the_same_path(name):
 @pytest.mark.parametrize("restitution", [0.3, 0.5, 0.7, 0.9, 1.0])
 @pytest.mark.parametrize("stiffness", [10.0, 1e6])
 def test_a_drop_on_one_stopper_rebounds_as_the_exact_law_says(restitution, stiffness):
-    scene = Scene.load(
-        "paper",
-        [
-            "oscillator.damping=1e-12",
-            "oscillator.linear_stiffness=1e-12",
-            "oscillator.cubic_stiffness=0",
-            "piezo.coupling=1e-12",
-            "excitation.intensity=1e-30",
-            f"stoppers.restitution={restitution}",
-            f"stoppers.stiffness={stiffness}",
-            "stoppers.impact_velocity=event",
-        ],
-    )
+    scene = drop_scene(restitution, stiffness)
     p, _ = scale(scene)
     state = initial_state(p, right=True)
     state[VELOCITY] = 1.0

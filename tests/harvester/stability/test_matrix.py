@@ -3,7 +3,7 @@ import json
 import math
 
 import pytest
-from truths import rebound_speed
+from truths import drop_scene, rebound_speed
 
 from harvester.averaging import AVERAGED
 from harvester.command_line import main
@@ -154,22 +154,8 @@ def test_monte_carlo_holds_when_the_load_is_faster_than_the_step(pool, rate):
 @pytest.mark.parametrize("stiffness", ["10", "1e6", "1e8"])
 @pytest.mark.parametrize("restitution", [0.3, 0.5, 0.7, 0.9, 1.0])
 def test_a_drop_in_the_circuit_rebounds_as_the_exact_law_says(worker, restitution, stiffness):
-    scene = Scene.load(
-        "paper",
-        [
-            "oscillator.damping=1e-12",
-            "oscillator.linear_stiffness=1e-12",
-            "oscillator.cubic_stiffness=0",
-            "piezo.coupling=1e-12",
-            "excitation.intensity=1e-30",
-            f"stoppers.restitution={restitution}",
-            f"stoppers.stiffness={stiffness}",
-            "stoppers.impact_velocity=event",
-            "run.realizations=2",
-            "run.duration=3",
-            "run.settle=0",
-        ],
-    )
+    run = ("run.realizations=2", "run.duration=3", "run.settle=0")
+    scene = drop_scene(restitution, stiffness, *run)
     record = worker.call("worker_calls:drop", {"scene": scene, "speed": 1.0, "step": "default"})
     assert -record[2, -1] == pytest.approx(rebound_speed(restitution), abs=1e-3)
 
