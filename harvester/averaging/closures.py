@@ -15,6 +15,8 @@ from harvester.scene_schema import nearest
 AVERAGED = ("paper", "consistent", "slow_load")  # over orbits: about a second
 CLOSURES = (*AVERAGED, "fokker_planck")
 LEVELS, NODES = 400, 24  # levels of each edge, quadrature nodes on each piece of an orbit
+# Product of what the stoppers take in a turn and of the noise that is kept to the next pass.
+LARGEST_LOSS_WITHIN_MEMORY = 0.03
 COARSE_LEVELS, COARSE_NODES = 200, 16  # the grid that tells the numerical error
 # Largest numerical error that is an answer, as a share of it, unless another is asked for.
 TOLERANCES = {"paper": 1e-3, "consistent": 1e-3, "slow_load": 1e-3, "fokker_planck": 2e-2}
@@ -69,7 +71,9 @@ def average(parameters, closure, tolerance=None):
     if closure == "fokker_planck":
         return fokker_planck(parameters, tolerance)
     if closure == "slow_load":
-        return slow_load(parameters, tolerance)
+        averages = slow_load(parameters, tolerance)
+        _check_memory(averages.validity)
+        return averages
     edges = _edges(parameters, closure)
     means, _ = _solve(parameters, closure, edges, COARSE_LEVELS, COARSE_NODES)
     fine, density = _solve(parameters, closure, edges, LEVELS, NODES)
@@ -99,6 +103,20 @@ def _check(p, closure):
         raise AveragingError(
             f"linear_stiffness={p.linear_stiffness:g} without cubic_stiffness or stoppers does "
             "not confine the motion; give one of them"
+        )
+
+
+def _check_memory(validity):
+    """Refuse stoppers that take much while the noise is still remembered.
+
+    By the closure alone: as a start for `fokker_planck` its density serves there too.
+    """
+    taken, kept = validity["contact_loss_in_a_turn"], validity["noise_kept_to_the_next_pass"]
+    if taken * kept > LARGEST_LOSS_WITHIN_MEMORY:
+        raise AveragingError(
+            f"the stoppers take {taken:.2g} of the mean square velocity in a turn and {kept:.2g} "
+            "of the noise is still there at the next pass of the separatrix, together more than "
+            "averaging bears: use the closure fokker_planck, or simulate"
         )
 
 

@@ -38,8 +38,6 @@ COARSEST = (12, 14, 10)
 NODES = 10
 SCAN_NODES = 16
 DOUBLINGS = 4
-# Product of what the stoppers take in a turn and of the noise that is kept to the next pass.
-LARGEST_LOSS_WITHIN_MEMORY = 0.03
 STEEPEST = 16.0  # fall of the error from grid to grid beyond which none is waited for
 JUDGED = (
     "mean_square_voltage",
@@ -73,8 +71,7 @@ def slow_load(parameters, tolerance):
     Raises
     ------
     AveragingError
-        Motion that nothing confines or damps; the tolerance is not met on the finest grid;
-        stoppers that take much of the energy within the noise's memory.
+        Motion that nothing confines or damps; the tolerance is not met on the finest grid.
 
     Notes
     -----
@@ -127,14 +124,12 @@ def slow_load(parameters, tolerance):
             }
             excess = max(error[name] / (abs(means[name]) or np.inf) for name in JUDGED) / tolerance
             if excess <= 1.0:
-                validity = _validity(p, span, solution, means, totals)
-                _check(validity)
                 return Averages(
                     closure="slow_load",
                     **means,
                     numerical_error=error,
                     density=SlowDensity(p, span, solution.problem, solution.density),
-                    validity=validity,
+                    validity=_validity(p, span, solution, means, totals),
                 )
             if excess > STEEPEST ** (DOUBLINGS - doubling):
                 break
@@ -381,13 +376,3 @@ def _validity(p, span, solution, means, totals):
         "noise_kept_to_the_next_pass": np.exp(-half_turn / p.correlation_time) * jumping,
         "contact_loss_in_a_turn": 2.0 * half_turn * contact,
     }
-
-
-def _check(validity):
-    taken, kept = validity["contact_loss_in_a_turn"], validity["noise_kept_to_the_next_pass"]
-    if taken * kept > LARGEST_LOSS_WITHIN_MEMORY:
-        raise AveragingError(
-            f"the stoppers take {taken:.2g} of the mean square velocity in a turn and {kept:.2g} "
-            "of the noise is still there at the next pass of the separatrix, together more than "
-            "averaging bears: use the closure fokker_planck, or simulate"
-        )
