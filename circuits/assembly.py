@@ -5,7 +5,9 @@ from dataclasses import dataclass
 
 from circuits import compiled_device, elements
 from circuits.checks import check_netlist
-from harvester.parameters import knot_spacing, scale, steps_per_knot, stop_time
+from harvester.device import timescales
+from harvester.parameters import knot_spacing, load_resistance, scale, steps_per_knot, stop_time
+from harvester.realization import start_state
 
 # Steps set from outside: a tight tolerance for Newton, none for the local error (trtol).
 FIXED_STEP = "reltol=1e-10 vntol=1e-11 trtol=1e9"
@@ -72,6 +74,10 @@ class Netlist:
         End of what is of interest (s); the text may run on.
     prefixes : tuple of str
         In front of the nodes' names, one for each copy of the device.
+    terminal : str
+        Node that carries the transducer's terminal voltage.
+    scaled_ampere : float
+        Scaled current of a coil for one ampere at the load's ammeter; 0 for a piezo.
     per_power : float
         Scaled power per watt at the load's ammeter; 0 without one.
     output_resistors, storage : tuple of str
@@ -84,6 +90,8 @@ class Netlist:
     step: float
     stop: float
     prefixes: tuple = ("",)
+    terminal: str = elements.PIEZO
+    scaled_ampere: float = 0.0
     per_power: float = 0.0
     output_resistors: tuple = ()
     storage: tuple = ()
@@ -97,7 +105,7 @@ class Netlist:
 def assemble(
     scene,
     step="default",
-    starts=(True,),
+    starts=None,
     waveform="external",
     options=FIXED_STEP,
     integrator="trapezoidal",
@@ -111,8 +119,9 @@ def assemble(
     scene : Scene
     step : str or float
         See `harvester.parameters.steps_per_knot`.
-    starts : sequence of bool
-        For each copy of the device in the netlist: it starts in the right well, else in the left.
+    starts : sequence of (float, float, float) or None
+        For each copy of the device in the netlist its X, X' and transducer's state, scaled; None:
+        one copy, as the first realization starts.
     waveform : str
         Of the noise source: `external`, or a PWL.
     options : str
@@ -135,82 +144,145 @@ def assemble(
     """
     from PySpice.Spice.Netlist import Circuit, SubCircuit
 
-    p, scales = scale(scene)
-    rate = p.angular_frequency
+    system, scales = scale(scene)
+    rate = timescales.angular_frequency(system)
     length = knot_spacing(scene) / steps_per_knot(scene, step)
-    electrical = _electrical(scene, p, scales)
+    electrical = _electrical(scene, scales)
     circuit = Circuit(f"harvester scene {scene.name}")
-    rests = [elements.number(p.rest if right else -p.rest) for right in starts]
+    starts = [_start(start, rate, scales) for start in starts or [start_state(scene, 0)]]
     load = scene.electrical_load.circuit
 
     def add_device(place, start):
         if scene.excitation.prescribes_displacement:
-            elements.add_prescribed_displacement(place, p, rate, scene.excitation, scales)
-            elements.add_piezo(place, p, rate, electrical)
+            elements.add_prescribed_displacement(
+                place, system, rate, scene.excitation, scales, electrical
+            )
+            _add_transducer(place, system, rate, electrical, start[2])
         else:
             if compiled:
                 compiled_device.add_device(place)
+                elements.add_leak(place, system, electrical)
             else:
-                _add_behavioural(place, p, rate, electrical, length, start)
+                _add_mechanics(place, system, rate, length, start)
+                _add_transducer(place, system, rate, electrical, start[2])
             elements.add_excitation(place, waveform)
         if load:
             elements.add_load(place, load, electrical)
         else:
             elements.add_resistor(place, electrical)
 
-    if len(rests) == 1:
-        add_device(circuit, rests[0])
+    if len(starts) == 1:
+        add_device(circuit, starts[0])
         prefixes = ("",)
     else:
         device = SubCircuit("device", "ground", start=elements.number(0.0))
-        add_device(device, "{start}")
+        add_device(device, ("{start}", *starts[0][1:]))
         circuit.subcircuit(device)
-        for copy, rest in enumerate(rests):
-            circuit.X(f"copy{copy}", "device", circuit.gnd, start=rest)
-        prefixes = tuple(f"xcopy{copy}." for copy in range(len(rests)))
+        for copy, start in enumerate(starts):
+            circuit.X(f"copy{copy}", "device", circuit.gnd, start=start[0])
+        prefixes = tuple(f"xcopy{copy}." for copy in range(len(starts)))
     if compiled:
-        compiled_device.add_model(circuit, p, rate, electrical)
-        compiled_device.add_starts(circuit, zip(prefixes, rests, strict=True))
+        compiled_device.add_model(circuit, system, rate, electrical)
+        compiled_device.add_starts(circuit, zip(prefixes, starts, strict=True))
     text = str(circuit)
     check_netlist(text)
-    measured = ()
+    measured = (electrical.power_factor,) if scene.coil else ()
     if load and load.resistance is None:
         # No step is to follow a stray capacitance's charge or what rings on in an idle coil.
-        charge = elements.STRAY_SHARE * electrical.capacitance * electrical.voltage_scale
+        stray = elements.STRAY_SHARE * electrical.reference_capacitance
+        charge = stray * electrical.voltage_scale
         options += (
             f" chgtol={elements.number(3.0 * charge)} abstol={elements.number(charge * rate)}"
         )
-        measured = (electrical.power_factor(p), load.output_resistors, load.storage)
+        measured = (electrical.power_factor, load.output_resistors, load.storage)
     # The load was vetted when the scene was read.
     text += load.text if load else ""
     stop = stop_time(scene)
     shortest = SHORTEST_RUN * length if waveform == "external" else 0.0
     text += _analysis(length, max(stop, shortest), options, integrator, save)
-    return Netlist(text, rate, electrical.voltage_scale, length, stop, prefixes, *measured)
+    return Netlist(
+        text,
+        rate,
+        electrical.voltage_scale,
+        length,
+        stop,
+        prefixes,
+        electrical.terminal,
+        electrical.scaled_ampere,
+        *measured,
+    )
 
 
-def _add_behavioural(circuit, p, rate, electrical, step, start):
-    """Mechanics and piezo as elements, only those that the scene needs."""
-    elements.add_oscillator(circuit, p, rate, start)
-    if p.cubic_stiffness > 0.0:
-        elements.add_cubic(circuit, p, rate)
-    if p.has_stoppers:
-        elements.add_stoppers(circuit, p, rate)
-        if p.held_impact_velocity and p.damping_factor > 0.0:
-            elements.add_speed_hold(circuit, p, rate, step)
-    elements.add_piezo(circuit, p, rate, electrical)
+def _start(start, rate, scales):
+    """Initial displacement, velocity over rate and terminal volts, as text."""
+    x, v, state = start
+    return tuple(elements.number(value) for value in (x, v / rate, state * scales.voltage))
 
 
-def _electrical(scene, p, scales):
+def _add_mechanics(circuit, system, rate, step, start):
+    """Mass, spring, damper and contacts as elements, only those that the scene needs."""
+    elements.add_oscillator(circuit, system, rate, start)
+    elements.add_nonlinear_spring(circuit, system, rate)
+    elements.add_drag(circuit, system)
+    elements.add_contacts(circuit, system, rate)
+    if elements.holding(system):
+        elements.add_speed_hold(circuit, system, rate, step)
+
+
+def _add_transducer(circuit, system, rate, electrical, start):
+    if electrical.terminal == elements.COIL:
+        elements.add_coil(circuit, rate, electrical)
+    else:
+        elements.add_piezo(circuit, system, rate, electrical, start)
+        elements.add_leak(circuit, system, electrical)
+
+
+def _electrical(scene, scales):
+    """The electrical side: of a coil, of a piezo in SI units, or scaled."""
+    system, _ = scale(scene)
+    resistance = load_resistance(scene)
+    if scene.coil:
+        return _of_coil(scene, scales, system, resistance)
+    coupling = system.transducer.coupling
     if scene.units == "SI":
+        capacitance, volts = scene.piezo.capacitance, scales.voltage
         return elements.Electrical(
+            terminal=elements.PIEZO,
+            resistance=resistance,
+            voltage_scale=volts,
+            power_factor=coupling / (capacitance * volts**2),
+            reference_capacitance=capacitance,
             charge_per_length=scene.piezo.coupling * scales.displacement,
-            capacitance=scene.piezo.capacitance,
-            resistance=scene.electrical_load.resistance,
-            voltage_scale=scales.voltage,
+            capacitance=capacitance,
         )
-    resistance = 1.0 / p.decay_rate if p.decay_rate else None
-    return elements.Electrical(1.0, 1.0, resistance, 1.0)
+    rate = system.transducer.load_rate
+    return elements.Electrical(
+        terminal=elements.PIEZO,
+        resistance=1.0 / rate if rate else None,
+        voltage_scale=1.0,
+        power_factor=coupling,
+        reference_capacitance=1.0,
+        charge_per_length=1.0,
+        capacitance=1.0,
+    )
+
+
+def _of_coil(scene, scales, system, resistance):
+    coil, mass = scene.coil, scene.oscillator.mass
+    impedance = coil.inductance or coil.resistance
+    return elements.Electrical(
+        terminal=elements.COIL,
+        resistance=resistance,
+        voltage_scale=scales.voltage,
+        power_factor=1.0 / scales.power,
+        # One that passes as little as the winding at the motion's own frequency.
+        reference_capacitance=1.0 / (timescales.angular_frequency(system) * coil.resistance),
+        volts_per_speed=coil.coupling * scales.displacement,
+        winding_resistance=coil.resistance,
+        inductance=coil.inductance,
+        acceleration_per_ampere=coil.coupling / (mass * scales.displacement),
+        scaled_ampere=impedance / (coil.coupling * scales.displacement),
+    )
 
 
 def _analysis(step, stop, options, integrator, save):

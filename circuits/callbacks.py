@@ -5,6 +5,8 @@ shared structure. They call back into Python (`service`) only when a buffer is f
 window of noise must move on, some thousand steps apart.
 """
 
+import functools
+
 import numba
 import numpy as np
 from llvmlite import ir
@@ -12,9 +14,10 @@ from numba import carray, cfunc, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from harvester import forces
 from harvester.compilation import compiled
-from harvester.parameters import STEPS_PER_CONTACT, ScaledParameters
+from harvester.device import spring as springs
+from harvester.device import system as systems
+from harvester.parameters import STEPS_PER_CONTACT
 
 # Points held before they are handed on, and knots of the noise held ahead, over all copies.
 POINTS = 4096
@@ -26,7 +29,7 @@ MARGIN = 8
 # Longest name of an element that is looked at, ngspice's prefix included.
 LONGEST_NAME = 64
 # Columns of the buffer, of each copy; those of a netlist as load are 0 without one.
-DISPLACEMENT, VELOCITY, PIEZO, NOISE, HELD, LOAD_CURRENT, OUTPUT, REFERENCE = range(8)
+DISPLACEMENT, VELOCITY, TERMINAL, NOISE, HELD, LOAD_CURRENT, OUTPUT, REFERENCE = range(8)
 COLUMNS = 8
 
 BUFFER_FULL, WINDOW_ENDS = 0, 1
@@ -49,9 +52,11 @@ STATE = np.dtype(
         ("first_knot", np.int64),  # of the window
         ("steps_per_knot", np.int64),  # 0: ngspice chooses its steps
         ("local_error", np.int64),  # ngspice's proposal counts too, within the grid
-        ("parameters", np.float64, (len(ScaledParameters._fields),)),
+        ("system", np.int64),  # address of the numbers of a System, one after another
+        ("free", np.float64, (2,)),  # between which no contact acts
+        ("state_column", np.int64),  # of the transducer's state
+        ("state_scale", np.float64),  # scaled value of one unit in that column
         ("rate", np.float64),
-        ("voltage_scale", np.float64),
     ],
     align=True,
 )
@@ -148,63 +153,101 @@ def get_noise(current, time, name, identity, user):
     return 0
 
 
+@intrinsic
+def _load(typingctx, address, like):
+    """The tuple of floats, nested as the type `like`, whose numbers stand from an address on."""
+    made = like.instance_type
+
+    def generate(context, builder, signature, arguments):
+        pointer = builder.inttoptr(arguments[0], context.get_data_type(made).as_pointer())
+        return context.unpack_value(builder, made, pointer)
+
+    return made(types.int64, like), generate
+
+
+def numbers_of(part):
+    """All numbers of a nested tuple one after another, as `_load` reads them: list of float."""
+    if isinstance(part, tuple):
+        return [number for each in part for number in numbers_of(each)]
+    return [float(part)]
+
+
 @compiled
-def _resolved(state, row, ahead, step):
+def _resolved(state, s, row, ahead, step):
     """Longest step from an accepted point that resolves the contact; `ahead`: the next knot."""
-    q = state.parameters
-    p = ScaledParameters(q[0], q[1], q[2], q[3], q[4], q[5], False, q[7], q[8], q[9], q[10])
     x, v = row[DISPLACEMENT], row[VELOCITY] * state.rate
+    electrical = row[state.state_column] * state.state_scale
     noise, change = row[NOISE] * state.rate**2, (ahead - row[NOISE]) * state.rate**2
-    acceleration = forces.push(p, x, v, row[PIEZO] / state.voltage_scale, noise)
-    stiffness = abs(p.linear_stiffness) + 3.0 * p.cubic_stiffness * x * x + p.coupling
+    acceleration = systems.push(s, x, v, electrical, noise)
+    stiffness = springs.greatest_stiffness(s.spring, x)
+    stiffness += systems.transducer_stiffness(s.transducer, stiffness)
     margin = abs(change) + stiffness * abs(v) * step
-    return forces.resolving_step(p, x, v, acceleration, margin, step, STEPS_PER_CONTACT)
+    low, high = state.free[0], state.free[1]
+    return systems.resolving_step(s, low, high, x, v, acceleration, margin, step, STEPS_PER_CONTACT)
 
 
 @compiled
-def _shortest(state, ahead, step):
+def _shortest(state, s, ahead, step):
     """Longest step that resolves the contacts of every copy; `ahead`: place of the next knot."""
     buffer = carray(_pointer(state.buffer), (state.copies, state.points, COLUMNS), np.float64)
     window = carray(_pointer(state.window), (state.copies, state.knots), np.float64)
     row = (state.count - 1) % state.points
     shortest = step
     for copy in range(state.copies):
-        longest = _resolved(state, buffer[copy, row], window[copy, ahead], step)
+        longest = _resolved(state, s, buffer[copy, row], window[copy, ahead], step)
         shortest = min(shortest, longest)
     return shortest
 
 
-@cfunc(
-    types.int32(
-        types.double,
-        types.CPointer(types.double),
-        types.double,
-        types.int32,
-        types.int32,
-        types.int32,
-        types.CPointer(_STATE),
-    ),
-    cache=True,
-)
-def set_step(time, delta, before, redo, identity, location, user):
-    """`GetSyncData`: the next step ends on the grid, or short of it near a contact.
+@functools.cache
+def step_setter(kind):
+    """The callback that sets the steps of a device.
 
-    Location 0 is the start of a step, after the last point was accepted and sent. Under
-    local-error control ngspice's proposal is taken where it is shorter. After a rejected step
-    (location 1) ngspice's own shorter one stands.
+    Parameters
+    ----------
+    kind : numba type of a `harvester.device.system.System`
+        What parts the device has.
+
+    Returns
+    -------
+    numba CFunc
+        A `GetSyncData`.
     """
-    state = carray(user, 1)[0]
-    if location != 0 or state.steps_per_knot == 0:
+
+    @cfunc(
+        types.int32(
+            types.double,
+            types.CPointer(types.double),
+            types.double,
+            types.int32,
+            types.int32,
+            types.int32,
+            types.CPointer(_STATE),
+        ),
+        cache=True,
+    )
+    def set_step(time, delta, before, redo, identity, location, user):
+        """The next step ends on the grid, or short of it near a contact.
+
+        Location 0 is the start of a step, after the last point was accepted and sent. Under
+        local-error control ngspice's proposal is taken where it is shorter. After a rejected step
+        (location 1) ngspice's own shorter one stands.
+        """
+        state = carray(user, 1)[0]
+        if location != 0 or state.steps_per_knot == 0:
+            return 0
+        step = state.spacing / state.steps_per_knot
+        knot = np.floor(time / state.spacing + 1e-9)
+        index = np.floor((time - knot * state.spacing) / step + 1e-6)
+        remaining = knot * state.spacing + (index + 1.0) * step - time
+        longest = remaining
+        if state.steps > 0:
+            s = _load(state.system, kind)
+            longest = _shortest(state, s, int(knot) - state.first_knot + 1, step)
+        if state.local_error:
+            longest = min(longest, delta[0])
+        pieces = np.ceil(remaining / longest - 1e-6)
+        delta[0] = remaining / max(pieces, 1.0)
         return 0
-    step = state.spacing / state.steps_per_knot
-    knot = np.floor(time / state.spacing + 1e-9)
-    index = np.floor((time - knot * state.spacing) / step + 1e-6)
-    remaining = knot * state.spacing + (index + 1.0) * step - time
-    longest = remaining
-    if state.steps > 0:
-        longest = _shortest(state, int(knot) - state.first_knot + 1, step)
-    if state.local_error:
-        longest = min(longest, delta[0])
-    pieces = np.ceil(remaining / longest - 1e-6)
-    delta[0] = remaining / max(pieces, 1.0)
-    return 0
+
+    return set_step

@@ -1,4 +1,4 @@
-"""The mechanical side as one compiled device: netlists/harvester.va through openvaf-r to OSDI.
+"""The mechanical side as one compiled device: `circuits.verilog` through openvaf-r to OSDI.
 
 Compiled once and kept in the user's cache folder, under a name that holds a digest of what it was
 made from and one of itself: ngspice crashes on a damaged file, so none reaches it.
@@ -12,12 +12,12 @@ import re
 import shutil
 import subprocess
 import tempfile
-from importlib import resources
 from pathlib import Path
 
-from circuits.elements import DISPLACEMENT, PIEZO, VELOCITY, Electrical, number
+from circuits import verilog
+from circuits.elements import DISPLACEMENT, PIEZO, VELOCITY, Electrical, holding, number
+from harvester.device.transducer import Piezo
 from harvester.errors import CompiledDeviceUnavailable
-from harvester.parameters import ScaledParameters
 
 COMPILER = "openvaf-r"
 MODEL = "compiled_harvester"
@@ -25,11 +25,6 @@ MODEL = "compiled_harvester"
 OPTIONS = ("--target_cpu", "generic")
 TIME_LIMIT = 120.0
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
-
-
-def source():
-    """Text of the Verilog-A module."""
-    return resources.files("netlists").joinpath("harvester.va").read_text(encoding="utf-8")
 
 
 def cache_folder():
@@ -60,8 +55,8 @@ def find_compiler():
     return found
 
 
-def compiled_file():
-    """The compiled device, from the cache or compiled now.
+def compiled_file(text):
+    """The compiled device of a Verilog-A text, from the cache or compiled now.
 
     Any number of processes may ask at once: each compiles in a folder of its own and renames.
 
@@ -75,7 +70,7 @@ def compiled_file():
         No compiler, it failed, or the cache folder cannot be written.
     """
     compiler = find_compiler()
-    folder, text = cache_folder(), source()
+    folder = cache_folder()
     key = _digest("\n".join([text, _run(compiler, "--version"), *OPTIONS]).encode())
     try:
         for path in folder.glob(f"{key}-*.osdi"):
@@ -98,12 +93,14 @@ def has_osdi(engine):
     return "no such command" not in _answer(engine, "osdi")
 
 
-def load(engine):
-    """Make the device known to an ngspice, which keeps it until its process ends.
+def load(engine, text):
+    """Make a device known to an ngspice, which keeps it until its process ends.
 
     Parameters
     ----------
     engine : circuits.session.Session
+    text : str
+        Its Verilog-A.
 
     Raises
     ------
@@ -116,7 +113,7 @@ def load(engine):
         raise CompiledDeviceUnavailable(
             f"{name} has no OSDI: ngspice 46 of bookworm-backports has, see NGSPICE_LIBRARY_PATH"
         )
-    path = compiled_file()
+    path = compiled_file(text)
     # ngspice splits its commands at blanks, quoted or not.
     with contextlib.chdir(path.parent):
         trouble = _answer(engine, f"osdi {path.name}")
@@ -129,46 +126,45 @@ def add_device(circuit):
     circuit.raw_spice += f"Nharvester {DISPLACEMENT} {VELOCITY} {PIEZO} {MODEL}\n"
 
 
-def add_model(circuit, p: ScaledParameters, rate, electrical: Electrical):
+def add_model(circuit, system, rate, electrical: Electrical):
     """The `.model` line that all copies of a scene's device share.
 
     Parameters
     ----------
     circuit : PySpice.Spice.Netlist.Circuit
-    p : ScaledParameters
-        With the impact velocity read from the state (`energy`).
+    system : harvester.device.system.System
     rate : float
         ω of the netlist (rad/s).
     electrical : circuits.elements.Electrical
     """
-    values = {
-        "rate": rate,
-        "damping": p.damping,
-        "linear_stiffness": p.linear_stiffness,
-        "cubic_stiffness": p.cubic_stiffness,
-        "coupling": p.coupling / electrical.voltage_scale,
-        "charge": electrical.charge_per_length,
-        "capacitance": electrical.capacitance,
-    }
-    if p.has_stoppers:
-        values["gap"] = p.gap
-        values["contact_stiffness"] = p.contact_stiffness
-        values["damping_factor"] = p.damping_factor
-    settings = " ".join(f"{name}={number(value)}" for name, value in values.items())
-    circuit.raw_spice += f".model {MODEL} harvester {settings}\n"
+    name, _, values = verilog.module(system, rate, electrical)
+    settings = " ".join(f"{key}={number(value)}" for key, value in values.items())
+    circuit.raw_spice += f".model {MODEL} {name} {settings}\n"
 
 
 def add_starts(circuit, starts):
-    """Every copy at rest; `starts` are pairs of its nodes' prefix and its displacement."""
+    """Initial values of every copy: pairs of its nodes' prefix and its three values, as text."""
     for prefix, start in starts:
-        nodes = {DISPLACEMENT: start, VELOCITY: number(0.0), PIEZO: number(0.0)}
+        nodes = dict(zip((DISPLACEMENT, VELOCITY, PIEZO), start, strict=True))
         values = " ".join(f"v({prefix}{node})={value}" for node, value in nodes.items())
         circuit.raw_spice += f".ic {values}\n"
 
 
-def holds(p: ScaledParameters):
-    """Whether the device has what a scene needs: not the impact velocity held from contact."""
-    return not (p.has_stoppers and p.held_impact_velocity and p.damping_factor > 0.0)
+def module_of(system):
+    """Name and Verilog-A text of the module for a device.
+
+    Raises
+    ------
+    CompiledDeviceUnavailable
+        A part has no compiled form.
+    """
+    if holding(system):
+        raise CompiledDeviceUnavailable(
+            'the compiled device has no stoppers.impact_velocity = "event"'
+        )
+    if not isinstance(system.transducer, Piezo):
+        raise CompiledDeviceUnavailable("the compiled device has no coil")
+    return verilog.module(system)[:2]
 
 
 def _compile(compiler, text, work, folder, key):

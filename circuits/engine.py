@@ -10,12 +10,13 @@ from circuits.session import session
 from harvester.batches import MOST_COPIES
 from harvester.errors import CompiledDeviceUnavailable
 from harvester.parameters import scale, steps_per_knot
+from harvester.scene import Scene
 
 
-def prepare():
+def prepare(scene):
     """Load libraries and compiled code, so that they do not count as simulation."""
     importlib.import_module("PySpice.Spice.Netlist")
-    session().prepare()
+    session().prepare(scale(scene)[0])
 
 
 def run_realizations(
@@ -37,8 +38,8 @@ def run_realizations(
     scene : Scene
     paths : sequence of NoisePath
         One for each realization.
-    starts : sequence of bool
-        Start in the right well.
+    starts : sequence of (float, float, float)
+        X, X' and transducer's state of each realization at the beginning, scaled.
     observers : sequence of sequences of objects with `add(record)`
         Those of each realization.
     step : str or float
@@ -66,36 +67,35 @@ def run_realizations(
     ------
     SimulationError, NetlistError, EngineNotFound
     """
-    parameters, _ = scale(scene)
+    system, _ = scale(scene)
     engine = session()
     if source == "pwl":
         from circuits.export import stand_alone
 
         written = copy.deepcopy(paths[0])
         netlist = stand_alone(scene, written, starts[0], step, tolerance, scheme, save=())
-        engine.run(netlist, parameters, paths, observers, 0, outputs=outputs)
+        engine.run(netlist, system, paths, observers, 0, outputs=outputs)
     else:
         options, by_error = step_options(scene, step, tolerance)
-        compiled = _compiled(engine, scene, parameters, device)
+        compiled = _compiled(engine, scene, system, device)
         netlist = assemble(
             scene, step, starts, options=options, integrator=scheme, compiled=compiled
         )
         fixed = steps_per_knot(scene, step)
-        engine.run(netlist, parameters, paths, observers, fixed, by_error, outputs)
+        engine.run(netlist, system, paths, observers, fixed, by_error, outputs)
     return {
         "engine_version": version(engine),
         "netlist_sha256": netlist.sha256,
     }
 
 
-def best_copies(device, report):
+def best_copies(scene, device, report):
     """Copies of the device in one netlist beyond which more are no faster (in a worker)."""
-    engine = session()
-    compiled = device != "behavioural" and not engine.compiled_device_is_off
+    compiled = _compiled(session(), scene, scale(scene)[0], device)
     return MOST_COPIES["compiled" if compiled else "behavioural"]
 
 
-def _compiled(engine, scene, parameters, device):
+def _compiled(engine, scene, system, device):
     """Whether the compiled device is used.
 
     Raises
@@ -105,9 +105,7 @@ def _compiled(engine, scene, parameters, device):
     """
     if device == "behavioural" or scene.excitation.prescribes_displacement:
         return False
-    reason = engine.compiled_device_is_off
-    if not reason and not compiled_device.holds(parameters):
-        reason = 'the compiled device has no stoppers.impact_velocity = "event"'
+    reason = engine.compiled_device_is_off(system)
     if reason and device == "compiled":
         raise CompiledDeviceUnavailable(f"{reason}; or choose device automatic")
     return not reason
@@ -130,5 +128,5 @@ def describe(report):
         "cider": "cider" in text.lower(),
         "osdi": compiled_device.has_osdi(engine),
         "klu": "klu" in text.lower(),
-        "compiled_device_off": engine.compiled_device_is_off,
+        "compiled_device_off": engine.compiled_device_is_off(scale(Scene.load("paper"))[0]),
     }

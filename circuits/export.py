@@ -5,27 +5,29 @@ import dataclasses
 from circuits import elements
 from circuits.assembly import LOAD_TOLERANCE, OWN_TOLERANCE, assemble, own_steps, step_options
 from circuits.ltspice import DIFFERENCES, to_ltspice
+from harvester.device import timescales
 from harvester.errors import NetlistError
 from harvester.parameters import scale
 
 PER_LINE = 4
 FEWEST_STEPS_PER_CONTACT = 10
-SAVED = (
-    f"v({elements.DISPLACEMENT})",
-    f"v({elements.VELOCITY})",
-    f"v({elements.PIEZO})",
-    "@inoise[current]",
-)
+
+
+def saved(scene):
+    """Vectors that an exported netlist keeps: motion, terminal voltage, noise."""
+    terminal = elements.COIL if scene.coil else elements.PIEZO
+    motion = (f"v({elements.DISPLACEMENT})", f"v({elements.VELOCITY})")
+    return (*motion, f"v({terminal})", "@inoise[current]")
 
 
 def stand_alone(
     scene,
     path,
-    right=True,
+    start=None,
     step="default",
     tolerance=None,
     integrator="trapezoidal",
-    save=SAVED,
+    save=None,
 ):
     """Netlist of a scene with the noise as a PWL source and ngspice's own step control.
 
@@ -34,8 +36,8 @@ def stand_alone(
     scene : Scene
     path : NoisePath
         At its beginning; its knots are written out.
-    right : bool
-        Start in the right well.
+    start : (float, float, float) or None
+        X, X' and transducer's state at the beginning, scaled; None: as the first realization.
     step : str or float
         Longest step, see `harvester.parameters.steps_per_knot`.
     tolerance : float or None
@@ -44,8 +46,8 @@ def stand_alone(
     integrator : str
         See `circuits.assembly.assemble`.
     save : sequence of str
-        Vectors to keep, those of the load's output with them; none keeps nothing (for a run that
-        streams).
+        Vectors to keep, those of the load's output with them; empty keeps nothing (for a run that
+        streams), None those of `saved`.
 
     Returns
     -------
@@ -56,7 +58,7 @@ def stand_alone(
     NetlistError
         The longest step does not resolve the contact: ngspice's own control passes over it.
     """
-    netlist, scales, points = _assembled(scene, path, right, step, tolerance, integrator, save)
+    netlist, scales, points = _assembled(scene, path, start, step, tolerance, integrator, save)
     if points is None:
         return dataclasses.replace(netlist, text=_header(netlist.text, scene, netlist, scales))
     lines = [
@@ -77,12 +79,12 @@ def stand_alone(
     return dataclasses.replace(netlist, text=text)
 
 
-def for_ltspice(scene, path, noise_file, right=True, step="default"):
+def for_ltspice(scene, path, noise_file, start=None, step="default"):
     """The same netlist in LTspice's words, with the noise in a file beside it.
 
     Parameters
     ----------
-    scene, path, right, step
+    scene, path, start, step
         See `stand_alone`.
     noise_file : str
         Name of the file of the noise, as the netlist is to call it.
@@ -98,7 +100,7 @@ def for_ltspice(scene, path, noise_file, right=True, step="default"):
     NetlistError
         As `stand_alone`; or an expression that LTspice has no words for.
     """
-    netlist, scales, points = _assembled(scene, path, right, step)
+    netlist, scales, points = _assembled(scene, path, start, step)
     text = netlist.text
     if points is not None:
         source = f"Inoise 0 {elements.VELOCITY} PWL"
@@ -116,31 +118,32 @@ def for_ltspice(scene, path, noise_file, right=True, step="default"):
     return said + to_ltspice(text) + ".end\n", noise
 
 
-def _assembled(scene, path, right, step, tolerance=None, integrator="trapezoidal", save=SAVED):
+def _assembled(scene, path, start, step, tolerance=None, integrator="trapezoidal", save=None):
     """Netlist without the noise's points, scales, and the points "time value"; or None for them."""
-    parameters, scales = scale(scene)
+    system, scales = scale(scene)
     load = scene.electrical_load.circuit
     if load is None or load.linear:
         options = own_steps(tolerance or OWN_TOLERANCE)
     else:
         options, _ = step_options(scene, step, tolerance or LOAD_TOLERANCE)
+    save = saved(scene) if save is None else save
     if save and load and load.has_output:
         save = (*save, f"v({elements.OUTPUT})", f"v({elements.REFERENCE})")
-    netlist = assemble(scene, step, (right,), "PWL", options, integrator, save)
+    netlist = assemble(scene, step, [start] if start else None, "PWL", options, integrator, save)
     if scene.excitation.prescribes_displacement:
         return netlist, scales, None
-    _check_step(parameters, netlist.step)
+    _check_step(timescales.contact_time(system), netlist.step)
     knots = round(netlist.stop / path.spacing) + 1
     values = path.read(knots) / netlist.rate**2
     points = [f"{k * path.spacing!r} {float(value)!r}" for k, value in enumerate(values)]
     return netlist, scales, points
 
 
-def _check_step(parameters, step):
-    largest = parameters.contact_time / FEWEST_STEPS_PER_CONTACT
+def _check_step(contact_time, step):
+    largest = contact_time / FEWEST_STEPS_PER_CONTACT
     if step > largest:
         raise NetlistError(
-            f"step {step:.3g} s does not resolve a contact of {parameters.contact_time:.3g} s at "
+            f"step {step:.3g} s does not resolve a contact of {contact_time:.3g} s at "
             "the rms speed, and ngspice's own steps pass over it: choose --step "
             f"{largest:.2g} or less"
         )
@@ -163,7 +166,7 @@ def _reading(scene, netlist, scales):
     return [
         f"v(displacement): X in units of {scales.displacement:g} {'m' if si else '(scaled)'}",
         f"v(velocity): X' over {netlist.rate!r} per second",
-        f"v(piezo): terminal voltage, {'volts' if si else 'scaled'}",
+        f"v({netlist.terminal}): terminal voltage, {'volts' if si else 'scaled'}",
     ]
 
 

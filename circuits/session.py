@@ -5,26 +5,27 @@ abort or hang. PySpice loads the library and sends the commands; its callbacks a
 the compiled ones of `circuits.callbacks`.
 """
 
-import functools
 import os
 import re
 import sys
 
+import numba
 import numpy as np
 from PySpice.Spice.NgSpice.Shared import NgSpiceCommandError, NgSpiceShared, ffi
 
 from circuits import callbacks, compiled_device, elements
 from circuits.library import find_library
 from harvester.compilation import compiled
+from harvester.device import system as systems
+from harvester.device import timescales
 from harvester.errors import CompiledDeviceUnavailable, SimulatorAborted, SolutionDiverged
-from harvester.parameters import ScaledParameters
 from harvester.record import empty_record, fill, part
 
 # ngspice's name of each column of the buffer, behind the copy's prefix.
 NODES = (
     elements.DISPLACEMENT,
     elements.VELOCITY,
-    elements.PIEZO,
+    "",  # the transducer's terminal, as the netlist calls it
     elements.NOISE,
     elements.HELD,
     elements.LOAD_CURRENT,
@@ -58,26 +59,25 @@ def session():
 
 
 @compiled
-def _convert(p, times, nodes, record, rate, square_rate, per_volt, per_power):
+def _convert(s, free, times, nodes, record, rate, square_rate, per_volt, per_ampere, per_power):
     """Times, shape (n,), and node values, shape (n, COLUMNS), to a record in scaled units.
 
-    `per_power` is 0 where the load is the built-in resistor, whose power `fill` knows.
+    `free` are the displacements between which no contact acts. `per_power` is 0 where no ammeter
+    measures the load's current: the power of a resistor on a piezo follows from the voltage.
     """
     for row in range(times.size):
-        fill(
-            p,
-            record,
-            row,
-            times[row],
-            nodes[row, callbacks.DISPLACEMENT],
-            nodes[row, callbacks.VELOCITY] * rate,
-            nodes[row, callbacks.PIEZO] * per_volt,
-            nodes[row, callbacks.NOISE] * square_rate,
-            nodes[row, callbacks.HELD] * rate,
-        )
+        x, v = nodes[row, callbacks.DISPLACEMENT], nodes[row, callbacks.VELOCITY] * rate
+        voltage, noise = nodes[row, callbacks.TERMINAL] * per_volt, nodes[row, callbacks.NOISE]
+        held = nodes[row, callbacks.HELD] * rate
+        loss = systems.loss_power(s, x, v, held, x < free[0] or x > free[1])
+        current = nodes[row, callbacks.LOAD_CURRENT]
+        own = systems.own_loss(s.transducer, voltage, current * per_ampere)
         if per_power > 0.0:
-            volts, current = nodes[row, callbacks.PIEZO], nodes[row, callbacks.LOAD_CURRENT]
-            record.load_power[row] = volts * current * per_power
+            power = nodes[row, callbacks.TERMINAL] * current * per_power
+        else:
+            power = systems.load_power(s.transducer, v, voltage)
+        put_in = noise * square_rate * v
+        fill(record, row, times[row], x, v, voltage, power, put_in, loss, own)
 
 
 class Session(NgSpiceShared):
@@ -86,6 +86,7 @@ class Session(NgSpiceShared):
     def _init_ngspice(self, send_data):
         self.state = np.zeros(1, dtype=callbacks.STATE)
         self.messages = []
+        self._compiled_devices = {}
         self._service = None
         self._keep = [
             ffi.callback("int (char *, int, void *)", self._receive_message),
@@ -98,13 +99,6 @@ class Session(NgSpiceShared):
         user = ffi.cast("void *", self.state.ctypes.data)
         self._ngspice_shared.ngSpice_Init(*self._keep, user)
         self._identity = ffi.new("int *", 0)
-        self._ngspice_shared.ngSpice_Init_Sync(
-            ffi.NULL,
-            ffi.cast("GetISRCData *", callbacks.get_noise.address),
-            ffi.cast("GetSyncData *", callbacks.set_step.address),
-            self._identity,
-            user,
-        )
         service = ffi.callback("int (int)", self._serve)
         self._keep.append(service)
         self.state["service"] = int(ffi.cast("intptr_t", service))
@@ -114,30 +108,41 @@ class Session(NgSpiceShared):
         self.exec_command("set no_mem_check")
         self.exec_command("set num_threads=1")
 
-    @functools.cached_property
-    def compiled_device_is_off(self):
-        """Why there is no compiled device; empty where it is loaded."""
+    def compiled_device_is_off(self, system):
+        """Why there is no compiled device with these parts; empty where it is loaded.
+
+        Parameters
+        ----------
+        system : harvester.device.system.System
+        """
         try:
-            compiled_device.load(self)
+            name, text = compiled_device.module_of(system)
         except CompiledDeviceUnavailable as reason:
             return str(reason)
-        return ""
+        if name not in self._compiled_devices:
+            try:
+                compiled_device.load(self, text)
+                self._compiled_devices[name] = ""
+            except CompiledDeviceUnavailable as reason:
+                self._compiled_devices[name] = str(reason)
+        return self._compiled_devices[name]
 
-    def prepare(self):
-        """Load the compiled code that the first point would wait for."""
-        nothing = ScaledParameters(*[1.0] * 6, False, *[1.0] * 4)
+    def prepare(self, system):
+        """Load the compiled code that the first point of this device would wait for."""
         nodes = np.zeros((0, callbacks.COLUMNS))
-        _convert(nothing, np.zeros(0), nodes, empty_record(0), 1.0, 1.0, 1.0, 0.0)
+        factors = [1.0] * 5
+        _convert(system, np.zeros(2), np.zeros(0), nodes, empty_record(0), *factors)
+        callbacks.step_setter(numba.typeof(system))
 
     def run(
-        self, netlist, parameters, paths, observers, steps_per_knot, local_error=False, outputs=None
+        self, netlist, system, paths, observers, steps_per_knot, local_error=False, outputs=None
     ):
         """Run one transient and hand its records to the observers.
 
         Parameters
         ----------
         netlist : circuits.assembly.Netlist
-        parameters : ScaledParameters
+        system : harvester.device.system.System
         paths : sequence of NoisePath
             One for each copy of the device in the netlist.
         observers : sequence of sequences of objects with `add(record)`
@@ -158,7 +163,7 @@ class Session(NgSpiceShared):
         ------
         SimulatorAborted, SolutionDiverged
         """
-        self._begin(netlist, parameters, paths, observers, steps_per_knot)
+        self._begin(netlist, system, paths, observers, steps_per_knot)
         self._outputs = outputs
         self.state["local_error"] = local_error
         try:
@@ -177,9 +182,9 @@ class Session(NgSpiceShared):
                     continue
         return int(self.state["steps"][0])
 
-    def _begin(self, netlist, parameters, paths, observers, steps_per_knot):
+    def _begin(self, netlist, system, paths, observers, steps_per_knot):
         self.messages = []
-        self._netlist, self._parameters = netlist, parameters
+        self._netlist, self._system = netlist, system
         self._paths, self._observers = paths, observers
         self._time_reached = 0.0
         self._finite = True
@@ -198,9 +203,21 @@ class Session(NgSpiceShared):
         state["count"] = state["steps"] = state["first_knot"] = 0
         state["spacing"] = paths[0].spacing
         state["steps_per_knot"] = steps_per_knot
-        state["parameters"][:] = parameters
+        self._numbers = np.array(callbacks.numbers_of(system))
+        self._free = np.array(timescales.free_zone(system))
+        state["system"] = self._numbers.ctypes.data
+        state["free"][:] = self._free
+        coil = netlist.scaled_ampere > 0.0
+        state["state_column"] = callbacks.LOAD_CURRENT if coil else callbacks.TERMINAL
+        state["state_scale"] = netlist.scaled_ampere if coil else 1.0 / netlist.voltage_scale
         state["rate"] = netlist.rate
-        state["voltage_scale"] = netlist.voltage_scale
+        self._ngspice_shared.ngSpice_Init_Sync(
+            ffi.NULL,
+            ffi.cast("GetISRCData *", callbacks.get_noise.address),
+            ffi.cast("GetSyncData *", callbacks.step_setter(numba.typeof(system)).address),
+            self._identity,
+            ffi.cast("void *", self.state.ctypes.data),
+        )
         self._service = (self._flush, self._move_window)
 
     def _serve(self, reason):
@@ -231,10 +248,11 @@ class Session(NgSpiceShared):
         self._time_reached = float(times[-1])
         netlist = self._netlist
         rate = netlist.rate
-        units = (rate, rate * rate, 1.0 / netlist.voltage_scale, netlist.per_power)
+        per_volt = 1.0 / netlist.voltage_scale
+        units = (rate, rate * rate, per_volt, netlist.scaled_ampere, netlist.per_power)
         chunk = part(self._record, 0, count - start)
         for place, (copy, observers) in enumerate(zip(nodes, self._observers, strict=True)):
-            _convert(self._parameters, times[start:], copy[start:], self._record, *units)
+            _convert(self._system, self._free, times[start:], copy[start:], self._record, *units)
             for observer in observers:
                 observer.add(chunk)
             if self._outputs is not None:
@@ -321,7 +339,10 @@ class Session(NgSpiceShared):
         self.state["time_vector"] = place["time"]
         for copy, prefix in enumerate(self._netlist.prefixes):
             for column, node in enumerate(NODES):
-                self._vectors[copy, column] = place.get(prefix + node, -1)
+                name = prefix + (node or self._netlist.terminal)
+                if prefix and node == elements.LOAD_CURRENT:
+                    name = f"v.{name}"
+                self._vectors[copy, column] = place.get(name, -1)
         return 0
 
     def _exited(self, status, immediate, quit_requested, identity, user):

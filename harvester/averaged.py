@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from harvester.averaging import average as average_parameters
+from harvester.averaging.symmetric import symmetric_device
+from harvester.device import timescales
 from harvester.errors import AveragingError
 from harvester.estimators import Density, Estimate, root
 from harvester.excitation import OrnsteinUhlenbeck, RecordedMotion
@@ -95,7 +97,8 @@ def average(scene, closure="slow_load", tolerance=None, fit=False):
     refusal = noise.excitation.averaging_refusal()
     if refusal:
         raise AveragingError(f'excitation.kind = "{scene.excitation.kind}": {refusal}')
-    parameters, scales = scale(noise)
+    system, scales = scale(noise)
+    parameters = symmetric_device(system)
     averages = average_parameters(parameters, closure, tolerance)
     quantities = estimates_of(averages)
     quantities["rms_voltage"] = root(quantities["mean_square_voltage"])
@@ -142,7 +145,9 @@ def _fitted(scene):
             f'excitation.kind = "{scene.excitation.kind}": only a record is fitted (--fit)'
         )
     parameters, scales = scale(scene)
-    found = fit_spectrum(scene.excitation, parameters.angular_frequency / (2.0 * math.pi))
+    found = fit_spectrum(
+        scene.excitation, timescales.angular_frequency(parameters) / (2.0 * math.pi)
+    )
     noise = OrnsteinUhlenbeck(found.intensity, found.correlation_time)
     # The length unit stays the one of the scene.
     length = scales.displacement if scene.units == "SI" else None

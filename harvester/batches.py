@@ -1,5 +1,6 @@
 """How many realizations the circuit engine takes side by side in one netlist."""
 
+from harvester.device import timescales
 from harvester.parameters import STEPS_PER_CONTACT, knot_spacing, scale, steps_per_knot
 
 # More copies in one netlist are no faster, as `work-precision` measures: behavioural elements soon
@@ -41,6 +42,6 @@ def copies(
 
 def _contacts_shorten_steps(scene, step):
     """Whether the longest step does not resolve a contact at the rms speed."""
-    p, _ = scale(scene)
+    system, _ = scale(scene)
     longest = knot_spacing(scene) / steps_per_knot(scene, step)
-    return p.contact_time < STEPS_PER_CONTACT * longest
+    return timescales.contact_time(system) < STEPS_PER_CONTACT * longest

@@ -7,6 +7,7 @@ import numpy as np
 
 from harvester.averaged import average
 from harvester.averaging import CLOSURES
+from harvester.device import timescales
 from harvester.errors import AveragingError
 from harvester.estimators import paired_difference
 from harvester.output import finite
@@ -167,7 +168,7 @@ def validate(scene, *, step="default", workers=None, time_limit=3600.0, progress
     HarvesterError, SimulationError
     """
     parameters, _ = scale(scene)
-    shown = SHOWN_PERIODS * 2.0 * math.pi / parameters.angular_frequency
+    shown = SHOWN_PERIODS * 2.0 * math.pi / timescales.angular_frequency(parameters)
     closures, refused = {}, {}
     for closure in CLOSURES:
         try:

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harvester import forces
-from harvester.moments import HISTOGRAMS, PRODUCTS, QUANTITIES
+from harvester.device import system, timescales
+from harvester.moments import HISTOGRAMS, PRODUCTS, QUANTITIES, WELLS
 
 # Fewest batches that give a standard error (good to about 1/√(2·16) = 18 % of itself), and the
 # correlation between neighbours up to which its first-order correction is trusted.
@@ -34,6 +34,7 @@ MEANS = {
     "mean_loss_power": ("loss_power", "power"),
     "well_crossing_rate": ("well_crossings", "rate"),
     "impact_rate": ("impacts", "rate"),
+    "mean_transducer_loss": ("transducer_loss", "power"),
 }
 
 TOO_SHORT = "too short for an error bar: raise run.duration or run.realizations"
@@ -153,7 +154,7 @@ def estimate_all(moments, parameters, error_of=standard_error):
     ----------
     moments : sequence of harvester.moments.Moments
         One per realization; batches that were not completed are left out.
-    parameters : harvester.parameters.ScaledParameters
+    parameters : harvester.device.system.System
     error_of : callable
         `standard_error`, or `standard_error_of_drift`.
 
@@ -177,10 +178,17 @@ def estimate_all(moments, parameters, error_of=standard_error):
     }
     estimates["rms_voltage"] = root(estimates["mean_square_voltage"])
     estimates.update(_efficiencies(series, products, error_of))
-    if parameters.linear_stiffness >= 0.0:
+    if not timescales.bistable(parameters):
         del estimates["well_crossing_rate"]
-    if not parameters.has_stoppers:
+    if not parameters.contacts:
         del estimates["impact_rate"]
+    if not parameters.lossy_transducer:
+        del estimates["mean_transducer_loss"]
+    for well in range(batches.shape[2] - WELLS):
+        time_in_well = {"time_in_well": batches[:, :, WELLS + well], "time": series["time"]}
+        estimates[f"share_of_time_in_well_{well + 1}"] = _mean(
+            time_in_well, {}, "time_in_well", "1", error_of
+        )
     return estimates
 
 
@@ -274,8 +282,8 @@ def energy_balance_residual(moments, parameters):
         put_in += total[QUANTITIES.index("input_power")]
         load += total[QUANTITIES.index("load_power")]
         loss += total[QUANTITIES.index("loss_power")]
-        stored += forces.stored_energy(parameters, *m.last[1:4])
-        stored -= forces.stored_energy(parameters, *m.first[1:4])
+        for sign, point in ((1.0, m.last), (-1.0, m.first)):
+            stored += sign * system.stored_energy(parameters, *point[1:4], point[7])
     scale = max(abs(put_in), load + loss)
     return float((put_in - load - loss - stored) / scale) if scale > 0.0 else math.nan
 

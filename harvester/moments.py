@@ -23,7 +23,10 @@ QUANTITIES = (
     "loss_power",
     "well_crossings",
     "impacts",
+    "transducer_loss",
 )
+# Behind them, where they tell more than symmetry does: the time in each well, from the left.
+WELLS = len(QUANTITIES)
 # Rows of `Moments.products`: time integrals of products, for variances within a run.
 PRODUCTS = {
     ("square_voltage", "square_voltage"): 0,
@@ -48,9 +51,11 @@ class Moments:
     ----------
     start, batch_length : float
         Beginning of the first batch and length of each (s).
-    gap : float
-        Distance of the stoppers, to count impacts.
-    integrals : ndarray, shape (batches, len(QUANTITIES))
+    free : (float, float)
+        Displacements between which no contact acts, to count impacts.
+    saddles : ndarray of float
+        Displacements that part the wells, ascending, to count crossings.
+    integrals : ndarray, shape (batches, len(QUANTITIES) or more)
     products : ndarray, shape (len(PRODUCTS),)
     histograms : ndarray, shape (groups, 3, BINS)
         Samples in each bin of displacement, velocity, voltage; bins symmetric about 0.
@@ -59,7 +64,7 @@ class Moments:
         own points crowd where contact begins.
     bin_widths : ndarray, shape (3,)
         Powers of two, doubled whenever a value falls outside.
-    first, last : ndarray, shape (7,)
+    first, last : ndarray, shape (8,)
         The first measured and the latest point, in `Record`'s order.
     points : int
         Accepted points, those before `start` included.
@@ -69,7 +74,8 @@ class Moments:
 
     start: float
     batch_length: float
-    gap: float
+    free: tuple
+    saddles: np.ndarray
     sample_interval: float
     integrals: np.ndarray
     products: np.ndarray
@@ -81,15 +87,21 @@ class Moments:
     output: OutputMoments | None = None
 
     @classmethod
-    def empty(cls, start, stop, gap, batches, groups, sample_interval):
-        """Nothing accumulated yet, for the time from `start` to `stop` (s)."""
+    def empty(cls, start, stop, free, saddles, shares, batches, groups, sample_interval):
+        """Nothing accumulated yet, for the time from `start` to `stop` (s).
+
+        `shares` says whether the time in each well is wanted.
+        """
+        saddles = np.sort(np.asarray(saddles, dtype=float))
+        rows = WELLS + (len(saddles) + 1 if shares else 0)
         columns = len(Record._fields)
         return cls(
             start=start,
             batch_length=(stop - start) / batches,
-            gap=gap,
+            free=free,
+            saddles=saddles,
             sample_interval=sample_interval,
-            integrals=np.zeros((batches, len(QUANTITIES))),
+            integrals=np.zeros((batches, rows)),
             products=np.zeros(len(PRODUCTS)),
             histograms=np.zeros((groups, len(HISTOGRAMS), BINS)),
             bin_widths=np.full(len(HISTOGRAMS), FINEST_BIN),
@@ -120,7 +132,13 @@ class Moments:
         if np.isnan(self.first[0]):
             self.first = points[:, 0].copy()
         _add_integrals(
-            points, self.start, self.batch_length, self.gap, self.integrals, self.products
+            points,
+            self.start,
+            self.batch_length,
+            *self.free,
+            self.saddles,
+            self.integrals,
+            self.products,
         )
         _add_samples(
             points,
@@ -135,13 +153,13 @@ class Moments:
 def prepare():
     """Load the compiled code, so that it does not count as simulation."""
     points = np.zeros(2)
-    Moments.empty(0.0, 1.0, 1.0, 1, 1, 1.0).add(
+    Moments.empty(0.0, 1.0, (-1.0, 1.0), (), False, 1, 1, 1.0).add(
         Record(np.array([0.0, 1.0]), *[points] * (len(Record._fields) - 1))
     )
 
 
 @summing
-def _add_integrals(points, start, batch_length, gap, integrals, products):
+def _add_integrals(points, start, batch_length, low, high, saddles, integrals, products):
     """Trapezoidal integrals of every interval; each belongs to the batch of its middle."""
     batches = integrals.shape[0]
     time, x = points[0], points[1]
@@ -155,9 +173,35 @@ def _add_integrals(points, start, batch_length, gap, integrals, products):
             end += 1
         _add_stretch(points, begin, end, integrals[batch], products)
         for i in range(begin, end):
-            integrals[batch, 7] += x[i] * x[i + 1] < 0.0
-            integrals[batch, 8] += (abs(x[i]) <= gap) & (abs(x[i + 1]) > gap)
+            outside = (x[i + 1] > high) | (x[i + 1] < low)
+            integrals[batch, 8] += outside & (low <= x[i]) & (x[i] <= high)
+        for saddle in saddles:
+            for i in range(begin, end):
+                integrals[batch, 7] += (x[i] - saddle) * (x[i + 1] - saddle) < 0.0
+        _add_loss(points, begin, end, integrals[batch])
+        if integrals.shape[1] > WELLS:
+            _add_wells(points, begin, end, saddles, integrals[batch])
         begin = end
+
+
+@summing
+def _add_loss(points, begin, end, integrals):
+    """Add the transducer's loss, trapezoidal, to one batch."""
+    time, loss = points[0], points[7]
+    total = 0.0
+    for i in range(begin, end):
+        total += 0.5 * (time[i + 1] - time[i]) * (loss[i] + loss[i + 1])
+    integrals[9] += total
+
+
+@summing
+def _add_wells(points, begin, end, saddles, integrals):
+    """Add the time in each well, from the left, to one batch."""
+    time, x = points[0], points[1]
+    for i in range(begin, end):
+        half = 0.5 * (time[i + 1] - time[i])
+        integrals[WELLS + np.searchsorted(saddles, x[i])] += half
+        integrals[WELLS + np.searchsorted(saddles, x[i + 1])] += half
 
 
 @summing

@@ -1,8 +1,8 @@
 """Monte Carlo reference: Runge–Kutta of fourth order on the given noise path, no circuit.
 
-Steps land on the noise's knots and on the moments at which contact begins and ends, so that
+Steps land on the noise's knots and on the moments at which a contact begins or ends, so that
 the scheme keeps its order where the force is smooth; in contact the step resolves the contact
-time. One order remains at the first step of a contact, where the force starts as s^1.5.
+time. One order remains at the first step of a contact, where the force starts as d^1.5.
 
 Heun's scheme of second order takes the same steps; it is there for work-precision diagrams.
 """
@@ -10,16 +10,10 @@ Heun's scheme of second order takes the same steps; it is there for work-precisi
 import numba
 import numpy as np
 
-from harvester import forces
 from harvester.compilation import compiled
+from harvester.device import contact, system
 from harvester.errors import SolutionDiverged
-from harvester.parameters import (
-    STEPS_PER_CONTACT,
-    ScaledParameters,
-    scale,
-    steps_per_knot,
-    stop_time,
-)
+from harvester.parameters import STEPS_PER_CONTACT, scale, steps_per_knot, stop_time
 from harvester.record import empty_record, fill, part
 
 CHUNK = 4096
@@ -29,16 +23,16 @@ LARGEST_DECAY = 1.0
 SCHEMES = {"runge-kutta": "Runge-Kutta 4", "heun": "Heun 2"}
 
 # Places in the state vector.
-TIME, DISPLACEMENT, VELOCITY, VOLTAGE, HELD_SPEED, IN_CONTACT, PHASE = range(7)
-
-_NOTHING = ScaledParameters(1.0, 1.0, 0.0, np.inf, 0.0, 1.0, False, 0.0, 1.0, 1.0, 1.0)
+TIME, DISPLACEMENT, VELOCITY, TRANSDUCER, HELD_SPEED, ZONE, PHASE = range(7)
 
 
-def prepare():
-    """Load the compiled code, so that it does not count as simulation."""
+def prepare(scene):
+    """Load the compiled code for a scene's parts, so that it does not count as simulation."""
+    s, _ = scale(scene)
     record = empty_record(1)
-    state = initial_state(_NOTHING, True)
-    _advance(_NOTHING, np.zeros(2), 0, 0, 0, 1.0, 1, None, state, record)
+    state = initial_state(s, (0.0, 0.0, 0.0))
+    edges = np.array(contact.edges(s.contacts))
+    _advance(s, edges, np.zeros(2), 0, 0, 0, 1.0, 1, None, state, record)
 
 
 def run_realizations(
@@ -58,11 +52,11 @@ def run_realizations(
     ------
     SolutionDiverged
     """
-    p, _ = scale(scene)
+    s, _ = scale(scene)
     fixed = steps_per_knot(scene, step, "monte-carlo")
-    for path, right, watching in zip(paths, starts, observers, strict=True):
-        state = initial_state(p, right)
-        for record in integrate(p, path, state, stop_time(scene), fixed, scheme):
+    for path, start, watching in zip(paths, starts, observers, strict=True):
+        state = initial_state(s, start)
+        for record in integrate(s, path, state, stop_time(scene), fixed, scheme):
             if not np.isfinite(state).all():
                 raise SolutionDiverged(
                     f"Monte Carlo left the finite numbers before t = {state[TIME]:g}; "
@@ -76,20 +70,30 @@ def run_realizations(
     }
 
 
-def initial_state(p, right):
-    """At rest in one well, without voltage: float64 of shape (7,)."""
+def initial_state(s, start):
+    """The state of the integrator at the beginning: float64 of shape (7,).
+
+    Parameters
+    ----------
+    s : harvester.device.system.System
+    start : (float, float, float)
+        X, X' and the transducer's state, scaled.
+    """
     state = np.zeros(7)
-    state[DISPLACEMENT] = p.rest if right else -p.rest
-    state[IN_CONTACT] = abs(state[DISPLACEMENT]) > p.gap
+    state[DISPLACEMENT], state[VELOCITY], state[TRANSDUCER] = start
+    state[HELD_SPEED] = abs(state[VELOCITY])
+    inner = contact.edges(s.contacts)[1:-1]
+    x = state[DISPLACEMENT]
+    state[ZONE] = sum(x > edge if edge > 0.0 else x >= edge for edge in inner)
     return state
 
 
-def integrate(p, path, state, stop, steps_per_knot=1, scheme="runge-kutta"):
+def integrate(s, path, state, stop, steps_per_knot=1, scheme="runge-kutta"):
     """Integrate Eq. 4 along a noise path.
 
     Parameters
     ----------
-    p : ScaledParameters
+    s : harvester.device.system.System
     path : harvester.excitation.NoisePath
     state : ndarray, shape (7,)
         From `initial_state`; changed in place.
@@ -106,6 +110,7 @@ def integrate(p, path, state, stop, steps_per_knot=1, scheme="runge-kutta"):
         Chunks of accepted points in order, without the initial one; overwritten by the next.
     """
     knots = int(np.ceil(stop / path.spacing - 1e-9))
+    edges = np.array(contact.edges(s.contacts))
     heun = True if scheme == "heun" else None
     record = empty_record(CHUNK)
     block = np.empty(CHUNK + 1)
@@ -117,7 +122,17 @@ def integrate(p, path, state, stop, steps_per_knot=1, scheme="runge-kutta"):
         segment = 0
         while segment < count:
             segment, points = _advance(
-                p, block, segment, count, done, path.spacing, steps_per_knot, heun, state, record
+                s,
+                edges,
+                block,
+                segment,
+                count,
+                done,
+                path.spacing,
+                steps_per_knot,
+                heun,
+                state,
+                record,
             )
             yield part(record, 0, points)
         block[0] = block[count]
@@ -125,16 +140,22 @@ def integrate(p, path, state, stop, steps_per_knot=1, scheme="runge-kutta"):
 
 
 @compiled
-def _advance(p, block, segment, count, first_knot, spacing, steps_per_knot, heun, state, record):
+def _advance(
+    s, edges, block, segment, count, first_knot, spacing, steps_per_knot, heun, state, record
+):
     """Fill the record from `segment` on; returns the segment reached and the points written.
 
-    The state's phase is the time since the segment's first knot.
+    `edges` are those of the zones. The state's phase is the time since the segment's first knot.
     """
     step = spacing / steps_per_knot
     points = 0
     capacity = record.time.size
-    x, v, voltage = state[DISPLACEMENT], state[VELOCITY], state[VOLTAGE]
-    held, touching, phase = state[HELD_SPEED], state[IN_CONTACT] != 0.0, state[PHASE]
+    x, v, voltage = state[DISPLACEMENT], state[VELOCITY], state[TRANSDUCER]
+    held, zone, phase = state[HELD_SPEED], int(state[ZONE]), state[PHASE]
+    low, high = edges[zone], edges[zone + 1]
+    touching = not low < 0.0 < high
+    free = np.searchsorted(edges, 0.0)
+    left, right = edges[free - 1], edges[free]
     while segment < count and points < capacity:
         slope = (block[segment + 1] - block[segment]) / spacing
         noise = block[segment] + slope * phase
@@ -145,16 +166,22 @@ def _advance(p, block, segment, count, first_knot, spacing, steps_per_knot, heun
         x1, v1, voltage1 = x, v, voltage
         smooth = not touching
         if smooth:
-            x1, v1, voltage1 = _step(heun, p, False, 0.0, x, v, voltage, noise, slope, length)
-            smooth = abs(x1) <= p.gap and not (
-                v * v1 < 0.0 and _overshoots(p.gap, x, v, x1, v1, length)
+            x1, v1, voltage1 = _step(
+                heun, s, False, low, high, 0.0, x, v, voltage, noise, slope, length
+            )
+            smooth = low <= x1 <= high and not (
+                v * v1 < 0.0 and _overshoots(low, high, x, v, x1, v1, length)
             )
         if smooth:
             x, v, voltage, phase = x1, v1, voltage1, end
         else:
-            piece, touching, held, x, v, voltage = _contact_piece(
-                heun, p, touching, held, x, v, voltage, noise, slope, length
+            piece, entered, held, x, v, voltage = _contact_piece(
+                heun, s, touching, low, high, held, x, v, voltage, noise, slope, length
             )
+            if entered != 0:
+                zone += entered
+                low, high = edges[zone], edges[zone + 1]
+                touching = not low < 0.0 < high
             phase = end if piece >= length else phase + piece
         noise = block[segment] + slope * phase
         if phase > spacing * (1.0 - 1e-9):
@@ -162,92 +189,109 @@ def _advance(p, block, segment, count, first_knot, spacing, steps_per_knot, heun
             segment += 1
             noise = block[segment]
         time = (first_knot + segment) * spacing + phase
-        fill(p, record, points, time, x, v, voltage, noise, held)
+        loss = system.loss_power(s, x, v, held, x < left or x > right)
+        terminal = system.terminal_voltage(s.transducer, v, voltage)
+        own = system.own_loss(s.transducer, terminal, system.own_current(s.transducer, v, voltage))
+        power = system.load_power(s.transducer, v, voltage)
+        fill(record, points, time, x, v, terminal, power, noise * v, loss, own)
         points += 1
     state[TIME] = (first_knot + segment) * spacing + phase
-    state[DISPLACEMENT], state[VELOCITY], state[VOLTAGE] = x, v, voltage
-    state[HELD_SPEED], state[IN_CONTACT], state[PHASE] = held, 1.0 * touching, phase
+    state[DISPLACEMENT], state[VELOCITY], state[TRANSDUCER] = x, v, voltage
+    state[HELD_SPEED], state[ZONE], state[PHASE] = held, zone, phase
     return segment, points
 
 
 @compiled
-def _contact_piece(heun, p, touching, held, x, v, voltage, noise, slope, longest):
-    """A step within a contact, or up to its beginning or its end.
+def _contact_piece(heun, s, touching, low, high, held, x, v, voltage, noise, slope, longest):
+    """A step within a zone, or up to its edge, `low` or `high`.
 
-    Returns its length, whether the mass then touches, the held speed and the new state.
+    Returns its length, by how many zones the mass has moved (−1, 0, 1), the held speed and the
+    new state.
     """
     length = longest
     if touching:
         # A mass at rest on the stopper is pressed in by what else acts.
-        speed = abs(v) + abs(forces.push(p, x, v, voltage, noise)) * longest
-        length = forces.contact_step(p, x, speed, longest, STEPS_PER_CONTACT)
-    x1, v1, voltage1 = _step(heun, p, touching, held, x, v, voltage, noise, slope, length)
-    if not touching or abs(x1) <= p.gap:
-        length = _crossing(p.gap, touching, x, v, x1, v1, length)
-        x1, v1, voltage1 = _step(heun, p, touching, held, x, v, voltage, noise, slope, length)
-        touching = not touching
-        if touching:
+        speed = abs(v) + abs(system.push(s, x, v, voltage, noise)) * longest
+        length = contact.step(s.contacts, x, speed * speed, longest, STEPS_PER_CONTACT)
+    x1, v1, voltage1 = _step(
+        heun, s, touching, low, high, held, x, v, voltage, noise, slope, length
+    )
+    entered = 0
+    if x1 > high or x1 < low:
+        entered = 1 if x1 > high else -1
+    elif v * v1 < 0.0 and _overshoots(low, high, x, v, x1, v1, length):
+        entered = 1 if v > 0.0 else -1
+    if entered != 0:
+        edge = high if entered == 1 else low
+        length = _crossing(edge, entered, x, v, x1, v1, length)
+        x1, v1, voltage1 = _step(
+            heun, s, touching, low, high, held, x, v, voltage, noise, slope, length
+        )
+        if not touching:
             held = abs(v1)
-    return length, touching, held, x1, v1, voltage1
+    return length, entered, held, x1, v1, voltage1
 
 
 @compiled
-def _acceleration(p, touching, held, x, v, voltage, noise):
-    force = forces.push(p, x, v, voltage, noise)
-    if touching and abs(x) > p.gap:
-        force -= forces.contact_force(p, x, v, held)
+def _acceleration(s, touching, low, high, held, x, v, voltage, noise):
+    force = system.push(s, x, v, voltage, noise)
+    if touching:
+        force -= system.contact_force(s, x, v, held, low, high)
     return force
 
 
 @compiled
-def _step(heun, p, touching, held, x, v, voltage, noise, slope, h):
+def _step(heun, s, touching, low, high, held, x, v, voltage, noise, slope, h):
     """One step of Eq. 4 by either scheme, in pieces where damper or load are faster than it.
 
     `heun` is None for Runge–Kutta: a type of its own, so that no choice is left at run time.
     """
-    pieces = max(np.ceil(max(p.decay_rate, p.damping) * h / LARGEST_DECAY), 1.0)
+    fastest = max(system.decay_rate(s.transducer), system.damping_rate(s.damper, v))
+    pieces = max(np.ceil(fastest * h / LARGEST_DECAY), 1.0)
     h /= pieces
     for _ in range(int(pieces)):
         if heun is None:
-            x, v, voltage = _runge_kutta(p, touching, held, x, v, voltage, noise, slope, h)
+            x, v, voltage = _runge_kutta(
+                s, touching, low, high, held, x, v, voltage, noise, slope, h
+            )
         else:
-            x, v, voltage = _heun(p, touching, held, x, v, voltage, noise, slope, h)
+            x, v, voltage = _heun(s, touching, low, high, held, x, v, voltage, noise, slope, h)
         noise += slope * h
     return x, v, voltage
 
 
 @compiled
-def _heun(p, touching, held, x, v, voltage, noise, slope, h):
+def _heun(s, touching, low, high, held, x, v, voltage, noise, slope, h):
     """Heun's step of second order: the mean of the slopes at both ends."""
-    a1 = _acceleration(p, touching, held, x, v, voltage, noise)
-    u1 = v - p.decay_rate * voltage
+    a1 = _acceleration(s, touching, low, high, held, x, v, voltage, noise)
+    u1 = system.state_rate(s.transducer, v, voltage)
     v2 = v + h * a1
     e2 = voltage + h * u1
-    a2 = _acceleration(p, touching, held, x + h * v, v2, e2, noise + slope * h)
-    u2 = v2 - p.decay_rate * e2
+    a2 = _acceleration(s, touching, low, high, held, x + h * v, v2, e2, noise + slope * h)
+    u2 = system.state_rate(s.transducer, v2, e2)
     half = 0.5 * h
     return x + half * (v + v2), v + half * (a1 + a2), voltage + half * (u1 + u2)
 
 
 @compiled
-def _runge_kutta(p, touching, held, x, v, voltage, noise, slope, h):
+def _runge_kutta(s, touching, low, high, held, x, v, voltage, noise, slope, h):
     """Classical Runge–Kutta step of Eq. 4; the contact acts or not throughout the step."""
     half = 0.5 * h
     middle = noise + slope * half
-    a1 = _acceleration(p, touching, held, x, v, voltage, noise)
-    u1 = v - p.decay_rate * voltage
+    a1 = _acceleration(s, touching, low, high, held, x, v, voltage, noise)
+    u1 = system.state_rate(s.transducer, v, voltage)
     v2 = v + half * a1
     e2 = voltage + half * u1
-    a2 = _acceleration(p, touching, held, x + half * v, v2, e2, middle)
-    u2 = v2 - p.decay_rate * e2
+    a2 = _acceleration(s, touching, low, high, held, x + half * v, v2, e2, middle)
+    u2 = system.state_rate(s.transducer, v2, e2)
     v3 = v + half * a2
     e3 = voltage + half * u2
-    a3 = _acceleration(p, touching, held, x + half * v2, v3, e3, middle)
-    u3 = v3 - p.decay_rate * e3
+    a3 = _acceleration(s, touching, low, high, held, x + half * v2, v3, e3, middle)
+    u3 = system.state_rate(s.transducer, v3, e3)
     v4 = v + h * a3
     e4 = voltage + h * u3
-    a4 = _acceleration(p, touching, held, x + h * v3, v4, e4, noise + slope * h)
-    u4 = v4 - p.decay_rate * e4
+    a4 = _acceleration(s, touching, low, high, held, x + h * v3, v4, e4, noise + slope * h)
+    u4 = system.state_rate(s.transducer, v4, e4)
     sixth = h / 6.0
     return (
         x + sixth * (v + 2.0 * (v2 + v3) + v4),
@@ -269,29 +313,33 @@ def _hermite(x, v, x1, v1, h, u):
 
 
 @compiled
-def _overshoots(gap, x, v, x1, v1, h):
-    """Whether a step that starts and ends free has touched a stopper on its way."""
-    return abs(_hermite(x, v, x1, v1, h, v / (v - v1))[0]) > gap
+def _overshoots(low, high, x, v, x1, v1, h):
+    """Whether a step that starts and ends within a zone has left it on its way."""
+    turn = _hermite(x, v, x1, v1, h, v / (v - v1))[0]
+    return turn > high or turn < low
 
 
 @compiled
-def _crossing(gap, touching, x, v, x1, v1, h):
-    """Time into the step at which |x| = gap first: Newton on the cubic, kept by bisection."""
+def _crossing(edge, direction, x, v, x1, v1, h):
+    """Time into the step at which x passes the edge in the direction ±1 first.
+
+    Newton on the cubic, kept by bisection.
+    """
     low, high = 0.0, 1.0
-    if not touching and abs(x1) <= gap:
+    inside = direction * (x1 - edge) <= 0.0
+    if inside:
         high = v / (v - v1)
-    side = 1.0 if x + x1 > 0.0 else -1.0
     u = 0.5 * high
     if high == 1.0:
-        u = (side * gap - x) / (x1 - x)
+        u = (edge - x) / (x1 - x)
     for _ in range(60):
         value, slope = _hermite(x, v, x1, v1, h, u)
-        excess = side * value - gap
-        if (excess <= 0.0) == touching:
+        excess = direction * (value - edge)
+        if excess > 0.0:
             high = u
         else:
             low = u
-        step = -excess / (side * slope)
+        step = -excess / (direction * slope)
         u += step
         if not low <= u <= high:
             u = 0.5 * (low + high)

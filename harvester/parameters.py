@@ -2,10 +2,15 @@
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
+from harvester.device import timescales
+from harvester.device.contact import LAWS, SIDES, Contact
+from harvester.device.damper import damper
+from harvester.device.hertz import HERTZ_EXPONENT
+from harvester.device.spring import roots, slope, spring
+from harvester.device.system import Noise, System
+from harvester.device.transducer import coil, piezo
 from harvester.errors import LoadError
-from harvester.forces import contact_time
 
 # Knots per period of small oscillations.
 KNOTS_PER_PERIOD = 40
@@ -14,127 +19,11 @@ KNOTS_PER_PERIOD = 40
 STEPS_PER_PERIOD = {"circuit": 80, "monte-carlo": 40}
 # Fewest steps from the beginning of a contact to its end.
 STEPS_PER_CONTACT = 30
-# Energy up to which the default step resolves the motion, in units of the mean-square velocity:
-# the density of the energy falls as exp(−H/E[X'²]), so it is beyond for under 1 % of the time.
-RESOLVED_ENERGY = 5.0
 # Steps by name, as divisions of the default one.
 STEP_LEVELS = {"default": 1, "fine": 4, "finest": 32}
 # A load that switches rejects steps, and after each of them ngspice takes one of first order: at a
 # step of this share of the usual one that costs the motion under 0.1 % of its energy, not 1 %.
 SWITCHING_STEPS = 4
-
-
-class ScaledParameters(NamedTuple):
-    """Coefficients of Eqs. 4–6; time in seconds, lengths in `Scales.displacement`.
-
-    A named tuple, so that compiled functions take it as it is; `_replace` changes a copy.
-
-    Attributes
-    ----------
-    damping, linear_stiffness, cubic_stiffness : float
-        c, −ω0² (with its sign) and κ of Eq. 4a.
-    gap, contact_stiffness, restitution : float
-        δ (infinite without stoppers), K, e of Eq. 5.
-    held_impact_velocity : bool
-        v0 of Eq. 5 is held from the moment of contact (`event`) instead of `energy`.
-    coupling, decay_rate : float
-        β and λ of Eq. 4.
-    intensity, correlation_time : float
-        D and τ1 of Eq. 6, or of the noise that other excitations are equivalent to.
-    """
-
-    damping: float
-    linear_stiffness: float
-    cubic_stiffness: float
-    gap: float
-    contact_stiffness: float
-    restitution: float
-    held_impact_velocity: bool
-    coupling: float
-    decay_rate: float
-    intensity: float
-    correlation_time: float
-
-    @property
-    def has_stoppers(self):
-        """Whether a contact force can ever act."""
-        return math.isfinite(self.gap) and self.contact_stiffness > 0.0
-
-    @property
-    def damping_factor(self):
-        """¾ (1 − e²): b·v0 of Eq. 5, without unit."""
-        return 0.75 * (1.0 - self.restitution**2)
-
-    @property
-    def well(self):
-        """Rest position on the right of the bare spring, √(ω0²/κ); 0 when monostable."""
-        if self.linear_stiffness >= 0.0:
-            return 0.0
-        if self.cubic_stiffness == 0.0:
-            return math.inf
-        return math.sqrt(-self.linear_stiffness / self.cubic_stiffness)
-
-    @property
-    def preloaded(self):
-        """Whether the mass rests on the stopper, because the gap ends before the bare well."""
-        return self.has_stoppers and self.gap < self.well
-
-    @property
-    def rest(self):
-        """Stable rest position X ≥ 0 with the stoppers, without charge on the piezo."""
-        if not self.preloaded:
-            return self.well
-        return _pressed_rest(self)
-
-    @property
-    def angular_frequency(self):
-        """Of small oscillations about `rest` with the piezo open (rad/s).
-
-        The stiffness is V''(rest) + β; a vanishing one is replaced by the noise's own rate.
-        """
-        x = self.rest
-        stiffness = self.linear_stiffness + 3.0 * self.cubic_stiffness * x * x + self.coupling
-        if self.preloaded:
-            stiffness += 1.5 * self.contact_stiffness * math.sqrt(x - self.gap)
-        return math.sqrt(stiffness) if stiffness > 0.0 else 1.0 / self.correlation_time
-
-    @property
-    def relaxation_time(self):
-        """Time in which damper and load take the energy of small oscillations (s).
-
-        1/(c + βλ/(λ² + ω²)), Eq. 12; infinite without either.
-        """
-        rate = _loss_rate(self, self.angular_frequency)
-        return 1.0 / rate if rate > 0.0 else math.inf
-
-    def driven_square_velocity(self, frequency):
-        """E[X'²] of motion at this frequency, D/(1 + ω²τ1²) over the rate of loss (Eqs. 12, 20)."""
-        loss = _loss_rate(self, frequency)
-        colour = 1.0 + (frequency * self.correlation_time) ** 2
-        return self.intensity / (loss * colour) if loss > 0.0 else math.inf
-
-    @property
-    def contact_time(self):
-        """Duration of a contact at the rms speed of small oscillations (s); inf without any."""
-        speed = math.sqrt(self.driven_square_velocity(self.angular_frequency))
-        if not self.has_stoppers:
-            return math.inf
-        return contact_time(self, speed) if math.isfinite(speed) else 0.0
-
-    @property
-    def fastest_angular_frequency(self):
-        """Of small oscillations or of the greatest that the noise drives, whichever is faster.
-
-        The greatest has the energy `RESOLVED_ENERGY` E[X'²] at the frequency ω of that motion
-        itself; its stiffness is that of harmonic balance, −ω0² + β + ¾ κ A². What the stoppers
-        add belongs to the contact's own step (rad/s).
-        """
-        frequency = slowest = self.angular_frequency
-        # The greater the frequency, the less noise it meets: half-way steps settle.
-        for _ in range(60):
-            square = _driven_stiffness(self, frequency)
-            frequency = math.sqrt(0.5 * (frequency**2 + max(square, slowest**2)))
-        return frequency
 
 
 @dataclass(frozen=True)
@@ -159,7 +48,7 @@ class Scales:
 
 
 def scale(scene):
-    """Scaled parameters and scales of a scene (Eq. 3; time is not rescaled).
+    """The device in scaled form and the scales that lead back (Eq. 3; time is not rescaled).
 
     Parameters
     ----------
@@ -167,78 +56,92 @@ def scale(scene):
 
     Returns
     -------
-    ScaledParameters, Scales
+    harvester.device.system.System, Scales
     """
-    parameters, scales = _scale_si(scene) if scene.units == "SI" else _scale_scaled(scene)
+    length = length_scale(scene) if scene.units == "SI" else 1.0
+    mass = scene.oscillator.mass if scene.units == "SI" else 1.0
     if scene.excitation.prescribes_displacement:
-        parameters = _without_mechanics(parameters)
-    return parameters, scales
+        # Only the transducer is left: what drives a mass without spring and damper is its η.
+        parts = {"spring": spring(()), "damper": damper(0.0), "contacts": ()}
+    else:
+        made = spring(_scaled_force(scene.oscillator, mass, length))
+        parts = {
+            "spring": made,
+            "damper": damper(
+                scene.oscillator.damping / mass,
+                scene.oscillator.quadratic_damping * length / mass,
+            ),
+            "contacts": tuple(
+                _contact(each, side, mass, length)
+                for each in scene.stoppers
+                if each.stiffness > 0.0
+                for side in _sides(each, made)
+            ),
+        }
+    transducer, scales = _transducer(scene, mass, length)
+    system = System(**parts, transducer=transducer, noise=Noise(math.nan, math.inf))
+    return _with_noise(system, scene.excitation, length), scales
 
 
-def _without_mechanics(p):
-    """Only the piezo is left: what drives a mass without spring and damper is its η."""
-    return p._replace(
-        damping=0.0,
-        linear_stiffness=0.0,
-        cubic_stiffness=0.0,
-        gap=math.inf,
-        contact_stiffness=0.0,
-        restitution=1.0,
-        held_impact_velocity=False,
+def _scaled_force(oscillator, mass, length):
+    """Coefficients of the restoring force per mass and length unit."""
+    return [k * length ** (n - 1) / mass for n, k in enumerate(oscillator.coefficients)]
+
+
+def _sides(stopper, made):
+    """A pair is one contact where the spring is symmetric, else one on each side."""
+    if stopper.side == "both" and not made.symmetric:
+        return "right", "left"
+    return (stopper.side,)
+
+
+def _contact(stopper, side, mass, length):
+    exponent = stopper.exponent
+    factor = math.sqrt(length) if exponent == HERTZ_EXPONENT else length ** (exponent - 1.0)
+    law = LAWS[stopper.law](
+        stopper.stiffness * factor / mass,
+        stopper.restitution,
+        exponent,
+        stopper.impact_velocity == "event",
     )
+    return Contact(SIDES[side], stopper.gap / length, law)
 
 
-def _scale_scaled(scene):
-    stoppers = scene.stoppers
-    parameters = ScaledParameters(
-        damping=scene.oscillator.damping,
-        linear_stiffness=scene.oscillator.linear_stiffness,
-        cubic_stiffness=scene.oscillator.cubic_stiffness,
-        gap=stoppers.gap if stoppers else math.inf,
-        contact_stiffness=stoppers.stiffness if stoppers else 0.0,
-        restitution=stoppers.restitution if stoppers else 1.0,
-        held_impact_velocity=bool(stoppers) and stoppers.impact_velocity == "event",
-        coupling=scene.piezo.coupling,
-        decay_rate=_decay_rate(scene, 1.0),
-        intensity=math.nan,
-        correlation_time=math.inf,
-    )
-    return _with_noise(parameters, scene.excitation, 1.0), Scales()
+def _transducer(scene, mass, length):
+    """The transducer with its load in scaled form, and the scales."""
+    if scene.coil:
+        coil_ = scene.coil
+        load = load_resistance(scene)
+        made = coil(mass, coil_.coupling, coil_.resistance, coil_.inductance, load)
+        volts = coil_.coupling * length
+        return made, Scales(displacement=length, voltage=volts, power=mass * length**2)
+    part = scene.piezo
+    rate = _decay_rate(scene, part.capacitance or 1.0)
+    if scene.units != "SI":
+        return piezo(part.coupling, rate, part.leakage_rate or 0.0), Scales()
+    theta, cp = part.coupling, part.capacitance
+    leak = 1.0 / (part.leakage_resistance * cp) if part.leakage_resistance else 0.0
+    made = piezo(theta**2 / (mass * cp), rate, leak)
+    return made, Scales(displacement=length, voltage=theta * length / cp, power=mass * length**2)
 
 
-def _scale_si(scene):
-    oscillator, piezo, stoppers = scene.oscillator, scene.piezo, scene.stoppers
-    mass, length = oscillator.mass, length_scale(scene)
-    theta, cp = piezo.coupling, piezo.capacitance
-    parameters = ScaledParameters(
-        damping=oscillator.damping / mass,
-        linear_stiffness=oscillator.linear_stiffness / mass,
-        cubic_stiffness=oscillator.cubic_stiffness * length**2 / mass,
-        gap=stoppers.gap / length if stoppers else math.inf,
-        contact_stiffness=stoppers.stiffness * math.sqrt(length) / mass if stoppers else 0.0,
-        restitution=stoppers.restitution if stoppers else 1.0,
-        held_impact_velocity=bool(stoppers) and stoppers.impact_velocity == "event",
-        coupling=theta**2 / (mass * cp),
-        decay_rate=_decay_rate(scene, cp),
-        intensity=math.nan,
-        correlation_time=math.inf,
-    )
-    return _with_noise(parameters, scene.excitation, length), Scales(
-        displacement=length, voltage=theta * length / cp, power=mass * length**2
-    )
+def _with_noise(system, excitation, length):
+    """The system with the D and τ1 of the excitation, or of its equivalent."""
+    longest = _longest_spacing(system)
+    intensity, time = excitation.equivalent_noise(timescales.relaxation_time(system), longest)
+    return system._replace(noise=Noise(intensity / length**2, time))
 
 
-def _with_noise(parameters, excitation, length):
-    """The parameters with the D and τ1 of the excitation, or of its equivalent."""
-    longest = _longest_spacing(parameters)
-    intensity, time = excitation.equivalent_noise(parameters.relaxation_time, longest)
-    return parameters._replace(intensity=intensity / length**2, correlation_time=time)
-
-
-def _longest_spacing(parameters):
+def _longest_spacing(system):
     """What resolves small oscillations (s); infinite where there are none."""
-    frequency = parameters.angular_frequency
+    frequency = timescales.angular_frequency(system)
     return 2.0 * math.pi / frequency / KNOTS_PER_PERIOD if frequency > 0.0 else math.inf
+
+
+def load_resistance(scene):
+    """Resistance of a load that is a resistor (Ω), else None."""
+    load = scene.electrical_load
+    return load.circuit.resistance if load.circuit else load.resistance
 
 
 def _decay_rate(scene, capacitance):
@@ -247,10 +150,9 @@ def _decay_rate(scene, capacitance):
     Steps are then chosen for the motion that the damper alone bounds, the greatest there is,
     and the load's power is measured in the circuit.
     """
-    load = scene.electrical_load
-    if load.decay_rate is not None:
-        return load.decay_rate
-    resistance = load.circuit.resistance if load.circuit else load.resistance
+    if scene.electrical_load.decay_rate is not None:
+        return scene.electrical_load.decay_rate
+    resistance = load_resistance(scene)
     return 1.0 / (resistance * capacitance) if resistance else 0.0
 
 
@@ -274,7 +176,7 @@ def require_resistor(scene, method):
 
 
 def length_scale(scene):
-    """The scene's length unit l in metres: as given, else the well's distance, else the gap.
+    """The scene's length unit l in metres: as given, else the farthest well's distance, else a gap.
 
     A monostable device without stoppers has neither: its rms displacement under white noise
     of the same intensity is taken.
@@ -283,13 +185,13 @@ def length_scale(scene):
         return scene.length_scale
     if scene.excitation.prescribes_displacement:
         return scene.excitation.amplitude
-    oscillator = scene.oscillator
-    if oscillator.linear_stiffness < 0.0 and oscillator.cubic_stiffness > 0.0:
-        return math.sqrt(-oscillator.linear_stiffness / oscillator.cubic_stiffness)
+    farthest = _farthest_well(scene.oscillator)
+    if farthest > 0.0:
+        return farthest
     if scene.stoppers:
-        return scene.stoppers.gap
-    mass, damping = oscillator.mass, oscillator.damping
-    stiffness = oscillator.linear_stiffness / mass
+        return min(each.gap for each in scene.stoppers)
+    mass, damping = scene.oscillator.mass, scene.oscillator.damping
+    stiffness = scene.oscillator.coefficients[1] / mass
     longest = 2.0 * math.pi / math.sqrt(stiffness) / KNOTS_PER_PERIOD if stiffness else math.inf
     relaxation_time = mass / damping if damping else 1.0
     intensity, time = scene.excitation.equivalent_noise(relaxation_time, longest)
@@ -297,10 +199,20 @@ def length_scale(scene):
     return math.sqrt(intensity / (rate * (stiffness or rate**2)))
 
 
+def _farthest_well(oscillator):
+    """Distance of the farthest rest position of the bare spring (m); 0 when that is x = 0."""
+    if oscillator.restoring_force is None:
+        linear, cubic = oscillator.linear_stiffness, oscillator.cubic_stiffness
+        return math.sqrt(-linear / cubic) if linear < 0.0 < cubic else 0.0
+    bare = spring(oscillator.restoring_force)
+    places = [abs(float(x)) for x in roots(bare) if slope(bare, float(x)) > 0.0]
+    return max(places, default=0.0)
+
+
 def knot_spacing(scene):
     """Spacing of the excitation's knots (s): the scene's, else what its kind chooses."""
-    parameters, _ = scale(scene)
-    return min(scene.excitation.spacing(_longest_spacing(parameters)), scene.run.duration)
+    system, _ = scale(scene)
+    return min(scene.excitation.spacing(_longest_spacing(system)), scene.run.duration)
 
 
 def steps_per_knot(scene, step="default", engine="circuit"):
@@ -314,13 +226,15 @@ def steps_per_knot(scene, step="default", engine="circuit"):
     engine : str
         A key of `STEPS_PER_PERIOD`.
     """
-    parameters, _ = scale(scene)
+    system, _ = scale(scene)
     spacing = knot_spacing(scene)
     if not isinstance(step, str):
         return max(1, math.ceil(spacing / step - 1e-9))
     if scene.excitation.prescribes_displacement:
         return STEP_LEVELS[step]
-    longest = 2.0 * math.pi / parameters.fastest_angular_frequency / STEPS_PER_PERIOD[engine]
+    longest = (
+        2.0 * math.pi / timescales.fastest_angular_frequency(system) / STEPS_PER_PERIOD[engine]
+    )
     load = scene.electrical_load.circuit
     finer = SWITCHING_STEPS if load and load.switches else 1
     return max(1, math.ceil(spacing / longest - 1e-9)) * STEP_LEVELS[step] * finer
@@ -331,39 +245,3 @@ def stop_time(scene):
     spacing = knot_spacing(scene)
     total = scene.run.settle + scene.run.duration
     return math.ceil(total / spacing - 1e-9) * spacing
-
-
-def _loss_rate(p, frequency):
-    """c + N1 of Eq. 12: the rate at which damper and load take energy (1/s)."""
-    return p.damping + p.coupling * p.decay_rate / (p.decay_rate**2 + frequency**2)
-
-
-def _driven_stiffness(p, frequency):
-    """Square of the frequency at the amplitude that noise at this frequency drives."""
-    energy = RESOLVED_ENERGY * p.driven_square_velocity(frequency)
-    if p.cubic_stiffness == 0.0 or energy == math.inf:
-        return p.linear_stiffness + p.coupling
-    # Above the bottom, which is −k²/4κ in a double well and 0 otherwise.
-    height = energy
-    if p.linear_stiffness >= 0.0:
-        height += p.linear_stiffness**2 / (4.0 * p.cubic_stiffness)
-    square = (math.sqrt(4.0 * p.cubic_stiffness * height) - p.linear_stiffness) / p.cubic_stiffness
-    if p.has_stoppers:
-        square = min(square, (p.gap + (2.5 * energy / p.contact_stiffness) ** 0.4) ** 2)
-    return p.linear_stiffness + p.coupling + 0.75 * p.cubic_stiffness * square
-
-
-def _pressed_rest(parameters):
-    """Where spring and stopper balance, between gap and bare well."""
-    from scipy.optimize import brentq
-
-    def force(x):
-        spring = parameters.linear_stiffness * x + parameters.cubic_stiffness * x**3
-        return spring + parameters.contact_stiffness * (x - parameters.gap) ** 1.5
-
-    far = parameters.gap
-    step = 0.1 * parameters.gap
-    while force(far) <= 0.0:
-        far += step
-        step *= 2.0
-    return brentq(force, parameters.gap, far, xtol=1e-15, rtol=1e-15)

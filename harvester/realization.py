@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from harvester.device import timescales
 from harvester.estimators import KNOTS_PER_SAMPLE, batch_counts
 from harvester.excitation import realization_seeds
 from harvester.moments import Moments
@@ -84,9 +85,20 @@ class Reporter:
             self._next = now + REPORT_SECONDS
 
 
-def starts_right(index):
-    """Realizations start in the right and the left well in turn."""
-    return index % 2 == 0
+def start_state(scene, index):
+    """(X, X', transducer's state) in which a realization starts, scaled.
+
+    At rest in the wells in turn, beginning on the right, unless the scene says where.
+    """
+    parameters, scales = scale(scene)
+    wells = timescales.wells(parameters)
+    displacement, velocity, voltage = wells[index % len(wells)], 0.0, 0.0
+    start = scene.start
+    if start:
+        if start.displacement is not None:
+            displacement = start.displacement / scales.displacement
+        velocity, voltage = start.velocity / scales.displacement, start.voltage / scales.voltage
+    return displacement, velocity, voltage
 
 
 def noise_path(scene, index):
@@ -146,12 +158,12 @@ def run(
     for watching, waveform in zip(observers, waveforms, strict=True):
         if waveform:
             watching.insert(0, waveform)
-    module.prepare()
+    module.prepare(scene)
     prepare_moments()
     started = time.time()
     clock = time.perf_counter()
     scheme = scheme or SCHEMES[engine][0]
-    starts = [starts_right(index) for index in indices]
+    starts = [start_state(scene, index) for index in indices]
     outcome = module.run_realizations(
         scene, paths, starts, observers, step, source, scheme, tolerance, device, **output
     )
@@ -173,5 +185,14 @@ def _empty_moments(scene):
     parameters, _ = scale(scene)
     spacing = knot_spacing(scene)
     counts = batch_counts(scene.run.realizations, scene.run.duration / spacing)
-    interval = KNOTS_PER_SAMPLE * spacing
-    return Moments.empty(scene.run.settle, stop_time(scene), parameters.gap, *counts, interval)
+    saddles = timescales.saddles(parameters)
+    even = len(saddles) == 1 and parameters.symmetric and scene.excitation.symmetric
+    return Moments.empty(
+        scene.run.settle,
+        stop_time(scene),
+        timescales.free_zone(parameters),
+        saddles,
+        bool(saddles) and not even,
+        *counts,
+        KNOTS_PER_SAMPLE * spacing,
+    )

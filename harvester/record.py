@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from harvester import forces
 from harvester.compilation import compiled
 
 
@@ -17,7 +16,9 @@ class Record(NamedTuple):
     displacement, velocity, voltage : X, X', V of Eq. 4.
     load_power : power leaving the piezo, β λ V² for a resistor (Eq. 30).
     input_power : η X', what the base puts in (Eq. 33).
-    loss_power : [c + contact damping] X'² (Eq. 36).
+    loss_power : what damper, contacts and the transducer's own resistance take, for a piezo
+        without leak [c + contact damping] X'² (Eq. 36).
+    transducer_loss : the part of it in leak or winding.
     """
 
     time: np.ndarray
@@ -27,6 +28,7 @@ class Record(NamedTuple):
     load_power: np.ndarray
     input_power: np.ndarray
     loss_power: np.ndarray
+    transducer_loss: np.ndarray
 
 
 def empty_record(count):
@@ -40,18 +42,13 @@ def part(record, start, stop):
 
 
 @compiled
-def fill(p, record, index, time, x, v, voltage, noise, held_speed):
-    """Write one point: the state, and the powers that follow from it.
-
-    `held_speed` is the impact velocity v0 at contact (`event`); not read in `energy` mode.
-    """
-    loss = p.damping
-    if abs(x) > p.gap:
-        loss += forces.contact_damping(p, x, v, held_speed)
+def fill(record, index, time, x, v, voltage, load_power, input_power, loss, own_loss):
+    """Write one point; `loss` is that of damper and contacts, `own_loss` the transducer's."""
     record.time[index] = time
     record.displacement[index] = x
     record.velocity[index] = v
     record.voltage[index] = voltage
-    record.load_power[index] = p.coupling * p.decay_rate * voltage * voltage
-    record.input_power[index] = noise * v
-    record.loss_power[index] = loss * v * v
+    record.load_power[index] = load_power
+    record.input_power[index] = input_power
+    record.loss_power[index] = loss + own_loss
+    record.transducer_loss[index] = own_loss

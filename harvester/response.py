@@ -12,11 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from harvester.device import timescales
 from harvester.errors import HarvesterError
 from harvester.excitation.sine import KNOTS_PER_PERIOD, Sine, SteppedSine
 from harvester.output import finite
 from harvester.parameters import knot_spacing, scale
-from harvester.realization import ENGINES, SCHEMES, Waveform
+from harvester.realization import ENGINES, SCHEMES, Waveform, start_state
 from harvester.results import SI_UNITS
 from harvester.scene import Scene
 from harvester.simulation import TIME_LIMIT, check_name, check_step
@@ -243,10 +244,10 @@ def run(scene, engine, step, report):
     for place, frequency in enumerate(excitation.frequencies):
         end = (place + 1) * excitation.dwell
         windows.append(Waveform(end - _measured(excitation, frequency) - 2.0 * path.spacing, end))
-    module.prepare()
+    module.prepare(scene)
     clock = time.perf_counter()
     outcome = module.run_realizations(
-        scene, [path], [True], [windows], step, "external", SCHEMES[engine][0]
+        scene, [path], [start_state(scene, 0)], [windows], step, "external", SCHEMES[engine][0]
     )
     seconds = time.perf_counter() - clock
     rows = [
@@ -273,8 +274,10 @@ def _with_sine(scene, amplitude):
 def _stepped(scene, frequencies):
     """The scene with a sine that dwells at each frequency until the transient is gone."""
     parameters, _ = scale(scene)
-    slowest = max(2.0 * parameters.relaxation_time, 1.0 / parameters.decay_rate)
-    motion = 2.0 * math.pi / parameters.fastest_angular_frequency / KNOTS_PER_PERIOD
+    decay = parameters.transducer.decay_rate()
+    slowest = 2.0 * timescales.relaxation_time(parameters)
+    slowest = max(slowest, 1.0 / decay) if decay > 0.0 else slowest
+    motion = 2.0 * math.pi / timescales.fastest_angular_frequency(parameters) / KNOTS_PER_PERIOD
     spacing = min(Sine(1.0, frequencies.max()).spacing(motion), motion)
     dwell = slowest * math.log(1.0 / SETTLED_SHARE) + MEASURED_PERIODS / frequencies.min()
     dwell = math.ceil(dwell / spacing) * spacing

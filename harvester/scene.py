@@ -3,6 +3,7 @@
 import dataclasses
 import hashlib
 import json
+import re
 import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,37 +13,83 @@ from harvester.excitation import KINDS, Excitation, build
 from harvester.scene_schema import NESTED_TABLES, REPLACED_KEYS, check_tables, nearest
 
 BUILT_IN = Path(__file__).parent / "scenes"
+# Keys that a scene is written without where they hold what they hold without being given.
+RARE_KEYS = ("quadratic_damping", "side", "exponent", "law")
 
 
 @dataclass(frozen=True)
 class Oscillator:
-    """Mass, spring and damper; `linear_stiffness` < 0 makes the device bistable.
+    """Mass, spring and damper.
 
-    SI: kg, N s/m, N/m, N/m³. Scaled: c, −ω0², κ of Eq. 4a, and no mass.
+    `restoring_force` holds F0, k1, k2, … of F(x) = F0 + k1 x + k2 x² + …; `linear_stiffness` and
+    `cubic_stiffness` are the short form of (0, k1, 0, k3). SI: kg, N s/m, N s²/m² for
+    `quadratic_damping`, N, N/m, N/m², …. Scaled: c, −ω0², κ of Eq. 4a and so on, and no mass.
     """
 
     damping: float
-    linear_stiffness: float
-    cubic_stiffness: float = 0.0
+    linear_stiffness: float | None = None
+    cubic_stiffness: float | None = None
     mass: float | None = None
+    restoring_force: tuple | None = None
+    quadratic_damping: float = 0.0
+
+    @property
+    def coefficients(self):
+        """(F0, k1, k2, …) whichever form the scene has."""
+        if self.restoring_force is not None:
+            return self.restoring_force
+        return (0.0, self.linear_stiffness, 0.0, self.cubic_stiffness)
 
 
 @dataclass(frozen=True)
-class Stoppers:
-    """Two Hertz-damp stoppers at ±gap, Eq. 5. SI: m, N/m^1.5. Scaled: δ, K."""
+class Stopper:
+    """A Hertz-damp stopper at a distance from x = 0, on one side or on both (Eq. 5).
+
+    SI: m, N/m^exponent. Scaled: δ, K.
+    """
 
     gap: float
     stiffness: float
     restitution: float
     impact_velocity: str = "energy"
+    side: str = "both"
+    exponent: float = 1.5
+    law: str = "hertz-damp"
 
 
 @dataclass(frozen=True)
 class Piezo:
-    """Transducer. SI: θ in N/V and the clamped capacitance in F. Scaled: β, and no capacitance."""
+    """A piezoelectric transducer.
+
+    SI: θ in N/V, the clamped capacitance in F, the resistance of its dielectric loss in Ω.
+    Scaled: β, and 1/(R_leak Cp) as `leakage_rate`.
+    """
 
     coupling: float
     capacitance: float | None = None
+    leakage_resistance: float | None = None
+    leakage_rate: float | None = None
+
+
+@dataclass(frozen=True)
+class Coil:
+    """An electromagnetic transducer, SI: N/A, Ω, H."""
+
+    coupling: float
+    resistance: float
+    inductance: float = 0.0
+
+
+@dataclass(frozen=True)
+class Start:
+    """The state in which every realization starts, at rest in the wells in turn without it.
+
+    Units of the scene: m, m/s, V; without `displacement` the wells are still taken in turn.
+    """
+
+    displacement: float | None = None
+    velocity: float = 0.0
+    voltage: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -81,9 +128,11 @@ class Run:
 # Table in the file → attribute of Scene, what builds it. `load` is the reader `Scene.load`.
 TABLES = {
     "oscillator": ("oscillator", Oscillator),
-    "stoppers": ("stoppers", Stoppers),
+    "stoppers": ("stoppers", Stopper),
     "piezo": ("piezo", Piezo),
+    "coil": ("coil", Coil),
     "load": ("electrical_load", Load),
+    "start": ("start", Start),
     "excitation": ("excitation", build),
     "run": ("run", Run),
 }
@@ -102,11 +151,13 @@ class Scene:
     name: str
     units: str
     oscillator: Oscillator
-    piezo: Piezo
     electrical_load: Load
     excitation: Excitation
     run: Run
-    stoppers: Stoppers | None = None
+    piezo: Piezo | None = None
+    coil: Coil | None = None
+    stoppers: tuple[Stopper, ...] = ()
+    start: Start | None = None
     length_scale: float | None = None
     # Of the scene's file: where a load's netlist is looked for first.
     folder: str | None = field(default=None, compare=False, repr=False)
@@ -159,10 +210,12 @@ class Scene:
             checked["load"]["circuit"] = _read_netlist(checked["load"], folder)
         top = {key: checked[key] for key in ("units", "length_scale") if key in checked}
         parts = {
-            attribute: make(**checked[table])
+            attribute: _made(make, checked[table])
             for table, (attribute, make) in TABLES.items()
             if table in checked
         }
+        if "stoppers" in parts and isinstance(parts["stoppers"], Stopper):
+            parts["stoppers"] = (parts["stoppers"],)
         scene = cls(name=name, folder=folder, **top, **parts)
         scene.excitation.check(scene.units, scene.run, origin)
         return scene
@@ -199,7 +252,12 @@ class Scene:
             tables["length_scale"] = self.length_scale
         for table, (attribute, _) in TABLES.items():
             part = getattr(self, attribute)
-            if part is not None:
+            if isinstance(part, tuple):
+                plain = [_plain(each, kept) for each in part]
+                # One pair of stoppers is the table [stoppers], any others are [[stoppers]].
+                part = plain[0] if len(part) == 1 and part[0].side == "both" else plain
+                tables.update({table: part} if part else {})
+            elif part is not None:
                 tables[table] = _plain(part, kept)
         return tables
 
@@ -218,6 +276,13 @@ class Scene:
         return hashlib.sha256(text.encode()).hexdigest()
 
 
+def _made(make, table):
+    """A part from its table, or a tuple of parts from several."""
+    if isinstance(table, tuple):
+        return tuple(make(**each) for each in table)
+    return make(**table)
+
+
 def _read_netlist(load, folder):
     from circuits.subcircuits import find_netlist, read_load
 
@@ -231,7 +296,8 @@ def _plain(part, kept):
     values = {}
     for each_field in dataclasses.fields(part):
         value = getattr(part, each_field.name)
-        if value is not None and each_field.name != "circuit" and kept(each_field):
+        unused = value == each_field.default and each_field.name in RARE_KEYS
+        if not unused and value is not None and each_field.name != "circuit" and kept(each_field):
             value = dict(value) if isinstance(value, dict) else value
             parts = isinstance(value, tuple) and any(map(dataclasses.is_dataclass, value))
             values[each_field.name] = [_plain(each, kept) for each in value] if parts else value
@@ -284,18 +350,35 @@ def _parse_override(text):
 
 
 def _put(tables, dotted, value, origin):
-    """Set one dotted key in nested dictionaries; None removes it."""
+    """Set one dotted key in nested dictionaries; None removes it. `name[k]` is one of several."""
     *path, last = dotted.split(".")
-    if len(path) > 1 and ".".join(path) not in NESTED_TABLES:
+    if len(path) > 1 and ".".join(path) not in NESTED_TABLES and "[" not in dotted:
         raise SceneError(f"{origin} {dotted}: too many dots; write it as table.key=value")
     place = tables
     for part in path:
-        place = place.setdefault(part, {})
-        if not isinstance(place, dict):
-            raise SceneError(f"{origin} {dotted}: {part} is not a table")
+        place = _table(place, part, f"{origin} {dotted}")
     for other in REPLACED_KEYS.get(dotted, ()) if value is not None else ():
         place.pop(other, None)
     if value is None:
         place.pop(last, None)
     else:
         place[last] = value
+
+
+def _table(place, part, where):
+    """The table of a name, or of `name[k]` the k-th of a list of tables."""
+    match = re.fullmatch(r"([^\[\]]+)\[(\d{1,6})\]", part)
+    name = match.group(1) if match else part
+    found = place.setdefault(name, {})
+    if match:
+        several = isinstance(found, (list, tuple))
+        if not several or int(match.group(2)) >= len(found):
+            there = f"has {len(found)} of them" if several else "is one table"
+            raise SceneError(f"{where}: {name} {there}; the first is {name}[0]")
+        found = place[name] = [dict(each) for each in found]
+        return found[int(match.group(2))]
+    if isinstance(found, (list, tuple)) and found:
+        raise SceneError(f"{where}: {name} has several tables; say which, as {name}[0]")
+    if not isinstance(found, dict):
+        raise SceneError(f"{where}: {part} is not a table")
+    return found

@@ -4,6 +4,7 @@ import difflib
 import math
 from dataclasses import dataclass
 
+from harvester.device.contact import LAWS, SIDES
 from harvester.errors import SceneError
 
 SCALED, SI = "scaled", "SI"
@@ -74,19 +75,32 @@ KEYS = {
     "oscillator": {
         "mass": positive(units=(SI,), required=True),
         "damping": not_negative(required=True),
-        "linear_stiffness": Key(required=True),
+        "quadratic_damping": not_negative(),
+        "linear_stiffness": Key(),
         "cubic_stiffness": not_negative(),
+        "restoring_force": Key(each=Key(), count=(2, 8)),
     },
     "stoppers": {
         "gap": positive(required=True),
         "stiffness": not_negative(required=True),
         "restitution": Key(low=0.0, high=1.0, required=True),
         "impact_velocity": Key(kind=str, words=("energy", "event")),
+        "side": Key(kind=str, words=tuple(SIDES)),
+        "exponent": Key(low=1.0, high=5.0),
+        "law": Key(kind=str, words=LAWS),
     },
     "piezo": {
         "coupling": not_negative(required=True),
         "capacitance": positive(units=(SI,), required=True),
+        "leakage_resistance": positive(units=(SI,)),
+        "leakage_rate": not_negative(units=(SCALED,)),
     },
+    "coil": {
+        "coupling": positive(required=True, units=(SI,)),
+        "resistance": positive(required=True, units=(SI,)),
+        "inductance": not_negative(units=(SI,)),
+    },
+    "start": {"displacement": Key(), "velocity": Key(), "voltage": Key()},
     "load": {
         "kind": Key(kind=str, words=("resistor",)),
         "resistance": positive(units=(SI,)),
@@ -106,7 +120,9 @@ KEYS = {
 }
 
 # Keys of an excitation of another kind.
-OPTIONAL_TABLES = ("stoppers",)
+OPTIONAL_TABLES = ("stoppers", "piezo", "coil", "start")
+# Tables that may be there several times, and how often.
+SEVERAL = {"stoppers": 16}
 NESTED_TABLES = {
     f"{table}.{name}"
     for table, keys in KEYS.items()
@@ -122,6 +138,9 @@ REPLACED_KEYS = {
     "load.netlist": RESISTOR_KEYS,
     "load.resistance": NETLIST_KEYS,
     "load.decay_rate": NETLIST_KEYS,
+    "oscillator.restoring_force": ("linear_stiffness", "cubic_stiffness"),
+    "oscillator.linear_stiffness": ("restoring_force",),
+    "oscillator.cubic_stiffness": ("restoring_force",),
 }
 
 
@@ -176,22 +195,72 @@ def check_tables(tables, origin, kinds):
     for name, value in tables.items():
         if name not in known:
             raise SceneError(f"{origin}: unknown key {name}{nearest(name, known)}")
-        if (name in KEYS) != isinstance(value, dict):
+        if name in SEVERAL and isinstance(value, (list, tuple)):
+            _check_several(name, value, origin)
+        elif (name in KEYS) != isinstance(value, dict):
             noun = "a table" if name in KEYS else "a value, not a table"
             raise SceneError(f"{origin}: {name} must be {noun}")
     top = {name: value for name, value in tables.items() if name in TOP}
     units = tables.get("units", SCALED)
     checked = _check_table("", top, TOP, units if units in BOTH else SCALED, origin)
     for table, keys in KEYS.items():
-        if table in tables:
+        if isinstance(tables.get(table), (list, tuple)):
+            checked[table] = tuple(
+                _check_table(f"{table}[{place}]", values, keys, units, origin)
+                for place, values in enumerate(tables[table])
+            )
+        elif table in tables:
             values = tables[table]
             keys = keys or _keys_of_kind(table, values, kinds[table], origin)
             checked[table] = _check_table(table, values, keys, units, origin, kinds.get(table))
         elif table not in OPTIONAL_TABLES:
             raise SceneError(f"{origin}: table [{table}] is missing")
     _check_load(checked["load"], units, origin)
+    _check_oscillator(checked["oscillator"], origin)
+    _check_transducer(checked, origin)
     _check_physics(checked, origin)
     return checked
+
+
+def _check_several(name, values, origin):
+    most = SEVERAL[name]
+    if not 1 <= len(values) <= most or not all(isinstance(each, dict) for each in values):
+        raise SceneError(f"{origin}: [[{name}]] must be 1 to {most} tables")
+
+
+def _check_oscillator(oscillator, origin):
+    """The restoring force in one of its two forms, and a potential that is bounded below."""
+    force = oscillator.get("restoring_force")
+    if force is None:
+        if "linear_stiffness" not in oscillator:
+            raise SceneError(
+                f"{origin}: oscillator.linear_stiffness is missing; it takes a number, or give "
+                "oscillator.restoring_force = [F0, k1, k2, …]"
+            )
+        oscillator.setdefault("cubic_stiffness", 0.0)
+        return
+    for name in ("linear_stiffness", "cubic_stiffness"):
+        if name in oscillator:
+            raise SceneError(
+                f"{origin}: oscillator.{name} and oscillator.restoring_force say the same thing "
+                "twice; take one out"
+            )
+
+
+def _check_transducer(scene, origin):
+    """A piezo or a coil, one of them; and what a start says of it."""
+    found = [name for name in ("piezo", "coil") if name in scene]
+    if not found:
+        raise SceneError(f"{origin}: table [piezo] is missing (or [coil], in a scene in SI units)")
+    if len(found) == 2:
+        raise SceneError(
+            f"{origin}: [piezo] and [coil]: a device has one of them; take the other out "
+            "(--set piezo=none)"
+        )
+    if "coil" in scene and scene.get("start", {}).get("voltage", 0.0) != 0.0:
+        raise SceneError(
+            f"{origin}: start.voltage belongs to a piezo, whose capacitance holds it; take it out"
+        )
 
 
 def _keys_of_kind(table, values, kinds, origin):
@@ -292,20 +361,16 @@ def _check_load(load, units, origin):
 
 def _check_physics(scene, origin):
     """What no single value shows: a motion without bounds or without a stationary state."""
-    oscillator, stoppers = scene["oscillator"], scene.get("stoppers", {})
-    linear = oscillator["linear_stiffness"]
-    cubic = oscillator.get("cubic_stiffness", 0.0)
-    if linear <= 0.0 and cubic == 0.0 and stoppers.get("stiffness", 0.0) == 0.0:
-        raise SceneError(
-            f"{origin}: oscillator.linear_stiffness = {linear:g} without cubic_stiffness > 0 "
-            "or stoppers leaves the motion unbounded"
-        )
-    if oscillator["damping"] == 0.0 and scene["piezo"]["coupling"] == 0.0:
+    oscillator, stoppers = scene["oscillator"], scene.get("stoppers", ())
+    _check_bounded(oscillator, [stoppers] if isinstance(stoppers, dict) else stoppers, origin)
+    transducer = scene.get("piezo") or scene["coil"]
+    damped = oscillator["damping"] > 0.0 or oscillator.get("quadratic_damping", 0.0) > 0.0
+    if not damped and transducer["coupling"] == 0.0:
         raise SceneError(
             f"{origin}: oscillator.damping = 0 with piezo.coupling = 0: nothing takes the energy "
             "out, so there is no stationary state; give one of them a value > 0"
         )
-    if scene["units"] == SI and scene["piezo"]["coupling"] == 0.0:
+    if scene["units"] == SI and transducer["coupling"] == 0.0:
         raise SceneError(
             f"{origin}: piezo.coupling = 0.0: must be a number > 0 in SI, where it sets the "
             "voltage scale (Eq. 3); a scaled scene can be without coupling"
@@ -315,4 +380,30 @@ def _check_physics(scene, origin):
         raise SceneError(
             f"{origin}: run.duration = {scene['run']['duration']:g}: must be at least one "
             f"knot_spacing, {spacing:g}"
+        )
+
+
+def _check_bounded(oscillator, stoppers, origin):
+    """The force must lead back far out on both sides: by the spring, or by stoppers there."""
+    force = oscillator.get("restoring_force")
+    key = "oscillator.restoring_force"
+    if force is None:
+        force = (0.0, oscillator["linear_stiffness"], 0.0, oscillator["cubic_stiffness"])
+        key = "oscillator.linear_stiffness"
+    order = max((n for n, k in enumerate(force) if k != 0.0), default=0)
+    for side, sign in (("right", 1.0), ("left", -1.0)):
+        if order and force[order] * sign ** (order + 1) > 0.0:
+            continue
+        if any(
+            each["stiffness"] > 0.0
+            and each.get("side", "both") in (side, "both")
+            and each.get("exponent", 1.5) > order
+            for each in stoppers
+        ):
+            continue
+        value = list(force) if key.endswith("force") else f"{force[1]:g}"
+        raise SceneError(
+            f"{origin}: {key} = {value} leaves the motion unbounded on the {side}: the highest "
+            "power must be odd with a coefficient > 0 (cubic_stiffness > 0 in the short form), or "
+            f"a stopper with a greater exponent must stand on the {side}"
         )

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 from harvester import batches
+from harvester.device import timescales
 from harvester.errors import EnergyNotBalanced, HarvesterError, SimulationError
 from harvester.estimators import (
     densities,
@@ -135,7 +136,7 @@ def _copies_that_pay(scene, engine, device, options, pool):
         return 1
 
     def most():
-        return pool.map("circuits.engine:best_copies", [{"device": device}])[0]
+        return pool.map("circuits.engine:best_copies", [{"scene": scene, "device": device}])[0]
 
     step, source, tolerance = (options[name] for name in ("step", "source", "tolerance"))
     return batches.copies(scene, most, step, source, tolerance)
@@ -294,11 +295,16 @@ def _result(scene, engine, step, source, realizations, failures, outcome="comple
         netlist_sha256=realizations[0].netlist_sha256,
         notes=(*_notes(scene), *_failure_notes(failures, scene)),
         failures={index: f"{type(e).__name__}: {e}" for index, e in failures.items()},
-        densities=densities(moments, scene.excitation.symmetric),
+        densities=densities(moments, _symmetric(scene, parameters)),
         waveform=realizations[0].waveform,
         moments=moments,
         outcome="incomplete" if failures else outcome,
     )
+
+
+def _symmetric(scene, parameters):
+    """Whether a motion and its mirror image are equally likely."""
+    return scene.excitation.symmetric and parameters.symmetric and scene.start is None
 
 
 def _partial(scene, engine, step, source, error):
@@ -317,7 +323,7 @@ def _partial(scene, engine, step, source, error):
 
 def _notes(scene):
     parameters, _ = scale(scene)
-    frequency = parameters.angular_frequency
+    frequency = timescales.angular_frequency(parameters)
     return scene.excitation.notes(knot_spacing(scene), frequency, scene.run)
 
 

@@ -11,7 +11,9 @@ from harvester import batches
 from harvester.averaged import average, estimates_of
 from harvester.averaging import TOLERANCES
 from harvester.averaging import average as average_parameters
+from harvester.averaging.symmetric import symmetric_device
 from harvester.batches import MOST_COPIES
+from harvester.device import timescales
 from harvester.errors import AveragingError, HarvesterError, SimulationError
 from harvester.estimators import Density
 from harvester.excitation.ornstein_uhlenbeck import KNOTS_PER_CORRELATION_TIME
@@ -263,8 +265,9 @@ def unseen_jump(result):
     saw few jumps or none has no other way to know what it missed.
     """
     parameters, _ = scale(result.scene)
-    left_behind = (2.0 * parameters.rest) ** 2 / (2.0 * parameters.decay_rate)
-    if parameters.linear_stiffness >= 0.0 or not math.isfinite(left_behind):
+    wells, decay = timescales.wells(parameters), parameters.transducer.decay_rate()
+    left_behind = (wells[0] - wells[-1]) ** 2 / (2.0 * decay) if decay > 0.0 else math.inf
+    if len(wells) == 1 or not math.isfinite(left_behind):
         return 0.0
     measured = result.scene.run.duration * result.scene.run.realizations
     return left_behind / (result.scaled_quantities["mean_square_voltage"].estimate * measured)
@@ -289,7 +292,7 @@ def _averaged(request):
         return Answer(request.scene, result.scaled_quantities, density, result.wall_seconds)
     parameters, _ = scale(request.scene)
     clock = time.perf_counter()
-    averages = average_parameters(parameters, request.method, tolerance)
+    averages = average_parameters(symmetric_device(parameters), request.method, tolerance)
     return Answer(request.scene, estimates_of(averages), None, time.perf_counter() - clock)
 
 

@@ -27,7 +27,7 @@ def average(parameters, closure, tolerance=None):
 
     Parameters
     ----------
-    parameters : harvester.parameters.ScaledParameters
+    parameters : harvester.averaging.symmetric.SymmetricDevice
     closure : {"paper", "consistent", "slow_load", "fokker_planck"}
     tolerance : float, optional
         Largest numerical error that is an answer, as a share of it; the closure's own of

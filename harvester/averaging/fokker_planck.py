@@ -56,7 +56,7 @@ def fokker_planck(parameters, tolerance):
 
     Parameters
     ----------
-    parameters : harvester.parameters.ScaledParameters
+    parameters : harvester.averaging.symmetric.SymmetricDevice
     tolerance : float
         Largest numerical error of each mean, as a share of it: the correction by extrapolation
         from two grids, their errors being of second order in the step. Not of the mechanical

@@ -208,7 +208,7 @@ def effective_mass(p, area, contact):
 
     Parameters
     ----------
-    p : harvester.parameters.ScaledParameters
+    p : harvester.averaging.symmetric.SymmetricDevice
     area, contact : ndarray, shape (..., levels)
         ∮X'² dt and ∮(contact damping) X'² dt; where no area is enclosed the next level counts.
 

@@ -34,7 +34,7 @@ def beside_resonance(p, stiffness, velocity, displacement, loss):
 
     Parameters
     ----------
-    p : harvester.parameters.ScaledParameters
+    p : harvester.averaging.symmetric.SymmetricDevice
     stiffness : float
         β' of the piezo in the averaged potential.
     velocity, displacement, loss : float

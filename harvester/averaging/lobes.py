@@ -31,7 +31,7 @@ class Lobe:
 
     Parameters
     ----------
-    parameters : harvester.parameters.ScaledParameters
+    parameters : harvester.averaging.symmetric.SymmetricDevice
     stiffness : float
         β' of the piezo.
     charge : float

@@ -10,8 +10,8 @@ from functools import cache
 
 import numpy as np
 
+from harvester.averaging.symmetric import SymmetricDevice
 from harvester.forces import contact_damping, potential, restoring_force
-from harvester.parameters import ScaledParameters
 
 PIECES = 4  # of a path between its turning points
 SMALLEST = 1e-150  # a speed to divide by on pieces of no length
@@ -26,7 +26,7 @@ class Potential:
     each orbit its own.
     """
 
-    parameters: ScaledParameters
+    parameters: SymmetricDevice
     anchor: float = 0.0
 
     def energy(self, x, added_stiffness):

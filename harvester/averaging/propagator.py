@@ -71,7 +71,7 @@ class Propagator:
 
     Parameters
     ----------
-    parameters : harvester.parameters.ScaledParameters
+    parameters : harvester.averaging.symmetric.SymmetricDevice
     grid : Grid
     """
 

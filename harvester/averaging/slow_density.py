@@ -19,7 +19,7 @@ class SlowDensity:
 
     Parameters
     ----------
-    p : harvester.parameters.ScaledParameters
+    p : harvester.averaging.symmetric.SymmetricDevice
     span : harvester.averaging.slow_load.Span
     problem : harvester.averaging.transport.Problem
     density : dict of str to ndarray

@@ -60,7 +60,7 @@ def slow_load(parameters, tolerance):
 
     Parameters
     ----------
-    parameters : harvester.parameters.ScaledParameters
+    parameters : harvester.averaging.symmetric.SymmetricDevice
     tolerance : float
         Largest numerical error, as a share of each mean.
 

@@ -88,7 +88,7 @@ class Problem:
 
     Parameters
     ----------
-    p : harvester.parameters.ScaledParameters
+    p : harvester.averaging.symmetric.SymmetricDevice
     grid : harvester.averaging.layers.Grid
     tables : dict of str to harvester.averaging.layers.Table
     faces : harvester.averaging.layers.Faces

@@ -40,7 +40,7 @@ def run(options):
     scene = read_scene(options)
     from circuits.export import for_ltspice, stand_alone
     from harvester.output import write_text
-    from harvester.realization import noise_path, starts_right
+    from harvester.realization import noise_path, start_state
     from harvester.scene_schema import nearest
     from harvester.simulation import check_step
 
@@ -62,12 +62,12 @@ def run(options):
             f"[0, {scene.run.realizations - 1}]"
         )
     call = (scene, noise_path(scene, options.realization))
-    right, step = starts_right(options.realization), check_step(options.step)
+    start, step = start_state(scene, options.realization), check_step(options.step)
     if options.dialect == "ngspice":
-        write_text(target, stand_alone(*call, right, step).text + ".end\n")
+        write_text(target, stand_alone(*call, start, step).text + ".end\n")
         return
     noise_file = Path(target).with_suffix("").name + "-noise.txt"
-    text, noise = for_ltspice(*call, noise_file, right, step)
+    text, noise = for_ltspice(*call, noise_file, start, step)
     if noise is not None:
         write_text(Path(target).with_name(noise_file), noise)
     write_text(target, text)

@@ -16,7 +16,8 @@ from scipy.integrate import solve_ivp
 from harvester.averaging.density import Branch
 from harvester.averaging.edges import follow, outer_range, well_range
 from harvester.averaging.orbits import OuterEdge, Potential, WellEdge
-from harvester.forces import restoring_force
+from harvester.averaging.symmetric import symmetric_device
+from harvester.device.system import elastic_force
 from harvester.output import finite
 from harvester.parameters import scale
 from harvester.scene import Scene
@@ -155,7 +156,7 @@ class FrequencyResponse:
 def surfaces(scene):
     """Fig. 2 of a bistable scene."""
     clock = time.perf_counter()
-    parameters, _ = scale(scene)
+    parameters = symmetric_device(scale(scene)[0])
     wells, outer = _stretches(parameters)
     height = _height(outer)
     # A rectangle whose corners lie on the outermost orbit: half of its energy at rest, half of
@@ -181,7 +182,7 @@ def frequency_response(scene):
     devices = {"with stoppers": scene, "without": scene.replace(stoppers=None)}
     responses = {}
     for device, changed in devices.items():
-        parameters, _ = scale(changed)
+        parameters = symmetric_device(scale(changed)[0])
         stretches = zip(("wells", "outer"), _stretches(parameters), strict=True)
         responses[device] = {edge: _response(parameters, stretch) for edge, stretch in stretches}
     return FrequencyResponse(scene, responses, time.perf_counter() - clock)
@@ -238,9 +239,11 @@ def _solved(p, stretch, k):
     o, period = stretch.orbits, float(stretch.orbits.period[k])
     added = o.added_stiffness[k]
 
+    system = p.system
+
     def motion(t, state):
         x, v = state
-        return [v, -restoring_force(p, x) - added * x]
+        return [v, -elastic_force(system, x) - added * x]
 
     times = period * np.arange(POINTS) / POINTS
     path = solve_ivp(motion, (0.0, period), [o.right[k], 0.0], t_eval=times, rtol=1e-9, atol=1e-10)

@@ -7,6 +7,7 @@ from functools import cached_property
 import harvester
 from harvester import batches
 from harvester.averaging import CLOSURES
+from harvester.device import timescales
 from harvester.excitation import OrnsteinUhlenbeck
 from harvester.parameters import scale
 from harvester.scene import Scene
@@ -73,7 +74,7 @@ def make_source(scene, method, step, version):
     """
     parameters, _ = scale(scene)
     start = scene.run.settle
-    window = (start, start + PERIODS * 2.0 * math.pi / parameters.angular_frequency)
+    window = (start, start + PERIODS * 2.0 * math.pi / timescales.angular_frequency(parameters))
     window = (start, min(window[1], start + scene.run.duration))
     if method in CLOSURES:
         return Source(scene, method, step, 1, version)
@@ -92,7 +93,7 @@ def control_of(scene):
     if not isinstance(scene.excitation, OrnsteinUhlenbeck):
         return None
     parameters, _ = scale(scene)
-    rate = parameters.angular_frequency
+    rate = timescales.angular_frequency(parameters)
     load = {"decay_rate": rate}
     if scene.units == "SI":
         load = {"resistance": 1.0 / (rate * scene.piezo.capacitance)}

@@ -14,6 +14,7 @@ import numpy as np
 
 from harvester.averaged import average
 from harvester.averaging import CLOSURES
+from harvester.device import timescales
 from harvester.errors import AveragingError, EnergyNotBalanced, SimulationError
 from harvester.estimators import paired_difference
 from harvester.parameters import knot_spacing, scale
@@ -106,7 +107,7 @@ def _strong_scene(scene, paths):
     """Some periods from rest: short enough that paths do not separate."""
     parameters, _ = scale(scene)
     spacing = knot_spacing(scene)
-    knots = math.ceil(PERIODS * 2.0 * math.pi / parameters.angular_frequency / spacing)
+    knots = math.ceil(PERIODS * 2.0 * math.pi / timescales.angular_frequency(parameters) / spacing)
     length = min(knots, MOST_KNOTS) * spacing
     return scene.replace(
         {

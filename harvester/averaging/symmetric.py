@@ -1,0 +1,144 @@
+"""The device of the source paper: the one for which the averaging closures are written.
+
+A symmetric spring −ω0² X + κ X³, equal Hertz-damp stoppers on both sides or none, a linear damper,
+and a piezo without leak on a resistor.
+"""
+
+import math
+from typing import NamedTuple
+
+from harvester.device import timescales
+from harvester.device.contact import Contact
+from harvester.device.damper import Damper, damper
+from harvester.device.hertz import HERTZ_EXPONENT, HertzDamp, hertz_damp
+from harvester.device.spring import spring
+from harvester.device.system import Noise, System
+from harvester.device.transducer import Piezo, piezo
+from harvester.errors import AveragingError
+
+
+class SymmetricDevice(NamedTuple):
+    """Coefficients of Eqs. 4–6 in scaled form, time in s.
+
+    Attributes
+    ----------
+    damping, linear_stiffness, cubic_stiffness : float
+        c, −ω0² (with its sign) and κ of Eq. 4a.
+    gap, contact_stiffness, restitution : float
+        δ (infinite without stoppers), K, e of Eq. 5.
+    held_impact_velocity : bool
+        v0 of Eq. 5 is held from the moment of contact (`event`) instead of `energy`.
+    coupling, decay_rate : float
+        β and λ of Eq. 4.
+    intensity, correlation_time : float
+        D and τ1 of Eq. 6.
+    """
+
+    damping: float
+    linear_stiffness: float
+    cubic_stiffness: float
+    gap: float
+    contact_stiffness: float
+    restitution: float
+    held_impact_velocity: bool
+    coupling: float
+    decay_rate: float
+    intensity: float
+    correlation_time: float
+
+    @property
+    def system(self):
+        """The same as a sum of parts, `harvester.device.system.System`."""
+        law = hertz_damp(self.contact_stiffness, self.restitution, event=self.held_impact_velocity)
+        return System(
+            spring=spring((0.0, self.linear_stiffness, 0.0, self.cubic_stiffness)),
+            damper=damper(self.damping),
+            contacts=(Contact(0.0, self.gap, law),) if self.has_stoppers else (),
+            transducer=piezo(self.coupling, self.decay_rate),
+            noise=Noise(self.intensity, self.correlation_time),
+        )
+
+    @property
+    def has_stoppers(self):
+        """Whether a contact force can ever act."""
+        return math.isfinite(self.gap) and self.contact_stiffness > 0.0
+
+    @property
+    def damping_factor(self):
+        """¾ (1 − e²): b·v0 of Eq. 5, without unit."""
+        return 0.75 * (1.0 - self.restitution**2)
+
+    @property
+    def rest(self):
+        """Stable rest position X ≥ 0 with the stoppers, without charge on the piezo."""
+        if self.linear_stiffness < 0.0 and self.cubic_stiffness == 0.0 and not self.has_stoppers:
+            return math.inf
+        return timescales.rest(self.system)
+
+    @property
+    def preloaded(self):
+        """Whether the mass rests on the stopper, because the gap ends before the bare well."""
+        return self.has_stoppers and self.rest > self.gap
+
+    @property
+    def angular_frequency(self):
+        """Of small oscillations about `rest` with the piezo open (rad/s)."""
+        return timescales.angular_frequency(self.system)
+
+    @property
+    def relaxation_time(self):
+        """Time in which damper and load take the energy of small oscillations (s), Eq. 12."""
+        return timescales.relaxation_time(self.system)
+
+
+def symmetric_device(system):
+    """A system in the form that the closures take.
+
+    Parameters
+    ----------
+    system : harvester.device.system.System
+
+    Returns
+    -------
+    SymmetricDevice
+
+    Raises
+    ------
+    AveragingError
+        It has a part that Eqs. 10–37 do not know.
+    """
+    spring_, contacts, transducer = system.spring, system.contacts, system.transducer
+    laws = [each.law for each in contacts]
+    refusals = {
+        "the spring is not symmetric": not spring_.symmetric,
+        "the spring has powers above the third": len(spring_.odd) > 2,
+        "the damper has a quadratic part": not isinstance(system.damper, Damper),
+        "the stoppers are not one pair of equal ones": len(contacts) > 1
+        or any(each.side != 0.0 for each in contacts),
+        "the contact law is not Hertz's": any(
+            not isinstance(law, HertzDamp) or law.exponent != HERTZ_EXPONENT for law in laws
+        ),
+        "the transducer is a coil": not isinstance(transducer, Piezo),
+        "the piezo leaks": isinstance(transducer, Piezo) and transducer.own_rate > 0.0,
+    }
+    for reason, holds in refusals.items():
+        if holds:
+            raise AveragingError(
+                f"{reason}: stochastic averaging knows the source paper's symmetric device only; "
+                "simulate"
+            )
+    linear, cubic = (*spring_.odd, 0.0, 0.0)[:2]
+    law = laws[0] if laws else None
+    return SymmetricDevice(
+        damping=system.damper.damping,
+        linear_stiffness=linear,
+        cubic_stiffness=cubic,
+        gap=contacts[0].gap if law else math.inf,
+        contact_stiffness=law.stiffness if law else 0.0,
+        restitution=math.sqrt(1.0 - law.damping_factor / 0.75) if law else 1.0,
+        held_impact_velocity=bool(law and law.holds),
+        coupling=transducer.coupling,
+        decay_rate=transducer.load_rate,
+        intensity=system.noise.intensity,
+        correlation_time=system.noise.correlation_time,
+    )

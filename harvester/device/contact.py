@@ -1,0 +1,210 @@
+"""Contacts: where stoppers stand, which of them act, and the sums over them.
+
+A contact on the side s = ±1 acts while its depth d = s x − gap is positive; a pair of stoppers at
+±gap is one contact with side 0. Between the gaps of all contacts the set that acts is the same:
+a zone. Integrators step from zone to zone, so that every force is smooth within a step.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba.extending import overload, register_jitable
+
+from harvester.device import spring as springs
+from harvester.device.dispatch import equation
+from harvester.device.hertz import hertz_damp
+
+# Contact laws by the word of `law` in a scene, each made from a contact's scaled values.
+LAWS = {"hertz-damp": hertz_damp}
+SIDES = {"left": -1.0, "right": 1.0, "both": 0.0}
+
+elastic_force = equation("elastic_force")
+elastic_energy = equation("elastic_energy")
+damping = equation("damping")
+shortened = equation("shortened")
+
+
+class Contact(NamedTuple):
+    """One stopper, or a pair of equal ones at ±gap.
+
+    Attributes
+    ----------
+    side : 1 right, −1 left, 0 both.
+    gap : distance of the stopper from x = 0, scaled.
+    law : a law's named tuple, such as `harvester.device.hertz.HertzDamp`.
+    """
+
+    side: float
+    gap: float
+    law: tuple
+
+
+@register_jitable
+def direction(contact, x):
+    """The side s on which x may touch: ±1."""
+    return contact.side if contact.side != 0.0 else np.sign(x)
+
+
+@register_jitable
+def one_force(contact, spring, x, v, held_speed, low, high):
+    """Force of one contact against X' if it acts throughout the zone from `low` to `high`."""
+    s = contact.side
+    if s == 0.0:
+        s = 1.0 if low >= contact.gap else -1.0
+    acts = low >= contact.gap if s > 0.0 else high <= -contact.gap
+    depth = s * x - contact.gap
+    if not acts or depth <= 0.0:
+        return 0.0
+    gain = springs.energy(spring, x) - springs.energy(spring, s * contact.gap)
+    push = s * elastic_force(contact.law, depth)
+    return push + damping(contact.law, depth, v, gain, held_speed) * v
+
+
+def force(contacts, spring, x, v, held_speed, low, high):
+    """Sum of the forces of the contacts that act in the zone from `low` to `high`."""
+    return sum(one_force(each, spring, x, v, held_speed, low, high) for each in contacts)
+
+
+@overload(force)
+def _force(contacts, spring, x, v, held_speed, low, high):
+    if len(contacts) == 0:
+        return lambda contacts, spring, x, v, held_speed, low, high: 0.0
+
+    def add(contacts, spring, x, v, held_speed, low, high):
+        first = one_force(contacts[0], spring, x, v, held_speed, low, high)
+        return first + force(contacts[1:], spring, x, v, held_speed, low, high)
+
+    return add
+
+
+@register_jitable
+def one_loss_rate(contact, spring, x, v, held_speed):
+    """Damping force over velocity of one contact at a displacement (1/s)."""
+    s = direction(contact, x)
+    depth = s * x - contact.gap
+    if depth <= 0.0:
+        return 0.0
+    gain = springs.energy(spring, x) - springs.energy(spring, s * contact.gap)
+    return damping(contact.law, depth, v, gain, held_speed)
+
+
+def loss_rate(contacts, spring, x, v, held_speed):
+    """Damping force over velocity of all contacts at one displacement (1/s)."""
+    return sum(one_loss_rate(each, spring, x, v, held_speed) for each in contacts)
+
+
+@overload(loss_rate)
+def _loss_rate(contacts, spring, x, v, held_speed):
+    if len(contacts) == 0:
+        return lambda contacts, spring, x, v, held_speed: 0.0
+
+    def add(contacts, spring, x, v, held_speed):
+        first = one_loss_rate(contacts[0], spring, x, v, held_speed)
+        return first + loss_rate(contacts[1:], spring, x, v, held_speed)
+
+    return add
+
+
+@register_jitable
+def one_energy(contact, x):
+    """Elastic energy in one contact; `x` a float or an array of any shape."""
+    depth = np.maximum(direction(contact, x) * x - contact.gap, 0.0)
+    return elastic_energy(contact.law, depth)
+
+
+def energy(contacts, x):
+    """Elastic energy in all contacts; `x` a float or an array of any shape."""
+    return sum((one_energy(each, x) for each in contacts), 0.0 * x)
+
+
+@overload(energy)
+def _energy(contacts, x):
+    if len(contacts) == 0:
+        return lambda contacts, x: 0.0
+    return lambda contacts, x: one_energy(contacts[0], x) + energy(contacts[1:], x)
+
+
+@register_jitable
+def one_step(contact, x, square_speed, longest, steps):
+    """Step that takes so many steps for a contact with this speed² at its gap, ≤ `longest` (s)."""
+    depth = np.maximum(direction(contact, x) * x - contact.gap, 0.0)
+    square = square_speed + 2.0 * elastic_energy(contact.law, depth)
+    return shortened(contact.law, square, steps, longest)
+
+
+def step(contacts, x, square_speed, longest, steps):
+    """The shortest of `one_step` over all contacts (s)."""
+    return min(
+        (one_step(each, x, square_speed, longest, steps) for each in contacts), default=longest
+    )
+
+
+@overload(step)
+def _step(contacts, x, square_speed, longest, steps):
+    if len(contacts) == 0:
+        return lambda contacts, x, square_speed, longest, steps: longest
+
+    def shortest(contacts, x, square_speed, longest, steps):
+        first = one_step(contacts[0], x, square_speed, longest, steps)
+        return min(first, step(contacts[1:], x, square_speed, longest, steps))
+
+    return shortest
+
+
+def elastic_push(contacts, x):
+    """Elastic force of all contacts on x, as Python calls it: float or array of any shape."""
+    total = 0.0 * np.asarray(x, dtype=float)
+    for each in contacts:
+        s = np.sign(x) if each.side == 0.0 else each.side
+        depth = np.maximum(s * x - each.gap, 0.0)
+        total = total + s * each.law.elastic_force(depth)
+    return total
+
+
+def edges(contacts):
+    """Displacements at which a contact begins, ascending, between −inf and inf: tuple of float."""
+    places = set()
+    for each in contacts:
+        if each.side >= 0.0:
+            places.add(each.gap)
+        if each.side <= 0.0:
+            places.add(-each.gap)
+    return (-math.inf, *sorted(places), math.inf)
+
+
+def pulled_back(contact, spring):
+    """Whether the spring holds the mass away from this contact at every depth.
+
+    Then U(x) − U(gap) is never negative in contact, and v0 needs no bound.
+    """
+    sides = (1.0, -1.0) if contact.side == 0.0 else (contact.side,)
+    for s in sides:
+        beyond = [root for root in springs.roots(spring) if s * root > contact.gap]
+        if beyond or s * springs.force(spring, s * contact.gap) < 0.0:
+            return False
+    return True
+
+
+def arrival_formula(each, s, spring, x, rate, number):
+    """2 [U(x) − U(s gap)]/rate² as an expression: what brings the mass to one stopper or back."""
+    return springs.gain_formula(spring, x, s * each.gap, rate, number)
+
+
+def formulas(each, spring, x, u, rate, number, held=""):
+    """(condition, force over rate²) of one contact as expressions of circuits and Verilog-A.
+
+    The force is meant where the condition holds. See `HertzDamp.force_formula` for the arguments;
+    a pair of stoppers takes a symmetric spring.
+    """
+    gap = number("gap", each.gap)
+    sides = {
+        1.0: (f"{x}>{gap}", f"{x}-{gap}", "1.0"),
+        -1.0: (f"{x}<-{gap}", f"-{x}-{gap}", "-1.0"),
+        0.0: (f"abs({x})>{gap}", f"abs({x})-{gap}", f"sgn({x})"),
+    }
+    condition, depth, sign = sides[each.side]
+    gain = arrival_formula(each, each.side or 1.0, spring, x, rate, number)
+    if not pulled_back(each, spring):
+        gain = f"((({gain})>0) ? ({gain}) : 0)"
+    return condition, each.law.force_formula(depth, sign, u, gain, number, held, rate)

@@ -1,0 +1,61 @@
+"""Dampers: c x' and air drag C2 |x'| x'. Scaled: c = C/M, C2 l/M, forces per mass."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Damper(NamedTuple):
+    """A linear damper, c x' (Eq. 4a).
+
+    Attributes
+    ----------
+    damping : c (1/s).
+    """
+
+    damping: float
+
+    def rate(self, v):
+        """Damping force over velocity (1/s); its product with v² is the loss."""
+        return self.damping
+
+    def force(self, v):
+        """Force against the velocity."""
+        return self.damping * v
+
+
+class QuadraticDamper(NamedTuple):
+    """A linear damper and drag that grows with the square of the velocity.
+
+    Attributes
+    ----------
+    damping : c (1/s).
+    quadratic_damping : C2 l/M, per scaled displacement.
+    """
+
+    damping: float
+    quadratic_damping: float
+
+    def rate(self, v):
+        """Damping force over velocity (1/s); its product with v² is the loss."""
+        return self.damping + self.quadratic_damping * np.abs(v)
+
+    def force(self, v):
+        """Force against the velocity."""
+        return (self.damping + self.quadratic_damping * np.abs(v)) * v
+
+
+def damper(damping, quadratic_damping=0.0):
+    """The damper that has these coefficients, the drag only where it is not zero."""
+    if quadratic_damping:
+        return QuadraticDamper(float(damping), float(quadratic_damping))
+    return Damper(float(damping))
+
+
+def drag_formula(part, u, number):
+    """The drag as an expression of circuits and Verilog-A; empty without it.
+
+    `u` is the text of X'/rate and `number` turns (name, value) into the text of a number.
+    """
+    quadratic = getattr(part, "quadratic_damping", 0.0)
+    return f"{number('quadratic_damping', quadratic)}*abs({u})*{u}" if quadratic else ""

@@ -1,0 +1,40 @@
+"""A part's own equations, called by name in Python and in compiled code alike.
+
+A part is a named tuple whose methods take and return floats. `equation("force")` is a function
+whose first argument is any part: it calls that part's `force`. Compiled code finds the method by
+the part's type, so that what a device lacks is not compiled.
+"""
+
+from numba import types
+from numba.extending import overload, register_jitable
+
+
+def equation(name):
+    """The function that calls the method `name` of its first argument.
+
+    Parameters
+    ----------
+    name : str
+        Of a method that every part of the same sort has.
+
+    Returns
+    -------
+    callable
+        Of (part, *arguments), also in code that numba compiles.
+    """
+
+    def call(part, *arguments):
+        return getattr(part, name)(*arguments)
+
+    @overload(call)
+    def choose(part, *arguments):
+        if not isinstance(part, types.BaseNamedTuple):
+            return None
+        own = register_jitable(getattr(part.instance_class, name))
+
+        def implementation(part, *arguments):
+            return own(part, *arguments)
+
+        return implementation
+
+    return call

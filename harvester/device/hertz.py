@@ -1,0 +1,146 @@
+"""The Hertz-damp contact law of Eq. 5: K d^n (1 + b d'), b = ¾ (1 − e²)/v0, d the depth.
+
+v0 is the speed at which the contact began. It is read from the state during the contact,
+v0² = d'² + 2 [max(U(x) − U(gap), 0) + E], with U the spring's energy and E = K d^(n+1)/(n+1) the
+contact's: |d'|/v0 ≤ 1 always, also where the stopper holds the mass short of the well's bottom.
+Or it is held from the moment of contact (`event`).
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from harvester.device.dispatch import equation
+
+# An elastic Hertz contact lasts so many times its greatest depth over the approach speed.
+HERTZ_EXPONENT, HERTZ_DURATION = 1.5, 2.9432752
+# Compiled code finds a part's other equations by name.
+elastic_energy, impact_speed, duration = map(
+    equation, ("elastic_energy", "impact_speed", "duration")
+)
+
+
+class HertzDamp(NamedTuple):
+    """One contact's law; depth and speed in scaled units.
+
+    Attributes
+    ----------
+    stiffness : K l^(n−1)/M.
+    exponent : n.
+    damping_factor : ¾ (1 − e²), without unit.
+    holds : 1 where v0 is held from the moment of contact (`event`), else 0.
+    duration_factor : duration of an elastic contact over its greatest depth over speed.
+    """
+
+    stiffness: float
+    exponent: float
+    damping_factor: float
+    holds: float
+    duration_factor: float
+
+    def elastic_force(self, depth):
+        """K d^n; `depth` ≥ 0, a float or an array of any shape."""
+        if self.exponent == HERTZ_EXPONENT:
+            return self.stiffness * depth * np.sqrt(depth)
+        return self.stiffness * depth**self.exponent
+
+    def elastic_energy(self, depth):
+        """K d^(n+1)/(n+1) (Eq. 15)."""
+        if self.exponent == HERTZ_EXPONENT:
+            return 0.4 * self.stiffness * depth * depth * np.sqrt(depth)
+        return self.stiffness * depth ** (self.exponent + 1.0) / (self.exponent + 1.0)
+
+    def elastic_stiffness(self, depth):
+        """n K d^(n−1), the slope of the elastic force."""
+        if self.exponent == HERTZ_EXPONENT:
+            return 1.5 * self.stiffness * np.sqrt(depth)
+        return self.exponent * self.stiffness * depth ** (self.exponent - 1.0)
+
+    def greatest_depth(self, energy):
+        """Depth at which the contact holds this energy per mass."""
+        order = self.exponent + 1.0
+        return (order * energy / self.stiffness) ** (1.0 / order)
+
+    def impact_speed(self, depth, v, spring_energy):
+        """v0 read from the state; `spring_energy` is U(x) − U(gap)."""
+        energy = elastic_energy(self, depth) + np.maximum(spring_energy, 0.0)
+        return np.sqrt(v * v + 2.0 * energy)
+
+    def damping(self, depth, v, spring_energy, held_speed):
+        """Damping force over velocity (1/s).
+
+        `held_speed` is v0 where it is held, raised to |v| where it lies below.
+        """
+        if self.holds != 0.0:
+            speed = np.maximum(held_speed, np.abs(v))
+        else:
+            speed = impact_speed(self, depth, v, spring_energy)
+        factor = self.damping_factor * self.stiffness
+        if self.exponent == HERTZ_EXPONENT:
+            return factor * depth * np.sqrt(depth) / np.maximum(speed, 1e-300)
+        return factor * depth**self.exponent / np.maximum(speed, 1e-300)
+
+    def force_formula(self, depth, sign, u, gain, number, held, rate):
+        """The force over rate² as an expression of circuits and Verilog-A, in contact only.
+
+        Parameters
+        ----------
+        depth, sign, u : str
+            The depth, the side s as 1, −1 or an expression, and X'/rate.
+        gain : str
+            2 [U(x) − U(gap)]/rate², or that bounded by 0 where it may be negative.
+        number : callable
+            Turns (name, value) into the text of a number.
+        held : str
+            The node voltage of v0/rate where it is held.
+        rate : float
+            1/s.
+        """
+        push = f"{number('stiffness', self.stiffness / rate**2)}*pow({depth},{self.exponent!r})"
+        if self.damping_factor == 0.0:
+            return f"{push}*{sign}"
+        if self.holds:
+            share = f"((abs({u})<{held}) ? {u}/{held} : sgn({u}))"
+        else:
+            order = self.exponent + 1.0
+            twice = number("energy", 2.0 / order * self.stiffness / rate**2)
+            energy = f"{twice}*pow({depth},{order!r})"
+            # The last term only keeps 0/0 away at the instant of contact.
+            share = f"{u}*pow({u}*{u}+{gain}+{energy}+1e-30,-0.5)"
+        return f"{push}*({sign}+{number('damping_factor', self.damping_factor)}*{share})"
+
+    def duration(self, speed):
+        """Duration of an elastic contact that starts with this speed (s)."""
+        order = self.exponent + 1.0
+        greatest = (0.5 * order * speed * speed / self.stiffness) ** (1.0 / order)
+        return self.duration_factor * greatest / speed
+
+    def shortened(self, square_speed, steps, longest):
+        """`longest`, or the step that takes so many steps for a contact of this speed² (s)."""
+        if self.exponent == HERTZ_EXPONENT:
+            # The same comparison without a power, for the usual case of a soft contact.
+            bound = HERTZ_DURATION / (steps * longest)
+            bound = bound * bound * bound * bound * bound
+            soft = 1.25 / self.stiffness
+            if square_speed <= bound * bound * soft * soft * soft * soft:
+                return longest
+        if square_speed == 0.0:
+            return longest
+        return min(longest, duration(self, np.sqrt(square_speed)) / steps)
+
+
+def hertz_damp(stiffness, restitution, exponent=HERTZ_EXPONENT, event=False):
+    """The law with this stiffness (scaled), restitution e and exponent n ≥ 1."""
+    factor = HERTZ_DURATION
+    if exponent != HERTZ_EXPONENT:
+        # 2 ∫ du/√(1 − u^(n+1)) from 0 to 1.
+        share = 1.0 / (exponent + 1.0)
+        factor = 2.0 * math.sqrt(math.pi) * math.gamma(1.0 + share) / math.gamma(0.5 + share)
+    return HertzDamp(
+        stiffness=float(stiffness),
+        exponent=float(exponent),
+        damping_factor=0.75 * (1.0 - restitution * restitution),
+        holds=float(bool(event)),
+        duration_factor=factor,
+    )

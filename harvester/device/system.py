@@ -1,0 +1,158 @@
+"""The sum of a device's parts: forces, losses and energies of Eqs. 4, 5 and 33 in scaled form.
+
+Pure functions of a `System` s, displacement x and velocity v; they take floats, also in compiled
+code. Compiled code is made for the parts that a system has: what it lacks leaves nothing behind.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba.extending import register_jitable
+
+from harvester.device import contact as contacts
+from harvester.device import spring as springs
+from harvester.device.dispatch import equation
+
+# Share of the earliest way to a contact that one step takes: the approach then ends in a few ever
+# shorter steps, none of which jumps into the stopper.
+APPROACH_SHARE = 0.8
+
+part_force = equation("force")
+damping_rate = equation("rate")
+state_rate = equation("state_rate")
+decay_rate = equation("decay_rate")
+terminal_voltage = equation("voltage")
+own_current = equation("current")
+load_power = equation("load_power")
+own_loss = equation("loss")
+transducer_energy = equation("stored_energy")
+transducer_stiffness = equation("stiffness")
+
+
+class Noise(NamedTuple):
+    """The Ornstein–Uhlenbeck noise of Eq. 6, or the one that an excitation is equivalent to.
+
+    Attributes
+    ----------
+    intensity : D (scaled length² s⁻³).
+    correlation_time : τ1 (s).
+    """
+
+    intensity: float
+    correlation_time: float
+
+
+class System(NamedTuple):
+    """A device in scaled form with the noise that drives it; time in s, lengths in `Scales`.
+
+    Attributes
+    ----------
+    spring : harvester.device.spring.Spring
+    damper : harvester.device.damper.Damper or QuadraticDamper
+    contacts : tuple of harvester.device.contact.Contact
+    transducer : one of harvester.device.transducer
+    noise : Noise
+    """
+
+    spring: tuple
+    damper: tuple
+    contacts: tuple
+    transducer: tuple
+    noise: Noise
+
+    @property
+    def symmetric(self):
+        """Whether the device turned left to right is the same."""
+        mirrored = sorted(each._replace(side=0.0 - each.side) for each in self.contacts)
+        return self.spring.symmetric and mirrored == sorted(self.contacts)
+
+    @property
+    def lossy_transducer(self):
+        """Whether leak or winding take power of their own."""
+        return getattr(self.transducer, "own_rate", 1.0) > 0.0
+
+
+@register_jitable
+def push(s, x, v, state, noise):
+    """Acceleration by all but the contacts, η − damper − transducer − F(x)."""
+    damping = part_force(s.damper, v)
+    return noise - damping - part_force(s.transducer, v, state) - springs.force(s.spring, x)
+
+
+@register_jitable
+def contact_force(s, x, v, held_speed, low, high):
+    """f of Eq. 5, the contacts that act in the zone from `low` to `high`."""
+    return contacts.force(s.contacts, s.spring, x, v, held_speed, low, high)
+
+
+@register_jitable
+def loss_power(s, x, v, held_speed, touching):
+    """What damper and, if `touching` one, contacts take, [c + contact damping] X'² (Eq. 36)."""
+    rate = damping_rate(s.damper, v)
+    if touching:
+        rate += contacts.loss_rate(s.contacts, s.spring, x, v, held_speed)
+    return rate * v * v
+
+
+@register_jitable
+def potential(s, x):
+    """Spring and contact energy, without the transducer's."""
+    return springs.energy(s.spring, x) + contacts.energy(s.contacts, x)
+
+
+@register_jitable
+def stored_energy(s, x, v, voltage, own_loss_power):
+    """½ X'² + U(X) + the transducer's energy (physics of Eq. 33)."""
+    mechanical = 0.5 * v * v + potential(s, x)
+    return mechanical + transducer_energy(s.transducer, voltage, own_loss_power)
+
+
+def elastic_force(s, x):
+    """dU/dx of spring and contacts; `x` a float or an array of any shape."""
+    return springs.force(s.spring, x) + contacts.elastic_push(s.contacts, x)
+
+
+@register_jitable
+def earliest_contact(low, high, x, v, acceleration, margin):
+    """Time before which a free mass cannot reach `low` or `high` (s).
+
+    Its acceleration towards either one is at most `acceleration` towards it plus `margin`.
+    """
+    earliest = np.inf
+    for outward, distance, towards in (
+        (v, high - x, acceleration),
+        (-v, x - low, -acceleration),
+    ):
+        gain = max(towards + margin, 0.0)
+        closing = outward + np.sqrt(outward * outward + 2.0 * gain * distance)
+        if closing > 0.0 and distance < np.inf:
+            earliest = min(earliest, 2.0 * distance / closing)
+    return earliest
+
+
+@register_jitable
+def resolving_step(s, low, high, x, v, acceleration, margin, longest, steps):
+    """Step that resolves a contact and, before it, ends short of it, ≤ `longest` (s).
+
+    Parameters
+    ----------
+    s : System
+    low, high : float
+        The free zone.
+    x, v : float
+    acceleration : float
+        From `push`.
+    margin : float
+        Greatest change of it within `longest`.
+    longest : float
+        Step away from the contacts (s).
+    steps : int
+        Per contact.
+    """
+    # A mass pressed or drawn onto the stopper meets it with what it gains on the way.
+    speed = abs(v) + (abs(acceleration) + margin) * longest
+    step = contacts.step(s.contacts, x, speed * speed, longest, steps)
+    if step == longest or x < low or x > high:
+        return step
+    free = APPROACH_SHARE * earliest_contact(low, high, x, v, acceleration, margin)
+    return min(longest, max(step, free))

@@ -1,0 +1,280 @@
+"""Where a device rests and how fast it moves: wells, saddles, frequencies, relaxation, contacts.
+
+Functions of a `System`, in its scaled units; each answer is kept, a system being immutable.
+"""
+
+import functools
+import math
+
+import numpy as np
+
+from harvester.device import contact as contacts
+from harvester.device import spring as springs
+from harvester.device.system import elastic_force, potential
+
+# Energy up to which the default step resolves the motion, in units of the mean-square velocity:
+# the density of the energy falls as exp(−H/E[X'²]), so it is beyond for under 1 % of the time.
+RESOLVED_ENERGY = 5.0
+# Points in which equilibria are looked for, and nodes of a describing function: exact up to the
+# seventh power.
+SEARCH_POINTS, HARMONIC_NODES = 4001, 16
+
+kept = functools.lru_cache(maxsize=256)
+
+
+@kept
+def equilibria(system):
+    """Displacements without a force, ascending, and whether each is stable.
+
+    Spring and contacts together, without charge or current in the transducer.
+
+    Returns
+    -------
+    tuple of (float, bool)
+        Stable and unstable ones alternate where the potential is bounded.
+    """
+    reach = _reach(system)
+    # The spring's own roots are known to the last digit where no contact acts.
+    free = free_zone(system)
+    exact = [float(x) for x in springs.roots(system.spring) if free[0] <= x <= free[1]]
+    points = np.unique(np.concatenate([np.linspace(-reach, reach, SEARCH_POINTS), _finite(free)]))
+    values = elastic_force(system, points)
+    found = []
+    for k in np.flatnonzero(values[:-1] * values[1:] <= 0.0):
+        left, right = points[k], points[k + 1]
+        if values[k] == values[k + 1] or (values[k + 1] == 0.0 and k + 2 < points.size):
+            continue
+        inside = [x for x in exact if left <= x <= right]
+        root = inside[0] if len(inside) == 1 else _balance(system, left, right)
+        found.append((_polished(system, root), bool(values[k + 1] > values[k])))
+    return tuple(found)
+
+
+@kept
+def wells(system):
+    """Stable rest positions, from the right to the left: tuple of float."""
+    well = _double_well(system)
+    if well is not None:
+        return (well, -well) if well > 0.0 else (0.0,)
+    return tuple(x for x, stable in reversed(equilibria(system)) if stable)
+
+
+@kept
+def saddles(system):
+    """Unstable equilibria that part the wells, from the right to the left: tuple of float."""
+    well = _double_well(system)
+    if well is not None:
+        return (0.0,) if well > 0.0 else ()
+    return tuple(x for x, stable in reversed(equilibria(system)) if not stable)
+
+
+def bistable(system):
+    """Whether there is more than one well."""
+    return len(wells(system)) > 1
+
+
+def rest(system):
+    """The rest position on the right, where the first realization starts."""
+    return wells(system)[0]
+
+
+def _double_well(system):
+    """The well at X ≥ 0 of a linear and cubic spring between equal stoppers; None for others.
+
+    Its closed form is √(ω0²/κ); with a gap before it, the mass is pressed against the stopper.
+    """
+    odd = system.spring.odd
+    if not system.symmetric or len(odd) > 2:
+        return None
+    linear, cubic = (*odd, 0.0, 0.0)[:2]
+    if linear >= 0.0:
+        return 0.0
+    well = math.sqrt(-linear / cubic) if cubic > 0.0 else math.inf
+    gap = free_zone(system)[1]
+    return well if gap >= well else _pressed(system, gap)
+
+
+def _pressed(system, gap):
+    """Where spring and stopper balance beyond the gap."""
+    far, step = gap, 0.1 * gap
+    while elastic_force(system, far) <= 0.0:
+        far += step
+        step *= 2.0
+    return _balance(system, gap, far)
+
+
+def _balance(system, left, right):
+    """The displacement without a force between two at which it has different signs."""
+    from scipy.optimize import brentq
+
+    def force(x):
+        return float(elastic_force(system, x))
+
+    return brentq(force, left, right, xtol=1e-15, rtol=1e-15)
+
+
+def free_zone(system):
+    """(low, high) between which no contact acts."""
+    edges = contacts.edges(system.contacts)
+    low = max(edge for edge in edges if edge <= 0.0)
+    return low, min(edge for edge in edges if edge > 0.0)
+
+
+def _finite(values):
+    return [value for value in values if math.isfinite(value)]
+
+
+def _reach(system):
+    """A distance beyond all equilibria: there the force leads back on either side."""
+    places = [abs(x) for x in springs.roots(system.spring)]
+    places += [abs(edge) for edge in _finite(contacts.edges(system.contacts))]
+    reach = 1.25 * max(places, default=1.0) or 1.0
+    for _ in range(60):
+        if elastic_force(system, reach) > 0.0 > elastic_force(system, -reach):
+            return reach
+        reach *= 1.5
+    return reach
+
+
+def _polished(system, x):
+    """A root of the spring's force by two more steps of Newton, where no contact acts."""
+    low, high = free_zone(system)
+    if low < x < high:
+        for _ in range(2):
+            slope = float(springs.slope(system.spring, x))
+            if slope != 0.0:
+                x -= float(springs.force(system.spring, x)) / slope
+    return x
+
+
+@kept
+def stiffness(system, x):
+    """U''(x) of spring and contacts (1/s²); of a contact on the side into which it is pressed."""
+    total = float(springs.slope(system.spring, x))
+    for each in system.contacts:
+        s = math.copysign(1.0, x) if each.side == 0.0 else each.side
+        depth = s * x - each.gap
+        if depth > 0.0:
+            total += each.law.elastic_stiffness(depth)
+    return total
+
+
+def well_frequency(system, well):
+    """Of small oscillations about a well with the transducer open (rad/s).
+
+    A vanishing one is replaced by the noise's own rate.
+    """
+    mechanical = stiffness(system, well)
+    total = mechanical + system.transducer.stiffness(mechanical)
+    return math.sqrt(total) if total > 0.0 else 1.0 / system.noise.correlation_time
+
+
+@kept
+def angular_frequency(system):
+    """Of small oscillations about the stiffest well with the transducer open (rad/s)."""
+    return max(well_frequency(system, well) for well in wells(system))
+
+
+def loss_rate(system, frequency):
+    """c + N1 of Eq. 12: the rate at which damper and transducer take energy (1/s)."""
+    return system.damper.damping + system.transducer.loss_rate(frequency)
+
+
+def relaxation_time(system):
+    """Time in which damper and load take the energy of small oscillations (s).
+
+    1/(c + βλ/(λ² + ω²)), Eq. 12; infinite without either.
+    """
+    rate = loss_rate(system, angular_frequency(system))
+    return 1.0 / rate if rate > 0.0 else math.inf
+
+
+def driven_square_velocity(system, frequency):
+    """E[X'²] of motion at this frequency, D/(1 + ω²τ1²) over the rate of loss (Eqs. 12, 20)."""
+    loss = loss_rate(system, frequency)
+    colour = 1.0 + (frequency * system.noise.correlation_time) ** 2
+    square = system.noise.intensity / (loss * colour) if loss > 0.0 else math.inf
+    drag = getattr(system.damper, "quadratic_damping", 0.0)
+    if drag > 0.0:
+        # Drag alone: C2 E|X'|³ = D, with E|X'|³ = √(8/π) σ³ of a normal velocity.
+        power = system.noise.intensity / colour
+        square = min(square, (power / (drag * math.sqrt(8.0 / math.pi))) ** (2.0 / 3.0))
+    return square
+
+
+@kept
+def contact_time(system):
+    """Duration of the shortest contact at the rms speed of small oscillations (s); inf without."""
+    speed = math.sqrt(driven_square_velocity(system, angular_frequency(system)))
+    if not system.contacts:
+        return math.inf
+    if not math.isfinite(speed):
+        return 0.0
+    return min(each.law.duration(speed) for each in system.contacts)
+
+
+@kept
+def fastest_angular_frequency(system):
+    """Of small oscillations or of the greatest that the noise drives, whichever is faster (rad/s).
+
+    The greatest has the energy `RESOLVED_ENERGY` E[X'²] at the frequency ω of that motion itself;
+    its stiffness is that of harmonic balance. What the contacts add belongs to the contact's own
+    step.
+    """
+    frequency = slowest = angular_frequency(system)
+    # The greater the frequency, the less noise it meets: half-way steps settle.
+    for _ in range(60):
+        square = _driven_stiffness(system, frequency)
+        frequency = math.sqrt(0.5 * (frequency**2 + max(square, slowest**2)))
+    return frequency
+
+
+def _driven_stiffness(system, frequency):
+    """Square of the frequency at the amplitude that noise at this frequency drives."""
+    energy = RESOLVED_ENERGY * driven_square_velocity(system, frequency)
+    coefficients = system.spring.coefficients
+    if len(coefficients) <= 2 or energy == math.inf:
+        linear = coefficients[1] if len(coefficients) > 1 else 0.0
+        return linear + system.transducer.stiffness(linear)
+    low, high = _turning_points(system, energy)
+    balance = _harmonic_stiffness(system.spring, 0.5 * (low + high), 0.5 * (high - low))
+    return balance + system.transducer.stiffness(balance)
+
+
+def _turning_points(system, energy):
+    """The outermost displacements that this energy above the deepest well reaches."""
+    spring = system.spring
+    bottom = min((float(springs.energy(spring, x)) for x in springs.roots(spring)), default=0.0)
+    coefficients = np.zeros(len(spring.coefficients) + 1)
+    coefficients[1:] = [k / (n + 1) for n, k in enumerate(spring.coefficients)]
+    coefficients[0] = -(bottom + energy)
+    roots = np.polynomial.Polynomial(coefficients).roots()
+    real = roots.real[np.abs(roots.imag) < 1e-6 * (1.0 + np.abs(roots.real))]
+    low, high = float(real.min()), float(real.max())
+    for each in system.contacts:
+        stop = each.gap + each.law.greatest_depth(energy)
+        if each.side >= 0.0:
+            high = min(high, stop)
+        if each.side <= 0.0:
+            low = max(low, -stop)
+    return low, high
+
+
+def _harmonic_stiffness(spring, centre, amplitude):
+    """Stiffness of harmonic balance, ∮ F(centre + a cos θ) cos θ dθ/(π a)."""
+    angle = (np.arange(HARMONIC_NODES) + 0.5) * np.pi / HARMONIC_NODES
+    forces = springs.force(spring, centre + amplitude * np.cos(angle))
+    return 2.0 * float(np.mean(forces * np.cos(angle))) / amplitude
+
+
+def barrier(system, well):
+    """Energy per mass from a well to the lower of the saddles beside it; inf without any."""
+    beside = [x for x in saddles(system) if _neighbours(system, well, x)]
+    bottom = float(potential(system, well))
+    return min((float(potential(system, x)) - bottom for x in beside), default=math.inf)
+
+
+def _neighbours(system, well, saddle):
+    """Whether no other well lies between the two."""
+    low, high = min(well, saddle), max(well, saddle)
+    return not any(low < x < high for x in wells(system) if x != well)
