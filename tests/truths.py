@@ -7,7 +7,7 @@ from scipy.integrate import DOP853
 from scipy.linalg import expm, solve_discrete_lyapunov
 from scipy.optimize import brentq
 
-from harvester import forces
+from harvester.averaging.symmetric import symmetric_device
 from harvester.parameters import knot_spacing, scale
 from harvester.realization import noise_path
 from harvester.scene import Scene
@@ -21,6 +21,11 @@ NOTHING_BUT_STOPPERS = [
     "excitation.intensity=1e-30",
     "stoppers.impact_velocity=event",
 ]
+
+
+def flat(scene):
+    """Coefficients of Eqs. 4–6 of a scene with the source paper's parts, by name."""
+    return symmetric_device(scale(scene)[0])
 
 
 def drop_scene(restitution, stiffness, *overrides):

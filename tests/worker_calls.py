@@ -7,7 +7,7 @@ from circuits import compiled_device
 from circuits.assembly import Netlist, assemble
 from circuits.session import session
 from harvester.parameters import scale, steps_per_knot
-from harvester.realization import noise_path
+from harvester.realization import noise_path, start_state
 from harvester.scene import Scene
 
 
@@ -50,7 +50,7 @@ def run_text(report, text, stop):
 
 
 def load_compiled_device(report):
-    compiled_device.load(session())
+    compiled_device.load(session(), compiled_device.module_of(scale(Scene.load("paper"))[0])[1])
 
 
 def run_device(report, scene, compiled):
@@ -59,8 +59,9 @@ def run_device(report, scene, compiled):
 
     parameters, _ = scale(scene)
     if compiled:
-        compiled_device.load(session())
-        compiled_device.load(session())  # a second time does no harm
+        text = compiled_device.module_of(parameters)[1]
+        compiled_device.load(session(), text)
+        compiled_device.load(session(), text)  # a second time does no harm
     netlist = assemble(scene, compiled=compiled)
     keep = Keep()
     paths = [noise_path(scene, 0)]
@@ -81,7 +82,8 @@ def run_many(report, scene, times):
 
     sizes = []
     for index in range(times):
-        run_realizations(scene, [noise_path(scene, 0)], [True], [[Keep()]], "default", "external")
+        starts = [start_state(scene, 0)]
+        run_realizations(scene, [noise_path(scene, 0)], starts, [[Keep()]], "default", "external")
         if index in (times // 4, times - 1):
             sizes.append(resident_megabytes())
     return sizes
@@ -99,7 +101,8 @@ def run_long(report, scene):
             self.sizes.append(resident_megabytes())
 
     watch = Watch()
-    run_realizations(scene, [noise_path(scene, 0)], [True], [[watch]], "default", "external")
+    starts = [start_state(scene, 0)]
+    run_realizations(scene, [noise_path(scene, 0)], starts, [[watch]], "default", "external")
     return watch.sizes[-1] - watch.sizes[len(watch.sizes) // 2]
 
 

@@ -3,6 +3,7 @@ import subprocess
 import numpy as np
 import pytest
 from raw_files import ngspice_program, read_raw
+from truths import flat
 
 from circuits.export import stand_alone
 from harvester.errors import NetlistError
@@ -67,7 +68,6 @@ def test_the_netlist_for_reading_runs_by_hand_and_solves_the_papers_equations(tm
     from scipy.integrate import solve_ivp
 
     from harvester import forces
-    from harvester.parameters import scale
 
     folder = str(resources.files("netlists"))
     raw_file = tmp_path / "paper.raw"
@@ -78,7 +78,7 @@ def test_the_netlist_for_reading_runs_by_hand_and_solves_the_papers_equations(tm
         capture_output=True,
     )
     raw = read_raw(raw_file)
-    p, _ = scale(Scene.load("paper"))
+    p = flat(Scene.load("paper"))
 
     def derivative(time, state):
         x, v, voltage = state

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from truths import flat
 
 from harvester.estimators import (
     TOO_SHORT,
@@ -14,7 +15,6 @@ from harvester.estimators import (
 )
 from harvester.moments import Moments
 from harvester.monte_carlo import initial_state, integrate
-from harvester.parameters import scale
 from harvester.realization import noise_path
 from harvester.scene import Scene
 from harvester.simulation import simulate
@@ -67,7 +67,7 @@ def test_independent_realizations_of_one_batch_each_give_an_error_bar():
 
 
 def moments_of(scene, chunk=None):
-    p, _ = scale(scene)
+    p = flat(scene)
     stop = scene.run.settle + scene.run.duration
     counts = batch_counts(scene.run.realizations, scene.run.duration / 0.05)
     found = []
@@ -101,7 +101,7 @@ def test_moments_do_not_depend_on_the_chunks():
 
 def test_moments_are_the_integrals_of_the_record():
     scene = Scene.load("paper", [*SHORT, "run.settle=0", "run.realizations=1"])
-    p, _ = scale(scene)
+    p = flat(scene)
     chunks = [
         np.array(record)
         for record in integrate(p, noise_path(scene, 0), initial_state(p, True), 400.0)
@@ -118,7 +118,7 @@ def test_moments_are_the_integrals_of_the_record():
 def test_densities_integrate_to_one_and_have_the_records_spread():
     scene = Scene.load("paper", ["run.realizations=2", "run.duration=2000", "run.settle=20"])
     moments = moments_of(scene)
-    p, _ = scale(scene)
+    p = flat(scene)
     estimates = estimate_all(moments, p)
     density = densities(moments)["displacement"]
     width = density.centre[1] - density.centre[0]
@@ -134,7 +134,7 @@ def test_densities_integrate_to_one_and_have_the_records_spread():
 
 def test_both_efficiencies_agree_and_rms_is_the_root():
     scene = Scene.load("linear", ["run.realizations=2", "run.duration=4000"])
-    p, _ = scale(scene)
+    p = flat(scene)
     estimates = estimate_all(moments_of(scene), p)
     one = estimates["power_conversion_efficiency"]
     other = estimates["power_conversion_efficiency_of_input"]
@@ -149,7 +149,7 @@ def test_both_efficiencies_agree_and_rms_is_the_root():
 
 def test_short_runs_say_so_in_the_estimate():
     scene = Scene.load("paper", ["run.realizations=2", "run.duration=10", "run.settle=0"])
-    p, _ = scale(scene)
+    p = flat(scene)
     estimate = estimate_all(moments_of(scene), p)["mean_square_voltage"]
     assert estimate.standard_error is None
     assert estimate.note == TOO_SHORT
@@ -158,7 +158,7 @@ def test_short_runs_say_so_in_the_estimate():
 
 def test_the_residual_sees_a_wrong_coefficient():
     scene = Scene.load("paper", SHORT)
-    p, _ = scale(scene)
+    p = flat(scene)
     moments = moments_of(scene)
     assert abs(energy_balance_residual(moments, p)) < 0.01
     for m in moments:

@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from truths import flat
 
 from harvester import forces
-from harvester.parameters import scale
 from harvester.scene import Scene
 
 
 def parameters(*overrides):
-    return scale(Scene.load("paper", overrides))[0]
+    return flat(Scene.load("paper", overrides))
 
 
 def test_the_force_is_the_potentials_derivative_on_both_sides():

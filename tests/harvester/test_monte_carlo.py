@@ -1,17 +1,16 @@
 import numpy as np
 import pytest
-from truths import Keep, drop_scene, rebound_speed, reference_path
+from truths import Keep, drop_scene, flat, rebound_speed, reference_path
 
 from harvester.excitation import NoisePath
 from harvester.moments import Moments
 from harvester.monte_carlo import VELOCITY, initial_state, integrate
-from harvester.parameters import scale
 from harvester.realization import noise_path
 from harvester.scene import Scene
 
 
 def simulated(scene, knots, steps_per_knot=1, index=0):
-    p, _ = scale(scene)
+    p = flat(scene)
     keep = Keep()
     state = initial_state(p, index % 2 == 0)
     path = noise_path(scene, index)
@@ -40,7 +39,7 @@ def test_the_order_is_four_against_scipy_on_the_same_path(name):
 @pytest.mark.parametrize("stiffness", [10.0, 1e6])
 def test_a_drop_on_one_stopper_rebounds_as_the_exact_law_says(restitution, stiffness):
     scene = drop_scene(restitution, stiffness)
-    p, _ = scale(scene)
+    p = flat(scene)
     state = initial_state(p, right=True)
     state[VELOCITY] = 1.0
     for _record in integrate(p, noise_path(scene, 0), state, 3.0, steps_per_knot=4):
@@ -67,7 +66,7 @@ def test_white_noise_without_coupling_follows_gibbs_and_rice():
         ],
     )
     result = simulate(scene, "monte-carlo")
-    p, _ = scale(scene)
+    p = flat(scene)
     square = result.scaled_quantities["mean_square_velocity"]
     assert abs(square.estimate - p.intensity / p.damping) < 3 * square.standard_error + 2e-3
     from scipy.integrate import quad
@@ -90,7 +89,7 @@ def test_chunks_do_not_change_the_numbers_and_a_stiff_contact_is_resolved():
     depth = np.abs(record[1]).max() - 1.1
     assert 0.0 < depth < 1e-2
     assert np.all(np.diff(record[0]) > 0.0)
-    p, _ = scale(scene)
+    p = flat(scene)
     moments = Moments.empty(0.0, 400.0, p.gap, 4, 1, 0.2)
     for chunk in integrate(p, noise_path(scene, 0), initial_state(p, True), 400.0):
         moments.add(chunk)
@@ -100,7 +99,7 @@ def test_chunks_do_not_change_the_numbers_and_a_stiff_contact_is_resolved():
 
 
 def test_a_path_of_no_noise_leaves_the_mass_at_rest():
-    p = scale(Scene.load("paper", ["stoppers.gap=0.95"]))[0]
+    p = flat(Scene.load("paper", ["stoppers.gap=0.95"]))
     state = initial_state(p, right=False)
     path = NoisePath(1e-300, 1.0, 0.05, np.random.SeedSequence(1))
     for record in integrate(p, path, state, 50.0):

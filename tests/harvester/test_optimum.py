@@ -6,14 +6,14 @@ import math
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
-from truths import interpolated_linear_means
+from truths import flat, interpolated_linear_means
 
 from harvester import optimum_search
 from harvester.command_line import main
 from harvester.errors import HarvesterError, OptimumError
 from harvester.optimum import optimum
 from harvester.optimum_search import Axis, Fit, Search, averaged
-from harvester.parameters import knot_spacing, scale
+from harvester.parameters import knot_spacing
 from harvester.scene import Scene
 
 LINEAR = Scene.load("linear", ["run.realizations=2", "run.duration=3000"])
@@ -32,7 +32,7 @@ def oscillator_power(p):
 
 def best_load(power):
     def loss(rate):
-        return -power(scale(LINEAR.replace({"load.decay_rate": rate}))[0])
+        return -power(flat(LINEAR.replace({"load.decay_rate": rate})))
 
     return minimize_scalar(loss, bounds=(0.5, 10.0), method="bounded", options={"xatol": 1e-9}).x
 
@@ -58,7 +58,7 @@ def test_averaging_and_simulation_together():
     assert closed == pytest.approx(exact, rel=2e-3)
     assert abs(found.place.estimate - exact) < 4.0 * found.place.standard_error
     assert found.place.standard_error < 0.05 * exact
-    value = oscillator_power(scale(LINEAR.replace({"load.decay_rate": closed}))[0])
+    value = oscillator_power(flat(LINEAR.replace({"load.decay_rate": closed})))
     assert abs(found.value.estimate - value) < 4.0 * found.value.standard_error
     header, rows = found.table()
     assert {len(row) for row in rows} == {len(header)}
@@ -83,10 +83,10 @@ def test_the_closed_form_has_its_white_noise_optimum():
     white = LINEAR.replace({"excitation.correlation_time": 1e-6, "excitation.knot_spacing": 1e-7})
 
     def loss(rate):
-        return -oscillator_power(scale(white.replace({"load.decay_rate": rate}))[0])
+        return -oscillator_power(flat(white.replace({"load.decay_rate": rate})))
 
     best = minimize_scalar(loss, bounds=(0.5, 10.0), method="bounded", options={"xatol": 1e-9}).x
-    p = scale(white)[0]
+    p = flat(white)
     frequency, square = math.sqrt(p.linear_stiffness), p.coupling / p.linear_stiffness
     assert frequency / best == pytest.approx(1.0 / math.sqrt(1.0 + square), rel=1e-4)
 

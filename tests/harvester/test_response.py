@@ -3,12 +3,12 @@ import json
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from truths import flat
 
 import harvester
 from harvester.command_line import main
 from harvester.commands.options import number_list
 from harvester.errors import HarvesterError
-from harvester.parameters import scale
 from harvester.scene import Scene
 
 
@@ -39,7 +39,7 @@ def transfer(p, frequency, amplitude):
 def test_a_linear_device_has_its_transfer_function(pool, engine, step, frequencies, tolerance):
     scene = sine("linear", 0.3)
     response = harvester.frequency_response(scene, frequencies, engine, step=step, pool=pool)
-    p, _ = scale(scene)
+    p = flat(scene)
     amplitude, voltage = transfer(p, np.array(frequencies), 0.3)
     for sweep in response.sweeps:
         np.testing.assert_allclose(sweep.displacement_amplitude, amplitude, rtol=tolerance)
@@ -73,7 +73,7 @@ def test_a_hardening_spring_shows_hysteresis(pool):
     # Both branches at 0.375 Hz, one below and above.
     assert up[3] > 3 * down[3]
     np.testing.assert_allclose(up[[0, 1, 2, 5, 6]], down[[0, 1, 2, 5, 6]], rtol=2e-3)
-    assert up[3] == pytest.approx(_swept_up(scale(scene)[0], response.frequencies[:4]), rel=1e-3)
+    assert up[3] == pytest.approx(_swept_up(flat(scene), response.frequencies[:4]), rel=1e-3)
 
 
 def _swept_up(p, frequencies):

@@ -1,6 +1,7 @@
 import math
 
 import pytest
+from truths import flat
 
 from harvester.errors import SceneError
 from harvester.parameters import knot_spacing, scale
@@ -115,7 +116,7 @@ def test_the_knot_spacing_left_out_follows_the_fastest_time():
 
 
 def test_a_preloaded_mass_rests_between_gap_and_well():
-    parameters, _ = scale(Scene.load("paper", ["stoppers.gap=0.95"]))
+    parameters = flat(Scene.load("paper", ["stoppers.gap=0.95"]))
     x = parameters.rest
     assert 0.95 < x < parameters.well
     force = -4.0 * x + parameters.cubic_stiffness * x**3 + 10.0 * (x - 0.95) ** 1.5

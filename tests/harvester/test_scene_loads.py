@@ -3,10 +3,10 @@
 import pickle
 
 import pytest
+from truths import flat
 
 from harvester.command_line import main
 from harvester.errors import NetlistError, SceneError
-from harvester.parameters import scale
 from harvester.scene import BUILT_IN, Scene
 
 RESISTOR = ".subckt mine p n resistance=1k\nR1 p n {resistance}\n.ends\n"
@@ -17,7 +17,7 @@ def test_overrides_reach_the_loads_parameters():
         "device", ["load.netlist=resistor", "load.parameters.resistance=1e5", "run.seed=3"]
     )
     assert scene.electrical_load.parameters == {"resistance": 1e5}
-    p, _ = scale(scene)
+    p = flat(scene)
     assert p.decay_rate == pytest.approx(1.0 / (1e5 * 4.3e-8))
     changed = scene.replace({"load.parameters.resistance": "2Meg"})
     assert changed.electrical_load.circuit.resistance == 2e6
@@ -45,7 +45,7 @@ def test_a_scene_with_a_netlist_survives_tables_and_processes():
     again = Scene.from_tables(scene.to_tables(), name="paper")
     assert again == scene
     assert pickle.loads(pickle.dumps(scene)) == scene
-    assert scale(scene)[0].decay_rate == pytest.approx(0.05)
+    assert flat(scene).decay_rate == pytest.approx(0.05)
 
 
 def test_a_file_is_found_beside_the_scene_and_then_here(tmp_path, monkeypatch):

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from truths import interpolated_linear_means
+from truths import flat, interpolated_linear_means
 
 import harvester
 from harvester.errors import EnergyNotBalanced, HarvesterError, SimulatorTimeout
 from harvester.estimators import paired_difference
-from harvester.parameters import knot_spacing, scale
+from harvester.parameters import knot_spacing
 from harvester.scene import Scene
 from harvester.simulation import simulate
 
@@ -37,7 +37,7 @@ def test_a_linear_scene_meets_the_lyapunov_equation(pool, engine, overrides):
     """False-alarm rate 1.3 % per case: five means at three of their own standard errors."""
     scene = Scene.load("linear", ["run.realizations=2", "run.duration=10000", *overrides])
     result = simulate(scene, engine, pool=pool)
-    exact = interpolated_linear_means(scale(scene)[0], knot_spacing(scene))
+    exact = interpolated_linear_means(flat(scene), knot_spacing(scene))
     for name in MEANS:
         found = result.scaled_quantities[name]
         assert abs(found.estimate - exact[name]) < 3 * found.standard_error, name

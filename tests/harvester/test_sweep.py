@@ -4,11 +4,11 @@ import math
 
 import pytest
 from scipy.integrate import quad
-from truths import interpolated_linear_means
+from truths import flat, interpolated_linear_means
 
 import harvester.sweep as module
 from harvester.errors import AveragingError, EngineNotFound, SimulationError
-from harvester.parameters import knot_spacing, scale
+from harvester.parameters import knot_spacing
 from harvester.scene import Scene
 from harvester.simulation import simulate
 from harvester.sweep import (
@@ -91,7 +91,7 @@ def test_a_run_is_lengthened_until_its_error_bar_is_the_one_asked_for(pool):
     voltage = answer.quantities["mean_square_voltage"]
     assert relative_error(voltage) <= 0.01
     assert answer.scene.run.duration > LINEAR.run.duration
-    exact = interpolated_linear_means(scale(LINEAR)[0], knot_spacing(LINEAR))
+    exact = interpolated_linear_means(flat(LINEAR), knot_spacing(LINEAR))
     error = abs(voltage.estimate - exact["mean_square_voltage"])
     assert error < 4.0 * voltage.standard_error
     assert not any("above" in note for note in answer.notes)
@@ -106,7 +106,7 @@ def test_a_run_that_may_not_be_long_enough_says_so(pool):
 
 def test_one_unseen_jump_weighs_what_its_charge_leaves_on_the_piezo(pool):
     result = simulate(PAPER, "monte-carlo", pool=pool)
-    p, _ = scale(PAPER)
+    p = flat(PAPER)
     left = quad(lambda t: (2 * p.rest * math.exp(-p.decay_rate * t)) ** 2, 0.0, math.inf)[0]
     measured = PAPER.run.realizations * PAPER.run.duration
     voltage = result.scaled_quantities["mean_square_voltage"].estimate

@@ -4,15 +4,15 @@ import math
 
 import numpy as np
 import pytest
+from truths import flat
 
 from harvester.averaging import average
 from harvester.errors import AveragingError
-from harvester.parameters import scale
 from harvester.scene import Scene
 
 CLOSURES = ("paper", "consistent")
-PAPER = scale(Scene.load("paper"))[0]
-LINEAR = scale(Scene.load("linear"))[0]
+PAPER = flat(Scene.load("paper"))
+LINEAR = flat(Scene.load("linear"))
 MEANS = (
     "mean_square_voltage",
     "mean_power",
@@ -154,7 +154,7 @@ def test_unknown_closure():
 
 @pytest.mark.parametrize("closure", CLOSURES)
 def test_other_units_of_time_and_length_change_nothing(closure):
-    p, _ = scale(Scene.load("paper"))
+    p = flat(Scene.load("paper"))
     rate, length = 30.0, 1e-3
     q = p._replace(
         damping=p.damping * rate,

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
+from harvester.forces import potential
+from truths import flat
 
 from harvester.averaging import average
-from harvester.forces import potential
-from harvester.parameters import scale
 from harvester.scene import Scene
 
-PAPER = scale(Scene.load("paper"))[0]
-LINEAR = scale(Scene.load("linear"))[0]
+PAPER = flat(Scene.load("paper"))
+LINEAR = flat(Scene.load("linear"))
 WHITE = {"correlation_time": 1e-6, "coupling": 0.0, "restitution": 1.0, "damping": 0.1}
 
 

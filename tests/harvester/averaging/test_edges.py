@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
+from truths import flat
 
 from harvester.averaging.edges import follow, outer_range, well_range
 from harvester.averaging.orbits import OuterEdge, Potential, WellEdge
 from harvester.errors import AveragingError
-from harvester.parameters import scale
 from harvester.scene import Scene
 
-PAPER = scale(Scene.load("paper"))[0]
+PAPER = flat(Scene.load("paper"))
 
 
 @pytest.mark.parametrize("decay_rate", [1e-3, 0.05, 1.0, 10.0])

@@ -5,20 +5,19 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from truths import interpolated_linear_means
+from harvester.forces import potential
+from truths import flat, interpolated_linear_means
 
 from harvester.averaged import average as average_scene
 from harvester.averaging import average
 from harvester.averaging.fokker_planck import LEVELS
 from harvester.averaging.propagator import Grid, Propagator, mirrored, shares
 from harvester.errors import AveragingError
-from harvester.forces import potential
-from harvester.parameters import scale
 from harvester.scene import Scene
 from harvester.simulation import simulate
 
-PAPER = scale(Scene.load("paper"))[0]
-LINEAR = scale(Scene.load("linear"))[0]
+PAPER = flat(Scene.load("paper"))
+LINEAR = flat(Scene.load("linear"))
 WHITE = {"correlation_time": 1e-6, "coupling": 0.0, "restitution": 1.0, "damping": 0.2}
 NAMES = ("mean_square_voltage", "mean_square_velocity", "mean_square_displacement")
 

@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
+from harvester.forces import contact_damping, potential
 from scipy.integrate import quad
 from scipy.optimize import brentq, minimize_scalar
+from truths import flat
 
 from harvester.averaging.lobes import HalfOrbits, Lobe
-from harvester.forces import contact_damping, potential
-from harvester.parameters import scale
 from harvester.scene import Scene
 
-PAPER = scale(Scene.load("paper"))[0]
+PAPER = flat(Scene.load("paper"))
 STIFF = PAPER._replace(gap=0.95, contact_stiffness=1000.0, restitution=0.3)
 STIFFNESS = 6.0  # above ω0²: one minimum at every charge
 

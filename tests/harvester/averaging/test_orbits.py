@@ -4,19 +4,19 @@ import math
 
 import numpy as np
 import pytest
+from harvester.forces import contact_damping, contact_time
 from scipy.integrate import quad
 from scipy.optimize import brentq
 from scipy.special import ellipk
+from truths import flat
 
 from harvester.averaging.orbits import OuterEdge, Potential, WellEdge
-from harvester.forces import contact_damping, contact_time
-from harvester.parameters import scale
 from harvester.scene import Scene
 
 NODES = 24
-PAPER = scale(Scene.load("paper"))[0]
-LINEAR = scale(Scene.load("linear"))[0]
-DUFFING = scale(Scene.load("duffing"))[0]
+PAPER = flat(Scene.load("paper"))
+LINEAR = flat(Scene.load("linear"))
+DUFFING = flat(Scene.load("duffing"))
 
 
 def outer_orbits(parameters, excess, added=0.0):

@@ -5,20 +5,19 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from harvester.forces import potential
 from scipy.stats import norm
-from truths import interpolated_linear_means
+from truths import flat, interpolated_linear_means
 
 from harvester.averaged import average as average_scene
 from harvester.averaging import average
 from harvester.averaging.crossing import IMPULSE
 from harvester.averaging.filters import filtered_power
 from harvester.errors import AveragingError
-from harvester.forces import potential
-from harvester.parameters import scale
 from harvester.scene import Scene
 
-PAPER = scale(Scene.load("paper"))[0]
-LINEAR = scale(Scene.load("linear"))[0]
+PAPER = flat(Scene.load("paper"))
+LINEAR = flat(Scene.load("linear"))
 WHITE = {"correlation_time": 1e-6, "coupling": 0.0, "restitution": 1.0, "damping": 0.1}
 NAMES = ("mean_square_voltage", "mean_square_velocity", "mean_square_displacement")
 

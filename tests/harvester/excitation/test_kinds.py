@@ -4,12 +4,13 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from truths import flat
 
 from harvester.averaged import average
 from harvester.errors import AveragingError, HarvesterError, SceneError
 from harvester.excitation import KINDS, Excitation, White, realization_seeds
 from harvester.excitation.white import WhitePath
-from harvester.parameters import knot_spacing, scale
+from harvester.parameters import knot_spacing
 from harvester.realization import noise_path
 from harvester.scene import Scene
 from harvester.scene_schema import positive
@@ -110,7 +111,7 @@ def test_a_sum_is_the_sum_of_its_parts():
     double = with_excitation("paper", {"kind": "sum", "parts": parts, "knot_spacing": 0.04})
     variance = noise_path(double, 0).read(20000).var()
     assert variance == pytest.approx(2 * 2 * 0.02 / 0.04, rel=0.05)
-    assert scale(scene)[0].intensity > 2 * 0.02 + 0.02
+    assert flat(scene).intensity > 2 * 0.02 + 0.02
 
 
 def test_white_noise_averages_as_the_limit_of_short_correlation():

@@ -2,12 +2,11 @@ import numpy as np
 import pytest
 from scipy import signal
 from scipy.io import wavfile
-from truths import Keep
+from truths import Keep, flat
 
 from harvester.errors import SceneError
 from harvester.excitation import conditioning
 from harvester.monte_carlo import initial_state, integrate
-from harvester.parameters import scale
 from harvester.realization import noise_path
 from harvester.scene import Scene
 from harvester.simulation import simulate
@@ -42,7 +41,7 @@ def saved(folder, values, suffix="npy"):
 def test_a_linear_device_answers_a_record_as_lsim_says(tmp_path):
     samples = motion()
     scene = recorded(saved(tmp_path, samples))
-    p, _ = scale(scene)
+    p = flat(scene)
     keep = Keep()
     for record in integrate(p, noise_path(scene, 0), initial_state(p, True), 30.0):
         keep.add(record)

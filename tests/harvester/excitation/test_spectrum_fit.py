@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 from scipy import signal
+from truths import flat
 
 from harvester.averaged import average
 from harvester.excitation import NoisePath
 from harvester.excitation.spectrum_fit import fit_spectrum
-from harvester.parameters import scale
 from harvester.scene import Scene
 
 INTENSITY, TIME = 0.02, 0.4
@@ -32,7 +32,7 @@ def noise(seed, count=24001):
 
 
 def device_frequency(scene):
-    return scale(scene)[0].angular_frequency / (2 * np.pi)
+    return flat(scene).angular_frequency / (2 * np.pi)
 
 
 def test_the_fit_finds_the_noise_with_errors_that_hold(tmp_path):

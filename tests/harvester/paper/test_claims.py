@@ -6,7 +6,7 @@ from statistics import NormalDist
 
 import numpy as np
 import pytest
-from truths import interpolated_linear_means
+from truths import flat, interpolated_linear_means
 
 from harvester.command_line import main
 from harvester.estimators import Density, Estimate
@@ -35,7 +35,7 @@ from harvester.paper.claims import (
 )
 from harvester.paper.claims_list import CLAIMS, Claim
 from harvester.paper.density_features import BEYOND, peak_of, reach_of
-from harvester.parameters import knot_spacing, scale
+from harvester.parameters import knot_spacing
 from harvester.scene import Scene
 from harvester.sweep import Answer, Request, sweep
 
@@ -198,8 +198,7 @@ def test_differences_on_common_noise_are_right_and_surer(pool):
     outcomes = sweep(requests, pool)
     change, error = relative_change(*(outcomes[r] for r in requests), "mean_power")
     exact = [
-        interpolated_linear_means(scale(load)[0], knot_spacing(load))["mean_power"]
-        for load in loads
+        interpolated_linear_means(flat(load), knot_spacing(load))["mean_power"] for load in loads
     ]
     assert abs(change - (exact[1] / exact[0] - 1.0)) < 4.0 * error
     estimate = outcomes[requests[0]].quantities["mean_power"]

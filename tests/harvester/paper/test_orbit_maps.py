@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
+from truths import flat
 
 from harvester import figures
 from harvester.paper import drawing, orbit_maps
-from harvester.parameters import scale
 from harvester.scene import Scene
 
 SCENE = Scene.load("paper")
-P = scale(SCENE)[0]
+P = flat(SCENE)
 
 
 @pytest.fixture(scope="module")

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
+from truths import flat
 
 from harvester.estimators import estimate_all
 from harvester.output_estimates import estimate_output
-from harvester.parameters import scale
 from harvester.scene import Scene
 from harvester.studies.pieces import Piece, Store, compute, key_of
 
@@ -25,7 +25,7 @@ def piece(bridge, pool):
 def test_a_piece_read_back_gives_the_same_numbers(bridge, piece, tmp_path):
     Store(tmp_path).put("key", piece)
     read = Store(tmp_path).get("key")
-    parameters, _ = scale(bridge)
+    parameters = flat(bridge)
 
     def values(some):
         found = estimate_all(some.moments, parameters) | estimate_output(some.moments)

@@ -9,12 +9,12 @@ import time
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
-from truths import interpolated_linear_means
+from truths import flat, interpolated_linear_means
 
 from harvester.averaged import average
 from harvester.command_line import main
 from harvester.errors import HarvesterError
-from harvester.parameters import knot_spacing, scale
+from harvester.parameters import knot_spacing
 from harvester.scene import Scene
 from harvester.studies import Report, load_study, save, to_dataset
 
@@ -40,7 +40,7 @@ def study(pool):
 
 
 def power_of(scene, resistance):
-    parameters, _ = scale(scene.replace({"load.decay_rate": 1.0 / resistance}))
+    parameters = flat(scene.replace({"load.decay_rate": 1.0 / resistance}))
     return interpolated_linear_means(parameters, knot_spacing(scene))["mean_power"]
 
 
