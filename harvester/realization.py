@@ -132,7 +132,7 @@ def run(
     """
     module = importlib.import_module(ENGINES[engine])
     paths = [noise_path(scene, index) for index in indices]
-    moments = [_empty_moments(scene) for _ in indices]
+    moments = [empty_moments(scene) for _ in indices]
     # Only a load in the circuit has an output side.
     output = {}
     load = scene.electrical_load.circuit
@@ -169,7 +169,8 @@ def run(
     ]
 
 
-def _empty_moments(scene):
+def empty_moments(scene):
+    """Nothing accumulated yet, in the batches that the scene's run is cut into."""
     parameters, _ = scale(scene)
     spacing = knot_spacing(scene)
     counts = batch_counts(scene.run.realizations, scene.run.duration / spacing)

@@ -1,5 +1,7 @@
 """`harvester load-study`: which load, which values, how much power, how sure."""
 
+import contextlib
+
 from harvester.commands.options import (
     NUMBERS_HELP,
     add_engine_options,
@@ -75,26 +77,28 @@ def run(options):
     if options.output:
         xarray_or_say()
         options.kept_when_interrupted = "finished pieces are kept: the same command goes on"
-    with _executor(options.scheduler) as executor, progress() as follow:
-        study = load_study(
-            scene,
-            options.load,
-            sweeps,
-            engine=options.engine,
-            precision=options.precision,
-            time_budget=options.time_budget,
-            step=options.step,
-            output=options.output,
-            workers=options.workers,
-            executor=executor,
-            time_limit=options.time_limit,
-            progress=follow("load study", None),
-        )
-    report = Report(study)
-    show_table(report, "load study")
-    if options.output:
-        written = save(report, options.output)
-        say(f"written to {options.output}: {', '.join(written)}")
+    # Until the files are written: another run's study of the same folder would mix with them.
+    with _folder(options.output) as folder:
+        with _executor(options.scheduler) as executor, progress() as follow:
+            study = load_study(
+                scene,
+                options.load,
+                sweeps,
+                engine=options.engine,
+                precision=options.precision,
+                time_budget=options.time_budget,
+                step=options.step,
+                output=folder,
+                workers=options.workers,
+                executor=executor,
+                time_limit=options.time_limit,
+                progress=follow("load study", None),
+            )
+        report = Report(study)
+        show_table(report, "load study")
+        if options.output:
+            written = save(report, folder)
+            say(f"written to {options.output}: {', '.join(written)}")
     return 0 if any(e.estimates for e in study.evaluations) else 1
 
 
@@ -116,10 +120,15 @@ def _sweeps(texts):
     return sweeps
 
 
+def _folder(path):
+    """The study's folder, held from its first use on, or nothing."""
+    from harvester.studies.folder import StudyFolder
+
+    return contextlib.closing(StudyFolder(path)) if path else contextlib.nullcontext()
+
+
 def _executor(scheduler):
     """Dask's executor, or nothing."""
-    import contextlib
-
     if scheduler is None:
         return contextlib.nullcontext()
     try:

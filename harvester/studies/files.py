@@ -5,6 +5,7 @@ from pathlib import Path
 from harvester import figures
 from harvester.studies import drawing
 from harvester.studies.dataset import save_csv, save_netcdf, to_dataset
+from harvester.studies.folder import held
 
 FIGURES = {
     "power.png": drawing.draw_power,
@@ -19,17 +20,19 @@ def save(report, folder):
     Parameters
     ----------
     report : harvester.studies.report.Report
-    folder : str or Path
+    folder : str or Path or StudyFolder
 
     Raises
     ------
     HarvesterError
         xarray is missing.
     OutputError
+        `FolderInUse` where another run is at work there.
     """
     folder = Path(folder)
-    save_netcdf(to_dataset(report), folder / "load-study.nc")
-    save_csv(report, folder / "load-study.csv")
-    for name, draw in FIGURES.items():
-        figures.save(draw, report, folder / name)
+    with held(folder):
+        save_netcdf(to_dataset(report), folder / "load-study.nc")
+        save_csv(report, folder / "load-study.csv")
+        for name, draw in FIGURES.items():
+            figures.save(draw, report, folder / name)
     return ["load-study.nc", "load-study.csv", *FIGURES]

@@ -5,7 +5,8 @@ from harvester.estimators import estimate_all
 from harvester.output_estimates import estimate_output
 from harvester.parameters import scale
 from harvester.scene import Scene
-from harvester.studies.pieces import Piece, Store, compute, key_of
+from harvester.studies.piece_file import Piece
+from harvester.studies.pieces import Store, compute, key_of
 
 
 @pytest.fixture(scope="module")
