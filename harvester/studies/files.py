@@ -29,8 +29,8 @@ def save(report, folder):
     OutputError
         `FolderInUse` where another run is at work there.
     """
-    folder = Path(folder)
     with held(folder):
+        folder = Path(folder)
         save_netcdf(to_dataset(report), folder / "load-study.nc")
         save_csv(report, folder / "load-study.csv")
         for name, draw in FIGURES.items():

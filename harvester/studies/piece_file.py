@@ -121,13 +121,17 @@ def read(path, key):
         return None
     except OSError as error:
         raise NotAPiece(f"cannot be read: {error.strerror}") from None
-    with open(handle, "rb") as file:
+    try:
         about = os.fstat(handle)
         if not stat.S_ISREG(about.st_mode):
             raise NotAPiece("is not a file")
         if about.st_size > MOST_BYTES:
             raise NotAPiece(f"has {about.st_size} bytes, a piece at most {MOST_BYTES}")
-        return unpacked(file.read(MOST_BYTES + 1), key)
+        with open(handle, "rb", closefd=False) as file:
+            content = file.read(MOST_BYTES + 1)
+    finally:
+        os.close(handle)
+    return unpacked(content, key)
 
 
 def _arrays(content):
