@@ -7,6 +7,7 @@ from itertools import pairwise
 
 from circuits.topology import GROUND
 from harvester.errors import MissingLibrary
+from harvester.surroundings import load_matplotlib
 
 # schemdraw's units: an element in its column, a column beside its words, one letter of a name.
 ROW, COLUMN, LETTER = 2.0, 1.25, 0.155
@@ -110,6 +111,13 @@ class Pen:
             drawing = schemdraw.Drawing(canvas="svg", show=False, margin=MARGIN)
             self._draw(drawing, elements)
             return drawing.get_imagedata("svg")
+        from matplotlib import style
+
+        with style.context("default"):
+            return self._picture(schemdraw, elements)
+
+    def _picture(self, schemdraw, elements):
+        """PNG."""
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
@@ -142,6 +150,8 @@ def schemdraw_library():
     ------
     MissingLibrary
     """
+    # Which imports it on its own.
+    load_matplotlib()
     try:
         import schemdraw
     except ImportError:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from harvester.output import whole_file
+from harvester.surroundings import load_matplotlib
 from harvester.work_precision.diagram import MEANS
 
 STYLE = Path(__file__).parent / "house.mplstyle"
@@ -54,10 +55,12 @@ def picture(draw, result, format="svg"):
 
 
 def _render(draw, result, target, **options):
+    load_matplotlib()
     from matplotlib import style
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    with style.context(STYLE):
+    # A figure looks the same whatever settings the user keeps for others.
+    with style.context(["default", STYLE]):
         figure = draw(result)
         FigureCanvasAgg(figure)
         figure.savefig(target, **options)
