@@ -13,7 +13,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from harvester import forces
-from harvester.compilation import compiled
+from harvester.compilation import CACHED, compiled
 from harvester.parameters import STEPS_PER_CONTACT, ScaledParameters
 
 # Points held before they are handed on, and knots of the noise held ahead, over all copies.
@@ -90,7 +90,7 @@ def _noise(state, copy, time):
     return window[copy, knot] * (1.0 - share) + window[copy, knot + 1] * share
 
 
-@cfunc(types.int32(types.voidptr, types.int32, types.int32, types.CPointer(_STATE)), cache=True)
+@cfunc(types.int32(types.voidptr, types.int32, types.int32, types.CPointer(_STATE)), cache=CACHED)
 def send_data(values, count, identity, user):
     """`SendData`: copy the saved nodes of an accepted point into the buffer.
 
@@ -130,7 +130,7 @@ def send_data(values, count, identity, user):
         types.int32,
         types.CPointer(_STATE),
     ),
-    cache=True,
+    cache=CACHED,
 )
 def get_noise(current, time, name, identity, user):
     """`GetISRCData`: the noise of the copy whose number stands in the source's name."""
@@ -184,7 +184,7 @@ def _shortest(state, ahead, step):
         types.int32,
         types.CPointer(_STATE),
     ),
-    cache=True,
+    cache=CACHED,
 )
 def set_step(time, delta, before, redo, identity, location, user):
     """`GetSyncData`: the next step ends on the grid, or short of it near a contact.

@@ -6,9 +6,13 @@ from pathlib import Path
 
 from numba import njit
 
-compiled = partial(njit, cache=True, error_model="numpy")
+from harvester import numba_cache
+
+# Without it everything is compiled at every start: slower by some seconds, and the same.
+CACHED = numba_cache.is_safe()
+compiled = partial(njit, cache=CACHED, error_model="numpy")
 # Sums over many points in any order, several at a time.
-summing = partial(njit, cache=True, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
+summing = partial(njit, cache=CACHED, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
 
 PACKAGE = Path(__file__).parent
 
