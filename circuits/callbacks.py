@@ -5,15 +5,20 @@ shared structure. They call back into Python (`service`) only when a buffer is f
 window of noise must move on, some thousand steps apart.
 """
 
-import numba
 import numpy as np
 from llvmlite import ir
-from numba import carray, cfunc, types
-from numba.core import cgutils
-from numba.extending import intrinsic
 
 from harvester import forces
-from harvester.compilation import CACHED, compiled
+from harvester.compilation import (
+    CACHED,
+    carray,
+    cfunc,
+    cgutils,
+    compiled,
+    intrinsic,
+    numba,
+    types,
+)
 from harvester.parameters import STEPS_PER_CONTACT, ScaledParameters
 
 # Points held before they are handed on, and knots of the noise held ahead, over all copies.

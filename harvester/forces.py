@@ -5,7 +5,8 @@ compiled code) or arrays of any one shape and return the same.
 """
 
 import numpy as np
-from numba.extending import register_jitable
+
+from harvester.compilation import register_jitable
 
 # Hertz contact of a unit mass with K s^1.5 from approach speed v: the greatest compression is
 # (5 v²/4K)^(2/5) and the contact lasts 2.9433 times that over v (elastic).

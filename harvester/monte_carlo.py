@@ -7,11 +7,10 @@ time. One order remains at the first step of a contact, where the force starts a
 Heun's scheme of second order takes the same steps; it is there for work-precision diagrams.
 """
 
-import numba
 import numpy as np
 
 from harvester import forces
-from harvester.compilation import compiled
+from harvester.compilation import compiled, numba
 from harvester.errors import SolutionDiverged
 from harvester.parameters import (
     STEPS_PER_CONTACT,

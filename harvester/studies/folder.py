@@ -90,6 +90,10 @@ def _check(folder):
     for place in (folder, folder / "points"):
         if os.path.lexists(place) and not os.path.isdir(place):
             raise OutputError(f"{place}: is not a folder; choose another --output")
+        try:
+            os.makedirs(place, exist_ok=True)
+        except OSError as error:
+            raise OutputError(f"{place}: cannot be made: {error.strerror}") from None
         check_writable(place / "file")
 
 

@@ -56,10 +56,18 @@ def test_within_one_process_too(tmp_path):
         pass
 
 
+def say_and_wait(ready):
+    ready.set()
+    time.sleep(60.0)
+
+
 def test_a_forked_child_does_not_outlast_its_parent_as_holder(tmp_path):
+    context = multiprocessing.get_context("fork")
+    ready = context.Event()
+    child = context.Process(target=say_and_wait, args=(ready,))
     with held(tmp_path):
-        child = multiprocessing.get_context("fork").Process(target=time.sleep, args=(60.0,))
         child.start()
+        assert ready.wait(30.0)
     try:
         with held(tmp_path):
             pass
@@ -133,6 +141,11 @@ def test_a_folder_that_is_none_is_one_line(tmp_path, make, said):
     with pytest.raises(OutputError, match=said) as caught:
         StudyFolder(tmp_path / "study").hold()
     assert str(caught.value).isprintable()
+
+
+def test_a_name_too_long_is_one_line(tmp_path):
+    with pytest.raises(OutputError, match="cannot be made"):
+        StudyFolder(tmp_path / ("a" * 300)).hold()
 
 
 def test_a_folder_behind_a_link_is_that_folder(tmp_path):
