@@ -14,8 +14,9 @@ from harvester.moments import QUANTITIES
 from harvester.output_moments import OutputMoments
 from harvester.parameters import scale
 from harvester.realization import empty_moments
+from harvester.record import Record
 from harvester.scene import Scene
-from harvester.studies.pieces import key_of
+from harvester.studies.pieces import WAVEFORM_POINTS, key_of
 
 # Realizations in one piece where they run side by side or fast.
 TOGETHER = 8
@@ -80,6 +81,9 @@ class Source:
             return "" if piece.quantities else "is not of a closure"
         if len(piece.moments) != len(self.call(start)["indices"]):
             return "has another number of realizations"
+        shape = (len(Record._fields), WAVEFORM_POINTS)
+        if piece.waveform is not None and piece.waveform.shape != shape:
+            return "its waveform has another shape"
         load = self.scene.electrical_load.circuit
         has_output = bool(load and load.has_output)
         if all(_fits(each, self._template, has_output) for each in piece.moments):

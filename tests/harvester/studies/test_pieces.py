@@ -10,6 +10,7 @@ import pytest
 
 from harvester.errors import SimulatorAborted, SimulatorCrashed, SimulatorTimeout, SolutionDiverged
 from harvester.estimators import estimate_all
+from harvester.moments import PRODUCTS
 from harvester.output_estimates import estimate_output
 from harvester.parameters import scale
 from harvester.scene import Scene
@@ -111,7 +112,10 @@ FOREIGN = {
     "a long number": lambda whole, spoor: rewritten(
         whole, header=np.array('{"key": "key", "seconds": ' + "9" * 5000 + "}")
     ),
-    "no number": lambda whole, spoor: rewritten(whole, **{"0.integrals": np.full((3, 9), np.nan)}),
+    "no number": lambda whole, spoor: rewritten(
+        whole, **{"0.products": np.full(len(PRODUCTS), np.nan)}
+    ),
+    "another waveform": lambda whole, spoor: rewritten(whole, waveform=np.zeros((2, 3))),
     "another shape": lambda whole, spoor: rewritten(whole, **{"0.integrals": np.ones((3, 2))}),
     "negative times": lambda whole, spoor: rewritten(
         whole, **{"1.integrals": -np.load(io.BytesIO(whole))["1.integrals"]}

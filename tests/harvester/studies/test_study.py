@@ -157,6 +157,28 @@ def test_the_time_budget_ends_a_study_and_the_next_call_goes_on(linear, tmp_path
     assert not last.out_of_time
 
 
+def test_a_time_limit_raised_later_runs_the_point_again(linear, tmp_path):
+    short = linear.replace({"run.realizations": 1})
+    options = {"engine": "monte-carlo", "output": tmp_path, "workers": 1}
+    first = load_study(short, ["resistor"], time_limit=1e-3, **options)
+    assert first.evaluations[0].outcome.startswith("SimulatorTimeout")
+    assert "the same command computes them again" in first.warnings[-1]
+    last = load_study(short, ["resistor"], **options)
+    assert last.evaluations[0].outcome == "complete"
+    assert (last.computed, last.reused, last.warnings) == (1, 0, ())
+
+
+def test_a_piece_of_another_study_under_this_ones_name_is_named(linear, tmp_path, pool):
+    options = {"engine": "consistent", "output": tmp_path, "pool": pool}
+    first = load_study(linear, ["resistor"], {RESISTANCE: [1.0, 2.0]}, **options)
+    one, two = (tmp_path / "points").iterdir()
+    two.write_bytes(one.read_bytes())
+    last = load_study(linear, ["resistor"], {RESISTANCE: [1.0, 2.0]}, **options)
+    assert last.warnings == (f"{two}: is the piece of another key: computed again",)
+    assert [e.power for e in last.evaluations] == [e.power for e in first.evaluations]
+    assert (last.computed, last.reused) == (1, 1)
+
+
 @pytest.mark.slow
 def test_a_dask_cluster_gives_identical_numbers(linear, tmp_path):
     distributed = pytest.importorskip("distributed")
