@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from harvester.errors import SceneError
 from harvester.excitation.base import Excitation
 from harvester.scene_schema import Key, positive
 
@@ -36,6 +37,11 @@ class Sum(Excitation):
 
     def check(self, units, run, origin):
         for place, part in enumerate(self.parts):
+            if part.prescribes_displacement:
+                raise SceneError(
+                    f"{origin}: excitation.parts[{place}] is a prescribed_displacement, beside "
+                    "which no other part acts: make it the whole excitation, or take it out"
+                )
             if self.knot_spacing is not None:
                 part = replace(part, knot_spacing=self.knot_spacing)
             part.check(units, run, f"{origin}: parts[{place}]")
