@@ -4,7 +4,6 @@ import dataclasses
 import hashlib
 import json
 import os
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -192,7 +191,8 @@ class Scene:
         for table, values in tables.items():
             if isinstance(values, dict):
                 for key, value in values.items():
-                    _put(new, f"{table}.{key}", value, "replace")
+                    name = key if isinstance(key, str) else shown(key)
+                    _put(new, f"{table}.{name}", value, "replace")
             else:
                 _put(new, table, values, "replace")
         return self.from_tables(new, name=self.name, origin=self.name, folder=self.folder)
@@ -278,12 +278,14 @@ def _listed():
 
 
 def _texts(overrides):
-    if isinstance(overrides, str) or not isinstance(overrides, Iterable):
-        raise SceneError(f"overrides {shown(overrides)}: give a list of table.key=value")
-    for text in overrides:
+    try:
+        texts = [overrides] if isinstance(overrides, str) else list(overrides)
+    except TypeError:
+        texts = [overrides]
+    for text in texts:
         if not isinstance(text, str):
             raise SceneError(f"--set {shown(text)}: write it as table.key=value")
-        yield text
+    return texts
 
 
 def _parse_override(text):

@@ -191,7 +191,7 @@ def check_tables(tables, origin, kinds):
             raise SceneError(f"{origin}: {name} must be {noun}")
     top = {name: value for name, value in tables.items() if name in TOP}
     units = tables.get("units", SCALED)
-    checked = _check_table("", top, TOP, units if units in BOTH else SCALED, origin)
+    checked = _check_table("", top, TOP, units if _is_word(units, BOTH) else SCALED, origin)
     for table, keys in KEYS.items():
         if table in tables:
             values = tables[table]
@@ -260,7 +260,7 @@ def _check_value(where, value, spec, origin):
     if spec.kind is NAMED_VALUES:
         return dict(value) if isinstance(value, dict) and _named_values(value) else refuse()
     if spec.words:
-        return value if isinstance(value, str) and value in spec.words else refuse()
+        return value if _is_word(value, spec.words) else refuse()
     if spec.kind in _NOUNS:
         fits = isinstance(value, spec.kind) and value is not True and value is not False
         return value if fits else refuse()
@@ -277,6 +277,11 @@ def _check_value(where, value, spec, origin):
             f"can be computed with: {SMALLEST:g} to {LARGEST:g}"
         )
     return spec.kind(value)
+
+
+def _is_word(value, words):
+    # An array of numpy is compared item by item.
+    return isinstance(value, str) and value in words
 
 
 def _named_values(table):

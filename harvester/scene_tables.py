@@ -71,19 +71,19 @@ class _Copy:
             limit = f"more than {MOST_VALUES} values" if depth <= DEEPEST else "nested too deeply"
             raise SceneError(f"{self._origin}: {limit}, at {named(where)}")
         if isinstance(value, dict):
+            names = [self._key(key, where) for key in value]
             return {
-                self._key(key, where): self.of(each, f"{where}.{key}" if where else key, depth + 1)
-                for key, each in value.items()
+                name: self.of(each, f"{where}.{name}" if where else name, depth + 1)
+                for name, each in zip(names, value.values(), strict=True)
             }
         if isinstance(value, (list, tuple)):
             return [self.of(each, f"{where}[{k}]", depth + 1) for k, each in enumerate(value)]
-        return self._text(value, where) if isinstance(value, str) else plain_number(value)
+        return self._text(value, where) if isinstance(value, str) else _plain_number(value)
 
     def _key(self, key, where):
-        if not isinstance(key, str):
-            raise SceneError(
-                f"{self._origin}: {named(where or 'the scene')}: the key {shown(key)} is no text"
-            )
+        if not isinstance(key, str) or named(key) != key:
+            place = named(where) if where else "the scene"
+            raise SceneError(f"{self._origin}: {place} has the key {shown(key)}, which is no name")
         return str(key)
 
     def _text(self, value, where):
@@ -93,7 +93,7 @@ class _Copy:
         return str(value)
 
 
-def plain_number(value):
+def _plain_number(value):
     """Python's number for one of numpy or fractions; anything else as it is."""
     if isinstance(value, (bool, np.bool_)):
         return bool(value)

@@ -15,11 +15,11 @@ from harvester.scene_schema import nearest
 from harvester.wording import named, shown
 
 # Bytes: a text takes seconds to read, and .npy of the same motion is smaller.
-LARGEST_RECORD, LARGEST_TEXT = 2**29, 2**28
+LARGEST_RECORD, LARGEST_TEXT = 2**29, 2**27
 # A file lies in memory as it is, and decoded once more.
 FILE_SHARE = 0.25
-# Memory that reading and conditioning take for each sample, at most (measured: 60 bytes).
-BYTES_PER_SAMPLE = 80
+# Memory that reading and conditioning take for each sample, at most (measured: 92).
+BYTES_PER_SAMPLE = 100
 READERS = {".npy": NpyTable, ".wav": WavTable}
 # How files begin that are often named .csv, .npy or .wav by mistake.
 FOREIGN = {

@@ -99,6 +99,10 @@ class RecordedMotion(Excitation):
         return _knots(self)[0]
 
     @property
+    def kept_samples(self):
+        return self.samples.size
+
+    @property
     def symmetric(self):
         return False
 
@@ -155,7 +159,8 @@ class RecordedMotion(Excitation):
         repeats = self.repetition == "periodic"
         length = (values.size if repeats else values.size - 1) * self.interval
         loss = kernel_loss(self.interval, angular_frequency)
-        squares = [np.mean(part**2) for part in np.array_split(values, STRETCHES)]
+        squares = [float(np.mean(part**2)) for part in np.array_split(values, STRETCHES)]
+        change = max(squares) / min(squares) if min(squares) > 0.0 else math.inf
         lines = [
             f"record {name} ({self.sha256[:12]}), {length:g} s, linear between knots "
             f"{self.interval:.4g} s apart: its density at the device's frequency is {loss:.1%} "
@@ -172,7 +177,7 @@ class RecordedMotion(Excitation):
             lines.append(
                 "one pass of one record: error bars are those of records that drift alike; "
                 "between its quarters the mean square changes by a factor of "
-                f"{max(squares) / min(squares):.3g}"
+                f"{change:.3g}"
             )
         if abs(values.mean()) > NOTED_OFFSET * values.std():
             lines.append(

@@ -71,12 +71,13 @@ class TextTable:
     def take(self, places):
         """The columns at `places`, each float64 of shape (rows,); NaN where there is no number."""
         columns = [array("d") for _ in places]
+        appends = [(column.append, place) for column, place in zip(columns, places, strict=True)]
         for number, line in self._lines():
             if number < self._first:
                 continue
             fields = line.split(self._separator)
-            for column, place in zip(columns, places, strict=True):
-                column.append(_float(fields[place]))
+            for append, place in appends:
+                append(_float(fields[place]))
         return [np.frombuffer(column) for column in columns]
 
     def _lines(self):
