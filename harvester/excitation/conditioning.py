@@ -28,6 +28,8 @@ LARGEST_JITTER = 0.1
 # flat crest is a coincidence.
 FLAT_SAMPLES, FLAT_CRESTS = 3, 2
 FILTER_ORDER = 4
+# Of the sampling rate: the coefficients of narrower filters are lost in rounding.
+SMALLEST_BAND_SHARE = 1e-6
 # Of a repeated record, at each end.
 CROSS_FADE_SHARE = 0.05
 
@@ -127,23 +129,31 @@ def conditioned(values, rate, detrend, band, file):
     Raises
     ------
     SceneError
-        The band does not lie below half the sampling rate.
+        The band does not lie below half the sampling rate, or nothing is left.
     """
     from scipy import signal
 
     if detrend != "none":
         values = signal.detrend(values, type="constant" if detrend == "mean" else "linear")
-    if band is None:
-        return values
-    low, high = band
-    if not low < high < 0.5 * rate:
+    if band is not None:
+        values = signal.sosfiltfilt(_filter(*band, rate, file), values)
+    if np.abs(values).max() < SMALLEST_PEAK:
+        raise SceneError(f"{file}: nothing is left of the record after excitation.detrend and band")
+    return values
+
+
+def _filter(low, high, rate, file):
+    """Second-order sections of the band's filter."""
+    from scipy import signal
+
+    least = SMALLEST_BAND_SHARE * rate
+    if not low + least <= high < 0.5 * rate or 0.0 < low < least:
         raise SceneError(
-            f"{file}: excitation.band = [{low:g}, {high:g}]: must rise and end below "
-            f"{0.5 * rate:g} Hz, half the sampling rate"
+            f"{file}: excitation.band = [{low:g}, {high:g}]: must rise by {least:.2g} Hz or more, "
+            f"begin at 0 or there, and end below {0.5 * rate:g} Hz, half the sampling rate"
         )
     edges, kind = (high, "lowpass") if low == 0.0 else ([low, high], "bandpass")
-    sections = signal.butter(FILTER_ORDER, edges, kind, fs=rate, output="sos")
-    return signal.sosfiltfilt(sections, values)
+    return signal.butter(FILTER_ORDER, edges, kind, fs=rate, output="sos")
 
 
 def refined(values, factor):
