@@ -54,8 +54,9 @@ def refuse_size(values, factor, unit, file):
     peak = max(abs(float(find(values, initial=0.0, where=finite))) for find in (np.max, np.min))
     if peak != 0.0 and not SMALLEST_PEAK <= peak * factor <= LARGEST_PEAK:
         raise SceneError(
-            f"{file}: the largest sample is {peak:g} in the unit {unit}, outside "
-            f"{SMALLEST_PEAK:g} … {LARGEST_PEAK:g} m/s²: check excitation.column and unit"
+            f"{file}: the largest sample is {peak:g} in the unit {unit}, where it must be in "
+            f"[{SMALLEST_PEAK / factor:g}, {LARGEST_PEAK / factor:g}]: check excitation.column "
+            "and unit"
         )
 
 

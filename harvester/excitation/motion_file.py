@@ -103,9 +103,14 @@ def read_columns(file, content, column=None, time_column=None):
             )
         values, *times = table.take(places)
     except ValueError as error:
-        reason = named(" ".join(str(error).split()))
+        undecodable = isinstance(error, UnicodeDecodeError)
+        reason = "it is no text in UTF-8: save it so" if undecodable else named(_one_line(error))
         raise SceneError(f"{where}: not a readable record: {reason}") from None
     return Columns(values, times[0] if times else None, table.rate)
+
+
+def _one_line(error):
+    return " ".join(str(error).split())
 
 
 def _table(file, content):
