@@ -285,10 +285,10 @@ def _is_word(value, words):
 
 
 def _named_values(table):
-    """Whether all values are finite numbers or texts."""
+    """Whether all values are numbers of a sane size, or texts; the load refuses others of them."""
     return all(
         isinstance(v, str)
-        or (isinstance(v, (int, float)) and not isinstance(v, bool) and abs(v) <= LARGEST)
+        or (isinstance(v, (int, float)) and not isinstance(v, bool) and not abs(v) > LARGEST)
         for v in table.values()
     )
 
