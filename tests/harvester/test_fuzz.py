@@ -56,7 +56,7 @@ KEYS = sorted(
 )
 
 
-@budget(150)
+@budget(100)
 @given(
     name=st.sampled_from(Scene.names()),
     changes=st.dictionaries(
