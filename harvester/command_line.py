@@ -42,6 +42,8 @@ COMMANDS = (
     completion,
 )
 
+# Reading them takes the square of their number.
+MOST_ARGUMENTS = 2000
 EPILOG = """\
 exit codes:
   0    done
@@ -55,6 +57,10 @@ example: harvester validate paper --output results"""
 
 def main(arguments=None):
     """Run the command line; returns the exit code."""
+    arguments = sys.argv[1:] if arguments is None else arguments
+    if len(arguments) > MOST_ARGUMENTS:
+        _complain(f"harvester: {len(arguments)} arguments, and {MOST_ARGUMENTS} are the most")
+        return 2
     options = build_parser()[0].parse_args(arguments)
     try:
         with quiet(options.quiet):

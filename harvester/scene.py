@@ -3,13 +3,16 @@
 import dataclasses
 import hashlib
 import json
-import tomllib
+import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from harvester.errors import SceneError
 from harvester.excitation import KINDS, Excitation, build
+from harvester.input_files import read_input
 from harvester.scene_schema import NESTED_TABLES, REPLACED_KEYS, check_tables, nearest
+from harvester.scene_tables import LARGEST_SCENE, NotToml, plain_tables, read_toml
+from harvester.wording import named, shown
 
 BUILT_IN = Path(__file__).parent / "scenes"
 
@@ -133,19 +136,19 @@ class Scene:
             The file, a key or a value is not usable.
         """
         path = _find(source)
+        where = named(str(path))
         try:
-            tables = tomllib.loads(path.read_text(encoding="utf-8"))
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise SceneError(f"{path}: not a TOML file: {_one_line(error)}") from None
-        except OSError as error:
-            raise SceneError(f"{path}: cannot be read: {error.strerror}") from None
+            text = read_input(path, "scene", LARGEST_SCENE).decode("utf-8")
+        except UnicodeDecodeError as error:
+            raise SceneError(f"{where}: not a TOML file: {error}") from None
+        tables = read_toml(text, where)
         name = path.stem
         _locate_files(tables.get("excitation"), path.parent)
-        for text in overrides:
+        for text in _texts(overrides):
             key, value = _parse_override(text)
             _put(tables, key, value, "--set")
         folder = None if path.parent == BUILT_IN else str(path.parent.absolute())
-        return cls.from_tables(tables, name=name, origin=str(source), folder=folder)
+        return cls.from_tables(tables, name=name, origin=named(str(source)), folder=folder)
 
     @classmethod
     def from_tables(cls, tables, name="scene", origin="scene", folder=None):
@@ -154,6 +157,7 @@ class Scene:
         A load's netlist is looked for in `folder`, then in the current one, and read here: the
         scene holds its content.
         """
+        tables = plain_tables(tables, origin)
         checked = check_tables(tables, origin, {"excitation": KINDS})
         if "netlist" in checked["load"]:
             checked["load"]["circuit"] = _read_netlist(checked["load"], folder)
@@ -178,12 +182,17 @@ class Scene:
             Tables to change key by key; None removes the table.
         """
         new = self.to_tables()
+        if not isinstance(changes, (dict, type(None))):
+            raise SceneError(
+                f"replace {shown(changes)}: give a dictionary of dotted keys to values"
+            )
         for key, value in (changes or {}).items():
             _put(new, key, value, "replace")
         for table, values in tables.items():
             if isinstance(values, dict):
                 for key, value in values.items():
-                    _put(new, f"{table}.{key}", value, "replace")
+                    name = key if isinstance(key, str) else shown(key)
+                    _put(new, f"{table}.{name}", value, "replace")
             else:
                 _put(new, table, values, "replace")
         return self.from_tables(new, name=self.name, origin=self.name, folder=self.folder)
@@ -250,49 +259,63 @@ def _locate_files(table, folder):
 
 
 def _find(source):
-    path = Path(source)
-    built_in = BUILT_IN / f"{source}.toml"
-    if path.suffix == ".toml" or path.exists():
-        if not path.is_file():
-            raise SceneError(f"{source}: no such scene file; built in are {_listed()}")
+    """Path of a scene's file; a built-in one is not hidden by a file of that name."""
+    if not isinstance(source, (str, Path)):
+        raise SceneError(f"{shown(source)}: no scene; give a name or a path: {_listed()}")
+    if str(source) in Scene.names():
+        return BUILT_IN / f"{source}.toml"
+    path, where = Path(source), named(str(source))
+    if os.path.exists(path):
         return path
-    if not built_in.exists():
-        hint = nearest(str(source), Scene.names())
-        raise SceneError(f"{source}: no such scene{hint}; built in are {_listed()}")
-    return built_in
+    if path.suffix == ".toml":
+        raise SceneError(f"{where}: no such scene file; built in are {_listed()}")
+    hint = nearest(str(source), Scene.names())
+    raise SceneError(f"{where}: no such scene{hint}; built in are {_listed()}")
 
 
 def _listed():
     return ", ".join(Scene.names())
 
 
-def _one_line(error):
-    return " ".join(str(error).split())
+def _texts(overrides):
+    try:
+        texts = [overrides] if isinstance(overrides, str) else list(overrides)
+    except TypeError:
+        texts = [overrides]
+    for text in texts:
+        if not isinstance(text, str):
+            raise SceneError(f"--set {shown(text)}: write it as table.key=value")
+    return texts
 
 
 def _parse_override(text):
     key, separator, value = text.partition("=")
     key, value = key.strip(), value.strip()
     if not separator or not key or not value:
-        raise SceneError(f"--set {text}: write it as table.key=value")
+        raise SceneError(f"--set {named(text)}: write it as table.key=value")
     if value.lower() == "none":
         return key, None
     try:
-        return key, tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
+        parsed = read_toml(f"value = {value}", f"--set {named(key)}")
+    except NotToml:
         return key, value
+    # A value of several lines would bring keys of its own.
+    return key, parsed["value"] if len(parsed) == 1 else value
 
 
 def _put(tables, dotted, value, origin):
     """Set one dotted key in nested dictionaries; None removes it."""
+    if not isinstance(dotted, str):
+        raise SceneError(f"{origin} {shown(dotted)}: a key is a text, table.key")
+    where = named(dotted)
     *path, last = dotted.split(".")
     if len(path) > 1 and ".".join(path) not in NESTED_TABLES:
-        raise SceneError(f"{origin} {dotted}: too many dots; write it as table.key=value")
+        raise SceneError(f"{origin} {where}: too many dots; write it as table.key=value")
     place = tables
     for part in path:
         place = place.setdefault(part, {})
         if not isinstance(place, dict):
-            raise SceneError(f"{origin} {dotted}: {part} is not a table")
+            raise SceneError(f"{origin} {where}: {named(part)} is not a table")
     for other in REPLACED_KEYS.get(dotted, ()) if value is not None else ():
         place.pop(other, None)
     if value is None:

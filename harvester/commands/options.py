@@ -1,12 +1,16 @@
 """What several commands share: arguments, the scene they name, the files they write."""
 
+import math
 import sys
 from pathlib import Path
 
 from harvester.errors import HarvesterError
 from harvester.quiet import is_quiet
+from harvester.wording import named
 
 STEP_HELP = "default, fine, finest, or the longest step in seconds"
+# Of a list given by its ends.
+MOST_NUMBERS = 100_000
 NUMBERS_HELP = "FIRST:LAST:log:NUMBER, FIRST:LAST:linear:NUMBER, or numbers between commas"
 
 
@@ -87,12 +91,12 @@ def number_list(text, where):
         last, spacing, number = rest
         grid = {"log": np.geomspace, "linear": np.linspace}[spacing]
         low, high, count = float(first), float(last), int(number)
-        if 0.0 < low < high and count > 1:
+        if 0.0 < low < high < math.inf and 1 < count <= MOST_NUMBERS:
             return [float(number) for number in grid(low, high, count)]
     except (ValueError, KeyError):
         pass
     raise HarvesterError(
-        f"{where} {text}: write it as 0.1:2:log:40, 0.1:2:linear:40 or 0.1,0.2,0.5"
+        f"{where} {named(text)}: write it as 0.1:2:log:40, 0.1:2:linear:40 or 0.1,0.2,0.5"
     )
 
 

@@ -45,6 +45,11 @@ class Excitation(ABC):
         return False
 
     @property
+    def kept_samples(self):
+        """Samples that a path holds in memory all along."""
+        return 0
+
+    @property
     def prescribes_displacement(self):
         """Whether the displacement is given and nothing moves by forces."""
         return False

@@ -5,7 +5,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from harvester.errors import SceneError
 from harvester.excitation.base import Excitation
+from harvester.excitation.motion_file import most_samples
 from harvester.scene_schema import Key, positive
 
 
@@ -27,6 +29,10 @@ class Sum(Excitation):
     }
 
     @property
+    def kept_samples(self):
+        return sum(part.kept_samples for part in self.parts)
+
+    @property
     def symmetric(self):
         return all(part.symmetric for part in self.parts)
 
@@ -36,9 +42,19 @@ class Sum(Excitation):
 
     def check(self, units, run, origin):
         for place, part in enumerate(self.parts):
+            if part.prescribes_displacement:
+                raise SceneError(
+                    f"{origin}: excitation.parts[{place}] is a prescribed_displacement, beside "
+                    "which no other part acts: make it the whole excitation, or take it out"
+                )
             if self.knot_spacing is not None:
                 part = replace(part, knot_spacing=self.knot_spacing)
             part.check(units, run, f"{origin}: parts[{place}]")
+        if self.kept_samples > most_samples():
+            raise SceneError(
+                f"{origin}: excitation.parts: the records have {self.kept_samples} samples in all, "
+                f"and this machine's memory allows {most_samples()}: take fewer or shorter ones"
+            )
 
     def spacing(self, longest):
         return self.knot_spacing or min(part.spacing(longest) for part in self.parts)
