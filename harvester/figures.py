@@ -1,6 +1,8 @@
 """Figures, drawn with matplotlib when asked for."""
 
+import contextlib
 import io
+import warnings
 from itertools import cycle
 from pathlib import Path
 
@@ -42,8 +44,8 @@ def save(draw, result, path):
     ------
     OutputError
     """
-    with whole_file(path) as temporary:
-        _render(draw, result, temporary)
+    with whole_file(path) as file:
+        _render(draw, result, file, format=Path(path).suffix[1:])
 
 
 def picture(draw, result, format="svg"):
@@ -54,10 +56,13 @@ def picture(draw, result, format="svg"):
 
 
 def _render(draw, result, target, **options):
-    from matplotlib import style
+    with contextlib.chdir(STYLE.parent):
+        # A `matplotlibrc` of the working folder would be read.
+        from matplotlib import style
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    with style.context(STYLE):
+    with style.context(["default", STYLE]), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from")
         figure = draw(result)
         FigureCanvasAgg(figure)
         figure.savefig(target, **options)

@@ -27,7 +27,7 @@ def run(options):
     """Carry it out; returns the exit code, or None for 0."""
     scene = read_scene(options)
     from harvester.circuit_drawing import schematic
-    from harvester.output import write_text
+    from harvester.output import in_folder, write_text
 
     drawing = schematic(scene)
     if options.output == "-":
@@ -35,6 +35,6 @@ def run(options):
         return
     target = Path(options.output)
     if target.is_dir() or not target.suffix:
-        target = target / f"{scene.name}-schematic.svg"
+        target = in_folder(target, f"{scene.name}-schematic.svg")
     drawing.save(target)
     say(f"written to {target}")

@@ -10,13 +10,13 @@ def test_a_file_appears_whole_or_not_at_all(tmp_path):
     target = tmp_path / "deep" / "result.json"
 
     def fail_halfway():
-        with whole_file(target) as temporary:
-            temporary.write_text("half")
+        with whole_file(target) as file:
+            file.write(b"half")
             raise RuntimeError
 
     with pytest.raises(RuntimeError):
         fail_halfway()
-    assert list(target.parent.iterdir()) == []
+    assert list(tmp_path.iterdir()) == []
     write_json(target, {"value": 1.5})
     assert json.loads(target.read_text()) == {"value": 1.5}
     assert [path.name for path in target.parent.iterdir()] == ["result.json"]
