@@ -1,13 +1,12 @@
 """Figures, drawn with matplotlib when asked for."""
 
-import contextlib
 import io
-import warnings
 from itertools import cycle
 from pathlib import Path
 
 import numpy as np
 
+from harvester.figure_settings import figure_settings
 from harvester.output import whole_file
 from harvester.work_precision.diagram import MEANS
 
@@ -56,13 +55,9 @@ def picture(draw, result, format="svg"):
 
 
 def _render(draw, result, target, **options):
-    with contextlib.chdir(STYLE.parent):
-        # A `matplotlibrc` of the working folder would be read.
-        from matplotlib import style
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    with figure_settings(STYLE):
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    with style.context(["default", STYLE]), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing from")
         figure = draw(result)
         FigureCanvasAgg(figure)
         figure.savefig(target, **options)

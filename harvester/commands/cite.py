@@ -35,9 +35,12 @@ def run(options):
 
 
 def _read(name):
+    path = Path(name)
+    if path.exists() and not path.is_file():
+        raise HarvesterError("is no file")
     try:
-        return json.loads(Path(name).read_text(encoding="utf-8"))
+        return json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise HarvesterError(f"cannot be read: {error.strerror}") from None
-    except ValueError:
+    except (ValueError, RecursionError):
         raise HarvesterError("is no JSON; give a file that --json or --output wrote") from None

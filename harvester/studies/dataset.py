@@ -8,7 +8,7 @@ import numpy as np
 
 from harvester.errors import HarvesterError
 from harvester.output import whole_file, write_text
-from harvester.plain_text import json_text
+from harvester.plain_text import json_text, one_line
 from harvester.record import Record
 from harvester.results import unit_of
 from harvester.studies.evaluation import WAVEFORM
@@ -91,7 +91,7 @@ def save_csv(report, path):
         values = [values[place] for _, values, _ in quantities]
         cells = ["" if math.isnan(value) else f"{value:.9g}" for value in values]
         row = [grid.loads[place[0]], *swept, *cells, evaluation.realizations]
-        writer.writerow([*row, f"{evaluation.gain:.4g}", evaluation.outcome])
+        writer.writerow([*row, f"{evaluation.gain:.4g}", one_line(evaluation.outcome)])
     write_text(path, text.getvalue())
 
 
