@@ -61,6 +61,14 @@ def is_standard_output(path):
     return path is not None and _open_file(path) == STANDARD_OUTPUT
 
 
+def is_stream(path):
+    """Whether no file is there after writing: standard output, a device, a FIFO."""
+    path = Path(path)
+    return _open_file(path) is not None or (
+        path.exists() and not path.is_file() and not path.is_dir()
+    )
+
+
 def check_writable(path):
     """Refuse early what could not be written after a long run."""
     if path is None:

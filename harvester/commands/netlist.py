@@ -39,7 +39,7 @@ def run(options):
     """Carry it out; returns the exit code, or None for 0."""
     scene = read_scene(options)
     from circuits.export import for_ltspice, stand_alone
-    from harvester.output import check_writable, in_folder, write_text
+    from harvester.output import check_writable, in_folder, is_stream, write_text
     from harvester.plain_text import name
     from harvester.realization import noise_path, starts_right
     from harvester.scene_schema import nearest
@@ -51,7 +51,7 @@ def run(options):
             f"there are {', '.join(DIALECTS)}"
         )
     target = options.output
-    if target == "-" and options.dialect != "ngspice":
+    if is_stream(target) and options.dialect != "ngspice":
         raise HarvesterError(
             "--dialect ltspice writes a second file, the noise: say where, --output FILE.cir"
         )

@@ -60,6 +60,18 @@ def near(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.fixture(autouse=True)
+def devices_stay(monkeypatch):
+    """Whatever is broken, a test that runs as root replaces no device of the machine."""
+    replace = os.replace
+
+    def guarded(source, target):
+        assert not os.path.realpath(target).startswith("/dev/"), f"{target} would be replaced"
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", guarded)
+
+
 def test_a_file_is_replaced_where_links_lead_and_keeps_its_permissions(near):
     (near / "deep").mkdir()
     real = near / "deep" / "real.json"
@@ -140,6 +152,16 @@ def test_standard_output_is_itself_under_every_name(near, capsys):
     reading, writing = os.pipe()
     write_text(f"/dev/fd/{writing}", "é")
     assert os.read(reading, 10) == "é".encode()
+
+
+def test_a_stream_takes_one_file(near, capsys):
+    for path in ("-", "/dev/stdout"):
+        assert main(["schematic", "linear", "--output", path]) == 0
+        assert capsys.readouterr().out.endswith("</svg>\n")
+    assert main(["schematic", "linear", "--output", "/dev/null"]) == 0
+    for path in ("/dev/stdout", "/dev/null"):
+        assert main(["netlist", "linear", "--dialect", "ltspice", "--output", path]) == 2
+        assert "a second file" in capsys.readouterr().err
 
 
 def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(near):
