@@ -1,6 +1,7 @@
 """Stand-alone netlists: a `.cir` with its own PWL source that plain `ngspice -b` runs."""
 
 import dataclasses
+from shlex import quote
 
 from circuits import elements
 from circuits.assembly import LOAD_TOLERANCE, OWN_TOLERANCE, assemble, own_steps, step_options
@@ -150,7 +151,7 @@ def _header(before, scene, netlist, scales):
     """The netlist's first part, with what a reader by hand needs to know."""
     title, rest = before.split("\n", 1)
     lines = [
-        f"Run it with: ngspice -b -r {scene.name}.raw {scene.name}.cir",
+        f"Run it with: ngspice -b -r {quote(scene.name + '.raw')} {quote(scene.name + '.cir')}",
         *_reading(scene, netlist, scales),
         f"i(@inoise[current]): {_noise_unit(netlist)}",
     ]

@@ -7,6 +7,7 @@ from itertools import pairwise
 
 from circuits.topology import GROUND
 from harvester.errors import MissingLibrary
+from harvester.figure_settings import figure_settings
 from harvester.surroundings import load_matplotlib
 
 # schemdraw's units: an element in its column, a column beside its words, one letter of a name.
@@ -111,13 +112,10 @@ class Pen:
             drawing = schemdraw.Drawing(canvas="svg", show=False, margin=MARGIN)
             self._draw(drawing, elements)
             return drawing.get_imagedata("svg")
-        from matplotlib import style
+        with figure_settings():
+            return self._png(schemdraw, elements)
 
-        with style.context("default"):
-            return self._picture(schemdraw, elements)
-
-    def _picture(self, schemdraw, elements):
-        """PNG."""
+    def _png(self, schemdraw, elements):
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from harvester.plain_text import one_line
 from harvester.quiet import is_quiet
 
 # A bar for less is a flicker.
@@ -27,10 +28,10 @@ def progress():
         yield lambda label, scene: None
         return
     bar = Progress(
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         TextColumn("{task.percentage:>3.0f} %"),
-        TextColumn("{task.fields[rate]}"),
+        TextColumn("{task.fields[rate]}", markup=False),
         TimeRemainingColumn(),
         console=console,
         transient=True,
@@ -74,7 +75,7 @@ def show_result(result, to_stderr=False):
         cells = (
             [name, value, unit] if result.error_kind == "numerical" else [name, value, size, unit]
         )
-        table.add_row(*cells)
+        table.add_row(*map(one_line, cells))
     _print(table, [*result.evidence(), *result.notes], to_stderr)
 
 
@@ -93,9 +94,10 @@ def show_table(content, title, to_stderr=False):
     header, rows = content.table()
     table = Table(title=f"{content.scene.name}: {title}", box=box.SIMPLE_HEAD, title_justify="left")
     for place, name in enumerate(header):
-        table.add_column(name, justify="left" if place < 2 else "right", no_wrap=True)
+        justify = "left" if place < 2 else "right"
+        table.add_column(one_line(name), justify=justify, no_wrap=True)
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*map(one_line, row))
     _print(table, content.sentences(), to_stderr)
 
 
@@ -116,8 +118,8 @@ def _print(table, lines, to_stderr):
     stream = sys.stderr if to_stderr else sys.stdout
     # As wide as the table needs: a number cut off at a terminal's edge would be worse than a
     # line that runs on.
-    console = Console(file=stream, highlight=False, width=WIDEST)
+    console = Console(file=stream, highlight=False, markup=False, emoji=False, width=WIDEST)
     if table is not None:
         console.print(table)
     for line in lines:
-        console.print(line, markup=False, soft_wrap=True)
+        console.print(one_line(line), soft_wrap=True)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from harvester.figure_settings import figure_settings
 from harvester.output import whole_file
-from harvester.surroundings import load_matplotlib
 from harvester.work_precision.diagram import MEANS
 
 STYLE = Path(__file__).parent / "house.mplstyle"
@@ -43,8 +43,8 @@ def save(draw, result, path):
     ------
     OutputError
     """
-    with whole_file(path) as temporary:
-        _render(draw, result, temporary)
+    with whole_file(path) as file:
+        _render(draw, result, file, format=Path(path).suffix[1:])
 
 
 def picture(draw, result, format="svg"):
@@ -55,12 +55,9 @@ def picture(draw, result, format="svg"):
 
 
 def _render(draw, result, target, **options):
-    load_matplotlib()
-    from matplotlib import style
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    with figure_settings(STYLE):
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    # A figure looks the same whatever settings the user keeps for others.
-    with style.context(["default", STYLE]):
         figure = draw(result)
         FigureCanvasAgg(figure)
         figure.savefig(target, **options)

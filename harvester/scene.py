@@ -7,6 +7,7 @@ import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from harvester import plain_text
 from harvester.errors import SceneError
 from harvester.excitation import KINDS, Excitation, build
 from harvester.input_files import read_input
@@ -167,7 +168,7 @@ class Scene:
             for table, (attribute, make) in TABLES.items()
             if table in checked
         }
-        scene = cls(name=name, folder=folder, **top, **parts)
+        scene = cls(name=plain_text.name(name), folder=folder, **top, **parts)
         scene.excitation.check(scene.units, scene.run, origin)
         return scene
 

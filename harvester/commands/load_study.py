@@ -71,11 +71,15 @@ def run(options):
     _check(options)
     sweeps = _sweeps(options.sweep)
     from harvester.console import progress, show_table
+    from harvester.output import in_folder
     from harvester.studies import Report, load_study, save
     from harvester.studies.dataset import xarray_or_say
+    from harvester.studies.files import FILES
 
     if options.output:
         xarray_or_say()
+        for file in FILES:
+            in_folder(options.output, file)
         options.kept_when_interrupted = "finished pieces are kept: the same command goes on"
     # Until the files are written: another run's study of the same folder would mix with them.
     with _folder(options.output) as folder:

@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from harvester import plain_text
 from harvester.errors import SceneError
 from harvester.excitation import conditioning
 from harvester.excitation.base import Excitation, kernel_loss
@@ -155,7 +156,7 @@ class RecordedMotion(Excitation):
         return RecordPath(eta, spacing, self.interval, start, self.repetition == "periodic")
 
     def notes(self, spacing, angular_frequency, run):
-        values, name = self.samples, Path(self.file).name
+        values, name = self.samples, plain_text.name(Path(self.file).name)
         repeats = self.repetition == "periodic"
         length = (values.size if repeats else values.size - 1) * self.interval
         loss = kernel_loss(self.interval, angular_frequency)
