@@ -5,6 +5,7 @@ abort or hang. PySpice loads the library and sends the commands; its callbacks a
 the compiled ones of `circuits.callbacks`.
 """
 
+import contextlib
 import functools
 import os
 import re
@@ -14,7 +15,7 @@ import numpy as np
 from PySpice.Spice.NgSpice.Shared import NgSpiceCommandError, NgSpiceShared, ffi
 
 from circuits import callbacks, compiled_device, elements
-from circuits.library import find_library
+from circuits.library import code_models, find_library, no_initialisation_files
 from harvester.compilation import compiled
 from harvester.errors import CompiledDeviceUnavailable, SimulatorAborted, SolutionDiverged
 from harvester.parameters import ScaledParameters
@@ -96,7 +97,8 @@ class Session(NgSpiceShared):
             ffi.callback("int (bool, int, void *)", lambda *_: 0),
         ]
         user = ffi.cast("void *", self.state.ctypes.data)
-        self._ngspice_shared.ngSpice_Init(*self._keep, user)
+        with no_initialisation_files():
+            self._ngspice_shared.ngSpice_Init(*self._keep, user)
         self._identity = ffi.new("int *", 0)
         self._ngspice_shared.ngSpice_Init_Sync(
             ffi.NULL,
@@ -108,11 +110,18 @@ class Session(NgSpiceShared):
         service = ffi.callback("int (int)", self._serve)
         self._keep.append(service)
         self.state["service"] = int(ffi.cast("intptr_t", service))
+        self._load_code_models()
         self.version_text = self.exec_command("version -f")
         self.exec_command("set nomoremode")
         # Newer releases read a system file at every step otherwise.
         self.exec_command("set no_mem_check")
         self.exec_command("set num_threads=1")
+
+    def _load_code_models(self):
+        for model in code_models(self.library_path):
+            # ngspice splits its commands at blanks, quoted or not.
+            with contextlib.chdir(model.parent):
+                self.exec_command(f"codemodel ./{model.name}")
 
     @functools.cached_property
     def compiled_device_is_off(self):

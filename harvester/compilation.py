@@ -1,10 +1,35 @@
 """How functions are compiled: cached on disk, with C's arithmetic (1/0 gives inf, no checks)."""
 
 import hashlib
+import os
+import sys
+import warnings
 from functools import partial
 from pathlib import Path
 
-from numba import njit
+
+def _import_numba():
+    """numba without the .numba_config.yaml of the working folder, which says where code is read.
+
+    numba looks for that file when it is imported and whenever it compiles.
+    """
+    reader = sys.modules.get("yaml")
+    sys.modules["yaml"] = None
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            from numba.core import config
+    finally:
+        del sys.modules["yaml"]
+        if reader:
+            sys.modules["yaml"] = reader
+    config._config_fname = os.devnull
+
+
+if "numba" not in sys.modules:
+    _import_numba()
+
+from numba import njit  # noqa: E402 - as imported above
 
 compiled = partial(njit, cache=True, error_model="numpy")
 # Sums over many points in any order, several at a time.

@@ -1,10 +1,11 @@
 """A worker process: takes calls on standard input, answers on standard output.
 
-Started by `harvester.workers` as `python -m harvester.worker`. A call is a pickled
+Started by `harvester.workers` as `harvester.isolation` says. A call is a pickled
 (function, arguments), function as "module:name"; it is called with `report` on top, which sends
 progress. Answers are pickled pairs: ("progress", …), ("done", result), ("failed", error).
 """
 
+import contextlib
 import importlib
 import os
 import pickle
@@ -14,7 +15,7 @@ import sys
 import threading
 import traceback
 
-from harvester.errors import HarvesterError
+from harvester.errors import HarvesterError, SimulationError
 
 
 def main():
@@ -41,6 +42,8 @@ def main():
             send("done", call(report=lambda content: send("progress", content), **arguments))
         except HarvesterError as error:
             send("failed", error)
+        except MemoryError as error:
+            send("failed", SimulationError(f"no memory left for it: {error}".rstrip(": ")))
         except Exception as error:
             traceback.print_exc()
             send("failed", HarvesterError(f"{type(error).__name__}: {error}"))
@@ -53,8 +56,15 @@ def _read_calls(calls):
         try:
             calls.put(pickle.load(stream))
         except EOFError:
-            os._exit(0)
+            _leave()
+        except BaseException as error:
+            # A call that cannot be read would be waited for without end.
+            print(f"{type(error).__name__}: {error}", file=sys.stderr, flush=True)
+            os._exit(72)
 
 
-if __name__ == "__main__":
-    main()
+def _leave():
+    """End at once, and take the process's own empty folder along: nobody else is left to."""
+    with contextlib.suppress(OSError):
+        os.rmdir(os.getcwd())
+    os._exit(0)
