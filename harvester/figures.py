@@ -57,7 +57,8 @@ def _render(draw, result, target, **options):
     from matplotlib import style
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    with style.context(STYLE):
+    # Nothing of a matplotlibrc, which may lie in the working folder.
+    with style.context(STYLE, after_reset=True):
         figure = draw(result)
         FigureCanvasAgg(figure)
         figure.savefig(target, **options)
