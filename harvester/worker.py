@@ -2,7 +2,8 @@
 
 Started by `harvester.workers` as `harvester.isolation` says. A call is a pickled
 (function, arguments), function as "module:name"; it is called with `report` on top, which sends
-progress. Answers are pickled pairs: ("progress", …), ("done", result), ("failed", error).
+progress. Answers are pickled pairs: ("progress", …), ("done", result), ("failed", error), and
+("gone", error) from a process that ends itself.
 """
 
 import contextlib
@@ -17,9 +18,29 @@ import traceback
 
 from harvester.errors import HarvesterError, SimulationError
 
+_give_up = None
+
+
+def give_up(error):
+    """End this process with an error as the answer to its call: what it runs cannot be left."""
+    if _give_up:
+        _give_up("gone", error)
+    os._exit(71)
+
+
+def as_answer(error):
+    """An exception as the caller is to get it."""
+    if isinstance(error, HarvesterError):
+        return error
+    traceback.print_exception(error)
+    if isinstance(error, MemoryError):
+        return SimulationError(f"no memory left for the simulation: {error}".rstrip(": "))
+    return HarvesterError(f"{type(error).__name__}: {error}")
+
 
 def main():
     """Serve calls until standard input closes."""
+    global _give_up
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # Libraries that print must not write between the answers.
     answers = os.fdopen(os.dup(1), "wb")
@@ -34,19 +55,15 @@ def main():
         except BrokenPipeError:
             os._exit(0)
 
+    _give_up = send
     while True:
         function, arguments = calls.get()
         module, _, name = function.partition(":")
         try:
             call = getattr(importlib.import_module(module), name)
             send("done", call(report=lambda content: send("progress", content), **arguments))
-        except HarvesterError as error:
-            send("failed", error)
-        except MemoryError as error:
-            send("failed", SimulationError(f"no memory left for it: {error}".rstrip(": ")))
         except Exception as error:
-            traceback.print_exc()
-            send("failed", HarvesterError(f"{type(error).__name__}: {error}"))
+            send("failed", as_answer(error))
 
 
 def _read_calls(calls):

@@ -86,7 +86,9 @@ class Worker:
                     on_progress(content)
             elif kind == "done":
                 return content
-            elif kind == "failed":
+            elif kind in ("failed", "gone"):
+                if kind == "gone":
+                    self.kill()
                 if getattr(content, "partial", latest) is None:
                     content.partial = latest
                 raise content
