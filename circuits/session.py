@@ -5,20 +5,21 @@ abort or hang. PySpice loads the library and sends the commands; its callbacks a
 the compiled ones of `circuits.callbacks`.
 """
 
+import contextlib
 import functools
-import os
-import re
 import sys
 
 import numpy as np
 from PySpice.Spice.NgSpice.Shared import NgSpiceCommandError, NgSpiceShared, ffi
 
-from circuits import callbacks, compiled_device, elements
-from circuits.library import find_library
+from circuits import callbacks, compiled_device, elements, messages
+from circuits.library import code_models, find_library, no_initialisation_files
+from circuits.places import file_of, with_places
 from harvester.compilation import compiled
 from harvester.errors import CompiledDeviceUnavailable, SimulatorAborted, SolutionDiverged
 from harvester.parameters import ScaledParameters
 from harvester.record import empty_record, fill, part
+from harvester.worker import as_answer, give_up
 
 # ngspice's name of each column of the buffer, behind the copy's prefix.
 NODES = (
@@ -31,14 +32,6 @@ NODES = (
     elements.OUTPUT,
     elements.REFERENCE,
 )
-
-# What ngspice prints when a run went wrong, on either stream.
-TROUBLE = re.compile(
-    r"error|too small|unrecognized|singular|abort|no such|unknown|fatal|can't|cannot|failed|"
-    r"not found",
-    re.IGNORECASE,
-)
-HARMLESS = re.compile(r"can't find (the )?(init|initialization) file|Cannot open display", re.I)
 
 _session = None
 
@@ -81,11 +74,20 @@ def _convert(p, times, nodes, record, rate, square_rate, per_volt, per_power):
 
 
 class Session(NgSpiceShared):
-    """PySpice's shared ngspice with compiled callbacks."""
+    """PySpice's shared ngspice with compiled callbacks.
+
+    Attributes
+    ----------
+    circuit_load : circuits.subcircuits.LoadCircuit or None
+        Of the netlist at hand, whose elements messages are to name.
+    """
+
+    circuit_load = None
 
     def _init_ngspice(self, send_data):
         self.state = np.zeros(1, dtype=callbacks.STATE)
-        self.messages = []
+        self.messages, self.errors = [], []
+        self._doing = "stopped"
         self._service = None
         self._keep = [
             ffi.callback("int (char *, int, void *)", self._receive_message),
@@ -96,7 +98,10 @@ class Session(NgSpiceShared):
             ffi.callback("int (bool, int, void *)", lambda *_: 0),
         ]
         user = ffi.cast("void *", self.state.ctypes.data)
-        self._ngspice_shared.ngSpice_Init(*self._keep, user)
+        self._started = False
+        with no_initialisation_files():
+            self._ngspice_shared.ngSpice_Init(*self._keep, user)
+        self._started = True
         self._identity = ffi.new("int *", 0)
         self._ngspice_shared.ngSpice_Init_Sync(
             ffi.NULL,
@@ -108,11 +113,18 @@ class Session(NgSpiceShared):
         service = ffi.callback("int (int)", self._serve)
         self._keep.append(service)
         self.state["service"] = int(ffi.cast("intptr_t", service))
+        self._load_code_models()
         self.version_text = self.exec_command("version -f")
         self.exec_command("set nomoremode")
         # Newer releases read a system file at every step otherwise.
         self.exec_command("set no_mem_check")
         self.exec_command("set num_threads=1")
+
+    def _load_code_models(self):
+        for model in code_models(self.library_path):
+            # ngspice splits its commands at blanks, quoted or not.
+            with contextlib.chdir(model.parent):
+                self.exec_command(f"codemodel ./{model.name}")
 
     @functools.cached_property
     def compiled_device_is_off(self):
@@ -178,7 +190,7 @@ class Session(NgSpiceShared):
         return int(self.state["steps"][0])
 
     def _begin(self, netlist, parameters, paths, observers, steps_per_knot):
-        self.messages = []
+        self.messages, self.errors = [], []
         self._netlist, self._parameters = netlist, parameters
         self._paths, self._observers = paths, observers
         self._time_reached = 0.0
@@ -208,8 +220,7 @@ class Session(NgSpiceShared):
         try:
             self._service[reason]()
         except BaseException as error:
-            print(f"{type(error).__name__}: {error}", file=sys.stderr, flush=True)
-            os._exit(70)
+            give_up(as_answer(error))
         return 0
 
     def _flush(self):
@@ -269,10 +280,19 @@ class Session(NgSpiceShared):
     def _load(self, text):
         self._stdout, self._stderr = [], []
         lines = [ffi.new("char[]", line.encode()) for line in [*text.splitlines(), ".end", ""]]
+        self._doing = "refused the netlist"
+        self._announce("was reading the netlist")
         self._ngspice_shared.ngSpice_Circ(ffi.new("char *[]", [*lines, ffi.NULL]))
-        trouble = self._trouble()
+        trouble = messages.refusal(self.errors)
         if trouble:
-            raise SimulatorAborted(f"ngspice refused the netlist: {trouble}")
+            raise SimulatorAborted(self._said(trouble))
+        self._doing = "stopped"
+        self._announce("was running the netlist")
+
+    def _announce(self, doing):
+        """The last words of the process, should it crash now."""
+        load = f" with the load {file_of(self.circuit_load)}" if self.circuit_load else ""
+        print(f"ngspice {doing}{load}", file=sys.stderr, flush=True)
 
     def _command(self, command):
         try:
@@ -281,8 +301,13 @@ class Session(NgSpiceShared):
             raise SimulatorAborted(self._abort_message()) from None
 
     def _abort_message(self):
-        trouble = self._trouble() or "it gave no reason"
-        return f"ngspice stopped at t = {self._time_reached:g}: {trouble}"
+        self._doing = f"stopped at t = {self._time_reached:g}"
+        return self._said(messages.abortion(self.errors))
+
+    def _said(self, trouble):
+        """ngspice's words about what went wrong, with the load's own names."""
+        trouble = with_places(trouble or "it gave no reason", self.circuit_load)
+        return f"ngspice {self._doing}: {trouble}"
 
     def _check_end(self, stop):
         if not self._finite:
@@ -290,26 +315,20 @@ class Session(NgSpiceShared):
                 f"ngspice returned values that are not finite after t = {self._time_reached:g}"
             )
         if self._time_reached < stop * (1.0 - 1e-9):
-            trouble = self._trouble()
-            if trouble:
+            if messages.abortion(self.errors):
                 raise SimulatorAborted(self._abort_message())
             raise SolutionDiverged(
                 f"ngspice ended at t = {self._time_reached:g} of {stop:g} without a message"
             )
-
-    def _trouble(self):
-        """ngspice's own words about what went wrong, in one line."""
-        lines = [
-            line for line in self.messages if TROUBLE.search(line) and not HARMLESS.search(line)
-        ]
-        return "; ".join(dict.fromkeys(line.strip() for line in lines[:4]))
 
     def _receive_message(self, message, identity, user):
         stream, _, content = ffi.string(message).decode(errors="replace").partition(" ")
         self.messages.append(content)
         if stream == "stderr":
             self._stderr.append(content)
-            print(content, file=sys.stderr, flush=True)
+            self.errors.append(content)
+            if self._started:
+                print(content, file=sys.stderr, flush=True)
         else:
             self._stdout.append(content)
         return 0
@@ -325,5 +344,6 @@ class Session(NgSpiceShared):
         return 0
 
     def _exited(self, status, immediate, quit_requested, identity, user):
-        """ngspice wants to leave the process: let it, with its last words on stderr."""
-        os._exit(71)
+        """ngspice wants to leave the process: let it, with its last words."""
+        words = messages.refusal(self.errors) or messages.abortion(self.errors)
+        give_up(SimulatorAborted(self._said(words)))

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from circuits import elements, vetting
 from circuits.netlist_reader import Card, read_cards
+from circuits.places import places
 from circuits.vetting import Scope, check_nodes, check_value, nearest, refuse, vet_element
 from harvester.errors import NetlistError
 
@@ -39,6 +40,8 @@ class LoadCircuit:
         Resistors and capacitors only; anything beside them and diodes.
     resistance : float or None
         Of a load that is one resistor between p and n, in Ω.
+    places : tuple of circuits.places.Place
+        Where its elements stand in its files.
     """
 
     text: str
@@ -51,6 +54,7 @@ class LoadCircuit:
     linear: bool
     switches: bool
     resistance: float | None
+    places: tuple = field(default=(), compare=False, repr=False)
 
     @property
     def has_output(self):
@@ -155,7 +159,8 @@ def read_load(path, subcircuit=None, parameters=None):
         One line with file, line and fault.
     """
     path = Path(path)
-    root = _parse([vetting.tidy(card) for card in read_cards(path)])
+    cards = [vetting.tidy(card) for card in read_cards(path)]
+    root = _parse(cards)
     top = _chosen(root, path, subcircuit)
     values = _override(root, top, parameters or {}, path)
     defaults = {name: vetting.number(value) for name, value in top.parameters.items()}
@@ -177,6 +182,7 @@ def read_load(path, subcircuit=None, parameters=None):
         linear=letters <= {"r", "c"},
         switches=not letters <= {"r", "c", "d"},
         resistance=resistance,
+        places=places(cards),
     )
 
 

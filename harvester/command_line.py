@@ -70,7 +70,7 @@ def main(arguments=None):
 
 def _run(arguments):
     if len(arguments) > MOST_ARGUMENTS:
-        complain(f"harvester: {len(arguments)} arguments, and {MOST_ARGUMENTS} are the most")
+        complain(f"{len(arguments)} arguments, and {MOST_ARGUMENTS} are the most")
         return 2
     options = build_parser()[0].parse_args(arguments)
     try:

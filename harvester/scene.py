@@ -112,8 +112,8 @@ class Scene:
     run: Run
     stoppers: Stoppers | None = None
     length_scale: float | None = None
-    # Of the scene's file: where a load's netlist is looked for first.
-    folder: str | None = field(default=None, compare=False, repr=False)
+    # Of the scene's file; with a load's netlist, all folders where that is looked for, in order.
+    folder: str | tuple | None = field(default=None, compare=False, repr=False)
 
     @staticmethod
     def names():
@@ -161,6 +161,7 @@ class Scene:
         tables = plain_tables(tables, origin)
         checked = check_tables(tables, origin, {"excitation": KINDS})
         if "netlist" in checked["load"]:
+            folder = _folders(folder)
             checked["load"]["circuit"] = _read_netlist(checked["load"], folder)
         top = {key: checked[key] for key in ("units", "length_scale") if key in checked}
         parts = {
@@ -228,10 +229,17 @@ class Scene:
         return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _read_netlist(load, folder):
+def _folders(folder):
+    """Where a load's netlist is looked for: a copy of the scene may be made in another folder."""
+    if isinstance(folder, tuple):
+        return folder
+    here = str(Path.cwd())
+    return tuple(dict.fromkeys((folder or here, here)))
+
+
+def _read_netlist(load, folders):
     from circuits.subcircuits import find_netlist, read_load
 
-    folders = (folder, ".") if folder else (".",)
     path = find_netlist(load["netlist"], folders)
     return read_load(path, load.get("subcircuit"), load.get("parameters"))
 

@@ -4,20 +4,19 @@ import pytest
 
 from harvester.workers import Worker, WorkerPool
 
+HERE = Path(__file__).parent
+
 
 @pytest.fixture(scope="session")
 def pool():
     """Two worker processes for the whole session."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PYTHONPATH", str(Path(__file__).parent), prepend=":")
-        with WorkerPool(workers=2) as running:
-            yield running
+    with WorkerPool(workers=2, folders=[HERE]) as running:
+        yield running
 
 
 @pytest.fixture
-def worker(monkeypatch):
+def worker():
     """One worker process that can import this folder's modules."""
-    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent), prepend=":")
-    one = Worker()
+    one = Worker(folders=[HERE])
     yield one
     one.close()
