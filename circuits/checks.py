@@ -18,6 +18,8 @@ ARGUMENTS = {
 NAMES = {"time", "temper", "hertz", "pi", "e", "boltz", "echarge", "planck", "c", "kelvin"}
 # What changes while ngspice runs, whatever a parameter of that name says.
 VARYING = {"time", "temper", "hertz"}
+# Functions of the circuit's solution.
+SOLUTION = {"v", "i"}
 # Parentheses within parentheses: ngspice's parser and ours have an end.
 DEEPEST_PARENTHESES = 100
 # A card that would let a netlist run programs or write files.
@@ -74,7 +76,12 @@ def expression_fault(expression, parameters=(), functions=()):
             return f"unexpected character {lowered[position]!r}"
         tokens.append((match.lastgroup, match.group(match.lastgroup)))
         position = match.end()
-    return _parentheses(tokens) or _names(tokens, parameters, functions) or _order(tokens)
+    return (
+        _parentheses(tokens)
+        or _names(tokens, parameters, functions)
+        or _order(tokens)
+        or _arguments(tokens, functions)
+    )
 
 
 def _parentheses(tokens):

@@ -8,7 +8,7 @@ import graphlib
 import re
 from typing import NamedTuple
 
-from circuits.checks import VARYING
+from circuits.checks import SOLUTION, VARYING
 from circuits.vetting import refuse
 
 # Elements, and calls of sub-circuits, of a load with all that its sub-circuits hold.
@@ -178,7 +178,7 @@ class Expansion:
             elif piece in arguments:
                 here = here.plus(Length(0, 1))
             else:
-                varies = piece in VARYING or (piece in ("v", "i") and following == "(")
+                varies = piece in VARYING or (piece in SOLUTION and following == "(")
                 here = here.plus(Length(len(piece), 0, varies))
         for _, before in reversed(opened):
             here = before.plus(here)

@@ -106,8 +106,10 @@ class _Reader:
         with _named(place):
             if not path.is_file():
                 raise NetlistError(f"{place}: no regular file")
+            # No more than its size says: what the system shows as an empty file may have no end.
+            size = min(path.stat().st_size, MOST_BYTES - self._bytes + 1)
             with path.open("rb") as file:
-                content = file.read(MOST_BYTES - self._bytes + 1)
+                content = file.read(size)
         self._bytes += len(content)
         if self._bytes > MOST_BYTES:
             raise NetlistError(

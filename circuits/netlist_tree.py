@@ -5,6 +5,7 @@ from collections import ChainMap
 from dataclasses import dataclass, field
 
 from circuits import vetting
+from circuits.checks import FUNCTIONS
 from circuits.netlist_reader import Card
 from circuits.vetting import Scope, check_nodes, listed, refuse
 
@@ -75,6 +76,12 @@ def parse(cards, name):
             here.local_cards.update(dict.fromkeys(pairs, card))
         elif first == ".func":
             name, arguments, expression = vetting.vet_function(card)
+            if here is root and name in FUNCTIONS:
+                refuse(
+                    card,
+                    f"{name} is ngspice's own function: outside of a .subckt yours would change the "
+                    "device too; put it into the load's .subckt",
+                )
             here.functions[name] = (card, arguments, expression)
         elif first == ".model":
             name, kind, pairs = vetting.vet_model(card)

@@ -57,6 +57,12 @@ def session():
     return _session
 
 
+def _in_copy(device, prefix):
+    """ngspice's name of an element of one copy of the device: its letter stays in front."""
+    letter, path = device.split(".", 1)
+    return f"{letter}.{prefix}{path}"
+
+
 @compiled
 def _convert(p, times, nodes, record, rate, square_rate, per_volt, per_power):
     """Times, shape (n,), and node values, shape (n, COLUMNS), to a record in scaled units.
@@ -254,9 +260,11 @@ class Session(NgSpiceShared):
         """
         netlist = self._netlist
         scale = netlist.per_power * netlist.voltage_scale**2
-        farads = [self._property(name, "capacitance") for name in netlist.storage]
-        for output in self._outputs:
-            siemens = [self._conductance(name, output) for name in netlist.output_resistors]
+        for prefix, output in zip(netlist.prefixes, self._outputs, strict=True):
+            resistors = [_in_copy(name, prefix) for name in netlist.output_resistors]
+            siemens = [self._conductance(name, output) for name in resistors]
+            capacitors = [_in_copy(name, prefix) for name in netlist.storage]
+            farads = [self._property(name, "capacitance") for name in capacitors]
             # What a negative one delivers is not used, it is what makes a load not passive.
             output.conductance = scale * sum(np.maximum(siemens, 0.0))
             output.capacitance = scale * sum(farads)

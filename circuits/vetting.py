@@ -11,7 +11,7 @@ import re
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from circuits.checks import FUNCTIONS, NAMES, VARYING, expression_fault
+from circuits.checks import NAMES, SOLUTION, VARYING, expression_fault
 from circuits.netlist_reader import Card
 from harvester.errors import NetlistError
 
@@ -164,7 +164,7 @@ def vet_function(card):
     match = re.fullmatch(r"\.func ([a-z_]\w*)\s*\(([\w\s,]*)\)\s*=?\s*\{?([^{}]*)\}?", card.text)
     if not match:
         refuse(card, "write it as .func name(x, y) {expression}")
-    if match.group(1) in FUNCTIONS:
+    if match.group(1) in SOLUTION:
         refuse(card, f"{match.group(1)} is ngspice's own function; give yours another name")
     arguments = [argument.strip() for argument in match.group(2).split(",") if argument.strip()]
     return match.group(1), arguments, match.group(3)
