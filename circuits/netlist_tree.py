@@ -79,8 +79,8 @@ def parse(cards, name):
             if here is root and name in FUNCTIONS:
                 refuse(
                     card,
-                    f"{name} is ngspice's own function: outside of a .subckt yours would change the "
-                    "device too; put it into the load's .subckt",
+                    f"{name} is ngspice's own function: outside of a .subckt yours would change "
+                    "the device too; put it into the load's .subckt",
                 )
             here.functions[name] = (card, arguments, expression)
         elif first == ".model":
