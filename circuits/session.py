@@ -50,6 +50,12 @@ def session():
     return _session
 
 
+def _in_copy(device, prefix):
+    """ngspice's name of an element of one copy of the device: its letter stays in front."""
+    letter, path = device.split(".", 1)
+    return f"{letter}.{prefix}{path}"
+
+
 @compiled
 def _convert(p, times, nodes, record, rate, square_rate, per_volt, per_power):
     """Times, shape (n,), and node values, shape (n, COLUMNS), to a record in scaled units.
@@ -253,14 +259,39 @@ class Session(NgSpiceShared):
                 self._outputs[place].add(times[start:], volts / self._netlist.voltage_scale)
 
     def _measure_output(self):
-        """Conductance and capacitance across the output, scaled, as ngspice evaluated them."""
+        """Conductance and capacitance across the output, scaled, as ngspice evaluated them.
+
+        The conductance from each resistor's own current and power at the end of the run: they hold
+        what its multiplier, scale, temperature and model make of its value.
+
+        Raises
+        ------
+        SimulatorAborted
+            ngspice has no number for one of them.
+        """
         netlist = self._netlist
         scale = netlist.per_power * netlist.voltage_scale**2
-        resistances = [self._property(name, "resistance") for name in netlist.output_resistors]
-        farads = [self._property(name, "capacitance") for name in netlist.storage]
-        for output in self._outputs:
-            output.conductance = scale * sum(1.0 / resistance for resistance in resistances)
+        for prefix, output in zip(netlist.prefixes, self._outputs, strict=True):
+            resistors = [_in_copy(name, prefix) for name in netlist.output_resistors]
+            siemens = [self._conductance(name, output) for name in resistors]
+            capacitors = [_in_copy(name, prefix) for name in netlist.storage]
+            farads = [self._property(name, "capacitance") for name in capacitors]
+            # What a negative one delivers is not used, it is what makes a load not passive.
+            output.conductance = scale * sum(np.maximum(siemens, 0.0))
             output.capacitance = scale * sum(farads)
+            if not np.isfinite(output.conductance + output.capacitance):
+                names = ", ".join(netlist.output_resistors + netlist.storage)
+                raise SimulatorAborted(
+                    f"ngspice gave no value of {names}: give what lies across out and ref a "
+                    "constant value"
+                )
+
+    def _conductance(self, resistor, output):
+        current, power = (self._property(resistor, name) for name in ("i", "p"))
+        if power:
+            return current / (power / current)
+        # It takes no part (m=0), or there never was a voltage; or just now there is none.
+        return 0.0 if output.voltage or not output.has_started else np.nan
 
     def _property(self, device, name):
         vector = self._ngspice_shared.ngGet_Vec_Info(f"@{device}[{name}]".encode())

@@ -1,10 +1,19 @@
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from harvester.workers import Worker, WorkerPool
 
 HERE = Path(__file__).parent
+# Fuzz tests: the same few seconds every time, or `--hypothesis-profile=long` by hand.
+UNHURRIED = {"database": None, "suppress_health_check": list(HealthCheck)}
+settings.register_profile(
+    "short", max_examples=150, derandomize=True, deadline=timedelta(seconds=10), **UNHURRIED
+)
+settings.register_profile("long", max_examples=20_000, deadline=timedelta(seconds=1), **UNHURRIED)
+settings.load_profile("short")
 
 
 @pytest.fixture(scope="session")
