@@ -264,11 +264,14 @@ class _Follower:
     def __init__(self, scene, progress):
         self._total = (scene.run.settle + scene.run.duration) * scene.run.realizations
         self._reached = {}
+        self._sum = 0.0
         self._progress = progress
 
     def __call__(self, index, moments):
-        self._reached[index] = sum(each.time_reached for each in moments)
-        self._progress(min(sum(self._reached.values()) / self._total, 1.0))
+        reached = sum(each.time_reached for each in moments)
+        self._sum += reached - self._reached.get(index, 0.0)
+        self._reached[index] = reached
+        self._progress(min(max(self._sum / self._total, 0.0), 1.0))
 
 
 def _result(scene, engine, step, source, realizations, failures, outcome="complete"):
