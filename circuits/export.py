@@ -11,6 +11,9 @@ from harvester.parameters import scale
 
 PER_LINE = 4
 FEWEST_STEPS_PER_CONTACT = 10
+# Points of the noise that a netlist holds: some 40 MB, which ngspice reads at half a millisecond a
+# step.
+MOST_KNOTS = 1_000_000
 SAVED = (
     f"v({elements.DISPLACEMENT})",
     f"v({elements.VELOCITY})",
@@ -132,9 +135,19 @@ def _assembled(scene, path, right, step, tolerance=None, integrator="trapezoidal
         return netlist, scales, None
     _check_step(parameters, netlist.step)
     knots = round(netlist.stop / path.spacing) + 1
+    _check_size(knots, netlist.stop, path.spacing)
     values = path.read(knots) / netlist.rate**2
     points = [f"{k * path.spacing!r} {float(value)!r}" for k, value in enumerate(values)]
     return netlist, scales, points
+
+
+def _check_size(knots, stop, spacing):
+    if knots > MOST_KNOTS:
+        raise NetlistError(
+            f"run.settle + run.duration = {stop:.4g} s with a knot of the noise every "
+            f"{spacing:.3g} s are {knots:.3g} points in the netlist, and at most {MOST_KNOTS} are "
+            f"written: shorten the run to {MOST_KNOTS * spacing:.3g} s"
+        )
 
 
 def _check_step(parameters, step):

@@ -1,7 +1,7 @@
 """Loads as sub-circuits: a library's or a user's netlist, vetted."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 

@@ -14,18 +14,23 @@ from harvester.quiet import is_quiet
 
 # A bar for less is a flicker.
 SHOW_AFTER_SECONDS = 2.0
+SAY_AFTER_SECONDS = 5.0
 WIDEST = 1000
 
 
 @contextlib.contextmanager
 def progress():
-    """A function (label, scene) → callback for the share done; silent off a terminal or quiet.
+    """A function (label, scene) → callback for the share done; silent when quiet.
 
-    With None for the scene the bar shows no simulated time, but the callback's own words.
+    With None for the scene the bar shows no simulated time, but the callback's own words. Off a
+    terminal there is no bar, but a line on what is left of a run that takes long.
     """
     console = Console(stderr=True)
-    if is_quiet() or not console.is_terminal:
+    if is_quiet():
         yield lambda label, scene: None
+        return
+    if not console.is_terminal:
+        yield lambda label, scene: _Lines(label)
         return
     bar = Progress(
         TextColumn("{task.description}", markup=False),
@@ -56,6 +61,35 @@ def progress():
         yield follow
     finally:
         bar.stop()
+
+
+class _Lines:
+    """Says how long a run still takes: after a few seconds, then each time it has doubled."""
+
+    def __init__(self, label):
+        self._label = label
+        self._began = None
+        self._next = SAY_AFTER_SECONDS
+
+    def __call__(self, share, words=""):
+        now = time.monotonic()
+        if self._began is None:
+            # Not before the first report: what the start took tells nothing of the speed.
+            self._began = now, share
+        elapsed, done = now - self._began[0], share - self._began[1]
+        if elapsed < self._next or share >= 1.0:
+            return
+        self._next = 2.0 * elapsed
+        left = f"about {_duration(elapsed * (1.0 - share) / done)} more" if done > 0.0 else words
+        print(f"{self._label}: {share:.2%} after {elapsed:.0f} s, {left}", file=sys.stderr)
+
+
+def _duration(seconds):
+    """In seconds, minutes, hours or days."""
+    for size, unit in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
+        if seconds >= 2.0 * size:
+            return f"{seconds / size:,.0f} {unit}"
+    return f"{seconds:.0f} s"
 
 
 def show_result(result, to_stderr=False):

@@ -20,6 +20,8 @@ FEWEST_BATCHES = 16
 LARGEST_CORRELATION = 0.25
 TOTAL_BATCHES = 256
 TOTAL_GROUPS = 32
+# Batches of each of many realizations: a drift shows between their halves.
+FEWEST_TO_DRIFT = 4
 KNOTS_PER_BATCH = 8
 # Between the samples of a histogram: some ten samples per period of the motion.
 KNOTS_PER_SAMPLE = 4
@@ -36,6 +38,7 @@ MEANS = {
     "impact_rate": ("impacts", "rate"),
 }
 
+NONE_SEEN = "none seen: no error bar tells how rare they are"
 TOO_SHORT = "too short for an error bar: raise run.duration or run.realizations"
 
 
@@ -83,7 +86,7 @@ def batch_counts(realizations, knots):
         Knots of the noise per realization: a batch spans several.
     """
     most = max(1, int(knots / KNOTS_PER_BATCH))
-    batches = min(-(-TOTAL_BATCHES // realizations), most)
+    batches = min(max(-(-TOTAL_BATCHES // realizations), FEWEST_TO_DRIFT), most)
     return batches, min(-(-TOTAL_GROUPS // realizations), batches)
 
 
@@ -334,6 +337,8 @@ def ratio_of_sums(upper, lower, error_of=standard_error):
 
 def _mean(series, products, name, dimension, error_of):
     mean, error = ratio_of_sums(series[name], series["time"], error_of)
+    if dimension == "rate" and mean == 0.0:
+        return Estimate(0.0, None, None, dimension, NONE_SEEN)
     size = None
     if error and (name, name) in products:
         size = max(products[name, name] - mean**2, 0.0) / error**2

@@ -22,6 +22,11 @@ STEP_LEVELS = {"default": 1, "fine": 4, "finest": 32}
 # A load that switches rejects steps, and after each of them ngspice takes one of first order: at a
 # step of this share of the usual one that costs the motion under 0.1 % of its energy, not 1 %.
 SWITCHING_STEPS = 4
+# A damper that acts within a knot makes the velocity follow the noise's straight lines: the mean of
+# its square needs points within them (sixteen times less of the interpolation's loss is then left).
+STEPS_OF_SLAVED_VELOCITY = 4
+# λ (1/s) whose square is still a number.
+FASTEST_DECAY = 1e150
 
 
 class ScaledParameters(NamedTuple):
@@ -251,7 +256,14 @@ def _decay_rate(scene, capacitance):
     if load.decay_rate is not None:
         return load.decay_rate
     resistance = load.circuit.resistance if load.circuit else load.resistance
-    return 1.0 / (resistance * capacitance) if resistance else 0.0
+    if not resistance:
+        return 0.0
+    if resistance * capacitance * FASTEST_DECAY < 1.0:
+        raise LoadError(
+            f"{scene.name}: the load's resistance of {resistance:g} Ω discharges the piezo's "
+            f"{capacitance:g} F faster than {FASTEST_DECAY:g} times a second: choose a greater one"
+        )
+    return 1.0 / (resistance * capacitance)
 
 
 def require_resistor(scene, method):
@@ -323,6 +335,8 @@ def steps_per_knot(scene, step="default", engine="circuit"):
     longest = 2.0 * math.pi / parameters.fastest_angular_frequency / STEPS_PER_PERIOD[engine]
     load = scene.electrical_load.circuit
     finer = SWITCHING_STEPS if load and load.switches else 1
+    if parameters.damping * spacing > 1.0:
+        finer = max(finer, STEPS_OF_SLAVED_VELOCITY)
     return max(1, math.ceil(spacing / longest - 1e-9)) * STEP_LEVELS[step] * finer
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harvester.estimators import KNOTS_PER_SAMPLE, batch_counts
-from harvester.excitation import realization_seeds
+from harvester.excitation import realization_seed
 from harvester.moments import Moments
 from harvester.moments import prepare as prepare_moments
 from harvester.output_moments import OutputMoments
@@ -92,7 +92,7 @@ def starts_right(index):
 def noise_path(scene, index):
     """The excitation of one realization, at its beginning; the same for every engine."""
     _, scales = scale(scene)
-    seed = realization_seeds(scene.run.seed, scene.run.realizations)[index]
+    seed = realization_seed(scene.run.seed, index)
     return scene.excitation.path(knot_spacing(scene), scales.displacement, seed)
 
 
@@ -156,6 +156,8 @@ def run(
         scene, paths, starts, observers, step, source, scheme, tolerance, device, **output
     )
     seconds = time.perf_counter() - clock
+    # The last word of those that end before their first report.
+    report(moments)
     return [
         Realization(
             moments=each,

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from harvester import batches
+from harvester import batches, settling
 from harvester.averaged import average, estimates_of
 from harvester.averaging import TOLERANCES
 from harvester.averaging import average as average_parameters
@@ -257,17 +257,11 @@ def _lengthening(result, error):
 
 
 def unseen_jump(result):
-    """What one more jump between the wells would add to E[V²], as a share.
-
-    A jump leaves V = 2X* on the piezo, which decays as exp(−λt): ∫V² dt = (2X*)²/2λ. A run that
-    saw few jumps or none has no other way to know what it missed.
-    """
+    """What one more jump between the wells would add to E[V²] of a result, as a share."""
     parameters, _ = scale(result.scene)
-    left_behind = (2.0 * parameters.rest) ** 2 / (2.0 * parameters.decay_rate)
-    if parameters.linear_stiffness >= 0.0 or not math.isfinite(left_behind):
-        return 0.0
     measured = result.scene.run.duration * result.scene.run.realizations
-    return left_behind / (result.scaled_quantities["mean_square_voltage"].estimate * measured)
+    square = result.scaled_quantities["mean_square_voltage"].estimate
+    return settling.unseen_jump(parameters, square, measured)
 
 
 def _shortfall(result, error):

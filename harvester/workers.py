@@ -10,7 +10,7 @@ import subprocess
 import tempfile
 import threading
 import time
-from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor
 
 from harvester import isolation
 from harvester.errors import SimulationError, SimulatorCrashed, SimulatorTimeout
@@ -308,22 +308,36 @@ def gather(futures, on_result=None, stop=None):
     `on_result` and `stop` as in `WorkerPool.map`.
     """
     place = {future: index for index, future in enumerate(futures)}
-    pending = set(futures)
+    # Each tells once that it is done: to ask all that are left would cost their number squared.
+    done = queue.SimpleQueue()
+    for future in futures:
+        future.add_done_callback(done.put)
+    left = len(futures)
     try:
-        while pending:
-            # A finite wait lets an interrupt through on every platform.
-            done, pending = wait(pending, timeout=0.5, return_when=FIRST_COMPLETED)
-            for future in done:
+        while left:
+            future = _next(done)
+            if future is not None:
+                left -= 1
                 outcome = None if future.cancelled() else future.result()
                 if on_result and not future.cancelled():
                     on_result(place[future], outcome)
             if stop and stop():
-                pending = {future for future in pending if not future.cancel()}
+                stop = None
+                for each in futures:
+                    each.cancel()
     except BaseException:
         for future in futures:
             future.cancel()
         raise
     return [None if future.cancelled() else future.result() for future in futures]
+
+
+def _next(done):
+    """The next future of the queue, or None: a finite wait lets an interrupt through anywhere."""
+    try:
+        return done.get(timeout=0.5)
+    except queue.Empty:
+        return None
 
 
 def call_twice(worker, function, arguments, time_limit=None, report=None):

@@ -7,7 +7,7 @@ import pytest
 
 from harvester.averaged import average
 from harvester.errors import AveragingError, HarvesterError, SceneError
-from harvester.excitation import KINDS, Excitation, White, realization_seeds
+from harvester.excitation import KINDS, Excitation, White, realization_seed
 from harvester.excitation.white import WhitePath
 from harvester.parameters import knot_spacing, scale
 from harvester.realization import noise_path
@@ -80,7 +80,7 @@ def test_white_noise_puts_in_d_whatever_the_spring(pool):
 def test_white_noise_has_its_density_at_low_frequency():
     """(∫η dt)²/T averages to 2 D; three standard errors of independent paths, 0.3 %."""
     noise = White(0.02)
-    seeds = realization_seeds(1, 2000)
+    seeds = [realization_seed(1, index) for index in range(2000)]
     sums = np.array([noise.path(0.05, 1.0, seed).read(200).sum() for seed in seeds])
     squares = (0.05 * sums) ** 2 / (200 * 0.05)
     assert abs(squares.mean() - 2 * 0.02) < 3 * squares.std() / np.sqrt(squares.size)
