@@ -3,6 +3,7 @@
 import dataclasses
 import hashlib
 import json
+import math
 import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -280,7 +281,19 @@ def _parse_override(text):
     try:
         return key, tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
-        return key, value
+        return key, _number(value)
+
+
+def _number(text):
+    """A number in a form that TOML does not know, such as .1 or 1.; other words as they are."""
+    for kind in (int, float):
+        try:
+            number = kind(text)
+        except ValueError:
+            continue
+        # "infinity" and the like stay words, which no key takes for a number.
+        return number if math.isfinite(number) else text
+    return text
 
 
 def _put(tables, dotted, value, origin):

@@ -35,13 +35,18 @@ class Sum(Excitation):
         return any(part.drifts for part in self.parts)
 
     def check(self, units, run, origin):
-        for place, part in enumerate(self.parts):
-            if self.knot_spacing is not None:
-                part = replace(part, knot_spacing=self.knot_spacing)
+        for place, part in enumerate(self._on_common_knots()):
             part.check(units, run, f"{origin}: parts[{place}]")
 
     def spacing(self, longest):
-        return self.knot_spacing or min(part.spacing(longest) for part in self.parts)
+        closest = min(part.spacing(longest) for part in self._on_common_knots())
+        return self.knot_spacing or closest
+
+    def _on_common_knots(self):
+        """The parts, each with the sum's own spacing where it has one."""
+        if self.knot_spacing is None:
+            return self.parts
+        return [replace(part, knot_spacing=self.knot_spacing) for part in self.parts]
 
     def equivalent_noise(self, relaxation_time, longest):
         pairs = [part.equivalent_noise(relaxation_time, longest) for part in self.parts]
