@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.py"))
 
 # What the last sentence of each notebook says, and what holds of its numbers: error bars of at most
-# a fifth, engines within four joint standard errors (false alarm one in 16 000), closures as in docs/.
+# a fifth, engines within four joint standard errors (false alarm one in 16 000).
 ANSWERS = {
     "01": (
         r"gives ([\d.]+) ± ([\d.]+) scaled.* at most ([\d.]+) joint.*paper is ([+-]\d+)%",
