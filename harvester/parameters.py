@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from harvester.errors import LoadError
+from harvester.errors import LoadError, SceneError
 from harvester.forces import contact_time
 
 # Knots per period of small oscillations.
@@ -310,9 +310,21 @@ def length_scale(scene):
 
 
 def knot_spacing(scene):
-    """Spacing of the excitation's knots (s): the scene's, else what its kind chooses."""
+    """Spacing of the excitation's knots (s): the scene's, else what its kind chooses.
+
+    Raises
+    ------
+    SceneError
+        The scene's own does not fit its noise or its run.
+    """
     parameters, _ = scale(scene)
-    return min(scene.excitation.spacing(_longest_spacing(parameters)), scene.run.duration)
+    spacing, duration = scene.excitation.spacing(_longest_spacing(parameters)), scene.run.duration
+    if spacing > duration and getattr(scene.excitation, "knot_spacing", None) is not None:
+        raise SceneError(
+            f"{scene.name}: run.duration = {duration:g}: must be at least one knot_spacing, "
+            f"{spacing:g}"
+        )
+    return min(spacing, duration)
 
 
 def steps_per_knot(scene, step="default", engine="circuit"):

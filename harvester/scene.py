@@ -3,6 +3,7 @@
 import dataclasses
 import hashlib
 import json
+import math
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -307,9 +308,21 @@ def _parse_override(text):
     try:
         parsed = read_toml(f"value = {value}", f"--set {named(key)}")
     except NotToml:
-        return key, value
+        return key, _number(value)
     # A value of several lines would bring keys of its own.
     return key, parsed["value"] if len(parsed) == 1 else value
+
+
+def _number(text):
+    """A number in a form that TOML does not know, such as .1 or 1.; other words as they are."""
+    for kind in (int, float):
+        try:
+            number = kind(text)
+        except ValueError:
+            continue
+        # "infinity" and the like stay words, which no key takes for a number.
+        return number if math.isfinite(number) else text
+    return text
 
 
 def _put(tables, dotted, value, origin):

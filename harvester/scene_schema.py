@@ -333,9 +333,3 @@ def _check_physics(scene, origin):
             f"{origin}: piezo.coupling = 0.0: must be a number > 0 in SI, where it sets the "
             "voltage scale (Eq. 3); a scaled scene can be without coupling"
         )
-    spacing = scene["excitation"].get("knot_spacing", 0.0)
-    if spacing > scene["run"]["duration"]:
-        raise SceneError(
-            f"{origin}: run.duration = {scene['run']['duration']:g}: must be at least one "
-            f"knot_spacing, {spacing:g}"
-        )

@@ -194,8 +194,13 @@ def resolving(scene):
     A sweep over τ1 would else leave the scene's own spacing behind.
     """
     shortest = scene.excitation.correlation_time / KNOTS_PER_CORRELATION_TIME
-    spacing = min(knot_spacing(scene), shortest)
+    spacing = min(scene.excitation.knot_spacing or knot_spacing(scene), shortest)
     return scene.replace({"excitation.knot_spacing": spacing})
+
+
+def with_knots(scene):
+    """The scene with its spacing of knots written out: what changes keep, and so their noise."""
+    return scene.replace({"excitation.knot_spacing": knot_spacing(scene)})
 
 
 def relative_error(estimate):

@@ -41,14 +41,12 @@ class Sum(Excitation):
         return any(part.drifts for part in self.parts)
 
     def check(self, units, run, origin):
-        for place, part in enumerate(self.parts):
+        for place, part in enumerate(self._on_common_knots()):
             if part.prescribes_displacement:
                 raise SceneError(
                     f"{origin}: excitation.parts[{place}] is a prescribed_displacement, beside "
                     "which no other part acts: make it the whole excitation, or take it out"
                 )
-            if self.knot_spacing is not None:
-                part = replace(part, knot_spacing=self.knot_spacing)
             part.check(units, run, f"{origin}: parts[{place}]")
         if self.kept_samples > most_samples():
             raise SceneError(
@@ -57,7 +55,14 @@ class Sum(Excitation):
             )
 
     def spacing(self, longest):
-        return self.knot_spacing or min(part.spacing(longest) for part in self.parts)
+        closest = min(part.spacing(longest) for part in self._on_common_knots())
+        return self.knot_spacing or closest
+
+    def _on_common_knots(self):
+        """The parts, each with the sum's own spacing where it has one."""
+        if self.knot_spacing is None:
+            return self.parts
+        return [replace(part, knot_spacing=self.knot_spacing) for part in self.parts]
 
     def equivalent_noise(self, relaxation_time, longest):
         pairs = [part.equivalent_noise(relaxation_time, longest) for part in self.parts]

@@ -148,7 +148,6 @@ def test_kinds_that_make_no_sense_are_refused_in_one_line():
         ({"kind": "sum", "parts": [WHITE, {"kind": "wite"}]}, ["parts[1].kind", "white"]),
         ({"kind": "sum", "parts": [{**SINE, "frequncy": 1}]}, ["parts[0].frequncy", "frequency"]),
         ({"kind": "sum", "parts": [SINE], "knot_spacing": 1.0}, ["parts[0]", "eighth"]),
-        ({**WHITE, "knot_spacing": 1e6}, ["run.duration", "1e+06"]),
     ],
 )
 def test_a_mistake_is_refused_in_one_line_that_names_it(table, words):
@@ -158,6 +157,22 @@ def test_a_mistake_is_refused_in_one_line_that_names_it(table, words):
     assert "\n" not in message
     for word in words:
         assert word in message
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ({**WHITE, "knot_spacing": 1e6}, ["run.duration", "1e+06"]),
+        ({"kind": "sum", "parts": [WHITE, OU], "knot_spacing": 0.5}, ["knot_spacing", "0.4"]),
+        ({"kind": "sum", "parts": [{**OU, "knot_spacing": 0.5}, WHITE]}, ["knot_spacing", "0.4"]),
+    ],
+)
+def test_knots_that_do_not_fit_are_refused_where_they_are_needed(table, words):
+    with pytest.raises(SceneError) as caught:
+        knot_spacing(with_excitation("paper", table))
+    assert "\n" not in str(caught.value)
+    for word in words:
+        assert word in str(caught.value)
 
 
 def test_a_sum_survives_its_tables():
