@@ -7,14 +7,19 @@ window of noise must move on, some thousand steps apart.
 
 import functools
 
-import numba
 import numpy as np
 from llvmlite import ir
-from numba import carray, cfunc, types
-from numba.core import cgutils
-from numba.extending import intrinsic
 
-from harvester.compilation import compiled
+from harvester.compilation import (
+    CACHED,
+    carray,
+    cfunc,
+    cgutils,
+    compiled,
+    intrinsic,
+    numba,
+    types,
+)
 from harvester.device import spring as springs
 from harvester.device import system as systems
 from harvester.parameters import STEPS_PER_CONTACT
@@ -95,7 +100,7 @@ def _noise(state, copy, time):
     return window[copy, knot] * (1.0 - share) + window[copy, knot + 1] * share
 
 
-@cfunc(types.int32(types.voidptr, types.int32, types.int32, types.CPointer(_STATE)), cache=True)
+@cfunc(types.int32(types.voidptr, types.int32, types.int32, types.CPointer(_STATE)), cache=CACHED)
 def send_data(values, count, identity, user):
     """`SendData`: copy the saved nodes of an accepted point into the buffer.
 
@@ -135,7 +140,7 @@ def send_data(values, count, identity, user):
         types.int32,
         types.CPointer(_STATE),
     ),
-    cache=True,
+    cache=CACHED,
 )
 def get_noise(current, time, name, identity, user):
     """`GetISRCData`: the noise of the copy whose number stands in the source's name."""
@@ -224,7 +229,7 @@ def step_setter(kind):
             types.int32,
             types.CPointer(_STATE),
         ),
-        cache=True,
+        cache=CACHED,
     )
     def set_step(time, delta, before, redo, identity, location, user):
         """The next step ends on the grid, or short of it near a contact.

@@ -10,7 +10,18 @@ FUNCTIONS = {
     "exp", "floor", "i", "ln", "log", "log10", "max", "min", "nint", "pow", "pwl", "pwr",
     "sgn", "sin", "sinh", "sqrt", "tan", "tanh", "ternary_fcn", "u", "u2", "uramp", "v",
 }  # fmt: skip
+# How many arguments they take where it is not one; of another number ngspice crashes.
+ARGUMENTS = {
+    "max": (2,), "min": (2,), "pow": (2,), "pwr": (2,), "ternary_fcn": (3,), "v": (1, 2),
+    "pwl": range(5, 10_000, 2),
+}  # fmt: skip
 NAMES = {"time", "temper", "hertz", "pi", "e", "boltz", "echarge", "planck", "c", "kelvin"}
+# What changes while ngspice runs, whatever a parameter of that name says.
+VARYING = {"time", "temper", "hertz"}
+# Functions of the circuit's solution.
+SOLUTION = {"v", "i"}
+# Parentheses within parentheses: ngspice's parser and ours have an end.
+DEEPEST_PARENTHESES = 100
 # A card that would let a netlist run programs or write files.
 REFUSED_CARDS = (".control", ".endc", ".csparam", ".measure", ".meas", ".write", ".print", ".plot")
 
@@ -67,8 +78,9 @@ def expression_fault(expression, parameters=(), functions=()):
         position = match.end()
     return (
         _parentheses(tokens)
-        or _names(tokens, NAMES | {*parameters}, FUNCTIONS | {*functions})
+        or _names(tokens, parameters, functions)
         or _order(tokens)
+        or _arguments(tokens, functions)
     )
 
 
@@ -76,6 +88,8 @@ def _parentheses(tokens):
     depth = questions = 0
     for _, text in tokens:
         depth += (text == "(") - (text == ")")
+        if depth > DEEPEST_PARENTHESES:
+            return f"parentheses nest deeper than {DEEPEST_PARENTHESES}"
         questions += (text == "?") - (text == ":")
         if depth < 0:
             return "a closing parenthesis too many"
@@ -86,7 +100,7 @@ def _parentheses(tokens):
     return "a '?' without its ':'" if questions else ""
 
 
-def _names(tokens, names, functions):
+def _names(tokens, parameters, functions):
     """Unknown functions; node names inside v(…) and i(…) are free."""
     inside = False
     for index, (kind, text) in enumerate(tokens):
@@ -96,13 +110,30 @@ def _names(tokens, names, functions):
         if kind != "name" or inside:
             continue
         if following == "(":
-            if text not in functions:
-                close = difflib.get_close_matches(text, functions, n=1)
+            if text not in FUNCTIONS and text not in functions:
+                close = difflib.get_close_matches(text, {*FUNCTIONS, *functions}, n=1)
                 hint = f" (did you mean {close[0]}?)" if close else ""
                 return f"unknown function {text}{hint}"
             inside = text in ("v", "i")
-        elif text not in names:
+        elif text not in NAMES and text not in parameters:
             return f"unknown name {text}"
+    return ""
+
+
+def _arguments(tokens, functions):
+    """Numbers of arguments that ngspice's own functions do not take."""
+    opened = []
+    for index, (_, text) in enumerate(tokens):
+        if text == "(":
+            opened.append([tokens[index - 1][1] if index else "", 1])
+        elif text == "," and opened:
+            opened[-1][1] += 1
+        elif text == ")":
+            name, count = opened.pop()
+            if name in FUNCTIONS and name not in functions:
+                expected = ARGUMENTS.get(name, (1,))
+                if count not in expected:
+                    return f"{name} takes {expected[0]} arguments, not {count}"
     return ""
 
 

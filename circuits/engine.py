@@ -69,6 +69,7 @@ def run_realizations(
     """
     system, _ = scale(scene)
     engine = session()
+    engine.circuit_load = scene.electrical_load.circuit
     if source == "pwl":
         from circuits.export import stand_alone
 

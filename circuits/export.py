@@ -1,6 +1,7 @@
 """Stand-alone netlists: a `.cir` with its own PWL source that plain `ngspice -b` runs."""
 
 import dataclasses
+from shlex import quote
 
 from circuits import elements
 from circuits.assembly import LOAD_TOLERANCE, OWN_TOLERANCE, assemble, own_steps, step_options
@@ -11,6 +12,9 @@ from harvester.parameters import scale
 
 PER_LINE = 4
 FEWEST_STEPS_PER_CONTACT = 10
+# Points of the noise that a netlist holds: some 40 MB, which ngspice reads at half a millisecond a
+# step.
+MOST_KNOTS = 1_000_000
 
 
 def saved(scene):
@@ -134,9 +138,19 @@ def _assembled(scene, path, start, step, tolerance=None, integrator="trapezoidal
         return netlist, scales, None
     _check_step(timescales.contact_time(system), netlist.step)
     knots = round(netlist.stop / path.spacing) + 1
+    _check_size(knots, netlist.stop, path.spacing)
     values = path.read(knots) / netlist.rate**2
     points = [f"{k * path.spacing!r} {float(value)!r}" for k, value in enumerate(values)]
     return netlist, scales, points
+
+
+def _check_size(knots, stop, spacing):
+    if knots > MOST_KNOTS:
+        raise NetlistError(
+            f"run.settle + run.duration = {stop:.4g} s with a knot of the noise every "
+            f"{spacing:.3g} s are {knots:.3g} points in the netlist, and at most {MOST_KNOTS} are "
+            f"written: shorten the run to {MOST_KNOTS * spacing:.3g} s"
+        )
 
 
 def _check_step(contact_time, step):
@@ -153,7 +167,7 @@ def _header(before, scene, netlist, scales):
     """The netlist's first part, with what a reader by hand needs to know."""
     title, rest = before.split("\n", 1)
     lines = [
-        f"Run it with: ngspice -b -r {scene.name}.raw {scene.name}.cir",
+        f"Run it with: ngspice -b -r {quote(scene.name + '.raw')} {quote(scene.name + '.cir')}",
         *_reading(scene, netlist, scales),
         f"i(@inoise[current]): {_noise_unit(netlist)}",
     ]

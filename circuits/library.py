@@ -1,7 +1,10 @@
-"""Where the ngspice library is found."""
+"""Where the ngspice library and its code models are found, and how it starts without more."""
 
+import contextlib
 import os
 import sys
+import sysconfig
+import tempfile
 from pathlib import Path
 
 from harvester.errors import EngineNotFound
@@ -47,7 +50,6 @@ def find_library():
     """
     import ctypes
 
-    _point_to_local_scripts()
     reason = "no ngspice library found"
     names = candidates()
     for name in names:
@@ -63,8 +65,65 @@ def find_library():
     raise EngineNotFound(f"{reason}; {HOW_TO_GET_IT}")
 
 
-def _point_to_local_scripts():
-    """Let a copy unpacked into the environment read its own start-up file."""
-    scripts = Path(sys.prefix) / "ngspice" / "usr" / "share" / "ngspice"
-    if scripts.is_dir():
-        os.environ.setdefault("SPICE_LIB_DIR", str(scripts))
+def code_models(library):
+    """ngspice's code models: those beside the library, else those of the system.
+
+    Parameters
+    ----------
+    library : str
+        From `find_library`.
+
+    Returns
+    -------
+    list of pathlib.Path
+        Sorted; none where there are none.
+    """
+    home = _loaded_from(library).parent
+    multiarch = sysconfig.get_config_var("MULTIARCH") or ""
+    folders = (
+        home / "ngspice",
+        home.parent / "lib" / "ngspice",
+        Path("/usr/lib", multiarch, "ngspice"),
+        Path("/usr/local/lib/ngspice"),
+    )
+    found = (sorted(folder.glob("*.cm")) for folder in folders)
+    return next(filter(None, found), [])
+
+
+@contextlib.contextmanager
+def no_initialisation_files():
+    """ngspice finds none of its initialisation files while it starts within the block.
+
+    It looks for spinit below SPICE_LIB_DIR, and for .spiceinit and spice.rc in the working
+    folder and at home. All that is an empty folder here.
+    """
+    before = dict(os.environ)
+    with tempfile.TemporaryDirectory(prefix="harvester-") as empty, contextlib.chdir(empty):
+        for name in before:
+            if name.upper().startswith(("SPICE", "NGSPICE")):
+                del os.environ[name]
+        os.environ.update(HOME=empty, USERPROFILE=empty, SPICE_LIB_DIR=empty)
+        try:
+            yield
+        finally:
+            os.environ.clear()
+            os.environ.update(before)
+
+
+def _loaded_from(library):
+    """The file of a library that is loaded, after symbolic links."""
+    import ctypes
+
+    class Place(ctypes.Structure):
+        _fields_ = (
+            ("file", ctypes.c_char_p),
+            ("base", ctypes.c_void_p),
+            ("symbol", ctypes.c_char_p),
+            ("address", ctypes.c_void_p),
+        )
+
+    place = Place()
+    if os.name == "posix":
+        start = ctypes.CDLL(library).ngSpice_Init
+        ctypes.CDLL(None).dladdr(start, ctypes.byref(place))
+    return Path(os.fsdecode(place.file) if place.file else library).resolve()

@@ -33,6 +33,8 @@ _TOKEN = re.compile(
     r"|(?P<operator>\*\*|&&|\|\||[<>=!]=|[-+*/^<>?:,(){}!~%]))",
     re.IGNORECASE,
 )
+# Characters of an expression: a == b says both sides twice.
+LONGEST = 100_000
 # Binary operators from the loosest to the tightest, and LTspice's word for them.
 LEVELS = (
     {"||": "|"},
@@ -119,7 +121,10 @@ class _Translation:
             place = found.end()
 
     def all(self):
-        said = self._condition()
+        try:
+            said = self._condition()
+        except RecursionError:
+            self._refuse("it nests too deeply")
         if self._tokens:
             self._refuse(f"{self._tokens[0][1]!r} stands where it has no meaning")
         return said
@@ -151,6 +156,8 @@ class _Translation:
         while self._next() in LEVELS[level]:
             word = LEVELS[level][self._take()[1]]
             other = self._binary(level + 1)
+            if len(said) + len(other) > LONGEST:
+                self._refuse("it grows too long")
             same = f"((({said})>=({other}))*(({said})<=({other})))"
             both = f"(({said}){word}({other}))"
             special = {"==": same, "!=": f"(1-{same})", "&": both, "|": both}

@@ -4,15 +4,20 @@ Reads what LTspice and ngspice write. A load from elsewhere is data, so an inclu
 folder of the file that the user named.
 """
 
+import contextlib
 import re
 from pathlib import Path
 from typing import NamedTuple
 
 from harvester.errors import NetlistError
 
-# Far above any load, far below what would exhaust a machine.
-LARGEST_FILE = 1_000_000
+# Of a load with all that it includes: far above any, far below what would exhaust a machine.
+MOST_BYTES = 1_000_000
+MOST_FILES = 100
 DEEPEST_INCLUDE = 16
+MOST_CARDS = 20_000
+# Characters of one statement with its continuation lines.
+LONGEST_CARD = 20_000
 
 INCLUDES = (".include", ".inc", ".lib")
 IGNORED = (".end", ".backanno")
@@ -40,27 +45,78 @@ def read_cards(path):
     Raises
     ------
     NetlistError
-        A file that cannot be read, or an include that leaves its folder or includes itself.
+        A file that cannot be read or is no regular file, an include that leaves its folder or
+        includes itself, or more than a load holds.
     """
     path = Path(path)
-    return _read(path, path.resolve().parent, ())
+    with _named(path):
+        folder = path.resolve().parent
+    return _Reader(folder).cards(path, path, ())
 
 
-def _read(path, folder, including):
-    real = path.resolve()
-    if real in including:
-        raise NetlistError(f"{path.name}: includes itself; take the .include out")
-    if len(including) >= DEEPEST_INCLUDE:
-        raise NetlistError(f"{path.name}: includes nest deeper than {DEEPEST_INCLUDE} files")
-    cards = []
-    for card in statements(_text(path), path.name):
-        first, _, rest = card.text.partition(" ")
-        if first.lower() in INCLUDES:
-            included = _included(rest.strip(), path.parent, folder, f"{card.where}: {first}")
-            cards += _read(included, folder, (*including, real))
-        elif first.lower() not in IGNORED:
-            cards.append(Card(card.text.lower(), card.where))
-    return cards
+@contextlib.contextmanager
+def _named(place):
+    """Whatever the system says about a file becomes a NetlistError that names it."""
+    try:
+        yield
+    except (OSError, RuntimeError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise NetlistError(f"{place}: cannot be read: {reason}") from None
+
+
+class _Reader:
+    """Reads one load's files; their number and size count together."""
+
+    def __init__(self, folder):
+        self._folder = folder
+        self._files = self._bytes = self._cards = 0
+
+    def cards(self, path, place, including):
+        """Cards of a file; `place` is who asks for it, `including` the files around it."""
+        with _named(place):
+            real = path.resolve()
+        if real in including:
+            raise NetlistError(f"{place}: includes itself; take the .include out")
+        if len(including) >= DEEPEST_INCLUDE:
+            raise NetlistError(f"{place}: includes nest deeper than {DEEPEST_INCLUDE} files")
+        cards = []
+        for card in statements(self._text(path, place), path.name):
+            if len(card.text) > LONGEST_CARD:
+                raise NetlistError(
+                    f"{card.where}: a statement of {len(card.text)} characters; at most "
+                    f"{LONGEST_CARD}"
+                )
+            self._cards += 1
+            if self._cards > MOST_CARDS:
+                raise NetlistError(f"{card.where}: more than {MOST_CARDS} statements: no load")
+            first, _, rest = card.text.partition(" ")
+            if first.lower() in INCLUDES:
+                where = f"{card.where}: {first}"
+                included = _included(rest.strip(), path.parent, self._folder, where)
+                cards += self.cards(included, f"{where} {included.name}", (*including, real))
+            elif first.lower() not in IGNORED:
+                cards.append(Card(card.text.lower(), card.where))
+        return cards
+
+    def _text(self, path, place):
+        """Contents of a file in whatever encoding such files come."""
+        self._files += 1
+        if self._files > MOST_FILES:
+            raise NetlistError(f"{place}: more than {MOST_FILES} files are included")
+        with _named(place):
+            if not path.is_file():
+                raise NetlistError(f"{place}: no regular file")
+            # No more than its size says: what the system shows as an empty file may have no end.
+            size = min(path.stat().st_size, MOST_BYTES - self._bytes + 1)
+            with path.open("rb") as file:
+                content = file.read(size)
+        self._bytes += len(content)
+        if self._bytes > MOST_BYTES:
+            raise NetlistError(
+                f"{place}: more than {MOST_BYTES // 1000} kB with what it includes: no load's "
+                "netlist"
+            )
+        return _decoded(content)
 
 
 def _included(argument, beside, folder, where):
@@ -68,26 +124,20 @@ def _included(argument, beside, folder, where):
     quoted = re.fullmatch(r"\"([^\"]+)\"|'([^']+)'", argument)
     name = quoted.group(1) or quoted.group(2) if quoted else argument
     if not name or (not quoted and len(name.split()) != 1):
-        raise NetlistError(f"{where} {argument}: takes one file name (no section of a library)")
+        raise NetlistError(f"{where} {argument[:80]}: takes one file name (no library's section)")
     outside = re.match(r"[/\\~]|[a-z]:", name, re.IGNORECASE) or ".." in re.split(r"[/\\]", name)
-    path = beside / name
-    if outside or not path.resolve().is_relative_to(folder):
-        raise NetlistError(f"{where} {name}: lies outside the load's folder; copy it beside it")
-    if not path.is_file():
-        raise NetlistError(f"{where} {name}: no such file beside the load")
+    path, place = beside / name, f"{where} {name[:80]}"
+    with _named(place):
+        outside = outside or not path.resolve().is_relative_to(folder)
+        missing = not path.exists()
+    if outside:
+        raise NetlistError(f"{place}: lies outside the load's folder; copy it beside it")
+    if missing:
+        raise NetlistError(f"{place}: no such file beside the load")
     return path
 
 
-def _text(path):
-    """Contents of a file in whatever encoding such files come."""
-    try:
-        if not path.is_file():
-            raise NetlistError(f"{path}: no such netlist file")
-        if path.stat().st_size > LARGEST_FILE:
-            raise NetlistError(f"{path}: larger than {LARGEST_FILE // 1000} kB: no load's netlist")
-        content = path.read_bytes()
-    except OSError as error:
-        raise NetlistError(f"{path}: cannot be read: {error.strerror}") from None
+def _decoded(content):
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         return content.decode("utf-16", errors="replace")
     if content[1:2] == b"\0":
@@ -128,9 +178,9 @@ def statements(text, name):
         if not stripped:
             continue
         if not stripped.startswith("+"):
-            cards.append(Card(stripped, where))
+            cards.append(([stripped], where))
         elif not cards:
             raise NetlistError(f"{where}: a line begins with + and continues none")
         else:
-            cards[-1] = Card(f"{cards[-1].text} {stripped[1:].strip()}", cards[-1].where)
-    return cards
+            cards[-1][0].append(stripped[1:].strip())
+    return [Card(" ".join(lines), where) for lines, where in cards]

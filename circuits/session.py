@@ -5,21 +5,21 @@ abort or hang. PySpice loads the library and sends the commands; its callbacks a
 the compiled ones of `circuits.callbacks`.
 """
 
-import os
-import re
+import contextlib
 import sys
 
-import numba
 import numpy as np
 from PySpice.Spice.NgSpice.Shared import NgSpiceCommandError, NgSpiceShared, ffi
 
-from circuits import callbacks, compiled_device, elements
-from circuits.library import find_library
-from harvester.compilation import compiled
+from circuits import callbacks, compiled_device, elements, messages
+from circuits.library import code_models, find_library, no_initialisation_files
+from circuits.places import file_of, with_places
+from harvester.compilation import compiled, numba
 from harvester.device import system as systems
 from harvester.device import timescales
 from harvester.errors import CompiledDeviceUnavailable, SimulatorAborted, SolutionDiverged
 from harvester.record import empty_record, fill, part
+from harvester.worker import as_answer, give_up
 
 # ngspice's name of each column of the buffer, behind the copy's prefix.
 NODES = (
@@ -32,14 +32,6 @@ NODES = (
     elements.OUTPUT,
     elements.REFERENCE,
 )
-
-# What ngspice prints when a run went wrong, on either stream.
-TROUBLE = re.compile(
-    r"error|too small|unrecognized|singular|abort|no such|unknown|fatal|can't|cannot|failed|"
-    r"not found",
-    re.IGNORECASE,
-)
-HARMLESS = re.compile(r"can't find (the )?(init|initialization) file|Cannot open display", re.I)
 
 _session = None
 
@@ -56,6 +48,12 @@ def session():
         NgSpiceShared.LIBRARY_PATH = find_library().replace("{", "{{").replace("}", "}}")
         _session = Session()
     return _session
+
+
+def _in_copy(device, prefix):
+    """ngspice's name of an element of one copy of the device: its letter stays in front."""
+    letter, path = device.split(".", 1)
+    return f"{letter}.{prefix}{path}"
 
 
 @compiled
@@ -81,12 +79,21 @@ def _convert(s, free, times, nodes, record, rate, square_rate, per_volt, per_amp
 
 
 class Session(NgSpiceShared):
-    """PySpice's shared ngspice with compiled callbacks."""
+    """PySpice's shared ngspice with compiled callbacks.
+
+    Attributes
+    ----------
+    circuit_load : circuits.subcircuits.LoadCircuit or None
+        Of the netlist at hand, whose elements messages are to name.
+    """
+
+    circuit_load = None
 
     def _init_ngspice(self, send_data):
         self.state = np.zeros(1, dtype=callbacks.STATE)
-        self.messages = []
+        self.messages, self.errors = [], []
         self._compiled_devices = {}
+        self._doing = "stopped"
         self._service = None
         self._keep = [
             ffi.callback("int (char *, int, void *)", self._receive_message),
@@ -97,16 +104,26 @@ class Session(NgSpiceShared):
             ffi.callback("int (bool, int, void *)", lambda *_: 0),
         ]
         user = ffi.cast("void *", self.state.ctypes.data)
-        self._ngspice_shared.ngSpice_Init(*self._keep, user)
+        self._started = False
+        with no_initialisation_files():
+            self._ngspice_shared.ngSpice_Init(*self._keep, user)
+        self._started = True
         self._identity = ffi.new("int *", 0)
         service = ffi.callback("int (int)", self._serve)
         self._keep.append(service)
         self.state["service"] = int(ffi.cast("intptr_t", service))
+        self._load_code_models()
         self.version_text = self.exec_command("version -f")
         self.exec_command("set nomoremode")
         # Newer releases read a system file at every step otherwise.
         self.exec_command("set no_mem_check")
         self.exec_command("set num_threads=1")
+
+    def _load_code_models(self):
+        for model in code_models(self.library_path):
+            # ngspice splits its commands at blanks, quoted or not.
+            with contextlib.chdir(model.parent):
+                self.exec_command(f"codemodel ./{model.name}")
 
     def compiled_device_is_off(self, system):
         """Why there is no compiled device with these parts; empty where it is loaded.
@@ -183,7 +200,7 @@ class Session(NgSpiceShared):
         return int(self.state["steps"][0])
 
     def _begin(self, netlist, system, paths, observers, steps_per_knot):
-        self.messages = []
+        self.messages, self.errors = [], []
         self._netlist, self._system = netlist, system
         self._paths, self._observers = paths, observers
         self._time_reached = 0.0
@@ -225,8 +242,7 @@ class Session(NgSpiceShared):
         try:
             self._service[reason]()
         except BaseException as error:
-            print(f"{type(error).__name__}: {error}", file=sys.stderr, flush=True)
-            os._exit(70)
+            give_up(as_answer(error))
         return 0
 
     def _flush(self):
@@ -260,14 +276,39 @@ class Session(NgSpiceShared):
                 self._outputs[place].add(times[start:], volts / self._netlist.voltage_scale)
 
     def _measure_output(self):
-        """Conductance and capacitance across the output, scaled, as ngspice evaluated them."""
+        """Conductance and capacitance across the output, scaled, as ngspice evaluated them.
+
+        The conductance from each resistor's own current and power at the end of the run: they hold
+        what its multiplier, scale, temperature and model make of its value.
+
+        Raises
+        ------
+        SimulatorAborted
+            ngspice has no number for one of them.
+        """
         netlist = self._netlist
         scale = netlist.per_power * netlist.voltage_scale**2
-        resistances = [self._property(name, "resistance") for name in netlist.output_resistors]
-        farads = [self._property(name, "capacitance") for name in netlist.storage]
-        for output in self._outputs:
-            output.conductance = scale * sum(1.0 / resistance for resistance in resistances)
+        for prefix, output in zip(netlist.prefixes, self._outputs, strict=True):
+            resistors = [_in_copy(name, prefix) for name in netlist.output_resistors]
+            siemens = [self._conductance(name, output) for name in resistors]
+            capacitors = [_in_copy(name, prefix) for name in netlist.storage]
+            farads = [self._property(name, "capacitance") for name in capacitors]
+            # What a negative one delivers is not used, it is what makes a load not passive.
+            output.conductance = scale * sum(np.maximum(siemens, 0.0))
             output.capacitance = scale * sum(farads)
+            if not np.isfinite(output.conductance + output.capacitance):
+                names = ", ".join(netlist.output_resistors + netlist.storage)
+                raise SimulatorAborted(
+                    f"ngspice gave no value of {names}: give what lies across out and ref a "
+                    "constant value"
+                )
+
+    def _conductance(self, resistor, output):
+        current, power = (self._property(resistor, name) for name in ("i", "p"))
+        if power:
+            return current / (power / current)
+        # It takes no part (m=0), or there never was a voltage; or just now there is none.
+        return 0.0 if output.voltage or not output.has_started else np.nan
 
     def _property(self, device, name):
         vector = self._ngspice_shared.ngGet_Vec_Info(f"@{device}[{name}]".encode())
@@ -287,10 +328,19 @@ class Session(NgSpiceShared):
     def _load(self, text):
         self._stdout, self._stderr = [], []
         lines = [ffi.new("char[]", line.encode()) for line in [*text.splitlines(), ".end", ""]]
+        self._doing = "refused the netlist"
+        self._announce("was reading the netlist")
         self._ngspice_shared.ngSpice_Circ(ffi.new("char *[]", [*lines, ffi.NULL]))
-        trouble = self._trouble()
+        trouble = messages.refusal(self.errors)
         if trouble:
-            raise SimulatorAborted(f"ngspice refused the netlist: {trouble}")
+            raise SimulatorAborted(self._said(trouble))
+        self._doing = "stopped"
+        self._announce("was running the netlist")
+
+    def _announce(self, doing):
+        """The last words of the process, should it crash now."""
+        load = f" with the load {file_of(self.circuit_load)}" if self.circuit_load else ""
+        print(f"ngspice {doing}{load}", file=sys.stderr, flush=True)
 
     def _command(self, command):
         try:
@@ -299,8 +349,13 @@ class Session(NgSpiceShared):
             raise SimulatorAborted(self._abort_message()) from None
 
     def _abort_message(self):
-        trouble = self._trouble() or "it gave no reason"
-        return f"ngspice stopped at t = {self._time_reached:g}: {trouble}"
+        self._doing = f"stopped at t = {self._time_reached:g}"
+        return self._said(messages.abortion(self.errors))
+
+    def _said(self, trouble):
+        """ngspice's words about what went wrong, with the load's own names."""
+        trouble = with_places(trouble or "it gave no reason", self.circuit_load)
+        return f"ngspice {self._doing}: {trouble}"
 
     def _check_end(self, stop):
         if not self._finite:
@@ -308,26 +363,20 @@ class Session(NgSpiceShared):
                 f"ngspice returned values that are not finite after t = {self._time_reached:g}"
             )
         if self._time_reached < stop * (1.0 - 1e-9):
-            trouble = self._trouble()
-            if trouble:
+            if messages.abortion(self.errors):
                 raise SimulatorAborted(self._abort_message())
             raise SolutionDiverged(
                 f"ngspice ended at t = {self._time_reached:g} of {stop:g} without a message"
             )
-
-    def _trouble(self):
-        """ngspice's own words about what went wrong, in one line."""
-        lines = [
-            line for line in self.messages if TROUBLE.search(line) and not HARMLESS.search(line)
-        ]
-        return "; ".join(dict.fromkeys(line.strip() for line in lines[:4]))
 
     def _receive_message(self, message, identity, user):
         stream, _, content = ffi.string(message).decode(errors="replace").partition(" ")
         self.messages.append(content)
         if stream == "stderr":
             self._stderr.append(content)
-            print(content, file=sys.stderr, flush=True)
+            self.errors.append(content)
+            if self._started:
+                print(content, file=sys.stderr, flush=True)
         else:
             self._stdout.append(content)
         return 0
@@ -346,5 +395,6 @@ class Session(NgSpiceShared):
         return 0
 
     def _exited(self, status, immediate, quit_requested, identity, user):
-        """ngspice wants to leave the process: let it, with its last words on stderr."""
-        os._exit(71)
+        """ngspice wants to leave the process: let it, with its last words."""
+        words = messages.refusal(self.errors) or messages.abortion(self.errors)
+        give_up(SimulatorAborted(self._said(words)))

@@ -6,15 +6,16 @@ from importlib import resources
 from pathlib import Path
 
 from circuits import elements, vetting
-from circuits.netlist_reader import Card, read_cards
-from circuits.vetting import Scope, check_nodes, check_value, nearest, refuse, vet_element
+from circuits.expansion import Expansion, called
+from circuits.netlist_reader import read_cards
+from circuits.netlist_tree import parse, written
+from circuits.places import places
+from circuits.vetting import check_nodes, check_value, listed, nearest, refuse, vet_element
 from harvester.errors import NetlistError
 
 # What a load's sub-circuit is connected by: the piezo's terminals, and its DC side if it has one.
 PIEZO_PINS, OUTPUT_PINS = ("p", "n"), ("out", "ref")
 EXPECTED = "p n, or p n out ref (p n: the piezo's terminals; out ref: the DC side), in any order"
-# Elements of a load with all that its sub-circuits hold.
-MOST_ELEMENTS = 2000
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,8 @@ class LoadCircuit:
         Resistors and capacitors only; anything beside them and diodes.
     resistance : float or None
         Of a load that is one resistor between p and n, in Ω.
+    places : tuple of circuits.places.Place
+        Where its elements stand in its files.
     """
 
     text: str
@@ -51,46 +54,12 @@ class LoadCircuit:
     linear: bool
     switches: bool
     resistance: float | None
+    places: tuple = field(default=(), compare=False, repr=False)
 
     @property
     def has_output(self):
         """Whether it has a DC side."""
         return OUTPUT_PINS[0] in self.pins
-
-
-@dataclass
-class _Subcircuit:
-    """A .subckt under way, or the file around them (no name)."""
-
-    card: Card | None
-    name: str = ""
-    pins: tuple = ()
-    parameters: dict = field(default_factory=dict)
-    local: dict = field(default_factory=dict)
-    functions: dict = field(default_factory=dict)
-    models: dict = field(default_factory=dict)
-    elements: list = field(default_factory=list)
-    inner: dict = field(default_factory=dict)
-    outer: "_Subcircuit | None" = None
-
-    def scope(self):
-        """Names from here outwards."""
-        outer = self.outer.scope() if self.outer else Scope(*[frozenset()] * 3)
-        return Scope(
-            outer.parameters | {*self.parameters, *self.local},
-            outer.functions | {*self.functions},
-            outer.models | {*self.models},
-        )
-
-    def find(self, name):
-        """A sub-circuit by name, from here outwards, or None."""
-        if name in self.inner:
-            return self.inner[name]
-        return self.outer.find(name) if self.outer else None
-
-    def known(self):
-        """Names of all sub-circuits that can be called from here."""
-        return {*self.inner, *(self.outer.known() if self.outer else ())}
 
 
 def load_names():
@@ -155,81 +124,30 @@ def read_load(path, subcircuit=None, parameters=None):
         One line with file, line and fault.
     """
     path = Path(path)
-    root = _parse([vetting.tidy(card) for card in read_cards(path)])
+    cards = [vetting.tidy(card) for card in read_cards(path)]
+    root = parse(cards, path.name)
     top = _chosen(root, path, subcircuit)
     values = _override(root, top, parameters or {}, path)
-    defaults = {name: vetting.number(value) for name, value in top.parameters.items()}
     _check_pins(top)
     _vet(root)
-    count, letters = _size(top, ())
-    if count > MOST_ELEMENTS:
-        refuse(top.card, f"{count} elements: a load has at most {MOST_ELEMENTS}")
-    resistance = _single_resistance(root, top, values, letters)
-    output_resistors, storage = _across_output(top)
+    expansion = Expansion(root)
+    letters = expansion.content(top).letters
+    known = {**root.local, **top.parameters, **top.local}
+    sizes = {name: vetting.number(known[name]) for name in top.parameters}
+    output_resistors, storage = _across_output(top, expansion)
     return LoadCircuit(
-        text="\n".join(_written(root)) + "\n",
+        text="\n".join(written(root)) + "\n",
         name=top.name,
         pins=top.pins,
         parameters=tuple(values.items()),
-        defaults=tuple((name, size) for name, size in defaults.items() if size is not None),
+        defaults=tuple((name, size) for name, size in sizes.items() if size is not None),
         output_resistors=output_resistors,
         storage=storage,
         linear=letters <= {"r", "c"},
         switches=not letters <= {"r", "c", "d"},
-        resistance=resistance,
+        resistance=_single_resistance(top, {**known, **values}, letters),
+        places=places(cards),
     )
-
-
-def _parse(cards):
-    """Cards as nested sub-circuits, elements not yet judged."""
-    root = here = _Subcircuit(None)
-    for card in cards:
-        first, _, rest = card.text.partition(" ")
-        if first == ".subckt":
-            here = _opened(here, card, rest)
-        elif first == ".ends":
-            if here is root:
-                refuse(card, ".ends without its .subckt")
-            if rest and rest != here.name:
-                refuse(card, f".ends {rest} closes .subckt {here.name}")
-            here = here.outer
-        elif first in (".param", ".params"):
-            here.local.update(vetting.vet_parameters(card, rest))
-        elif first == ".func":
-            name, arguments, expression = vetting.vet_function(card)
-            here.functions[name] = (card, arguments, expression)
-        elif first == ".model":
-            name, kind, pairs = vetting.vet_model(card)
-            here.models[name] = (card, kind, pairs)
-        elif first.startswith("."):
-            refuse(
-                card,
-                f"{first} is not accepted: a load holds elements, .model, .param, .func, .subckt "
-                "and .include, and is no program",
-            )
-        elif here is root:
-            refuse(card, f"{first}: an element outside a .subckt; put it into one")
-        else:
-            here.elements.append(card)
-    if here is not root:
-        refuse(here.card, f".subckt {here.name} without its .ends")
-    return root
-
-
-def _opened(outer, card, rest):
-    words = re.sub(r"\bparams:\s*", "", rest).split()
-    names = [word for word in words if "=" not in word]
-    if not names or not re.fullmatch(r"[a-z_][\w.\-]*", names[0]) or len(names) < 2:
-        refuse(card, "write it as .subckt name pins parameter=value")
-    if names[0] in outer.inner:
-        refuse(card, f".subckt {names[0]} is there twice")
-    check_nodes(card, names[1:])
-    if len({*names[1:]}) < len(names[1:]) or {"0", "gnd"} & {*names[1:]}:
-        refuse(card, f"the pins {' '.join(names[1:])} must differ, and none is 0")
-    parameters = vetting.vet_parameters(card, " ".join(word for word in words if "=" in word))
-    inner = _Subcircuit(card, names[0], tuple(names[1:]), parameters, outer=outer)
-    outer.inner[names[0]] = inner
-    return inner
 
 
 def _chosen(root, path, name):
@@ -239,13 +157,13 @@ def _chosen(root, path, name):
         name = path.stem.lower() if path.stem.lower() in root.inner else None
         if name is None and len(root.inner) > 1:
             raise NetlistError(
-                f"{path.name}: holds {', '.join(root.inner)}: say which by load.subcircuit"
+                f"{path.name}: holds {listed(root.inner)}: say which by load.subcircuit"
             )
         name = name or next(iter(root.inner))
     if name.lower() not in root.inner:
         raise NetlistError(
             f"{path.name}: no .subckt {name}{nearest(name.lower(), root.inner)}; there are "
-            f"{', '.join(root.inner)}"
+            f"{listed(root.inner)}"
         )
     return root.inner[name.lower()]
 
@@ -254,7 +172,8 @@ def _check_pins(top):
     pins = {*top.pins}
     if pins not in ({*PIEZO_PINS}, {*PIEZO_PINS, *OUTPUT_PINS}):
         refuse(
-            top.card, f".subckt {top.name} has the pins {' '.join(top.pins)}; expected {EXPECTED}"
+            top.card,
+            f".subckt {top.name[:40]} has the pins {listed(top.pins)}; expected {EXPECTED}",
         )
 
 
@@ -266,7 +185,7 @@ def _override(root, top, given, path):
         name = key.lower()
         where = f"load.parameters.{key} = {value!r}"
         if name not in known:
-            there = f"; there are {', '.join(known)}" if known else "; it has none"
+            there = f"; there are {listed(known)}" if known else "; it has none"
             raise NetlistError(
                 f"{where}: {path.name} has no such parameter{nearest(name, known)}{there}"
             )
@@ -284,19 +203,23 @@ def _override(root, top, given, path):
 def _vet(circuit):
     """Judge every card of a sub-circuit and of those within it, in place."""
     scope = circuit.scope()
-    place = circuit.card or Card("", "the load")
     for values in (circuit.parameters, circuit.local):
         for name, value in values.items():
             if vetting.number(value) is None and not value.startswith("{"):
                 value = "{" + value + "}"
-            values[name] = check_value(place, value, scope, name)
+            values[name] = check_value(circuit.place(name), value, scope, name)
     for name, (card, kind, pairs) in circuit.models.items():
         checked = [(k, v and check_value(card, v, scope, k)) for k, v in pairs]
         circuit.models[name] = (card, kind, checked)
     for card, arguments, expression in circuit.functions.values():
-        own = scope._replace(parameters=scope.parameters | {*arguments})
+        own = scope._replace(parameters=scope.parameters.new_child(dict.fromkeys(arguments)))
         check_value(card, "{" + expression + "}", own)
     circuit.elements = [_vetted(card, circuit, scope) for card in circuit.elements]
+    names = set()
+    for card, words in circuit.elements:
+        if words[0] in names:
+            refuse(card, f"{words[0][:40]} is there twice")
+        names.add(words[0])
     for inner in circuit.inner.values():
         _vet(inner)
 
@@ -309,89 +232,65 @@ def _vetted(card, circuit, scope):
     bare = [word for word in words if "=" not in word]
     target = circuit.find(bare[-1])
     if target is None:
-        refuse(card, f"no .subckt {bare[-1]}{nearest(bare[-1], circuit.known())}")
+        refuse(card, f"no .subckt {bare[-1][:40]}{nearest(bare[-1], circuit.known())}")
     nodes = bare[1:-1]
     check_nodes(card, [bare[0], *nodes])
     if len(nodes) != len(target.pins):
-        refuse(card, f"{bare[0]}: {target.name} has the pins {' '.join(target.pins)}")
+        refuse(card, f"{bare[0][:40]}: {target.name[:40]} has the pins {listed(target.pins)}")
     pairs = vetting.vet_parameters(card, " ".join(word for word in words if "=" in word))
     for name in pairs:
         if name not in target.parameters:
             refuse(
                 card,
-                f"{target.name} has no parameter {name}{nearest(name, target.parameters)}",
+                f"{target.name[:40]} has no parameter {name[:40]}"
+                f"{nearest(name, target.parameters)}",
             )
     given = [f"{name}={check_value(card, value, scope, name)}" for name, value in pairs.items()]
     return card, [*bare, *given]
 
 
-def _size(circuit, calling):
-    """Elements of a sub-circuit with all it calls, and the letters among them."""
-    if circuit.name in calling:
-        refuse(circuit.card, f".subckt {circuit.name} holds itself")
-    count, letters = 0, set()
-    sizes = {}
-    for card, words in circuit.elements:
-        letter = words[0][0]
-        if letter != "x":
-            count += 1
-            letters.add("b" if letter in "rc" and _varies(words) else letter)
-            continue
-        target = circuit.find(next(w for w in reversed(words) if "=" not in w))
-        if target.name not in sizes:
-            sizes[target.name] = _size(target, (*calling, circuit.name))
-        count += sizes[target.name][0]
-        letters |= sizes[target.name][1]
-        if count > MOST_ELEMENTS:
-            refuse(card, f"more than {MOST_ELEMENTS} elements")
-    return count, letters
+def _single_resistance(top, known, letters):
+    """The resistance of a load that is one resistor between its pins, else None.
 
-
-def _single_resistance(root, top, values, letters):
-    """The resistance of a load that is one resistor between its pins, else None."""
+    `known` holds the parameters as ngspice takes them: a value given where the sub-circuit is
+    called goes before an inner .param, that before the sub-circuit's default, and all before the
+    file's own.
+    """
     if {*top.pins} != {*PIEZO_PINS} or letters != {"r"} or len(top.elements) != 1:
         return None
     words = top.elements[0][1]
     if {*words[1:3]} != {*PIEZO_PINS} or len(words) != 4:
         return None
-    name = words[3].strip("{}")
-    known = {**root.local, **top.local, **top.parameters, **values}
-    value = known.get(name, name)
-    return vetting.number(value) if isinstance(value, str) else value
+    value = known.get(words[3][1:-1]) if words[3].startswith("{") else words[3]
+    size = vetting.number(value) if isinstance(value, str) else value
+    return size if size and size > 0.0 else None
 
 
-def _across_output(top):
+def _across_output(top, expansion):
     """ngspice's names of the resistors and of the capacitors across the output."""
     found = {"r": [], "c": []}
-    for card, words in top.elements:
-        letter = words[0][0]
-        if letter in found and {*words[1:3]} == {*OUTPUT_PINS}:
-            if _varies(words):
-                refuse(card, f"{words[0]} lies across out and ref: give it a constant value")
-            found[letter].append(f"{letter}.xload.{words[0]}")
-    if OUTPUT_PINS[0] in top.pins and not any(found.values()):
+    if OUTPUT_PINS[0] not in top.pins:
+        return (), ()
+    for card, name, words, circuit in _across(top, {pin: pin for pin in OUTPUT_PINS}, "xload"):
+        if expansion.varies(circuit, words[3:]):
+            refuse(card, f"{words[0]} lies across out and ref: give it a constant value")
+        found[name[0]].append(name)
+    if not any(found.values()):
         refuse(top.card, "no resistor or capacitor lies across out and ref: nothing to harvest")
     return tuple(found["r"]), tuple(found["c"])
 
 
-def _varies(words):
-    """Whether a value depends on the solution."""
-    return any("v(" in word or "i(" in word for word in words)
+def _across(circuit, outputs, path):
+    """Resistors and capacitors between both pins of the output, in called sub-circuits too.
 
-
-def _written(circuit):
-    """The lines of a sub-circuit, or of all of a file."""
-    lines = []
-    if circuit.name:
-        given = [f"{name}={value}" for name, value in circuit.parameters.items()]
-        lines.append(" ".join([".subckt", circuit.name, *circuit.pins, *given]))
-    lines += [f".param {name}={value}" for name, value in circuit.local.items()]
-    for name, (_, arguments, expression) in circuit.functions.items():
-        lines.append(f".func {name}({','.join(arguments)}) {{{expression}}}")
-    for name, (_, kind, pairs) in circuit.models.items():
-        inside = " ".join(f"{key}={value}" if value else key for key, value in pairs)
-        lines.append(f".model {name} {kind}({inside})")
-    for inner in circuit.inner.values():
-        lines += _written(inner)
-    lines += [" ".join(words) for _, words in circuit.elements]
-    return [*lines, f".ends {circuit.name}"] if circuit.name else lines
+    `outputs` says which of the circuit's nodes is which pin.
+    """
+    for card, words in circuit.elements:
+        target = called(circuit, words)
+        if target:
+            nodes = dict(zip(target.pins, words[1:], strict=False))
+            inside = {pin: outputs[node] for pin, node in nodes.items() if node in outputs}
+            if {*inside.values()} == {*OUTPUT_PINS}:
+                yield from _across(target, inside, f"{path}.{words[0]}")
+        elif words[0][0] in "rc" and {outputs.get(node) for node in words[1:3]} == {*OUTPUT_PINS}:
+            yield card, f"{words[0][0]}.{path}.{words[0]}", words, circuit

@@ -8,15 +8,16 @@ misread is put right where its meaning is plain, and refused by name where it is
 import difflib
 import math
 import re
+from collections.abc import Mapping
 from typing import NamedTuple
 
-from circuits.checks import expression_fault
+from circuits.checks import NAMES, SOLUTION, VARYING, expression_fault
 from circuits.netlist_reader import Card
 from harvester.errors import NetlistError
 
 FACTORS = {
     "t": 1e12, "g": 1e9, "meg": 1e6, "k": 1e3, "mil": 25.4e-6, "m": 1e-3, "u": 1e-6, "n": 1e-9,
-    "p": 1e-12, "f": 1e-15, "a": 1e-18,
+    "p": 1e-12, "f": 1e-15,
 }  # fmt: skip
 MODELS = {
     "d", "npn", "pnp", "njf", "pjf", "nmos", "pmos", "vdmos", "sw", "csw", "r", "c", "l",
@@ -43,7 +44,16 @@ ELEMENTS = {
 }  # fmt: skip
 
 _CHARACTERS = re.compile(r"[\w\s.+\-*/^(){}\[\],=<>?:!&|%#~\"]*", re.ASCII)
-_NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)(meg|mil|[tgkmunpfa])?([a-z]*)")
+_NUMBER = re.compile(
+    r"([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[+-]?\d+)?)(meg|mil|[tgkmunpf])?([a-z]*)", re.ASCII
+)
+# A thousandth of an inch is one only outside of expressions, there it is a thousandth.
+_MIL = re.compile(r"(?<![\w.])((?:\d+(?:\.\d*)?|\.\d+)(?:e[+-]?\d+)?)mil(?![\w.])")
+# Of a name or a number.
+LONGEST_WORD = 250
+_LONG_WORD = re.compile(rf"[\w.]{{{LONGEST_WORD + 1}}}")
+# Of names in messages.
+MOST_SHOWN, LONGEST_SHOWN = 20, 60
 # LTspice's 4k7, and a pair name=value whose value may be an expression.
 _INFIX = re.compile(r"(?<![\w.])(\d+)(meg|[tgkmunp])(\d+)(?![\w.])")
 _PAIR = re.compile(r"([a-z_]\w*)=(\{[^{}]*\}|[^\s{}()=]+)")
@@ -53,9 +63,9 @@ _NODE = re.compile(r"[\w.+\-#/\[\]]+")
 class Scope(NamedTuple):
     """Names that mean something where a card stands."""
 
-    parameters: frozenset
-    functions: frozenset
-    models: frozenset
+    parameters: Mapping
+    functions: Mapping
+    models: Mapping
 
 
 def number(text):
@@ -69,8 +79,15 @@ def number(text):
 
 def nearest(name, known):
     """ "(did you mean …?)" with a space in front, or an empty string."""
-    close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-    return f" (did you mean {close[0]}?)" if close else ""
+    close = difflib.get_close_matches(name[:LONGEST_WORD], known, n=1, cutoff=0.5)
+    return f" (did you mean {close[0][:LONGEST_SHOWN]}?)" if close else ""
+
+
+def listed(names):
+    """Names in one line, the first of many."""
+    names = [name[:LONGEST_SHOWN] for name in names]
+    more = f" … ({len(names)} in all)" if len(names) > MOST_SHOWN else ""
+    return ", ".join(names[:MOST_SHOWN]) + more
 
 
 def refuse(card, fault):
@@ -80,6 +97,8 @@ def refuse(card, fault):
 
 def tidy(card):
     """The card with quotes as braces, no blanks within expressions, and only safe characters."""
+    if _LONG_WORD.search(card.text):
+        refuse(card, f"a name or number of more than {LONGEST_WORD} characters")
     text = re.sub(r"'([^']*)'", r"{\1}", card.text)
     if not _CHARACTERS.fullmatch(text):
         odd = next(c for c in text if not _CHARACTERS.fullmatch(c))
@@ -133,8 +152,11 @@ def vet_model(card):
 
 
 def vet_parameters(card, text):
-    """Pairs of a list of parameters, {name: value}."""
-    return dict(_pairs(card, text, ()))
+    """Pairs of a list of parameters, {name: value}; the last of a name counts."""
+    pairs = dict(_pairs(card, text, ()))
+    for name in VARYING & {*pairs}:
+        refuse(card, f"{name} is ngspice's own and no parameter; give it another name")
+    return pairs
 
 
 def vet_function(card):
@@ -142,6 +164,8 @@ def vet_function(card):
     match = re.fullmatch(r"\.func ([a-z_]\w*)\s*\(([\w\s,]*)\)\s*=?\s*\{?([^{}]*)\}?", card.text)
     if not match:
         refuse(card, "write it as .func name(x, y) {expression}")
+    if match.group(1) in SOLUTION:
+        refuse(card, f"{match.group(1)} is ngspice's own function; give yours another name")
     arguments = [argument.strip() for argument in match.group(2).split(",") if argument.strip()]
     return match.group(1), arguments, match.group(3)
 
@@ -168,19 +192,22 @@ def check_value(card, value, scope, what="value"):
         if fault or not expression:
             refuse(card, f"{fault or 'nothing'} in {{{expression[:50]}}}")
         return "{" + expression + "}"
-    if number(value) is not None:
-        return _INFIX.sub(r"\1.\3\2", value)
+    size = number(value)
+    if size is not None:
+        # What ngspice takes for a thousandth in a .param, or in another release for 1e-18.
+        unclear = re.search(r"mil|\da", value)
+        return repr(size) if unclear else _INFIX.sub(r"\1.\3\2", value)
     if value in scope.parameters:
         return "{" + value + "}"
     if _NUMBER.fullmatch(value):
-        refuse(card, f"{what} {value} is not finite")
+        refuse(card, f"{what} {value[:LONGEST_SHOWN]} is not finite")
     refuse(card, f"{what} {value[:40]!r} is no number{nearest(value, scope.parameters)}")
 
 
 def _rewritten(expression):
     """LTspice's spelling in ngspice's."""
     text = re.sub(r"(?<![\w.])if\(", "ternary_fcn(", expression.replace(" ", ""))
-    return _INFIX.sub(r"\1.\3\2", text)
+    return _MIL.sub(r"(\1*25.4e-6)", _INFIX.sub(r"\1.\3\2", text))
 
 
 def vet_element(card, scope):
@@ -188,7 +215,9 @@ def vet_element(card, scope):
     name, *words = re.split(r"\s+", card.text)
     if name[0] not in ELEMENTS:
         known = " ".join(sorted(ELEMENTS)).upper()
-        refuse(card, f"{name}: an element of this letter is not accepted; these are: X {known}")
+        refuse(
+            card, f"{name[:40]}: an element of this letter is not accepted; these are: X {known}"
+        )
     count, kind = ELEMENTS[name[0]]
     nodes, rest = words[:count], words[count:]
     if not re.fullmatch(r"[\w.+\-#]+", name) or len(nodes) < count or not rest:
@@ -257,7 +286,7 @@ def _model(card, rest, scope):
     if not found:
         bare = [word for word in rest if "=" not in word]
         unknown = bare[-1] if bare else ""
-        refuse(card, f"no .model {unknown}{nearest(unknown, scope.models)}")
+        refuse(card, f"no .model {unknown[:LONGEST_SHOWN]}{nearest(unknown, scope.models)}")
     return words
 
 
@@ -288,6 +317,7 @@ def _controlled(card, rest, scope):
     if match:
         expression = match.group(2).strip()
         braced = expression if expression.startswith("{") else "{" + expression + "}"
+        _check_constants(card, expression, scope)
         return [f"{match.group(1)}={check_value(card, braced, scope)}"]
     check_nodes(card, rest[:-1])
     if len(rest) != (3 if card.text[0] in "eg" else 2):
@@ -303,7 +333,17 @@ def _behavioural(card, rest, scope):
     fault = expression_fault(expression, scope.parameters, scope.functions)
     if fault:
         refuse(card, f"{fault} in {expression[:60]!r}")
+    _check_constants(card, expression, scope)
     return [f"{match.group(1)}={expression}"]
+
+
+def _check_constants(card, expression, scope):
+    """Refuse a constant of ngspice's that hides a parameter where the value follows the circuit."""
+    for name in re.findall(r"[a-z_]\w*", re.sub(r"\b[vi]\([^()]*\)", "", expression)):
+        if name in NAMES and name in scope.parameters:
+            value = number(str(scope.parameters[name]))
+            if name != "pi" or not math.isclose(value or 0.0, math.pi, rel_tol=1e-6):
+                refuse(card, f"{name} means ngspice's constant here: rename the parameter")
 
 
 _KINDS = {

@@ -64,8 +64,8 @@ class Schematic:
         if suffix not in FORMATS:
             raise OutputError(f"{path}: a schematic is an .svg or a .png; name it so")
         image = self.image(suffix)
-        with whole_file(path) as temporary:
-            temporary.write_bytes(image)
+        with whole_file(path) as file:
+            file.write(image)
 
 
 def schematic(scene):

@@ -7,6 +7,8 @@ from itertools import pairwise
 
 from circuits.topology import GROUND
 from harvester.errors import MissingLibrary
+from harvester.figure_settings import figure_settings
+from harvester.surroundings import load_matplotlib
 
 # schemdraw's units: an element in its column, a column beside its words, one letter of a name.
 ROW, COLUMN, LETTER = 2.0, 1.25, 0.155
@@ -110,6 +112,10 @@ class Pen:
             drawing = schemdraw.Drawing(canvas="svg", show=False, margin=MARGIN)
             self._draw(drawing, elements)
             return drawing.get_imagedata("svg")
+        with figure_settings():
+            return self._png(schemdraw, elements)
+
+    def _png(self, schemdraw, elements):
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
@@ -142,6 +148,8 @@ def schemdraw_library():
     ------
     MissingLibrary
     """
+    # Which imports it on its own.
+    load_matplotlib()
     try:
         import schemdraw
     except ImportError:

@@ -21,8 +21,11 @@ from harvester.commands import (
     validate,
     work_precision,
 )
+from harvester.commands.options import complain
 from harvester.errors import EngineNotFound, HarvesterError, SimulationError
+from harvester.plain_text import one_line
 from harvester.quiet import quiet
+from harvester.streams import guarded_streams
 
 COMMANDS = (
     validate,
@@ -42,6 +45,8 @@ COMMANDS = (
     completion,
 )
 
+# Reading them takes the square of their number.
+MOST_ARGUMENTS = 2000
 EPILOG = """\
 exit codes:
   0    done
@@ -55,32 +60,54 @@ example: harvester validate paper --output results"""
 
 def main(arguments=None):
     """Run the command line; returns the exit code."""
+    arguments = sys.argv[1:] if arguments is None else arguments
+    with guarded_streams() as exit_code:
+        try:
+            return exit_code(_run(arguments))
+        except SystemExit as end:
+            raise SystemExit(exit_code(end.code)) from None
+
+
+def _run(arguments):
+    if len(arguments) > MOST_ARGUMENTS:
+        complain(f"{len(arguments)} arguments, and {MOST_ARGUMENTS} are the most")
+        return 2
     options = build_parser()[0].parse_args(arguments)
     try:
         with quiet(options.quiet):
-            return options.command(options) or 0
-    except SimulationError as error:
-        _complain(f"harvester: {type(error).__name__}: {error}")
-        _keep_partial(options, error)
-        return 1
+            return _command(options)
     except EngineNotFound as error:
-        _complain(f"harvester: {error}")
+        complain(error)
         return 1
     except HarvesterError as error:
-        _complain(f"harvester: {error}")
+        complain(error)
         return 2
     except KeyboardInterrupt:
-        kept = getattr(options, "kept_when_interrupted", "nothing was written")
-        _complain(f"harvester: interrupted; {kept}")
+        complain(f"interrupted; {getattr(options, 'kept_when_interrupted', 'nothing was written')}")
         return 130
-    except BrokenPipeError:
-        sys.stderr.close()
-        return 0
+
+
+def _command(options):
+    """Carry out the command; a run that fails says so, and what it had is written."""
+    try:
+        return options.command(options) or 0
+    except SimulationError as error:
+        complain(f"{type(error).__name__}: {error}")
+        _keep_partial(options, error)
+        return 1
+
+
+class Parser(argparse.ArgumentParser):
+    """Says what is wrong with a call in printable text."""
+
+    def error(self, message):
+        """End with the usage and the mistake."""
+        super().error(one_line(message))
 
 
 def build_parser():
     """The parser of the command line, and its sub-parsers' action."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="harvester",
         description="Vibration energy harvesters as circuits: ngspice, Monte Carlo and\n"
         "stochastic averaging of one scene, with error bars.",
@@ -96,10 +123,6 @@ def build_parser():
             "--quiet", action="store_true", help="show errors only, and what goes to -"
         )
     return parser, commands
-
-
-def _complain(text):
-    print(text, file=sys.stderr)
 
 
 def _keep_partial(options, error):

@@ -1,14 +1,33 @@
-"""How functions are compiled: cached on disk, with C's arithmetic (1/0 gives inf, no checks)."""
+"""How functions are compiled: cached on disk, with C's arithmetic (1/0 gives inf, no checks).
+
+numba is imported here, and by other modules from here: it reads a file `.numba_config.yaml` of the
+working folder when it is imported and whenever it compiles, which may name a folder of code.
+"""
 
 import hashlib
 from functools import partial
 from pathlib import Path
 
-from numba import njit
+from harvester import numba_cache
+from harvester.surroundings import away_from_working_folder
 
-compiled = partial(njit, cache=True, error_model="numpy")
+with away_from_working_folder():
+    import numba
+    from numba import carray, cfunc, njit, types
+    from numba.core import cgutils
+    from numba.extending import intrinsic, overload, register_jitable
+
+__all__ = ["CACHED", "carray", "cfunc", "cgutils", "compiled", "intrinsic", "njit", "numba"]
+__all__ += ["overload", "register_jitable", "summing", "types"]
+
+# No name: no file.
+numba.core.config._config_fname = ""
+
+# Without it everything is compiled at every start: slower by some seconds, and the same.
+CACHED = numba_cache.is_safe()
+compiled = partial(njit, cache=CACHED, error_model="numpy")
 # Sums over many points in any order, several at a time.
-summing = partial(njit, cache=True, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
+summing = partial(njit, cache=CACHED, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
 
 PACKAGE = Path(__file__).parent
 

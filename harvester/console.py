@@ -9,28 +9,34 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from harvester.plain_text import one_line
 from harvester.quiet import is_quiet
 
 # A bar for less is a flicker.
 SHOW_AFTER_SECONDS = 2.0
+SAY_AFTER_SECONDS = 5.0
 WIDEST = 1000
 
 
 @contextlib.contextmanager
 def progress():
-    """A function (label, scene) → callback for the share done; silent off a terminal or quiet.
+    """A function (label, scene) → callback for the share done; silent when quiet.
 
-    With None for the scene the bar shows no simulated time, but the callback's own words.
+    With None for the scene the bar shows no simulated time, but the callback's own words. Off a
+    terminal there is no bar, but a line on what is left of a run that takes long.
     """
     console = Console(stderr=True)
-    if is_quiet() or not console.is_terminal:
+    if is_quiet():
         yield lambda label, scene: None
         return
+    if not console.is_terminal:
+        yield lambda label, scene: _Lines(label)
+        return
     bar = Progress(
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         TextColumn("{task.percentage:>3.0f} %"),
-        TextColumn("{task.fields[rate]}"),
+        TextColumn("{task.fields[rate]}", markup=False),
         TimeRemainingColumn(),
         console=console,
         transient=True,
@@ -57,6 +63,35 @@ def progress():
         bar.stop()
 
 
+class _Lines:
+    """Says how long a run still takes: after a few seconds, then each time it has doubled."""
+
+    def __init__(self, label):
+        self._label = label
+        self._began = None
+        self._next = SAY_AFTER_SECONDS
+
+    def __call__(self, share, words=""):
+        now = time.monotonic()
+        if self._began is None:
+            # Not before the first report: what the start took tells nothing of the speed.
+            self._began = now, share
+        elapsed, done = now - self._began[0], share - self._began[1]
+        if elapsed < self._next or share >= 1.0:
+            return
+        self._next = 2.0 * elapsed
+        left = f"about {_duration(elapsed * (1.0 - share) / done)} more" if done > 0.0 else words
+        print(f"{self._label}: {share:.2%} after {elapsed:.0f} s, {left}", file=sys.stderr)
+
+
+def _duration(seconds):
+    """In seconds, minutes, hours or days."""
+    for size, unit in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
+        if seconds >= 2.0 * size:
+            return f"{seconds / size:,.0f} {unit}"
+    return f"{seconds:.0f} s"
+
+
 def show_result(result, to_stderr=False):
     """One result as a table with its evidence."""
     table = Table(
@@ -74,7 +109,7 @@ def show_result(result, to_stderr=False):
         cells = (
             [name, value, unit] if result.error_kind == "numerical" else [name, value, size, unit]
         )
-        table.add_row(*cells)
+        table.add_row(*map(one_line, cells))
     _print(table, [*result.evidence(), *result.notes], to_stderr)
 
 
@@ -93,9 +128,10 @@ def show_table(content, title, to_stderr=False):
     header, rows = content.table()
     table = Table(title=f"{content.scene.name}: {title}", box=box.SIMPLE_HEAD, title_justify="left")
     for place, name in enumerate(header):
-        table.add_column(name, justify="left" if place < 2 else "right", no_wrap=True)
+        justify = "left" if place < 2 else "right"
+        table.add_column(one_line(name), justify=justify, no_wrap=True)
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*map(one_line, row))
     _print(table, content.sentences(), to_stderr)
 
 
@@ -116,8 +152,8 @@ def _print(table, lines, to_stderr):
     stream = sys.stderr if to_stderr else sys.stdout
     # As wide as the table needs: a number cut off at a terminal's edge would be worse than a
     # line that runs on.
-    console = Console(file=stream, highlight=False, width=WIDEST)
+    console = Console(file=stream, highlight=False, markup=False, emoji=False, width=WIDEST)
     if table is not None:
         console.print(table)
     for line in lines:
-        console.print(line, markup=False, soft_wrap=True)
+        console.print(one_line(line), soft_wrap=True)

@@ -29,6 +29,10 @@ class OutputError(HarvesterError):
     """A result cannot be written where the user asked for it."""
 
 
+class FolderInUse(OutputError):
+    """Another run is at work in a study's folder."""
+
+
 class AveragingError(HarvesterError):
     """A closure does not hold for these parameters."""
 

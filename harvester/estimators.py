@@ -20,6 +20,8 @@ FEWEST_BATCHES = 16
 LARGEST_CORRELATION = 0.25
 TOTAL_BATCHES = 256
 TOTAL_GROUPS = 32
+# Batches of each of many realizations: a drift shows between their halves.
+FEWEST_TO_DRIFT = 4
 KNOTS_PER_BATCH = 8
 # Between the samples of a histogram: some ten samples per period of the motion.
 KNOTS_PER_SAMPLE = 4
@@ -37,6 +39,7 @@ MEANS = {
     "mean_transducer_loss": ("transducer_loss", "power"),
 }
 
+NONE_SEEN = "none seen: no error bar tells how rare they are"
 TOO_SHORT = "too short for an error bar: raise run.duration or run.realizations"
 
 
@@ -84,7 +87,7 @@ def batch_counts(realizations, knots):
         Knots of the noise per realization: a batch spans several.
     """
     most = max(1, int(knots / KNOTS_PER_BATCH))
-    batches = min(-(-TOTAL_BATCHES // realizations), most)
+    batches = min(max(-(-TOTAL_BATCHES // realizations), FEWEST_TO_DRIFT), most)
     return batches, min(-(-TOTAL_GROUPS // realizations), batches)
 
 
@@ -282,10 +285,18 @@ def energy_balance_residual(moments, parameters):
         put_in += total[QUANTITIES.index("input_power")]
         load += total[QUANTITIES.index("load_power")]
         loss += total[QUANTITIES.index("loss_power")]
-        for sign, point in ((1.0, m.last), (-1.0, m.first)):
-            stored += sign * system.stored_energy(parameters, *point[1:4], point[7])
+        stored += stored_change(m, parameters)
     scale = max(abs(put_in), load + loss)
     return float((put_in - load - loss - stored) / scale) if scale > 0.0 else math.nan
+
+
+def stored_change(moments, parameters):
+    """Change of ½X'² + U + ½βV² over the measured time of one realization (scaled)."""
+    last, first = (
+        system.stored_energy(parameters, *point[1:4], point[7])
+        for point in (moments.last, moments.first)
+    )
+    return last - first
 
 
 def densities(moments, symmetric=True):
@@ -342,6 +353,8 @@ def ratio_of_sums(upper, lower, error_of=standard_error):
 
 def _mean(series, products, name, dimension, error_of):
     mean, error = ratio_of_sums(series[name], series["time"], error_of)
+    if dimension == "rate" and mean == 0.0:
+        return Estimate(0.0, None, None, dimension, NONE_SEEN)
     size = None
     if error and (name, name) in products:
         size = max(products[name, name] - mean**2, 0.0) / error**2

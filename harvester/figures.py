@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from harvester.figure_settings import figure_settings
 from harvester.output import whole_file
 from harvester.work_precision.diagram import MEANS
 
@@ -42,8 +43,8 @@ def save(draw, result, path):
     ------
     OutputError
     """
-    with whole_file(path) as temporary:
-        _render(draw, result, temporary)
+    with whole_file(path) as file:
+        _render(draw, result, file, format=Path(path).suffix[1:])
 
 
 def picture(draw, result, format="svg"):
@@ -54,10 +55,9 @@ def picture(draw, result, format="svg"):
 
 
 def _render(draw, result, target, **options):
-    from matplotlib import style
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    with figure_settings(STYLE):
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    with style.context(STYLE):
         figure = draw(result)
         FigureCanvasAgg(figure)
         figure.savefig(target, **options)

@@ -4,23 +4,25 @@ Steps land on the noise's knots and on the moments at which a contact begins or 
 the scheme keeps its order where the force is smooth; in contact the step resolves the contact
 time. One order remains at the first step of a contact, where the force starts as d^1.5.
 
+A damper or a load that decays within a step takes a scheme of third order with that decay exact.
 Heun's scheme of second order takes the same steps; it is there for work-precision diagrams.
 """
 
-import numba
 import numpy as np
 
-from harvester.compilation import compiled
+from harvester.compilation import compiled, numba
+from harvester.decay import decayed
 from harvester.device import contact, system
 from harvester.errors import SolutionDiverged
 from harvester.parameters import STEPS_PER_CONTACT, scale, steps_per_knot, stop_time
 from harvester.record import empty_record, fill, part
 
 CHUNK = 4096
-# Decay of V or X' by load or damper, as an exponent, in one piece of a step: explicit schemes are
-# stable up to 2 (Heun) and 2.78 (Runge–Kutta).
+# Decay of V or X' by load or damper, as an exponent, in a step of an explicit scheme: those are
+# stable up to 2 (Heun) and 2.78 (Runge–Kutta). Beyond it the decay is taken exactly.
 LARGEST_DECAY = 1.0
 SCHEMES = {"runge-kutta": "Runge-Kutta 4", "heun": "Heun 2"}
+EXACT_DECAY = "exact decay, order 3"
 
 # Places in the state vector.
 TIME, DISPLACEMENT, VELOCITY, TRANSDUCER, HELD_SPEED, ZONE, PHASE = range(7)
@@ -64,8 +66,9 @@ def run_realizations(
                 )
             for observer in watching:
                 observer.add(record)
+    exact = _scheme(s, scheme, paths[0].spacing / fixed) is False
     return {
-        "engine_version": f"{SCHEMES[scheme]}, numba {numba.__version__}",
+        "engine_version": f"{EXACT_DECAY if exact else SCHEMES[scheme]}, numba {numba.__version__}",
         "netlist_sha256": None,
     }
 
@@ -111,7 +114,7 @@ def integrate(s, path, state, stop, steps_per_knot=1, scheme="runge-kutta"):
     """
     knots = int(np.ceil(stop / path.spacing - 1e-9))
     edges = np.array(contact.edges(s.contacts))
-    heun = True if scheme == "heun" else None
+    heun = _scheme(s, scheme, path.spacing / steps_per_knot)
     record = empty_record(CHUNK)
     block = np.empty(CHUNK + 1)
     block[0] = path.read(1)[0]
@@ -137,6 +140,14 @@ def integrate(s, path, state, stop, steps_per_knot=1, scheme="runge-kutta"):
             yield part(record, 0, points)
         block[0] = block[count]
         done += count
+
+
+def _scheme(s, name, step):
+    """None for Runge–Kutta, True for Heun, False for exact decay where it is faster than a step."""
+    damping = s.damper.damping + s.transducer.damping()
+    if max(s.transducer.decay_rate(), damping) * step > LARGEST_DECAY:
+        return False
+    return None if name == "runge-kutta" else True
 
 
 @compiled
@@ -242,22 +253,44 @@ def _acceleration(s, touching, low, high, held, x, v, voltage, noise):
 
 @compiled
 def _step(heun, s, touching, low, high, held, x, v, voltage, noise, slope, h):
-    """One step of Eq. 4 by either scheme, in pieces where damper or load are faster than it.
+    """One step of Eq. 4 as `_scheme` chose.
 
     `heun` is None for Runge–Kutta: a type of its own, so that no choice is left at run time.
     """
-    fastest = max(system.decay_rate(s.transducer), system.damping_rate(s.damper, v))
-    pieces = max(np.ceil(fastest * h / LARGEST_DECAY), 1.0)
-    h /= pieces
-    for _ in range(int(pieces)):
-        if heun is None:
-            x, v, voltage = _runge_kutta(
-                s, touching, low, high, held, x, v, voltage, noise, slope, h
-            )
-        else:
-            x, v, voltage = _heun(s, touching, low, high, held, x, v, voltage, noise, slope, h)
-        noise += slope * h
-    return x, v, voltage
+    if heun is None:
+        return _runge_kutta(s, touching, low, high, held, x, v, voltage, noise, slope, h)
+    if heun:
+        return _heun(s, touching, low, high, held, x, v, voltage, noise, slope, h)
+    return _exponential(s, touching, low, high, held, x, v, voltage, noise, slope, h)
+
+
+@compiled
+def _exponential(s, touching, low, high, held, x, v, voltage, noise, slope, h):
+    """Step of third order that takes the decay of X' and V exactly, however fast.
+
+    X' decays driven by all other forces, V decays driven by X': each drive is a parabola through
+    the step's beginning, middle and end, from two predictions of the middle and one of the end.
+    """
+    half = 0.5 * h
+    middle = noise + slope * half
+    c, rate = s.damper.damping + system.own_damping(s.transducer), system.decay_rate(s.transducer)
+    start = _acceleration(s, touching, low, high, held, x, v, voltage, noise) + c * v
+    force = start
+    v2 = voltage2 = 0.0
+    for _ in range(2):
+        # The drive goes on in a straight line from the beginning through the middle.
+        v2 = decayed(v, c, half, start, 0.5 * (start + force), force)
+        x2 = x + 0.5 * half * (v + v2)
+        voltage2 = decayed(voltage, rate, half, v, 0.5 * (v + v2), v2)
+        force = _acceleration(s, touching, low, high, held, x2, v2, voltage2, middle) + c * v2
+    v4 = decayed(v, c, h, start, force, 2.0 * force - start)
+    x4 = x + h / 6.0 * (v + 4.0 * v2 + v4)
+    voltage4 = decayed(voltage, rate, h, v, v2, v4)
+    ahead = noise + slope * h
+    end = _acceleration(s, touching, low, high, held, x4, v4, voltage4, ahead) + c * v4
+    v4 = decayed(v, c, h, start, force, end)
+    x4 = x + h / 6.0 * (v + 4.0 * v2 + v4)
+    return x4, v4, decayed(voltage, rate, h, v, v2, v4)
 
 
 @compiled

@@ -80,6 +80,11 @@ class OutputMoments:
         for row, piece in enumerate(pieces):
             self.integrals[:, row] += np.bincount(batch, piece, minlength=batches)
 
+    @property
+    def has_started(self):
+        """Whether there ever was a voltage."""
+        return bool(np.isfinite(self.passages).any())
+
     def passage(self, voltage):
         """When the output's size first reached a voltage (s); nan: never."""
         reached = np.isfinite(self.passages)

@@ -10,7 +10,7 @@ from harvester.device.hertz import HERTZ_EXPONENT
 from harvester.device.spring import roots, slope, spring
 from harvester.device.system import Noise, System
 from harvester.device.transducer import coil, piezo
-from harvester.errors import LoadError
+from harvester.errors import LoadError, SceneError
 
 # Knots per period of small oscillations.
 KNOTS_PER_PERIOD = 40
@@ -24,6 +24,11 @@ STEP_LEVELS = {"default": 1, "fine": 4, "finest": 32}
 # A load that switches rejects steps, and after each of them ngspice takes one of first order: at a
 # step of this share of the usual one that costs the motion under 0.1 % of its energy, not 1 %.
 SWITCHING_STEPS = 4
+# A damper that acts within a knot makes the velocity follow the noise's straight lines: the mean of
+# its square needs points within them (sixteen times less of the interpolation's loss is then left).
+STEPS_OF_SLAVED_VELOCITY = 4
+# λ (1/s) whose square is still a number.
+FASTEST_DECAY = 1e150
 
 
 @dataclass(frozen=True)
@@ -153,7 +158,14 @@ def _decay_rate(scene, capacitance):
     if scene.electrical_load.decay_rate is not None:
         return scene.electrical_load.decay_rate
     resistance = load_resistance(scene)
-    return 1.0 / (resistance * capacitance) if resistance else 0.0
+    if not resistance:
+        return 0.0
+    if resistance * capacitance * FASTEST_DECAY < 1.0:
+        raise LoadError(
+            f"{scene.name}: the load's resistance of {resistance:g} Ω discharges the piezo's "
+            f"{capacitance:g} F faster than {FASTEST_DECAY:g} times a second: choose a greater one"
+        )
+    return 1.0 / (resistance * capacitance)
 
 
 def require_resistor(scene, method):
@@ -210,9 +222,21 @@ def _farthest_well(oscillator):
 
 
 def knot_spacing(scene):
-    """Spacing of the excitation's knots (s): the scene's, else what its kind chooses."""
+    """Spacing of the excitation's knots (s): the scene's, else what its kind chooses.
+
+    Raises
+    ------
+    SceneError
+        The scene's own does not fit its noise or its run.
+    """
     system, _ = scale(scene)
-    return min(scene.excitation.spacing(_longest_spacing(system)), scene.run.duration)
+    spacing, duration = scene.excitation.spacing(_longest_spacing(system)), scene.run.duration
+    if spacing > duration and getattr(scene.excitation, "knot_spacing", None) is not None:
+        raise SceneError(
+            f"{scene.name}: run.duration = {duration:g}: must be at least one knot_spacing, "
+            f"{spacing:g}"
+        )
+    return min(spacing, duration)
 
 
 def steps_per_knot(scene, step="default", engine="circuit"):
@@ -237,6 +261,8 @@ def steps_per_knot(scene, step="default", engine="circuit"):
     )
     load = scene.electrical_load.circuit
     finer = SWITCHING_STEPS if load and load.switches else 1
+    if system.damper.damping * spacing > 1.0:
+        finer = max(finer, STEPS_OF_SLAVED_VELOCITY)
     return max(1, math.ceil(spacing / longest - 1e-9)) * STEP_LEVELS[step] * finer
 
 

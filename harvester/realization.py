@@ -8,7 +8,7 @@ import numpy as np
 
 from harvester.device import timescales
 from harvester.estimators import KNOTS_PER_SAMPLE, batch_counts
-from harvester.excitation import realization_seeds
+from harvester.excitation import realization_seed
 from harvester.moments import Moments
 from harvester.moments import prepare as prepare_moments
 from harvester.output_moments import OutputMoments
@@ -104,7 +104,7 @@ def start_state(scene, index):
 def noise_path(scene, index):
     """The excitation of one realization, at its beginning; the same for every engine."""
     _, scales = scale(scene)
-    seed = realization_seeds(scene.run.seed, scene.run.realizations)[index]
+    seed = realization_seed(scene.run.seed, index)
     return scene.excitation.path(knot_spacing(scene), scales.displacement, seed)
 
 
@@ -144,7 +144,7 @@ def run(
     """
     module = importlib.import_module(ENGINES[engine])
     paths = [noise_path(scene, index) for index in indices]
-    moments = [_empty_moments(scene) for _ in indices]
+    moments = [empty_moments(scene) for _ in indices]
     # Only a load in the circuit has an output side.
     output = {}
     load = scene.electrical_load.circuit
@@ -168,6 +168,8 @@ def run(
         scene, paths, starts, observers, step, source, scheme, tolerance, device, **output
     )
     seconds = time.perf_counter() - clock
+    # The last word of those that end before their first report.
+    report(moments)
     return [
         Realization(
             moments=each,
@@ -181,7 +183,8 @@ def run(
     ]
 
 
-def _empty_moments(scene):
+def empty_moments(scene):
+    """Nothing accumulated yet, in the batches that the scene's run is cut into."""
     parameters, _ = scale(scene)
     spacing = knot_spacing(scene)
     counts = batch_counts(scene.run.realizations, scene.run.duration / spacing)

@@ -10,6 +10,7 @@ from string import Template
 
 from harvester import __version__
 from harvester.errors import MissingLibrary
+from harvester.plain_text import one_line
 from harvester.verdicts import verdicts
 
 # Below these widths a picture scrolls in its frame instead of becoming unreadable.
@@ -42,13 +43,11 @@ def report(comparison):
     date = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     header, rows = comparison.table()
     return Template(template).substitute(
-        title=html.escape(f"{scene.name}: circuit, Monte Carlo and averaging"),
-        facts=html.escape(
-            f"{date}; harvester {__version__}; seed {scene.run.seed}; scene {digest}"
-        ),
+        title=_escaped(f"{scene.name}: circuit, Monte Carlo and averaging"),
+        facts=_escaped(f"{date}; harvester {__version__}; seed {scene.run.seed}; scene {digest}"),
         verdicts="\n".join(map(_verdict, verdicts(comparison))),
         quantities=_table(header, rows),
-        legend=html.escape(LEGEND),
+        legend=_escaped(LEGEND),
         figures=_figures(comparison),
         scene=_table(("key", "value"), _scene_rows(scene), "text"),
         schematic=_schematic(scene),
@@ -58,15 +57,19 @@ def report(comparison):
     )
 
 
+def _escaped(text):
+    return html.escape(one_line(text))
+
+
 def _verdict(verdict):
     kind = {True: "agrees", False: "differs", None: "neutral"}[verdict.good]
-    return f'<li class="{kind}">{html.escape(verdict.text)}</li>'
+    return f'<li class="{kind}">{_escaped(verdict.text)}</li>'
 
 
 def _table(header, rows, kind="numbers"):
-    head = "".join(f'<th scope="col">{html.escape(cell)}</th>' for cell in header)
+    head = "".join(f'<th scope="col">{_escaped(cell)}</th>' for cell in header)
     body = "\n".join(
-        "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
+        "<tr>" + "".join(f"<td>{_escaped(cell)}</td>" for cell in row) + "</tr>" for row in rows
     )
     return (
         f'<table class="{kind}"><thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody></table>'
@@ -91,8 +94,8 @@ def _figure(svg, alternative, caption, narrowest=NARROWEST_FIGURE):
     data = base64.b64encode(svg).decode()
     return (
         f'<figure><div class="wide" tabindex="0"><img style="min-width: {narrowest}" '
-        f'alt="{html.escape(alternative)}" src="data:image/svg+xml;base64,{data}"></div>'
-        f"<figcaption>{html.escape(caption)}</figcaption></figure>"
+        f'alt="{_escaped(alternative)}" src="data:image/svg+xml;base64,{data}"></div>'
+        f"<figcaption>{_escaped(caption)}</figcaption></figure>"
     )
 
 
@@ -102,7 +105,7 @@ def _schematic(scene):
     try:
         drawing = schematic(scene)
     except MissingLibrary as error:
-        return f'<p class="facts">Not drawn: {html.escape(str(error))}</p>'
+        return f'<p class="facts">Not drawn: {_escaped(str(error))}</p>'
     caption = "Element names as in the netlist; nodes in blue."
     return _figure(drawing.image(), f"Schematic of {scene.name}", caption, NARROWEST_SCHEMATIC)
 

@@ -8,6 +8,7 @@ from harvester.estimators import Estimate
 from harvester.excitation.spectrum_fit import SpectrumFit
 from harvester.output import finite
 from harvester.parameters import Scales
+from harvester.plain_text import one_line
 from harvester.record import Record
 from harvester.scene import Scene
 
@@ -168,10 +169,10 @@ class Result:
 
     def _repr_html_(self):
         cells = "".join(
-            "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>"
+            "<tr>" + "".join(f"<td>{html.escape(one_line(cell))}</td>" for cell in row) + "</tr>"
             for row in self.rows()
         )
-        facts = html.escape("; ".join([*self.evidence(), *self.notes]))
+        facts = html.escape(one_line("; ".join([*self.evidence(), *self.notes])))
         title = html.escape(f"{self.scene.name}: {self.engine}")
         return (
             f"<table><caption>{title}</caption><tr><th>quantity</th><th>estimate</th>"

@@ -3,14 +3,19 @@
 import dataclasses
 import hashlib
 import json
+import math
+import os
 import re
-import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from harvester import plain_text
 from harvester.errors import SceneError
 from harvester.excitation import KINDS, Excitation, build
+from harvester.input_files import read_input
 from harvester.scene_schema import NESTED_TABLES, REPLACED_KEYS, check_tables, nearest
+from harvester.scene_tables import LARGEST_SCENE, NotToml, plain_tables, read_toml
+from harvester.wording import named, shown
 
 BUILT_IN = Path(__file__).parent / "scenes"
 # Keys that a scene is written without where they hold what they hold without being given.
@@ -159,8 +164,8 @@ class Scene:
     stoppers: tuple[Stopper, ...] = ()
     start: Start | None = None
     length_scale: float | None = None
-    # Of the scene's file: where a load's netlist is looked for first.
-    folder: str | None = field(default=None, compare=False, repr=False)
+    # Of the scene's file; with a load's netlist, all folders where that is looked for, in order.
+    folder: str | tuple | None = field(default=None, compare=False, repr=False)
 
     @staticmethod
     def names():
@@ -184,19 +189,19 @@ class Scene:
             The file, a key or a value is not usable.
         """
         path = _find(source)
+        where = named(str(path))
         try:
-            tables = tomllib.loads(path.read_text(encoding="utf-8"))
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise SceneError(f"{path}: not a TOML file: {_one_line(error)}") from None
-        except OSError as error:
-            raise SceneError(f"{path}: cannot be read: {error.strerror}") from None
+            text = read_input(path, "scene", LARGEST_SCENE).decode("utf-8")
+        except UnicodeDecodeError as error:
+            raise SceneError(f"{where}: not a TOML file: {error}") from None
+        tables = read_toml(text, where)
         name = path.stem
         _locate_files(tables.get("excitation"), path.parent)
-        for text in overrides:
+        for text in _texts(overrides):
             key, value = _parse_override(text)
             _put(tables, key, value, "--set")
         folder = None if path.parent == BUILT_IN else str(path.parent.absolute())
-        return cls.from_tables(tables, name=name, origin=str(source), folder=folder)
+        return cls.from_tables(tables, name=name, origin=named(str(source)), folder=folder)
 
     @classmethod
     def from_tables(cls, tables, name="scene", origin="scene", folder=None):
@@ -205,8 +210,10 @@ class Scene:
         A load's netlist is looked for in `folder`, then in the current one, and read here: the
         scene holds its content.
         """
+        tables = plain_tables(tables, origin)
         checked = check_tables(tables, origin, {"excitation": KINDS})
         if "netlist" in checked["load"]:
+            folder = _folders(folder)
             checked["load"]["circuit"] = _read_netlist(checked["load"], folder)
         top = {key: checked[key] for key in ("units", "length_scale") if key in checked}
         parts = {
@@ -216,7 +223,7 @@ class Scene:
         }
         if "stoppers" in parts and isinstance(parts["stoppers"], Stopper):
             parts["stoppers"] = (parts["stoppers"],)
-        scene = cls(name=name, folder=folder, **top, **parts)
+        scene = cls(name=plain_text.name(name), folder=folder, **top, **parts)
         scene.excitation.check(scene.units, scene.run, origin)
         return scene
 
@@ -231,12 +238,17 @@ class Scene:
             Tables to change key by key; None removes the table.
         """
         new = self.to_tables()
+        if not isinstance(changes, (dict, type(None))):
+            raise SceneError(
+                f"replace {shown(changes)}: give a dictionary of dotted keys to values"
+            )
         for key, value in (changes or {}).items():
             _put(new, key, value, "replace")
         for table, values in tables.items():
             if isinstance(values, dict):
                 for key, value in values.items():
-                    _put(new, f"{table}.{key}", value, "replace")
+                    name = key if isinstance(key, str) else shown(key)
+                    _put(new, f"{table}.{name}", value, "replace")
             else:
                 _put(new, table, values, "replace")
         return self.from_tables(new, name=self.name, origin=self.name, folder=self.folder)
@@ -283,10 +295,17 @@ def _made(make, table):
     return make(**table)
 
 
-def _read_netlist(load, folder):
+def _folders(folder):
+    """Where a load's netlist is looked for: a copy of the scene may be made in another folder."""
+    if isinstance(folder, tuple):
+        return folder
+    here = str(Path.cwd())
+    return tuple(dict.fromkeys((folder or here, here)))
+
+
+def _read_netlist(load, folders):
     from circuits.subcircuits import find_netlist, read_load
 
-    folders = (folder, ".") if folder else (".",)
     path = find_netlist(load["netlist"], folders)
     return read_load(path, load.get("subcircuit"), load.get("parameters"))
 
@@ -316,47 +335,73 @@ def _locate_files(table, folder):
 
 
 def _find(source):
-    path = Path(source)
-    built_in = BUILT_IN / f"{source}.toml"
-    if path.suffix == ".toml" or path.exists():
-        if not path.is_file():
-            raise SceneError(f"{source}: no such scene file; built in are {_listed()}")
+    """Path of a scene's file; a built-in one is not hidden by a file of that name."""
+    if not isinstance(source, (str, Path)):
+        raise SceneError(f"{shown(source)}: no scene; give a name or a path: {_listed()}")
+    if str(source) in Scene.names():
+        return BUILT_IN / f"{source}.toml"
+    path, where = Path(source), named(str(source))
+    if os.path.exists(path):
         return path
-    if not built_in.exists():
-        hint = nearest(str(source), Scene.names())
-        raise SceneError(f"{source}: no such scene{hint}; built in are {_listed()}")
-    return built_in
+    if path.suffix == ".toml":
+        raise SceneError(f"{where}: no such scene file; built in are {_listed()}")
+    hint = nearest(str(source), Scene.names())
+    raise SceneError(f"{where}: no such scene{hint}; built in are {_listed()}")
 
 
 def _listed():
     return ", ".join(Scene.names())
 
 
-def _one_line(error):
-    return " ".join(str(error).split())
+def _texts(overrides):
+    try:
+        texts = [overrides] if isinstance(overrides, str) else list(overrides)
+    except TypeError:
+        texts = [overrides]
+    for text in texts:
+        if not isinstance(text, str):
+            raise SceneError(f"--set {shown(text)}: write it as table.key=value")
+    return texts
 
 
 def _parse_override(text):
     key, separator, value = text.partition("=")
     key, value = key.strip(), value.strip()
     if not separator or not key or not value:
-        raise SceneError(f"--set {text}: write it as table.key=value")
+        raise SceneError(f"--set {named(text)}: write it as table.key=value")
     if value.lower() == "none":
         return key, None
     try:
-        return key, tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
-        return key, value
+        parsed = read_toml(f"value = {value}", f"--set {named(key)}")
+    except NotToml:
+        return key, _number(value)
+    # A value of several lines would bring keys of its own.
+    return key, parsed["value"] if len(parsed) == 1 else value
+
+
+def _number(text):
+    """A number in a form that TOML does not know, such as .1 or 1.; other words as they are."""
+    for kind in (int, float):
+        try:
+            number = kind(text)
+        except ValueError:
+            continue
+        # "infinity" and the like stay words, which no key takes for a number.
+        return number if math.isfinite(number) else text
+    return text
 
 
 def _put(tables, dotted, value, origin):
     """Set one dotted key in nested dictionaries; None removes it. `name[k]` is one of several."""
+    if not isinstance(dotted, str):
+        raise SceneError(f"{origin} {shown(dotted)}: a key is a text, table.key")
+    where = f"{origin} {named(dotted)}"
     *path, last = dotted.split(".")
     if len(path) > 1 and ".".join(path) not in NESTED_TABLES and "[" not in dotted:
-        raise SceneError(f"{origin} {dotted}: too many dots; write it as table.key=value")
+        raise SceneError(f"{where}: too many dots; write it as table.key=value")
     place = tables
     for part in path:
-        place = _table(place, part, f"{origin} {dotted}")
+        place = _table(place, part, where)
     for other in REPLACED_KEYS.get(dotted, ()) if value is not None else ():
         place.pop(other, None)
     if value is None:
@@ -374,11 +419,13 @@ def _table(place, part, where):
         several = isinstance(found, (list, tuple))
         if not several or int(match.group(2)) >= len(found):
             there = f"has {len(found)} of them" if several else "is one table"
-            raise SceneError(f"{where}: {name} {there}; the first is {name}[0]")
+            raise SceneError(f"{where}: {named(name)} {there}; the first is {named(name)}[0]")
         found = place[name] = [dict(each) for each in found]
         return found[int(match.group(2))]
     if isinstance(found, (list, tuple)) and found:
-        raise SceneError(f"{where}: {name} has several tables; say which, as {name}[0]")
+        raise SceneError(
+            f"{where}: {named(name)} is several tables; say which, as {named(name)}[0]"
+        )
     if not isinstance(found, dict):
-        raise SceneError(f"{where}: {part} is not a table")
+        raise SceneError(f"{where}: {named(part)} is not a table")
     return found

@@ -6,10 +6,17 @@ from dataclasses import dataclass
 
 from harvester.device.contact import LAWS, SIDES
 from harvester.errors import SceneError
+from harvester.wording import named, shown
 
 SCALED, SI = "scaled", "SI"
 BOTH = (SCALED, SI)
 NAMED_VALUES = "named values"
+# Comparing words takes the product of their lengths.
+LONGEST_MISSPELT, MOST_COMPARED = 100, 1000
+# Numbers beyond these, zero aside, overflow or vanish in products of a few of them.
+SMALLEST, LARGEST = 1e-30, 1e30
+# As wide as what numpy draws one from.
+LARGEST_SEED = 2**128 - 1
 
 
 @dataclass(frozen=True)
@@ -114,7 +121,7 @@ KEYS = {
     "run": {
         "duration": positive(required=True),
         "settle": not_negative(),
-        "seed": Key(kind=int, low=0),
+        "seed": Key(kind=int, low=0, high=LARGEST_SEED),
         "realizations": Key(kind=int, low=1, high=1_000_000),
     },
 }
@@ -146,8 +153,11 @@ REPLACED_KEYS = {
 
 def nearest(word, known):
     """' (did you mean …?)' when a known word is close, else an empty string."""
-    close = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
-    return f" (did you mean {close[0]}?)" if close else ""
+    if not isinstance(word, str) or len(word) > LONGEST_MISSPELT:
+        return ""
+    near = [each for each in known if len(each) <= 2 * LONGEST_MISSPELT]
+    close = difflib.get_close_matches(word, near[:MOST_COMPARED], n=1, cutoff=0.5)
+    return f" (did you mean {named(close[0])}?)" if close else ""
 
 
 def number_keys(tables, excitation):
@@ -194,7 +204,7 @@ def check_tables(tables, origin, kinds):
     known = [*TOP, *KEYS]
     for name, value in tables.items():
         if name not in known:
-            raise SceneError(f"{origin}: unknown key {name}{nearest(name, known)}")
+            raise SceneError(f"{origin}: unknown key {named(name)}{nearest(name, known)}")
         if name in SEVERAL and isinstance(value, (list, tuple)):
             _check_several(name, value, origin)
         elif (name in KEYS) != isinstance(value, dict):
@@ -202,7 +212,7 @@ def check_tables(tables, origin, kinds):
             raise SceneError(f"{origin}: {name} must be {noun}")
     top = {name: value for name, value in tables.items() if name in TOP}
     units = tables.get("units", SCALED)
-    checked = _check_table("", top, TOP, units if units in BOTH else SCALED, origin)
+    checked = _check_table("", top, TOP, units if _is_word(units, BOTH) else SCALED, origin)
     for table, keys in KEYS.items():
         if isinstance(tables.get(table), (list, tuple)):
             checked[table] = tuple(
@@ -276,7 +286,7 @@ def _check_table(table, values, keys, units, origin, kinds=None):
     for name, value in values.items():
         if name not in keys:
             fitting = [key for key, spec in keys.items() if units in spec.units]
-            raise SceneError(f"{origin}: unknown key {prefix}{name}{nearest(name, fitting)}")
+            raise SceneError(f"{origin}: unknown key {prefix}{named(name)}{nearest(name, fitting)}")
         spec = keys[name]
         if units not in spec.units:
             raise SceneError(
@@ -306,7 +316,7 @@ def _check_table(table, values, keys, units, origin, kinds=None):
 def _check_value(where, value, spec, origin):
     def refuse():
         hint = nearest(value, spec.words) if isinstance(value, str) else ""
-        raise SceneError(f"{origin}: {where} = {value!r}: must be {spec.allowed()}{hint}")
+        raise SceneError(f"{origin}: {where} = {shown(value)}: must be {spec.allowed()}{hint}")
 
     if spec.each:
         few, many = spec.count
@@ -319,7 +329,7 @@ def _check_value(where, value, spec, origin):
     if spec.kind is NAMED_VALUES:
         return dict(value) if isinstance(value, dict) and _named_values(value) else refuse()
     if spec.words:
-        return value if value in spec.words else refuse()
+        return value if _is_word(value, spec.words) else refuse()
     if spec.kind in _NOUNS:
         fits = isinstance(value, spec.kind) and value is not True and value is not False
         return value if fits else refuse()
@@ -327,16 +337,29 @@ def _check_value(where, value, spec, origin):
         refuse()
     if spec.kind is int and not isinstance(value, int):
         refuse()
-    number = spec.kind(value)
-    too_low = number < spec.low or (number == spec.low and not spec.low_allowed)
-    if not math.isfinite(number) or too_low or number > spec.high:
+    too_low = value < spec.low or (value == spec.low and not spec.low_allowed)
+    if not value <= spec.high or too_low:
         refuse()
-    return number
+    if spec.kind is float and value != 0.0 and not SMALLEST <= abs(value) <= LARGEST:
+        raise SceneError(
+            f"{origin}: {where} = {shown(value)}: must be {spec.allowed()}, and of a size that "
+            f"can be computed with: {SMALLEST:g} to {LARGEST:g}"
+        )
+    return spec.kind(value)
+
+
+def _is_word(value, words):
+    # An array of numpy is compared item by item.
+    return isinstance(value, str) and value in words
 
 
 def _named_values(table):
-    """Whether all values are numbers or texts."""
-    return all(isinstance(v, (int, float, str)) and not isinstance(v, bool) for v in table.values())
+    """Whether all values are numbers of a sane size, or texts; the load refuses others of them."""
+    return all(
+        isinstance(v, str)
+        or (isinstance(v, (int, float)) and not isinstance(v, bool) and not abs(v) > LARGEST)
+        for v in table.values()
+    )
 
 
 def _check_load(load, units, origin):
@@ -346,7 +369,7 @@ def _check_load(load, units, origin):
             if name in load:
                 raise SceneError(
                     f"{origin}: load.{name} belongs to the built-in resistor, and load.netlist is "
-                    f"{load['netlist']!r}; take one out (a netlist's values: [load.parameters])"
+                    f"{shown(load['netlist'])}; take one out (a netlist's values: load.parameters)"
                 )
         return
     for name in NETLIST_KEYS[1:]:
@@ -374,12 +397,6 @@ def _check_physics(scene, origin):
         raise SceneError(
             f"{origin}: piezo.coupling = 0.0: must be a number > 0 in SI, where it sets the "
             "voltage scale (Eq. 3); a scaled scene can be without coupling"
-        )
-    spacing = scene["excitation"].get("knot_spacing", 0.0)
-    if spacing > scene["run"]["duration"]:
-        raise SceneError(
-            f"{origin}: run.duration = {scene['run']['duration']:g}: must be at least one "
-            f"knot_spacing, {spacing:g}"
         )
 
 

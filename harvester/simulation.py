@@ -18,8 +18,11 @@ from harvester.estimators import (
 from harvester.excitation import OrnsteinUhlenbeck
 from harvester.output_estimates import estimate_output
 from harvester.parameters import STEP_LEVELS, knot_spacing, require_resistor, scale, steps_per_knot
+from harvester.passivity import efficiency_notes
 from harvester.realization import ENGINES, SCHEMES, Realization
-from harvester.results import Result
+from harvester.residual import suspected_cause
+from harvester.results import Result, unit_of
+from harvester.settling import shortfalls, withheld
 from harvester.workers import ExecutorPool, WorkerPool
 
 SOURCES = ("external", "pwl")
@@ -265,11 +268,14 @@ class _Follower:
     def __init__(self, scene, progress):
         self._total = (scene.run.settle + scene.run.duration) * scene.run.realizations
         self._reached = {}
+        self._sum = 0.0
         self._progress = progress
 
     def __call__(self, index, moments):
-        self._reached[index] = sum(each.time_reached for each in moments)
-        self._progress(min(sum(self._reached.values()) / self._total, 1.0))
+        reached = sum(each.time_reached for each in moments)
+        self._sum += reached - self._reached.get(index, 0.0)
+        self._reached[index] = reached
+        self._progress(min(max(self._sum / self._total, 0.0), 1.0))
 
 
 def _result(scene, engine, step, source, realizations, failures, outcome="complete"):
@@ -278,10 +284,16 @@ def _result(scene, engine, step, source, realizations, failures, outcome="comple
     error_of = standard_error_of_drift if scene.excitation.drifts else standard_error
     first = min(realization.started for realization in realizations)
     last = max(realization.ended for realization in realizations)
+    estimates = estimate_all(moments, parameters, error_of) | estimate_output(moments)
+    on_efficiencies = efficiency_notes(estimates, scales.of("power"), unit_of(scene, "power"))
+    found = shortfalls(scene, parameters, moments, estimates)
+    shapes = densities(moments, _symmetric(scene, parameters))
+    if found:
+        shapes = {name: replace(shape, standard_error=None) for name, shape in shapes.items()}
     return Result(
         scene=scene,
         engine=engine if source == "external" else f"{engine} ({source} source)",
-        scaled_quantities=estimate_all(moments, parameters, error_of) | estimate_output(moments),
+        scaled_quantities=withheld(estimates, found),
         scales=scales,
         error_kind="statistical",
         energy_balance_residual=energy_balance_residual(moments, parameters),
@@ -293,9 +305,14 @@ def _result(scene, engine, step, source, realizations, failures, outcome="comple
         realizations=len(moments),
         engine_version=realizations[0].engine_version,
         netlist_sha256=realizations[0].netlist_sha256,
-        notes=(*_notes(scene), *_failure_notes(failures, scene)),
+        notes=(
+            *_notes(scene),
+            *on_efficiencies,
+            *(shortfall.note for shortfall in found),
+            *_failure_notes(failures, scene),
+        ),
         failures={index: f"{type(e).__name__}: {e}" for index, e in failures.items()},
-        densities=densities(moments, _symmetric(scene, parameters)),
+        densities=shapes,
         waveform=realizations[0].waveform,
         moments=moments,
         outcome="incomplete" if failures else outcome,
@@ -340,11 +357,11 @@ def _checked(result):
     if not residual <= LARGEST_RESIDUAL:
         raise EnergyNotBalanced(
             f"{result.engine}: the energy balance leaves {residual:.2%} of the energy unaccounted "
-            f"for (limit {LARGEST_RESIDUAL:.0%}): the step is too long for this scene, or the run "
-            "too short; choose --step fine or finest",
+            f"for (limit {LARGEST_RESIDUAL:.0%}); suspected: {suspected_cause(result)}; else "
+            "choose --step fine or finest",
             partial=result,
         )
     if residual <= NOTED_RESIDUAL:
         return result
-    note = f"energy balance residual {residual:.2%}: choose a shorter --step before citing"
+    note = f"energy balance residual {residual:.2%}; suspected: {suspected_cause(result)}"
     return replace(result, notes=(*result.notes, note))

@@ -7,13 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from harvester import batches
+from harvester import batches, settling
 from harvester.averaged import average, estimates_of
 from harvester.averaging import TOLERANCES
 from harvester.averaging import average as average_parameters
 from harvester.averaging.symmetric import symmetric_device
 from harvester.batches import MOST_COPIES
-from harvester.device import timescales
 from harvester.errors import AveragingError, HarvesterError, SimulationError
 from harvester.estimators import Density
 from harvester.excitation.ornstein_uhlenbeck import KNOTS_PER_CORRELATION_TIME
@@ -196,8 +195,13 @@ def resolving(scene):
     A sweep over τ1 would else leave the scene's own spacing behind.
     """
     shortest = scene.excitation.correlation_time / KNOTS_PER_CORRELATION_TIME
-    spacing = min(knot_spacing(scene), shortest)
+    spacing = min(scene.excitation.knot_spacing or knot_spacing(scene), shortest)
     return scene.replace({"excitation.knot_spacing": spacing})
+
+
+def with_knots(scene):
+    """The scene with its spacing of knots written out: what changes keep, and so their noise."""
+    return scene.replace({"excitation.knot_spacing": knot_spacing(scene)})
 
 
 def relative_error(estimate):
@@ -259,18 +263,11 @@ def _lengthening(result, error):
 
 
 def unseen_jump(result):
-    """What one more jump between the wells would add to E[V²], as a share.
-
-    A jump leaves V = 2X* on the piezo, which decays as exp(−λt): ∫V² dt = (2X*)²/2λ. A run that
-    saw few jumps or none has no other way to know what it missed.
-    """
+    """What one more jump between the wells would add to E[V²] of a result, as a share."""
     parameters, _ = scale(result.scene)
-    wells, decay = timescales.wells(parameters), parameters.transducer.decay_rate()
-    left_behind = (wells[0] - wells[-1]) ** 2 / (2.0 * decay) if decay > 0.0 else math.inf
-    if len(wells) == 1 or not math.isfinite(left_behind):
-        return 0.0
     measured = result.scene.run.duration * result.scene.run.realizations
-    return left_behind / (result.scaled_quantities["mean_square_voltage"].estimate * measured)
+    square = result.scaled_quantities["mean_square_voltage"].estimate
+    return settling.unseen_jump(parameters, square, measured)
 
 
 def _shortfall(result, error):

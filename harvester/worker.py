@@ -1,10 +1,12 @@
 """A worker process: takes calls on standard input, answers on standard output.
 
-Started by `harvester.workers` as `python -m harvester.worker`. A call is a pickled
+Started by `harvester.workers` as `harvester.isolation` says. A call is a pickled
 (function, arguments), function as "module:name"; it is called with `report` on top, which sends
-progress. Answers are pickled pairs: ("progress", …), ("done", result), ("failed", error).
+progress. Answers are pickled pairs: ("progress", …), ("done", result), ("failed", error), and
+("gone", error) from a process that ends itself.
 """
 
+import contextlib
 import importlib
 import os
 import pickle
@@ -14,11 +16,31 @@ import sys
 import threading
 import traceback
 
-from harvester.errors import HarvesterError
+from harvester.errors import HarvesterError, SimulationError
+
+_give_up = None
+
+
+def give_up(error):
+    """End this process with an error as the answer to its call: what it runs cannot be left."""
+    if _give_up:
+        _give_up("gone", error)
+    os._exit(71)
+
+
+def as_answer(error):
+    """An exception as the caller is to get it."""
+    if isinstance(error, HarvesterError):
+        return error
+    traceback.print_exception(error)
+    if isinstance(error, MemoryError):
+        return SimulationError(f"no memory left for the simulation: {error}".rstrip(": "))
+    return HarvesterError(f"{type(error).__name__}: {error}")
 
 
 def main():
     """Serve calls until standard input closes."""
+    global _give_up
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # Libraries that print must not write between the answers.
     answers = os.fdopen(os.dup(1), "wb")
@@ -33,17 +55,15 @@ def main():
         except BrokenPipeError:
             os._exit(0)
 
+    _give_up = send
     while True:
         function, arguments = calls.get()
         module, _, name = function.partition(":")
         try:
             call = getattr(importlib.import_module(module), name)
             send("done", call(report=lambda content: send("progress", content), **arguments))
-        except HarvesterError as error:
-            send("failed", error)
         except Exception as error:
-            traceback.print_exc()
-            send("failed", HarvesterError(f"{type(error).__name__}: {error}"))
+            send("failed", as_answer(error))
 
 
 def _read_calls(calls):
@@ -53,8 +73,15 @@ def _read_calls(calls):
         try:
             calls.put(pickle.load(stream))
         except EOFError:
-            os._exit(0)
+            _leave()
+        except BaseException as error:
+            # A call that cannot be read would be waited for without end.
+            print(f"{type(error).__name__}: {error}", file=sys.stderr, flush=True)
+            os._exit(72)
 
 
-if __name__ == "__main__":
-    main()
+def _leave():
+    """End at once, and take the process's own empty folder along: nobody else is left to."""
+    with contextlib.suppress(OSError):
+        os.rmdir(os.getcwd())
+    os._exit(0)

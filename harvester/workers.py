@@ -1,16 +1,18 @@
 """Worker processes: one call at a time each, with a wall-clock limit, killed when they hang."""
 
 import atexit
+import contextlib
 import os
 import pickle
 import queue
+import signal
 import subprocess
-import sys
 import tempfile
 import threading
 import time
-from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor
 
+from harvester import isolation
 from harvester.errors import SimulationError, SimulatorCrashed, SimulatorTimeout
 
 # What a process prints just before it dies of its own, in the order of interest.
@@ -18,12 +20,20 @@ LAST_LINES = 3
 
 
 class Worker:
-    """One process of `harvester.worker`, started at its first call and restarted after a crash."""
+    """One process of `harvester.worker`, started at its first call and restarted after a crash.
 
-    def __init__(self):
+    Parameters
+    ----------
+    folders : sequence of str or Path
+        For the process to import from, after all others.
+    """
+
+    def __init__(self, folders=()):
+        self._folders = folders
         self._process = None
         self._answers = None
         self._errors = None
+        self._workplace = None
         self._closed = False
 
     @property
@@ -76,7 +86,9 @@ class Worker:
                     on_progress(content)
             elif kind == "done":
                 return content
-            elif kind == "failed":
+            elif kind in ("failed", "gone"):
+                if kind == "gone":
+                    self.kill()
                 if getattr(content, "partial", latest) is None:
                     content.partial = latest
                 raise content
@@ -91,16 +103,18 @@ class Worker:
     def kill(self):
         """End the process at once, whatever it does."""
         process, self._process = self._process, None
-        if process is None:
-            return
-        process.kill()
-        process.wait()
-        for stream in (process.stdin, process.stdout):
-            try:
-                stream.close()
-            except BrokenPipeError:
-                continue
-        self._errors.close()
+        if process is not None:
+            process.kill()
+            process.wait()
+            for stream in (process.stdin, process.stdout):
+                with contextlib.suppress(BrokenPipeError):
+                    stream.close()
+        errors, self._errors = self._errors, None
+        if errors is not None:
+            errors.close()
+        workplace, self._workplace = self._workplace, None
+        if workplace is not None:
+            workplace.cleanup()
 
     def _start(self):
         """The running process and the queue of its answers."""
@@ -109,25 +123,43 @@ class Worker:
         if self._process is not None and self._process.poll() is None:
             return self._process, self._answers
         self.kill()
+        try:
+            self._answers = self._open()
+        except (OSError, RuntimeError, MemoryError) as error:
+            self.kill()
+            raise SimulatorCrashed(
+                f"the simulator's process cannot be started: {_cause(error)}; raise the limit "
+                "(ulimit -a shows it) or take fewer --workers"
+            ) from None
+        return self._process, self._answers
+
+    def _open(self):
+        """Start the process; returns the queue of its answers."""
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 - closed by kill
+        self._workplace = tempfile.TemporaryDirectory(
+            prefix="harvester-", ignore_cleanup_errors=True
+        )
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "harvester.worker"],
+            isolation.command(self._folders),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._errors,
-            env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+            cwd=self._workplace.name,
+            env=isolation.environment(),
         )
-        self._answers = queue.SimpleQueue()
+        answers = queue.SimpleQueue()
         threading.Thread(
-            target=_read_answers, args=(self._process.stdout, self._answers), daemon=True
+            target=_read_answers, args=(self._process.stdout, answers), daemon=True
         ).start()
-        return self._process, self._answers
+        return answers
 
     def _crashed(self, process, latest):
         status = process.wait()
         words = "" if self._process is None else self._last_words()
         self.kill()
         how = f"was killed by signal {-status}" if status < 0 else f"ended with status {status}"
+        if status == -signal.SIGKILL:
+            how += " (from outside, or for want of memory)"
         return SimulatorCrashed(
             f"the simulator's process {how}" + (f": {words}" if words else ""), partial=latest
         )
@@ -138,11 +170,15 @@ class Worker:
         return "; ".join(line.strip() for line in lines[-LAST_LINES:] if line.strip())
 
 
+def _cause(error):
+    return getattr(error, "strerror", None) or str(error) or "no memory"
+
+
 def _read_answers(stream, answers):
     while True:
         try:
             answers.put(pickle.load(stream))
-        except (EOFError, pickle.UnpicklingError, ValueError, OSError):
+        except Exception:  # cut short, or no memory for it
             answers.put(("ended", None))
             return
 
@@ -156,13 +192,15 @@ class WorkerPool:
         Most calls at a time that will be asked for.
     workers : int or None
         Processes; None: one per core.
+    folders : sequence of str or Path
+        See `Worker`.
     """
 
-    def __init__(self, calls=None, workers=None):
+    def __init__(self, calls=None, workers=None, folders=()):
         size = workers or os.cpu_count() or 1
         self._threads = ThreadPoolExecutor(min(size, calls or size))
         self._idle = queue.SimpleQueue()
-        self._workers = [Worker() for _ in range(min(size, calls or size))]
+        self._workers = [Worker(folders) for _ in range(min(size, calls or size))]
         for worker in self._workers:
             self._idle.put(worker)
 
@@ -270,22 +308,36 @@ def gather(futures, on_result=None, stop=None):
     `on_result` and `stop` as in `WorkerPool.map`.
     """
     place = {future: index for index, future in enumerate(futures)}
-    pending = set(futures)
+    # Each tells once that it is done: to ask all that are left would cost their number squared.
+    done = queue.SimpleQueue()
+    for future in futures:
+        future.add_done_callback(done.put)
+    left = len(futures)
     try:
-        while pending:
-            # A finite wait lets an interrupt through on every platform.
-            done, pending = wait(pending, timeout=0.5, return_when=FIRST_COMPLETED)
-            for future in done:
+        while left:
+            future = _next(done)
+            if future is not None:
+                left -= 1
                 outcome = None if future.cancelled() else future.result()
                 if on_result and not future.cancelled():
                     on_result(place[future], outcome)
             if stop and stop():
-                pending = {future for future in pending if not future.cancel()}
+                stop = None
+                for each in futures:
+                    each.cancel()
     except BaseException:
         for future in futures:
             future.cancel()
         raise
     return [None if future.cancelled() else future.result() for future in futures]
+
+
+def _next(done):
+    """The next future of the queue, or None: a finite wait lets an interrupt through anywhere."""
+    try:
+        return done.get(timeout=0.5)
+    except queue.Empty:
+        return None
 
 
 def call_twice(worker, function, arguments, time_limit=None, report=None):

@@ -41,6 +41,56 @@ def test_names_lead_to_functions(page):
     assert not [name for name in names if not found(name)]
 
 
+def source():
+    """Text of all Python sources: where a name that the documentation uses must occur."""
+    folders = ("harvester", "circuits", "tests")
+    return "\n".join(p.read_text("utf-8") for each in folders for p in (ROOT / each).rglob("*.py"))
+
+
+def in_code(page):
+    """What stands between backticks outside code blocks."""
+    text = re.sub(
+        r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL
+    )
+    return re.findall(r"`([^`\n]+)`", text)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_files_that_are_named_exist(page):
+    """Names with capitals, as NAME.lib, stand for the reader's own."""
+    named = re.compile(
+        r"(?:harvester|circuits|netlists|tests|notebooks|docs)/[\w./]*|[\w/.]+\.(?:md|py)"
+    )
+    paths = [
+        word for word in in_code(page) if named.fullmatch(word) and not re.search("[A-Z]{2}_", word)
+    ]
+    assert not [path for path in paths if not (ROOT / path).exists()]
+
+
+def test_the_names_of_the_recipes_are_in_the_code():
+    """Classes, tables, functions and keys; a call is named with its arguments."""
+    words = [re.sub(r"\(.*", "", word) for word in in_code(ROOT / "CONTRIBUTING.md")]
+    names = [word for word in words if re.fullmatch(r"[A-Za-z_]\w*", word)]
+    assert len(names) > 20
+    assert not [name for name in names if not re.search(rf"\b{name}\b", source())]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_make_targets_and_commands_that_are_named_exist(page):
+    text = page.read_text(encoding="utf-8")
+    rules = re.findall(
+        r"^(\w[\w-]*):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    lines = [line for block in blocks(text, "sh") for line in block.splitlines()]
+    words = [words.split() for words in (*in_code(page), *lines)]
+    assert {each[1] for each in words if each[:1] == ["make"] and each[1:]} <= set(rules)
+    known = {command.__name__.rpartition(".")[2].replace("_", "-") for command in COMMANDS}
+    said = {each[1] for each in words if each[:1] == ["harvester"] and each[1:]}
+    assert {name for name in said if not name.startswith("-")} <= known
+    ran = re.findall(r"-m pytest (\S+\.py)(?:::\w+)?", text)
+    assert not [path for path in ran if not (ROOT / path).exists()]
+
+
 def test_the_theory_names_functions():
     text = (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
     assert len(set(re.findall(r"`((?:harvester|circuits)\.[\w.]+)`", text))) > 30

@@ -10,6 +10,7 @@ Nothing is assumed of the noise's memory, of the contact's damping or of the loa
 hardly any motion leaves a well, the grid holds that well alone; the other is its mirror image.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -35,13 +36,14 @@ FEWEST = 20  # cores that the range of X and of X' has at least
 MOST = 3e7  # nodes times steps between two vectors of GMRES: half a minute
 DECAY = 0.35  # greatest λ dt of the first grid
 FASTEST_DECAY = 40.0  # λ, in units of the period, beyond which that takes too many steps
+SLOWEST_DECAY = 2e-3  # λ, in units of the period, below which it takes too many vectors
 NEGLIGIBLE = 1e-6  # share of its greatest value below which the density is left out
 MARGIN = 1.05
 HELD = 4.0  # standard deviations of what the noise holds
 ESCAPED = 1e-4  # share of E[V²] that motion out of the well may add before it is followed
 PERIODS = 1.5  # between two vectors of GMRES
 RESTARTS = 3
-RESIDUAL = 1e-5  # of them, as a share of the density
+RESIDUAL = 1e-5  # of them, as a share of the density and of what the load moves between them
 VECTORS = 60
 JUDGED = (
     "mean_square_voltage",
@@ -83,6 +85,56 @@ def fokker_planck(parameters, tolerance):
             f"decay_rate={p.decay_rate:g} is beyond the {FASTEST_DECAY / _period(p):.3g} /s that "
             "fokker_planck has steps for: use slow_load"
         )
+    slowest = SLOWEST_DECAY / _period(p)
+    if p.decay_rate < slowest:
+        return _slow_decay(p, slowest, tolerance)
+    return _refined(p, tolerance)
+
+
+def _slow_decay(p, slowest, tolerance):
+    """Means on the straight line through those at two slow rates of decay, towards λ = 0.
+
+    There Z is slow against all else, and the means are linear in λ. Where jumps between the wells
+    are slower still, no such line is straight: what it adds counts as numerical error.
+    """
+    near, far = (
+        _refined(p._replace(decay_rate=rate), tolerance) for rate in (slowest, 2.0 * slowest)
+    )
+    here, there = _totals_of(near), _totals_of(far)
+    share = 1.0 - p.decay_rate / slowest
+    means = _means(p, {name: (1.0 + share) * here[name] - share * there[name] for name in here})
+    level = _means(p, here)
+    error = {
+        name: near.numerical_error[name] * abs(mean / getattr(near, name)) + abs(mean - level[name])
+        for name, mean in means.items()
+    }
+    worst, excess = _worst(means, error)
+    if excess > tolerance:
+        raise AveragingError(
+            f"decay_rate={p.decay_rate:g}: from {slowest:.3g} /s, the slowest that fokker_planck "
+            f"takes by itself, {worst} is continued by {excess:.2g} of itself, more than the "
+            f"tolerance of {tolerance:g}: jumps between the wells are as slow; use slow_load"
+        )
+    return replace(near, **means, numerical_error=error)
+
+
+def _totals_of(averages):
+    """The independent ones of its means."""
+    totals = {
+        name: getattr(averages, name) for name in JUDGED if name != "power_conversion_efficiency"
+    }
+    return totals | {"power_in": averages.mean_power + averages.mechanical_loss}
+
+
+def _worst(means, error):
+    """The judged mean with the largest error as a share of it, in words, and that share."""
+    excess = {name: error[name] / abs(means[name] or np.inf) for name in JUDGED}
+    worst = max(excess, key=excess.get)
+    return worst.replace("_", " "), excess[worst]
+
+
+def _refined(p, tolerance):
+    """The answer on the first grid that is fine enough."""
     region = Region.of(p, slow_load(p, START))
     solution = None
     for level in LEVELS:
@@ -90,8 +142,8 @@ def fokker_planck(parameters, tolerance):
         if coarser is None:
             continue
         means, error = _extrapolated(p, coarser, solution)
-        excess = {name: error[name] / abs(means[name] or np.inf) for name in JUDGED}
-        if max(excess.values()) <= tolerance:
+        worst, excess = _worst(means, error)
+        if excess <= tolerance:
             return Averages(
                 closure="fokker_planck",
                 **means,
@@ -99,11 +151,10 @@ def fokker_planck(parameters, tolerance):
                 numerical_error=error,
                 density=solution.density(),
             )
-        if max(excess.values()) > HOPELESS * tolerance:
+        if excess > HOPELESS * tolerance:
             break
-    worst = max(excess, key=excess.get)
     raise AveragingError(
-        f"{worst.replace('_', ' ')} is known to {excess[worst]:.2g} of itself, not to the "
+        f"{worst} is known to {excess:.2g} of itself, not to the "
         f"tolerance of {tolerance:g}, on as fine a grid as is tried: raise it, use slow_load, or "
         "simulate"
     )
@@ -269,7 +320,10 @@ class _Solution:
         self.grid = grid
         propagator = Propagator(p, grid)
         start = _averaged(p, region, grid) if coarser is None else coarser.on(grid)
-        self.before_flow = _stationary(propagator, start, _steps(p, grid))
+        steps = _steps(p, grid)
+        # Of what a slow load leaves undone, only so small a share of the density changes at a time.
+        tolerance = RESIDUAL * min(1.0, p.decay_rate * steps * grid.step)
+        self.before_flow = _stationary(propagator, start, steps, tolerance)
         state = propagator.centred(self.before_flow)
         self.state = state / state[..., 0].sum()
         self.totals = self._totals(_power_in(propagator, self.before_flow))
@@ -330,8 +384,8 @@ def _power_in(propagator, before_flow):
     return 0.5 * gained / grid.step / before_flow[..., 0].sum()
 
 
-def _stationary(propagator, start, steps):
-    """The state that so many steps leave as it is, of mass 1."""
+def _stationary(propagator, start, steps, tolerance):
+    """The state, of mass 1, that so many steps change by this share of it at most."""
 
     def change(flat):
         state = flat.reshape(start.shape)
@@ -344,7 +398,7 @@ def _stationary(propagator, start, steps):
         operator,
         -change(start.ravel()),
         rtol=0.0,
-        atol=RESIDUAL * np.linalg.norm(start),
+        atol=tolerance * np.linalg.norm(start),
         restart=VECTORS,
         maxiter=RESTARTS,
     )

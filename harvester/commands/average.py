@@ -44,12 +44,14 @@ def add(commands):
 def run(options):
     """Carry it out; returns the exit code, or None for 0."""
     scene = read_scene(options)
-    check_options(options)
+    name = f"{scene.name}-{options.closure}"
+    check_options(options, name)
     if options.tolerance is not None and not 0.0 < options.tolerance < 1.0:
         raise HarvesterError(f"--tolerance {options.tolerance:g}: must be a number in (0, 1)")
     from harvester.averaged import average
     from harvester.console import show_result
+    from harvester.output import is_standard_output
 
     result = average(scene, options.closure, options.tolerance, options.fit)
-    show_result(result, to_stderr=options.json == "-")
-    write_result(options, f"{scene.name}-{options.closure}", result, "draw_result")
+    show_result(result, to_stderr=is_standard_output(options.json))
+    write_result(options, name, result, "draw_result")

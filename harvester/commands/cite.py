@@ -5,6 +5,9 @@ from pathlib import Path
 
 from harvester.errors import HarvesterError
 
+# Bytes: a device may never end.
+LARGEST_RESULT = 100_000_000
+
 
 def add(commands):
     """The command's arguments."""
@@ -36,8 +39,12 @@ def run(options):
 
 def _read(name):
     try:
-        return json.loads(Path(name).read_text(encoding="utf-8"))
+        with Path(name).open("rb") as file:
+            content = file.read(LARGEST_RESULT + 1)
+        if len(content) > LARGEST_RESULT:
+            raise HarvesterError(f"is larger than {LARGEST_RESULT // 10**6} MB: no result")
+        return json.loads(content)
     except OSError as error:
         raise HarvesterError(f"cannot be read: {error.strerror}") from None
-    except ValueError:
+    except (ValueError, RecursionError):
         raise HarvesterError("is no JSON; give a file that --json or --output wrote") from None

@@ -1,6 +1,6 @@
 """`harvester claims`: the paper's statements, judged."""
 
-from harvester.commands.options import add_results, check_options, say
+from harvester.commands.options import add_results, check_options, say, write_result
 
 
 def add(commands):
@@ -23,11 +23,12 @@ def add(commands):
 
 def run(options):
     """Carry it out; returns the exit code, or None for 0."""
-    check_options(options)
-    from pathlib import Path
+    check_options(options, "claims")
+    from harvester.output import in_folder, is_standard_output, write_text
 
+    if options.output:
+        in_folder(options.output, "claims.md")
     from harvester.console import progress, show_table
-    from harvester.output import write_json, write_text
     from harvester.paper.claims import claims
     from harvester.scene import Scene
     from harvester.workers import WorkerPool
@@ -39,11 +40,8 @@ def run(options):
         judgement = claims(
             scene, thorough=options.thorough, pool=pool, progress=follow("claims", None)
         )
-    show_table(judgement, "the paper's statements", to_stderr=options.json == "-")
-    if options.json:
-        write_json(options.json, judgement.to_dict())
+    show_table(judgement, "the paper's statements", to_stderr=is_standard_output(options.json))
+    write_result(options, "claims", judgement)
     if options.output:
-        folder = Path(options.output)
-        write_json(folder / "claims.json", judgement.to_dict())
-        write_text(folder / "claims.md", judgement.markdown())
-        say(f"written to {folder}: claims.*")
+        write_text(in_folder(options.output, "claims.md"), judgement.markdown())
+        say(f"written to {options.output}: claims.md")

@@ -18,13 +18,13 @@ def add(commands):
 def run(options):
     """Carry it out; returns the exit code, or None for 0."""
     from harvester.console import show_engine
-    from harvester.output import check_writable, write_json
+    from harvester.output import check_writable, is_standard_output, write_json
     from harvester.workers import Worker
 
     if options.json:
         check_writable(options.json)
     with closing(Worker()) as worker:
         found = worker.call("circuits.engine:describe", {}, time_limit=60.0)
-    show_engine(found, to_stderr=options.json == "-")
+    show_engine(found, to_stderr=is_standard_output(options.json))
     if options.json:
         write_json(options.json, found)

@@ -46,9 +46,11 @@ def add(commands):
 def run(options):
     """Carry it out; returns the exit code, or None for 0."""
     scene = read_scene(options)
-    check_options(options)
+    name = f"{scene.name}-frequency-response"
+    check_options(options, name)
     frequencies = number_list(options.frequencies, "--frequencies")
     from harvester.console import show_table
+    from harvester.output import is_standard_output
     from harvester.response import frequency_response
 
     response = frequency_response(
@@ -61,5 +63,5 @@ def run(options):
         workers=options.workers,
         time_limit=options.time_limit,
     )
-    show_table(response, "frequency response", to_stderr=options.json == "-")
-    write_result(options, f"{scene.name}-frequency-response", response, "draw_frequency_response")
+    show_table(response, "frequency response", to_stderr=is_standard_output(options.json))
+    write_result(options, name, response, "draw_frequency_response")

@@ -1,5 +1,7 @@
 """`harvester load-study`: which load, which values, how much power, how sure."""
 
+import contextlib
+
 from harvester.commands.options import (
     NUMBERS_HELP,
     add_engine_options,
@@ -69,32 +71,38 @@ def run(options):
     _check(options)
     sweeps = _sweeps(options.sweep)
     from harvester.console import progress, show_table
+    from harvester.output import in_folder
     from harvester.studies import Report, load_study, save
     from harvester.studies.dataset import xarray_or_say
+    from harvester.studies.files import FILES
 
     if options.output:
         xarray_or_say()
+        for file in FILES:
+            in_folder(options.output, file)
         options.kept_when_interrupted = "finished pieces are kept: the same command goes on"
-    with _executor(options.scheduler) as executor, progress() as follow:
-        study = load_study(
-            scene,
-            options.load,
-            sweeps,
-            engine=options.engine,
-            precision=options.precision,
-            time_budget=options.time_budget,
-            step=options.step,
-            output=options.output,
-            workers=options.workers,
-            executor=executor,
-            time_limit=options.time_limit,
-            progress=follow("load study", None),
-        )
-    report = Report(study)
-    show_table(report, "load study")
-    if options.output:
-        written = save(report, options.output)
-        say(f"written to {options.output}: {', '.join(written)}")
+    # Until the files are written: another run's study of the same folder would mix with them.
+    with _folder(options.output) as folder:
+        with _executor(options.scheduler) as executor, progress() as follow:
+            study = load_study(
+                scene,
+                options.load,
+                sweeps,
+                engine=options.engine,
+                precision=options.precision,
+                time_budget=options.time_budget,
+                step=options.step,
+                output=folder,
+                workers=options.workers,
+                executor=executor,
+                time_limit=options.time_limit,
+                progress=follow("load study", None),
+            )
+        report = Report(study)
+        show_table(report, "load study")
+        if options.output:
+            written = save(report, folder)
+            say(f"written to {options.output}: {', '.join(written)}")
     return 0 if any(e.estimates for e in study.evaluations) else 1
 
 
@@ -116,10 +124,15 @@ def _sweeps(texts):
     return sweeps
 
 
+def _folder(path):
+    """The study's folder, held from its first use on, or nothing."""
+    from harvester.studies.folder import StudyFolder
+
+    return contextlib.closing(StudyFolder(path)) if path else contextlib.nullcontext()
+
+
 def _executor(scheduler):
     """Dask's executor, or nothing."""
-    import contextlib
-
     if scheduler is None:
         return contextlib.nullcontext()
     try:

@@ -39,7 +39,8 @@ def run(options):
     """Carry it out; returns the exit code, or None for 0."""
     scene = read_scene(options)
     from circuits.export import for_ltspice, stand_alone
-    from harvester.output import write_text
+    from harvester.output import check_writable, in_folder, is_stream, write_text
+    from harvester.plain_text import name
     from harvester.realization import noise_path, start_state
     from harvester.scene_schema import nearest
     from harvester.simulation import check_step
@@ -50,12 +51,13 @@ def run(options):
             f"there are {', '.join(DIALECTS)}"
         )
     target = options.output
-    if target == "-" and options.dialect != "ngspice":
+    if is_stream(target) and options.dialect != "ngspice":
         raise HarvesterError(
             "--dialect ltspice writes a second file, the noise: say where, --output FILE.cir"
         )
     if target != "-" and Path(target).is_dir():
-        target = Path(target) / f"{scene.name}.cir"
+        target = in_folder(target, f"{scene.name}.cir")
+    check_writable(target)
     if not 0 <= options.realization < scene.run.realizations:
         raise HarvesterError(
             f"--realization {options.realization}: must be a whole number in "
@@ -66,8 +68,9 @@ def run(options):
     if options.dialect == "ngspice":
         write_text(target, stand_alone(*call, start, step).text + ".end\n")
         return
-    noise_file = Path(target).with_suffix("").name + "-noise.txt"
+    # The netlist holds this name.
+    noise_file = name(Path(target).with_suffix("").name) + "-noise.txt"
     text, noise = for_ltspice(*call, noise_file, start, step)
     if noise is not None:
-        write_text(Path(target).with_name(noise_file), noise)
+        write_text(in_folder(Path(target).parent, noise_file), noise)
     write_text(target, text)

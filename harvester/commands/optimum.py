@@ -4,8 +4,8 @@ from harvester.commands.options import (
     add_results,
     check_options,
     read_scene,
-    say,
     scene_command,
+    write_result,
 )
 
 
@@ -45,12 +45,11 @@ def add(commands):
 def run(options):
     """Carry it out; returns the exit code, or None for 0."""
     scene = read_scene(options)
-    check_options(options)
-    from pathlib import Path
-
+    name = f"{scene.name}-optimum"
+    check_options(options, name)
     from harvester.console import progress, show_table
     from harvester.optimum import optimum
-    from harvester.output import write_json
+    from harvester.output import is_standard_output
 
     with progress() as follow:
         found = optimum(
@@ -63,10 +62,5 @@ def run(options):
             workers=options.workers,
             progress=follow("optimum", None),
         )
-    show_table(found, f"optimum over {options.over}", to_stderr=options.json == "-")
-    if options.json:
-        write_json(options.json, found.to_dict())
-    if options.output:
-        folder = Path(options.output)
-        write_json(folder / f"{scene.name}-optimum.json", found.to_dict())
-        say(f"written to {folder}: {scene.name}-optimum.json")
+    show_table(found, f"optimum over {options.over}", to_stderr=is_standard_output(options.json))
+    write_result(options, name, found)

@@ -1,12 +1,18 @@
 """What several commands share: arguments, the scene they name, the files they write."""
 
+import math
 import sys
 from pathlib import Path
 
 from harvester.errors import HarvesterError
+from harvester.plain_text import one_line
 from harvester.quiet import is_quiet
+from harvester.wording import named
 
 STEP_HELP = "default, fine, finest, or the longest step in seconds"
+# Of a list given by its ends.
+MOST_NUMBERS = 100_000
+RESULT_FILES = (".json", "-densities.csv", ".png")
 NUMBERS_HELP = "FIRST:LAST:log:NUMBER, FIRST:LAST:linear:NUMBER, or numbers between commas"
 
 
@@ -87,18 +93,21 @@ def number_list(text, where):
         last, spacing, number = rest
         grid = {"log": np.geomspace, "linear": np.linspace}[spacing]
         low, high, count = float(first), float(last), int(number)
-        if 0.0 < low < high and count > 1:
+        if 0.0 < low < high < math.inf and 1 < count <= MOST_NUMBERS:
             return [float(number) for number in grid(low, high, count)]
     except (ValueError, KeyError):
         pass
     raise HarvesterError(
-        f"{where} {text}: write it as 0.1:2:log:40, 0.1:2:linear:40 or 0.1,0.2,0.5"
+        f"{where} {named(text)}: write it as 0.1:2:log:40, 0.1:2:linear:40 or 0.1,0.2,0.5"
     )
 
 
-def check_options(options):
-    """Refuse numbers out of range, and places that cannot be written, before anything runs."""
-    from harvester.output import check_writable
+def check_options(options, name=None):
+    """Refuse numbers out of range, and places that cannot be written, before anything runs.
+
+    `name` is that of the files which `write_result` will write.
+    """
+    from harvester.output import check_writable, in_folder
 
     if getattr(options, "workers", None) is not None and options.workers < 1:
         raise HarvesterError(f"--workers {options.workers}: must be a whole number ≥ 1")
@@ -109,26 +118,42 @@ def check_options(options):
         check_writable(options.json)
     if options.output:
         check_writable(Path(options.output) / "file")
+        for ending in RESULT_FILES if name else ():
+            in_folder(options.output, f"{name}{ending}")
 
 
-def write_result(options, name, result, draw):
-    """The JSON and figure that were asked for; `draw` names the function of `figures`."""
-    from harvester.output import write_json, write_text
+def write_result(options, name, result, draw=None):
+    """The files that were asked for; `draw` names the function of `figures`, if there is one."""
+    from harvester.output import write_json
 
-    if options.json:
-        write_json(options.json, result.to_dict())
-    if options.output:
-        from harvester import figures
+    # Where one place turns out to be full, the other still gets the result.
+    try:
+        if options.json:
+            write_json(options.json, result.to_dict())
+    finally:
+        if options.output:
+            _write_folder(options.output, name, result, draw)
 
-        folder = Path(options.output)
-        write_json(folder / f"{name}.json", result.to_dict())
-        if hasattr(result, "density_table"):
-            write_text(folder / f"{name}-densities.csv", result.density_table())
-        figures.save(getattr(figures, draw), result, folder / f"{name}.png")
-        say(f"written to {folder}: {name}.*")
+
+def _write_folder(folder, name, result, draw):
+    from harvester import figures
+    from harvester.output import in_folder, write_json, write_text
+
+    json_file, table, picture = (in_folder(folder, f"{name}{e}") for e in RESULT_FILES)
+    write_json(json_file, result.to_dict())
+    if hasattr(result, "density_table"):
+        write_text(table, result.density_table())
+    if draw:
+        figures.save(getattr(figures, draw), result, picture)
+    say(f"written to {folder}: {name}.{'*' if draw else 'json'}")
 
 
 def say(text):
     """One line on standard error, unless the command line is quiet."""
     if not is_quiet():
-        print(text, file=sys.stderr)
+        print(one_line(text), file=sys.stderr)
+
+
+def complain(text):
+    """One line on standard error on what went wrong."""
+    print(f"harvester: {one_line(text)}", file=sys.stderr)

@@ -31,10 +31,11 @@ def add(commands):
 
 def run(options):
     """Carry it out; returns the exit code, or None for 0."""
-    check_options(options)
     from harvester.paper.figures_list import FIGURES
 
     names = _chosen(options.figures, ["fig2", "fig3", *FIGURES])
+    for name in names:
+        check_options(options, name)
     from harvester.console import show_table
     from harvester.scene import Scene
 
@@ -92,12 +93,10 @@ def _chosen(wanted, known):
 
 
 def _write(content, folder):
-    from pathlib import Path
-
     from harvester import figures
-    from harvester.output import write_json
+    from harvester.output import in_folder, write_json
     from harvester.paper.drawing import draw
 
-    write_json(Path(folder) / f"{content.name}.json", content.to_dict())
-    figures.save(draw, content, Path(folder) / f"{content.name}.png")
+    write_json(in_folder(folder, f"{content.name}.json"), content.to_dict())
+    figures.save(draw, content, in_folder(folder, f"{content.name}.png"))
     say(f"written to {folder}: {content.name}.*")

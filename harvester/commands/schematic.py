@@ -27,14 +27,14 @@ def run(options):
     """Carry it out; returns the exit code, or None for 0."""
     scene = read_scene(options)
     from harvester.circuit_drawing import schematic
-    from harvester.output import write_text
+    from harvester.output import in_folder, is_stream, write_text
 
     drawing = schematic(scene)
-    if options.output == "-":
-        write_text("-", drawing.image().decode() + "\n")
+    if is_stream(options.output):
+        write_text(options.output, drawing.image().decode() + "\n")
         return
     target = Path(options.output)
     if target.is_dir() or not target.suffix:
-        target = target / f"{scene.name}-schematic.svg"
+        target = in_folder(target, f"{scene.name}-schematic.svg")
     drawing.save(target)
     say(f"written to {target}")

@@ -51,8 +51,10 @@ def add(commands):
 def run(options):
     """Carry it out; returns the exit code, or None for 0."""
     scene = read_scene(options)
-    check_options(options)
+    name = f"{scene.name}-{options.engine}"
+    check_options(options, name)
     from harvester.console import progress, show_result
+    from harvester.output import is_standard_output
     from harvester.simulation import simulate
 
     with progress() as follow:
@@ -68,6 +70,6 @@ def run(options):
             time_limit=options.time_limit,
             progress=follow(options.engine, scene),
         )
-    show_result(result, to_stderr=options.json == "-")
-    write_result(options, f"{scene.name}-{options.engine}", result, "draw_result")
+    show_result(result, to_stderr=is_standard_output(options.json))
+    write_result(options, name, result, "draw_result")
     return 0 if result.outcome == "complete" else 1

@@ -28,8 +28,10 @@ def add(commands):
 def run(options):
     """Carry it out; returns the exit code, or None for 0."""
     scene = read_scene(options)
-    check_options(options)
+    name = f"{scene.name}-stability"
+    check_options(options, name)
     from harvester.console import progress, show_table
+    from harvester.output import is_standard_output
     from harvester.stability.matrix import stability
 
     with progress() as follow:
@@ -39,6 +41,6 @@ def run(options):
             workers=options.workers,
             progress=follow("stability", None),
         )
-    show_table(matrix, "stiff and extreme cases", to_stderr=options.json == "-")
-    write_result(options, f"{scene.name}-stability", matrix, "draw_stability")
+    show_table(matrix, "stiff and extreme cases", to_stderr=is_standard_output(options.json))
+    write_result(options, name, matrix, "draw_stability")
     return 1 if matrix.wrong else 0

@@ -30,10 +30,11 @@ def add(commands):
 def run(options):
     """Carry it out; returns the exit code, or None for 0."""
     scene = read_scene(options)
-    check_options(options)
+    name = f"{scene.name}-validate"
+    check_options(options, name)
     from harvester.comparison import validate
     from harvester.console import progress, show_table
-    from harvester.output import check_writable, write_text
+    from harvester.output import check_writable, is_standard_output, write_text
 
     check_writable(options.report)
 
@@ -45,10 +46,12 @@ def run(options):
             time_limit=options.time_limit,
             progress=follow,
         )
-    show_table(comparison, "one scene, the same noise", to_stderr=options.json == "-")
-    write_result(options, f"{scene.name}-validate", comparison, "draw_comparison")
-    if options.report:
-        from harvester.report import report
+    show_table(comparison, "one scene, the same noise", to_stderr=is_standard_output(options.json))
+    try:
+        write_result(options, name, comparison, "draw_comparison")
+    finally:
+        if options.report:
+            from harvester.report import report
 
-        write_text(options.report, report(comparison))
-        say(f"written: {options.report}")
+            write_text(options.report, report(comparison))
+            say(f"written: {options.report}")

@@ -28,13 +28,15 @@ def add(commands):
 def run(options):
     """Carry it out; returns the exit code, or None for 0."""
     scene = read_scene(options)
-    check_options(options)
+    name = f"{scene.name}-work-precision"
+    check_options(options, name)
     from harvester.console import progress, show_table
+    from harvester.output import is_standard_output
     from harvester.work_precision.measurement import work_precision
 
     with progress() as follow:
         diagram = work_precision(
             scene, thorough=options.thorough, workers=options.workers, progress=follow
         )
-    show_table(diagram, "error against run time", to_stderr=options.json == "-")
-    write_result(options, f"{scene.name}-work-precision", diagram, "draw_work_precision")
+    show_table(diagram, "error against run time", to_stderr=is_standard_output(options.json))
+    write_result(options, name, diagram, "draw_work_precision")

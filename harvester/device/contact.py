@@ -9,8 +9,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba.extending import overload, register_jitable
 
+from harvester.compilation import overload, register_jitable
 from harvester.device import spring as springs
 from harvester.device.dispatch import equation
 from harvester.device.hertz import hertz_damp

@@ -5,8 +5,7 @@ whose first argument is any part: it calls that part's `force`. Compiled code fi
 the part's type, so that what a device lacks is not compiled.
 """
 
-from numba import types
-from numba.extending import overload, register_jitable
+from harvester.compilation import overload, register_jitable, types
 
 
 def equation(name):

@@ -6,7 +6,8 @@ Scaled: F is a force per mass over the length unit l, so k_n = (SI coefficient) 
 from typing import NamedTuple
 
 import numpy as np
-from numba.extending import overload, register_jitable
+
+from harvester.compilation import overload, register_jitable
 
 
 class Spring(NamedTuple):

@@ -7,8 +7,8 @@ code. Compiled code is made for the parts that a system has: what it lacks leave
 from typing import NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 
+from harvester.compilation import register_jitable
 from harvester.device import contact as contacts
 from harvester.device import spring as springs
 from harvester.device.dispatch import equation
@@ -21,6 +21,7 @@ part_force = equation("force")
 damping_rate = equation("rate")
 state_rate = equation("state_rate")
 decay_rate = equation("decay_rate")
+own_damping = equation("damping")
 terminal_voltage = equation("voltage")
 own_current = equation("current")
 load_power = equation("load_power")

@@ -269,9 +269,14 @@ def _harmonic_stiffness(spring, centre, amplitude):
 
 def barrier(system, well):
     """Energy per mass from a well to the lower of the saddles beside it; inf without any."""
-    beside = [x for x in saddles(system) if _neighbours(system, well, x)]
     bottom = float(potential(system, well))
-    return min((float(potential(system, x)) - bottom for x in beside), default=math.inf)
+    above = [float(potential(system, x)) - bottom for x in beside(system, well)]
+    return min(above, default=math.inf)
+
+
+def beside(system, well):
+    """The saddles beside a well: tuple of float."""
+    return tuple(x for x in saddles(system) if _neighbours(system, well, x))
 
 
 def _neighbours(system, well, saddle):

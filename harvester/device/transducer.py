@@ -31,6 +31,10 @@ class Piezo(NamedTuple):
         """λ of V' = X' − λ V (1/s)."""
         return self.load_rate + self.own_rate
 
+    def damping(self):
+        """What damps the velocity at once (1/s)."""
+        return 0.0
+
     def force(self, v, state):
         """Force on the mass, β V."""
         return self.coupling * state
@@ -88,6 +92,10 @@ class Coil(NamedTuple):
         """λ of V' = X' − λ V (1/s)."""
         return self.load_rate + self.own_rate
 
+    def damping(self):
+        """What damps the velocity at once (1/s)."""
+        return 0.0
+
     def force(self, v, state):
         """Force on the mass, β L i/(Φ l)."""
         return self.coupling * state
@@ -144,6 +152,10 @@ class ResistiveCoil(NamedTuple):
     def decay_rate(self):
         """0: the state stays 0."""
         return 0.0
+
+    def damping(self):
+        """What damps the velocity at once, Φ²/(M (R_coil + R)) (1/s)."""
+        return self.winding_damping * self.current_share
 
     def force(self, v, state):
         """Force on the mass, Φ i."""

@@ -1,6 +1,6 @@
 """Excitations: each kind is one class in one module and one entry in `KINDS`."""
 
-from harvester.excitation.base import Excitation, kernel_loss, realization_seeds
+from harvester.excitation.base import Excitation, kernel_loss, realization_seed
 from harvester.excitation.ornstein_uhlenbeck import (
     NoisePath,
     OrnsteinUhlenbeck,
@@ -35,7 +35,7 @@ __all__ = [
     "build",
     "interpolation_loss",
     "kernel_loss",
-    "realization_seeds",
+    "realization_seed",
 ]
 
 

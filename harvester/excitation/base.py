@@ -6,9 +6,12 @@ from typing import ClassVar
 import numpy as np
 
 
-def realization_seeds(seed, realizations):
-    """One independent `SeedSequence` per realization, the same whatever runs them."""
-    return np.random.SeedSequence(seed).spawn(realizations)
+def realization_seed(seed, index):
+    """The independent `SeedSequence` of one realization, the same whatever runs it.
+
+    It is the child that `SeedSequence(seed).spawn` gives at this place, without its siblings.
+    """
+    return np.random.SeedSequence(seed, spawn_key=(index,))
 
 
 def kernel_loss(spacing, angular_frequency):
@@ -43,6 +46,11 @@ class Excitation(ABC):
     def drifts(self):
         """Whether its strength changes along the run, as in one record of an event."""
         return False
+
+    @property
+    def kept_samples(self):
+        """Samples that a path holds in memory all along."""
+        return 0
 
     @property
     def prescribes_displacement(self):

@@ -14,6 +14,10 @@ UNITS = {
     "mg": 9.80665e-3,
     "scaled": 1.0,
 }
+# A record's largest sample (m/s², or scaled): squares of others overflow or vanish.
+SMALLEST_PEAK, LARGEST_PEAK = 1e-30, 1e12
+# Of a time column (s).
+LARGEST_TIME, SHORTEST_STEP = 1e20, 1e-20
 FAULTS = ("nan", "uneven", "clipped")
 FEWEST_SAMPLES = 64
 # Share of the samples that may be mended.
@@ -24,11 +28,39 @@ LARGEST_JITTER = 0.1
 # flat crest is a coincidence.
 FLAT_SAMPLES, FLAT_CRESTS = 3, 2
 FILTER_ORDER = 4
+# Of the sampling rate: the coefficients of narrower filters are lost in rounding.
+SMALLEST_BAND_SHARE = 1e-6
 # Of a repeated record, at each end.
 CROSS_FADE_SHARE = 0.05
 
 
-def even_samples(columns, mend, file):
+def refuse_size(values, factor, unit, file):
+    """Refuse a record whose samples are no accelerations, whatever the unit.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        In the file's unit; NaN and infinite ones are left alone.
+    factor : float
+        From there to m/s².
+    unit, file : str
+        For messages.
+
+    Raises
+    ------
+    SceneError
+    """
+    finite = np.isfinite(values)
+    peak = max(abs(float(find(values, initial=0.0, where=finite))) for find in (np.max, np.min))
+    if peak != 0.0 and not SMALLEST_PEAK <= peak * factor <= LARGEST_PEAK:
+        raise SceneError(
+            f"{file}: the largest sample is {peak:g} in the unit {unit}, where it must be in "
+            f"[{SMALLEST_PEAK / factor:g}, {LARGEST_PEAK / factor:g}]: check excitation.column "
+            "and unit"
+        )
+
+
+def even_samples(columns, mend, file, most):
     """Evenly spaced finite samples, and their rate.
 
     Parameters
@@ -40,6 +72,8 @@ def even_samples(columns, mend, file):
         even grid, "clipped" by a cubic spline through what was not clipped.
     file : str
         For messages.
+    most : int
+        Samples that the even grid may have.
 
     Returns
     -------
@@ -74,7 +108,7 @@ def even_samples(columns, mend, file):
         values = _unclip(values, clipped)
     if np.ptp(values) == 0.0:
         raise SceneError(f"{file}: the record is constant: every sample is {values[0]:g}")
-    return (values, rate) if columns.times is None else _even(values, times, rate, mend, file)
+    return (values, rate) if columns.times is None else _even(values, times, rate, mend, file, most)
 
 
 def conditioned(values, rate, detrend, band, file):
@@ -96,23 +130,31 @@ def conditioned(values, rate, detrend, band, file):
     Raises
     ------
     SceneError
-        The band does not lie below half the sampling rate.
+        The band does not lie below half the sampling rate, or nothing is left.
     """
     from scipy import signal
 
     if detrend != "none":
         values = signal.detrend(values, type="constant" if detrend == "mean" else "linear")
-    if band is None:
-        return values
-    low, high = band
-    if not low < high < 0.5 * rate:
+    if band is not None:
+        values = signal.sosfiltfilt(_filter(*band, rate, file), values)
+    if np.abs(values).max() < SMALLEST_PEAK:
+        raise SceneError(f"{file}: nothing is left of the record after excitation.detrend and band")
+    return values
+
+
+def _filter(low, high, rate, file):
+    """Second-order sections of the band's filter."""
+    from scipy import signal
+
+    least = SMALLEST_BAND_SHARE * rate
+    if not low + least <= high < 0.5 * rate or 0.0 < low < least:
         raise SceneError(
-            f"{file}: excitation.band = [{low:g}, {high:g}]: must rise and end below "
-            f"{0.5 * rate:g} Hz, half the sampling rate"
+            f"{file}: excitation.band = [{low:g}, {high:g}]: must rise by {least:.2g} Hz or more, "
+            f"begin at 0 or there, and end below {0.5 * rate:g} Hz, half the sampling rate"
         )
     edges, kind = (high, "lowpass") if low == 0.0 else ([low, high], "bandpass")
-    sections = signal.butter(FILTER_ORDER, edges, kind, fs=rate, output="sos")
-    return signal.sosfiltfilt(sections, values)
+    return signal.butter(FILTER_ORDER, edges, kind, fs=rate, output="sos")
 
 
 def refined(values, factor):
@@ -177,11 +219,14 @@ def _unclip(values, clipped):
     return mended
 
 
-def _even(values, times, rate, mend, file):
+def _even(values, times, rate, mend, file, most):
     """On a grid of the mean spacing, or of the rate where one is given."""
+    largest = float(np.abs(times).max())
+    if largest > LARGEST_TIME:
+        raise SceneError(f"{file}: the time column reaches {largest:g} s: it must be in seconds")
     steps = np.diff(times)
-    if not steps.min() > 0.0:
-        place = int(np.argmin(steps > 0.0))
+    if not steps.min() > SHORTEST_STEP:
+        place = int(np.argmin(steps > SHORTEST_STEP))
         raise SceneError(
             f"{file}: the time column does not rise after sample {place} (t = {times[place]:g})"
         )
@@ -196,5 +241,11 @@ def _even(values, times, rate, mend, file):
             f'{spacing:.6g} s; mend = ["uneven"] interpolates'
         )
     spacing = float(np.median(steps)) if rate is None else 1.0 / rate
-    count = int((times[-1] - times[0]) / spacing + 1e-9) + 1
+    knots = (times[-1] - times[0]) / spacing
+    if knots >= most:
+        raise SceneError(
+            f"{file}: the time column covers {knots:.3g} spacings of {spacing:.6g} s, and this "
+            f"machine's memory allows {most}: cut the record at its gaps"
+        )
+    count = int(knots + 1e-9) + 1
     return np.interp(times[0] + np.arange(count) * spacing, times, values), 1.0 / spacing

@@ -7,11 +7,31 @@ from typing import NamedTuple
 import numpy as np
 
 from harvester.errors import SceneError
+from harvester.excitation.npy_file import NpyTable
+from harvester.excitation.text_file import TextTable
+from harvester.excitation.wav_file import WavTable
+from harvester.input_files import memory_limit, read_input
 from harvester.scene_schema import nearest
+from harvester.wording import named, shown
 
-COMMENTS = ("#", "%", "//")
-# The first that a line holds; else blanks.
-SEPARATORS = (";", "\t", ",")
+# Bytes: a text takes seconds to read, and .npy of the same motion is smaller.
+LARGEST_RECORD, LARGEST_TEXT = 2**29, 2**27
+# A file lies in memory as it is, and decoded once more.
+FILE_SHARE = 0.25
+# Memory that reading and conditioning take for each sample, at most (measured: 92).
+BYTES_PER_SAMPLE = 100
+READERS = {".npy": NpyTable, ".wav": WavTable}
+# How files begin that are often named .csv, .npy or .wav by mistake.
+FOREIGN = {
+    b"PK\x03\x04": "a zip archive (.npz, .xlsx, .zip)",
+    b"PK\x05\x06": "an empty zip archive",
+    b"\x1f\x8b": "compressed (gzip)",
+    b"BZh": "compressed (bzip2)",
+    b"\xfd7zXZ": "compressed (xz)",
+    b"\x28\xb5\x2f\xfd": "compressed (zstd)",
+    b"\x89HDF": "an HDF5 file (.h5, .mat)",
+}
+SHOWN_NAMES = 12
 
 
 class Columns(NamedTuple):
@@ -32,21 +52,25 @@ class Columns(NamedTuple):
     sampling_rate: float | None
 
 
-def content_digest(file):
-    """SHA-256 of a file's bytes.
+def read_record(file):
+    """(content, SHA-256) of a record's file.
 
     Raises
     ------
     SceneError
-        It cannot be read.
+        It is no plain file, is too large, or cannot be read.
     """
-    try:
-        return hashlib.sha256(Path(file).read_bytes()).hexdigest()
-    except OSError as error:
-        raise SceneError(f"{file}: the record cannot be read: {error.strerror}") from None
+    largest = LARGEST_RECORD if Path(file).suffix.lower() in READERS else LARGEST_TEXT
+    content = read_input(file, "record", int(min(largest, FILE_SHARE * memory_limit())))
+    return content, hashlib.sha256(content).hexdigest()
 
 
-def read_columns(file, column=None, time_column=None):
+def most_samples():
+    """That a record may have, by the memory they take."""
+    return memory_limit() // BYTES_PER_SAMPLE
+
+
+def read_columns(file, content, column=None, time_column=None):
     """The column of motion, and that of time where one is named.
 
     Parameters
@@ -54,6 +78,8 @@ def read_columns(file, column=None, time_column=None):
     file : str
         `.npy`, `.wav`, or text with one line per sample: separated by commas, semicolons, tabs
         or blanks, with or without a header, comments after #, % or //.
+    content : bytes
+        Of that file.
     column, time_column : str, int or None
         Name in the header, or number from 0. Without `column` a file of one column besides
         time is read.
@@ -66,126 +92,70 @@ def read_columns(file, column=None, time_column=None):
     ------
     SceneError
     """
-    suffix = Path(file).suffix.lower()
-    rate = None
+    where = named(file)
     try:
-        if suffix == ".npy":
-            table, names = _from_npy(file)
-        elif suffix == ".wav":
-            table, names, rate = _from_wav(file)
-        else:
-            table, names = _from_text(file)
-    except (OSError, ValueError) as error:
-        reason = " ".join(str(error).split())
-        raise SceneError(f"{file}: not a readable record: {reason}") from None
-    places = list(range(table.shape[1]))
-    time = None if time_column is None else _place(file, "time_column", time_column, names, places)
-    if column is None:
-        others = [place for place in places if place != time]
-        if len(others) != 1:
-            listed = ", ".join(names) or f"0 … {len(places) - 1}"
-            raise SceneError(f"{file}: excitation.column is missing; the file has {listed}")
-        place = others[0]
-    else:
-        place = _place(file, "column", column, names, places)
-    return Columns(table[:, place], None if time is None else table[:, time], rate)
+        table = _table(file, content)
+        places = _places(where, table, column, time_column)
+        if table.rows > most_samples():
+            raise ValueError(
+                f"it has {table.rows} samples, and this machine's memory allows {most_samples()}: "
+                "shorten it or lower its sampling rate"
+            )
+        values, *times = table.take(places)
+    except ValueError as error:
+        undecodable = isinstance(error, UnicodeDecodeError)
+        reason = "it is no text in UTF-8: save it so" if undecodable else named(_one_line(error))
+        raise SceneError(f"{where}: not a readable record: {reason}") from None
+    return Columns(values, times[0] if times else None, table.rate)
 
 
-def _place(file, key, wanted, names, places):
+def _one_line(error):
+    return " ".join(str(error).split())
+
+
+def _table(file, content):
+    sort = next((sort for start, sort in FOREIGN.items() if content.startswith(start)), None)
+    if sort:
+        raise ValueError(f"it is {sort}: unpack it, or save the samples as .csv, .npy or .wav")
+    if not content:
+        raise ValueError("it is empty")
+    table = READERS.get(Path(file).suffix.lower(), TextTable)(content)
+    if table.width == 0 or table.rows == 0:
+        raise ValueError("it holds no samples")
+    return table
+
+
+def _places(where, table, column, time_column):
+    """Numbers of the column of motion and, where one is named, that of time."""
+    names, width = table.names, table.width
+    times = [] if time_column is None else [_place(where, "time_column", time_column, table)]
+    if column is not None:
+        return [_place(where, "column", column, table), *times]
+    others = [place for place in range(width) if place not in times]
+    if len(others) != 1:
+        listed = _listed(names) or f"0 … {width - 1}"
+        raise SceneError(f"{where}: excitation.column is missing; the file has {listed}")
+    return [*others, *times]
+
+
+def _place(where, key, wanted, table):
     """Number of a column given by name or number."""
     if isinstance(wanted, str):
-        if wanted in names:
-            return names.index(wanted)
-        listed = ", ".join(names) or "no header, only numbers"
+        if wanted in table.names:
+            return table.names.index(wanted)
+        listed = _listed(table.names) or "no header, only numbers"
         raise SceneError(
-            f"{file}: excitation.{key} = {wanted!r}: no such column{nearest(wanted, names)}; "
-            f"the file has {listed}"
+            f"{where}: excitation.{key} = {shown(wanted)}: no such column"
+            f"{nearest(wanted, table.names)}; the file has {listed}"
         )
-    if wanted not in places:
+    if not 0 <= wanted < table.width:
         raise SceneError(
-            f"{file}: excitation.{key} = {wanted}: the file has columns 0 … {len(places) - 1}"
+            f"{where}: excitation.{key} = {shown(wanted)}: the file has columns "
+            f"0 … {table.width - 1}"
         )
     return wanted
 
 
-def _from_npy(file):
-    table = np.load(file, allow_pickle=False)
-    names = list(table.dtype.names or ())
-    if names:
-        table = np.stack([table[name].astype(float) for name in names], axis=1)
-    if table.ndim == 1:
-        table = table[:, None]
-    if table.ndim != 2:
-        raise ValueError(f"an array of shape {table.shape} is no table of samples by columns")
-    return table.astype(float), names
-
-
-def _from_wav(file):
-    """Full scale of whole numbers is 1; unsigned bytes are centred."""
-    import warnings
-
-    from scipy.io import wavfile
-
-    with warnings.catch_warnings():
-        # Chunks that scipy does not know carry no samples.
-        warnings.simplefilter("ignore", wavfile.WavFileWarning)
-        rate, samples = wavfile.read(file)
-    table = samples.astype(float)
-    if samples.dtype == np.uint8:
-        table = (table - 128.0) / 128.0
-    elif samples.dtype.kind == "i":
-        table /= -float(np.iinfo(samples.dtype).min)
-    return table.reshape(len(table), -1), [], float(rate)
-
-
-def _from_text(file):
-    lines = Path(file).read_text(encoding="utf-8-sig").splitlines()
-    rows = [(k, line) for k, line in enumerate(lines) if line.strip() and not _comment(line)]
-    # The last line is one of samples, whatever stands in front of the first.
-    separator, numeric = _layout(rows[-1][1]) if rows else (None, [])
-    if not any(numeric):
-        raise ValueError("its last line holds no numbers (with decimal points, not commas)")
-    width = len(numeric)
-    first = next(k for k, (_, line) in enumerate(rows) if _fits(line, separator, numeric))
-    table = np.empty((len(rows) - first, width))
-    for place, (number, line) in enumerate(rows[first:]):
-        fields = line.split(separator)
-        if len(fields) != width:
-            raise ValueError(
-                f"line {number + 1} has {len(fields)} columns, and the last one {width}"
-            )
-        table[place] = [_float(text) for text in fields]
-    header = rows[first - 1][1].split(separator) if first else []
-    names = [name.strip().strip('"') for name in header]
-    return table, names if len(names) == width else []
-
-
-def _comment(line):
-    return line.lstrip().startswith(COMMENTS)
-
-
-def _layout(line):
-    """(separator, which fields are numbers) of a line of samples; dates and names may be there."""
-    separator = next((mark for mark in SEPARATORS if mark in line), None)
-    return separator, [_is_number(text) for text in line.split(separator)]
-
-
-def _fits(line, separator, numeric):
-    """Whether a line has numbers, or nothing, where the last one has numbers."""
-    fields = line.split(separator)
-    return len(fields) == len(numeric) and all(
-        _is_number(text) or not text.strip()
-        for text, wanted in zip(fields, numeric, strict=True)
-        if wanted
-    )
-
-
-def _is_number(text):
-    return text.strip().lower() in ("nan", "na", "null") or not np.isnan(_float(text))
-
-
-def _float(text):
-    try:
-        return float(text)
-    except ValueError:
-        return np.nan
+def _listed(names):
+    more = f", … ({len(names)} in all)" if len(names) > SHOWN_NAMES else ""
+    return ", ".join(named(name) for name in names[:SHOWN_NAMES]) + more

@@ -35,17 +35,17 @@ class OrnsteinUhlenbeck(Excitation):
         "knot_spacing": positive(),
     }
 
-    def check(self, units, run, origin):
-        if self.knot_spacing is not None and self.knot_spacing > self.correlation_time:
-            raise SceneError(
-                f"{origin}: excitation.knot_spacing = {self.knot_spacing:g}: must be a number in "
-                f"(0, {self.correlation_time:g}], the correlation time"
-            )
-
     def spacing(self, longest):
-        if self.knot_spacing is not None:
-            return self.knot_spacing
-        return min(self.correlation_time / KNOTS_PER_CORRELATION_TIME, longest)
+        if self.knot_spacing is None:
+            return min(self.correlation_time / KNOTS_PER_CORRELATION_TIME, longest)
+        # Only here: averaging needs the noise and no knots.
+        if self.knot_spacing > self.correlation_time:
+            raise SceneError(
+                f"excitation.knot_spacing = {self.knot_spacing:g}: must be a number in "
+                f"(0, {self.correlation_time:g}], the correlation time; leave it out, and the "
+                "knots suit the noise"
+            )
+        return self.knot_spacing
 
     def equivalent_noise(self, relaxation_time, longest):
         return self.intensity, self.correlation_time

@@ -8,11 +8,13 @@ from typing import ClassVar
 
 import numpy as np
 
+from harvester import plain_text
 from harvester.errors import SceneError
 from harvester.excitation import conditioning
 from harvester.excitation.base import Excitation, kernel_loss
-from harvester.excitation.motion_file import content_digest, read_columns
+from harvester.excitation.motion_file import most_samples, read_columns, read_record
 from harvester.scene_schema import Key, not_negative, positive
+from harvester.wording import named
 
 # Offset over the rms from which on the result carries a note.
 NOTED_OFFSET = 0.1
@@ -85,7 +87,7 @@ class RecordedMotion(Excitation):
 
     def __post_init__(self):
         object.__setattr__(self, "file", str(Path(self.file).absolute()))
-        object.__setattr__(self, "sha256", content_digest(self.file))
+        object.__setattr__(self, "sha256", read_record(self.file)[1])
 
     @property
     def interval(self):
@@ -96,6 +98,10 @@ class RecordedMotion(Excitation):
     def samples(self):
         """Base acceleration at the knots (m/s², or η in a scaled scene), shape (n,)."""
         return _knots(self)[0]
+
+    @property
+    def kept_samples(self):
+        return self.samples.size
 
     @property
     def symmetric(self):
@@ -150,11 +156,12 @@ class RecordedMotion(Excitation):
         return RecordPath(eta, spacing, self.interval, start, self.repetition == "periodic")
 
     def notes(self, spacing, angular_frequency, run):
-        values, name = self.samples, Path(self.file).name
+        values, name = self.samples, plain_text.name(Path(self.file).name)
         repeats = self.repetition == "periodic"
         length = (values.size if repeats else values.size - 1) * self.interval
         loss = kernel_loss(self.interval, angular_frequency)
-        squares = [np.mean(part**2) for part in np.array_split(values, STRETCHES)]
+        squares = [float(np.mean(part**2)) for part in np.array_split(values, STRETCHES)]
+        change = max(squares) / min(squares) if min(squares) > 0.0 else math.inf
         lines = [
             f"record {name} ({self.sha256[:12]}), {length:g} s, linear between knots "
             f"{self.interval:.4g} s apart: its density at the device's frequency is {loss:.1%} "
@@ -171,7 +178,7 @@ class RecordedMotion(Excitation):
             lines.append(
                 "one pass of one record: error bars are those of records that drift alike; "
                 "between its quarters the mean square changes by a factor of "
-                f"{max(squares) / min(squares):.3g}"
+                f"{change:.3g}"
             )
         if abs(values.mean()) > NOTED_OFFSET * values.std():
             lines.append(
@@ -228,10 +235,45 @@ class RecordPath:
 @lru_cache(maxsize=4)
 def _knots(record):
     """(samples in m/s², their interval) of a record; kept, as every realization asks."""
-    if content_digest(record.file) != record.sha256:
-        raise SceneError(f"{record.file}: the record has changed since the scene was read")
-    columns = read_columns(record.file, record.column, record.time_column)
-    name = Path(record.file).name
+    name = named(Path(record.file).name)
+    try:
+        values, interval = _read_knots(record, name)
+    except MemoryError:
+        raise SceneError(
+            f"{name}: the record does not fit into the free memory: shorten it or lower its "
+            "sampling rate"
+        ) from None
+    values.flags.writeable = False
+    return values, interval
+
+
+def _read_knots(record, name):
+    columns = _columns_with_rate(record, name)
+    factor_of_unit = conditioning.UNITS[record.unit] * record.full_scale
+    conditioning.refuse_size(columns.values, factor_of_unit, record.unit, name)
+    values, rate = conditioning.even_samples(columns, record.mend, name, most_samples())
+    values = values * factor_of_unit
+    values = conditioning.conditioned(values, rate, record.detrend, record.band, name)
+    knots_per_sample = 1.0 / (rate * (record.knot_spacing or 1.0 / rate))
+    if not knots_per_sample * values.size <= most_samples():
+        raise SceneError(
+            f"{name}: excitation.knot_spacing = {record.knot_spacing:g}: makes "
+            f"{knots_per_sample * values.size:.3g} knots of the record, and this machine's memory "
+            f"allows {most_samples()}"
+        )
+    factor = max(1, math.ceil(knots_per_sample - 1e-9))
+    values = conditioning.refined(values, factor)
+    if record.repetition == "periodic":
+        values = conditioning.closed(values)
+    return values, float(1.0 / (rate * factor))
+
+
+def _columns_with_rate(record, name):
+    """The file's columns, with the sampling rate where one is given."""
+    content, digest = read_record(record.file)
+    if digest != record.sha256:
+        raise SceneError(f"{name}: the record has changed since the scene was read")
+    columns = read_columns(record.file, content, record.column, record.time_column)
     given = record.sampling_rate
     if given is not None and columns.sampling_rate not in (None, given):
         raise SceneError(
@@ -243,15 +285,7 @@ def _knots(record):
         raise SceneError(
             f"{name}: excitation.sampling_rate is missing (Hz), or time_column to read it from"
         )
-    values, rate = conditioning.even_samples(columns, record.mend, name)
-    values = values * conditioning.UNITS[record.unit] * record.full_scale
-    values = conditioning.conditioned(values, rate, record.detrend, record.band, name)
-    factor = max(1, math.ceil(1.0 / (rate * (record.knot_spacing or 1.0 / rate)) - 1e-9))
-    values = conditioning.refined(values, factor)
-    if record.repetition == "periodic":
-        values = conditioning.closed(values)
-    values.flags.writeable = False
-    return values, float(1.0 / (rate * factor))
+    return columns
 
 
 def one_pass(record):

@@ -5,7 +5,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from harvester.errors import SceneError
 from harvester.excitation.base import Excitation
+from harvester.excitation.motion_file import most_samples
 from harvester.scene_schema import Key, positive
 
 
@@ -27,6 +29,10 @@ class Sum(Excitation):
     }
 
     @property
+    def kept_samples(self):
+        return sum(part.kept_samples for part in self.parts)
+
+    @property
     def symmetric(self):
         return all(part.symmetric for part in self.parts)
 
@@ -35,13 +41,28 @@ class Sum(Excitation):
         return any(part.drifts for part in self.parts)
 
     def check(self, units, run, origin):
-        for place, part in enumerate(self.parts):
-            if self.knot_spacing is not None:
-                part = replace(part, knot_spacing=self.knot_spacing)
+        for place, part in enumerate(self._on_common_knots()):
+            if part.prescribes_displacement:
+                raise SceneError(
+                    f"{origin}: excitation.parts[{place}] is a prescribed_displacement, beside "
+                    "which no other part acts: make it the whole excitation, or take it out"
+                )
             part.check(units, run, f"{origin}: parts[{place}]")
+        if self.kept_samples > most_samples():
+            raise SceneError(
+                f"{origin}: excitation.parts: the records have {self.kept_samples} samples in all, "
+                f"and this machine's memory allows {most_samples()}: take fewer or shorter ones"
+            )
 
     def spacing(self, longest):
-        return self.knot_spacing or min(part.spacing(longest) for part in self.parts)
+        closest = min(part.spacing(longest) for part in self._on_common_knots())
+        return self.knot_spacing or closest
+
+    def _on_common_knots(self):
+        """The parts, each with the sum's own spacing where it has one."""
+        if self.knot_spacing is None:
+            return self.parts
+        return [replace(part, knot_spacing=self.knot_spacing) for part in self.parts]
 
     def equivalent_noise(self, relaxation_time, longest):
         pairs = [part.equivalent_noise(relaxation_time, longest) for part in self.parts]

@@ -10,7 +10,15 @@ from harvester.paper.claims_list import CLAIMS, JUMPING
 from harvester.paper.density_features import FEATURES
 from harvester.realization import ENGINES
 from harvester.scene import Scene
-from harvester.sweep import REALIZATIONS, Request, costly_first, failed, resolving, sweep
+from harvester.sweep import (
+    REALIZATIONS,
+    Request,
+    costly_first,
+    failed,
+    resolving,
+    sweep,
+    with_knots,
+)
 
 # Standard errors from which on a finding counts; by chance alone one in 370 does.
 SURE = 3.0
@@ -211,7 +219,7 @@ def claims(scene, *, thorough=False, pool, chosen=CLAIMS, progress=None):
     Judgement
     """
     clock = time.perf_counter()
-    wanted = _wanted(scene, chosen, thorough)
+    wanted = _wanted(with_knots(scene), chosen, thorough)
     outcomes = sweep(costly_first(wanted.values()), pool, progress)
     answers = {key: outcomes[request] for key, request in wanted.items()}
     verdicts = [{m: _verdict(scene, claim, m, answers) for m in METHODS} for claim in chosen]

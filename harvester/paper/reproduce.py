@@ -19,6 +19,7 @@ from harvester.sweep import (
     relative_error,
     resolving,
     sweep,
+    with_knots,
 )
 
 
@@ -205,6 +206,7 @@ def place(panel, curve, value):
 
 def _plan(scene, figure, quick):
     """Per panel and curve {method: [(value, Request), …]}."""
+    scene = with_knots(scene)
     plan = []
     for panel in figure.panels:
         if figure.kind == "density":

@@ -2,13 +2,13 @@
 
 import csv
 import io
-import json
 import math
 
 import numpy as np
 
 from harvester.errors import HarvesterError
 from harvester.output import whole_file, write_text
+from harvester.plain_text import json_text, one_line
 from harvester.record import Record
 from harvester.results import unit_of
 from harvester.studies.evaluation import WAVEFORM
@@ -61,7 +61,7 @@ def to_dataset(report):
     variables |= _optima(report) | _differences(report) | _waveforms(report)
     coordinates |= {"better": list(grid.loads), "worse": list(grid.loads)}
     attributes = {
-        "scene": json.dumps(grid.scene.to_dict(), ensure_ascii=False),
+        "scene": json_text(grid.scene.to_dict()),
         "method": study.method,
         "version": study.version,
         "precision": math.nan if study.precision is None else study.precision,
@@ -73,8 +73,8 @@ def to_dataset(report):
 
 def save_netcdf(dataset, path):
     """Write NetCDF (classic, 64-bit offsets), whole or not at all."""
-    with whole_file(path) as temporary:
-        dataset.to_netcdf(temporary, engine="scipy", format="NETCDF3_64BIT")
+    with whole_file(path) as file:
+        file.write(dataset.to_netcdf(engine="scipy", format="NETCDF3_64BIT"))
 
 
 def save_csv(report, path):
@@ -91,7 +91,7 @@ def save_csv(report, path):
         values = [values[place] for _, values, _ in quantities]
         cells = ["" if math.isnan(value) else f"{value:.9g}" for value in values]
         row = [grid.loads[place[0]], *swept, *cells, evaluation.realizations]
-        writer.writerow([*row, f"{evaluation.gain:.4g}", evaluation.outcome])
+        writer.writerow([*row, f"{evaluation.gain:.4g}", one_line(evaluation.outcome)])
     write_text(path, text.getvalue())
 
 

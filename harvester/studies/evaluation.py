@@ -16,7 +16,9 @@ from harvester.moments import QUANTITIES
 from harvester.output_estimates import estimate_output
 from harvester.output_moments import QUANTITIES as OUTPUT_QUANTITIES
 from harvester.parameters import scale
+from harvester.passivity import efficiency_notes
 from harvester.record import Record
+from harvester.results import unit_of
 from harvester.simulation import LARGEST_RESIDUAL, NOTED_RESIDUAL
 
 COMPLETE = "complete"
@@ -108,12 +110,16 @@ def evaluate(scene, pieces, control=None):
         estimates = _in_units(good[0].quantities, scales)
         return Evaluation(COMPLETE, {**estimates, POWER: estimates["mean_power"]})
     moments = [each for piece in good for each in piece.moments]
+    scaled = estimate_all(moments, parameters) | estimate_output(moments)
+    notes = efficiency_notes(scaled, scales.of("power"), unit_of(scene, "power"))
     residual = abs(energy_balance_residual(moments, parameters))
     if not residual <= LARGEST_RESIDUAL:
         return Evaluation(f"EnergyNotBalanced: the energy balance leaves {residual:.0%}; --step")
     outcome = COMPLETE
     if failure:
         outcome = f"ended after {len(moments)} realizations: {failure}"
+    elif notes:
+        outcome = f"complete; {'; '.join(notes)}"
     elif residual > NOTED_RESIDUAL:
         outcome = f"complete; energy balance residual {residual:.1%}: choose a shorter --step"
     elif _charging_time(moments[0]) > scene.run.settle / FEWEST_CHARGING_TIMES:
@@ -125,7 +131,7 @@ def evaluate(scene, pieces, control=None):
     known = (control[0][: len(series)], *control[1:]) if control else (np.empty((0, 0)),)
     power = controlled_mean(series, *known)
     plain = controlled_mean(series, np.empty((0, 0))).standard_error
-    estimates = _in_units(estimate_all(moments, parameters) | estimate_output(moments), scales)
+    estimates = _in_units(scaled, scales)
     estimates[POWER] = Estimate(power.mean, power.standard_error, None, "power")
     return Evaluation(
         outcome=outcome,

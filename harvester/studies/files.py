@@ -1,16 +1,17 @@
 """The files of a study: NetCDF, CSV, figures."""
 
-from pathlib import Path
-
 from harvester import figures
+from harvester.output import in_folder
 from harvester.studies import drawing
 from harvester.studies.dataset import save_csv, save_netcdf, to_dataset
+from harvester.studies.folder import held
 
 FIGURES = {
     "power.png": drawing.draw_power,
     "efficiency.png": drawing.draw_efficiency,
     "waveforms.png": drawing.draw_waveforms,
 }
+FILES = ("load-study.nc", "load-study.csv", *FIGURES)
 
 
 def save(report, folder):
@@ -19,17 +20,18 @@ def save(report, folder):
     Parameters
     ----------
     report : harvester.studies.report.Report
-    folder : str or Path
+    folder : str or Path or StudyFolder
 
     Raises
     ------
     HarvesterError
         xarray is missing.
     OutputError
+        `FolderInUse` where another run is at work there.
     """
-    folder = Path(folder)
-    save_netcdf(to_dataset(report), folder / "load-study.nc")
-    save_csv(report, folder / "load-study.csv")
-    for name, draw in FIGURES.items():
-        figures.save(draw, report, folder / name)
-    return ["load-study.nc", "load-study.csv", *FIGURES]
+    with held(folder):
+        save_netcdf(to_dataset(report), in_folder(folder, "load-study.nc"))
+        save_csv(report, in_folder(folder, "load-study.csv"))
+        for name, draw in FIGURES.items():
+            figures.save(draw, report, in_folder(folder, name))
+    return list(FILES)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from harvester.errors import HarvesterError, SceneError
 from harvester.parameters import knot_spacing
+from harvester.plain_text import name
 from harvester.scene import Scene
 from harvester.scene_schema import nearest, number_keys
 
@@ -85,7 +86,7 @@ def make_grid(scene, loads, sweeps):
         An unknown key or load, a value out of range, a load given twice.
     """
     loads = tuple(loads) or (OWN_LOAD,)
-    labels = tuple(Path(load).stem if _is_path(load) else load for load in loads)
+    labels = tuple(name(Path(load).stem if _is_path(load) else load) for load in loads)
     for label in labels:
         if labels.count(label) > 1:
             raise HarvesterError(f"--load {label}: is there twice")

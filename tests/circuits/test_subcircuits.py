@@ -171,9 +171,9 @@ def test_names_that_are_not_there_are_answered_with_the_nearest(tmp_path):
 
 def test_calls_that_multiply_are_refused_before_they_fill_the_memory(tmp_path):
     levels = [".subckt load p n\nX0 p n s0\nX1 p n s0\n.ends"]
-    for k in range(40):
+    for k in range(12):
         levels.append(f".subckt s{k} p n\nX1 p n s{k + 1}\nX2 p n s{k + 1}\n.ends")
-    levels.append(".subckt s40 p n\nR1 p n 1k\n.ends\n")
+    levels.append(".subckt s12 p n\nR1 p n 1k\n.ends\n")
     with pytest.raises(NetlistError, match="elements"):
         read(tmp_path, "\n".join(levels))
 

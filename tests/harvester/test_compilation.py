@@ -1,6 +1,9 @@
+import re
 import shutil
 import subprocess
 import sys
+
+import pytest
 
 from harvester.compilation import PACKAGE
 
@@ -35,3 +38,30 @@ def test_a_change_in_one_file_reaches_the_code_compiled_from_another(tmp_path):
     )
     forces.write_text(changed)
     assert acceleration() < before - 1.0
+
+
+def test_numba_is_imported_where_the_working_folder_is_shut_out():
+    direct = re.compile(r"^(from|import) numba\b", re.MULTILINE)
+    folders = (PACKAGE, PACKAGE.parent / "circuits")
+    sources = [source for folder in folders for source in folder.rglob("*.py")]
+    assert [source.name for source in sources if direct.search(source.read_text())] == []
+
+
+@pytest.mark.parametrize("text", ["cache_dir: {folder}/evil\ndisable_jit: 1\n", "1: 2\n", "[: -"])
+def test_numba_takes_no_settings_of_the_working_folder(tmp_path, text):
+    (tmp_path / ".numba_config.yaml").write_text(text.format(folder=tmp_path))
+    code = (
+        "from harvester.forces import bare_potential\n"
+        "from harvester.compilation import compiled, numba\n"
+        "compiled(lambda x: x, cache=False)(1.0)\n"
+        "print(numba.config.CACHE_DIR, numba.config.DISABLE_JIT)"
+    )
+    shown = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env={"PYTHONPATH": str(PACKAGE.parent)},
+        capture_output=True,
+        text=True,
+        timeout=60.0,
+    )
+    assert (shown.stdout.split(), shown.stderr) == (["0"], "")

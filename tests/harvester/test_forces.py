@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from truths import flat
+from truths import contact_force, flat
 
 from harvester import forces
 from harvester.scene import Scene
@@ -25,6 +25,19 @@ def test_both_stoppers_push_inwards():
     x = np.array([-1.3, 1.3])
     extra = forces.restoring_force(p, x) - forces.restoring_force(bare, x)
     assert extra[0] < 0.0 < extra[1]
+
+
+@pytest.mark.parametrize("gap", ["1.1", "0.95", "0.5"])
+@pytest.mark.parametrize("mode", ["energy", "event"])
+def test_the_contact_force_is_that_of_eq_5_on_either_side(gap, mode):
+    p = parameters(f"stoppers.gap={gap}", f"stoppers.impact_velocity={mode}")
+    random = np.random.default_rng(2)
+    for side in (-1.0, 1.0):
+        for depth, v in zip(10.0 ** random.uniform(-6, 0, 50), random.normal(size=50), strict=True):
+            x = side * (p.gap + depth)
+            held = abs(v) + random.uniform(0.0, 2.0)
+            expected = contact_force(p, x, v, held if mode == "event" else None)
+            assert forces.contact_force(p, x, v, held) == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("gap", ["1.1", "0.95", "0.5", "1.0127108949553745"])

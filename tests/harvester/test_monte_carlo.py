@@ -1,5 +1,8 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
+from scipy.linalg import expm
 from truths import Keep, drop_scene, flat, rebound_speed, reference_path
 
 from harvester.excitation import NoisePath
@@ -71,10 +74,10 @@ def test_white_noise_without_coupling_follows_gibbs_and_rice():
     assert abs(square.estimate - p.intensity / p.damping) < 3 * square.standard_error + 2e-3
     from scipy.integrate import quad
 
-    from harvester import forces
+    from harvester.device.system import potential
 
     def weight(x):
-        return np.exp(-p.damping / p.intensity * forces.potential(p, x))
+        return np.exp(-p.damping / p.intensity * potential(p.system, x))
 
     total = 2 * quad(weight, 0, 3)[0]
     speed = np.sqrt(p.intensity / p.damping)
@@ -104,3 +107,56 @@ def test_a_path_of_no_noise_leaves_the_mass_at_rest():
     path = NoisePath(1e-300, 1.0, 0.05, np.random.SeedSequence(1))
     for record in integrate(p, path, state, 50.0):
         np.testing.assert_allclose(record.displacement, -p.rest, atol=1e-9)
+
+
+def exact_linear_path(scene, knots):
+    """States at the knots of a linear scene from rest, by the exact map of one segment."""
+    p = flat(scene)
+    path = noise_path(scene, 0)
+    noise = path.read(knots + 1)
+    drift = np.zeros((5, 5))
+    drift[0, 1] = drift[2, 1] = drift[1, 3] = drift[3, 4] = 1.0
+    drift[1, :3] = -p.linear_stiffness, -p.damping, -p.coupling
+    drift[2, 2] = -p.decay_rate
+    flow = expm(drift * path.spacing)[:3]
+    states, state = [], np.zeros(3)
+    for start, end in pairwise(noise):
+        state = flow @ [*state, start, (end - start) / path.spacing]
+        states.append(state)
+    return np.array(states)
+
+
+@pytest.mark.parametrize(
+    ("damping", "decay_rate"), [(0.2, 1e2), (0.2, 1e9), (60.0, 50.0), (1e3, 2.0), (1e5, 1e9)]
+)
+def test_a_damper_or_a_load_faster_than_the_step_follows_the_exact_path(damping, decay_rate):
+    """The decay itself costs no accuracy and no time, however fast it is."""
+    scene = Scene.load("linear", [f"oscillator.damping={damping}", f"load.decay_rate={decay_rate}"])
+    exact = exact_linear_path(scene, 2000)
+    scatter = np.sqrt(np.mean(exact**2, axis=0))
+    found = simulated(scene, 2000).at_knots(noise_path(scene, 0).spacing)
+    error = np.sqrt(np.mean((found - exact) ** 2, axis=0)) / scatter
+    # X' and V; X remembers how the velocity sprang up at the very beginning.
+    assert np.all(error[1:] < 1e-3)
+    assert error[0] < 2e-3
+
+
+def test_exact_decay_is_of_third_order():
+    scene = Scene.load("linear", ["load.decay_rate=1e6"])
+    exact = exact_linear_path(scene, 1000)
+    errors = [
+        np.sqrt(np.mean((simulated(scene, 1000, steps).at_knots(0.025) - exact) ** 2))
+        for steps in (1, 2)
+    ]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(3.0, abs=0.3)
+
+
+@pytest.mark.parametrize("stiffness", ["10", "1e6"])
+def test_a_load_that_shorts_the_piezo_leaves_the_open_mechanics_and_v_follows(stiffness):
+    """λ → ∞: V = X'/λ, and X moves as without the piezo; stoppers included."""
+    changes = [f"stoppers.stiffness={stiffness}", "excitation.intensity=0.05"]
+    short = Scene.load("paper", [*changes, "load.decay_rate=1e9"])
+    bare = Scene.load("paper", [*changes, "piezo.coupling=1e-9", "load.decay_rate=1e-9"])
+    found, expected = (simulated(scene, 400, 2).at_knots(0.05) for scene in (short, bare))
+    np.testing.assert_allclose(found[:, :2], expected[:, :2], atol=2e-2)
+    np.testing.assert_allclose(1e9 * found[:, 2], found[:, 1], rtol=1e-5, atol=1e-6)

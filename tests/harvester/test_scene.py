@@ -3,9 +3,11 @@ import math
 import pytest
 from truths import flat
 
+from harvester.averaged import average
 from harvester.errors import SceneError
 from harvester.parameters import knot_spacing, scale
 from harvester.scene import Scene
+from harvester.simulation import simulate
 
 
 def test_every_built_in_scene_loads_and_has_finite_parameters():
@@ -49,7 +51,6 @@ def test_the_length_scale_is_the_wells_distance_where_none_is_given():
         ("stoppers.impact_velocity=events", ["impact_velocity", "event"]),
         ("excitation.correlation_time=0", ["excitation.correlation_time", "> 0"]),
         ("excitation.kind=whit", ["excitation.kind", "did you mean white"]),
-        ("excitation.knot_spacing=0.5", ["knot_spacing", "0.4"]),
         ("run.seed=1.5", ["run.seed", "whole number"]),
         ("run.seed=-1", ["run.seed"]),
         ("run.realizations=0", ["run.realizations", "[1, "]),
@@ -108,11 +109,61 @@ def test_a_scene_survives_its_tables_and_its_digest_tells_scenes_apart():
     assert scene.replace({"run.seed": 2}).digest() != scene.digest()
 
 
-def test_the_knot_spacing_left_out_follows_the_fastest_time():
-    scene = Scene.load("paper", ["excitation.knot_spacing=none"])
-    assert knot_spacing(scene) == pytest.approx(0.05)
-    fast = scene.replace({"excitation.correlation_time": 0.08})
-    assert knot_spacing(fast) == pytest.approx(0.01)
+@pytest.mark.parametrize("name", ["paper", "paper_si", "duffing"])
+def test_the_knot_spacing_left_out_follows_the_fastest_time(name):
+    scene = Scene.load(name)
+    assert scene.excitation.knot_spacing is None
+    assert knot_spacing(scene) == 0.05
+    fast = Scene.load(name, ["excitation.correlation_time=0.02"])
+    assert knot_spacing(fast) == 0.0025
+    stiff = scene.replace({"oscillator.linear_stiffness": 400 * scene.oscillator.linear_stiffness})
+    assert knot_spacing(stiff) < 0.006
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (["excitation.knot_spacing=0.5"], ["knot_spacing", "0.4"]),
+        (["excitation.knot_spacing=0.05", "excitation.correlation_time=0.02"], ["0.05", "0.02"]),
+        (["excitation.knot_spacing=0.3", "run.duration=0.2"], ["run.duration", "0.3"]),
+    ],
+)
+def test_knots_that_do_not_fit_are_refused_by_what_needs_them_and_not_by_averaging(
+    overrides, words
+):
+    scene = Scene.load("paper", overrides)
+    with pytest.raises(SceneError) as caught:
+        simulate(scene, "monte-carlo")
+    assert "\n" not in str(caught.value)
+    for word in words:
+        assert word in str(caught.value)
+    plain = scene.replace({"excitation.knot_spacing": None})
+    one, other = (average(each, "consistent").scaled_quantities for each in (scene, plain))
+    assert one == other
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        (".1", 0.1),
+        ("-.5", -0.5),
+        ("+.5", 0.5),
+        ("+3", 3),
+        ("1.", 1.0),
+        ("1e3", 1000.0),
+        ("5.e-1", 0.5),
+        ("007", 7),
+    ],
+)
+def test_a_number_on_the_command_line_may_be_written_as_in_python(text, value):
+    scene = Scene.load("paper", [f"oscillator.linear_stiffness={text}"])
+    assert scene.oscillator.linear_stiffness == value
+
+
+@pytest.mark.parametrize("word", ["nan", "inf", "-inf", "NaN", "Infinity", "1.e999"])
+def test_a_word_that_python_takes_for_a_number_is_none(word):
+    with pytest.raises(SceneError, match=r"oscillator\.linear_stiffness = .*: must be a number"):
+        Scene.load("paper", [f"oscillator.linear_stiffness={word}"])
 
 
 def test_a_preloaded_mass_rests_between_gap_and_well():

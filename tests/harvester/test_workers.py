@@ -2,10 +2,12 @@ import os
 import signal
 import threading
 import time
+from concurrent.futures import Future
 
 import pytest
 
 from harvester.errors import HarvesterError, SimulatorCrashed, SimulatorTimeout
+from harvester.workers import gather
 
 
 def test_a_call_returns_its_result_and_reports_progress(worker):
@@ -70,3 +72,21 @@ def test_a_call_that_keeps_crashing_is_a_named_failure_beside_the_others(pool, t
     assert outcomes[0] == "alive"
     assert isinstance(outcomes[1], SimulatorCrashed)
     assert "status 4" in str(outcomes[1])
+
+
+def test_the_outcomes_of_many_calls_are_gathered_in_a_time_that_grows_as_their_number():
+    """60,000 would take minutes if each outcome asked all that are left."""
+    futures = [Future() for _ in range(60_000)]
+    for future in futures:
+        future.set_result(1)
+    started = time.monotonic()
+    seen = []
+    assert sum(gather(futures, lambda index, outcome: seen.append(index))) == len(futures)
+    assert sorted(seen) == list(range(len(futures)))
+    assert time.monotonic() - started < 20.0
+
+
+def test_gathering_stops_when_asked_and_leaves_the_rest_out():
+    futures = [Future() for _ in range(3)]
+    futures[1].set_result("done")
+    assert gather(futures, stop=lambda: True) == [None, "done", None]

@@ -1,6 +1,7 @@
 """Every notebook runs from top to bottom and ends with its answer and a figure."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,42 @@ pytest.importorskip("ipykernel", reason="needs the extra `notebooks`")
 
 ROOT = Path(__file__).parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.py"))
+
+# What the last sentence of each notebook says, and what holds of its numbers: error bars of at most
+# a fifth, engines within four joint standard errors (false alarm one in 16 000).
+ANSWERS = {
+    "01": (
+        r"gives ([\d.]+) ± ([\d.]+) scaled.* at most ([\d.]+) joint.*paper is ([+-]\d+)%",
+        lambda power, error, apart, printed: (
+            0.0 < error < 0.2 * power
+            and abs(power - 0.0011) < 4.0 * error
+            and apart < 4.0
+            and printed > 100.0
+        ),
+    ),
+    "02": (
+        r"gives ([\d.]+) ± ([\d.]+) mW at (\d+) kΩ.*resistor is (\d+)% ± (\d+)% ahead",
+        lambda power, error, place, ahead, margin: (
+            0.0 < error < 0.2 * power
+            and abs(power - 2.09) < 4.0 * error
+            and 100.0 <= place <= 5000.0
+            and ahead > 2.0 * margin
+        ),
+    ),
+    "03": (
+        r"longest circuit step .* is ([\d.]+) s; it costs ([\d.]+) times .*default, ([\d.]+) s",
+        lambda step, price, default: step <= default and price >= 0.5,
+    ),
+    "04": (
+        r"circuit is ([\d.]+)% from.*slow_load ([\d.]+)% and the closure as printed ([\d.]+)%.*"
+        r"E\[P\] rises with β held, and E\[V²\] rises with β did not",
+        lambda circuit, slow, printed: max(circuit, slow) < 15.0 < printed,
+    ),
+    "05": (
+        r"gives ([\d.]+) ± ([\d.]+) µW;.* are ([\d.]+) joint",
+        lambda power, error, apart: 0.0 < error < 0.2 * power and apart < 4.0,
+    ),
+}
 
 
 def outputs(cell, kind):
@@ -48,5 +85,7 @@ def test_a_notebook_runs_and_ends_with_an_answer_and_a_figure(path, tmp_path, mo
     last = [cell for cell in notebook.cells if cell.cell_type == "code"][-1]
     (answer,) = outputs(last, "text")
     assert answer.endswith(".\n")
-    assert any(character.isdigit() for character in answer)
+    said, holds = ANSWERS[path.name[:2]]
+    numbers = [float(text) for text in re.search(said, answer).groups()]
+    assert holds(*numbers), answer
     assert outputs(last, "image/png")

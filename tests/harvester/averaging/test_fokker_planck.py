@@ -55,11 +55,12 @@ def test_gibbs(p):
     [
         {"damping": 1.5, "correlation_time": 0.3},
         {"damping": 0.1, "correlation_time": 3.0, "decay_rate": 0.2},
+        {"damping": 1.5, "correlation_time": 0.3, "decay_rate": 1e-6},
         pytest.param(
             {"damping": 0.05, "correlation_time": 0.05, "decay_rate": 4.0}, marks=pytest.mark.slow
         ),
     ],
-    ids=["damped", "slow noise", "fast load"],
+    ids=["damped", "slow noise", "slow load", "fast load"],
 )
 def test_linear_device(changes):
     """Covariances of the linear equations: any damping, memory of the noise, rate of the load."""
@@ -67,6 +68,27 @@ def test_linear_device(changes):
     result, exact = average(p, "fokker_planck"), interpolated_linear_means(p, 1e-3)
     for name in (*NAMES, "mean_power", "power_conversion_efficiency"):
         assert within(result, name, exact[name])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rate", [1e-3, 1e-6])
+def test_a_slow_load_leaves_the_charge_at_its_mean(rate):
+    """λ → 0: Z = 0, V = X, in a spring stiffer by the coupling: a device that has no charge."""
+    p = flat(Scene.load("duffing", ["excitation.intensity=0.5"]))
+    slow = average(p._replace(decay_rate=rate), "fokker_planck")
+    stiff = p._replace(coupling=1e-9, linear_stiffness=p.linear_stiffness + p.coupling)
+    limit = average(stiff, "fokker_planck")
+    error = slow.numerical_error["mean_square_voltage"]
+    error += limit.numerical_error["mean_square_displacement"] + 3.0 * rate
+    assert slow.mean_square_voltage == pytest.approx(limit.mean_square_displacement, abs=error)
+    assert error < 0.01 * slow.mean_square_voltage
+
+
+@pytest.mark.slow
+def test_a_load_as_slow_as_jumps_is_answered_well_or_refused():
+    p = flat(Scene.load("duffing", ["load.decay_rate=1e-4"]))
+    with pytest.raises(AveragingError, match="use slow_load"):
+        average(p, "fokker_planck")
 
 
 @pytest.mark.slow

@@ -143,22 +143,23 @@ def test_impulse_left_at_the_separatrix():
 
 
 @pytest.mark.parametrize(
-    ("intensity", "correlation_time", "voltage", "efficiency", "tolerance"),
+    ("intensity", "correlation_time", "voltage", "efficiency", "deviation", "tolerance"),
     [
-        (0.005, 0.4, 0.00782, 0.1512, 0.01),
-        pytest.param(0.02, 0.4, 0.02733, 0.1281, 0.01, marks=pytest.mark.slow),
-        (0.1, 0.4, 0.44317, 0.3092, 0.015),  # 1.3 % too high, without the lag 2.2 %
-        pytest.param(0.02, 1.0, 0.00786, 0.1526, 0.01, marks=pytest.mark.slow),
-        pytest.param(0.1, 1.0, 0.0596, 0.19, 0.17, marks=pytest.mark.slow),
+        (0.005, 0.4, 0.00782, 0.1512, 0.0, 0.01),
+        pytest.param(0.02, 0.4, 0.02733, 0.1281, 0.0, 0.01, marks=pytest.mark.slow),
+        (0.1, 0.4, 0.44317, 0.3092, 0.0, 0.015),  # 1.3 % too high, without the lag 2.2 %
+        pytest.param(0.02, 1.0, 0.00786, 0.1526, 0.0, 0.01, marks=pytest.mark.slow),
+        # Noise that outlasts a pass of the separatrix: 10 % too low, with the error of Monte Carlo.
+        pytest.param(0.1, 1.0, 0.0596, 0.19, -0.1, 0.02, marks=pytest.mark.slow),
     ],
 )
-def test_simulation(intensity, correlation_time, voltage, efficiency, tolerance):
+def test_simulation(intensity, correlation_time, voltage, efficiency, deviation, tolerance):
     """Monte Carlo of the scene `paper`, known to 0.1 to 0.8 %."""
     p = PAPER._replace(intensity=intensity, correlation_time=correlation_time)
-    points = 0.02 if correlation_time == 1.0 and intensity == 0.1 else 0.013
     result = average(p, "slow_load", 5e-3)
-    assert result.mean_square_voltage == pytest.approx(voltage, rel=tolerance)
-    assert result.power_conversion_efficiency == pytest.approx(efficiency, abs=points)
+    expected = (1.0 + deviation) * voltage
+    assert result.mean_square_voltage == pytest.approx(expected, rel=tolerance)
+    assert result.power_conversion_efficiency == pytest.approx(efficiency, abs=0.013)
 
 
 @pytest.mark.parametrize(
@@ -176,7 +177,7 @@ def test_simulation_on_preloaded_stoppers(changes, voltage, efficiency):
     names += ("decay_rate", "coupling")
     result = average(PAPER._replace(**dict(zip(names, changes, strict=True))), "slow_load", 5e-3)
     assert result.mean_square_voltage == pytest.approx(voltage, rel=0.04)
-    assert result.power_conversion_efficiency == pytest.approx(efficiency, abs=0.005)
+    assert result.power_conversion_efficiency == pytest.approx(efficiency, rel=0.04)
 
 
 def test_stoppers_that_take_much_within_the_noise_s_memory_are_refused():

@@ -8,7 +8,7 @@ from truths import flat
 
 from harvester.averaged import average
 from harvester.errors import AveragingError, HarvesterError, SceneError
-from harvester.excitation import KINDS, Excitation, White, realization_seeds
+from harvester.excitation import KINDS, Excitation, White, realization_seed
 from harvester.excitation.white import WhitePath
 from harvester.parameters import knot_spacing
 from harvester.realization import noise_path
@@ -81,7 +81,7 @@ def test_white_noise_puts_in_d_whatever_the_spring(pool):
 def test_white_noise_has_its_density_at_low_frequency():
     """(∫η dt)²/T averages to 2 D; three standard errors of independent paths, 0.3 %."""
     noise = White(0.02)
-    seeds = realization_seeds(1, 2000)
+    seeds = [realization_seed(1, index) for index in range(2000)]
     sums = np.array([noise.path(0.05, 1.0, seed).read(200).sum() for seed in seeds])
     squares = (0.05 * sums) ** 2 / (200 * 0.05)
     assert abs(squares.mean() - 2 * 0.02) < 3 * squares.std() / np.sqrt(squares.size)
@@ -149,7 +149,6 @@ def test_kinds_that_make_no_sense_are_refused_in_one_line():
         ({"kind": "sum", "parts": [WHITE, {"kind": "wite"}]}, ["parts[1].kind", "white"]),
         ({"kind": "sum", "parts": [{**SINE, "frequncy": 1}]}, ["parts[0].frequncy", "frequency"]),
         ({"kind": "sum", "parts": [SINE], "knot_spacing": 1.0}, ["parts[0]", "eighth"]),
-        ({**WHITE, "knot_spacing": 1e6}, ["run.duration", "1e+06"]),
     ],
 )
 def test_a_mistake_is_refused_in_one_line_that_names_it(table, words):
@@ -159,6 +158,22 @@ def test_a_mistake_is_refused_in_one_line_that_names_it(table, words):
     assert "\n" not in message
     for word in words:
         assert word in message
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ({**WHITE, "knot_spacing": 1e6}, ["run.duration", "1e+06"]),
+        ({"kind": "sum", "parts": [WHITE, OU], "knot_spacing": 0.5}, ["knot_spacing", "0.4"]),
+        ({"kind": "sum", "parts": [{**OU, "knot_spacing": 0.5}, WHITE]}, ["knot_spacing", "0.4"]),
+    ],
+)
+def test_knots_that_do_not_fit_are_refused_where_they_are_needed(table, words):
+    with pytest.raises(SceneError) as caught:
+        knot_spacing(with_excitation("paper", table))
+    assert "\n" not in str(caught.value)
+    for word in words:
+        assert word in str(caught.value)
 
 
 def test_a_sum_survives_its_tables():

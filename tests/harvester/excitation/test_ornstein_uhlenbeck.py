@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from harvester.excitation import NoisePath, interpolation_loss, realization_seeds
+from harvester.excitation import NoisePath, interpolation_loss, realization_seed
 
 
 def path(seed=1, spacing=0.05):
@@ -17,7 +17,7 @@ def test_blocks_of_any_size_give_the_same_bytes():
 
 def test_the_samples_are_stationary_with_the_papers_autocorrelation():
     """False-alarm rate 1 %: three standard errors of independent paths, four times, fixed seed."""
-    seeds = realization_seeds(2026, 4000)
+    seeds = [realization_seed(2026, index) for index in range(4000)]
     paths = np.array([NoisePath(0.02, 0.4, 0.05, seed).read(41) for seed in seeds])
     for lag in (0, 8, 40):
         products = paths[:, 0] * paths[:, lag]
@@ -35,9 +35,11 @@ def test_the_interpolation_loss_is_what_linear_interpolation_takes():
     assert interpolation_loss(0.05, 0.4) == pytest.approx(1 - kept, rel=1e-5)
 
 
-def test_realizations_have_their_own_seeds_that_do_not_depend_on_their_number():
-    few, many = realization_seeds(5, 2), realization_seeds(5, 4)
-    first = [NoisePath(1, 1, 1, seed).read(3) for seed in few]
-    again = [NoisePath(1, 1, 1, seed).read(3) for seed in many]
-    np.testing.assert_array_equal(first, again[:2])
-    assert not np.array_equal(again[0], again[1])
+def test_realizations_have_the_seeds_that_spawning_them_all_gives():
+    """The noise of earlier versions, byte for byte; never the same twice."""
+    for index, seed in enumerate(np.random.SeedSequence(5).spawn(4)):
+        own = realization_seed(5, index)
+        assert own.spawn_key == seed.spawn_key
+        np.testing.assert_array_equal(own.generate_state(8), seed.generate_state(8))
+    paths = [NoisePath(1, 1, 1, realization_seed(5, index)).read(3) for index in range(2)]
+    assert not np.array_equal(*paths)

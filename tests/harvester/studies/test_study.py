@@ -135,7 +135,8 @@ def test_killed_and_run_again_it_comes_to_the_same_file(tmp_path):
     assert not (broken / "load-study.nc").exists()
     assert main(["load-study", *COMMAND, "--output", str(broken)]) == 0
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
-    assert {path.name for path in broken.glob("points/[!.]*.npz")} == pieces
+    # What was being written at the kill is gone too.
+    assert {path.name for path in (broken / "points").iterdir()} == pieces
     first, second = (
         xarray.load_dataset(folder / "load-study.nc", engine="scipy") for folder in (whole, broken)
     )
@@ -154,6 +155,28 @@ def test_the_time_budget_ends_a_study_and_the_next_call_goes_on(linear, tmp_path
     assert first.computed == 0
     last = load_study(linear, ["resistor"], sweeps, **options)
     assert not last.out_of_time
+
+
+def test_a_time_limit_raised_later_runs_the_point_again(linear, tmp_path):
+    short = linear.replace({"run.realizations": 1})
+    options = {"engine": "monte-carlo", "output": tmp_path, "workers": 1}
+    first = load_study(short, ["resistor"], time_limit=1e-3, **options)
+    assert first.evaluations[0].outcome.startswith("SimulatorTimeout")
+    assert "the same command computes them again" in first.warnings[-1]
+    last = load_study(short, ["resistor"], **options)
+    assert last.evaluations[0].outcome == "complete"
+    assert (last.computed, last.reused, last.warnings) == (1, 0, ())
+
+
+def test_a_piece_of_another_study_under_this_ones_name_is_named(linear, tmp_path, pool):
+    options = {"engine": "consistent", "output": tmp_path, "pool": pool}
+    first = load_study(linear, ["resistor"], {RESISTANCE: [1.0, 2.0]}, **options)
+    one, two = (tmp_path / "points").iterdir()
+    two.write_bytes(one.read_bytes())
+    last = load_study(linear, ["resistor"], {RESISTANCE: [1.0, 2.0]}, **options)
+    assert last.warnings == (f"{two}: is the piece of another key: computed again",)
+    assert [e.power for e in last.evaluations] == [e.power for e in first.evaluations]
+    assert (last.computed, last.reused) == (1, 1)
 
 
 @pytest.mark.slow

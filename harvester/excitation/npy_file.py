@@ -1,0 +1,72 @@
+"""Columns of a .npy file: one array of real numbers, or of records with named fields."""
+
+import io
+import warnings
+
+import numpy as np
+
+REAL_KINDS = "iuf"
+
+
+class NpyTable:
+    """Samples by columns; the fields of a structured array are columns with names.
+
+    Parameters
+    ----------
+    content : bytes
+        Of the whole file; pickled objects in it are not read.
+
+    Attributes
+    ----------
+    names : list of str
+        Of the fields; empty without any.
+    width, rows : int
+        Columns, samples in each.
+    rate : None
+        The file does not tell it.
+
+    Raises
+    ------
+    ValueError
+        It holds no such array.
+    """
+
+    rate = None
+
+    def __init__(self, content):
+        table = _array(content)
+        self.names = list(table.dtype.names or ())
+        if table.ndim not in ((1,) if self.names else (1, 2)):
+            raise ValueError(f"an array of shape {table.shape} is no table of samples by columns")
+        self._table = table[:, None] if table.ndim == 1 and not self.names else table
+        self.rows = len(table)
+        self.width = len(self.names) or self._table.shape[1]
+
+    def take(self, places):
+        """The columns at `places`, each float64 of shape (rows,)."""
+        return [self._column(place) for place in places]
+
+    def _column(self, place):
+        column = self._table[self.names[place]] if self.names else self._table[:, place]
+        if column.dtype.kind not in REAL_KINDS or column.ndim != 1:
+            raise ValueError(
+                f"column {place} holds {column.dtype.name} and not one real number per sample"
+            )
+        with np.errstate(over="ignore"):
+            return column.astype(float)
+
+
+def _array(content):
+    if not content.startswith(b"\x93NUMPY"):
+        raise ValueError("it does not begin as a .npy file does: save the array with numpy.save")
+    try:
+        # What a broken header warns of says less than the error that follows.
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return np.load(io.BytesIO(content), allow_pickle=False)
+    # The header is Python's own notation: numpy passes on whatever its reading raises.
+    except Exception as error:
+        raise ValueError(
+            f"not a whole .npy file of numbers ({type(error).__name__}: {error}); save the array "
+            "with numpy.save"
+        ) from None

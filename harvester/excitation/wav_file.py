@@ -1,0 +1,112 @@
+"""Columns of a .wav file: PCM of 1 to 8 bytes a sample, and floats."""
+
+import struct
+
+import numpy as np
+
+PCM, FLOAT, EXTENSIBLE = 1, 3, 0xFFFE
+# What a program writes that does not know the size yet.
+UNKNOWN_SIZE = 0xFFFFFFFF
+MOST_CHUNKS = 1000
+
+
+class WavTable:
+    """Channels as columns; full scale of whole numbers is 1, and unsigned bytes are centred.
+
+    Parameters
+    ----------
+    content : bytes
+        Of the whole file.
+
+    Attributes
+    ----------
+    names : list of str
+        Empty.
+    width, rows : int
+        Channels, samples in each.
+    rate : float
+        Hz.
+
+    Raises
+    ------
+    ValueError
+        A part is missing, is cut short or contradicts another.
+    """
+
+    def __init__(self, content):
+        self.names = []
+        order, form, start, size = _parts(content)
+        channels, rate, stride, dtype = _layout(order, form)
+        if size > len(content) - start:
+            raise ValueError(
+                f"it claims {size} bytes of samples and holds {len(content) - start}: it is cut "
+                "short; record it again or repair its header"
+            )
+        self.width, self.rows, self.rate = channels, size // stride, float(rate)
+        self._dtype, self._order = dtype, order
+        count = self.rows * stride
+        self._bytes = np.frombuffer(content, np.uint8, count, start if count else 0)
+        self._bytes = self._bytes.reshape(self.rows, channels, stride // channels)
+
+    def take(self, places):
+        """The columns at `places`, each float64 of shape (rows,)."""
+        return [self._column(self._bytes[:, place]) for place in places]
+
+    def _column(self, raw):
+        size = self._dtype.itemsize
+        padded = np.zeros((self.rows, size), np.uint8)
+        # Whole numbers of 3, 5, 6 or 7 bytes become the upper ones of a longer one.
+        padded[:, slice(-raw.shape[1], None) if self._order == "<" else slice(raw.shape[1])] = raw
+        samples = padded.view(self._dtype)[:, 0]
+        if self._dtype.kind == "u":
+            return (samples.astype(float) - 128.0) / 128.0
+        if self._dtype.kind == "i":
+            return samples / -float(np.iinfo(self._dtype).min)
+        return samples.astype(float)
+
+
+def _parts(content):
+    """(byte order, content of `fmt `, start and claimed size of `data`)."""
+    kind = content[:4]
+    if kind not in (b"RIFF", b"RIFX", b"RF64") or content[8:12] != b"WAVE":
+        raise ValueError("it does not begin as a .wav file does (RIFF … WAVE)")
+    order = ">" if kind == b"RIFX" else "<"
+    form, long_size, place = None, None, 12
+    for _ in range(MOST_CHUNKS):
+        if place + 8 > len(content):
+            raise ValueError("it ends before its samples (no data chunk)")
+        name, size = struct.unpack_from(f"{order}4sI", content, place)
+        place += 8
+        if name == b"data":
+            if form is None:
+                raise ValueError("the format of its samples is missing (no fmt chunk)")
+            rest = len(content) - place if long_size is None else long_size
+            return order, form, place, rest if size == UNKNOWN_SIZE else size
+        if name == b"fmt ":
+            form = content[place : place + size]
+        elif name == b"ds64" and len(content) >= place + 16:
+            (long_size,) = struct.unpack_from("<Q", content, place + 8)
+        place += size + size % 2
+    raise ValueError(f"it has no samples within {MOST_CHUNKS} chunks")
+
+
+def _layout(order, form):
+    """(channels, Hz, bytes of one sample of all channels, dtype of a sample)."""
+    if len(form) < 16:
+        raise ValueError("the format of its samples is cut short (fmt chunk)")
+    tag, channels, rate, _, stride, bits = struct.unpack_from(f"{order}HHIIHH", form)
+    if tag == EXTENSIBLE and len(form) >= 28:
+        (tag,) = struct.unpack_from(f"{order}I", form, 24)
+    if tag not in (PCM, FLOAT):
+        raise ValueError(f"its samples have the format {tag:#x}: convert it to PCM or float")
+    if channels == 0 or rate == 0:
+        raise ValueError(f"its header says {channels} channels at {rate} Hz")
+    size = stride // channels
+    fits = 0 < bits <= 8 * size if tag == PCM else bits == 8 * size and size in (4, 8)
+    if stride % channels or not 1 <= size <= 8 or not fits:
+        raise ValueError(
+            f"its header says {bits} bits in {stride} bytes for {channels} channels: convert it "
+            "to PCM of 8, 16, 24 or 32 bits, or float"
+        )
+    whole = "u1" if size == 1 else f"{order}i{next(n for n in (2, 4, 8) if n >= size)}"
+    return channels, rate, stride, np.dtype(whole if tag == PCM else f"{order}f{size}")

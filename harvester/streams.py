@@ -1,0 +1,148 @@
+"""Standard output and error that may be full, closed or ASCII only: a run goes on without them."""
+
+import codecs
+import contextlib
+import errno
+import io
+import os
+import sys
+
+OUTPUT_LOST = 2
+# What a terminal without these letters is shown; of all others their escape.
+PLAIN = {
+    "±": "+-", "×": "x", "·": "*", "−": "-", "–": "-", "—": "-", "…": "...", "≥": ">=", "≤": "<=",
+    "≈": "~", "⟨": "<", "⟩": ">", "→": "->", "²": "^2", "³": "^3", "Ω": "Ohm", "µ": "u",
+    "β": "beta", "δ": "delta", "η": "eta", "θ": "theta", "κ": "kappa", "λ": "lambda",
+    "σ": "sigma", "τ": "tau", "ω": "omega",
+}  # fmt: skip
+
+
+def _plain(error):
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    letters = error.object[error.start : error.end]
+    plain = (PLAIN.get(letter, letter.encode("unicode_escape").decode()) for letter in letters)
+    return "".join(plain), error.end
+
+
+codecs.register_error("harvester.plain", _plain)
+
+
+class GuardedStream:
+    """A text stream that remembers its first failure, and takes and drops all that follows.
+
+    Parameters
+    ----------
+    stream : text stream or None
+        None: it was closed when the process began.
+
+    Attributes
+    ----------
+    failure : OSError or None
+    """
+
+    def __init__(self, stream):
+        self.failure = None
+        self._stream = stream or _Closed()
+        if hasattr(self._stream, "reconfigure"):
+            self._stream.reconfigure(errors="harvester.plain")
+
+    def __getattr__(self, name):
+        return getattr(self._stream, name)
+
+    def write(self, text):
+        """Write, or not."""
+        self.attempt(lambda: self._stream.write(text))
+        return len(text)
+
+    def flush(self):
+        """Flush, or not."""
+        self.attempt(self._stream.flush)
+
+    @property
+    def buffer(self):
+        """The stream beneath, guarded alike."""
+        return _GuardedBuffer(self, self._stream.buffer)
+
+    def attempt(self, action):
+        """Do it if nothing has failed yet."""
+        if self.failure is None:
+            try:
+                action()
+            except OSError as error:
+                self.failure = error
+                self._drop()
+
+    def _drop(self):
+        """Send what the stream still holds nowhere, or Python would fail on it at the end."""
+        with contextlib.suppress(OSError):
+            _open_nowhere(self._stream.fileno())
+            self._stream.flush()
+
+
+class _GuardedBuffer:
+    def __init__(self, guarded, binary):
+        self._guarded, self._binary = guarded, binary
+
+    def write(self, content):
+        self._guarded.attempt(lambda: self._binary.write(content))
+        return len(content)
+
+    def flush(self):
+        self._guarded.attempt(self._binary.flush)
+
+
+class _Closed(io.TextIOBase):
+    """Stands for a stream that was closed when the process began."""
+
+    encoding = "utf-8"
+
+    def write(self, content):
+        raise OSError(errno.EBADF, os.strerror(errno.EBADF))
+
+    @property
+    def buffer(self):
+        return self
+
+
+@contextlib.contextmanager
+def guarded_streams():
+    """Standard output and error guarded within the block.
+
+    Yields
+    ------
+    callable
+        The exit code that becomes of another one when standard output could not be written, which
+        it says on standard error. A reader that had enough (`| head`) is no failure.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            # Or the next file that is opened would be standard output.
+            _open_nowhere(number)
+    before = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = output, errors = GuardedStream(sys.stdout), GuardedStream(sys.stderr)
+
+    def exit_code(code):
+        output.flush()
+        if output.failure and not isinstance(output.failure, BrokenPipeError):
+            reason = output.failure.strerror or output.failure
+            errors.write(f"harvester: standard output: cannot be written: {reason}\n")
+            code = code or OUTPUT_LOST
+        errors.flush()
+        return code
+
+    try:
+        yield exit_code
+    finally:
+        sys.stdout, sys.stderr = before
+
+
+def _open_nowhere(number):
+    """Make a file number lead nowhere, also for processes begun from here."""
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    if nowhere != number:
+        os.dup2(nowhere, number)
+        os.close(nowhere)
+    os.set_inheritable(number, True)
