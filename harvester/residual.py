@@ -107,8 +107,8 @@ def _contacts(result, p, totals, stored):
     if not impacts or timescales.contact_time(p) > STEPS_PER_CONTACT * result.step:
         return ""
     return (
-        f"contacts: {impacts:.0f} of about {timescales.contact_time(p):.2g} s each, against steps of "
-        f"{result.step:.2g} s between them; choose a shorter --step"
+        f"contacts: {impacts:.0f} of about {timescales.contact_time(p):.2g} s each, against steps "
+        f"of {result.step:.2g} s between them; choose a shorter --step"
     )
 
 
