@@ -10,8 +10,9 @@ from circuits.expansion import Expansion, called
 from circuits.netlist_reader import read_cards
 from circuits.netlist_tree import parse, written
 from circuits.places import places
-from circuits.vetting import check_nodes, check_value, listed, nearest, refuse, vet_element
+from circuits.vetting import check_nodes, check_value, listed, refuse, vet_element
 from harvester.errors import NetlistError
+from harvester.plain_text import nearest
 
 # What a load's sub-circuit is connected by: the piezo's terminals, and its DC side if it has one.
 PIEZO_PINS, OUTPUT_PINS = ("p", "n"), ("out", "ref")

@@ -5,7 +5,6 @@ the device, or stop ngspice's process; what LTspice writes and ngspice would sil
 misread is put right where its meaning is plain, and refused by name where it is not.
 """
 
-import difflib
 import math
 import re
 from collections.abc import Mapping
@@ -14,6 +13,7 @@ from typing import NamedTuple
 from circuits.checks import NAMES, SOLUTION, VARYING, expression_fault
 from circuits.netlist_reader import Card
 from harvester.errors import NetlistError
+from harvester.plain_text import nearest
 
 FACTORS = {
     "t": 1e12, "g": 1e9, "meg": 1e6, "k": 1e3, "mil": 25.4e-6, "m": 1e-3, "u": 1e-6, "n": 1e-9,
@@ -75,12 +75,6 @@ def number(text):
         return None
     value = float(match.group(1)) * FACTORS.get(match.group(2), 1.0)
     return value if math.isfinite(value) else None
-
-
-def nearest(name, known):
-    """ "(did you mean …?)" with a space in front, or an empty string."""
-    close = difflib.get_close_matches(name[:LONGEST_WORD], known, n=1, cutoff=0.5)
-    return f" (did you mean {close[0][:LONGEST_SHOWN]}?)" if close else ""
 
 
 def listed(names):

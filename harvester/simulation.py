@@ -1,7 +1,6 @@
 """`simulate`: a scene through one engine, realizations spread over worker processes."""
 
 import contextlib
-import difflib
 import math
 from dataclasses import replace
 
@@ -18,6 +17,7 @@ from harvester.excitation import OrnsteinUhlenbeck
 from harvester.output_estimates import estimate_output
 from harvester.parameters import STEP_LEVELS, knot_spacing, require_resistor, scale, steps_per_knot
 from harvester.passivity import efficiency_notes
+from harvester.plain_text import nearest
 from harvester.realization import ENGINES, SCHEMES, Realization
 from harvester.residual import suspected_cause
 from harvester.results import Result, unit_of
@@ -241,9 +241,9 @@ def check_copies(copies, scene, engine, source):
 def check_name(what, name, known):
     """The name, or HarvesterError with the nearest valid one."""
     if name not in known:
-        close = difflib.get_close_matches(str(name), known, n=1)
-        hint = f" (did you mean {close[0]}?)" if close else ""
-        raise HarvesterError(f"unknown {what} {name}{hint}; there are {', '.join(known)}")
+        raise HarvesterError(
+            f"unknown {what} {name}{nearest(name, known)}; there are {', '.join(known)}"
+        )
     return name
 
 

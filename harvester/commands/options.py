@@ -5,9 +5,8 @@ import sys
 from pathlib import Path
 
 from harvester.errors import HarvesterError
-from harvester.plain_text import one_line
+from harvester.plain_text import named, one_line
 from harvester.quiet import is_quiet
-from harvester.wording import named
 
 STEP_HELP = "default, fine, finest, or the longest step in seconds"
 # Of a list given by its ends.
