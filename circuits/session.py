@@ -279,8 +279,8 @@ class Session(NgSpiceShared):
             elif not done.is_set() and time.process_time() - spent > PATIENCE:
                 self._doing = f"stopped at t = {latest:g}"
                 trouble = (
-                    f"it gets nowhere, {PATIENCE:g} s of work went into less than a thousandth of a "
-                    "step; a force or a current that jumps, as dry friction does, has this effect"
+                    f"it gets nowhere, {PATIENCE:g} s of work went into less than a thousandth of "
+                    "a step; a force or a current that jumps, as dry friction does, has this effect"
                 )
                 give_up(SimulatorAborted(self._said(trouble)))
 
