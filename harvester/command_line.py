@@ -76,6 +76,11 @@ def main(arguments=None):
     except BrokenPipeError:
         sys.stderr.close()
         return 0
+    except (MemoryError, ImportError, OSError) as error:
+        # Of the machine: too little memory, too few files, a library that does not load.
+        said = str(error).partition("\n")[0] or "no memory left"
+        _complain(f"harvester: {type(error).__name__}: {said}")
+        return 1
 
 
 def build_parser():

@@ -1,5 +1,7 @@
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 
@@ -70,3 +72,13 @@ def test_a_call_that_keeps_crashing_is_a_named_failure_beside_the_others(pool, t
     assert outcomes[0] == "alive"
     assert isinstance(outcomes[1], SimulatorCrashed)
     assert "status 4" in str(outcomes[1])
+
+
+@pytest.mark.parametrize("limit", ["-n 20", "-v 450000"])
+def test_too_few_files_or_too_little_memory_is_one_line(limit):
+    call = f"ulimit {limit}; exec {sys.executable} -m harvester simulate paper --workers 4"
+    call += " --set run.duration=50 --quiet"
+    shown = subprocess.run(["sh", "-c", call], capture_output=True, text=True, timeout=60)
+    assert shown.returncode == 1
+    assert len(shown.stderr.splitlines()) == 1
+    assert "cannot be started" in shown.stderr
