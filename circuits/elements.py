@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass
 
 from circuits.loads import library_text
+from harvester.forces import speed_held_at_rest
 from harvester.parameters import ScaledParameters
 
 # Node `noise` is there only where the displacement is prescribed: elsewhere the noise is a current.
@@ -121,7 +122,8 @@ def add_speed_hold(circuit, p, rate, step):
     arrival = f"{U}*{U}+{_spring_energy(p, rate)}"
     follow = f"(({arrival})>0) ? (sqrt({arrival})-{H})*{number(2 / (rate * step))} : "
     follow += f"-{H}*{number(2 / (rate * step))}"
-    circuit.C("held_speed", HELD, circuit.gnd, number(1 / rate), ic=number(0.0))
+    start = number(speed_held_at_rest(p) / rate)
+    circuit.C("held_speed", HELD, circuit.gnd, number(1 / rate), ic=start)
     circuit.BehavioralSource(
         "held_speed",
         circuit.gnd,

@@ -62,6 +62,15 @@ def impact_speed(p, x, v):
     return np.sqrt(v * v + 2.0 * (contact_energy(p, x) + np.maximum(spring, 0.0)))
 
 
+def speed_held_at_rest(p):
+    """Speed v0 that `event` holds at the start, where the mass rests at `p.rest`.
+
+    In contact it has not arrived: it takes the speed that stands for its compression. With none
+    the damping were dry friction, which holds the mass and which no implicit step gets through.
+    """
+    return impact_speed(p, p.rest, 0.0) if p.rest > p.gap else 0.0
+
+
 @register_jitable
 def contact_damping(p, x, v, held_speed):
     """Damping force of the contact over velocity, K (|x| − δ)^1.5 · ¾ (1 − e²)/v0 (Eq. 5).

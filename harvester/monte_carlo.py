@@ -84,6 +84,7 @@ def initial_state(p, right):
     state = np.zeros(7)
     state[DISPLACEMENT] = p.rest if right else -p.rest
     state[IN_CONTACT] = abs(state[DISPLACEMENT]) > p.gap
+    state[HELD_SPEED] = forces.speed_held_at_rest(p)
     return state
 
 
