@@ -17,7 +17,7 @@ from harvester.estimators import (
 from harvester.excitation import OrnsteinUhlenbeck
 from harvester.output_estimates import estimate_output
 from harvester.parameters import STEP_LEVELS, knot_spacing, require_resistor, scale, steps_per_knot
-from harvester.passivity import efficiency_notes
+from harvester.passivity import efficiency_notes, source_notes
 from harvester.realization import ENGINES, SCHEMES, Realization
 from harvester.results import Result, unit_of
 from harvester.workers import ExecutorPool, WorkerPool
@@ -279,7 +279,10 @@ def _result(scene, engine, step, source, realizations, failures, outcome="comple
     first = min(realization.started for realization in realizations)
     last = max(realization.ended for realization in realizations)
     quantities = estimate_all(moments, parameters, error_of) | estimate_output(moments)
-    on_efficiencies = efficiency_notes(quantities, scales.of("power"), unit_of(scene, "power"))
+    on_load = (
+        *source_notes(scene.electrical_load.circuit),
+        *efficiency_notes(quantities, scales.of("power"), unit_of(scene, "power")),
+    )
     return Result(
         scene=scene,
         engine=engine if source == "external" else f"{engine} ({source} source)",
@@ -295,7 +298,7 @@ def _result(scene, engine, step, source, realizations, failures, outcome="comple
         realizations=len(moments),
         engine_version=realizations[0].engine_version,
         netlist_sha256=realizations[0].netlist_sha256,
-        notes=(*_notes(scene), *on_efficiencies, *_failure_notes(failures, scene)),
+        notes=(*_notes(scene), *on_load, *_failure_notes(failures, scene)),
         failures={index: f"{type(e).__name__}: {e}" for index, e in failures.items()},
         densities=densities(moments, scene.excitation.symmetric),
         waveform=realizations[0].waveform,

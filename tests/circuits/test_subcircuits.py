@@ -164,9 +164,14 @@ def test_names_that_are_not_there_are_answered_with_the_nearest(tmp_path):
         read(tmp_path, DOUBLER, subcircuit="dobler")
     with pytest.raises(NetlistError, match="did you mean rload"):
         read(tmp_path, DOUBLER, parameters={"rlod": 1.0})
-    for value in ("abc", float("nan"), float("inf"), "1e999", ""):
-        with pytest.raises(NetlistError, match="finite number"):
+    # The last one takes a minute where a pattern tries every way to part the digits.
+    for value in ("abc", float("nan"), float("inf"), "1e999", "", "1" * 100_000 + "-"):
+        with pytest.raises(NetlistError, match="finite number") as refusal:
             read(tmp_path, DOUBLER, parameters={"rload": value})
+        assert len(str(refusal.value)) < 250
+    for name in ("x" * 5000 + ".lib", "a\0.lib"):
+        with pytest.raises(NetlistError, match="no such file"):
+            find_netlist(name, (tmp_path,))
 
 
 def test_calls_that_multiply_are_refused_before_they_fill_the_memory(tmp_path):
