@@ -118,6 +118,7 @@ def test_includes_stay_in_the_loads_folder(tmp_path, line, message):
         "D1 p n", "D1 p n nomodel", "D1 p n d\n.model d d(vfwd=0.4)", "Q1 p n out", "K1 L1 0.9",
         ".model d d(is=x)", ".model d d(is=1n", ".model d a2d()", ".model d ako:x d(is=1)",
         ".model sw sw(ilimit=1)", ".func f(x {x}", ".func f(x) {y}", ".param a", ".param a={b}",
+        "R2 p n {" + "x." * 120 + "}", "X1 " + "n#" * 500 + " p load",
         "X1 p n", "X1 p n nothing", "X1 p n load", "X1 p n out ref load", "X1 p n out ref load r=1",
         ".subckt a\n.ends", ".subckt 0 p\n.ends", ".subckt a p p\nR1 p x 1\n.ends", ".subckt a p 0",
         ".subckt load2 p n", ".ends other", "é", "R2 p n 1 kΩ", "\x07",
