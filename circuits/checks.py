@@ -111,10 +111,10 @@ def _names(tokens, parameters, functions):
             continue
         if following == "(":
             if text not in FUNCTIONS and text not in functions:
-                return f"unknown function {text}{nearest(text, {*FUNCTIONS, *functions})}"
+                return f"unknown function {text[:60]}{nearest(text, {*FUNCTIONS, *functions})}"
             inside = text in ("v", "i")
         elif text not in NAMES and text not in parameters:
-            return f"unknown name {text}"
+            return f"unknown name {text[:60]}"
     return ""
 
 
@@ -141,7 +141,7 @@ def _order(tokens):
     for index, (kind, text) in enumerate(tokens):
         if kind in ("number", "name"):
             if not operand_expected:
-                return f"missing operator before {text!r}"
+                return f"missing operator before {text[:60]!r}"
             following = tokens[index + 1][1] if index + 1 < len(tokens) else ""
             operand_expected = kind == "name" and following == "("
         elif text == "(":

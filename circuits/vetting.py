@@ -54,6 +54,7 @@ LONGEST_WORD = 250
 _LONG_WORD = re.compile(rf"[\w.]{{{LONGEST_WORD + 1}}}")
 # Of names in messages.
 MOST_SHOWN, LONGEST_SHOWN = 20, 60
+LONGEST_FAULT = 300
 # LTspice's 4k7, and a pair name=value whose value may be an expression.
 _INFIX = re.compile(r"(?<![\w.])(\d+)(meg|[tgkmunp])(\d+)(?![\w.])")
 _PAIR = re.compile(r"([a-z_]\w*)=(\{[^{}]*\}|[^\s{}()=]+)")
@@ -85,8 +86,9 @@ def listed(names):
 
 
 def refuse(card, fault):
-    """Raise NetlistError with the place and the fault."""
-    raise NetlistError(f"{card.where}: {fault}")
+    """Raise NetlistError with the place and the fault, as much of it as one line takes."""
+    end = " …" if len(fault) > LONGEST_FAULT else ""
+    raise NetlistError(f"{card.where}: {fault[:LONGEST_FAULT]}{end}")
 
 
 def tidy(card):

@@ -123,4 +123,4 @@ def nearest(word, known):
         return ""
     near = [each for each in known if len(each) <= 2 * LONGEST_MISSPELT]
     close = difflib.get_close_matches(word, near[:MOST_COMPARED], n=1, cutoff=CLOSE)
-    return f" (did you mean {named(close[0])}?)" if close else ""
+    return f" (did you mean {named(close[0][:LONGEST_SHOWN])}?)" if close else ""

@@ -16,7 +16,7 @@ from harvester.estimators import (
 from harvester.excitation import OrnsteinUhlenbeck
 from harvester.output_estimates import estimate_output
 from harvester.parameters import STEP_LEVELS, knot_spacing, require_resistor, scale, steps_per_knot
-from harvester.passivity import efficiency_notes
+from harvester.passivity import efficiency_notes, source_notes
 from harvester.plain_text import nearest
 from harvester.realization import ENGINES, SCHEMES, Realization
 from harvester.residual import suspected_cause
@@ -284,7 +284,10 @@ def _result(scene, engine, step, source, realizations, failures, outcome="comple
     first = min(realization.started for realization in realizations)
     last = max(realization.ended for realization in realizations)
     estimates = estimate_all(moments, parameters, error_of) | estimate_output(moments)
-    on_efficiencies = efficiency_notes(estimates, scales.of("power"), unit_of(scene, "power"))
+    on_load = (
+        *source_notes(scene.electrical_load.circuit),
+        *efficiency_notes(estimates, scales.of("power"), unit_of(scene, "power")),
+    )
     found = shortfalls(scene, parameters, moments, estimates)
     shapes = densities(moments, scene.excitation.symmetric)
     if found:
@@ -306,7 +309,7 @@ def _result(scene, engine, step, source, realizations, failures, outcome="comple
         netlist_sha256=realizations[0].netlist_sha256,
         notes=(
             *_notes(scene),
-            *on_efficiencies,
+            *on_load,
             *(shortfall.note for shortfall in found),
             *_failure_notes(failures, scene),
         ),

@@ -20,7 +20,8 @@ def knots_of(pool, scene, step, index=0):
 
 
 def short(name, *overrides):
-    return Scene.load(name, ["run.duration=50", "run.settle=0", "run.realizations=1", *overrides])
+    run = ["run.duration=50", "run.settle=0", "run.realizations=1", "excitation.knot_spacing=0.05"]
+    return Scene.load(name, [*run, *overrides])
 
 
 @pytest.mark.parametrize("overrides", [[], ["excitation.intensity=0.06", "run.seed=4"]])
