@@ -1,7 +1,6 @@
 """What several commands share: arguments, the scene they name, the files they write."""
 
 import sys
-from pathlib import Path
 
 from harvester.errors import HarvesterError
 from harvester.plain_text import one_line
@@ -103,7 +102,7 @@ def check_options(options, name=None):
 
     `name` is that of the files which `write_result` will write.
     """
-    from harvester.output import check_writable, in_folder
+    from harvester.output import check_folder, check_writable, in_folder
 
     if getattr(options, "workers", None) is not None and options.workers < 1:
         raise HarvesterError(f"--workers {options.workers}: must be a whole number ≥ 1")
@@ -113,7 +112,7 @@ def check_options(options, name=None):
     if options.json:
         check_writable(options.json)
     if options.output:
-        check_writable(Path(options.output) / "file")
+        check_folder(options.output)
         for ending in RESULT_FILES if name else ():
             in_folder(options.output, f"{name}{ending}")
 
