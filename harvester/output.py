@@ -84,9 +84,14 @@ def check_writable(path):
             return
         status = _status(path)
         if status is None or stat.S_ISREG(status.st_mode):
-            folder = _real_path(path, status).parent
-            folder.mkdir(parents=True, exist_ok=True)
-            tempfile.TemporaryFile(dir=folder).close()
+            check_folder(_real_path(path, status).parent)
+
+
+def check_folder(folder):
+    """Refuse early a folder that cannot be made or written."""
+    with _named(folder):
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
 
 
 def in_folder(folder, file):

@@ -2,7 +2,6 @@
 
 import math
 import sys
-from pathlib import Path
 
 from harvester.errors import HarvesterError
 from harvester.plain_text import named, one_line
@@ -106,7 +105,7 @@ def check_options(options, name=None):
 
     `name` is that of the files which `write_result` will write.
     """
-    from harvester.output import check_writable, in_folder
+    from harvester.output import check_folder, check_writable, in_folder
 
     if getattr(options, "workers", None) is not None and options.workers < 1:
         raise HarvesterError(f"--workers {options.workers}: must be a whole number ≥ 1")
@@ -116,7 +115,7 @@ def check_options(options, name=None):
     if options.json:
         check_writable(options.json)
     if options.output:
-        check_writable(Path(options.output) / "file")
+        check_folder(options.output)
         for ending in RESULT_FILES if name else ():
             in_folder(options.output, f"{name}{ending}")
 
