@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from circuits import compiled_device, elements
 from circuits.checks import check_netlist
 from harvester.device import timescales
+from harvester.device.system import speed_held
 from harvester.parameters import knot_spacing, load_resistance, scale, steps_per_knot, stop_time
 from harvester.realization import start_state
 
@@ -149,7 +150,7 @@ def assemble(
     length = knot_spacing(scene) / steps_per_knot(scene, step)
     electrical = _electrical(scene, scales)
     circuit = Circuit(f"harvester scene {scene.name}")
-    starts = [_start(start, rate, scales) for start in starts or [start_state(scene, 0)]]
+    starts = [_start(system, start, rate, scales) for start in starts or [start_state(scene, 0)]]
     load = scene.electrical_load.circuit
 
     def add_device(place, start):
@@ -175,11 +176,14 @@ def assemble(
         add_device(circuit, starts[0])
         prefixes = ("",)
     else:
-        device = SubCircuit("device", "ground", start=elements.number(0.0))
-        add_device(device, ("{start}", *starts[0][1:]))
+        # The wells differ in where they lie and in how far they press a mass onto a stopper.
+        own = {"start": 0, "held": 3} if elements.holding(system) else {"start": 0}
+        device = SubCircuit("device", "ground", **dict.fromkeys(own, elements.number(0.0)))
+        add_device(device, ("{start}", *starts[0][1:3], "{held}"))
         circuit.subcircuit(device)
         for copy, start in enumerate(starts):
-            circuit.X(f"copy{copy}", "device", circuit.gnd, start=start[0])
+            values = {name: start[place] for name, place in own.items()}
+            circuit.X(f"copy{copy}", "device", circuit.gnd, **values)
         prefixes = tuple(f"xcopy{copy}." for copy in range(len(starts)))
     if compiled:
         compiled_device.add_model(circuit, system, rate, electrical)
@@ -213,10 +217,11 @@ def assemble(
     )
 
 
-def _start(start, rate, scales):
-    """Initial displacement, velocity over rate and terminal volts, as text."""
+def _start(system, start, rate, scales):
+    """Initial displacement, velocity over rate, terminal volts, held speed over rate, as text."""
     x, v, state = start
-    return tuple(elements.number(value) for value in (x, v / rate, state * scales.voltage))
+    values = (x, v / rate, state * scales.voltage, speed_held(system, x, v) / rate)
+    return tuple(elements.number(value) for value in values)
 
 
 def _add_mechanics(circuit, system, rate, step, start):
@@ -226,7 +231,7 @@ def _add_mechanics(circuit, system, rate, step, start):
     elements.add_drag(circuit, system)
     elements.add_contacts(circuit, system, rate)
     if elements.holding(system):
-        elements.add_speed_hold(circuit, system, rate, step)
+        elements.add_speed_hold(circuit, system, rate, step, start[3])
 
 
 def _add_transducer(circuit, system, rate, electrical, start):

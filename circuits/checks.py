@@ -1,9 +1,9 @@
 """Checks of a netlist's text before ngspice sees it: some mistakes abort its whole process."""
 
-import difflib
 import re
 
 from harvester.errors import NetlistError
+from harvester.plain_text import nearest
 
 FUNCTIONS = {
     "abs", "acos", "acosh", "asin", "asinh", "atan", "atanh", "ceil", "cos", "cosh", "ddt",
@@ -111,12 +111,10 @@ def _names(tokens, parameters, functions):
             continue
         if following == "(":
             if text not in FUNCTIONS and text not in functions:
-                close = difflib.get_close_matches(text, {*FUNCTIONS, *functions}, n=1)
-                hint = f" (did you mean {close[0]}?)" if close else ""
-                return f"unknown function {text}{hint}"
+                return f"unknown function {text[:60]}{nearest(text, {*FUNCTIONS, *functions})}"
             inside = text in ("v", "i")
         elif text not in NAMES and text not in parameters:
-            return f"unknown name {text}"
+            return f"unknown name {text[:60]}"
     return ""
 
 
@@ -143,7 +141,7 @@ def _order(tokens):
     for index, (kind, text) in enumerate(tokens):
         if kind in ("number", "name"):
             if not operand_expected:
-                return f"missing operator before {text!r}"
+                return f"missing operator before {text[:60]!r}"
             following = tokens[index + 1][1] if index + 1 < len(tokens) else ""
             operand_expected = kind == "name" and following == "("
         elif text == "(":

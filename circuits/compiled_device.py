@@ -152,7 +152,7 @@ def add_model(circuit, system, rate, electrical: Electrical):
 def add_starts(circuit, starts):
     """Initial values of every copy: pairs of its nodes' prefix and its three values, as text."""
     for prefix, start in starts:
-        nodes = dict(zip((DISPLACEMENT, VELOCITY, PIEZO), start, strict=True))
+        nodes = dict(zip((DISPLACEMENT, VELOCITY, PIEZO), start[:3], strict=True))
         values = " ".join(f"v({prefix}{node})={value}" for node, value in nodes.items())
         circuit.raw_spice += f".ic {values}\n"
 

@@ -171,12 +171,13 @@ def holding(s: System):
     ]
 
 
-def add_speed_hold(circuit, s: System, rate, step):
+def add_speed_hold(circuit, s: System, rate, step, start):
     """Sample and hold of the impact speed (`event`).
 
     Out of contact, `held_speed` follows the speed at which the mass would arrive at the
     stopper ahead with the energy it has; in contact nothing flows. A time constant of half a step
-    is the shortest that the trapezoidal rule follows without ringing.
+    is the shortest that the trapezoidal rule follows without ringing. `start` is the initial speed
+    over rate, as text.
     """
     held = holding(s)
     conditions = [contacts.formulas(each, s.spring, X, U, rate, literal, H)[0] for each in held]
@@ -192,7 +193,7 @@ def add_speed_hold(circuit, s: System, rate, step):
     follow = f"(({arrival})>0) ? (sqrt({arrival})-{H})*{per_step} : -{H}*{per_step}"
     for condition in reversed(conditions):
         follow = f"({condition}) ? 0 : ({follow})"
-    circuit.C("held_speed", HELD, circuit.gnd, number(1 / rate), ic=number(0.0))
+    circuit.C("held_speed", HELD, circuit.gnd, number(1 / rate), ic=start)
     circuit.BehavioralSource("held_speed", circuit.gnd, HELD, current_expression=follow)
 
 

@@ -3,7 +3,6 @@
 import contextlib
 import os
 import sys
-import sysconfig
 import tempfile
 from pathlib import Path
 
@@ -66,7 +65,7 @@ def find_library():
 
 
 def code_models(library):
-    """ngspice's code models: those beside the library, else those of the system.
+    """ngspice's code models: those beside the library; another release's crash it.
 
     Parameters
     ----------
@@ -79,12 +78,9 @@ def code_models(library):
         Sorted; none where there are none.
     """
     home = _loaded_from(library).parent
-    multiarch = sysconfig.get_config_var("MULTIARCH") or ""
     folders = (
         home / "ngspice",
         home.parent / "lib" / "ngspice",
-        Path("/usr/lib", multiarch, "ngspice"),
-        Path("/usr/local/lib/ngspice"),
     )
     found = (sorted(folder.glob("*.cm")) for folder in folders)
     return next(filter(None, found), [])

@@ -7,6 +7,8 @@ the compiled ones of `circuits.callbacks`.
 
 import contextlib
 import sys
+import threading
+import time
 
 import numpy as np
 from PySpice.Spice.NgSpice.Shared import NgSpiceCommandError, NgSpiceShared, ffi
@@ -32,6 +34,10 @@ NODES = (
     elements.OUTPUT,
     elements.REFERENCE,
 )
+
+# A run that takes this much processor time (s) for less than this share of its longest step would
+# not end.
+PATIENCE, CRAWL = 6.0, 1e-3
 
 _session = None
 
@@ -185,7 +191,8 @@ class Session(NgSpiceShared):
         self.state["local_error"] = local_error
         try:
             self._load(netlist.text)
-            self._command("run")
+            with self._watched():
+                self._command("run")
             self._flush()
             self._check_end(netlist.stop)
             if outputs is not None:
@@ -274,6 +281,31 @@ class Session(NgSpiceShared):
             if self._outputs is not None:
                 volts = copy[start:, callbacks.OUTPUT] - copy[start:, callbacks.REFERENCE]
                 self._outputs[place].add(times[start:], volts / self._netlist.voltage_scale)
+
+    @contextlib.contextmanager
+    def _watched(self):
+        """Give up a run within the block that gets nowhere: ngspice itself would try for ever."""
+        done = threading.Event()
+        threading.Thread(target=self._watch, args=(done,), daemon=True).start()
+        try:
+            yield
+        finally:
+            done.set()
+
+    def _watch(self, done):
+        spent, reached = time.process_time(), 0.0
+        while not done.wait(1.0):
+            count = int(self.state["count"][0])
+            latest = float(self._times[count - 1]) if count else self._time_reached
+            if latest - reached > CRAWL * self._netlist.step:
+                spent, reached = time.process_time(), latest
+            elif not done.is_set() and time.process_time() - spent > PATIENCE:
+                self._doing = f"stopped at t = {latest:g}"
+                trouble = (
+                    f"it gets nowhere, {PATIENCE:g} s of work went into less than a thousandth of "
+                    "a step; a force or a current that jumps, as dry friction does, has this effect"
+                )
+                give_up(SimulatorAborted(self._said(trouble)))
 
     def _measure_output(self):
         """Conductance and capacitance across the output, scaled, as ngspice evaluated them.

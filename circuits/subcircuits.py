@@ -1,5 +1,6 @@
 """Loads as sub-circuits: a library's or a user's netlist, vetted."""
 
+import os
 import re
 from dataclasses import dataclass, field
 from importlib import resources
@@ -10,8 +11,9 @@ from circuits.expansion import Expansion, called
 from circuits.netlist_reader import read_cards
 from circuits.netlist_tree import parse, written
 from circuits.places import places
-from circuits.vetting import check_nodes, check_value, listed, nearest, refuse, vet_element
+from circuits.vetting import check_nodes, check_value, listed, refuse, vet_element
 from harvester.errors import NetlistError
+from harvester.plain_text import nearest
 
 # What a load's sub-circuit is connected by: the piezo's terminals, and its DC side if it has one.
 PIEZO_PINS, OUTPUT_PINS = ("p", "n"), ("out", "ref")
@@ -40,6 +42,8 @@ class LoadCircuit:
         Resistors and capacitors only; anything beside them and diodes.
     resistance : float or None
         Of a load that is one resistor between p and n, in Ω.
+    sources : tuple of str
+        Independent sources in it that are not 0: each may deliver energy.
     places : tuple of circuits.places.Place
         Where its elements stand in its files.
     """
@@ -54,6 +58,7 @@ class LoadCircuit:
     linear: bool
     switches: bool
     resistance: float | None
+    sources: tuple = ()
     places: tuple = field(default=(), compare=False, repr=False)
 
     @property
@@ -90,16 +95,17 @@ def find_netlist(netlist, folders=(".",)):
         names = load_names()
         if netlist not in names:
             raise NetlistError(
-                f"load.netlist = {netlist!r}: no such load{nearest(netlist, names)}; there are "
-                f"{', '.join(names)}; a file of your own is named with its ending"
+                f"load.netlist = {netlist[:60]!r}: no such load{nearest(netlist, names)}; there "
+                f"are {', '.join(names)}; a file of your own is named with its ending"
             )
         return Path(str(resources.files("netlists").joinpath(f"{netlist}.lib")))
     for folder in folders:
         path = Path(folder) / netlist
-        if path.is_file():
+        # A name that no system takes is no file either.
+        if os.path.isfile(path):
             return path
     looked = " and ".join(str(Path(folder).absolute()) for folder in folders)
-    raise NetlistError(f"load.netlist = {netlist!r}: no such file in {looked}")
+    raise NetlistError(f"load.netlist = {netlist[:200]!r}: no such file in {looked}")
 
 
 def read_load(path, subcircuit=None, parameters=None):
@@ -146,6 +152,7 @@ def read_load(path, subcircuit=None, parameters=None):
         linear=letters <= {"r", "c"},
         switches=not letters <= {"r", "c", "d"},
         resistance=_single_resistance(top, {**known, **values}, letters),
+        sources=tuple(dict.fromkeys(_sources(top, set()))),
         places=places(cards),
     )
 
@@ -162,7 +169,7 @@ def _chosen(root, path, name):
         name = name or next(iter(root.inner))
     if name.lower() not in root.inner:
         raise NetlistError(
-            f"{path.name}: no .subckt {name}{nearest(name.lower(), root.inner)}; there are "
+            f"{path.name}: no .subckt {name[:60]}{nearest(name.lower(), root.inner)}; there are "
             f"{listed(root.inner)}"
         )
     return root.inner[name.lower()]
@@ -183,7 +190,7 @@ def _override(root, top, given, path):
     known = {**root.local, **top.local, **top.parameters}
     for key, value in given.items():
         name = key.lower()
-        where = f"load.parameters.{key} = {value!r}"
+        where = f"load.parameters.{key[:60]} = {value!r:.60}"
         if name not in known:
             there = f"; there are {listed(known)}" if known else "; it has none"
             raise NetlistError(
@@ -294,3 +301,16 @@ def _across(circuit, outputs, path):
                 yield from _across(target, inside, f"{path}.{words[0]}")
         elif words[0][0] in "rc" and {outputs.get(node) for node in words[1:3]} == {*OUTPUT_PINS}:
             yield card, f"{words[0][0]}.{path}.{words[0]}", words, circuit
+
+
+def _sources(circuit, seen):
+    """Names of the independent sources that are not 0, in called sub-circuits too."""
+    seen.add(circuit)
+    for _, words in circuit.elements:
+        target = called(circuit, words)
+        if target and target not in seen:
+            yield from _sources(target, seen)
+        elif words[0][0] in "vi":
+            values = [word.rpartition("=")[2] for word in words[3:]]
+            if any(value.startswith("{") or vetting.number(value) for value in values):
+                yield words[0]

@@ -5,7 +5,6 @@ the device, or stop ngspice's process; what LTspice writes and ngspice would sil
 misread is put right where its meaning is plain, and refused by name where it is not.
 """
 
-import difflib
 import math
 import re
 from collections.abc import Mapping
@@ -14,6 +13,7 @@ from typing import NamedTuple
 from circuits.checks import NAMES, SOLUTION, VARYING, expression_fault
 from circuits.netlist_reader import Card
 from harvester.errors import NetlistError
+from harvester.plain_text import nearest
 
 FACTORS = {
     "t": 1e12, "g": 1e9, "meg": 1e6, "k": 1e3, "mil": 25.4e-6, "m": 1e-3, "u": 1e-6, "n": 1e-9,
@@ -54,6 +54,7 @@ LONGEST_WORD = 250
 _LONG_WORD = re.compile(rf"[\w.]{{{LONGEST_WORD + 1}}}")
 # Of names in messages.
 MOST_SHOWN, LONGEST_SHOWN = 20, 60
+LONGEST_FAULT = 300
 # LTspice's 4k7, and a pair name=value whose value may be an expression.
 _INFIX = re.compile(r"(?<![\w.])(\d+)(meg|[tgkmunp])(\d+)(?![\w.])")
 _PAIR = re.compile(r"([a-z_]\w*)=(\{[^{}]*\}|[^\s{}()=]+)")
@@ -77,12 +78,6 @@ def number(text):
     return value if math.isfinite(value) else None
 
 
-def nearest(name, known):
-    """ "(did you mean …?)" with a space in front, or an empty string."""
-    close = difflib.get_close_matches(name[:LONGEST_WORD], known, n=1, cutoff=0.5)
-    return f" (did you mean {close[0][:LONGEST_SHOWN]}?)" if close else ""
-
-
 def listed(names):
     """Names in one line, the first of many."""
     names = [name[:LONGEST_SHOWN] for name in names]
@@ -91,8 +86,9 @@ def listed(names):
 
 
 def refuse(card, fault):
-    """Raise NetlistError with the place and the fault."""
-    raise NetlistError(f"{card.where}: {fault}")
+    """Raise NetlistError with the place and the fault, as much of it as one line takes."""
+    end = " …" if len(fault) > LONGEST_FAULT else ""
+    raise NetlistError(f"{card.where}: {fault[:LONGEST_FAULT]}{end}")
 
 
 def tidy(card):

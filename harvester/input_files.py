@@ -4,7 +4,7 @@ import os
 import stat
 
 from harvester.errors import SceneError
-from harvester.wording import named
+from harvester.plain_text import named
 
 # Of the machine's memory, what one record may take at most; and never more than this many bytes.
 MEMORY_SHARE = 0.25

@@ -84,7 +84,7 @@ def initial_state(s, start):
     """
     state = np.zeros(7)
     state[DISPLACEMENT], state[VELOCITY], state[TRANSDUCER] = start
-    state[HELD_SPEED] = abs(state[VELOCITY])
+    state[HELD_SPEED] = system.speed_held(s, state[DISPLACEMENT], state[VELOCITY])
     inner = contact.edges(s.contacts)[1:-1]
     x = state[DISPLACEMENT]
     state[ZONE] = sum(x > edge if edge > 0.0 else x >= edge for edge in inner)

@@ -13,10 +13,11 @@ from harvester.estimators import Estimate
 from harvester.optimum_search import Axis, Search, amount, averaged, in_units
 from harvester.output import finite
 from harvester.parameters import knot_spacing
+from harvester.plain_text import nearest
 from harvester.realization import ENGINES
 from harvester.results import with_error
 from harvester.scene import Scene
-from harvester.scene_schema import nearest, number_keys
+from harvester.scene_schema import number_keys
 from harvester.simulation import check_name
 from harvester.sweep import Request, failed, resolving, sweep
 from harvester.workers import WorkerPool

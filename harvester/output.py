@@ -17,6 +17,9 @@ STANDARD_OUTPUT = 1
 # Folders whose entries are this process's own open files.
 OPEN_FILES = ("/dev/fd", "/proc/self/fd", "/proc/thread-self/fd")
 MOST_LINKS = 40
+# Name of what is written before it is put in place; a kill may leave one behind.
+ASIDE = ".harvester-{}"
+ASIDE_BYTES = 8
 UNWRITABLE = {stat.S_IFDIR: "a folder", stat.S_IFSOCK: "a socket", stat.S_IFBLK: "a disk"}
 
 
@@ -81,9 +84,14 @@ def check_writable(path):
             return
         status = _status(path)
         if status is None or stat.S_ISREG(status.st_mode):
-            folder = _real_path(path, status).parent
-            folder.mkdir(parents=True, exist_ok=True)
-            tempfile.TemporaryFile(dir=folder).close()
+            check_folder(_real_path(path, status).parent)
+
+
+def check_folder(folder):
+    """Refuse early a folder that cannot be made or written."""
+    with _named(folder):
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
 
 
 def in_folder(folder, file):
@@ -180,7 +188,7 @@ def _write_standard_output(content):
 def _replace(real, old, content):
     """Put a whole file in the place of the old one, or of none; nothing is left of a failure."""
     real.parent.mkdir(parents=True, exist_ok=True)
-    aside = real.with_name(f".harvester-{secrets.token_hex(8)}")
+    aside = real.with_name(ASIDE.format(secrets.token_hex(ASIDE_BYTES)))
     try:
         # Not by tempfile, whose files are private: the umask decides.
         with open(aside, "xb") as file:

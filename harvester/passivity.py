@@ -54,3 +54,19 @@ def efficiency_notes(estimates, power_scale, unit):
             "was used or taken back in it; raise run.settle and run.duration",
         )
     return ()
+
+
+def source_notes(load):
+    """A note on a load with sources of its own: what they deliver cannot be told from the rest.
+
+    Parameters
+    ----------
+    load : circuits.subcircuits.LoadCircuit or None
+    """
+    if load is None or not load.sources:
+        return ()
+    names = ", ".join(load.sources[:5]) + (" …" if len(load.sources) > 5 else "")
+    return (
+        f"the load has sources of its own ({names}): what they deliver, if anything, counts as "
+        "the piezo's",
+    )

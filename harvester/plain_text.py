@@ -1,16 +1,29 @@
 """Words that somebody else chose (names of files, keys, messages), made safe to show and to write.
 
-What is shown goes through `one_line`; what becomes part of netlists, figures, tables and names of
-files is made a name by `name` where it enters; JSON keeps every character, by `json_text`.
+What is shown goes through `one_line`, values and keys in messages through `shown` and `named`; what
+becomes part of netlists, figures, tables and names of files is made a name by `name` where it
+enters; JSON keeps every character, by `json_text`.
 """
 
+import difflib
 import json
+import math
 import re
+import reprlib
 
 # What ngspice, LTspice, shells, TeX or file systems read as more than a letter.
 _MEANT = re.compile(r"""[$\\{}"'`<>|*?:;/!^]""")
 # Bytes in UTF-8: leaves room in a file's name (255 bytes) for what is written behind it.
 LONGEST_NAME = 150
+# Letters of a name and of a value in a message.
+LONGEST_NAMED = 300
+LONGEST_SHOWN = 80
+# Longer whole numbers are told by their length: Python itself refuses to print the longest.
+LONGEST_NUMBER_BITS = 128
+# Comparing words takes the product of their lengths.
+LONGEST_MISSPELT, MOST_COMPARED = 100, 1000
+# Share of its letters that a word has in common with the one that may be meant.
+CLOSE = 0.5
 
 
 def one_line(text):
@@ -62,3 +75,52 @@ def json_text(content, indent=None):
         letter if letter.isprintable() or letter == "\n" else json.dumps(letter)[1:-1]
         for letter in text
     )
+
+
+class _Short(reprlib.Repr):
+    def __init__(self):
+        super().__init__()
+        self.maxlevel = 3
+        self.maxstring = self.maxother = LONGEST_SHOWN
+
+    def repr_int(self, value, level):
+        bits = value.bit_length()
+        if bits > LONGEST_NUMBER_BITS:
+            return f"a whole number of about {math.ceil(bits * math.log10(2.0))} digits"
+        return repr(value)
+
+
+_SHORT = _Short()
+
+
+def shown(value):
+    """A value as Python writes it, shortened to one printable line.
+
+    >>> shown(10**400), shown([1, "a\\nb"])
+    ('a whole number of about 401 digits', "[1, 'a\\\\nb']")
+    """
+    text = " ".join(_SHORT.repr(value).split())
+    return text if text.isprintable() else ascii(text)
+
+
+def named(name):
+    """A key, a file's name or a reason without quotes where it is short and printable.
+
+    >>> named("run.seed"), named("run.\\x1b[31m")
+    ('run.seed', "'run.\\\\x1b[31m'")
+    """
+    text = name if isinstance(name, str) else str(name)
+    return text if text.isprintable() and 0 < len(text) <= LONGEST_NAMED else shown(text)
+
+
+def nearest(word, known):
+    """Say " (did you mean …?)" with a space in front where a known word is close, else nothing.
+
+    >>> nearest("resistanze", ["resistance", "decay_rate"])
+    ' (did you mean resistance?)'
+    """
+    if not isinstance(word, str) or len(word) > LONGEST_MISSPELT:
+        return ""
+    near = [each for each in known if len(each) <= 2 * LONGEST_MISSPELT]
+    close = difflib.get_close_matches(word, near[:MOST_COMPARED], n=1, cutoff=CLOSE)
+    return f" (did you mean {named(close[0][:LONGEST_SHOWN])}?)" if close else ""

@@ -13,9 +13,9 @@ from harvester import plain_text
 from harvester.errors import SceneError
 from harvester.excitation import KINDS, Excitation, build
 from harvester.input_files import read_input
-from harvester.scene_schema import NESTED_TABLES, REPLACED_KEYS, check_tables, nearest
+from harvester.plain_text import named, nearest, shown
+from harvester.scene_schema import NESTED_TABLES, REPLACED_KEYS, check_tables
 from harvester.scene_tables import LARGEST_SCENE, NotToml, plain_tables, read_toml
-from harvester.wording import named, shown
 
 BUILT_IN = Path(__file__).parent / "scenes"
 # Keys that a scene is written without where they hold what they hold without being given.

@@ -1,18 +1,15 @@
 """The keys a scene may hold, their ranges, and the check that refuses all others."""
 
-import difflib
 import math
 from dataclasses import dataclass
 
 from harvester.device.contact import LAWS, SIDES
 from harvester.errors import SceneError
-from harvester.wording import named, shown
+from harvester.plain_text import named, nearest, shown
 
 SCALED, SI = "scaled", "SI"
 BOTH = (SCALED, SI)
 NAMED_VALUES = "named values"
-# Comparing words takes the product of their lengths.
-LONGEST_MISSPELT, MOST_COMPARED = 100, 1000
 # Numbers beyond these, zero aside, overflow or vanish in products of a few of them.
 SMALLEST, LARGEST = 1e-30, 1e30
 # As wide as what numpy draws one from.
@@ -149,15 +146,6 @@ REPLACED_KEYS = {
     "oscillator.linear_stiffness": ("restoring_force",),
     "oscillator.cubic_stiffness": ("restoring_force",),
 }
-
-
-def nearest(word, known):
-    """' (did you mean …?)' when a known word is close, else an empty string."""
-    if not isinstance(word, str) or len(word) > LONGEST_MISSPELT:
-        return ""
-    near = [each for each in known if len(each) <= 2 * LONGEST_MISSPELT]
-    close = difflib.get_close_matches(word, near[:MOST_COMPARED], n=1, cutoff=0.5)
-    return f" (did you mean {named(close[0])}?)" if close else ""
 
 
 def number_keys(tables, excitation):

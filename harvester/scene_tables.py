@@ -6,7 +6,7 @@ import tomllib
 import numpy as np
 
 from harvester.errors import SceneError
-from harvester.wording import named, shown
+from harvester.plain_text import named, shown
 
 # Bytes; a scene holds no data.
 LARGEST_SCENE = 2**18

@@ -1,7 +1,6 @@
 """`simulate`: a scene through one engine, realizations spread over worker processes."""
 
 import contextlib
-import difflib
 import math
 from dataclasses import replace
 
@@ -18,7 +17,8 @@ from harvester.estimators import (
 from harvester.excitation import OrnsteinUhlenbeck
 from harvester.output_estimates import estimate_output
 from harvester.parameters import STEP_LEVELS, knot_spacing, require_resistor, scale, steps_per_knot
-from harvester.passivity import efficiency_notes
+from harvester.passivity import efficiency_notes, source_notes
+from harvester.plain_text import nearest
 from harvester.realization import ENGINES, SCHEMES, Realization
 from harvester.residual import suspected_cause
 from harvester.results import Result, unit_of
@@ -242,9 +242,9 @@ def check_copies(copies, scene, engine, source):
 def check_name(what, name, known):
     """The name, or HarvesterError with the nearest valid one."""
     if name not in known:
-        close = difflib.get_close_matches(str(name), known, n=1)
-        hint = f" (did you mean {close[0]}?)" if close else ""
-        raise HarvesterError(f"unknown {what} {name}{hint}; there are {', '.join(known)}")
+        raise HarvesterError(
+            f"unknown {what} {name}{nearest(name, known)}; there are {', '.join(known)}"
+        )
     return name
 
 
@@ -285,7 +285,10 @@ def _result(scene, engine, step, source, realizations, failures, outcome="comple
     first = min(realization.started for realization in realizations)
     last = max(realization.ended for realization in realizations)
     estimates = estimate_all(moments, parameters, error_of) | estimate_output(moments)
-    on_efficiencies = efficiency_notes(estimates, scales.of("power"), unit_of(scene, "power"))
+    on_load = (
+        *source_notes(scene.electrical_load.circuit),
+        *efficiency_notes(estimates, scales.of("power"), unit_of(scene, "power")),
+    )
     found = shortfalls(scene, parameters, moments, estimates)
     shapes = densities(moments, _symmetric(scene, parameters))
     if found:
@@ -307,7 +310,7 @@ def _result(scene, engine, step, source, realizations, failures, outcome="comple
         netlist_sha256=realizations[0].netlist_sha256,
         notes=(
             *_notes(scene),
-            *on_efficiencies,
+            *on_load,
             *(shortfall.note for shortfall in found),
             *_failure_notes(failures, scene),
         ),

@@ -135,6 +135,7 @@ class Worker:
 
     def _open(self):
         """Start the process; returns the queue of its answers."""
+        isolation.check_memory()
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 - closed by kill
         self._workplace = tempfile.TemporaryDirectory(
             prefix="harvester-", ignore_cleanup_errors=True

@@ -126,3 +126,17 @@ def drop(report, scene, speed, step):
     steps = steps_per_knot(scene, step)
     session().run(netlist, parameters, [noise_path(scene, 0)], [[keep]], steps)
     return keep.record()
+
+
+def stick(report, scene):
+    """Start a scene's run with an impact speed of zero held in contact, which is dry friction."""
+    import dataclasses
+    import re
+
+    parameters, _ = scale(scene)
+    netlist = assemble(scene)
+    text, found = re.subn(r"(?m)^(Cheld_speed .*ic=).*$", r"\g<1>0.0", netlist.text)
+    assert found == 1
+    netlist = dataclasses.replace(netlist, text=text)
+    paths = [noise_path(scene, 0)]
+    session().run(netlist, parameters, paths, [[]], steps_per_knot(scene))

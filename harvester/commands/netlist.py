@@ -40,9 +40,8 @@ def run(options):
     scene = read_scene(options)
     from circuits.export import for_ltspice, stand_alone
     from harvester.output import check_writable, in_folder, is_stream, write_text
-    from harvester.plain_text import name
+    from harvester.plain_text import name, nearest
     from harvester.realization import noise_path, start_state
-    from harvester.scene_schema import nearest
     from harvester.simulation import check_step
 
     if options.dialect not in DIALECTS:

@@ -2,12 +2,10 @@
 
 import math
 import sys
-from pathlib import Path
 
 from harvester.errors import HarvesterError
-from harvester.plain_text import one_line
+from harvester.plain_text import named, one_line
 from harvester.quiet import is_quiet
-from harvester.wording import named
 
 STEP_HELP = "default, fine, finest, or the longest step in seconds"
 # Of a list given by its ends.
@@ -107,7 +105,7 @@ def check_options(options, name=None):
 
     `name` is that of the files which `write_result` will write.
     """
-    from harvester.output import check_writable, in_folder
+    from harvester.output import check_folder, check_writable, in_folder
 
     if getattr(options, "workers", None) is not None and options.workers < 1:
         raise HarvesterError(f"--workers {options.workers}: must be a whole number ≥ 1")
@@ -117,7 +115,7 @@ def check_options(options, name=None):
     if options.json:
         check_writable(options.json)
     if options.output:
-        check_writable(Path(options.output) / "file")
+        check_folder(options.output)
         for ending in RESULT_FILES if name else ():
             in_folder(options.output, f"{name}{ending}")
 

@@ -82,7 +82,7 @@ def _compute(scene, names, options, keep):
 
 def _chosen(wanted, known):
     """Names of figures in the paper's order."""
-    from harvester.scene_schema import nearest
+    from harvester.plain_text import nearest
 
     for name in wanted:
         if name not in (*known, "all"):

@@ -108,6 +108,14 @@ def stored_energy(s, x, v, voltage, own_loss_power):
     return mechanical + transducer_energy(s.transducer, voltage, own_loss_power)
 
 
+def speed_held(s, x, v):
+    """Impact speed that a state at the beginning of a run holds (`event`).
+
+    That with which the mass would have come into the contact it begins in.
+    """
+    return float(np.sqrt(v * v + 2.0 * contacts.energy(s.contacts, x)))
+
+
 def elastic_force(s, x):
     """dU/dx of spring and contacts; `x` a float or an array of any shape."""
     return springs.force(s.spring, x) + contacts.elastic_push(s.contacts, x)

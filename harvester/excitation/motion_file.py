@@ -11,8 +11,7 @@ from harvester.excitation.npy_file import NpyTable
 from harvester.excitation.text_file import TextTable
 from harvester.excitation.wav_file import WavTable
 from harvester.input_files import memory_limit, read_input
-from harvester.scene_schema import nearest
-from harvester.wording import named, shown
+from harvester.plain_text import named, nearest, shown
 
 # Bytes: a text takes seconds to read, and .npy of the same motion is smaller.
 LARGEST_RECORD, LARGEST_TEXT = 2**29, 2**27

@@ -13,8 +13,8 @@ from harvester.errors import SceneError
 from harvester.excitation import conditioning
 from harvester.excitation.base import Excitation, kernel_loss
 from harvester.excitation.motion_file import most_samples, read_columns, read_record
+from harvester.plain_text import named
 from harvester.scene_schema import Key, not_negative, positive
-from harvester.wording import named
 
 # Offset over the rms from which on the result carries a note.
 NOTED_OFFSET = 0.1

@@ -8,19 +8,10 @@ import stat
 from pathlib import Path
 
 from harvester.errors import FolderInUse, OutputError
-from harvester.output import check_writable
+from harvester.output import ASIDE, ASIDE_BYTES, check_writable
 
 LOCK = ".harvester-lock"
-FILES = ("load-study.nc", "load-study.csv", "power.png", "efficiency.png", "waveforms.png")
-# What `harvester.output.whole_file` writes aside before it renames.
-ASIDE = r"\.{stem}-[a-z0-9_]{{8}}{suffix}"
-_PIECE_ASIDE = re.compile(ASIDE.format(stem="[0-9a-f]{64}", suffix=r"\.npz"))
-_FILE_ASIDE = re.compile(
-    "|".join(
-        ASIDE.format(stem=re.escape(Path(name).stem), suffix=re.escape(Path(name).suffix))
-        for name in FILES
-    )
-)
+_LEFT_ASIDE = re.compile(re.escape(ASIDE.format("")) + f"[0-9a-f]{{{2 * ASIDE_BYTES}}}")
 _HOLDER = re.compile(r"process \d{1,10} on [\w.-]{1,64}")
 _HANDLES = set()
 
@@ -133,12 +124,12 @@ def _lock(handle, folder):
 
 def _clean(folder):
     """Take away what killed runs had not renamed yet; files of other names stay."""
-    for place, aside in ((folder, _FILE_ASIDE), (folder / "points", _PIECE_ASIDE)):
+    for place in (folder, folder / "points"):
         with os.scandir(place) as entries:
             names = [
                 each.path
                 for each in entries
-                if aside.fullmatch(each.name) and each.is_file(follow_symlinks=False)
+                if _LEFT_ASIDE.fullmatch(each.name) and each.is_file(follow_symlinks=False)
             ]
         for name in names:
             with contextlib.suppress(OSError):

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from harvester.errors import HarvesterError, SceneError
 from harvester.parameters import knot_spacing
-from harvester.plain_text import name
+from harvester.plain_text import name, nearest
 from harvester.scene import Scene
-from harvester.scene_schema import nearest, number_keys
+from harvester.scene_schema import number_keys
 
 # Both name the load's resistor, whether it is the built-in one or a netlist's parameter.
 RESISTANCES = ("load.parameters.resistance", "load.resistance")

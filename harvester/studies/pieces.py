@@ -108,8 +108,8 @@ class Store:
         """Keep a piece; on return it is on disk, if another run would come to the same."""
         self._held[key] = piece
         if self._folder and piece.final and self._is_free(key):
-            with whole_file(self._path(key)) as temporary:
-                temporary.write_bytes(packed(key, piece))
+            with whole_file(self._path(key)) as file:
+                file.write(packed(key, piece))
 
     def _path(self, key):
         return self._folder / f"{key}.npz"

@@ -95,3 +95,9 @@ def test_the_netlist_for_reading_runs_by_hand_and_solves_the_papers_equations(tm
     found = np.interp(times, raw["time"], raw["v(displacement)"])
     assert np.abs(raw["v(displacement)"]).max() > p.gap
     np.testing.assert_allclose(found, reference.y[0], atol=5e-3)
+
+
+def test_a_netlist_of_too_many_points_is_refused_before_any_work():
+    scene = Scene.load("paper", ["run.duration=1e9"])
+    with pytest.raises(NetlistError, match=r"2e\+10 points .* at most 1000000"):
+        stand_alone(scene, noise_path(scene, 0))

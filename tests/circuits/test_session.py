@@ -20,7 +20,8 @@ def knots_of(pool, scene, step, index=0):
 
 
 def short(name, *overrides):
-    return Scene.load(name, ["run.duration=50", "run.settle=0", "run.realizations=1", *overrides])
+    run = ["run.duration=50", "run.settle=0", "run.realizations=1", "excitation.knot_spacing=0.05"]
+    return Scene.load(name, [*run, *overrides])
 
 
 @pytest.mark.parametrize("overrides", [[], ["excitation.intensity=0.06", "run.seed=4"]])
@@ -131,3 +132,23 @@ def test_values_that_are_not_finite_are_no_result(worker):
             "Cx displacement 0 1 ic=1\nBx 0 displacement i=exp(min(v(displacement),1e3))*1e200\n",
             1.0,
         )
+
+
+INSIDE = ("stoppers.impact_velocity=event", "stoppers.gap=0.9", "stoppers.restitution=0.1")
+
+
+def test_contacts_inside_the_wells_finish_with_the_held_impact_speed(pool):
+    """The mass rests on a stopper: held at zero, its impact speed would make friction of it."""
+    scene = short("paper", *INSIDE, "run.duration=30")
+    circuit = simulate(scene, "circuit", pool=pool, step=0.0025, window=(0.0, 1e9))
+    reference = simulate(scene, "monte-carlo", pool=pool, step="finest", window=(0.0, 1e9))
+    states, other = np.array(circuit.waveform), np.array(reference.waveform)
+    at = np.interp(states[0], other[0], other[1])
+    assert np.abs(states[1] - at).max() < 0.02
+
+
+@pytest.mark.slow
+def test_a_run_that_gets_nowhere_is_given_up(worker):
+    """Dry friction holds the mass: its force jumps, and ngspice's steps shrink without end."""
+    with pytest.raises(SimulatorAborted, match=r"gets nowhere.*friction"):
+        worker.call("worker_calls:stick", {"scene": short("paper", *INSIDE)}, time_limit=60.0)

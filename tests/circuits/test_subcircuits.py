@@ -118,6 +118,7 @@ def test_includes_stay_in_the_loads_folder(tmp_path, line, message):
         "D1 p n", "D1 p n nomodel", "D1 p n d\n.model d d(vfwd=0.4)", "Q1 p n out", "K1 L1 0.9",
         ".model d d(is=x)", ".model d d(is=1n", ".model d a2d()", ".model d ako:x d(is=1)",
         ".model sw sw(ilimit=1)", ".func f(x {x}", ".func f(x) {y}", ".param a", ".param a={b}",
+        "R2 p n {" + "x." * 120 + "}", "X1 " + "n#" * 500 + " p load",
         "X1 p n", "X1 p n nothing", "X1 p n load", "X1 p n out ref load", "X1 p n out ref load r=1",
         ".subckt a\n.ends", ".subckt 0 p\n.ends", ".subckt a p p\nR1 p x 1\n.ends", ".subckt a p 0",
         ".subckt load2 p n", ".ends other", "é", "R2 p n 1 kΩ", "\x07",
@@ -164,9 +165,14 @@ def test_names_that_are_not_there_are_answered_with_the_nearest(tmp_path):
         read(tmp_path, DOUBLER, subcircuit="dobler")
     with pytest.raises(NetlistError, match="did you mean rload"):
         read(tmp_path, DOUBLER, parameters={"rlod": 1.0})
-    for value in ("abc", float("nan"), float("inf"), "1e999", ""):
-        with pytest.raises(NetlistError, match="finite number"):
+    # The last one takes a minute where a pattern tries every way to part the digits.
+    for value in ("abc", float("nan"), float("inf"), "1e999", "", "1" * 100_000 + "-"):
+        with pytest.raises(NetlistError, match="finite number") as refusal:
             read(tmp_path, DOUBLER, parameters={"rload": value})
+        assert len(str(refusal.value)) < 250
+    for name in ("x" * 5000 + ".lib", "a\0.lib"):
+        with pytest.raises(NetlistError, match="no such file"):
+            find_netlist(name, (tmp_path,))
 
 
 def test_calls_that_multiply_are_refused_before_they_fill_the_memory(tmp_path):

@@ -10,9 +10,9 @@ import pytest
 
 from harvester.command_line import MOST_ARGUMENTS, main
 from harvester.errors import SceneError
+from harvester.plain_text import named, shown
 from harvester.scene import BUILT_IN, Scene
 from harvester.scene_tables import DEEPEST, MOST_VALUES
-from harvester.wording import named, shown
 
 PAPER = (BUILT_IN / "paper.toml").read_text(encoding="utf-8")
 

@@ -87,7 +87,8 @@ def test_names_reach_terminal_files_and_figures_as_they_are(tmp_path, capsys, re
 
 def test_what_is_wrong_with_a_hostile_name_is_printable(capsys):
     assert main(["average", "no\x1b[31m\nscene\udcff"]) == 2
-    assert capsys.readouterr().err.startswith("harvester: no\\x1b[31m scene\\udcff: no such scene")
+    error = capsys.readouterr().err
+    assert error.startswith("harvester: 'no\\x1b[31m\\nscene\\udcff': no such scene")
     with pytest.raises(SystemExit):
         main(["average", "linear", "--no\x1b[31m"])
     assert "\x1b" not in capsys.readouterr().err

@@ -122,3 +122,13 @@ def test_what_is_left_of_a_start():
     assert left_of_start(2.0, 3.0, 7.0) == pytest.approx(expected, rel=1e-8)
     assert left_of_start(1e300, 1.0, 1.0) == pytest.approx(1.0)
     assert left_of_start(1e-300, 1.0, 1.0) == 0.0
+
+
+def test_a_storage_that_is_still_charging_is_named(pool):
+    load = "load={netlist='bridge', parameters={storage=1e-4}}"
+    run = ["run.realizations=2", "run.duration=2", "run.settle=0.5"]
+    result = simulate(Scene.load("device", [load, *run]), "circuit", pool=pool)
+    assert any("the storage's R·C of 10 s" in note for note in result.notes)
+    for name in ("output_voltage", "mean_output_power", "mean_square_voltage"):
+        assert result.scaled_quantities[name].standard_error is None
+        assert math.isfinite(result.scaled_quantities[name].estimate)

@@ -18,7 +18,8 @@ def shell(tmp_path, words, after, **variables):
         ["bash", "-c", f"set -o pipefail; {program} {' '.join(words)} {after}"],
         cwd=tmp_path,
         capture_output=True,
-        env={**os.environ, **variables},
+        # Other tests let workers import from tests/, where a folder is called harvester.
+        env={**os.environ, "PYTHONPATH": "", **variables},
     )
 
 

@@ -1,5 +1,7 @@
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from concurrent.futures import Future
@@ -90,3 +92,13 @@ def test_gathering_stops_when_asked_and_leaves_the_rest_out():
     futures = [Future() for _ in range(3)]
     futures[1].set_result("done")
     assert gather(futures, stop=lambda: True) == [None, "done", None]
+
+
+@pytest.mark.parametrize("limit", ["-n 20", "-v 450000"])
+def test_too_few_files_or_too_little_memory_is_one_line(limit):
+    call = f"ulimit {limit}; exec {sys.executable} -m harvester simulate paper --workers 4"
+    call += " --set run.duration=50 --quiet"
+    shown = subprocess.run(["sh", "-c", call], capture_output=True, text=True, timeout=60)
+    assert shown.returncode == 1
+    assert len(shown.stderr.splitlines()) == 1
+    assert "cannot be started" in shown.stderr

@@ -14,8 +14,7 @@ from harvester.command_line import main
 from harvester.errors import FolderInUse, OutputError
 from harvester.output import whole_file
 from harvester.studies import folder as folder_module
-from harvester.studies.files import FIGURES
-from harvester.studies.folder import FILES, LOCK, StudyFolder, held
+from harvester.studies.folder import LOCK, StudyFolder, held
 
 HOLD = "import sys, time; from harvester.studies.folder import StudyFolder; "
 HOLD += "StudyFolder(sys.argv[1]).hold(); print('held', flush=True); time.sleep(60)"
@@ -76,28 +75,29 @@ def test_a_forked_child_does_not_outlast_its_parent_as_holder(tmp_path):
         child.join()
 
 
-def test_only_leftovers_of_a_study_are_taken_away(tmp_path):
+def test_only_leftovers_of_a_study_are_taken_away(tmp_path, monkeypatch):
     points = tmp_path / "points"
     points.mkdir()
-    key = "0123456789abcdef" * 4
-    left = [points / f"{key}.npz", *(tmp_path / name for name in FILES)]
-    for path in left:
-        with whole_file(path) as temporary:
-            temporary.touch()
-        # As kill -9 leaves it.
-        path.rename(temporary)
-    somebodys = [tmp_path / ".power.png", tmp_path / ".notes-abcdefgh.txt", tmp_path / "a.npz"]
-    somebodys += [points / ".x-abcdefgh.npz", points / f"{key}.npz", points / "README"]
+    # As kill -9 leaves it.
+    with monkeypatch.context() as killed:
+        killed.setattr(os, "replace", lambda *_: None)
+        killed.setattr(Path, "unlink", lambda *_, **__: None)
+        for path in (points / "piece.npz", tmp_path / "power.png"):
+            with whole_file(path) as file:
+                file.write(b"half")
+    assert len([*tmp_path.glob(".*"), *points.glob(".*")]) == 2
+    name = ".harvester-0123456789abcdef"
+    somebodys = [tmp_path / f"{name}.png", tmp_path / ".harvester-notes", points / "a.npz"]
+    somebodys += [points / f"x{name}", points / name.upper(), points / "README"]
     for path in somebodys:
         path.write_text("mine")
-    folder_like = points / f".{key}-abcdefgh.npz"
+    folder_like = points / name
     folder_like.mkdir()
-    link = tmp_path / ".power-abcdefgh.png"
+    link = tmp_path / name
     link.symlink_to(somebodys[0])
     with held(tmp_path):
         found = {path for path in tmp_path.rglob("*") if path.name != LOCK}
     assert found == {points, *somebodys, folder_like, link}
-    assert {*FILES[2:]} == {*FIGURES}
 
 
 def test_a_folder_that_cannot_be_locked_is_said_and_not_cleaned(tmp_path, monkeypatch):
@@ -105,7 +105,7 @@ def test_a_folder_that_cannot_be_locked_is_said_and_not_cleaned(tmp_path, monkey
         raise OSError(37, "No locks available")
 
     monkeypatch.setattr("fcntl.flock", no_locks)
-    leftover = tmp_path / ".power-abcdefgh.png"
+    leftover = tmp_path / ".harvester-0123456789abcdef"
     leftover.touch()
     with held(tmp_path) as study:
         assert "cannot lock" in study.notes[0]
