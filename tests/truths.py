@@ -28,6 +28,13 @@ def flat(scene):
     return symmetric_device(scale(scene)[0])
 
 
+def well(p):
+    """Distance of the bare spring's wells from X = 0, √(ω0²/κ); 0 without wells."""
+    return (
+        math.sqrt(max(-p.linear_stiffness, 0.0) / p.cubic_stiffness) if p.cubic_stiffness else 0.0
+    )
+
+
 def drop_scene(restitution, stiffness, *overrides):
     """A scene in which a mass drops on one stopper."""
     stoppers = [f"stoppers.restitution={restitution}", f"stoppers.stiffness={stiffness}"]

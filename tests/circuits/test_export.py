@@ -3,7 +3,7 @@ import subprocess
 import numpy as np
 import pytest
 from raw_files import ngspice_program, read_raw
-from truths import flat
+from truths import contact_force, flat
 
 from circuits.export import stand_alone
 from harvester.errors import NetlistError
@@ -67,8 +67,6 @@ def test_the_netlist_for_reading_runs_by_hand_and_solves_the_papers_equations(tm
 
     from scipy.integrate import solve_ivp
 
-    from harvester import forces
-
     folder = str(resources.files("netlists"))
     raw_file = tmp_path / "paper.raw"
     subprocess.run(
@@ -86,7 +84,7 @@ def test_the_netlist_for_reading_runs_by_hand_and_solves_the_papers_equations(tm
         force -= p.damping * v + p.coupling * voltage
         force -= (p.linear_stiffness + p.cubic_stiffness * x * x) * x
         if abs(x) > p.gap:
-            force -= forces.contact_force(p, x, v, 0.0)
+            force -= contact_force(p, x, v)
         return [v, force, v - p.decay_rate * voltage]
 
     times = np.linspace(0.0, 20.0, 201)

@@ -5,7 +5,6 @@ from truths import flat
 
 from harvester.estimators import (
     TOO_SHORT,
-    batch_counts,
     densities,
     deviations,
     energy_balance_residual,
@@ -13,9 +12,9 @@ from harvester.estimators import (
     standard_error,
     standard_error_of_drift,
 )
-from harvester.moments import Moments
 from harvester.monte_carlo import initial_state, integrate
-from harvester.realization import noise_path
+from harvester.parameters import scale
+from harvester.realization import empty_moments, noise_path, start_state
 from harvester.scene import Scene
 from harvester.simulation import simulate
 
@@ -67,14 +66,13 @@ def test_independent_realizations_of_one_batch_each_give_an_error_bar():
 
 
 def moments_of(scene, chunk=None):
-    p = flat(scene)
+    system, _ = scale(scene)
     stop = scene.run.settle + scene.run.duration
-    counts = batch_counts(scene.run.realizations, scene.run.duration / 0.05)
     found = []
     for index in range(scene.run.realizations):
-        m = Moments.empty(scene.run.settle, stop, p.gap, *counts, 0.2)
-        path = noise_path(scene, index)
-        for record in integrate(p, path, initial_state(p, index % 2 == 0), stop):
+        m = empty_moments(scene)
+        state = initial_state(system, start_state(scene, index))
+        for record in integrate(system, noise_path(scene, index), state, stop):
             for part in _split(record, chunk):
                 m.add(part)
         found.append(m)
@@ -101,11 +99,9 @@ def test_moments_do_not_depend_on_the_chunks():
 
 def test_moments_are_the_integrals_of_the_record():
     scene = Scene.load("paper", [*SHORT, "run.settle=0", "run.realizations=1"])
-    p = flat(scene)
-    chunks = [
-        np.array(record)
-        for record in integrate(p, noise_path(scene, 0), initial_state(p, True), 400.0)
-    ]
+    p, (system, _) = flat(scene), scale(scene)
+    state = initial_state(system, start_state(scene, 0))
+    chunks = [np.array(record) for record in integrate(system, noise_path(scene, 0), state, 400.0)]
     time, x, v, voltage = np.concatenate(chunks, axis=1)[:4]
     total = moments_of(scene)[0].integrals.sum(axis=0)
     assert total[0] == pytest.approx(time[-1] - time[0])
@@ -119,7 +115,7 @@ def test_densities_integrate_to_one_and_have_the_records_spread():
     scene = Scene.load("paper", ["run.realizations=2", "run.duration=2000", "run.settle=20"])
     moments = moments_of(scene)
     p = flat(scene)
-    estimates = estimate_all(moments, p)
+    estimates = estimate_all(moments, scale(scene)[0])
     density = densities(moments)["displacement"]
     width = density.centre[1] - density.centre[0]
     assert np.sum(density.density) * width == pytest.approx(1.0, rel=1e-12)
@@ -134,8 +130,7 @@ def test_densities_integrate_to_one_and_have_the_records_spread():
 
 def test_both_efficiencies_agree_and_rms_is_the_root():
     scene = Scene.load("linear", ["run.realizations=2", "run.duration=4000"])
-    p = flat(scene)
-    estimates = estimate_all(moments_of(scene), p)
+    estimates = estimate_all(moments_of(scene), scale(scene)[0])
     one = estimates["power_conversion_efficiency"]
     other = estimates["power_conversion_efficiency_of_input"]
     assert abs(one.estimate - other.estimate) < 4 * other.standard_error
@@ -149,8 +144,7 @@ def test_both_efficiencies_agree_and_rms_is_the_root():
 
 def test_short_runs_say_so_in_the_estimate():
     scene = Scene.load("paper", ["run.realizations=2", "run.duration=10", "run.settle=0"])
-    p = flat(scene)
-    estimate = estimate_all(moments_of(scene), p)["mean_square_voltage"]
+    estimate = estimate_all(moments_of(scene), scale(scene)[0])["mean_square_voltage"]
     assert estimate.standard_error is None
     assert estimate.note == TOO_SHORT
     assert np.isfinite(estimate.estimate)
@@ -158,12 +152,12 @@ def test_short_runs_say_so_in_the_estimate():
 
 def test_the_residual_sees_a_wrong_coefficient():
     scene = Scene.load("paper", SHORT)
-    p = flat(scene)
+    system, _ = scale(scene)
     moments = moments_of(scene)
-    assert abs(energy_balance_residual(moments, p)) < 0.01
+    assert abs(energy_balance_residual(moments, system)) < 0.01
     for m in moments:
         m.integrals[:, 6] *= 1.1
-    assert abs(energy_balance_residual(moments, p)) > 0.03
+    assert abs(energy_balance_residual(moments, system)) > 0.03
 
 
 def test_the_error_of_a_drifting_record_is_the_scatter_among_records_that_drift_alike():

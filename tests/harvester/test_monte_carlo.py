@@ -8,16 +8,17 @@ from truths import Keep, drop_scene, flat, rebound_speed, reference_path
 from harvester.excitation import NoisePath
 from harvester.moments import Moments
 from harvester.monte_carlo import VELOCITY, initial_state, integrate
-from harvester.realization import noise_path
+from harvester.parameters import scale
+from harvester.realization import noise_path, start_state
 from harvester.scene import Scene
 
 
 def simulated(scene, knots, steps_per_knot=1, index=0):
-    p = flat(scene)
+    system, _ = scale(scene)
     keep = Keep()
-    state = initial_state(p, index % 2 == 0)
+    state = initial_state(system, start_state(scene, index))
     path = noise_path(scene, index)
-    for record in integrate(p, path, state, knots * path.spacing, steps_per_knot):
+    for record in integrate(system, path, state, knots * path.spacing, steps_per_knot):
         keep.add(record)
     return keep
 
@@ -42,10 +43,9 @@ def test_the_order_is_four_against_scipy_on_the_same_path(name):
 @pytest.mark.parametrize("stiffness", [10.0, 1e6])
 def test_a_drop_on_one_stopper_rebounds_as_the_exact_law_says(restitution, stiffness):
     scene = drop_scene(restitution, stiffness)
-    p = flat(scene)
-    state = initial_state(p, right=True)
-    state[VELOCITY] = 1.0
-    for _record in integrate(p, noise_path(scene, 0), state, 3.0, steps_per_knot=4):
+    system, _ = scale(scene)
+    state = initial_state(system, (0.0, 1.0, 0.0))
+    for _record in integrate(system, noise_path(scene, 0), state, 3.0, steps_per_knot=4):
         pass
     assert -state[VELOCITY] == pytest.approx(rebound_speed(restitution), abs=1e-3)
 
@@ -74,10 +74,10 @@ def test_white_noise_without_coupling_follows_gibbs_and_rice():
     assert abs(square.estimate - p.intensity / p.damping) < 3 * square.standard_error + 2e-3
     from scipy.integrate import quad
 
-    from harvester.device.system import potential
-
     def weight(x):
-        return np.exp(-p.damping / p.intensity * potential(p.system, x))
+        stopper = 0.4 * p.contact_stiffness * max(abs(x) - p.gap, 0.0) ** 2.5
+        energy = 0.5 * p.linear_stiffness * x * x + stopper
+        return np.exp(-p.damping / p.intensity * energy)
 
     total = 2 * quad(weight, 0, 3)[0]
     speed = np.sqrt(p.intensity / p.damping)
@@ -92,21 +92,23 @@ def test_chunks_do_not_change_the_numbers_and_a_stiff_contact_is_resolved():
     depth = np.abs(record[1]).max() - 1.1
     assert 0.0 < depth < 1e-2
     assert np.all(np.diff(record[0]) > 0.0)
-    p = flat(scene)
-    moments = Moments.empty(0.0, 400.0, p.gap, 4, 1, 0.2)
-    for chunk in integrate(p, noise_path(scene, 0), initial_state(p, True), 400.0):
+    system, _ = scale(scene)
+    moments = Moments.empty(0.0, 400.0, (-1.1, 1.1), (0.0,), False, 4, 1, 0.2)
+    state = initial_state(system, start_state(scene, 0))
+    for chunk in integrate(system, noise_path(scene, 0), state, 400.0):
         moments.add(chunk)
     from harvester.estimators import energy_balance_residual
 
-    assert abs(energy_balance_residual([moments], p)) < 0.01
+    assert abs(energy_balance_residual([moments], system)) < 0.01
 
 
 def test_a_path_of_no_noise_leaves_the_mass_at_rest():
-    p = flat(Scene.load("paper", ["stoppers.gap=0.95"]))
-    state = initial_state(p, right=False)
+    scene = Scene.load("paper", ["stoppers.gap=0.95"])
+    system, _ = scale(scene)
+    state = initial_state(system, start_state(scene, 1))
     path = NoisePath(1e-300, 1.0, 0.05, np.random.SeedSequence(1))
-    for record in integrate(p, path, state, 50.0):
-        np.testing.assert_allclose(record.displacement, -p.rest, atol=1e-9)
+    for record in integrate(system, path, state, 50.0):
+        np.testing.assert_allclose(record.displacement, -flat(scene).rest, atol=1e-9)
 
 
 def exact_linear_path(scene, knots):

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from truths import flat
 
 from harvester.averaging import average
 from harvester.moments import QUANTITIES, Moments
@@ -46,7 +47,7 @@ def test_long_enough_after_the_advice_it_has_one_that_holds(pool):
     result = simulate(scene, "monte-carlo", pool=pool)
     assert notes_of(result) == []
     found = result.scaled_quantities["mean_square_voltage"]
-    truth = average(scale(scene)[0], "slow_load").mean_square_voltage
+    truth = average(flat(scene), "slow_load").mean_square_voltage
     assert abs(found.estimate - truth) < 4.0 * found.standard_error + 0.01 * truth
 
 
@@ -84,7 +85,9 @@ def series(scene, values):
     """Moments whose mean squares are these, shape (realizations, batches)."""
     found = []
     for row in values:
-        moments = Moments.empty(0.0, float(len(row)), math.inf, len(row), 1, 1.0)
+        moments = Moments.empty(
+            0.0, float(len(row)), (-math.inf, math.inf), (), False, len(row), 1, 1.0
+        )
         moments.integrals[:, QUANTITIES.index("time")] = 1.0
         for name in ("square_voltage", "square_displacement", "square_velocity"):
             moments.integrals[:, QUANTITIES.index(name)] = row

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from truths import flat
+from truths import flat, well
 
 from harvester.averaging import average
 from harvester.averaging.symmetric import potential
@@ -35,7 +35,7 @@ def composite_nodes(low, high, pieces, order=4):
 )
 def test_gibbs(p, closure):
     result = average(p, closure)
-    reach = max(2.5 * p.well, 6.0 * np.sqrt(result.mean_square_displacement))
+    reach = max(2.5 * well(p), 6.0 * np.sqrt(result.mean_square_displacement))
     x, weights = composite_nodes(-reach, reach, 100)
     rate = p.damping / p.intensity
     shape = np.exp(-rate * (potential(p, x) - potential(p, p.rest)))

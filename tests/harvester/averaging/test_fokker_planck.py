@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from truths import flat, interpolated_linear_means
+from truths import flat, interpolated_linear_means, well
 
 from harvester.averaged import average as average_scene
 from harvester.averaging import average
@@ -40,7 +40,7 @@ def within(result, name, truth, floor=2e-3):
 def test_gibbs(p):
     """White noise, no coupling, elastic stoppers: p(X) ∝ exp(−(c/D) U), Hertz energy in U."""
     result = average(p, "fokker_planck")
-    reach = p.well + 8.0 * math.sqrt(p.intensity / p.damping)
+    reach = well(p) + 8.0 * math.sqrt(p.intensity / p.damping)
     x = np.linspace(-reach, reach, 8001)
     shape = np.exp(-p.damping / p.intensity * (potential(p, x) - potential(p, p.rest)))
     expected = shape / np.trapezoid(shape, x)

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 from scipy.special import ellipk
-from truths import flat
+from truths import flat, well
 
 from harvester.averaging.orbits import OuterEdge, Potential, WellEdge
 from harvester.averaging.symmetric import contact_damping, contact_time
@@ -53,9 +53,10 @@ def test_well_period_of_the_double_well(level):
     level = np.array([level])
     orbits = WellEdge(Potential(DUFFING)).orbits(level, np.zeros(1), NODES, 0.0)
     inner, outer = orbits.left[0], orbits.right[0]
-    assert inner**2 + outer**2 == pytest.approx(2.0 * DUFFING.well**2, rel=1e-10)
+    twice = 2.0 * well(DUFFING) ** 2
+    assert inner**2 + outer**2 == pytest.approx(twice, rel=1e-10)
     # From the level itself: r = 1 − b/well, so that no digits are lost next to the saddle.
-    ratio = DUFFING.well / (1.0 + math.exp(level[0])) / math.sqrt(2.0 * DUFFING.well**2 - inner**2)
+    ratio = well(DUFFING) / (1.0 + math.exp(level[0])) / math.sqrt(twice - inner**2)
     expected = 2.0 * ellipk(1.0 - ratio**2) / (outer * math.sqrt(0.5 * DUFFING.cubic_stiffness))
     assert orbits.period[0] == pytest.approx(expected, rel=1e-7)
 
@@ -118,7 +119,7 @@ def test_area_grows_by_the_period():
 
 
 def test_end_of_the_well_is_its_saddle_or_the_weakest_place():
-    anchored = Potential(DUFFING, anchor=DUFFING.well)
+    anchored = Potential(DUFFING, anchor=well(DUFFING))
     softening = -DUFFING.linear_stiffness
     added = np.array([0.0, 0.1, 0.2]) * softening
     end = anchored.well_end(added)

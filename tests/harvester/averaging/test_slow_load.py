@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from scipy.stats import norm
-from truths import flat, interpolated_linear_means
+from truths import flat, interpolated_linear_means, well
 
 from harvester.averaged import average as average_scene
 from harvester.averaging import average
@@ -43,7 +43,7 @@ def gibbs(p, x):
 def test_gibbs(p):
     """White noise, no coupling, elastic stoppers: their Hertz energy is in U."""
     result = average(p, "slow_load")
-    reach = max(2.5 * p.well, 8.0 * math.sqrt(result.mean_square_displacement))
+    reach = max(2.5 * well(p), 8.0 * math.sqrt(result.mean_square_displacement))
     x = np.linspace(-reach, reach, 4001)
     expected = gibbs(p, x)
     assert result.mean_square_velocity == pytest.approx(p.intensity / p.damping, rel=1e-4)
