@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from harvester.forces import potential
+from harvester.averaging.symmetric import potential
 
 STRIDE = 3  # levels from one boundary of the marginals' quadrature to the next
 NODES = 6  # Gauss–Legendre nodes between boundaries

@@ -21,8 +21,8 @@ from harvester.averaging.averages import Averages
 from harvester.averaging.grid_density import GridDensity
 from harvester.averaging.propagator import Grid, Propagator, mirrored, shares
 from harvester.averaging.slow_load import slow_load
+from harvester.averaging.symmetric import potential
 from harvester.errors import AveragingError
-from harvester.forces import potential
 
 START = 0.05  # tolerance of the averaged density it starts from
 # Steps a period, nodes within the core of the density in X and in X', nodes of Z that are kept

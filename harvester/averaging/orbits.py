@@ -10,8 +10,12 @@ from functools import cache
 
 import numpy as np
 
-from harvester.averaging.symmetric import SymmetricDevice
-from harvester.forces import contact_damping, potential, restoring_force
+from harvester.averaging.symmetric import (
+    SymmetricDevice,
+    contact_damping,
+    potential,
+    restoring_force,
+)
 
 PIECES = 4  # of a path between its turning points
 SMALLEST = 1e-150  # a speed to divide by on pieces of no length

@@ -21,8 +21,8 @@ from scipy.fft import irfft, rfft
 from scipy.sparse import csr_array
 from scipy.special import factorial
 
+from harvester.averaging.symmetric import contact_damping, contact_time, restoring_force
 from harvester.errors import AveragingError
-from harvester.forces import contact_damping, contact_time, restoring_force
 
 NEIGHBOURS = 6
 SUBSTEPS_PER_PERIOD, SUBSTEPS_PER_CONTACT = 120, 12  # of Runge–Kutta, along the flow

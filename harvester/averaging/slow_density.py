@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
+from harvester.averaging.symmetric import potential
 from harvester.compilation import compiled
-from harvester.forces import potential
 
 FINER = 3  # pieces of a cell between which g is taken as linear in the energy
 PLACES = 320  # points of a quadrature over displacement or velocity

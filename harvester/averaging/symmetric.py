@@ -7,7 +7,10 @@ and a piezo without leak on a resistor.
 import math
 from typing import NamedTuple
 
-from harvester.device import timescales
+import numpy as np
+
+from harvester.device import spring as springs
+from harvester.device import system, timescales
 from harvester.device.contact import Contact
 from harvester.device.damper import Damper, damper
 from harvester.device.hertz import HERTZ_EXPONENT, HertzDamp, hertz_damp
@@ -91,12 +94,42 @@ class SymmetricDevice(NamedTuple):
         return timescales.relaxation_time(self.system)
 
 
-def symmetric_device(system):
+def potential(p, x):
+    """U(X) of spring and stoppers of a `SymmetricDevice`; `x` a float or an array of any shape."""
+    return system.potential(p.system, x)
+
+
+def restoring_force(p, x):
+    """dU/dX; `x` a float or an array of any shape."""
+    return system.elastic_force(p.system, x)
+
+
+def contact_damping(p, x, v, held_speed):
+    """Damping force of the stoppers over velocity (1/s); floats or arrays of any one shape.
+
+    `held_speed` is v0 where it is held from the moment of contact.
+    """
+    s = p.system
+    damping = 0.0 * np.asarray(x, dtype=float)
+    for each in s.contacts:
+        depth = np.maximum(np.abs(x) - each.gap, 0.0)
+        gain = springs.energy(s.spring, x) - springs.energy(s.spring, each.gap)
+        damping = damping + each.law.damping(depth, v, gain, held_speed)
+    return damping
+
+
+def contact_time(p, speed):
+    """Duration of an elastic contact that begins with this speed (s)."""
+    (each,) = p.system.contacts
+    return each.law.duration(speed)
+
+
+def symmetric_device(whole):
     """A system in the form that the closures take.
 
     Parameters
     ----------
-    system : harvester.device.system.System
+    whole : harvester.device.system.System
 
     Returns
     -------
@@ -107,12 +140,12 @@ def symmetric_device(system):
     AveragingError
         It has a part that Eqs. 10–37 do not know.
     """
-    spring_, contacts, transducer = system.spring, system.contacts, system.transducer
+    spring_, contacts, transducer = whole.spring, whole.contacts, whole.transducer
     laws = [each.law for each in contacts]
     refusals = {
         "the spring is not symmetric": not spring_.symmetric,
         "the spring has powers above the third": len(spring_.odd) > 2,
-        "the damper has a quadratic part": not isinstance(system.damper, Damper),
+        "the damper has a quadratic part": not isinstance(whole.damper, Damper),
         "the stoppers are not one pair of equal ones": len(contacts) > 1
         or any(each.side != 0.0 for each in contacts),
         "the contact law is not Hertz's": any(
@@ -130,7 +163,7 @@ def symmetric_device(system):
     linear, cubic = (*spring_.odd, 0.0, 0.0)[:2]
     law = laws[0] if laws else None
     return SymmetricDevice(
-        damping=system.damper.damping,
+        damping=whole.damper.damping,
         linear_stiffness=linear,
         cubic_stiffness=cubic,
         gap=contacts[0].gap if law else math.inf,
@@ -139,6 +172,6 @@ def symmetric_device(system):
         held_impact_velocity=bool(law and law.holds),
         coupling=transducer.coupling,
         decay_rate=transducer.load_rate,
-        intensity=system.noise.intensity,
-        correlation_time=system.noise.correlation_time,
+        intensity=whole.noise.intensity,
+        correlation_time=whole.noise.correlation_time,
     )

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from harvester.forces import potential
 from truths import flat
 
 from harvester.averaging import average
+from harvester.averaging.symmetric import potential
 from harvester.scene import Scene
 
 PAPER = flat(Scene.load("paper"))

@@ -5,13 +5,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from harvester.forces import potential
 from truths import flat, interpolated_linear_means
 
 from harvester.averaged import average as average_scene
 from harvester.averaging import average
 from harvester.averaging.fokker_planck import LEVELS
 from harvester.averaging.propagator import Grid, Propagator, mirrored, shares
+from harvester.averaging.symmetric import potential
 from harvester.errors import AveragingError
 from harvester.scene import Scene
 from harvester.simulation import simulate

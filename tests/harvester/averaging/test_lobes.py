@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from harvester.forces import contact_damping, potential
 from scipy.integrate import quad
 from scipy.optimize import brentq, minimize_scalar
 from truths import flat
 
 from harvester.averaging.lobes import HalfOrbits, Lobe
+from harvester.averaging.symmetric import contact_damping, potential
 from harvester.scene import Scene
 
 PAPER = flat(Scene.load("paper"))

@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from harvester.forces import contact_damping, contact_time
 from scipy.integrate import quad
 from scipy.optimize import brentq
 from scipy.special import ellipk
 from truths import flat
 
 from harvester.averaging.orbits import OuterEdge, Potential, WellEdge
+from harvester.averaging.symmetric import contact_damping, contact_time
 from harvester.scene import Scene
 
 NODES = 24

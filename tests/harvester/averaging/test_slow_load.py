@@ -5,7 +5,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from harvester.forces import potential
 from scipy.stats import norm
 from truths import flat, interpolated_linear_means
 
@@ -13,6 +12,7 @@ from harvester.averaged import average as average_scene
 from harvester.averaging import average
 from harvester.averaging.crossing import IMPULSE
 from harvester.averaging.filters import filtered_power
+from harvester.averaging.symmetric import potential
 from harvester.errors import AveragingError
 from harvester.scene import Scene
 
