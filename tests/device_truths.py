@@ -1,5 +1,6 @@
 """Devices as sums of parts, written out from a scene's tables alone and solved by scipy."""
 
+import itertools
 import math
 
 import numpy as np
@@ -60,7 +61,7 @@ class Written:
         return total
 
     def electrical(self, v, state):
-        """(force on the mass, rate of the state), the state in volts of a piezo, amperes of a coil."""
+        """(force on the mass, rate of the state): volts of a piezo, amperes of a coil."""
         if self.piezo:
             theta, cp = self.piezo["coupling"], self.piezo.get("capacitance", 1.0)
             if "decay_rate" in self.load:
@@ -160,6 +161,6 @@ def gibbs_share(weight, low, high, reach):
 
     def area(a, b):
         cuts = [a, *[p for p in places if a < p < b], b]
-        return sum(quad(weight, c, d, **options)[0] for c, d in zip(cuts, cuts[1:], strict=False))
+        return sum(quad(weight, c, d, **options)[0] for c, d in itertools.pairwise(cuts))
 
     return area(max(low, -reach), min(high, reach)) / area(-reach, reach)
