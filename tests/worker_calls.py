@@ -53,8 +53,8 @@ def load_compiled_device(report):
     compiled_device.load(session(), compiled_device.module_of(scale(Scene.load("paper"))[0])[1])
 
 
-def run_device(report, scene, compiled):
-    """Record of a scene's first realization, shape (7, n), its mechanics compiled or not."""
+def run_device(report, scene, compiled, copies=1):
+    """Record of the last of a scene's copies, a row a quantity, its mechanics compiled or not."""
     from truths import Keep
 
     parameters, _ = scale(scene)
@@ -62,11 +62,12 @@ def run_device(report, scene, compiled):
         text = compiled_device.module_of(parameters)[1]
         compiled_device.load(session(), text)
         compiled_device.load(session(), text)  # a second time does no harm
-    netlist = assemble(scene, compiled=compiled)
-    keep = Keep()
-    paths = [noise_path(scene, 0)]
-    session().run(netlist, parameters, paths, [[keep]], steps_per_knot(scene))
-    return keep.record()
+    starts = [start_state(scene, index) for index in range(copies)]
+    netlist = assemble(scene, starts=starts, compiled=compiled)
+    keep = [Keep() for _ in starts]
+    paths = [noise_path(scene, index) for index in range(copies)]
+    session().run(netlist, parameters, paths, [[each] for each in keep], steps_per_knot(scene))
+    return keep[-1].record()
 
 
 def resident_megabytes():

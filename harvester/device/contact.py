@@ -197,7 +197,7 @@ def formulas(each, spring, x, u, rate, number, held=""):
     The force is meant where the condition holds. See `HertzDamp.force_formula` for the arguments;
     a pair of stoppers takes a symmetric spring.
     """
-    gap = number("gap", each.gap)
+    gap = number("gap", each.gap, "displacement at which it begins", "(0:inf)")
     sides = {
         1.0: (f"{x}>{gap}", f"{x}-{gap}", "1.0"),
         -1.0: (f"{x}<-{gap}", f"-{x}-{gap}", "-1.0"),
@@ -205,6 +205,6 @@ def formulas(each, spring, x, u, rate, number, held=""):
     }
     condition, depth, sign = sides[each.side]
     gain = arrival_formula(each, each.side or 1.0, spring, x, rate, number)
-    if not pulled_back(each, spring):
+    if not (pulled_back(each, spring) and springs.gain_is_product(spring)):
         gain = f"((({gain})>0) ? ({gain}) : 0)"
     return condition, each.law.force_formula(depth, sign, u, gain, number, held, rate)
