@@ -12,7 +12,7 @@ from harvester.errors import HarvesterError
 from harvester.estimators import Estimate
 from harvester.optimum_search import Axis, Search, amount, averaged, in_units
 from harvester.output import finite
-from harvester.parameters import knot_spacing
+from harvester.parameters import knot_spacing, require_resistor
 from harvester.plain_text import nearest
 from harvester.realization import ENGINES
 from harvester.results import with_error
@@ -186,6 +186,8 @@ def optimum(
     clock = time.perf_counter()
     check_name("quantity", maximise, MAXIMISED)
     check_name("engine", engine, ENGINES)
+    if engine == "monte-carlo":
+        require_resistor(scene, "Monte Carlo")
     axis = _axis(scene, over, low, high)
     device = _common_knots(scene, axis)
     follow = progress or (lambda share: None)

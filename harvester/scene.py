@@ -13,6 +13,7 @@ from harvester import plain_text
 from harvester.errors import SceneError
 from harvester.excitation import KINDS, Excitation, build
 from harvester.input_files import read_input
+from harvester.named_values import NamedValues
 from harvester.plain_text import named, nearest, shown
 from harvester.scene_schema import NESTED_TABLES, REPLACED_KEYS, check_tables
 from harvester.scene_tables import LARGEST_SCENE, NotToml, plain_tables, read_toml
@@ -111,7 +112,7 @@ class Load:
     decay_rate: float | None = None
     netlist: str | None = None
     subcircuit: str | None = None
-    parameters: dict | None = None
+    parameters: NamedValues | None = None
     circuit: object | None = field(default=None, repr=False)
 
     @property
@@ -215,6 +216,8 @@ class Scene:
         if "netlist" in checked["load"]:
             folder = _folders(folder)
             checked["load"]["circuit"] = _read_netlist(checked["load"], folder)
+            if "parameters" in checked["load"]:
+                checked["load"]["parameters"] = NamedValues(checked["load"]["parameters"])
         top = {key: checked[key] for key in ("units", "length_scale") if key in checked}
         parts = {
             attribute: _made(make, checked[table])
