@@ -188,9 +188,7 @@ def covering(size, seed):
             if covered > most:
                 best, most = case, covered
         left -= _held(best, size)
-        cases.append(
-            tuple(list(names)[k] for names, k in zip(DIMENSIONS, best, strict=True))
-        )
+        cases.append(tuple(list(names)[k] for names, k in zip(DIMENSIONS, best, strict=True)))
     return cases
 
 
