@@ -7,6 +7,8 @@ one matrix serves scaled and SI scenes.
 import math
 from dataclasses import dataclass
 
+from harvester.device import timescales
+from harvester.errors import SceneError
 from harvester.parameters import knot_spacing, length_scale, scale, steps_per_knot
 
 # Realizations of a case: independent, so that there is an error bar however short they are.
@@ -116,7 +118,7 @@ def _changes(scene, case):
     values = dict(case.values)
     if "stoppers" in values:
         changes = {"stoppers": None}
-    elif scene.stoppers is None and values.keys() & {"stiffness", "gap_in_wells", "restitution"}:
+    elif not scene.stoppers and values.keys() & {"stiffness", "gap_in_wells", "restitution"}:
         values = {
             "stiffness": STIFFNESS,
             "gap_in_wells": GAP,
@@ -128,17 +130,41 @@ def _changes(scene, case):
         changes = {}
     for name, value in values.items():
         if name != "stoppers":
+            _check_part(scene, name)
             key, convert = _KEYS[scene.units][name]
-            changes[key] = convert(scene, value)
+            for place in _places(scene, key):
+                changes[place] = convert(scene, value)
     return changes
+
+
+def _check_part(scene, name):
+    """Refuse a variation of a part that the device does not have."""
+    lacking = {
+        "coupling": (scene.piezo is None, "a piezo"),
+        "decay_rate": (scene.piezo is None, "a piezo"),
+        "monostable": (scene.oscillator.linear_stiffness is None, "a linear and cubic spring"),
+    }
+    absent, part = lacking.get(name, (False, ""))
+    if absent:
+        raise SceneError(f"{scene.name}: this case varies {part}, and the device has none")
+
+
+def _places(scene, key):
+    """A key, or one of each of several stoppers."""
+    table, _, name = key.partition(".")
+    if table == "stoppers" and isinstance(scene.to_tables().get(table), list):
+        return [f"{table}[{k}].{name}" for k in range(len(scene.stoppers))]
+    return [key]
 
 
 def _reference_length(scene):
     """The well's distance in scaled units; without a well the gap, or one unit."""
     p, _ = scale(scene)
-    if 0.0 < p.well < math.inf:
-        return p.well
-    return p.gap if p.has_stoppers else 1.0
+    bare = p._replace(contacts=())
+    if 0.0 < timescales.rest(bare) < math.inf:
+        return timescales.rest(bare)
+    gap = timescales.free_zone(p)[1]
+    return gap if math.isfinite(gap) else 1.0
 
 
 _ANY = {
@@ -189,8 +215,11 @@ def run_length(scene):
     The slowest of relaxation time, period, correlation time and 1/λ is to be seen many times.
     """
     p, _ = scale(scene)
-    period = 2.0 * math.pi / p.angular_frequency
-    slowest = max(p.relaxation_time, period, p.correlation_time, 1.0 / p.decay_rate)
+    period = 2.0 * math.pi / timescales.angular_frequency(p)
+    slowest = max(timescales.relaxation_time(p), period, p.noise.correlation_time)
+    decay = p.transducer.decay_rate()
+    if decay > 0.0:
+        slowest = max(slowest, 1.0 / decay)
     step = knot_spacing(scene) / steps_per_knot(scene)
     affordable = STEP_BUDGET * step / scene.run.realizations
     settle = min(SETTLED_TIMES * slowest, LARGEST_SETTLED_SHARE * affordable)
