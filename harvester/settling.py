@@ -28,6 +28,8 @@ OF_THE_CHARGE = (
     "mean_power",
     "power_conversion_efficiency",
     "power_conversion_efficiency_of_input",
+    # Of a study.
+    "output_power",
 )
 DRIFTING = {
     "E[V²]": "square_voltage",
@@ -169,14 +171,22 @@ def _motion(p, run, estimates):
     rates = -np.linalg.eigvals(matrix).real
     if np.any(rates <= 0.0):
         return None
-    left = _left_in_squares(p, matrix, run)
     error = max(
         _relative_error(estimates[name]) for name in ("mean_square_velocity", "mean_square_voltage")
     )
-    share = max(left[place] for place in places)
-    if share <= error or share <= SMALLEST_DRIFT:
+    bound = max(error, SMALLEST_DRIFT)
+
+    def left(settle):
+        missing = _left_in_squares(p, matrix, replace(run, settle=settle))
+        return max(missing[place] for place in places)
+
+    share = left(run.settle)
+    if share <= bound:
         return None
-    return _too_short(run, 1.0 / rates.min(), "the slowest relaxation of device and load", share)
+    # The slowest may hardly move what is measured: the first whose end is enough.
+    times = sorted(1.0 / rates)
+    slow = next((time for time in times if left(FORGOTTEN * time) <= bound), times[-1])
+    return _too_short(run, slow, "a relaxation of device and load", share)
 
 
 def _linear(p, square):
