@@ -6,6 +6,7 @@ withheld, and a note names the time that was too long.
 """
 
 import math
+import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -180,12 +181,18 @@ def _motion(p, run, estimates):
         missing = _left_in_squares(p, matrix, replace(run, settle=settle))
         return max(missing[place] for place in places)
 
-    share = left(run.settle)
-    if share <= bound:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", RuntimeWarning)
+            share = left(run.settle)
+            if share <= bound:
+                return None
+            # The slowest may hardly move what is measured: the first whose end is enough.
+            times = sorted(1.0 / rates)
+            slow = next((time for time in times if left(FORGOTTEN * time) <= bound), times[-1])
+    except (RuntimeWarning, ValueError):
+        # Rates too far apart for their equations to be solved.
         return None
-    # The slowest may hardly move what is measured: the first whose end is enough.
-    times = sorted(1.0 / rates)
-    slow = next((time for time in times if left(FORGOTTEN * time) <= bound), times[-1])
     return _too_short(run, slow, "a relaxation of device and load", share)
 
 
