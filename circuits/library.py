@@ -90,14 +90,16 @@ def code_models(library):
 def no_initialisation_files():
     """ngspice finds none of its initialisation files while it starts within the block.
 
-    It looks for spinit below SPICE_LIB_DIR, and for .spiceinit and spice.rc in the working
-    folder and at home. All that is an empty folder here.
+    It looks for spinit below SPICE_LIB_DIR, then for .spiceinit and spice.rc in the working folder
+    and at home, and reads the first of these. Home is what the system's list of users says, not
+    HOME: an empty one in the working folder keeps it from there.
     """
     before = dict(os.environ)
     with tempfile.TemporaryDirectory(prefix="harvester-") as empty, contextlib.chdir(empty):
         for name in before:
             if name.upper().startswith(("SPICE", "NGSPICE")):
                 del os.environ[name]
+        Path(".spiceinit").write_text("* nothing\n")
         os.environ.update(HOME=empty, USERPROFILE=empty, SPICE_LIB_DIR=empty)
         try:
             yield

@@ -33,6 +33,8 @@ _EMPTY = re.compile(
 )
 _SUBJECT = re.compile(r"(?:in line )?((?:[a-z]\.)+x\S+)(?: .*)?|\.model (\S+) .*", re.I)
 MOST_REASONS = 3
+# Letters of a reason that is told: some repeat the whole expression.
+LONGEST_REASON = 200
 
 
 def refusal(lines):
@@ -74,7 +76,7 @@ def _told(lines):
         if match:
             subject = subject or match.group(1) or f"model {match.group(2)}"
         elif line and not _EMPTY.fullmatch(line):
-            reasons[_without_form(line)] = True
+            reasons[_without_form(line)[:LONGEST_REASON]] = True
     said = "; ".join(list(reasons)[:MOST_REASONS]) or "it gave no reason"
     return f"{subject}: {said}" if subject else said
 

@@ -7,8 +7,7 @@ from itertools import pairwise
 
 from circuits.topology import GROUND
 from harvester.errors import MissingLibrary
-from harvester.figure_settings import figure_settings
-from harvester.surroundings import load_matplotlib
+from harvester.figure_settings import figure_settings, load_matplotlib
 
 # schemdraw's units: an element in its column, a column beside its words, one letter of a name.
 ROW, COLUMN, LETTER = 2.0, 1.25, 0.155

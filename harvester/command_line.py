@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+import warnings
 
 from harvester import __version__
 from harvester.commands import (
@@ -61,7 +62,9 @@ example: harvester validate paper --output results"""
 def main(arguments=None):
     """Run the command line; returns the exit code."""
     arguments = sys.argv[1:] if arguments is None else arguments
-    with guarded_streams() as exit_code:
+    with guarded_streams() as exit_code, warnings.catch_warnings():
+        # What overflows is told by the check of the result, in words for who ran it.
+        warnings.simplefilter("ignore", RuntimeWarning)
         try:
             return exit_code(_run(arguments))
         except SystemExit as end:

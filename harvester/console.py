@@ -2,6 +2,7 @@
 
 import contextlib
 import sys
+import threading
 import time
 
 from rich import box
@@ -16,6 +17,8 @@ from harvester.quiet import is_quiet
 SHOW_AFTER_SECONDS = 2.0
 SAY_AFTER_SECONDS = 5.0
 WIDEST = 1000
+# Of what a run still takes (s).
+LONGEST_TOLD = 1e10
 
 
 @contextlib.contextmanager
@@ -30,7 +33,8 @@ def progress():
         yield lambda label, scene: None
         return
     if not console.is_terminal:
-        yield lambda label, scene: _Lines(label)
+        with contextlib.ExitStack() as opened:
+            yield lambda label, scene: opened.enter_context(contextlib.closing(_Lines(label)))
         return
     bar = Progress(
         TextColumn("{task.description}", markup=False),
@@ -64,14 +68,28 @@ def progress():
 
 
 class _Lines:
-    """Says how long a run still takes: after a few seconds, then each time it has doubled."""
+    """Says how long a run still takes: after a few seconds, then each time it has doubled.
+
+    Also that nothing has been reported yet, where the start itself takes that long.
+    """
 
     def __init__(self, label):
         self._label = label
         self._began = None
         self._next = SAY_AFTER_SECONDS
+        self._start = threading.Timer(SAY_AFTER_SECONDS, self._say_start)
+        self._start.daemon = True
+        self._start.start()
+
+    def close(self):
+        """Say nothing more."""
+        self._start.cancel()
+
+    def _say_start(self):
+        print(f"{self._label}: starting; the first run compiles, a minute or so", file=sys.stderr)
 
     def __call__(self, share, words=""):
+        self._start.cancel()
         now = time.monotonic()
         if self._began is None:
             # Not before the first report: what the start took tells nothing of the speed.
@@ -86,6 +104,8 @@ class _Lines:
 
 def _duration(seconds):
     """In seconds, minutes, hours or days."""
+    if seconds > LONGEST_TOLD:
+        return "centuries"
     for size, unit in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
         if seconds >= 2.0 * size:
             return f"{seconds / size:,.0f} {unit}"

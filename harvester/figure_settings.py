@@ -1,9 +1,31 @@
 """matplotlib with its own settings and the house's, whatever settings files lie about."""
 
 import contextlib
+import os
+import sys
 import warnings
 
-from harvester.surroundings import load_matplotlib
+from harvester.surroundings import away_from_working_folder
+
+
+def load_matplotlib():
+    """Import matplotlib without what lies in the working folder, whatever MPLBACKEND names.
+
+    It reads a file `matplotlibrc` from there as it is imported, and fails at a backend it does
+    not know.
+    """
+    if "matplotlib" in sys.modules:
+        return
+    wanted = os.environ.pop("MPLBACKEND", None)
+    try:
+        with away_from_working_folder():
+            import matplotlib
+    finally:
+        if wanted is not None:
+            os.environ["MPLBACKEND"] = wanted
+    with contextlib.suppress(ValueError):
+        if wanted:
+            matplotlib.rcParams["backend"] = wanted
 
 
 @contextlib.contextmanager

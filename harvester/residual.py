@@ -51,7 +51,7 @@ def _active_load(result, p, totals, stored):
     if delivered > 0.0:
         share = delivered / max(abs(totals["input_power"].sum()), delivered)
         return (
-            f"the load is active: it delivers {share:.2g} of the energy that flows; take the "
+            f"the load is active: it delivers {share:.0%} of the energy that flows; take the "
             "sources out of its netlist"
         )
     if converter and converter.estimate < 0.0:

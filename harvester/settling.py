@@ -6,6 +6,7 @@ withheld, and a note names the time that was too long.
 """
 
 import math
+import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,6 +30,8 @@ OF_THE_CHARGE = (
     "mean_power",
     "power_conversion_efficiency",
     "power_conversion_efficiency_of_input",
+    # Of a study.
+    "output_power",
 )
 DRIFTING = {
     "E[V²]": "square_voltage",
@@ -137,8 +140,8 @@ def _lengths(run):
 def _too_short(run, time, what, share, names=None):
     return Shortfall(
         f"{_lengths(run)} are short against {what} of {time:.3g} s",
-        f"about {share:.0%} of the way from rest to the stationary means is still missing in them; "
-        f"set run.settle = {FORGOTTEN * time:.2g} or more",
+        f"about {100.0 * share:.2g} % of the way from rest to the stationary means is still missing "
+        f"in them; set run.settle = {FORGOTTEN * time:.2g} or more",
         names,
     )
 
@@ -171,14 +174,28 @@ def _motion(p, run, estimates):
     rates = -np.linalg.eigvals(matrix).real
     if np.any(rates <= 0.0):
         return None
-    left = _left_in_squares(p, matrix, run)
     error = max(
         _relative_error(estimates[name]) for name in ("mean_square_velocity", "mean_square_voltage")
     )
-    share = max(left[place] for place in places)
-    if share <= error or share <= SMALLEST_DRIFT:
+    bound = max(error, SMALLEST_DRIFT)
+
+    def left(settle):
+        missing = _left_in_squares(p, matrix, replace(run, settle=settle))
+        return max(missing[place] for place in places)
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", RuntimeWarning)
+            share = left(run.settle)
+            if share <= bound:
+                return None
+            # The slowest may hardly move what is measured: the first whose end is enough.
+            times = sorted(1.0 / rates)
+            slow = next((time for time in times if left(FORGOTTEN * time) <= bound), times[-1])
+    except (RuntimeWarning, ValueError):
+        # Rates too far apart for their equations to be solved.
         return None
-    return _too_short(run, 1.0 / rates.min(), "the slowest relaxation of device and load", share)
+    return _too_short(run, slow, "a relaxation of device and load", share)
 
 
 def _linear(p, square):

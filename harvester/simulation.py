@@ -359,9 +359,9 @@ def _checked(result):
     residual = abs(result.energy_balance_residual)
     if not residual <= LARGEST_RESIDUAL:
         raise EnergyNotBalanced(
-            f"{result.engine}: the energy balance leaves {residual:.2%} of the energy unaccounted "
-            f"for (limit {LARGEST_RESIDUAL:.0%}); suspected: {suspected_cause(result)}; else "
-            "choose --step fine or finest",
+            f"{result.engine}: the energy balance leaves {100.0 * residual:.4g} % of the energy "
+            f"unaccounted for (limit {LARGEST_RESIDUAL:.0%}); suspected: "
+            f"{suspected_cause(result)}; else choose --step fine or finest",
             partial=result,
         )
     if residual <= NOTED_RESIDUAL:

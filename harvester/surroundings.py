@@ -3,7 +3,6 @@
 import contextlib
 import os
 import stat
-import sys
 from pathlib import Path
 
 PACKAGE = Path(__file__).parent
@@ -27,26 +26,6 @@ def away_from_working_folder():
     finally:
         os.fchdir(before)
         os.close(before)
-
-
-def load_matplotlib():
-    """Import matplotlib without what lies in the working folder, whatever MPLBACKEND names.
-
-    It reads a file `matplotlibrc` from there as it is imported, and fails at a backend it does
-    not know.
-    """
-    if "matplotlib" in sys.modules:
-        return
-    wanted = os.environ.pop("MPLBACKEND", None)
-    try:
-        with away_from_working_folder():
-            import matplotlib
-    finally:
-        if wanted is not None:
-            os.environ["MPLBACKEND"] = wanted
-    with contextlib.suppress(ValueError):
-        if wanted:
-            matplotlib.rcParams["backend"] = wanted
 
 
 def who_else_writes(path):

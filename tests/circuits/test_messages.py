@@ -78,7 +78,7 @@ def test_an_element_of_a_called_sub_circuit_is_found_in_its_own_file(run, tmp_pa
 
 
 def test_an_exit_of_ngspice_is_told_in_one_line(run, tmp_path):
-    scene = loaded(tmp_path, "Bnine p n i=pwl(v(p))")
+    scene = loaded(tmp_path, "Bnine p n i=pwl(v(p),1,0,0,1)")
     with pytest.raises(SimulationError, match=r"(?i)pwl\(expr.*load\.lib|load\.lib.*pwl\(expr"):
         run(scene)
 
@@ -95,6 +95,12 @@ def test_an_exit_of_ngspice_is_told_in_one_line(run, tmp_path):
 )
 def test_a_line_that_only_mentions_trouble_is_none(line):
     assert messages.refusal([line]) == ""
+
+
+def test_a_reason_that_repeats_a_whole_expression_is_cut():
+    said = messages.refusal(["Error: cannot read", "Error: no such " + "- " * 9000])
+    assert said.startswith("cannot read; no such - -")
+    assert len(said) < 300
 
 
 def test_a_refusal_never_ends_in_a_bare_error_on_line():

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from circuits.library import code_models, find_library
+from circuits.library import code_models, find_library, no_initialisation_files
 from harvester import isolation
 from harvester.scene import Scene
 from harvester.workers import Worker
@@ -82,6 +82,16 @@ def test_the_command_as_a_module_imports_nothing_from_the_working_folder(traps):
     call = [sys.executable, "-m", "harvester", "netlist", "paper"]
     shown = subprocess.run(call, capture_output=True, text=True, check=True)
     assert ".tran" in shown.stdout
+
+
+def test_ngspice_starts_beside_an_initialisation_file_that_says_nothing(traps):
+    """Without one it reads that of the user's home, wherever HOME leads."""
+    before = os.getcwd()
+    with no_initialisation_files():
+        assert os.listdir() == [".spiceinit"]
+        with open(".spiceinit") as file:
+            assert all(line.startswith("*") for line in file)
+    assert os.getcwd() == before
 
 
 def test_code_models_stay(worker):
