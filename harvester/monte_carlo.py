@@ -10,7 +10,7 @@ Heun's scheme of second order takes the same steps; it is there for work-precisi
 
 import numpy as np
 
-from harvester.compilation import compiled, numba
+from harvester.compilation import compiled, inlined, numba
 from harvester.decay import decayed
 from harvester.device import contact, system
 from harvester.errors import SolutionDiverged
@@ -243,7 +243,7 @@ def _contact_piece(heun, s, touching, low, high, held, x, v, voltage, noise, slo
     return length, entered, held, x1, v1, voltage1
 
 
-@compiled
+@inlined
 def _acceleration(s, touching, low, high, held, x, v, voltage, noise):
     force = system.push(s, x, v, voltage, noise)
     if touching:
@@ -251,7 +251,7 @@ def _acceleration(s, touching, low, high, held, x, v, voltage, noise):
     return force
 
 
-@compiled
+@inlined
 def _step(heun, s, touching, low, high, held, x, v, voltage, noise, slope, h):
     """One step of Eq. 4 as `_scheme` chose.
 
@@ -306,7 +306,7 @@ def _heun(s, touching, low, high, held, x, v, voltage, noise, slope, h):
     return x + half * (v + v2), v + half * (a1 + a2), voltage + half * (u1 + u2)
 
 
-@compiled
+@inlined
 def _runge_kutta(s, touching, low, high, held, x, v, voltage, noise, slope, h):
     """Classical Runge–Kutta step of Eq. 4; the contact acts or not throughout the step."""
     half = 0.5 * h
