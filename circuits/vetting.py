@@ -31,6 +31,8 @@ PART_PARAMETERS = {
     "m", "ic", "temp", "dtemp", "area", "pj", "w", "ad", "as", "pd", "ps", "nrd", "nrs",
     "tc", "tc1", "tc2", "scale", "noisy", "r", "c", "l",
 }  # fmt: skip
+# Of LTspice's parts; 0 is none of those in SERIES, and LTspice writes it so.
+SERIES = {"rser", "lser"}
 PARASITICS = {"rser", "rpar", "cpar", "lser", "rlshunt"}
 WAVEFORMS = {"dc", "ac", "pulse", "sin", "exp", "sffm", "am", "pwl"}
 FLAGS = {"on", "off", "nchan", "pchan"}
@@ -249,7 +251,7 @@ def _value(card, rest, scope):
 def _part_parameter(card, word, scope):
     match = _PAIR.fullmatch(word)
     key = match.group(1) if match else ""
-    if key in FACTS:
+    if key in FACTS or (key in SERIES and number(match.group(2)) == 0.0):
         return []
     if key in PARASITICS:
         refuse(card, f"{key}= is LTspice's alone: write it as an element of its own")

@@ -140,7 +140,7 @@ def _lengths(run):
 def _too_short(run, time, what, share, names=None):
     return Shortfall(
         f"{_lengths(run)} are short against {what} of {time:.3g} s",
-        f"about {100.0 * share:.2g} % of the way from rest to the stationary means is still missing "
+        f"about {100.0 * share:.2g} % of the way from rest to the stationary means is missing "
         f"in them; set run.settle = {FORGOTTEN * time:.2g} or more",
         names,
     )

@@ -39,6 +39,11 @@ def test_any_encoding_that_ltspice_writes(tmp_path, encoding):
     assert ".param cpump=1u\n" in read_load(tmp_path / "load.lib").text
 
 
+def test_a_series_resistance_of_zero_is_none(tmp_path):
+    load = read(tmp_path, LOAD.format(body="C7 p n 1u V=6.3 Irms=0 Rser=0 Lser=0"))
+    assert "c7 p n 1u\n" in load.text
+
+
 def test_parameters_reach_the_sub_circuit_and_the_files_own(tmp_path):
     load = read(tmp_path, DOUBLER, parameters={"Rload": "100k", "cpump": 2e-6})
     assert load.parameters == (("rload", 1e5),)
