@@ -11,10 +11,17 @@ import warnings
 from dataclasses import dataclass
 
 from harvester.averaging import AVERAGED, average
+from harvester.averaging.symmetric import symmetric_device
 from harvester.errors import HarvesterError, SceneError
 from harvester.estimators import Estimate, energy_balance_residual, estimate_all
 from harvester.output import finite
-from harvester.parameters import STEPS_PER_PERIOD, knot_spacing, scale, steps_per_knot
+from harvester.parameters import (
+    STEPS_PER_PERIOD,
+    knot_spacing,
+    require_resistor,
+    scale,
+    steps_per_knot,
+)
 from harvester.realization import ENGINES, run
 from harvester.scene import Scene
 from harvester.simulation import check_step, require_noise
@@ -139,6 +146,7 @@ def stability(scene, *, cases=None, step="default", workers=None, progress=None)
     """
     step = check_step(step)
     require_noise(scene, "stability")
+    require_resistor(scene, "stability")
     clock = time.perf_counter()
     cases = default_cases() if cases is None else cases
     scenes = [_changed_or_refused(scene, case) for case in cases]
@@ -237,9 +245,9 @@ def _ignore(moments):
 
 
 def _averaged(scene, closure, report):
-    parameters, _ = scale(scene)
+    system, _ = scale(scene)
     clock = time.perf_counter()
-    averages = average(parameters, closure)
+    averages = average(symmetric_device(system), closure)
     estimates = {
         name: Estimate(getattr(averages, name), averages.numerical_error[name], None, "")
         for name in JUDGED
