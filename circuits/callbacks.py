@@ -16,6 +16,7 @@ from harvester.compilation import (
     cfunc,
     cgutils,
     compiled,
+    inlined,
     intrinsic,
     numba,
     types,
@@ -177,7 +178,7 @@ def numbers_of(part):
     return [float(part)]
 
 
-@compiled
+@inlined
 def _resolved(state, s, row, ahead, step):
     """Longest step from an accepted point that resolves the contact; `ahead`: the next knot."""
     x, v = row[DISPLACEMENT], row[VELOCITY] * state.rate
@@ -191,7 +192,7 @@ def _resolved(state, s, row, ahead, step):
     return systems.resolving_step(s, low, high, x, v, acceleration, margin, step, STEPS_PER_CONTACT)
 
 
-@compiled
+@inlined
 def _shortest(state, s, ahead, step):
     """Longest step that resolves the contacts of every copy; `ahead`: place of the next knot."""
     buffer = carray(_pointer(state.buffer), (state.copies, state.points, COLUMNS), np.float64)

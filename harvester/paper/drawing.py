@@ -254,4 +254,5 @@ def _draw_frequency_response(content):
 
 
 def _stiffness(content):
-    return content.scene.stoppers.stiffness
+    (pair,) = content.scene.stoppers
+    return pair.stiffness

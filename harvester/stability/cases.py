@@ -7,7 +7,9 @@ one matrix serves scaled and SI scenes.
 import math
 from dataclasses import dataclass
 
+from harvester.device import spring as springs
 from harvester.device import timescales
+from harvester.device.hertz import HERTZ_EXPONENT
 from harvester.errors import SceneError
 from harvester.parameters import knot_spacing, length_scale, scale, steps_per_knot
 
@@ -33,7 +35,8 @@ class Case:
     name : str
         Value or values, as text.
     values : dict of str to float, str or None
-        Scaled values by the names in `_KEYS`; {"stoppers": None} takes the stoppers away.
+        Scaled values by the names in `_CHANGES` and, of all stoppers alike, `_OF_STOPPERS`;
+        {"stoppers": None} takes the stoppers away.
     """
 
     family: str
@@ -104,108 +107,110 @@ def changed(scene, case):
     if scene.units == "SI":
         # The scaled values stay those of the unchanged scene's length unit.
         changes["length_scale"] = length_scale(scene)
-    if "stoppers" in changes:
-        del changes["stoppers"]
-        new = scene.replace(changes, stoppers=None)
-    else:
-        new = scene.replace(changes)
+    new = scene.replace(changes)
     settle, duration = run_length(new)
     return new.replace({"run.settle": settle, "run.duration": duration})
 
 
 def _changes(scene, case):
-    """The case's overrides by dotted keys, in the scene's units."""
+    """The case's overrides by dotted keys or tables, in the scene's units."""
     values = dict(case.values)
+    changes = {}
+    stopped = {name: values.pop(name) for name in _OF_STOPPERS if name in values}
     if "stoppers" in values:
-        changes = {"stoppers": None}
-    elif not scene.stoppers and values.keys() & {"stiffness", "gap_in_wells", "restitution"}:
-        values = {
-            "stiffness": STIFFNESS,
-            "gap_in_wells": GAP,
-            "restitution": RESTITUTION,
-            **values,
-        }
-        changes = {}
-    else:
-        changes = {}
+        changes["stoppers"] = values.pop("stoppers")
+    elif stopped:
+        changes["stoppers"] = _stoppers(scene, stopped)
     for name, value in values.items():
-        if name != "stoppers":
-            _check_part(scene, name)
-            key, convert = _KEYS[scene.units][name]
-            for place in _places(scene, key):
-                changes[place] = convert(scene, value)
+        key, changed_value = _CHANGES[name](scene, value)
+        changes[key] = changed_value
     return changes
 
 
-def _check_part(scene, name):
-    """Refuse a variation of a part that the device does not have."""
-    lacking = {
-        "coupling": (scene.piezo is None, "a piezo"),
-        "decay_rate": (scene.piezo is None, "a piezo"),
-        "monostable": (scene.oscillator.linear_stiffness is None, "a linear and cubic spring"),
-    }
-    absent, part = lacking.get(name, (False, ""))
-    if absent:
-        raise SceneError(f"{scene.name}: this case varies {part}, and the device has none")
+def _stoppers(scene, values):
+    """Tables of all stoppers with these scaled values; a scene without any gets a pair."""
+    if not scene.stoppers:
+        if values.keys() == {"impact_velocity"}:
+            raise SceneError(
+                f"{scene.name}: it has no stoppers whose impact_velocity could be held"
+            )
+        values = {"stiffness": STIFFNESS, "gap_in_wells": GAP, "restitution": RESTITUTION, **values}
+    length, mass = _units(scene)
+    tables = scene.to_tables().get("stoppers", {})
+    changed_tables = []
+    for table in tables if isinstance(tables, list) else [tables]:
+        changed_table = dict(table)
+        for name, value in values.items():
+            if name == "gap_in_wells":
+                changed_table["gap"] = value * _reference_length(scene) * length
+            elif name == "stiffness":
+                exponent = table.get("exponent", HERTZ_EXPONENT)
+                changed_table["stiffness"] = value * mass / length ** (exponent - 1.0)
+            else:
+                changed_table[name] = value
+        changed_tables.append(changed_table)
+    return changed_tables
 
 
-def _places(scene, key):
-    """A key, or one of each of several stoppers."""
-    table, _, name = key.partition(".")
-    if table == "stoppers" and isinstance(scene.to_tables().get(table), list):
-        return [f"{table}[{k}].{name}" for k in range(len(scene.stoppers))]
-    return [key]
+def _units(scene):
+    """One scaled unit of length and of mass, in the scene's."""
+    return (length_scale(scene), scene.oscillator.mass) if scene.units == "SI" else (1.0, 1.0)
 
 
 def _reference_length(scene):
-    """The well's distance in scaled units; without a well the gap, or one unit."""
-    p, _ = scale(scene)
-    bare = p._replace(contacts=())
-    if 0.0 < timescales.rest(bare) < math.inf:
-        return timescales.rest(bare)
-    gap = timescales.free_zone(p)[1]
-    return gap if math.isfinite(gap) else 1.0
+    """The farthest well's distance in scaled units; without wells the gap, or one unit."""
+    system, _ = scale(scene)
+    bare = system.spring
+    wells = [abs(x) for x in springs.roots(bare) if springs.slope(bare, x) > 0.0]
+    if any(wells):
+        return float(max(wells))
+    return min((each.gap for each in system.contacts), default=1.0)
 
 
-_ANY = {
-    "restitution": ("stoppers.restitution", lambda scene, e: e),
-    "impact_velocity": ("stoppers.impact_velocity", lambda scene, name: name),
-    "correlation_time": ("excitation.correlation_time", lambda scene, time: time),
-    "monostable": (
-        "oscillator.linear_stiffness",
-        lambda scene, _: abs(scene.oscillator.linear_stiffness),
-    ),
-}
-# Name in a case → dotted key of a scene, and the scaled value in its units (Eq. 3).
-_KEYS = {
-    "scaled": {
-        **_ANY,
-        "stiffness": ("stoppers.stiffness", lambda scene, k: k),
-        "gap_in_wells": ("stoppers.gap", lambda scene, gap: gap * _reference_length(scene)),
-        "intensity": ("excitation.intensity", lambda scene, d: d),
-        "decay_rate": ("load.decay_rate", lambda scene, rate: rate),
-        "coupling": ("piezo.coupling", lambda scene, beta: beta),
-    },
-    "SI": {
-        **_ANY,
-        "stiffness": (
-            "stoppers.stiffness",
-            lambda scene, k: k * scene.oscillator.mass / math.sqrt(length_scale(scene)),
-        ),
-        "gap_in_wells": (
-            "stoppers.gap",
-            lambda scene, gap: gap * _reference_length(scene) * length_scale(scene),
-        ),
-        "intensity": ("excitation.intensity", lambda scene, d: d * length_scale(scene) ** 2),
-        "decay_rate": (
-            "load.resistance",
-            lambda scene, rate: 1.0 / (rate * scene.piezo.capacitance),
-        ),
-        "coupling": (
-            "piezo.coupling",
-            lambda scene, beta: math.sqrt(beta * scene.oscillator.mass * scene.piezo.capacitance),
-        ),
-    },
+def _monostable(scene, _):
+    """The spring with its odd powers alone, all of them stiffening."""
+    oscillator = scene.oscillator
+    if oscillator.restoring_force is None:
+        return "oscillator.linear_stiffness", abs(oscillator.linear_stiffness)
+    powers = enumerate(oscillator.restoring_force)
+    return "oscillator.restoring_force", [abs(k) if n % 2 else 0.0 for n, k in powers]
+
+
+def _intensity(scene, intensity):
+    return "excitation.intensity", intensity * _units(scene)[0] ** 2
+
+
+def _correlation_time(scene, time):
+    return "excitation.correlation_time", time
+
+
+def _decay_rate(scene, rate):
+    if scene.units != "SI":
+        return "load", {"kind": "resistor", "decay_rate": rate}
+    capacitance = _capacitance(scene, "λ")
+    return "load", {"kind": "resistor", "resistance": 1.0 / (rate * capacitance)}
+
+
+def _coupling(scene, coupling):
+    if scene.units != "SI":
+        return "piezo.coupling", coupling
+    return "piezo.coupling", math.sqrt(coupling * scene.oscillator.mass * _capacitance(scene, "β"))
+
+
+def _capacitance(scene, symbol):
+    if scene.piezo is None:
+        raise SceneError(f"{scene.name}: cases of {symbol} want a piezo, and this is a coil")
+    return scene.piezo.capacitance
+
+
+_OF_STOPPERS = ("stiffness", "gap_in_wells", "restitution", "impact_velocity")
+# Name in a case → what makes (key of a scene, value in its units) of the scaled value (Eq. 3).
+_CHANGES = {
+    "monostable": _monostable,
+    "intensity": _intensity,
+    "correlation_time": _correlation_time,
+    "decay_rate": _decay_rate,
+    "coupling": _coupling,
 }
 
 
@@ -214,12 +219,10 @@ def run_length(scene):
 
     The slowest of relaxation time, period, correlation time and 1/λ is to be seen many times.
     """
-    p, _ = scale(scene)
-    period = 2.0 * math.pi / timescales.angular_frequency(p)
-    slowest = max(timescales.relaxation_time(p), period, p.noise.correlation_time)
-    decay = p.transducer.decay_rate()
-    if decay > 0.0:
-        slowest = max(slowest, 1.0 / decay)
+    system, _ = scale(scene)
+    period = 2.0 * math.pi / timescales.angular_frequency(system)
+    relaxation, decay = timescales.relaxation_time(system), system.transducer.decay_rate()
+    slowest = max(relaxation, period, system.noise.correlation_time, 1.0 / decay if decay else 0.0)
     step = knot_spacing(scene) / steps_per_knot(scene)
     affordable = STEP_BUDGET * step / scene.run.realizations
     settle = min(SETTLED_TIMES * slowest, LARGEST_SETTLED_SHARE * affordable)

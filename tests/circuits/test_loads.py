@@ -99,7 +99,7 @@ def diode_equation(scene, resistance, storage):
     The four diodes share the voltages evenly, so the potential of the output against the piezo
     drops out.
     """
-    p, scales = scale(scene)
+    p, (_, scales) = flat(scene), scale(scene)
     path = noise_path(scene, 0)
     knots = round(scene.run.duration / path.spacing)
     noise = path.read(knots + 1)

@@ -9,13 +9,13 @@ from harvester.compilation import PACKAGE
 
 
 def test_a_change_in_one_file_reaches_the_code_compiled_from_another(tmp_path):
-    """The contact force lives in `forces`, its use in `monte_carlo`."""
+    """The contact force lives in `device/contact`, its use in `monte_carlo`."""
     shutil.copytree(PACKAGE, tmp_path / "harvester", ignore=shutil.ignore_patterns("__pycache__"))
     code = (
         "from harvester.scene import Scene; from harvester.parameters import scale\n"
         "from harvester.monte_carlo import _acceleration\n"
         "p, _ = scale(Scene.load('paper'))\n"
-        "print(_acceleration(p, True, 0.0, 1.5, 0.0, 0.0, 0.0))"
+        "print(_acceleration(p, True, 1.1, 9.0, 0.0, 1.5, 0.0, 0.0, 0.0))"
     )
 
     def acceleration():
@@ -31,11 +31,12 @@ def test_a_change_in_one_file_reaches_the_code_compiled_from_another(tmp_path):
 
     before = acceleration()
     assert acceleration() == before
-    forces = tmp_path / "harvester" / "forces.py"
+    forces = tmp_path / "harvester" / "device" / "contact.py"
     changed = forces.read_text().replace(
-        "return spring + contact_damping(p, x, v, held_speed) * v",
-        "return 2.0 * spring + contact_damping(p, x, v, held_speed) * v",
+        "return push + damping(contact.law, depth, v, gain, held_speed) * v",
+        "return 2.0 * push + damping(contact.law, depth, v, gain, held_speed) * v",
     )
+    assert changed != forces.read_text()
     forces.write_text(changed)
     assert acceleration() < before - 1.0
 
@@ -51,7 +52,7 @@ def test_numba_is_imported_where_the_working_folder_is_shut_out():
 def test_numba_takes_no_settings_of_the_working_folder(tmp_path, text):
     (tmp_path / ".numba_config.yaml").write_text(text.format(folder=tmp_path))
     code = (
-        "from harvester.forces import bare_potential\n"
+        "from harvester.device.system import potential\n"
         "from harvester.compilation import compiled, numba\n"
         "compiled(lambda x: x, cache=False)(1.0)\n"
         "print(numba.config.CACHE_DIR, numba.config.DISABLE_JIT)"

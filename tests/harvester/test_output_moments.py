@@ -12,13 +12,13 @@ PASSAGE = 5e-3
 
 def charging(chunk, settle=0.0):
     """v = 1 − exp(−t) to t = 16, in chunks, with a piezo giving power 1 and an input of 2."""
-    moments = Moments.empty(settle, 16.0, np.inf, 32, 1, 0.1)
+    moments = Moments.empty(settle, 16.0, (-np.inf, np.inf), (), False, 32, 1, 0.1)
     moments.output = OutputMoments.beside(moments)
     moments.output.conductance, moments.output.capacitance = 0.5, 3.0
     time = np.linspace(1e-3, 16.0, 16_000)
     voltage = 1.0 - np.exp(-time)
     one = np.ones_like(time)
-    record = np.array([time, one, one, one, one, 2.0 * one, one])
+    record = np.array([time, one, one, one, one, 2.0 * one, one, 0.0 * one])
     for start in range(0, time.size, chunk):
         moments.add(Record(*record[:, start : start + chunk]))
         moments.output.add(time[start : start + chunk], voltage[start : start + chunk])

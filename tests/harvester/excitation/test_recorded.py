@@ -7,7 +7,8 @@ from truths import Keep, flat
 from harvester.errors import SceneError
 from harvester.excitation import conditioning
 from harvester.monte_carlo import initial_state, integrate
-from harvester.realization import noise_path
+from harvester.parameters import scale
+from harvester.realization import noise_path, start_state
 from harvester.scene import Scene
 from harvester.simulation import simulate
 
@@ -43,7 +44,9 @@ def test_a_linear_device_answers_a_record_as_lsim_says(tmp_path):
     scene = recorded(saved(tmp_path, samples))
     p = flat(scene)
     keep = Keep()
-    for record in integrate(p, noise_path(scene, 0), initial_state(p, True), 30.0):
+    whole, _ = scale(scene)
+    state = initial_state(whole, start_state(scene, 0))
+    for record in integrate(whole, noise_path(scene, 0), state, 30.0):
         keep.add(record)
     matrix = np.array(
         [[0, 1, 0], [-p.linear_stiffness, -p.damping, -p.coupling], [0, 1, -p.decay_rate]]

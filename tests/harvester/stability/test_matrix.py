@@ -7,12 +7,19 @@ from truths import drop_scene, flat, rebound_speed
 
 from harvester.averaging import AVERAGED
 from harvester.command_line import main
-from harvester.errors import AveragingError, EnergyNotBalanced, HarvesterError, SceneError
+from harvester.device.timescales import fastest_angular_frequency, wells
+from harvester.errors import (
+    AveragingError,
+    EnergyNotBalanced,
+    HarvesterError,
+    LoadError,
+    SceneError,
+)
 from harvester.estimators import Estimate
-from harvester.parameters import knot_spacing, steps_per_knot
+from harvester.parameters import knot_spacing, scale, steps_per_knot
 from harvester.scene import Scene
 from harvester.simulation import simulate
-from harvester.stability.cases import STEP_BUDGET, Case, changed, default_cases
+from harvester.stability.cases import STEP_BUDGET, Case, changed, default_cases, run_length
 from harvester.stability.matrix import StabilityMatrix, stability
 from harvester.stability.verdicts import JUDGED, Answer, judged
 
@@ -119,6 +126,56 @@ def test_cases_fit_scenes_without_stoppers_or_wells():
             assert total <= STEP_BUDGET * (1 + 1e-9), case.title
 
 
+STOPPERS = "stoppers=[{side='left', gap=0.9, stiffness=9, restitution=0.4, exponent=2.0}]"
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides", "refused"),
+    [
+        ("asymmetric", [], {"v0 held", "β = 0"}),
+        ("one_sided", [], {"β = 0"}),
+        ("tristable", [], {"v0 held", "β = 0"}),
+        ("paper", [STOPPERS], set()),
+        ("device", ["load.netlist=resistor"], {"v0 held", "β = 0"}),
+    ],
+)
+def test_cases_are_made_of_any_parts(name, overrides, refused):
+    scene = Scene.load(name, overrides)
+    found = set()
+    for case in default_cases():
+        try:
+            system, _ = scale(changed(scene, case))
+        except SceneError:
+            found.add(case.name)
+            continue
+        laws = [each.law for each in system.contacts]
+        if "stiffness" in case.values:
+            expected = [pytest.approx(case.values["stiffness"], rel=1e-9)] * len(laws)
+            assert laws
+            assert [law.stiffness for law in laws] == expected
+        if "monostable" in case.values:
+            assert len(wells(system)) == 1
+        if "decay_rate" in case.values:
+            assert system.transducer.load_rate == pytest.approx(case.values["decay_rate"])
+        if "stoppers" in case.values:
+            assert system.contacts == ()
+    assert found == refused
+
+
+def test_cases_of_a_piezo_are_refused_by_name_on_a_coil():
+    scene = Scene.load("electromagnetic")
+    for values in ({"decay_rate": 1.0}, {"coupling": 1.0}):
+        with pytest.raises(SceneError, match="want a piezo, and this is a coil"):
+            changed(scene, Case("", "", values))
+    settle, duration = run_length(changed(scene, Case("", "", {"intensity": 1.0})))
+    assert 0.0 < settle < duration < math.inf
+
+
+def test_a_load_that_is_no_resistor_is_refused_at_once():
+    with pytest.raises(LoadError, match="stability"):
+        stability(Scene.load("device", ["load.netlist=bridge"]))
+
+
 def test_the_default_step_follows_the_amplitude_that_the_noise_drives():
     weak, strong = (
         Scene.load("paper", [f"excitation.intensity={d}", "stoppers=none"]) for d in (0.02, 100)
@@ -128,7 +185,7 @@ def test_the_default_step_follows_the_amplitude_that_the_noise_drives():
     assert steps_per_knot(strong) == pytest.approx(
         2 * steps_per_knot(strong, engine="monte-carlo"), abs=1
     )
-    p = flat(strong)
+    fastest = fastest_angular_frequency(scale(strong)[0])
     result = simulate(
         strong.replace({"run.realizations": 2, "run.duration": 400.0, "run.settle": 50.0}),
         "monte-carlo",
@@ -137,7 +194,7 @@ def test_the_default_step_follows_the_amplitude_that_the_noise_drives():
     # Mean square velocity over mean square displacement: the frequency that the motion has.
     means = result.scaled_quantities
     ratio = means["mean_square_velocity"].estimate / means["mean_square_displacement"].estimate
-    assert 0.6 * p.fastest_angular_frequency < math.sqrt(ratio) < p.fastest_angular_frequency
+    assert 0.6 * fastest < math.sqrt(ratio) < fastest
 
 
 @pytest.mark.parametrize("rate", ["100", "1e4"])

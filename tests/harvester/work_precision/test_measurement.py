@@ -116,13 +116,13 @@ def test_the_held_speed_of_the_reference_agrees_with_monte_carlo(pool):
     )
 
 
+UNEVEN = "stoppers={gap=0.011, stiffness=1e6, restitution=0.5, exponent=2.0}"
 PARTS = [
-    ("asymmetric", ["oscillator.quadratic_damping=5.0"]),
-    ("asymmetric", ["stoppers={gap=0.011, stiffness=1e6, restitution=0.5, exponent=2.0}"]),
     ("one_sided", ["piezo.leakage_resistance=1e6"]),
     ("tristable", ["start={displacement=0.012, velocity=0.3, voltage=5.0}"]),
     ("electromagnetic", []),
-    ("electromagnetic", ["coil.inductance=2.0"]),
+    pytest.param("asymmetric", ["oscillator.quadratic_damping=5", UNEVEN], marks=pytest.mark.slow),
+    pytest.param("electromagnetic", ["coil.inductance=2.0"], marks=pytest.mark.slow),
 ]
 
 
