@@ -1,5 +1,6 @@
 """What the tests ask a worker process to do besides simulating a scene."""
 
+import importlib
 import os
 import time
 
@@ -7,7 +8,7 @@ from circuits import compiled_device
 from circuits.assembly import Netlist, assemble
 from circuits.session import session
 from harvester.parameters import scale, steps_per_knot
-from harvester.realization import noise_path, start_state
+from harvester.realization import ENGINES, noise_path, start_state
 from harvester.scene import Scene
 
 
@@ -141,3 +142,21 @@ def stick(report, scene):
     netlist = dataclasses.replace(netlist, text=text)
     paths = [noise_path(scene, 0)]
     session().run(netlist, parameters, paths, [[]], steps_per_knot(scene))
+
+
+def run_with_law(report, tables, engine, step):
+    """(X, X', V) at the knots of a scene whose contacts have the law of `spring_dashpot`."""
+    from spring_dashpot import spring_dashpot
+    from truths import Keep
+
+    from harvester.device.contact import LAWS
+    from harvester.parameters import knot_spacing
+
+    LAWS["dashpot"] = spring_dashpot
+    scene = Scene.from_tables(tables)
+    keep = Keep()
+    module = importlib.import_module(ENGINES[engine])
+    module.prepare(scene)
+    arguments = ([noise_path(scene, 0)], [start_state(scene, 0)], [[keep]], step, "external")
+    module.run_realizations(scene, *arguments, device="behavioural")
+    return keep.at_knots(knot_spacing(scene))

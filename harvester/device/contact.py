@@ -53,9 +53,10 @@ def one_force(contact, spring, x, v, held_speed, low, high):
     if s == 0.0:
         s = 1.0 if low >= contact.gap else -1.0
     acts = low >= contact.gap if s > 0.0 else high <= -contact.gap
-    depth = s * x - contact.gap
-    if not acts or depth <= 0.0:
+    if not acts:
         return 0.0
+    # A step of the zone may begin a rounding short of its edge, where a dashpot already acts.
+    depth = max(s * x - contact.gap, 0.0)
     gain = springs.energy(spring, x) - springs.energy(spring, s * contact.gap)
     push = s * elastic_force(contact.law, depth)
     return push + damping(contact.law, depth, v, gain, held_speed) * v

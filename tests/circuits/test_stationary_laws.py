@@ -98,21 +98,26 @@ def test_the_circuits_shares_are_gibbs(pool, name):
 @pytest.mark.parametrize(
     ("load", "duration", "realizations"),
     [
-        ({"resistance": 1e5}, 60.0, 64),
-        ({"netlist": "bridge"}, 60.0, 64),
-        ({"netlist": "parallel_sshi"}, 20.0, 40),
+        ({"resistance": 1e5}, 20.0, 64),
+        ({"netlist": "bridge"}, 20.0, 64),
+        ({"netlist": "sshi_parallel"}, 20.0, 64),
     ],
 )
 def test_the_mass_law_holds_with_every_load(pool, load, duration, realizations):
     """E[ηx'] = D per unit mass whatever spring and load; the finite knots take little of it."""
     tables = Scene.load("device").to_tables()
     tables["load"] = load
-    tables["excitation"] = {"kind": "white", "intensity": 0.2}
+    # Ten times the damping, so that the motion forgets sooner.
+    tables["oscillator"]["damping"] = 0.3
+    tables["excitation"] = {"kind": "white", "intensity": 2.0, "knot_spacing": 1e-3}
     tables["run"] = {
-        "duration": duration, "settle": 5.0, "seed": 11, "realizations": realizations,
+        "duration": duration,
+        "settle": 1.0,
+        "seed": 11,
+        "realizations": realizations,
     }
     result = simulate(Scene.from_tables(tables, name="mass law"), pool=pool)
-    truth = tables["oscillator"]["mass"] * 0.2
+    truth = tables["oscillator"]["mass"] * 2.0
     found = result.quantity("mean_input_power")
     assert found.standard_error < 0.012 * truth
     assert abs(found.estimate - truth) < 3.0 * found.standard_error
