@@ -84,7 +84,15 @@ COMMANDS = {
     ),
     "schematic": (("schematic",), ("--output", "{folder}/schematic.svg")),
 }
-DIMENSIONS = (COMMANDS, DEVICES, LOADS, EXCITATIONS)
+# One of each kind of part: what is compiled for one kind serves all of it.
+KINDS_OF_DEVICE = (
+    "paper",
+    "asymmetric",
+    "one_sided",
+    "electromagnetic",
+    "coil with inductance",
+    "leak and drag",
+)
 USERS_LOAD = """.subckt mine p n load_resistance=100k
 D1 p out plain
 D2 n out plain
@@ -166,10 +174,11 @@ def call(case, folder):
     return [*before, name, *sets, *(text.format(**values) for text in behind)]
 
 
-def covering(size, seed):
+def covering(size, seed, devices=tuple(DEVICES)):
     """Cases that hold every combination of values of any `size` dimensions, greedily chosen."""
     generator = np.random.default_rng(seed)
-    lengths = [len(values) for values in DIMENSIONS]
+    dimensions = (tuple(COMMANDS), devices, tuple(LOADS), tuple(EXCITATIONS))
+    lengths = [len(values) for values in dimensions]
     left = {
         (places, values)
         for places in itertools.combinations(range(len(lengths)), size)
@@ -188,7 +197,7 @@ def covering(size, seed):
             if covered > most:
                 best, most = case, covered
         left -= _held(best, size)
-        cases.append(tuple(list(names)[k] for names, k in zip(DIMENSIONS, best, strict=True)))
+        cases.append(tuple(names[k] for names, k in zip(dimensions, best, strict=True)))
     return cases
 
 

@@ -68,14 +68,24 @@ def faults(case, folder, capsys):
     found = FAULT.search(said)
     if found and not found.group().startswith(OURS):
         return f"{case}: {said[-600:]}"
-    if code not in (0, None):
-        refusals = [line for line in streams.err.splitlines() if line.startswith("harvester: ")]
-        if code not in (1, 2) or len(refusals) != 1:
-            return f"{case}: exit code {code}: {said[-600:]}"
-    return ""
+    refusals = [line for line in streams.err.splitlines() if line.startswith("harvester: ")]
+    if code in (0, None) or (code == 2 and len(refusals) == 1):
+        return ""
+    # A run that failed says so in one line, or in its place of a table.
+    if code == 1 and (len(refusals) == 1 or any(name in said for name in OURS)):
+        return ""
+    return f"{case}: exit code {code}: {said[-600:]}"
 
 
 @pytest.mark.usefixtures("briefly")
-def test_every_two_of_command_device_load_and_excitation(folder, capsys):
-    cases = every_command.covering(2, seed=3)
+def test_every_two_of_command_kind_of_device_load_and_excitation(folder, capsys):
+    cases = every_command.covering(2, 3, every_command.KINDS_OF_DEVICE)
+    assert not [fault for case in cases if (fault := faults(case, folder, capsys))]
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("briefly")
+@pytest.mark.parametrize("seed", range(2))
+def test_every_two_of_command_device_load_and_excitation(folder, capsys, seed):
+    cases = every_command.covering(2, seed)
     assert not [fault for case in cases if (fault := faults(case, folder, capsys))]
