@@ -36,7 +36,7 @@ numba.core.config._config_fname = ""
 # Without it everything is compiled at every start: slower by some seconds, and the same.
 CACHED = numba_cache.is_safe()
 compiled = partial(njit, cache=CACHED, error_model="numpy")
-# Written into its callers: what a step calls would else be handed all numbers of a device each time.
+# Written into its callers, which else hand over all numbers of a device each time they step.
 inlined = partial(njit, error_model="numpy", inline="always")
 # Sums over many points in any order, several at a time.
 summing = partial(njit, cache=CACHED, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
