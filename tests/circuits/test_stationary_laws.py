@@ -99,8 +99,8 @@ def test_the_circuits_shares_are_gibbs(pool, name):
     ("load", "duration", "realizations"),
     [
         ({"resistance": 1e5}, 20.0, 64),
-        ({"netlist": "bridge"}, 20.0, 64),
-        ({"netlist": "sshi_parallel"}, 20.0, 64),
+        ({"netlist": "bridge", "parameters": {"storage": 1e-7}}, 20.0, 64),
+        ({"netlist": "sshi_parallel", "parameters": {"storage": 1e-7}}, 20.0, 64),
     ],
 )
 def test_the_mass_law_holds_with_every_load(pool, load, duration, realizations):

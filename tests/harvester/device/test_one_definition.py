@@ -96,6 +96,8 @@ STOPPERS = {
         {"gap": 0.6, "stiffness": 50.0, "restitution": 0.5, "side": "right", "exponent": 2.5},
         {"gap": 0.7, "stiffness": 40.0, "restitution": 1.0, "side": "left"},
     ],
+    # On both sides of a spring that is not symmetric: 32 contacts.
+    "sixteen": [{"gap": 0.1 * k, "stiffness": k, "restitution": 0.5} for k in range(1, 17)],
     "held": [{"gap": 0.5, "stiffness": 9.0, "restitution": 0.4, "impact_velocity": "event"}],
 }
 
