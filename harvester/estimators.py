@@ -41,9 +41,6 @@ MEANS = {
     "mean_transducer_loss": ("transducer_loss", "power"),
 }
 
-# Of a sum over many points: two powers whose ratio varies by less have one that the device fixes.
-ROUNDING = 1e-12
-
 NONE_SEEN = "none seen: no error bar tells how rare they are"
 TOO_SHORT = "too short for an error bar: raise run.duration or run.realizations"
 
@@ -403,8 +400,6 @@ def _efficiency(upper, lower, mean_lower, upper_square, cross, lower_square, err
     if mean_lower == 0.0:
         return Estimate(math.nan, None, None, "1", "nothing was put in")
     ratio, error = ratio_of_sums(upper, lower, error_of)
-    if error is not None and error < ROUNDING * abs(ratio):
-        return Estimate(ratio, 0.0, None, "1")
     size = None
     if error:
         variance = (upper_square - 2.0 * ratio * cross + ratio**2 * lower_square) / mean_lower**2
