@@ -10,7 +10,7 @@ would need more Newton iterations a step. Node `piezo` carries terminal volts.
 import math
 from dataclasses import dataclass
 
-from circuits.loads import library_text
+from circuits.loads.project import library_text
 from harvester.device import contact as contacts
 from harvester.device import spring as springs
 from harvester.device.damper import drag_formula

@@ -24,9 +24,9 @@ from harvester.commands import (
 )
 from harvester.commands.options import complain
 from harvester.errors import EngineNotFound, HarvesterError, SimulationError
-from harvester.plain_text import one_line
-from harvester.quiet import quiet
-from harvester.streams import guarded_streams
+from harvester.files.plain_text import one_line
+from harvester.files.streams import guarded_streams
+from harvester.show.quiet import quiet
 
 COMMANDS = (
     validate,
@@ -136,6 +136,6 @@ def _keep_partial(options, error):
     """Write what a failed run had, with its outcome named, where JSON was asked for."""
     if error.partial is None or not getattr(options, "json", None):
         return
-    from harvester.output import write_json
+    from harvester.files.writing import write_json
 
     write_json(options.json, error.partial.to_dict())

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from harvester import numba_cache
-from harvester.surroundings import away_from_working_folder
+from harvester.files.surroundings import away_from_working_folder
 
 with away_from_working_folder():
     import numba

@@ -3,8 +3,8 @@
 import math
 
 from harvester.device import timescales
-from harvester.parameters import scale
-from harvester.scene import Scene
+from harvester.scene.model import Scene
+from harvester.scene.units import scale
 
 SCALED = {
     "units": "scaled",

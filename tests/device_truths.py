@@ -7,8 +7,9 @@ import numpy as np
 from scipy.integrate import DOP853, quad
 from scipy.optimize import brentq
 
-from harvester.parameters import knot_spacing, scale
-from harvester.realization import noise_path, start_state
+from harvester.engines.realization import noise_path, start_state
+from harvester.engines.steps import knot_spacing
+from harvester.scene.units import scale
 
 
 class Written:

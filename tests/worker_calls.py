@@ -4,12 +4,14 @@ import importlib
 import os
 import time
 
-from circuits import compiled_device
 from circuits.assembly import Netlist, assemble
-from circuits.session import session
-from harvester.parameters import scale, steps_per_knot
-from harvester.realization import ENGINES, noise_path, start_state
-from harvester.scene import Scene
+from circuits.ngspice import compiled_device
+from circuits.ngspice.session import session
+from harvester.engines.protocol import ENGINES
+from harvester.engines.realization import noise_path, start_state
+from harvester.engines.steps import steps_per_knot
+from harvester.scene.model import Scene
+from harvester.scene.units import scale
 
 
 def say(report, text):
@@ -80,7 +82,7 @@ def run_many(report, scene, times):
     """Memory after the first and after the last of many runs (MB)."""
     from truths import Keep
 
-    from circuits.engine import run_realizations
+    from circuits.ngspice.engine import run_realizations
 
     sizes = []
     for index in range(times):
@@ -93,7 +95,7 @@ def run_many(report, scene, times):
 
 def run_long(report, scene):
     """Growth of memory over the second half of one run (MB)."""
-    from circuits.engine import run_realizations
+    from circuits.ngspice.engine import run_realizations
 
     class Watch:
         def __init__(self):
@@ -116,7 +118,7 @@ def drop(report, scene, speed, step):
     from truths import Keep
 
     from circuits.assembly import assemble
-    from harvester.parameters import steps_per_knot
+    from harvester.engines.steps import steps_per_knot
 
     parameters, _ = scale(scene)
     netlist = assemble(scene, step)
@@ -150,7 +152,7 @@ def run_with_law(report, tables, engine, step):
     from truths import Keep
 
     from harvester.device.contact import LAWS
-    from harvester.parameters import knot_spacing
+    from harvester.engines.steps import knot_spacing
 
     LAWS["dashpot"] = spring_dashpot
     scene = Scene.from_tables(tables)

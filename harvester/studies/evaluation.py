@@ -5,21 +5,19 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from harvester.control_variate import controlled_mean
-from harvester.estimators import (
-    Estimate,
-    complete_batches,
-    energy_balance_residual,
-    estimate_all,
-)
-from harvester.moments import QUANTITIES
-from harvester.output_estimates import estimate_output
-from harvester.output_moments import QUANTITIES as OUTPUT_QUANTITIES
-from harvester.parameters import scale
-from harvester.passivity import efficiency_notes
-from harvester.record import Record
+from harvester.estimates.balance import energy_balance_residual
+from harvester.estimates.batch_means import complete_batches
+from harvester.estimates.control_variate import controlled_mean
+from harvester.estimates.estimate import Estimate
+from harvester.estimates.means import estimate_all
+from harvester.estimates.output_side import estimate_output
+from harvester.estimates.passivity import efficiency_notes
+from harvester.estimates.settling import shortfalls, withheld
+from harvester.record.moments import QUANTITIES
+from harvester.record.output_side import QUANTITIES as OUTPUT_QUANTITIES
+from harvester.record.record import Record
 from harvester.results import unit_of
-from harvester.settling import shortfalls, withheld
+from harvester.scene.units import scale
 from harvester.simulation import LARGEST_RESIDUAL, NOTED_RESIDUAL
 
 COMPLETE = "complete"

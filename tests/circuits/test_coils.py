@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_lyapunov
 
-from harvester.scene import Scene
+from harvester.scene.model import Scene
 from harvester.simulation import simulate
 
 MASS, DAMPING, STIFFNESS = 0.01, 0.02, 20.0

@@ -5,7 +5,8 @@ import pytest
 from device_scenes import DEVICES, device
 from device_truths import written_path
 
-from harvester.parameters import knot_spacing, scale, stop_time
+from harvester.engines.steps import knot_spacing, stop_time
+from harvester.scene.units import scale
 from harvester.simulation import simulate
 
 # The circuit's sample and hold of the impact speed lags by half a step, so it is of first order.

@@ -8,8 +8,8 @@ import pytest
 from device_truths import gibbs, gibbs_share
 
 from harvester.device import timescales
-from harvester.parameters import scale
-from harvester.scene import Scene
+from harvester.scene.model import Scene
+from harvester.scene.units import scale
 from harvester.simulation import simulate
 
 SKEW = [-0.08, -2.0, 0.3, 2.2]

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import worker_calls
 from device_truths import Written, written_path
 from spring_dashpot import DASHPOT, spring_dashpot
 
@@ -9,9 +10,10 @@ from circuits.assembly import assemble
 from circuits.verilog import module
 from harvester.device import system
 from harvester.device.contact import LAWS
+from harvester.engines.steps import knot_spacing, stop_time
 from harvester.errors import SceneError
-from harvester.parameters import knot_spacing, scale, stop_time
-from harvester.scene import Scene
+from harvester.scene.model import Scene
+from harvester.scene.units import scale
 
 TABLES = {
     "units": "scaled",
@@ -53,7 +55,7 @@ def test_both_engines_follow_scipys_path(scene, worker, monkeypatch, tmp_path, e
     monkeypatch.setattr(Written, "contact", force)
     reference = written_path(scene, round(stop_time(scene) / knot_spacing(scene)))[1:]
     arguments = {"tables": TABLES, "engine": engine, "step": "finest"}
-    states = worker.call("worker_calls:run_with_law", arguments, time_limit=60.0)
+    states = worker.call(worker_calls.run_with_law, arguments, time_limit=60.0)
     assert reference[:, 0].max() > 0.35
     assert np.abs(states[:, 0] - reference[:, 0]).max() < largest
 

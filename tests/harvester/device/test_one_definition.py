@@ -14,8 +14,8 @@ from circuits.verilog import module
 from harvester.compilation import compiled
 from harvester.device import contact as contacts
 from harvester.device import damper, spring, system
-from harvester.parameters import scale
-from harvester.scene import Scene
+from harvester.scene.model import Scene
+from harvester.scene.units import scale
 
 RANDOM = np.random.default_rng(31)
 RATE = 3.7

@@ -6,9 +6,10 @@ from device_scenes import DEVICES, device
 from device_truths import written_path
 from truths import Keep
 
-from harvester.monte_carlo import run_realizations
-from harvester.parameters import knot_spacing, scale, stop_time
-from harvester.realization import noise_path, start_state
+from harvester.engines.monte_carlo import run_realizations
+from harvester.engines.realization import noise_path, start_state
+from harvester.engines.steps import knot_spacing, stop_time
+from harvester.scene.units import scale
 
 
 def deviation(scene, states, reference):

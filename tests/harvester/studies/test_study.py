@@ -11,11 +11,11 @@ import pytest
 from scipy.optimize import minimize_scalar
 from truths import flat, interpolated_linear_means
 
-from harvester.averaged import average
+from harvester.averaging.of_scene import average
 from harvester.command_line import main
+from harvester.engines.steps import knot_spacing
 from harvester.errors import HarvesterError
-from harvester.parameters import knot_spacing
-from harvester.scene import Scene
+from harvester.scene.model import Scene
 from harvester.studies import Report, load_study, save, to_dataset
 
 RESISTANCE = "load.parameters.resistance"
