@@ -7,13 +7,13 @@ import zipfile
 
 import numpy as np
 import pytest
-from truths import flat
 
 from harvester.errors import SimulatorAborted, SimulatorCrashed, SimulatorTimeout, SolutionDiverged
 from harvester.estimates.means import estimate_all
 from harvester.estimates.output_side import estimate_output
 from harvester.record.moments import PRODUCTS
 from harvester.scene.model import Scene
+from harvester.scene.units import scale
 from harvester.studies.piece_file import DIGEST, HEADER, MOST_BYTES, Piece, _digest, packed
 from harvester.studies.pieces import Store, compute, failed, key_of
 from harvester.studies.pieces import compute as pieces_compute
@@ -37,7 +37,7 @@ def piece(bridge, pool):
 def test_a_piece_read_back_gives_the_same_numbers(bridge, piece, tmp_path):
     Store(tmp_path).put("key", piece)
     read = Store(tmp_path).get("key")
-    parameters = flat(bridge)
+    parameters, _ = scale(bridge)
 
     def values(some):
         found = estimate_all(some.moments, parameters) | estimate_output(some.moments)
@@ -118,6 +118,7 @@ FOREIGN = {
     ),
     "another waveform": lambda whole, spoor: rewritten(whole, waveform=np.zeros((2, 3))),
     "another shape": lambda whole, spoor: rewritten(whole, **{"0.integrals": np.ones((3, 2))}),
+    "other wells": lambda whole, spoor: rewritten(whole, **{"0.saddles": np.zeros(2)}),
     "negative times": lambda whole, spoor: rewritten(
         whole, **{"1.integrals": -np.load(io.BytesIO(whole))["1.integrals"]}
     ),
