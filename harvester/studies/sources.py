@@ -116,9 +116,9 @@ def make_source(scene, method, step, version):
 
 def _fits(moments, template, has_output):
     """Whether moments have the shapes and times that the scene gives them, and finite sums."""
-    same = ("start", "batch_length", "gap", "sample_interval")
+    same = ("start", "batch_length", "free", "saddles", "sample_interval")
     shaped = ("integrals", "products", "bin_widths", "first", "last")
-    if any(getattr(moments, name) != getattr(template, name) for name in same):
+    if not all(np.array_equal(getattr(moments, name), getattr(template, name)) for name in same):
         return False
     for name in shaped:
         array = getattr(moments, name)
@@ -152,7 +152,9 @@ def control_of(scene):
     parameters, _ = scale(scene)
     rate = timescales.angular_frequency(parameters)
     load = {"decay_rate": rate}
-    if scene.units == "SI":
+    if scene.coil:
+        load = {"resistance": scene.coil.resistance}
+    elif scene.units == "SI":
         load = {"resistance": 1.0 / (rate * scene.piezo.capacitance)}
     tables = scene.to_tables()
     tables["load"] = load

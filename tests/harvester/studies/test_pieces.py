@@ -7,12 +7,12 @@ import zipfile
 
 import numpy as np
 import pytest
-from truths import flat
 
 from harvester.errors import SimulatorAborted, SimulatorCrashed, SimulatorTimeout, SolutionDiverged
 from harvester.estimators import estimate_all
 from harvester.moments import PRODUCTS
 from harvester.output_estimates import estimate_output
+from harvester.parameters import scale
 from harvester.scene import Scene
 from harvester.studies.piece_file import DIGEST, HEADER, MOST_BYTES, Piece, _digest, packed
 from harvester.studies.pieces import Store, compute, failed, key_of
@@ -36,7 +36,7 @@ def piece(bridge, pool):
 def test_a_piece_read_back_gives_the_same_numbers(bridge, piece, tmp_path):
     Store(tmp_path).put("key", piece)
     read = Store(tmp_path).get("key")
-    parameters = flat(bridge)
+    parameters, _ = scale(bridge)
 
     def values(some):
         found = estimate_all(some.moments, parameters) | estimate_output(some.moments)
@@ -117,6 +117,7 @@ FOREIGN = {
     ),
     "another waveform": lambda whole, spoor: rewritten(whole, waveform=np.zeros((2, 3))),
     "another shape": lambda whole, spoor: rewritten(whole, **{"0.integrals": np.ones((3, 2))}),
+    "other wells": lambda whole, spoor: rewritten(whole, **{"0.saddles": np.zeros(2)}),
     "negative times": lambda whole, spoor: rewritten(
         whole, **{"1.integrals": -np.load(io.BytesIO(whole))["1.integrals"]}
     ),
