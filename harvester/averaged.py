@@ -94,11 +94,8 @@ def average(scene, closure="slow_load", tolerance=None, fit=False):
     spectrum_fit, noise = None, scene
     if fit:
         spectrum_fit, noise = _fitted(scene)
-    refusal = noise.excitation.averaging_refusal()
-    if refusal:
-        raise AveragingError(f'excitation.kind = "{scene.excitation.kind}": {refusal}')
-    system, scales = scale(noise)
-    parameters = symmetric_device(system)
+    parameters = averaged_device(noise)
+    _, scales = scale(noise)
     averages = average_parameters(parameters, closure, tolerance)
     quantities = estimates_of(averages)
     quantities["rms_voltage"] = root(quantities["mean_square_voltage"])
@@ -125,6 +122,23 @@ def average(scene, closure="slow_load", tolerance=None, fit=False):
         notes=(*(spectrum_fit.notes() if fit else ()), *_notes(averages.validity)),
         spectrum_fit=spectrum_fit,
     )
+
+
+def averaged_device(scene):
+    """A scene's device in the form that the closures take.
+
+    Raises
+    ------
+    LoadError
+        The load is no resistor.
+    AveragingError
+        Its excitation is no noise that can be averaged over, or the device has other parts.
+    """
+    require_resistor(scene, "stochastic averaging")
+    refusal = scene.excitation.averaging_refusal()
+    if refusal:
+        raise AveragingError(f'excitation.kind = "{scene.excitation.kind}": {refusal}')
+    return symmetric_device(scale(scene)[0])
 
 
 def estimates_of(averages):

@@ -24,7 +24,9 @@ from harvester.output import whole_file
 
 FORMATS = (".svg", ".png")
 LOAD_SIDE = (elements.OUTPUT, elements.REFERENCE)
-ELECTRICAL = {elements.PIEZO, elements.LOAD, *LOAD_SIDE}
+TERMINALS = (elements.PIEZO, elements.COIL)
+INSIDE_COIL = ("induced", "winding")
+ELECTRICAL = {*TERMINALS, *INSIDE_COIL, elements.LOAD, *LOAD_SIDE}
 TITLE_SIZE, BOX_TITLE_SIZE = 12, 11
 # Between the parts of the drawing, around what is in a box, and of a lead out of it.
 GAP, PADDING, LEAD = 1.8, 0.7, 0.8
@@ -136,16 +138,20 @@ def _groups(circuit):
 
 
 def _electronics(pen, circuit, left):
-    """Piezo and ammeter; returns the sub-circuit's call, the point that it hangs on, the rest."""
+    """Transducer and ammeter; returns the load's call, the point that it hangs on, the rest."""
     pen.text((left, 1.3), "electrical side", TITLE_SIZE)
     parts = [part for part in circuit.parts if set(part.nodes) & ELECTRICAL]
     call = next(part for part in parts if part.letter == "x")
-    ammeter = [part for part in parts if set(part.nodes) == {elements.PIEZO, elements.LOAD}]
-    piezo = [p for p in parts if p != call and set(p.nodes) == {elements.PIEZO, GROUND}]
-    strays = [part for part in parts if part not in [call, *ammeter, *piezo]]
-    x, _ = _ladder(pen, circuit, lay_out(piezo, series=False), left, 0.0, far=(elements.PIEZO,))
+    nodes = {node for part in parts for node in part.nodes}
+    terminal = next(name for name in TERMINALS if name in nodes)
+    ammeter = [part for part in parts if set(part.nodes) == {terminal, elements.LOAD}]
+    own = {terminal, GROUND, *INSIDE_COIL}
+    transducer = [part for part in parts if part != call and own.issuperset(part.nodes)]
+    strays = [part for part in parts if part not in [call, *ammeter, *transducer]]
+    ladder = lay_out(transducer, right=(terminal,), series=terminal == elements.COIL)
+    x, _ = _ladder(pen, circuit, ladder, left, 0.0, far=(terminal,))
     for part in ammeter:
-        pen.part(part, circuit, (x, 0.0), (x + ROW, 0.0), part.nodes[0] != elements.PIEZO)
+        pen.part(part, circuit, (x, 0.0), (x + ROW, 0.0), part.nodes[0] != terminal)
         x += ROW
         pen.text((x + 0.1, 0.25), elements.LOAD, VALUE_SIZE, NODE_COLOUR)
         pen.wire((x, 0.0), (x + LETTER * len(elements.LOAD), 0.0))

@@ -24,6 +24,8 @@ COMPARED = (
     "mean_square_displacement",
     "mean_square_velocity",
 )
+# Difference as a share that is rounding, where neither has an error.
+SAME = 1e-9
 # Length of the waveform that is shown, in periods of small oscillations.
 SHOWN_PERIODS = 20
 
@@ -66,7 +68,9 @@ class Comparison:
         if a.standard_error is None or b.standard_error is None:
             return math.nan
         joint = math.hypot(a.standard_error, b.standard_error)
-        return (a.estimate - b.estimate) / joint if joint > 0.0 else 0.0
+        if joint == 0.0:
+            return 0.0 if math.isclose(a.estimate, b.estimate, rel_tol=SAME) else math.inf
+        return (a.estimate - b.estimate) / joint
 
     def deviation(self, closure, name):
         """A closure's deviation from Monte Carlo as a share, and in standard errors."""

@@ -23,6 +23,8 @@ TOTAL_GROUPS = 32
 # Batches of each of many realizations: a drift shows between their halves.
 FEWEST_TO_DRIFT = 4
 KNOTS_PER_BATCH = 8
+# Standard error as a share of its ratio that is nothing but rounding in the sums.
+ROUNDING = 1e-12
 # Between the samples of a histogram: some ten samples per period of the motion.
 KNOTS_PER_SAMPLE = 4
 
@@ -348,7 +350,9 @@ def complete_batches(moments):
 def ratio_of_sums(upper, lower, error_of=standard_error):
     """Ratio of two sums over batches and its standard error (None when too short)."""
     ratio = float(upper.sum() / lower.sum())
-    return ratio, error_of((upper - ratio * lower) / lower.mean())
+    error = error_of((upper - ratio * lower) / lower.mean())
+    # Of a ratio that is the same in every batch only rounding is left.
+    return ratio, 0.0 if error is not None and error <= ROUNDING * abs(ratio) else error
 
 
 def _mean(series, products, name, dimension, error_of):

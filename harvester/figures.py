@@ -105,8 +105,9 @@ def draw_comparison(comparison):
     _draw_densities(left, comparison)
     top = figure.add_subplot(grid[0, 1])
     _draw_waveforms(top, figure.add_subplot(grid[1, 1], sharex=top), comparison)
+    compared = "circuit, Monte Carlo and averaging" if comparison.closures else "both engines"
     figure.suptitle(
-        f"{comparison.scene.name}: circuit, Monte Carlo and averaging (bands: two standard errors)",
+        f"{comparison.scene.name}: {compared} (bands: two standard errors)",
         x=0.01,
         ha="left",
         fontsize=9,

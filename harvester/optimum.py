@@ -12,12 +12,12 @@ from harvester.errors import HarvesterError
 from harvester.estimators import Estimate
 from harvester.optimum_search import Axis, Search, amount, averaged, in_units
 from harvester.output import finite
-from harvester.parameters import knot_spacing
+from harvester.parameters import knot_spacing, require_resistor
 from harvester.plain_text import nearest
 from harvester.realization import ENGINES
 from harvester.results import with_error
 from harvester.scene import Scene
-from harvester.scene_schema import number_keys
+from harvester.scene_numbers import numbers
 from harvester.simulation import check_name
 from harvester.sweep import Request, failed, resolving, sweep
 from harvester.workers import WorkerPool
@@ -186,6 +186,8 @@ def optimum(
     clock = time.perf_counter()
     check_name("quantity", maximise, MAXIMISED)
     check_name("engine", engine, ENGINES)
+    if engine == "monte-carlo":
+        require_resistor(scene, "Monte Carlo")
     axis = _axis(scene, over, low, high)
     device = _common_knots(scene, axis)
     follow = progress or (lambda share: None)
@@ -221,13 +223,12 @@ def optimum(
 
 def _axis(scene, over, low, high):
     """The key and its range, checked."""
-    known = number_keys(scene.to_tables(), scene.excitation.KEYS)
+    known = numbers(scene)
     if over not in known:
         raise HarvesterError(
             f"{over}: no number of this scene{nearest(over, known)}; there are {', '.join(known)}"
         )
-    table, key = over.split(".")
-    value, spec = scene.to_tables()[table][key], known[over]
+    value, spec = known[over]
     ends = sorted((value / SPAN, value * SPAN))
     low = max(ends[0], spec.low) if low is None else low
     high = min(ends[1], spec.high) if high is None else high

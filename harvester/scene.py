@@ -3,9 +3,7 @@
 import dataclasses
 import hashlib
 import json
-import math
 import os
-import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,9 +11,11 @@ from harvester import plain_text
 from harvester.errors import SceneError
 from harvester.excitation import KINDS, Excitation, build
 from harvester.input_files import read_input
+from harvester.named_values import NamedValues
+from harvester.overrides import parsed, put, texts
 from harvester.plain_text import named, nearest, shown
-from harvester.scene_schema import NESTED_TABLES, REPLACED_KEYS, check_tables
-from harvester.scene_tables import LARGEST_SCENE, NotToml, plain_tables, read_toml
+from harvester.scene_schema import check_tables
+from harvester.scene_tables import LARGEST_SCENE, plain_tables, read_toml
 
 BUILT_IN = Path(__file__).parent / "scenes"
 # Keys that a scene is written without where they hold what they hold without being given.
@@ -111,7 +111,7 @@ class Load:
     decay_rate: float | None = None
     netlist: str | None = None
     subcircuit: str | None = None
-    parameters: dict | None = None
+    parameters: NamedValues | None = None
     circuit: object | None = field(default=None, repr=False)
 
     @property
@@ -197,9 +197,9 @@ class Scene:
         tables = read_toml(text, where)
         name = path.stem
         _locate_files(tables.get("excitation"), path.parent)
-        for text in _texts(overrides):
-            key, value = _parse_override(text)
-            _put(tables, key, value, "--set")
+        for override in texts(overrides):
+            key, value = parsed(override)
+            put(tables, key, value, "--set")
         folder = None if path.parent == BUILT_IN else str(path.parent.absolute())
         return cls.from_tables(tables, name=name, origin=named(str(source)), folder=folder)
 
@@ -215,6 +215,8 @@ class Scene:
         if "netlist" in checked["load"]:
             folder = _folders(folder)
             checked["load"]["circuit"] = _read_netlist(checked["load"], folder)
+            if "parameters" in checked["load"]:
+                checked["load"]["parameters"] = NamedValues(checked["load"]["parameters"])
         top = {key: checked[key] for key in ("units", "length_scale") if key in checked}
         parts = {
             attribute: _made(make, checked[table])
@@ -243,14 +245,14 @@ class Scene:
                 f"replace {shown(changes)}: give a dictionary of dotted keys to values"
             )
         for key, value in (changes or {}).items():
-            _put(new, key, value, "replace")
+            put(new, key, value, "replace")
         for table, values in tables.items():
             if isinstance(values, dict):
                 for key, value in values.items():
                     name = key if isinstance(key, str) else shown(key)
-                    _put(new, f"{table}.{name}", value, "replace")
+                    put(new, f"{table}.{name}", value, "replace")
             else:
-                _put(new, table, values, "replace")
+                put(new, table, values, "replace")
         return self.from_tables(new, name=self.name, origin=self.name, folder=self.folder)
 
     def to_tables(self):
@@ -351,81 +353,3 @@ def _find(source):
 
 def _listed():
     return ", ".join(Scene.names())
-
-
-def _texts(overrides):
-    try:
-        texts = [overrides] if isinstance(overrides, str) else list(overrides)
-    except TypeError:
-        texts = [overrides]
-    for text in texts:
-        if not isinstance(text, str):
-            raise SceneError(f"--set {shown(text)}: write it as table.key=value")
-    return texts
-
-
-def _parse_override(text):
-    key, separator, value = text.partition("=")
-    key, value = key.strip(), value.strip()
-    if not separator or not key or not value:
-        raise SceneError(f"--set {named(text)}: write it as table.key=value")
-    if value.lower() == "none":
-        return key, None
-    try:
-        parsed = read_toml(f"value = {value}", f"--set {named(key)}")
-    except NotToml:
-        return key, _number(value)
-    # A value of several lines would bring keys of its own.
-    return key, parsed["value"] if len(parsed) == 1 else value
-
-
-def _number(text):
-    """A number in a form that TOML does not know, such as .1 or 1.; other words as they are."""
-    for kind in (int, float):
-        try:
-            number = kind(text)
-        except ValueError:
-            continue
-        # "infinity" and the like stay words, which no key takes for a number.
-        return number if math.isfinite(number) else text
-    return text
-
-
-def _put(tables, dotted, value, origin):
-    """Set one dotted key in nested dictionaries; None removes it. `name[k]` is one of several."""
-    if not isinstance(dotted, str):
-        raise SceneError(f"{origin} {shown(dotted)}: a key is a text, table.key")
-    where = f"{origin} {named(dotted)}"
-    *path, last = dotted.split(".")
-    if len(path) > 1 and ".".join(path) not in NESTED_TABLES and "[" not in dotted:
-        raise SceneError(f"{where}: too many dots; write it as table.key=value")
-    place = tables
-    for part in path:
-        place = _table(place, part, where)
-    for other in REPLACED_KEYS.get(dotted, ()) if value is not None else ():
-        place.pop(other, None)
-    if value is None:
-        place.pop(last, None)
-    else:
-        place[last] = value
-
-
-def _table(place, part, where):
-    """The table of a name, or of `name[k]` the k-th of a list of tables."""
-    match = re.fullmatch(r"([^\[\]]+)\[(\d{1,6})\]", part)
-    name = match.group(1) if match else part
-    found = place.setdefault(name, {})
-    if match:
-        several = isinstance(found, (list, tuple))
-        if not several or int(match.group(2)) >= len(found):
-            there = f"has {len(found)} of them" if several else "is one table"
-            raise SceneError(f"{where}: {named(name)} {there}; the first is {named(name)}[0]")
-        found = place[name] = [dict(each) for each in found]
-        return found[int(match.group(2))]
-    if isinstance(found, (list, tuple)) and found:
-        raise SceneError(
-            f"{where}: {named(name)} is several tables; say which, as {named(name)}[0]"
-        )
-    if not isinstance(found, dict):
-        raise SceneError(f"{where}: {named(part)} is not a table")
-    return found

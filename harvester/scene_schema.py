@@ -148,25 +148,6 @@ REPLACED_KEYS = {
 }
 
 
-def number_keys(tables, excitation):
-    """The numbers of a scene that a study may vary, {"table.key": Key}: not those of its run.
-
-    Parameters
-    ----------
-    tables : dict
-        Of the scene.
-    excitation : dict of str to Key
-        Of its kind.
-    """
-    return {
-        f"{table}.{name}": key
-        for table, keys in {**KEYS, "excitation": excitation}.items()
-        for name, key in keys.items()
-        if table != "run" and name != "knot_spacing"
-        if key.kind is float and not key.words and name in tables.get(table, {})
-    }
-
-
 def check_tables(tables, origin, kinds):
     """Checked copy of a scene's nested dictionaries.
 

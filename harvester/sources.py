@@ -128,6 +128,36 @@ SOURCES = (
         lambda used: used.scene.get("name") == "device",
     ),
     Source(
+        "the asymmetric spring and its values",
+        "J. P. Norenberg, P. S. Varoto, S. da Silva and A. Cunha Jr, Asymmetry-enhanced "
+        "performance in bistable energy harvesters: An experimental study (2025), public code "
+        "BistableX; mechanics and capacitance as in the scene device, STONEHENGE 1.0",
+        lambda used: used.scene.get("name") == "asymmetric",
+    ),
+    Source(
+        "the beam, its piezo and load (the stopper is chosen here)",
+        "Theoretical and Experimental Study of Nonlinear and Electro-Magneto-Mechanical-Based "
+        "Piezoelectric Vibration Energy Harvester, Shock and Vibration 2019, 9093605, Table 2",
+        lambda used: used.scene.get("name") == "one_sided",
+    ),
+    Source(
+        "the tristable spring, its damping and coupling",
+        "L. G. Costa, CHAOS - A Nonlinear Dynamics Package for Harmonically Forced Oscillators "
+        "(2023), public code; mechanics and capacitance as in the scene device, STONEHENGE 1.0",
+        lambda used: used.scene.get("name") == "tristable",
+    ),
+    Source(
+        "the magnet, its coil and measured spring (coupling and fit are made here)",
+        "T. Kapanen, EM_harvester_simulation (2016), public code",
+        lambda used: used.scene.get("name") == "electromagnetic",
+    ),
+    Source(
+        "a device of this kind: a magnet between magnets in a coil; the values are others",
+        "B. P. Mann and N. D. Sims, Energy harvesting from the nonlinear oscillations of magnetic "
+        "levitation, J. Sound Vib. 319, 515-530 (2009)",
+        lambda used: "coil" in used.scene,
+    ),
+    Source(
         "the load: rectifier with storage",
         "G. K. Ottman, H. F. Hofmann, A. C. Bhatt and G. A. Lesieutre, Adaptive piezoelectric "
         "energy harvesting circuit for wireless remote power supply, IEEE Trans. Power Electron. "

@@ -8,14 +8,16 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from harvester import batches, settling
-from harvester.averaged import average, estimates_of
+from harvester.averaged import average, averaged_device, estimates_of
 from harvester.averaging import TOLERANCES
 from harvester.averaging import average as average_parameters
-from harvester.averaging.symmetric import symmetric_device
 from harvester.batches import MOST_COPIES
-from harvester.errors import AveragingError, HarvesterError, SimulationError
+from harvester.errors import AveragingError, HarvesterError, LoadError, SimulationError
 from harvester.estimators import Density
-from harvester.excitation.ornstein_uhlenbeck import KNOTS_PER_CORRELATION_TIME
+from harvester.excitation.ornstein_uhlenbeck import (
+    KNOTS_PER_CORRELATION_TIME,
+    OrnsteinUhlenbeck,
+)
 from harvester.output import finite
 from harvester.parameters import knot_spacing, scale
 from harvester.realization import ENGINES
@@ -151,7 +153,7 @@ def sweep(requests, pool, progress=None, on_answer=None):
 
     Returns
     -------
-    dict of Request to Answer, AveragingError or SimulationError
+    dict of Request to Answer, AveragingError, LoadError or SimulationError
         What a closure refuses or a run fails of stands in the answer's place.
     """
     ordered = list(dict.fromkeys(requests))
@@ -177,7 +179,7 @@ def answer(request, report):
     """One request, in a worker process."""
     try:
         return _simulated(request) if request.simulated else _averaged(request)
-    except (AveragingError, SimulationError) as error:
+    except (AveragingError, LoadError, SimulationError) as error:
         return error
     except HarvesterError:
         # Of the call or the machine, so the same at every point.
@@ -194,8 +196,9 @@ def resolving(scene):
 
     A sweep over τ1 would else leave the scene's own spacing behind.
     """
-    shortest = scene.excitation.correlation_time / KNOTS_PER_CORRELATION_TIME
-    spacing = min(scene.excitation.knot_spacing or knot_spacing(scene), shortest)
+    spacing = scene.excitation.knot_spacing or knot_spacing(scene)
+    if isinstance(scene.excitation, OrnsteinUhlenbeck):
+        spacing = min(spacing, scene.excitation.correlation_time / KNOTS_PER_CORRELATION_TIME)
     return scene.replace({"excitation.knot_spacing": spacing})
 
 
@@ -287,9 +290,8 @@ def _averaged(request):
         result = average(request.scene, request.method, tolerance)
         density = result.densities["displacement"]
         return Answer(request.scene, result.scaled_quantities, density, result.wall_seconds)
-    parameters, _ = scale(request.scene)
     clock = time.perf_counter()
-    averages = average_parameters(symmetric_device(parameters), request.method, tolerance)
+    averages = average_parameters(averaged_device(request.scene), request.method, tolerance)
     return Answer(request.scene, estimates_of(averages), None, time.perf_counter() - clock)
 
 

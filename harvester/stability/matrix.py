@@ -10,8 +10,8 @@ import time
 import warnings
 from dataclasses import dataclass
 
+from harvester.averaged import averaged_device
 from harvester.averaging import AVERAGED, average
-from harvester.averaging.symmetric import symmetric_device
 from harvester.errors import HarvesterError, SceneError
 from harvester.estimators import Estimate, energy_balance_residual, estimate_all
 from harvester.output import finite
@@ -143,6 +143,11 @@ def stability(scene, *, cases=None, step="default", workers=None, progress=None)
     Returns
     -------
     StabilityMatrix
+
+    Raises
+    ------
+    HarvesterError
+        The excitation is no noise, or the load no resistor.
     """
     step = check_step(step)
     require_noise(scene, "stability")
@@ -245,9 +250,8 @@ def _ignore(moments):
 
 
 def _averaged(scene, closure, report):
-    system, _ = scale(scene)
     clock = time.perf_counter()
-    averages = average(symmetric_device(system), closure)
+    averages = average(averaged_device(scene), closure)
     estimates = {
         name: Estimate(getattr(averages, name), averages.numerical_error[name], None, "")
         for name in JUDGED

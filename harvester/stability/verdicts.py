@@ -17,6 +17,7 @@ JUDGED = ("mean_square_voltage", "mean_square_velocity", "power_conversion_effic
 # were they all independent, would give one false alarm in ten matrices.
 LARGEST_SIGMAS = 3.5
 SAME_PATH = 2e-3
+SAME_VALUE = 1e-9
 LARGEST_RESIDUAL = 0.01
 # Of a closure's answer against its own coarser grid.
 LARGEST_NUMERICAL_ERROR = 1e-3
@@ -185,7 +186,8 @@ def _difference(circuit, monte_carlo, name):
     difference = circuit.estimates[name].estimate - monte_carlo.estimates[name].estimate
     error = _joint_error(circuit, monte_carlo, name)
     if error == 0.0:
-        return 0.0 if difference == 0.0 else math.inf
+        share = abs(difference) / (abs(monte_carlo.estimates[name].estimate) or 1.0)
+        return 0.0 if share <= SAME_VALUE else math.inf
     return difference / error
 
 

@@ -8,7 +8,7 @@ from harvester.errors import HarvesterError, SceneError
 from harvester.parameters import knot_spacing
 from harvester.plain_text import name, nearest
 from harvester.scene import Scene
-from harvester.scene_schema import number_keys
+from harvester.scene_numbers import numbers
 
 # Both name the load's resistor, whether it is the built-in one or a netlist's parameter.
 RESISTANCES = ("load.parameters.resistance", "load.resistance")
@@ -117,7 +117,7 @@ def _with_load(scene, load):
 
 
 def _check_sweep(scene, key, values):
-    known = [*number_keys(scene.to_tables(), scene.excitation.KEYS), RESISTANCES[0]]
+    known = [*numbers(scene), RESISTANCES[0]]
     if key not in known and key not in RESISTANCES and not key.startswith("load.parameters."):
         raise HarvesterError(
             f"--sweep {key}: no number of this scene{nearest(key, known)}; there are "

@@ -151,11 +151,12 @@ def control_of(scene):
         return None
     parameters, _ = scale(scene)
     rate = timescales.angular_frequency(parameters)
-    load = {"decay_rate": rate}
     if scene.coil:
         load = {"resistance": scene.coil.resistance}
     elif scene.units == "SI":
         load = {"resistance": 1.0 / (rate * scene.piezo.capacitance)}
+    else:
+        load = {"decay_rate": rate}
     tables = scene.to_tables()
     tables["load"] = load
     tables["excitation"].setdefault("knot_spacing", scene.excitation.knot_spacing)

@@ -17,7 +17,7 @@ from harvester.averaging import CLOSURES
 from harvester.device import timescales
 from harvester.errors import AveragingError, EnergyNotBalanced, SimulationError
 from harvester.estimators import paired_difference
-from harvester.parameters import knot_spacing, scale
+from harvester.parameters import knot_spacing, require_resistor, scale
 from harvester.simulation import require_noise, simulate
 from harvester.work_precision import throughput
 from harvester.work_precision.diagram import MEANS, STATES, Row, WorkPrecision, relative_error
@@ -67,6 +67,7 @@ def work_precision(scene, *, thorough=False, workers=None, methods=None, progres
         The reference itself failed.
     """
     require_noise(scene, "work-precision")
+    require_resistor(scene, "work-precision")
     chosen = methods or (THOROUGH_METHODS if thorough else METHODS)
     factor = THOROUGH if thorough else 1
     progress = progress or (lambda label, scene: None)

@@ -34,7 +34,7 @@ def run(scene, index, report):
     Returns
     -------
     ndarray, shape (knots, 3)
-        X, X' and the transducer's state (scaled) at the knots 1, 2, …
+        X, X', terminal voltage (scaled) at the knots 1, 2, …
     """
     equations = Equations(scale(scene)[0])
     spacing = knot_spacing(scene)
@@ -46,7 +46,7 @@ def run(scene, index, report):
     for knot in range(knots):
         slope = (noise[knot + 1] - noise[knot]) / spacing
         state = equations.segment(state, noise[knot], slope, spacing)
-        states[knot] = state
+        states[knot] = state[0], state[1], equations.voltage(state[1], state[2])
     return states
 
 
@@ -63,7 +63,7 @@ class Equations:
         self._spring = system.spring.coefficients
         self._damping = system.damper.damping
         self._drag = getattr(system.damper, "quadratic_damping", 0.0)
-        self._electrical = _electrical_equation(system.transducer)
+        self._electrical, self.voltage = _electrical_equations(system.transducer)
         # (side, gap, law) of each single stopper; v0 that each holds; whether it is touched.
         for contact in system.contacts:
             if not isinstance(contact.law, HertzDamp):
@@ -164,15 +164,24 @@ def _stored(law, depth):
     return law.stiffness * depth ** (law.exponent + 1.0) / (law.exponent + 1.0)
 
 
-def _electrical_equation(transducer):
-    """(force on the mass, rate of the state) as a function of X' and the state (Eq. 4b)."""
-    if isinstance(transducer, Piezo | Coil):
-        coupling, decay = transducer.coupling, transducer.load_rate + transducer.own_rate
-        return lambda v, state: (coupling * state, v - decay * state)
+def _electrical_equations(transducer):
+    """(force on the mass, rate of the state) and terminal voltage, functions of X' and the state.
+
+    Eq. 4b; a coil's current leaves its load's share of the voltage on the terminals.
+    """
     if isinstance(transducer, ResistiveCoil):
-        damping = transducer.winding_damping * transducer.current_share
-        return lambda v, state: (damping * v, 0.0)
-    raise _not_written_out(transducer)
+        share = transducer.current_share
+        damping = transducer.winding_damping * share
+        return lambda v, state: (damping * v, 0.0), lambda v, state: (1.0 - share) * v
+    if not isinstance(transducer, Piezo | Coil):
+        raise _not_written_out(transducer)
+    coupling, load = transducer.coupling, transducer.load_rate
+    decay = load + transducer.own_rate
+    shown = load if isinstance(transducer, Coil) else 1.0
+    return (
+        lambda v, state: (coupling * state, v - decay * state),
+        lambda v, state: shown * state,
+    )
 
 
 def _not_written_out(part):

@@ -9,6 +9,8 @@ from harvester.scene import Scene
 MECHANICS = {"Cdisplacement", "Gvelocity", "Cmass", "Gspring", "Rdamper", "Inoise"}
 ELECTRICS = {"Cpiezo", "Gcharge", "Xload"}
 BACK = {"Gback_action"}
+ASYMMETRIC = MECHANICS | ELECTRICS | BACK | {"Itilt", "Bnonlinear_spring"}
+COIL = {"Einduced", "Rwinding", "Fback_action", "Vload", "Xload"}
 
 
 def elements(netlist):
@@ -46,6 +48,21 @@ def elements(netlist):
             "paper",
             ["stoppers.impact_velocity=event", "stoppers.restitution=1"],
             MECHANICS | ELECTRICS | BACK | {"Bcubic", "Bstoppers"},
+        ),
+        ("asymmetric", [], ASYMMETRIC),
+        ("asymmetric", ["start.velocity=0.1"], ASYMMETRIC),
+        ("tristable", [], MECHANICS | ELECTRICS | BACK | {"Bnonlinear_spring"}),
+        ("one_sided", [], MECHANICS | ELECTRICS | BACK | {"Bstopper_right"}),
+        ("electromagnetic", [], MECHANICS | COIL | {"Itilt", "Bnonlinear_spring"}),
+        (
+            "electromagnetic",
+            ["coil.inductance=0.1"],
+            MECHANICS | COIL | {"Itilt", "Bnonlinear_spring", "Lcoil"},
+        ),
+        (
+            "device",
+            ["piezo.leakage_resistance=1e6", "oscillator.quadratic_damping=0.1"],
+            MECHANICS | ELECTRICS | BACK | {"Bcubic", "Rleak", "Bdrag"},
         ),
     ],
 )

@@ -84,7 +84,11 @@ SCENES = {
     "paper": ("paper", []),
     "impact speed held": ("paper_si", ["stoppers.impact_velocity=event"]),
     **{load: ("device", [f"load.netlist={load}"]) for load in load_names()},
+    **{name: (name, []) for name in ("asymmetric", "one_sided", "tristable", "electromagnetic")},
+    "coil with inductance": ("electromagnetic", ["coil.inductance=0.1"]),
 }
+# Where a contact is too short for the default one.
+STEPS = {"one_sided": 0.001}
 BRIEF = ["run.realizations=1", "run.settle=0"]
 
 
@@ -92,7 +96,9 @@ BRIEF = ["run.realizations=1", "run.settle=0"]
 def test_every_word_is_ltspices(case):
     name, overrides = SCENES[case]
     scene = Scene.load(name, [*overrides, *BRIEF, "run.duration=1"])
-    text = to_ltspice(stand_alone(scene, noise_path(scene, 0)).text)
+    text = to_ltspice(
+        stand_alone(scene, noise_path(scene, 0), step=STEPS.get(case, "default")).text
+    )
     expressions = re.findall(r"\{([^{}]*)\}|\b[iv]=(.*)$", text, re.MULTILINE | re.IGNORECASE)
     assert expressions
     for expression in map("".join, expressions):
@@ -116,13 +122,16 @@ def run(folder, name, compatible=False):
     return read_raw(folder / "out.raw")
 
 
-@pytest.mark.parametrize("case", ["paper", "impact speed held", "bridge"])
+@pytest.mark.parametrize(
+    "case", ["paper", "impact speed held", "bridge", "one_sided", "electromagnetic"]
+)
 def test_ngspice_in_its_ltspice_mode_gives_the_same_waveform(tmp_path, capsys, case):
     name, overrides = SCENES[case]
-    duration = 0.3 if name == "device" else 20
+    duration = 20 if name.startswith("paper") else 0.3
     settings = [*overrides, *BRIEF, f"run.duration={duration}"]
     options = [word for setting in settings for word in ("--set", setting)]
-    command = ["netlist", name, *options, "--output"]
+    step = str(STEPS.get(case, "default"))
+    command = ["netlist", name, *options, "--step", step, "--output"]
     assert main([*command, str(tmp_path / "a.cir")]) == 0
     assert main([*command, str(tmp_path / "b.cir"), "--dialect", "ltspice"]) == 0
     text = (tmp_path / "b.cir").read_text()
@@ -132,7 +141,8 @@ def test_ngspice_in_its_ltspice_mode_gives_the_same_waveform(tmp_path, capsys, c
     text = text.replace("I(inoise)", "").replace("plotwinsize=0", "")
     (tmp_path / "b.cir").write_text(text)
     own, other = run(tmp_path, "a.cir"), run(tmp_path, "b.cir", compatible=True)
-    for node in ("v(displacement)", "v(piezo)"):
+    terminal = "v(coil)" if name == "electromagnetic" else "v(piezo)"
+    for node in ("v(displacement)", terminal):
         size = np.ptp(own[node])
         found = np.interp(own["time"], other["time"], other[node])
         assert size > 0.0

@@ -9,6 +9,7 @@ from harvester.estimators import (
     deviations,
     energy_balance_residual,
     estimate_all,
+    ratio_of_sums,
     standard_error,
     standard_error_of_drift,
 )
@@ -189,3 +190,11 @@ def test_deviations_have_the_estimate_s_own_error_and_no_mean(pool, name):
     estimate = result.scaled_quantities[name]
     assert series.mean() == pytest.approx(0.0, abs=1e-12 * estimate.estimate)
     assert standard_error(series) == pytest.approx(estimate.standard_error, rel=1e-9)
+
+
+def test_a_ratio_that_never_varies_has_no_error():
+    lower = np.random.default_rng(1).uniform(0.5, 1.5, (4, 64)) * 1e-7
+    ratio, error = ratio_of_sums(0.57 * lower, lower)
+    assert ratio == pytest.approx(0.57)
+    assert error == 0.0
+    assert ratio_of_sums(0.57 * lower + 1e-9 * lower**0.5, lower)[1] > 0.0

@@ -42,8 +42,19 @@ def test_a_load_cites_its_paper(load, author):
     assert author not in cited(Scene.load("device"), "circuit")
 
 
+@pytest.mark.parametrize(
+    ("name", "author"),
+    [("asymmetric", "Varoto"), ("one_sided", "9093605"), ("tristable", "Costa"),
+     ("electromagnetic", "Kapanen")],
+)  # fmt: skip
+def test_a_device_cites_where_its_values_are_from(name, author):
+    assert author in cited(Scene.load(name), "monte-carlo")
+    assert author not in cited(Scene.load("device"), "monte-carlo")
+    assert ("Lankarani" in cited(Scene.load(name), "circuit")) == (name == "one_sided")
+
+
 def test_every_source_can_be_reached():
-    scenes = [Scene.load("paper"), Scene.load("device")]
+    scenes = [Scene.load(name) for name in Scene.names()]
     scenes += [
         Scene.load("device", [f"load.netlist={load}"])
         for load in ("bridge_buck", "sshi_parallel", "sece")

@@ -1,0 +1,91 @@
+"""Each command with each device, load and excitation: an answer, or a refusal that says why."""
+
+import queue
+import re
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
+
+import every_command
+import pytest
+
+from harvester import averaging
+from harvester.stability import matrix
+from harvester.stability.cases import Case
+from harvester.work_precision import measurement, throughput
+from harvester.work_precision.methods import Method
+from harvester.workers import Worker, WorkerPool
+
+# Words of Python about a fault of ours.
+FAULT = re.compile(r"Traceback|\b(?!Memory)[A-Z]\w*(?:Error|Exception|Warning)\b: ")
+OURS = ("Simulat", "SolutionDiverged", "EnergyNotBalanced")
+FEW_CASES = (
+    Case("scene", "as it is", {}),
+    Case("structure", "no stoppers", {"stoppers": None}),
+    Case("corner", "all", {"stiffness": 100.0, "gap_in_wells": 1.2, "decay_rate": 0.1}),
+)
+FEW_METHODS = (Method("circuit", "circuit", 2), Method("Monte Carlo", "monte-carlo", 4))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder with the loads and records that the cases name."""
+    path = tmp_path_factory.mktemp("every")
+    every_command.write_files(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def briefly():
+    """One worker process for all calls, each closure computed once, studies cut to a few points."""
+    worker = Worker()
+    with pytest.MonkeyPatch.context() as patch:
+
+        def start(pool, calls=None, workers=None, folders=()):
+            pool._threads, pool._workers = ThreadPoolExecutor(1), []
+            pool._idle = queue.SimpleQueue()
+            pool._idle.put(worker)
+
+        patch.setattr(WorkerPool, "__init__", start)
+        patch.setattr("harvester.response.SETTLED_SHARE", 0.9)
+        patch.setattr(matrix, "default_cases", lambda: FEW_CASES)
+        patch.setattr("harvester.stability.cases.STEP_BUDGET", 4000)
+        patch.setattr(measurement, "METHODS", FEW_METHODS)
+        patch.setattr(measurement, "PERIODS", 1)
+        patch.setattr(measurement, "PATHS", 2)
+        patch.setattr(throughput, "KNOTS", 200)
+        patch.setattr(throughput, "REPEATS", 1)
+        patch.setattr("harvester.averaged.average_parameters", lru_cache(averaging.average))
+        yield
+    worker.close()
+
+
+def faults(case, folder, capsys):
+    """What is wrong with the end of a call, or ""."""
+    capsys.readouterr()
+    code = every_command.run(every_command.call(case, folder))
+    streams = capsys.readouterr()
+    said = streams.out + streams.err
+    found = FAULT.search(said)
+    if found and not found.group().startswith(OURS):
+        return f"{case}: {said[-600:]}"
+    refusals = [line for line in streams.err.splitlines() if line.startswith("harvester: ")]
+    if code in (0, None) or (code == 2 and len(refusals) == 1):
+        return ""
+    # A run that failed says so in one line, or in its place of a table.
+    if code == 1 and (len(refusals) == 1 or any(name in said for name in OURS)):
+        return ""
+    return f"{case}: exit code {code}: {said[-600:]}"
+
+
+@pytest.mark.usefixtures("briefly")
+def test_every_two_of_command_kind_of_device_load_and_excitation(folder, capsys):
+    cases = every_command.covering(2, 3, every_command.KINDS_OF_DEVICE)
+    assert not [fault for case in cases if (fault := faults(case, folder, capsys))]
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("briefly")
+@pytest.mark.parametrize("seed", range(2))
+def test_every_two_of_command_device_load_and_excitation(folder, capsys, seed):
+    cases = every_command.covering(2, seed)
+    assert not [fault for case in cases if (fault := faults(case, folder, capsys))]
