@@ -3,12 +3,14 @@
 import hashlib
 from dataclasses import dataclass
 
-from circuits import compiled_device, elements
-from circuits.checks import check_netlist
+from circuits import elements
+from circuits.loads.expressions import check_netlist
+from circuits.ngspice import compiled_device
 from harvester.device import timescales
 from harvester.device.system import speed_held
-from harvester.parameters import knot_spacing, load_resistance, scale, steps_per_knot, stop_time
-from harvester.realization import start_state
+from harvester.engines.realization import start_state
+from harvester.engines.steps import knot_spacing, steps_per_knot, stop_time
+from harvester.scene.units import load_resistance, scale
 
 # Steps set from outside: a tight tolerance for Newton, none for the local error (trtol).
 FIXED_STEP = "reltol=1e-10 vntol=1e-11 trtol=1e9"
@@ -39,7 +41,7 @@ def step_options(scene, step="default", tolerance=None):
     ----------
     scene : Scene
     step : str or float
-        See `harvester.parameters.steps_per_knot`.
+        See `harvester.engines.steps.steps_per_knot`.
     tolerance : float or None
         Relative tolerance of the local error; None: none, or for a load that switches one that
         goes with the step, because ngspice's trapezoidal steps grow as its square root.
@@ -119,7 +121,7 @@ def assemble(
     ----------
     scene : Scene
     step : str or float
-        See `harvester.parameters.steps_per_knot`.
+        See `harvester.engines.steps.steps_per_knot`.
     starts : sequence of (float, float, float) or None
         For each copy of the device in the netlist its X, X' and transducer's state, scaled; None:
         one copy, as the first realization starts.
@@ -132,7 +134,8 @@ def assemble(
     save : sequence of str
         Vectors that ngspice keeps in its memory; what streams out needs none.
     compiled : bool
-        The mechanics and the piezo are one compiled device each, see `circuits.compiled_device`.
+        The mechanics and the piezo are one compiled device each, see
+        `circuits.ngspice.compiled_device`.
 
     Returns
     -------

@@ -10,7 +10,7 @@ would need more Newton iterations a step. Node `piezo` carries terminal volts.
 import math
 from dataclasses import dataclass
 
-from circuits.loads import library_text
+from circuits.loads.project import library_text
 from harvester.device import contact as contacts
 from harvester.device import spring as springs
 from harvester.device.damper import drag_formula
@@ -71,7 +71,7 @@ def number(value):
     return repr(float(value))
 
 
-def literal(name, value):
+def literal(name, value, *description):
     """A part's number in an expression of the netlist."""
     return number(value)
 
@@ -127,7 +127,7 @@ def add_prescribed_displacement(circuit, s: System, rate, excitation, scales, el
 def add_nonlinear_spring(circuit, s: System, rate):
     """The powers of the restoring force beyond the first, where there are any."""
 
-    def over_rate(name, value):
+    def over_rate(name, value, meaning):
         return number(value / rate**2)
 
     expression = springs.nonlinear_formula(s.spring, X, over_rate)

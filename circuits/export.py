@@ -8,7 +8,7 @@ from circuits.assembly import LOAD_TOLERANCE, OWN_TOLERANCE, assemble, own_steps
 from circuits.ltspice import DIFFERENCES, to_ltspice
 from harvester.device import timescales
 from harvester.errors import NetlistError
-from harvester.parameters import scale
+from harvester.scene.units import scale
 
 PER_LINE = 4
 FEWEST_STEPS_PER_CONTACT = 10
@@ -43,7 +43,7 @@ def stand_alone(
     start : (float, float, float) or None
         X, X' and transducer's state at the beginning, scaled; None: as the first realization.
     step : str or float
-        Longest step, see `harvester.parameters.steps_per_knot`.
+        Longest step, see `harvester.engines.steps.steps_per_knot`.
     tolerance : float or None
         Relative tolerance of ngspice's step control; None: its own default, or what a load
         with diodes needs.

@@ -2,7 +2,7 @@
 
 import re
 
-from circuits.netlist_reader import statements
+from circuits.loads.reader import statements
 from harvester.errors import NetlistError
 
 # Documented in LTspice's help under "B. Arbitrary Behavioral Voltage or Current Sources".

@@ -4,6 +4,7 @@ The module of the scene `paper` is netlists/harvester.va, to be read and run by 
 """
 
 import hashlib
+import re
 
 from circuits import elements
 from harvester.device import contact as contacts
@@ -32,10 +33,19 @@ _HEAD = """\
 //
 //     openvaf-r harvester.va -o harvester.osdi                         (openvaf-reloaded)
 //     osdi harvester.osdi                                    (an ngspice with OSDI, such as 46)
-//     .model device harvester rate=3 damping=0.02 ...
+//     .model device harvester coupling=0 ...                    (what is not given: the scene's)
 //     N1 displacement velocity piezo device
 //
 // The impact velocity held from the moment of contact (`event`) and coils stay behavioural.
+"""
+# Longest line of an expression.
+_WIDTH = 84
+_SIGN = """
+    analog function real sgn;
+        input value;
+        real value;
+        sgn = value > 0.0 ? 1.0 : (value < 0.0 ? -1.0 : 0.0);
+    endfunction
 """
 
 
@@ -49,54 +59,81 @@ def module(system: System, rate=1.0, electrical=None, name=None):
     rate : float
         ω of the netlist (rad/s).
     electrical : circuits.elements.Electrical or None
-        None: only the text is wanted.
+        None: the piezo's side in scaled units.
     name : str or None
-        Of the module; None: one that holds a digest of its text, which depends on the parts that
-        the device has and not on their values.
+        Of a module to be read, whose defaults are this device's values; None: one that holds a
+        digest of the text, which depends on the parts that the device has and not on their values.
 
     Returns
     -------
     str, str, dict of str to float
         Name, text, and the values of its parameters.
     """
-    values = {"rate": rate}
+    values, described = {}, {}
 
-    def parameter(key, value):
+    def parameter(key, value, meaning="", bounds=""):
         values[key] = value
+        described[key] = (f" from {bounds}" if bounds else "", f"  // {meaning}" if meaning else "")
         return key
 
+    parameter("rate", rate, "rad/s", "(0:inf)")
     lines = _mechanics(system, rate, parameter)
-    values["charge"] = electrical.charge_per_length if electrical else 1.0
-    values["capacitance"] = electrical.capacitance if electrical else 1.0
-    values["coupling"] = (
-        system.transducer.coupling / rate**2 / electrical.voltage_scale if electrical else 1.0
+    volts, charge, capacitance = 1.0, 1.0, 1.0
+    if electrical:
+        volts, charge = electrical.voltage_scale, electrical.charge_per_length
+        capacitance = electrical.capacitance
+    back_action = system.transducer.coupling / rate**2 / volts
+    parameter("coupling", back_action, "beta/rate^2 per scaled volt", "[0:inf)")
+    parameter("charge", charge, "theta l, C per unit of X")
+    parameter("capacitance", capacitance, "Cp, F", "(0:inf)")
+
+    def default(key):
+        return elements.number(values[key] if name else 1.0)
+
+    declared = "".join(
+        f"    parameter real {key} = {default(key)}{bounds};{said}\n"
+        for key, (bounds, said) in described.items()
     )
-    declared = "".join(f"    parameter real {key} = 1.0;\n" for key in values)
     body = "".join(f"        {line}\n" for line in lines)
     name = name or f"{NAME}_{hashlib.sha256((declared + body).encode()).hexdigest()[:12]}"
-    return name, _TEXT.format(head=_HEAD, name=name, declared=declared, body=body), values
+    sign = _SIGN if "sgn(" in body else ""
+    text = _TEXT.format(head=_HEAD, name=name, declared=declared, body=body, sign=sign)
+    return name, text, values
 
 
 def _mechanics(system, rate, parameter):
     """Statements that set `push`, the forces of spring, damper and contacts over rate²."""
+
+    def over_square(key, value, meaning):
+        return parameter(key, value / rate**2, meaning)
+
     tilt, linear = (*system.spring.coefficients, 0.0, 0.0)[:2]
-    terms = [f"{parameter('damping', system.damper.damping / rate)} * u"]
-    if tilt != 0.0:
-        terms.append(parameter("tilt", tilt / rate**2))
-    if linear != 0.0:
-        terms.append(f"{parameter('linear_stiffness', linear / rate**2)} * x")
-    formulas = (
-        springs.nonlinear_formula(system.spring, "x", lambda n, k: parameter(n, k / rate**2)),
+    damping = parameter("damping", system.damper.damping / rate, "c/rate", "[0:inf)")
+    terms = [
+        f"{damping}*u",
+        over_square("tilt", tilt, "F(0)/rate^2") if tilt != 0.0 else "",
+        f"{over_square('linear_stiffness', linear, 'k1/rate^2')}*x" if linear != 0.0 else "",
+        springs.nonlinear_formula(system.spring, "x", over_square),
         drag_formula(system.damper, "u", parameter),
-    )
-    lines = [f"push = {' + '.join([*terms, *filter(None, formulas)])};"]
+    ]
+    lines = _wrapped(f"push = {' + '.join(filter(None, terms))};")
     for name, contact in elements.named_contacts(system):
 
-        def own(key, value, name=name):
-            return parameter(f"{name}_{key}", value)
+        def own(key, value, *description, name=name):
+            return parameter(f"{name}_{key}", value, *description)
 
         condition, force = contacts.formulas(contact, system.spring, "x", "u", rate, own)
-        lines += [f"if ({condition})", f"    push = push + {force};"]
+        lines += [f"if ({condition})", *_wrapped(f"    push = push + {force};")]
+    return lines
+
+
+def _wrapped(statement):
+    """Lines of a statement, broken before an operator."""
+    lines = [""]
+    for piece in re.split(r"(?=[*+])", statement):
+        if len(lines[-1] + piece) > _WIDTH:
+            lines.append("        ")
+        lines[-1] += piece
     return lines
 
 
@@ -110,20 +147,16 @@ module {name}(displacement, velocity, piezo);
 
 {declared}
     real x, u, push;
-
-    analog function real sgn;
-        input value;
-        real value;
-        sgn = value > 0.0 ? 1.0 : (value < 0.0 ? -1.0 : 0.0);
-    endfunction
-
+{sign}
     analog begin
         x = V(displacement);
         u = V(velocity);
+
+        // Damper, spring and contacts over rate^2.
 {body}
         I(displacement) <+ ddt(x / rate) - u;
-        I(velocity) <+ ddt(u / rate) + push + coupling * V(piezo);
-        I(piezo) <+ capacitance * ddt(V(piezo)) - charge * rate * u;
+        I(velocity) <+ ddt(u / rate) + push + coupling * V(piezo);  // (4a)
+        I(piezo) <+ capacitance * ddt(V(piezo)) - charge * rate * u;  // (4b)
     end
 endmodule
 """

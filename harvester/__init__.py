@@ -15,13 +15,13 @@ __version__ = "0.1.0"
 
 # What is imported where it is first used, so that `import harvester` stays light.
 _WHERE = {
-    "Scene": "harvester.scene",
+    "Scene": "harvester.scene.model",
     "Result": "harvester.results",
     "simulate": "harvester.simulation",
-    "average": "harvester.averaged",
-    "validate": "harvester.comparison",
-    "frequency_response": "harvester.response",
-    "schematic": "harvester.circuit_drawing",
+    "average": "harvester.averaging.of_scene",
+    "validate": "harvester.studies.comparison",
+    "frequency_response": "harvester.studies.frequency_response",
+    "schematic": "harvester.engines.circuit",
     "load_study": "harvester.studies",
     "HarvesterError": "harvester.errors",
 }

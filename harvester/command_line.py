@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+import warnings
 
 from harvester import __version__
 from harvester.commands import (
@@ -23,9 +24,9 @@ from harvester.commands import (
 )
 from harvester.commands.options import complain
 from harvester.errors import EngineNotFound, HarvesterError, SimulationError
-from harvester.plain_text import one_line
-from harvester.quiet import quiet
-from harvester.streams import guarded_streams
+from harvester.files.plain_text import one_line
+from harvester.files.streams import guarded_streams
+from harvester.show.quiet import quiet
 
 COMMANDS = (
     validate,
@@ -61,7 +62,9 @@ example: harvester validate paper --output results"""
 def main(arguments=None):
     """Run the command line; returns the exit code."""
     arguments = sys.argv[1:] if arguments is None else arguments
-    with guarded_streams() as exit_code:
+    with guarded_streams() as exit_code, warnings.catch_warnings():
+        # What overflows is told by the check of the result, in words for who ran it.
+        warnings.simplefilter("ignore", RuntimeWarning)
         try:
             return exit_code(_run(arguments))
         except SystemExit as end:
@@ -133,6 +136,6 @@ def _keep_partial(options, error):
     """Write what a failed run had, with its outcome named, where JSON was asked for."""
     if error.partial is None or not getattr(options, "json", None):
         return
-    from harvester.output import write_json
+    from harvester.files.writing import write_json
 
     write_json(options.json, error.partial.to_dict())

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from harvester import numba_cache
-from harvester.surroundings import away_from_working_folder
+from harvester.files.surroundings import away_from_working_folder
 
 with away_from_working_folder():
     import numba
@@ -17,7 +17,17 @@ with away_from_working_folder():
     from numba.core import cgutils
     from numba.extending import intrinsic, overload, register_jitable
 
-__all__ = ["CACHED", "carray", "cfunc", "cgutils", "compiled", "intrinsic", "njit", "numba"]
+__all__ = [
+    "CACHED",
+    "carray",
+    "cfunc",
+    "cgutils",
+    "compiled",
+    "inlined",
+    "intrinsic",
+    "njit",
+    "numba",
+]
 __all__ += ["overload", "register_jitable", "summing", "types"]
 
 # No name: no file.
@@ -26,6 +36,8 @@ numba.core.config._config_fname = ""
 # Without it everything is compiled at every start: slower by some seconds, and the same.
 CACHED = numba_cache.is_safe()
 compiled = partial(njit, cache=CACHED, error_model="numpy")
+# Written into its callers, which else hand over all numbers of a device each time they step.
+inlined = partial(njit, error_model="numpy", inline="always")
 # Sums over many points in any order, several at a time.
 summing = partial(njit, cache=CACHED, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
 

@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from harvester.surroundings import PACKAGE, who_else_writes
+from harvester.files.surroundings import PACKAGE, who_else_writes
 
 
 def is_safe():

@@ -4,13 +4,13 @@ import html
 import math
 from dataclasses import dataclass, field
 
-from harvester.estimators import Estimate
+from harvester.estimates.estimate import Estimate
 from harvester.excitation.spectrum_fit import SpectrumFit
-from harvester.output import finite
-from harvester.parameters import Scales
-from harvester.plain_text import one_line
-from harvester.record import Record
-from harvester.scene import Scene
+from harvester.files.plain_text import one_line
+from harvester.files.writing import finite
+from harvester.record.record import Record
+from harvester.scene.model import Scene
+from harvester.scene.units import Scales
 
 SI_UNITS = {
     "voltage": "V",
@@ -63,7 +63,7 @@ class Result:
         A stretch of the first realization.
     failures : dict of int to str
         Realizations that failed for good, with the reason; left out of the estimates.
-    moments : list of harvester.moments.Moments
+    moments : list of harvester.record.moments.Moments
         One per realization, for paired differences; empty for averaging.
     spectrum_fit : SpectrumFit or None
         Of averaging over a record.

@@ -4,26 +4,26 @@ import contextlib
 import math
 from dataclasses import replace
 
-from harvester import batches
 from harvester.device import timescales
+from harvester.engines import side_by_side
+from harvester.engines.circuit import best_copies
+from harvester.engines.protocol import ENGINES
+from harvester.engines.realization import Realization, run
+from harvester.engines.steps import STEP_LEVELS, knot_spacing, steps_per_knot
+from harvester.engines.workers import ExecutorPool, WorkerPool
 from harvester.errors import EnergyNotBalanced, HarvesterError, SimulationError
-from harvester.estimators import (
-    densities,
-    energy_balance_residual,
-    estimate_all,
-    standard_error,
-    standard_error_of_drift,
-)
+from harvester.estimates.balance import energy_balance_residual
+from harvester.estimates.batch_means import standard_error, standard_error_of_drift
+from harvester.estimates.densities import densities
+from harvester.estimates.means import estimate_all
+from harvester.estimates.output_side import estimate_output
+from harvester.estimates.passivity import efficiency_notes, source_notes
+from harvester.estimates.residual_cause import suspected_cause
+from harvester.estimates.settling import shortfalls, withheld
 from harvester.excitation import OrnsteinUhlenbeck
-from harvester.output_estimates import estimate_output
-from harvester.parameters import STEP_LEVELS, knot_spacing, require_resistor, scale, steps_per_knot
-from harvester.passivity import efficiency_notes, source_notes
-from harvester.plain_text import nearest
-from harvester.realization import ENGINES, SCHEMES, Realization
-from harvester.residual import suspected_cause
+from harvester.files.plain_text import nearest
 from harvester.results import Result, unit_of
-from harvester.settling import shortfalls, withheld
-from harvester.workers import ExecutorPool, WorkerPool
+from harvester.scene.units import require_resistor, scale
 
 SOURCES = ("external", "pwl")
 DEVICES = ("automatic", "behavioural", "compiled")
@@ -66,7 +66,7 @@ def simulate(
         Circuit only. "external": the path through compiled callbacks. "pwl": as a source in
         the netlist with ngspice's own steps, for comparison.
     scheme : str or None
-        A name in `harvester.realization.SCHEMES`, for comparison; None: the engine's default.
+        One of the engine's `schemes` (harvester.engines.protocol), for comparison; None: the first.
     tolerance : float or None
         Circuit only: relative tolerance of ngspice's control by the local error, which shortens
         steps below `step`; None: fixed steps, or ngspice's own tolerance for "pwl".
@@ -75,7 +75,7 @@ def simulate(
         extra `fast`), or "automatic": compiled where it is found. The same numbers to 1e-9.
     copies : int or None
         Circuit only: realizations side by side in one netlist, which share their steps; None:
-        `harvester.batches.copies`, whatever the number of workers.
+        `harvester.engines.side_by_side.copies`, whatever the number of workers.
     workers : int or None
         Processes; None: one per core.
     executor : concurrent.futures.Executor or None
@@ -91,7 +91,7 @@ def simulate(
         Stretch of the first realization to keep as `Result.waveform` (s).
     progress : callable or None
         Given the share done, 0 … 1.
-    pool : harvester.workers.WorkerPool or None
+    pool : harvester.engines.workers.WorkerPool or None
         Running processes to use again.
 
     Returns
@@ -115,7 +115,7 @@ def simulate(
     source = check_name("source", source, SOURCES)
     if engine == "monte-carlo":
         require_resistor(scene, "Monte Carlo")
-    scheme = check_name("scheme", scheme or SCHEMES[engine][0], SCHEMES[engine])
+    scheme = check_name("scheme", scheme or ENGINES[engine].schemes[0], ENGINES[engine].schemes)
     device = check_name("device", device, DEVICES)
     copies = check_copies(copies, scene, engine, source)
     options = {"step": step, "source": source, "scheme": scheme, "tolerance": tolerance}
@@ -139,14 +139,14 @@ def _copies_that_pay(scene, engine, device, options, pool):
         return 1
 
     def most():
-        return pool.map("circuits.engine:best_copies", [{"scene": scene, "device": device}])[0]
+        return pool.map(best_copies, [{"scene": scene, "device": device}])[0]
 
     step, source, tolerance = (options[name] for name in ("step", "source", "tolerance"))
-    return batches.copies(scene, most, step, source, tolerance)
+    return side_by_side.copies(scene, most, step, source, tolerance)
 
 
 def _calls(scene, engine, copies, window, options):
-    """Arguments of `harvester.realization.run`, so many realizations in each."""
+    """Arguments of `harvester.engines.realization.run`, so many realizations in each."""
     indices = range(scene.run.realizations)
     return [
         {
@@ -170,10 +170,9 @@ def _outcomes(pool, calls, time_limit, follow, keep_going):
     SimulationError
         One failed and nothing keeps going, or all failed.
     """
-    function = "harvester.realization:run"
     most = max(len(call["indices"]) for call in calls)
     outcomes = {}
-    together = pool.map(function, calls, most * time_limit, follow, keep_going)
+    together = pool.map(run, calls, most * time_limit, follow, keep_going)
     for call, outcome in zip(calls, together, strict=True):
         if isinstance(outcome, SimulationError):
             outcome = [outcome] * len(call["indices"])
@@ -181,7 +180,7 @@ def _outcomes(pool, calls, time_limit, follow, keep_going):
     if most > 1:
         again = [k for k, outcome in outcomes.items() if isinstance(outcome, SimulationError)]
         single = [{**calls[0], "indices": [k], "window": None} for k in again]
-        alone = pool.map(function, single, time_limit, None, keep_going)
+        alone = pool.map(run, single, time_limit, None, keep_going)
         for index, outcome in zip(again, alone, strict=True):
             outcomes[index] = outcome if isinstance(outcome, SimulationError) else outcome[0]
     in_order = [outcomes[index] for index in sorted(outcomes)]
@@ -359,9 +358,9 @@ def _checked(result):
     residual = abs(result.energy_balance_residual)
     if not residual <= LARGEST_RESIDUAL:
         raise EnergyNotBalanced(
-            f"{result.engine}: the energy balance leaves {residual:.2%} of the energy unaccounted "
-            f"for (limit {LARGEST_RESIDUAL:.0%}); suspected: {suspected_cause(result)}; else "
-            "choose --step fine or finest",
+            f"{result.engine}: the energy balance leaves {100.0 * residual:.4g} % of the energy "
+            f"unaccounted for (limit {LARGEST_RESIDUAL:.0%}); suspected: "
+            f"{suspected_cause(result)}; else choose --step fine or finest",
             partial=result,
         )
     if residual <= NOTED_RESIDUAL:

@@ -23,8 +23,8 @@ import matplotlib.pyplot as plt
 
 import harvester
 from circuits.assembly import assemble
-from harvester import figures
-from harvester.comparison import COMPARED
+from harvester.show import figures
+from harvester.studies.comparison import COMPARED
 
 plt.style.use(figures.STYLE)
 

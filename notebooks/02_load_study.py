@@ -26,7 +26,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import harvester
-from harvester import figures
+from harvester.show import figures
 from harvester.studies import Report
 from harvester.studies.drawing import draw_power
 

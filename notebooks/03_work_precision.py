@@ -22,10 +22,10 @@
 import matplotlib.pyplot as plt
 
 import harvester
-from harvester import figures
-from harvester.work_precision.diagram import MEANS, judged
-from harvester.work_precision.measurement import work_precision
-from harvester.work_precision.methods import Method
+from harvester.show import figures
+from harvester.verification.work_precision.diagram import MEANS, judged
+from harvester.verification.work_precision.measurement import work_precision
+from harvester.verification.work_precision.methods import Method
 
 plt.style.use(figures.STYLE)
 

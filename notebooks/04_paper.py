@@ -15,7 +15,7 @@
 #
 # The paper derives its curves by stochastic averaging and compares them with its own Monte Carlo.
 # Here the same equations go through the closures, Monte Carlo and the circuit. Everything is data:
-# `harvester.paper.figures_list.FIGURES` and `harvester.paper.claims_list.CLAIMS`.
+# `figures_list.FIGURES` and `claims_list.CLAIMS` of `harvester.verification.paper`.
 
 # %%
 # %matplotlib inline
@@ -24,12 +24,12 @@ from dataclasses import replace
 import matplotlib.pyplot as plt
 
 import harvester
-from harvester import figures
-from harvester.paper.claims import METHODS, claims
-from harvester.paper.claims_list import CLAIMS, JUMPING
-from harvester.paper.drawing import draw
-from harvester.paper.reproduce import reproduce
-from harvester.workers import WorkerPool
+from harvester.engines.workers import WorkerPool
+from harvester.show import figures
+from harvester.verification.paper.claims import METHODS, claims
+from harvester.verification.paper.claims_list import CLAIMS, JUMPING
+from harvester.verification.paper.drawing import draw
+from harvester.verification.paper.reproduce import reproduce
 
 plt.style.use(figures.STYLE)
 scene = harvester.Scene.load("paper")

@@ -26,7 +26,7 @@ import numpy as np
 from scipy.signal import welch
 
 import harvester
-from harvester import figures
+from harvester.show import figures
 
 plt.style.use(figures.STYLE)
 

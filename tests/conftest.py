@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-from harvester.workers import Worker, WorkerPool
+from harvester.engines.workers import Worker, WorkerPool
 
 HERE = Path(__file__).parent
 # Fuzz tests: the same few seconds every time, or `--hypothesis-profile=long` by hand.

@@ -9,8 +9,8 @@ import itertools
 import numpy as np
 
 from harvester.command_line import main
-from harvester.parameters import scale
-from harvester.scene import Scene
+from harvester.scene.model import Scene
+from harvester.scene.units import scale
 
 PERIODS, SETTLED_PERIODS = 12.0, 3.0
 STOPPER = 'gap = 1.1, stiffness = 10.0, restitution = 0.7, side = "{}"'

@@ -16,7 +16,7 @@ MODULES = [
 
 
 def test_there_are_examples():
-    assert {"harvester", "harvester.scene", "circuits.ltspice"} <= set(MODULES)
+    assert {"harvester", "harvester.scene.model", "circuits.ltspice"} <= set(MODULES)
 
 
 @pytest.mark.parametrize("name", MODULES)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from circuits.subcircuits import read_load
+from circuits.loads.subcircuits import read_load
 from harvester.command_line import COMMANDS, build_parser
 
 ROOT = Path(__file__).parents[1]

@@ -8,9 +8,10 @@ from scipy.linalg import expm, solve_discrete_lyapunov
 from scipy.optimize import brentq
 
 from harvester.averaging.symmetric import symmetric_device
-from harvester.parameters import knot_spacing, scale
-from harvester.realization import noise_path
-from harvester.scene import Scene
+from harvester.engines.realization import noise_path
+from harvester.engines.steps import knot_spacing
+from harvester.scene.model import Scene
+from harvester.scene.units import scale
 
 # One mass and its stoppers alone, v0 held: what `rebound_speed` is the law of.
 NOTHING_BUT_STOPPERS = [

@@ -1,14 +1,17 @@
 """What the tests ask a worker process to do besides simulating a scene."""
 
+import importlib
 import os
 import time
 
-from circuits import compiled_device
 from circuits.assembly import Netlist, assemble
-from circuits.session import session
-from harvester.parameters import scale, steps_per_knot
-from harvester.realization import noise_path, start_state
-from harvester.scene import Scene
+from circuits.ngspice import compiled_device
+from circuits.ngspice.session import session
+from harvester.engines.protocol import ENGINES
+from harvester.engines.realization import noise_path, start_state
+from harvester.engines.steps import steps_per_knot
+from harvester.scene.model import Scene
+from harvester.scene.units import scale
 
 
 def say(report, text):
@@ -53,8 +56,8 @@ def load_compiled_device(report):
     compiled_device.load(session(), compiled_device.module_of(scale(Scene.load("paper"))[0])[1])
 
 
-def run_device(report, scene, compiled):
-    """Record of a scene's first realization, shape (7, n), its mechanics compiled or not."""
+def run_device(report, scene, compiled, copies=1):
+    """Record of the last of a scene's copies, a row a quantity, its mechanics compiled or not."""
     from truths import Keep
 
     parameters, _ = scale(scene)
@@ -62,11 +65,12 @@ def run_device(report, scene, compiled):
         text = compiled_device.module_of(parameters)[1]
         compiled_device.load(session(), text)
         compiled_device.load(session(), text)  # a second time does no harm
-    netlist = assemble(scene, compiled=compiled)
-    keep = Keep()
-    paths = [noise_path(scene, 0)]
-    session().run(netlist, parameters, paths, [[keep]], steps_per_knot(scene))
-    return keep.record()
+    starts = [start_state(scene, index) for index in range(copies)]
+    netlist = assemble(scene, starts=starts, compiled=compiled)
+    keep = [Keep() for _ in starts]
+    paths = [noise_path(scene, index) for index in range(copies)]
+    session().run(netlist, parameters, paths, [[each] for each in keep], steps_per_knot(scene))
+    return keep[-1].record()
 
 
 def resident_megabytes():
@@ -78,7 +82,7 @@ def run_many(report, scene, times):
     """Memory after the first and after the last of many runs (MB)."""
     from truths import Keep
 
-    from circuits.engine import run_realizations
+    from circuits.ngspice.engine import run_realizations
 
     sizes = []
     for index in range(times):
@@ -91,7 +95,7 @@ def run_many(report, scene, times):
 
 def run_long(report, scene):
     """Growth of memory over the second half of one run (MB)."""
-    from circuits.engine import run_realizations
+    from circuits.ngspice.engine import run_realizations
 
     class Watch:
         def __init__(self):
@@ -114,7 +118,7 @@ def drop(report, scene, speed, step):
     from truths import Keep
 
     from circuits.assembly import assemble
-    from harvester.parameters import steps_per_knot
+    from harvester.engines.steps import steps_per_knot
 
     parameters, _ = scale(scene)
     netlist = assemble(scene, step)
@@ -140,3 +144,21 @@ def stick(report, scene):
     netlist = dataclasses.replace(netlist, text=text)
     paths = [noise_path(scene, 0)]
     session().run(netlist, parameters, paths, [[]], steps_per_knot(scene))
+
+
+def run_with_law(report, tables, engine, step):
+    """(X, X', V) at the knots of a scene whose contacts have the law of `spring_dashpot`."""
+    from spring_dashpot import spring_dashpot
+    from truths import Keep
+
+    from harvester.device.contact import LAWS
+    from harvester.engines.steps import knot_spacing
+
+    LAWS["dashpot"] = spring_dashpot
+    scene = Scene.from_tables(tables)
+    keep = Keep()
+    module = importlib.import_module(ENGINES[engine])
+    module.prepare(scene)
+    arguments = ([noise_path(scene, 0)], [start_state(scene, 0)], [[keep]], step, "external")
+    module.run_realizations(scene, *arguments, device="behavioural")
+    return keep.at_knots(knot_spacing(scene))

@@ -10,7 +10,7 @@ from harvester.averaging.fokker_planck import fokker_planck
 from harvester.averaging.orbits import OuterEdge, Potential, WellEdge
 from harvester.averaging.slow_load import slow_load
 from harvester.errors import AveragingError
-from harvester.plain_text import nearest
+from harvester.files.plain_text import nearest
 
 AVERAGED = ("paper", "consistent", "slow_load")  # over orbits: about a second
 CLOSURES = (*AVERAGED, "fokker_planck")

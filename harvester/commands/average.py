@@ -48,9 +48,9 @@ def run(options):
     check_options(options, name)
     if options.tolerance is not None and not 0.0 < options.tolerance < 1.0:
         raise HarvesterError(f"--tolerance {options.tolerance:g}: must be a number in (0, 1)")
-    from harvester.averaged import average
-    from harvester.console import show_result
-    from harvester.output import is_standard_output
+    from harvester.averaging.of_scene import average
+    from harvester.files.writing import is_standard_output
+    from harvester.show.console import show_result
 
     result = average(scene, options.closure, options.tolerance, options.fit)
     show_result(result, to_stderr=is_standard_output(options.json))

@@ -25,7 +25,7 @@ def add(commands):
 
 def run(options):
     """Carry it out; returns the exit code, or None for 0."""
-    from harvester.sources import SOURCES, sources_of
+    from harvester.show.citations import SOURCES, sources_of
 
     found = SOURCES
     if options.result:

@@ -24,14 +24,14 @@ def add(commands):
 def run(options):
     """Carry it out; returns the exit code, or None for 0."""
     check_options(options, "claims")
-    from harvester.output import in_folder, is_standard_output, write_text
+    from harvester.files.writing import in_folder, is_standard_output, write_text
 
     if options.output:
         in_folder(options.output, "claims.md")
-    from harvester.console import progress, show_table
-    from harvester.paper.claims import claims
-    from harvester.scene import Scene
-    from harvester.workers import WorkerPool
+    from harvester.engines.workers import WorkerPool
+    from harvester.scene.model import Scene
+    from harvester.show.console import progress, show_table
+    from harvester.verification.paper.claims import claims
 
     scene = Scene.load("paper")
     if options.seed is not None:

@@ -24,8 +24,8 @@ def run(options):
     import shtab
 
     from harvester.command_line import build_parser
-    from harvester.plain_text import nearest
-    from harvester.scene import Scene
+    from harvester.files.plain_text import nearest
+    from harvester.scene.model import Scene
 
     if options.shell not in SHELLS:
         raise HarvesterError(

@@ -17,14 +17,15 @@ def add(commands):
 
 def run(options):
     """Carry it out; returns the exit code, or None for 0."""
-    from harvester.console import show_engine
-    from harvester.output import check_writable, is_standard_output, write_json
-    from harvester.workers import Worker
+    from harvester.engines.circuit import describe
+    from harvester.engines.workers import Worker
+    from harvester.files.writing import check_writable, is_standard_output, write_json
+    from harvester.show.console import show_engine
 
     if options.json:
         check_writable(options.json)
     with closing(Worker()) as worker:
-        found = worker.call("circuits.engine:describe", {}, time_limit=60.0)
+        found = worker.call(describe, {}, time_limit=60.0)
     show_engine(found, to_stderr=is_standard_output(options.json))
     if options.json:
         write_json(options.json, found)

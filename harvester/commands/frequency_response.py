@@ -49,9 +49,9 @@ def run(options):
     name = f"{scene.name}-frequency-response"
     check_options(options, name)
     frequencies = number_list(options.frequencies, "--frequencies")
-    from harvester.console import show_table
-    from harvester.output import is_standard_output
-    from harvester.response import frequency_response
+    from harvester.files.writing import is_standard_output
+    from harvester.show.console import show_table
+    from harvester.studies.frequency_response import frequency_response
 
     response = frequency_response(
         scene,

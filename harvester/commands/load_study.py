@@ -70,8 +70,8 @@ def run(options):
     scene = read_scene(options)
     _check(options)
     sweeps = _sweeps(options.sweep)
-    from harvester.console import progress, show_table
-    from harvester.output import in_folder
+    from harvester.files.writing import in_folder
+    from harvester.show.console import progress, show_table
     from harvester.studies import Report, load_study, save
     from harvester.studies.dataset import xarray_or_say
     from harvester.studies.files import FILES

@@ -38,10 +38,10 @@ def add(commands):
 def run(options):
     """Carry it out; returns the exit code, or None for 0."""
     scene = read_scene(options)
-    from circuits.export import for_ltspice, stand_alone
-    from harvester.output import check_writable, in_folder, is_stream, write_text
-    from harvester.plain_text import name, nearest
-    from harvester.realization import noise_path, start_state
+    from harvester.engines.circuit import for_ltspice, stand_alone
+    from harvester.engines.realization import noise_path, start_state
+    from harvester.files.plain_text import name, nearest
+    from harvester.files.writing import check_writable, in_folder, is_stream, write_text
     from harvester.simulation import check_step
 
     if options.dialect not in DIALECTS:

@@ -47,9 +47,9 @@ def run(options):
     scene = read_scene(options)
     name = f"{scene.name}-optimum"
     check_options(options, name)
-    from harvester.console import progress, show_table
-    from harvester.optimum import optimum
-    from harvester.output import is_standard_output
+    from harvester.files.writing import is_standard_output
+    from harvester.show.console import progress, show_table
+    from harvester.studies.optimum import optimum
 
     with progress() as follow:
         found = optimum(

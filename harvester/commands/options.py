@@ -4,8 +4,8 @@ import math
 import sys
 
 from harvester.errors import HarvesterError
-from harvester.plain_text import named, one_line
-from harvester.quiet import is_quiet
+from harvester.files.plain_text import named, one_line
+from harvester.show.quiet import is_quiet
 
 STEP_HELP = "default, fine, finest, or the longest step in seconds"
 # Of a list given by its ends.
@@ -66,7 +66,7 @@ def add_results(command):
 
 def read_scene(options):
     """The scene that the command line names, overrides and seed put in."""
-    from harvester.scene import Scene
+    from harvester.scene.model import Scene
 
     overrides = list(options.set)
     if options.seed is not None:
@@ -105,7 +105,7 @@ def check_options(options, name=None):
 
     `name` is that of the files which `write_result` will write.
     """
-    from harvester.output import check_folder, check_writable, in_folder
+    from harvester.files.writing import check_folder, check_writable, in_folder
 
     if getattr(options, "workers", None) is not None and options.workers < 1:
         raise HarvesterError(f"--workers {options.workers}: must be a whole number ≥ 1")
@@ -122,7 +122,7 @@ def check_options(options, name=None):
 
 def write_result(options, name, result, draw=None):
     """The files that were asked for; `draw` names the function of `figures`, if there is one."""
-    from harvester.output import write_json
+    from harvester.files.writing import write_json
 
     # Where one place turns out to be full, the other still gets the result.
     try:
@@ -134,8 +134,8 @@ def write_result(options, name, result, draw=None):
 
 
 def _write_folder(folder, name, result, draw):
-    from harvester import figures
-    from harvester.output import in_folder, write_json, write_text
+    from harvester.files.writing import in_folder, write_json, write_text
+    from harvester.show import figures
 
     json_file, table, picture = (in_folder(folder, f"{name}{e}") for e in RESULT_FILES)
     write_json(json_file, result.to_dict())

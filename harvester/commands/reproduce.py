@@ -31,13 +31,13 @@ def add(commands):
 
 def run(options):
     """Carry it out; returns the exit code, or None for 0."""
-    from harvester.paper.figures_list import FIGURES
+    from harvester.verification.paper.figures_list import FIGURES
 
     names = _chosen(options.figures, ["fig2", "fig3", *FIGURES])
     for name in names:
         check_options(options, name)
-    from harvester.console import show_table
-    from harvester.scene import Scene
+    from harvester.scene.model import Scene
+    from harvester.show.console import show_table
 
     scene = Scene.load("paper")
     if options.seed is not None:
@@ -60,11 +60,11 @@ def run(options):
 
 def _compute(scene, names, options, keep):
     """Give `keep` each figure as soon as it is done; the number of runs that failed."""
-    from harvester.console import progress
-    from harvester.paper import orbit_maps
-    from harvester.paper.figures_list import FIGURES
-    from harvester.paper.reproduce import reproduce
-    from harvester.workers import WorkerPool
+    from harvester.engines.workers import WorkerPool
+    from harvester.show.console import progress
+    from harvester.verification.paper import orbit_maps
+    from harvester.verification.paper.figures_list import FIGURES
+    from harvester.verification.paper.reproduce import reproduce
 
     without_noise = {"fig2": orbit_maps.surfaces, "fig3": orbit_maps.frequency_response}
     for name in (name for name in names if name in without_noise):
@@ -82,7 +82,7 @@ def _compute(scene, names, options, keep):
 
 def _chosen(wanted, known):
     """Names of figures in the paper's order."""
-    from harvester.plain_text import nearest
+    from harvester.files.plain_text import nearest
 
     for name in wanted:
         if name not in (*known, "all"):
@@ -93,9 +93,9 @@ def _chosen(wanted, known):
 
 
 def _write(content, folder):
-    from harvester import figures
-    from harvester.output import in_folder, write_json
-    from harvester.paper.drawing import draw
+    from harvester.files.writing import in_folder, write_json
+    from harvester.show import figures
+    from harvester.verification.paper.drawing import draw
 
     write_json(in_folder(folder, f"{content.name}.json"), content.to_dict())
     figures.save(draw, content, in_folder(folder, f"{content.name}.png"))

@@ -26,8 +26,8 @@ def add(commands):
 def run(options):
     """Carry it out; returns the exit code, or None for 0."""
     scene = read_scene(options)
-    from harvester.circuit_drawing import schematic
-    from harvester.output import in_folder, is_stream, write_text
+    from harvester.engines.circuit import schematic
+    from harvester.files.writing import in_folder, is_stream, write_text
 
     drawing = schematic(scene)
     if is_stream(options.output):

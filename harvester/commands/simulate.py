@@ -53,8 +53,8 @@ def run(options):
     scene = read_scene(options)
     name = f"{scene.name}-{options.engine}"
     check_options(options, name)
-    from harvester.console import progress, show_result
-    from harvester.output import is_standard_output
+    from harvester.files.writing import is_standard_output
+    from harvester.show.console import progress, show_result
     from harvester.simulation import simulate
 
     with progress() as follow:

@@ -30,9 +30,9 @@ def run(options):
     scene = read_scene(options)
     name = f"{scene.name}-stability"
     check_options(options, name)
-    from harvester.console import progress, show_table
-    from harvester.output import is_standard_output
-    from harvester.stability.matrix import stability
+    from harvester.files.writing import is_standard_output
+    from harvester.show.console import progress, show_table
+    from harvester.verification.stability.matrix import stability
 
     with progress() as follow:
         matrix = stability(

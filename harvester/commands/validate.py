@@ -32,9 +32,9 @@ def run(options):
     scene = read_scene(options)
     name = f"{scene.name}-validate"
     check_options(options, name)
-    from harvester.comparison import validate
-    from harvester.console import progress, show_table
-    from harvester.output import check_writable, is_standard_output, write_text
+    from harvester.files.writing import check_writable, is_standard_output, write_text
+    from harvester.show.console import progress, show_table
+    from harvester.studies.comparison import validate
 
     check_writable(options.report)
 
@@ -51,7 +51,7 @@ def run(options):
         write_result(options, name, comparison, "draw_comparison")
     finally:
         if options.report:
-            from harvester.report import report
+            from harvester.show.page import report
 
             write_text(options.report, report(comparison))
             say(f"written: {options.report}")

@@ -30,9 +30,9 @@ def run(options):
     scene = read_scene(options)
     name = f"{scene.name}-work-precision"
     check_options(options, name)
-    from harvester.console import progress, show_table
-    from harvester.output import is_standard_output
-    from harvester.work_precision.measurement import work_precision
+    from harvester.files.writing import is_standard_output
+    from harvester.show.console import progress, show_table
+    from harvester.verification.work_precision.measurement import work_precision
 
     with progress() as follow:
         diagram = work_precision(

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from harvester.compilation import overload, register_jitable
+from harvester.compilation import overload, register_jitable, types
 from harvester.device import spring as springs
 from harvester.device.dispatch import equation
 from harvester.device.hertz import hertz_damp
@@ -53,12 +53,18 @@ def one_force(contact, spring, x, v, held_speed, low, high):
     if s == 0.0:
         s = 1.0 if low >= contact.gap else -1.0
     acts = low >= contact.gap if s > 0.0 else high <= -contact.gap
-    depth = s * x - contact.gap
-    if not acts or depth <= 0.0:
+    if not acts:
         return 0.0
+    # A step of the zone may begin a rounding short of its edge, where a dashpot already acts.
+    depth = max(s * x - contact.gap, 0.0)
     gain = springs.energy(spring, x) - springs.energy(spring, s * contact.gap)
     push = s * elastic_force(contact.law, depth)
     return push + damping(contact.law, depth, v, gain, held_speed) * v
+
+
+def _of_one_sort(contacts):
+    """Whether several contacts share one type: a loop is then compiled once, however many."""
+    return isinstance(contacts, types.UniTuple) and len(contacts) > 2
 
 
 def force(contacts, spring, x, v, held_speed, low, high):
@@ -71,11 +77,17 @@ def _force(contacts, spring, x, v, held_speed, low, high):
     if len(contacts) == 0:
         return lambda contacts, spring, x, v, held_speed, low, high: 0.0
 
+    def in_turn(contacts, spring, x, v, held_speed, low, high):
+        total = 0.0
+        for each in contacts:
+            total += one_force(each, spring, x, v, held_speed, low, high)
+        return total
+
     def add(contacts, spring, x, v, held_speed, low, high):
         first = one_force(contacts[0], spring, x, v, held_speed, low, high)
         return first + force(contacts[1:], spring, x, v, held_speed, low, high)
 
-    return add
+    return in_turn if _of_one_sort(contacts) else add
 
 
 @register_jitable
@@ -99,11 +111,17 @@ def _loss_rate(contacts, spring, x, v, held_speed):
     if len(contacts) == 0:
         return lambda contacts, spring, x, v, held_speed: 0.0
 
+    def in_turn(contacts, spring, x, v, held_speed):
+        total = 0.0
+        for each in contacts:
+            total += one_loss_rate(each, spring, x, v, held_speed)
+        return total
+
     def add(contacts, spring, x, v, held_speed):
         first = one_loss_rate(contacts[0], spring, x, v, held_speed)
         return first + loss_rate(contacts[1:], spring, x, v, held_speed)
 
-    return add
+    return in_turn if _of_one_sort(contacts) else add
 
 
 @register_jitable
@@ -122,7 +140,17 @@ def energy(contacts, x):
 def _energy(contacts, x):
     if len(contacts) == 0:
         return lambda contacts, x: 0.0
-    return lambda contacts, x: one_energy(contacts[0], x) + energy(contacts[1:], x)
+
+    def in_turn(contacts, x):
+        total = 0.0
+        for each in contacts:
+            total += one_energy(each, x)
+        return total
+
+    def add(contacts, x):
+        return one_energy(contacts[0], x) + energy(contacts[1:], x)
+
+    return in_turn if _of_one_sort(contacts) else add
 
 
 @register_jitable
@@ -145,11 +173,17 @@ def _step(contacts, x, square_speed, longest, steps):
     if len(contacts) == 0:
         return lambda contacts, x, square_speed, longest, steps: longest
 
+    def in_turn(contacts, x, square_speed, longest, steps):
+        least = longest
+        for each in contacts:
+            least = min(least, one_step(each, x, square_speed, longest, steps))
+        return least
+
     def shortest(contacts, x, square_speed, longest, steps):
         first = one_step(contacts[0], x, square_speed, longest, steps)
         return min(first, step(contacts[1:], x, square_speed, longest, steps))
 
-    return shortest
+    return in_turn if _of_one_sort(contacts) else shortest
 
 
 def elastic_push(contacts, x):
@@ -197,7 +231,7 @@ def formulas(each, spring, x, u, rate, number, held=""):
     The force is meant where the condition holds. See `HertzDamp.force_formula` for the arguments;
     a pair of stoppers takes a symmetric spring.
     """
-    gap = number("gap", each.gap)
+    gap = number("gap", each.gap, "displacement at which it begins", "(0:inf)")
     sides = {
         1.0: (f"{x}>{gap}", f"{x}-{gap}", "1.0"),
         -1.0: (f"{x}<-{gap}", f"-{x}-{gap}", "-1.0"),
@@ -205,6 +239,6 @@ def formulas(each, spring, x, u, rate, number, held=""):
     }
     condition, depth, sign = sides[each.side]
     gain = arrival_formula(each, each.side or 1.0, spring, x, rate, number)
-    if not pulled_back(each, spring):
+    if not (pulled_back(each, spring) and springs.gain_is_product(spring)):
         gain = f"((({gain})>0) ? ({gain}) : 0)"
     return condition, each.law.force_formula(depth, sign, u, gain, number, held, rate)

@@ -55,7 +55,10 @@ def damper(damping, quadratic_damping=0.0):
 def drag_formula(part, u, number):
     """The drag as an expression of circuits and Verilog-A; empty without it.
 
-    `u` is the text of X'/rate and `number` turns (name, value) into the text of a number.
+    `u` is the text of X'/rate and `number` turns (name, value, meaning, range of Verilog-A) into
+    the text of a number.
     """
     quadratic = getattr(part, "quadratic_damping", 0.0)
-    return f"{number('quadratic_damping', quadratic)}*abs({u})*{u}" if quadratic else ""
+    if not quadratic:
+        return ""
+    return f"{number('quadratic_damping', quadratic, 'C2', '[0:inf)')}*abs({u})*{u}"

@@ -91,24 +91,27 @@ class HertzDamp(NamedTuple):
         gain : str
             2 [U(x) − U(gap)]/rate², or that bounded by 0 where it may be negative.
         number : callable
-            Turns (name, value) into the text of a number.
+            Turns (name, value, meaning, range of Verilog-A) into the text of a number.
         held : str
             The node voltage of v0/rate where it is held.
         rate : float
             1/s.
         """
-        push = f"{number('stiffness', self.stiffness / rate**2)}*pow({depth},{self.exponent!r})"
+        stiffness = number("stiffness", self.stiffness / rate**2, "K/rate^2", "[0:inf)")
+        push = f"{stiffness}*pow({depth},{number('exponent', self.exponent, 'n', '[1:inf)')})"
         if self.damping_factor == 0.0:
             return f"{push}*{sign}"
         if self.holds:
             share = f"((abs({u})<{held}) ? {u}/{held} : sgn({u}))"
         else:
             order = self.exponent + 1.0
-            twice = number("energy", 2.0 / order * self.stiffness / rate**2)
-            energy = f"{twice}*pow({depth},{order!r})"
+            twice = 2.0 / order * self.stiffness / rate**2
+            twice = number("energy", twice, "2 K/((n + 1) rate^2)", "[0:inf)")
+            energy = f"{twice}*pow({depth},{number('order', order, 'n + 1', '[2:inf)')})"
             # The last term only keeps 0/0 away at the instant of contact.
             share = f"{u}*pow({u}*{u}+{gain}+{energy}+1e-30,-0.5)"
-        return f"{push}*({sign}+{number('damping_factor', self.damping_factor)}*{share})"
+        factor = number("damping_factor", self.damping_factor, "3 (1 - e^2)/4", "[0:0.75]")
+        return f"{push}*({sign}+{factor}*{share})"
 
     def duration(self, speed):
         """Duration of an elastic contact that starts with this speed (s)."""

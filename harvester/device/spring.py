@@ -164,18 +164,23 @@ def nonlinear_formula(part, x, number):
     x : str
         The displacement.
     number : callable
-        Turns (name, value) into the text of a number.
+        Turns (name, value, meaning) into the text of a number.
     """
     coefficients = part.coefficients[2:]
     if not coefficients:
         return ""
-    named = [number(f"k{n}", k) for n, k in enumerate(coefficients, start=2)]
+    named = [k and number(f"k{n}", k, f"k{n}/rate^2") for n, k in enumerate(coefficients, start=2)]
     if coefficients[:1] == (0.0,) and len(coefficients) == 2:
         return f"({named[1]}*{x})*({x}*{x})"
     inner = named[-1]
-    for text, k in zip(named[-2::-1], coefficients[-2::-1], strict=True):
-        inner = f"({inner})*{x}" if k == 0.0 else f"({text}+({inner})*{x})"
+    for text in named[-2::-1]:
+        inner = f"({text}+({inner})*{x})" if text else f"({inner})*{x}"
     return f"({x}*{x})*({inner})"
+
+
+def gain_is_product(part):
+    """Whether rounding leaves `gain_formula` its sign: that of a product, not of a difference."""
+    return part.symmetric and len(part.odd) <= 2
 
 
 def gain_formula(part, x, place, rate, number):
@@ -183,15 +188,20 @@ def gain_formula(part, x, place, rate, number):
 
     For a spring of first and third power a product, because simulators differentiate term by term.
     """
-    if part.symmetric and len(part.odd) <= 2:
+    if gain_is_product(part):
         linear, cubic = (*part.odd, 0.0, 0.0)[:2]
         half = 0.5 * cubic / rate**2
-        constant = number("gain_constant", linear / rate**2 + half * place**2)
-        slope = f"{constant}+{number('gain_slope', half)}*({x}*{x})" if half > 0.0 else constant
-        return f"({x}*{x}-{number('gap_square', place**2)})*({slope})"
+        constant = linear / rate**2 + half * place**2
+        slope = number("gain_constant", constant, "(k1 + k3 gap^2/2)/rate^2")
+        if half > 0.0:
+            slope += f"+{number('gain_slope', half, 'k3/(2 rate^2)', '[0:inf)')}*({x}*{x})"
+        return f"({x}*{x}-{number('gap_square', place**2, 'gap^2', '(0:inf)')})*({slope})"
     powers = [2.0 * k / (n + 1) / rate**2 for n, k in enumerate(part.coefficients)]
-    inner = number(f"gain{len(powers)}", powers[-1])
-    for n in range(len(powers) - 1, 0, -1):
-        inner = f"({number(f'gain{n}', powers[n - 1])}+({inner})*{x})"
-    below = 2.0 * float(energy(part, place)) / rate**2
-    return f"({x}*{inner}-({number('gain_below', below)}))"
+    named = [
+        number(f"gain{n}", k, f"2 k{n - 1}/({n} rate^2)") for n, k in enumerate(powers, start=1)
+    ]
+    inner = named.pop()
+    for text in reversed(named):
+        inner = f"({text}+({inner})*{x})"
+    below = number("gain_below", 2.0 * float(energy(part, place)) / rate**2, "2 U(gap)/rate^2")
+    return f"({x}*{inner}-({below}))"

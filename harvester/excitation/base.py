@@ -31,7 +31,7 @@ class Excitation(ABC):
 
     Attributes
     ----------
-    KEYS : dict of str to harvester.scene_schema.Key
+    KEYS : dict of str to harvester.scene.schema.Key
         What the table may hold besides `kind`.
     """
 
@@ -64,7 +64,7 @@ class Excitation(ABC):
         ----------
         units : str
             "scaled" or "SI".
-        run : harvester.scene.Run
+        run : harvester.scene.model.Run
         origin : str
             File or scene name, for messages.
 

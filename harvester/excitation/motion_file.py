@@ -10,8 +10,8 @@ from harvester.errors import SceneError
 from harvester.excitation.npy_file import NpyTable
 from harvester.excitation.text_file import TextTable
 from harvester.excitation.wav_file import WavTable
-from harvester.input_files import memory_limit, read_input
-from harvester.plain_text import named, nearest, shown
+from harvester.files.plain_text import named, nearest, shown
+from harvester.files.reading import memory_limit, read_input
 
 # Bytes: a text takes seconds to read, and .npy of the same motion is smaller.
 LARGEST_RECORD, LARGEST_TEXT = 2**29, 2**27

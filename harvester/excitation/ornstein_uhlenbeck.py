@@ -9,7 +9,7 @@ import numpy as np
 from harvester.compilation import compiled
 from harvester.errors import SceneError
 from harvester.excitation.base import Excitation
-from harvester.scene_schema import positive
+from harvester.scene.schema import positive
 
 # The linear interpolation between knots lowers the noise's variance by spacing/(3 τ1) of
 # itself, 4 % here.

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from harvester.excitation.base import Excitation
-from harvester.scene_schema import positive
+from harvester.scene.schema import positive
 
 # A rectifier's switching is resolved, not only the sine.
 KNOTS_PER_CYCLE = 200

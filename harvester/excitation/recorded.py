@@ -8,13 +8,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from harvester import plain_text
 from harvester.errors import SceneError
 from harvester.excitation import conditioning
 from harvester.excitation.base import Excitation, kernel_loss
 from harvester.excitation.motion_file import most_samples, read_columns, read_record
-from harvester.plain_text import named
-from harvester.scene_schema import Key, not_negative, positive
+from harvester.files import plain_text
+from harvester.files.plain_text import named
+from harvester.scene.schema import Key, not_negative, positive
 
 # Offset over the rms from which on the result carries a note.
 NOTED_OFFSET = 0.1

@@ -8,7 +8,7 @@ import numpy as np
 
 from harvester.errors import SceneError
 from harvester.excitation.base import Excitation
-from harvester.scene_schema import Key, not_negative, positive
+from harvester.scene.schema import Key, not_negative, positive
 
 KNOTS_PER_PERIOD = 40
 # Straight lines through fewer points a period are no sine.

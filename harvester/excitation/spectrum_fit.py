@@ -7,7 +7,7 @@ import numpy as np
 
 from harvester.errors import AveragingError
 from harvester.excitation.recorded import one_pass
-from harvester.output import finite
+from harvester.files.writing import finite
 
 # Stretches of the record whose periodograms are averaged, without the half-overlapping ones.
 STRETCHES = 16

@@ -8,7 +8,7 @@ import numpy as np
 from harvester.errors import SceneError
 from harvester.excitation.base import Excitation
 from harvester.excitation.motion_file import most_samples
-from harvester.scene_schema import Key, positive
+from harvester.scene.schema import Key, positive
 
 
 @dataclass(frozen=True)

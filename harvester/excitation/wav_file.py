@@ -62,7 +62,8 @@ class WavTable:
             return (samples.astype(float) - 128.0) / 128.0
         if self._dtype.kind == "i":
             return samples / -float(np.iinfo(self._dtype).min)
-        return samples.astype(float)
+        with np.errstate(invalid="ignore"):
+            return samples.astype(float)
 
 
 def _parts(content):

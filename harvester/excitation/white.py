@@ -8,7 +8,7 @@ import numpy as np
 
 from harvester.errors import SceneError
 from harvester.excitation.base import Excitation, kernel_loss
-from harvester.scene_schema import positive
+from harvester.scene.schema import positive
 
 
 @dataclass(frozen=True)

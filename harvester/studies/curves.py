@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harvester.estimators import standard_error
+from harvester.estimates.batch_means import standard_error
 
 # Standard errors to either side that make an interval.
 INTERVAL = 2.0

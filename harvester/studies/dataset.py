@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from harvester.errors import HarvesterError
-from harvester.output import whole_file, write_text
-from harvester.plain_text import json_text, one_line
-from harvester.record import Record
+from harvester.files.plain_text import json_text, one_line
+from harvester.files.writing import whole_file, write_text
+from harvester.record.record import Record
 from harvester.results import unit_of
 from harvester.studies.evaluation import WAVEFORM
 
@@ -36,7 +36,7 @@ def to_dataset(report):
 
     Parameters
     ----------
-    report : harvester.studies.report.Report
+    report : harvester.studies.outcome.Report
 
     Returns
     -------

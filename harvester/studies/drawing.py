@@ -5,7 +5,7 @@ from itertools import cycle
 
 import numpy as np
 
-from harvester.record import Record
+from harvester.record.record import Record
 from harvester.results import unit_of
 
 MARKERS = "osD^vP*X"

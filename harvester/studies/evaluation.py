@@ -5,25 +5,22 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from harvester.control_variate import controlled_mean
-from harvester.estimators import (
-    Estimate,
-    complete_batches,
-    energy_balance_residual,
-    estimate_all,
-)
-from harvester.moments import QUANTITIES
-from harvester.output_estimates import estimate_output
-from harvester.output_moments import QUANTITIES as OUTPUT_QUANTITIES
-from harvester.parameters import scale
-from harvester.passivity import efficiency_notes
-from harvester.record import Record
+from harvester.estimates.balance import energy_balance_residual
+from harvester.estimates.batch_means import complete_batches
+from harvester.estimates.control_variate import controlled_mean
+from harvester.estimates.estimate import Estimate
+from harvester.estimates.means import estimate_all
+from harvester.estimates.output_side import estimate_output
+from harvester.estimates.passivity import efficiency_notes
+from harvester.estimates.settling import shortfalls, withheld
+from harvester.record.moments import QUANTITIES
+from harvester.record.output_side import QUANTITIES as OUTPUT_QUANTITIES
+from harvester.record.record import Record
 from harvester.results import unit_of
+from harvester.scene.units import scale
 from harvester.simulation import LARGEST_RESIDUAL, NOTED_RESIDUAL
 
 COMPLETE = "complete"
-# Time constants of the output within the settling, below which the outcome says so.
-FEWEST_CHARGING_TIMES = 3.0
 # Dimensions of a record's columns; the others are powers.
 WAVEFORM = {
     "time": "time",
@@ -53,6 +50,8 @@ class Evaluation:
         Of the control variate, 1 without.
     plain_error : float
         Standard error of the output power without it; nan where there is none.
+    power_error : float
+        The same with it, also where `estimates` withholds it for a run too short for what is slow.
     waveform : ndarray or None
         As in `Piece`, in the scene's units.
     """
@@ -63,6 +62,7 @@ class Evaluation:
     realizations: int = 0
     gain: float = 1.0
     plain_error: float = math.nan
+    power_error: float = math.nan
     waveform: np.ndarray | None = field(default=None, repr=False)
 
     @property
@@ -78,8 +78,8 @@ class Evaluation:
     @property
     def relative_error(self):
         """Of the output power; infinite without an error bar."""
-        error = self.estimates[POWER].standard_error if POWER in self.estimates else None
-        return error / abs(self.power) if error is not None and self.power else math.inf
+        share = self.power_error / abs(self.power) if self.power else math.nan
+        return math.inf if math.isnan(share) else share
 
 
 def evaluate(scene, pieces, control=None):
@@ -108,25 +108,24 @@ def evaluate(scene, pieces, control=None):
         return Evaluation(failure or "nothing was run: the time budget was spent")
     if good[0].quantities:
         estimates = _in_units(good[0].quantities, scales)
-        return Evaluation(COMPLETE, {**estimates, POWER: estimates["mean_power"]})
+        power = estimates["mean_power"]
+        error = _or_nan(power.standard_error)
+        return Evaluation(COMPLETE, {**estimates, POWER: power}, power_error=error)
     moments = [each for piece in good for each in piece.moments]
     scaled = estimate_all(moments, parameters) | estimate_output(moments)
-    notes = efficiency_notes(scaled, scales.of("power"), unit_of(scene, "power"))
     residual = abs(energy_balance_residual(moments, parameters))
     if not residual <= LARGEST_RESIDUAL:
         return Evaluation(f"EnergyNotBalanced: the energy balance leaves {residual:.0%}; --step")
-    outcome = COMPLETE
+    found = shortfalls(scene, parameters, moments, scaled)
+    notes = [
+        *efficiency_notes(scaled, scales.of("power"), unit_of(scene, "power")),
+        *(shortfall.note for shortfall in found),
+    ]
+    if residual > NOTED_RESIDUAL:
+        notes.append(f"energy balance residual {residual:.1%}: choose a shorter --step")
+    outcome = "; ".join([COMPLETE, *notes])
     if failure:
         outcome = f"ended after {len(moments)} realizations: {failure}"
-    elif notes:
-        outcome = f"complete; {'; '.join(notes)}"
-    elif residual > NOTED_RESIDUAL:
-        outcome = f"complete; energy balance residual {residual:.1%}: choose a shorter --step"
-    elif _charging_time(moments[0]) > scene.run.settle / FEWEST_CHARGING_TIMES:
-        outcome = (
-            f"complete; the storage charges in {_charging_time(moments[0]):.2g} s, not short "
-            f"against run.settle = {scene.run.settle:g}: the power may be that of charging"
-        )
     series = power_series(moments, scales.power)
     known = (control[0][: len(series)], *control[1:]) if control else (np.empty((0, 0)),)
     power = controlled_mean(series, *known)
@@ -135,11 +134,12 @@ def evaluate(scene, pieces, control=None):
     estimates[POWER] = Estimate(power.mean, power.standard_error, None, "power")
     return Evaluation(
         outcome=outcome,
-        estimates=estimates,
+        estimates=withheld(estimates, found),
         series=series,
         realizations=len(moments),
         gain=power.gain,
-        plain_error=math.nan if plain is None else plain,
+        plain_error=_or_nan(plain),
+        power_error=_or_nan(power.standard_error),
         waveform=_waveform_in_units(good[0].waveform, scales),
     )
 
@@ -157,10 +157,8 @@ def power_series(moments, unit):
     return unit * (mean + (energy - mean * time) / time.mean())
 
 
-def _charging_time(moments):
-    """Resistance times storage across the output (s)."""
-    output = moments.output
-    return output.capacitance / output.conductance if output and output.conductance else 0.0
+def _or_nan(error):
+    return math.nan if error is None else error
 
 
 def _waveform_in_units(waveform, scales):

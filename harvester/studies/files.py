@@ -1,7 +1,7 @@
 """The files of a study: NetCDF, CSV, figures."""
 
-from harvester import figures
-from harvester.output import in_folder
+from harvester.files.writing import in_folder
+from harvester.show import figures
 from harvester.studies import drawing
 from harvester.studies.dataset import save_csv, save_netcdf, to_dataset
 from harvester.studies.folder import held
@@ -19,7 +19,7 @@ def save(report, folder):
 
     Parameters
     ----------
-    report : harvester.studies.report.Report
+    report : harvester.studies.outcome.Report
     folder : str or Path or StudyFolder
 
     Raises

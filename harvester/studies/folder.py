@@ -8,7 +8,7 @@ import stat
 from pathlib import Path
 
 from harvester.errors import FolderInUse, OutputError
-from harvester.output import ASIDE, ASIDE_BYTES, check_writable
+from harvester.files.writing import ASIDE, ASIDE_BYTES, check_writable
 
 LOCK = ".harvester-lock"
 _LEFT_ASIDE = re.compile(re.escape(ASIDE.format("")) + f"[0-9a-f]{{{2 * ASIDE_BYTES}}}")

@@ -4,11 +4,11 @@ import itertools
 from dataclasses import dataclass
 from pathlib import Path
 
+from harvester.engines.steps import knot_spacing
 from harvester.errors import HarvesterError, SceneError
-from harvester.parameters import knot_spacing
-from harvester.plain_text import name, nearest
-from harvester.scene import Scene
-from harvester.scene_numbers import numbers
+from harvester.files.plain_text import name, nearest
+from harvester.scene.model import Scene
+from harvester.scene.numbers import numbers
 
 # Both name the load's resistor, whether it is the built-in one or a netlist's parameter.
 RESISTANCES = ("load.parameters.resistance", "load.resistance")

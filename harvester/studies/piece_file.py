@@ -16,10 +16,10 @@ import zipfile
 import numpy as np
 
 from harvester.errors import AveragingError, EnergyNotBalanced, SimulatorAborted, SolutionDiverged
-from harvester.estimators import Estimate
-from harvester.moments import Moments
-from harvester.output_moments import OutputMoments
-from harvester.parameters import Scales
+from harvester.estimates.estimate import Estimate
+from harvester.record.moments import Moments
+from harvester.record.output_side import OutputMoments
+from harvester.scene.units import Scales
 
 # A piece is a hundred kilobytes; more than this, packed or unpacked, is none (bytes).
 MOST_BYTES = 4_000_000

@@ -16,11 +16,11 @@ from pathlib import Path
 
 import numpy as np
 
-from harvester.averaged import average
 from harvester.averaging import CLOSURES
+from harvester.averaging.of_scene import average
+from harvester.engines.realization import run
 from harvester.errors import EngineNotFound, HarvesterError
-from harvester.output import whole_file
-from harvester.realization import run
+from harvester.files.writing import whole_file
 from harvester.studies.piece_file import LASTING, NotAPiece, Piece, packed, read
 
 # Points of a stored waveform, evenly spaced.

@@ -4,18 +4,13 @@ import math
 import time
 
 from harvester.averaging import CLOSURES
-from harvester.control_variate import significant_correlation
 from harvester.errors import SimulationError
-from harvester.estimators import standard_error
-from harvester.parameters import scale
+from harvester.estimates.batch_means import standard_error
+from harvester.estimates.control_variate import significant_correlation
+from harvester.scene.units import scale
 from harvester.studies.evaluation import evaluate, power_series
-from harvester.studies.pieces import failed
-from harvester.studies.sources import (
-    CONTROL_REALIZATIONS,
-    control_of,
-    long_control,
-    make_source,
-)
+from harvester.studies.pieces import compute, failed
+from harvester.studies.runs import CONTROL_REALIZATIONS, control_of, long_control, make_source
 
 # Realizations of a point's first round.
 FIRST = 8
@@ -78,7 +73,7 @@ class Runner:
         if calls and not self.out_of_time():
             limit = self._time_limit * max(len(call["indices"]) for call in calls)
             self._pool.map(
-                "harvester.studies.pieces:compute",
+                compute,
                 calls,
                 limit,
                 keep_going=True,

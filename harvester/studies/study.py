@@ -7,15 +7,16 @@ from dataclasses import dataclass
 
 import harvester
 from harvester.averaging import CLOSURES
+from harvester.engines.circuit import describe
+from harvester.engines.protocol import ENGINES
+from harvester.engines.workers import ExecutorPool, WorkerPool
 from harvester.errors import HarvesterError
-from harvester.parameters import require_resistor
-from harvester.realization import ENGINES
+from harvester.scene.units import require_resistor
 from harvester.simulation import TIME_LIMIT, check_name, check_step, require_noise
 from harvester.studies.folder import held
 from harvester.studies.grid import Grid, make_grid
 from harvester.studies.pieces import Store
 from harvester.studies.rounds import MOST, Rounds, Runner
-from harvester.workers import ExecutorPool, WorkerPool
 
 # Measured time of a realization over its settling: a fifth of the run is then spent on settling.
 DURATION_OVER_SETTLE = 4.0
@@ -107,7 +108,7 @@ def load_study(
         Wall-clock seconds of one realization.
     progress : callable or None
         Given the share done, 0 … 1, and a few words.
-    pool : harvester.workers.WorkerPool or None
+    pool : harvester.engines.workers.WorkerPool or None
         Running processes to use again.
 
     Returns
@@ -189,6 +190,6 @@ def _version(pool, engine):
     """What computes, for the pieces' names."""
     if engine != "circuit":
         return f"harvester {harvester.__version__}"
-    found = pool.map("circuits.engine:describe", [{}])[0]
+    found = pool.map(describe, [{}])[0]
     device = "behavioural" if found["compiled_device_off"] else "compiled"
     return f"harvester {harvester.__version__}, {found['version']}, {device} device"

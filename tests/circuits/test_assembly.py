@@ -3,8 +3,8 @@ import re
 import pytest
 
 from circuits.assembly import assemble
-from harvester.parameters import knot_spacing, stop_time
-from harvester.scene import Scene
+from harvester.engines.steps import knot_spacing, stop_time
+from harvester.scene.model import Scene
 
 MECHANICS = {"Cdisplacement", "Gvelocity", "Cmass", "Gspring", "Rdamper", "Inoise"}
 ELECTRICS = {"Cpiezo", "Gcharge", "Xload"}

@@ -7,10 +7,10 @@ import pytest
 from scipy import signal
 
 from circuits.export import stand_alone
-from harvester.comparison import Comparison
-from harvester.realization import noise_path
-from harvester.scene import Scene
+from harvester.engines.realization import noise_path
+from harvester.scene.model import Scene
 from harvester.simulation import simulate
+from harvester.studies.comparison import Comparison
 
 
 @pytest.fixture

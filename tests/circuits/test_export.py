@@ -6,10 +6,10 @@ from raw_files import ngspice_program, read_raw
 from truths import contact_force, flat
 
 from circuits.export import stand_alone
+from harvester.engines.realization import noise_path
+from harvester.engines.steps import knot_spacing
 from harvester.errors import NetlistError
-from harvester.parameters import knot_spacing
-from harvester.realization import noise_path
-from harvester.scene import Scene
+from harvester.scene.model import Scene
 from harvester.simulation import simulate
 
 

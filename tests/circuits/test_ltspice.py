@@ -7,12 +7,12 @@ import pytest
 from raw_files import ngspice_program, read_raw
 
 from circuits.export import stand_alone
+from circuits.loads.subcircuits import load_names
 from circuits.ltspice import FUNCTIONS, to_ltspice, translate
-from circuits.subcircuits import load_names
 from harvester.command_line import main
+from harvester.engines.realization import noise_path
 from harvester.errors import NetlistError
-from harvester.realization import noise_path
-from harvester.scene import Scene
+from harvester.scene.model import Scene
 
 # What LTspice's help says its functions do, as Python.
 MEANING = {

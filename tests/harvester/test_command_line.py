@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from harvester.command_line import main
-from harvester.scene import Scene
+from harvester.scene.model import Scene
 
 BRIEF = ["--set", "run.realizations=2", "--set", "run.duration=60", "--set", "run.settle=10"]
 QUANTITIES = {
@@ -209,7 +209,7 @@ def test_simulating_loads_no_drawing_library(tmp_path):
 
 
 def test_si_and_scaled_scenes_average_to_the_same_scaled_results():
-    from harvester.averaged import average
+    from harvester.averaging.of_scene import average
 
     for closure in ("paper", "consistent"):
         scaled = average(Scene.load("paper"), closure).scaled_quantities

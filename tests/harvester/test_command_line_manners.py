@@ -5,8 +5,8 @@ import sys
 
 import pytest
 
-from harvester import console
 from harvester.command_line import COMMANDS, build_parser, main
+from harvester.show import console
 
 COMMAND_NAMES = sorted(build_parser()[1].choices)
 COLOUR = re.compile(r"\x1b\[[\d;]*\b(?:3[0-7]|9[0-7]|38;[\d;]+)m")

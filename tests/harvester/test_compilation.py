@@ -12,8 +12,8 @@ def test_a_change_in_one_file_reaches_the_code_compiled_from_another(tmp_path):
     """The contact force lives in `device/contact`, its use in `monte_carlo`."""
     shutil.copytree(PACKAGE, tmp_path / "harvester", ignore=shutil.ignore_patterns("__pycache__"))
     code = (
-        "from harvester.scene import Scene; from harvester.parameters import scale\n"
-        "from harvester.monte_carlo import _acceleration\n"
+        "from harvester.scene.model import Scene; from harvester.scene.units import scale\n"
+        "from harvester.engines.monte_carlo import _acceleration\n"
         "p, _ = scale(Scene.load('paper'))\n"
         "print(_acceleration(p, True, 1.1, 9.0, 0.0, 1.5, 0.0, 0.0, 0.0))"
     )

@@ -9,11 +9,11 @@ import every_command
 import pytest
 
 from harvester import averaging
-from harvester.stability import matrix
-from harvester.stability.cases import Case
-from harvester.work_precision import measurement, throughput
-from harvester.work_precision.methods import Method
-from harvester.workers import Worker, WorkerPool
+from harvester.engines.workers import Worker, WorkerPool
+from harvester.verification.stability import matrix
+from harvester.verification.stability.cases import Case
+from harvester.verification.work_precision import measurement, throughput
+from harvester.verification.work_precision.methods import Method
 
 # Words of Python about a fault of ours.
 FAULT = re.compile(r"Traceback|\b(?!Memory)[A-Z]\w*(?:Error|Exception|Warning)\b: ")
@@ -46,15 +46,17 @@ def briefly():
             pool._idle.put(worker)
 
         patch.setattr(WorkerPool, "__init__", start)
-        patch.setattr("harvester.response.SETTLED_SHARE", 0.9)
+        patch.setattr("harvester.studies.frequency_response.SETTLED_SHARE", 0.9)
         patch.setattr(matrix, "default_cases", lambda: FEW_CASES)
-        patch.setattr("harvester.stability.cases.STEP_BUDGET", 4000)
+        patch.setattr("harvester.verification.stability.cases.STEP_BUDGET", 4000)
         patch.setattr(measurement, "METHODS", FEW_METHODS)
         patch.setattr(measurement, "PERIODS", 1)
         patch.setattr(measurement, "PATHS", 2)
         patch.setattr(throughput, "KNOTS", 200)
         patch.setattr(throughput, "REPEATS", 1)
-        patch.setattr("harvester.averaged.average_parameters", lru_cache(averaging.average))
+        patch.setattr(
+            "harvester.averaging.of_scene.average_parameters", lru_cache(averaging.average)
+        )
         yield
     worker.close()
 

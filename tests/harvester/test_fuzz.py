@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.io import wavfile
 
-from harvester.scene import BUILT_IN, Scene
+from harvester.scene.model import BUILT_IN, Scene
 
 SAMPLES = np.sin(0.37 * np.arange(200))
 NUMBERS = st.one_of(

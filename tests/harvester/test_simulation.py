@@ -14,10 +14,10 @@ import pytest
 from truths import flat, interpolated_linear_means
 
 import harvester
+from harvester.engines.steps import knot_spacing
 from harvester.errors import EnergyNotBalanced, HarvesterError, SimulatorTimeout
-from harvester.estimators import paired_difference
-from harvester.parameters import knot_spacing
-from harvester.scene import Scene
+from harvester.estimates.paired import paired_difference
+from harvester.scene.model import Scene
 from harvester.simulation import simulate
 
 MEANS = (

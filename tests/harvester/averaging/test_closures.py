@@ -8,7 +8,7 @@ from truths import flat, well
 
 from harvester.averaging import average
 from harvester.errors import AveragingError
-from harvester.scene import Scene
+from harvester.scene.model import Scene
 
 CLOSURES = ("paper", "consistent")
 PAPER = flat(Scene.load("paper"))

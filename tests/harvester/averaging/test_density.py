@@ -6,7 +6,7 @@ from truths import flat, well
 
 from harvester.averaging import average
 from harvester.averaging.symmetric import potential
-from harvester.scene import Scene
+from harvester.scene.model import Scene
 
 PAPER = flat(Scene.load("paper"))
 LINEAR = flat(Scene.load("linear"))

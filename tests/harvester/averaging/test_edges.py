@@ -7,7 +7,7 @@ from truths import flat
 from harvester.averaging.edges import follow, outer_range, well_range
 from harvester.averaging.orbits import OuterEdge, Potential, WellEdge
 from harvester.errors import AveragingError
-from harvester.scene import Scene
+from harvester.scene.model import Scene
 
 PAPER = flat(Scene.load("paper"))
 

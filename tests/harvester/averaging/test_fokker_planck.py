@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from truths import flat, interpolated_linear_means, well
 
-from harvester.averaged import average as average_scene
 from harvester.averaging import average
 from harvester.averaging.fokker_planck import LEVELS
+from harvester.averaging.of_scene import average as average_scene
 from harvester.averaging.propagator import Grid, Propagator, mirrored, shares
 from harvester.averaging.symmetric import potential
 from harvester.errors import AveragingError
-from harvester.scene import Scene
+from harvester.scene.model import Scene
 from harvester.simulation import simulate
 
 PAPER = flat(Scene.load("paper"))

@@ -8,7 +8,7 @@ from truths import flat
 
 from harvester.averaging.lobes import HalfOrbits, Lobe
 from harvester.averaging.symmetric import contact_damping, potential
-from harvester.scene import Scene
+from harvester.scene.model import Scene
 
 PAPER = flat(Scene.load("paper"))
 STIFF = PAPER._replace(gap=0.95, contact_stiffness=1000.0, restitution=0.3)

@@ -11,7 +11,7 @@ from truths import flat, well
 
 from harvester.averaging.orbits import OuterEdge, Potential, WellEdge
 from harvester.averaging.symmetric import contact_damping, contact_time
-from harvester.scene import Scene
+from harvester.scene.model import Scene
 
 NODES = 24
 PAPER = flat(Scene.load("paper"))

@@ -17,7 +17,7 @@ from scipy.optimize import brentq
 from truths import flat
 
 from harvester.averaging import average
-from harvester.scene import Scene
+from harvester.scene.model import Scene
 
 # c, ω0², κ, K, δ, e, β, λ from the SI values of Table 1, lengths in mm.
 DAMPING, SQUARE, CUBIC = 0.18 / 9.12, 36.48 / 9.12, 35.57 / 9.12

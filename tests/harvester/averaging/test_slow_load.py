@@ -8,13 +8,13 @@ import pytest
 from scipy.stats import norm
 from truths import flat, interpolated_linear_means, well
 
-from harvester.averaged import average as average_scene
 from harvester.averaging import average
 from harvester.averaging.crossing import IMPULSE
 from harvester.averaging.filters import filtered_power
+from harvester.averaging.of_scene import average as average_scene
 from harvester.averaging.symmetric import potential
 from harvester.errors import AveragingError
-from harvester.scene import Scene
+from harvester.scene.model import Scene
 
 PAPER = flat(Scene.load("paper"))
 LINEAR = flat(Scene.load("linear"))

@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 from scipy.io import wavfile
 
-from harvester import input_files
 from harvester.errors import SceneError
 from harvester.excitation import motion_file
 from harvester.excitation.wav_file import WavTable
-from harvester.scene import Scene
+from harvester.files import reading
+from harvester.scene.model import Scene
 
 SAMPLES = np.sin(0.37 * np.arange(200))
 FIELDS = np.zeros(200, [("t", "f8"), ("when", "M8[s]"), ("pair", "f4", 2), ("a", ">f4")])
@@ -192,7 +192,7 @@ def test_a_large_file_is_refused_by_its_size_without_being_read(tmp_path, suffix
 
 def test_a_record_never_takes_more_than_its_share_of_the_memory(tmp_path, monkeypatch):
     physical = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    assert input_files.memory_limit() <= input_files.MEMORY_SHARE * physical
+    assert reading.memory_limit() <= reading.MEMORY_SHARE * physical
     path = tmp_path / "motion.npy"
     np.save(path, SAMPLES)
     monkeypatch.setattr(motion_file, "memory_limit", lambda: 250 * motion_file.BYTES_PER_SAMPLE)

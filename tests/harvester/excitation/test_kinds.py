@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from truths import flat
 
-from harvester.averaged import average
+from harvester.averaging.of_scene import average
+from harvester.engines.realization import noise_path
+from harvester.engines.steps import knot_spacing
 from harvester.errors import AveragingError, HarvesterError, SceneError
 from harvester.excitation import KINDS, Excitation, White, realization_seed
 from harvester.excitation.white import WhitePath
-from harvester.parameters import knot_spacing
-from harvester.realization import noise_path
-from harvester.scene import Scene
-from harvester.scene_schema import positive
+from harvester.scene.model import Scene
+from harvester.scene.schema import positive
 from harvester.simulation import simulate
 
 OU = {"kind": "ornstein-uhlenbeck", "intensity": 0.02, "correlation_time": 0.4}
@@ -122,8 +122,8 @@ def test_white_noise_averages_as_the_limit_of_short_correlation():
 
 
 def test_kinds_that_make_no_sense_are_refused_in_one_line():
-    from harvester.stability.matrix import stability
-    from harvester.work_precision.measurement import work_precision
+    from harvester.verification.stability.matrix import stability
+    from harvester.verification.work_precision.measurement import work_precision
 
     scene = with_excitation("paper", SINE)
     for call, word in ((stability, "stability"), (work_precision, "work-precision")):

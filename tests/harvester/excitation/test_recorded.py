@@ -4,12 +4,12 @@ from scipy import signal
 from scipy.io import wavfile
 from truths import Keep, flat
 
+from harvester.engines.monte_carlo import initial_state, integrate
+from harvester.engines.realization import noise_path, start_state
 from harvester.errors import SceneError
 from harvester.excitation import conditioning
-from harvester.monte_carlo import initial_state, integrate
-from harvester.parameters import scale
-from harvester.realization import noise_path, start_state
-from harvester.scene import Scene
+from harvester.scene.model import Scene
+from harvester.scene.units import scale
 from harvester.simulation import simulate
 
 RATE = 100.0

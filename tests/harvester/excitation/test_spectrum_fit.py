@@ -3,10 +3,10 @@ import pytest
 from scipy import signal
 from truths import flat
 
-from harvester.averaged import average
+from harvester.averaging.of_scene import average
 from harvester.excitation import NoisePath
 from harvester.excitation.spectrum_fit import fit_spectrum
-from harvester.scene import Scene
+from harvester.scene.model import Scene
 
 INTENSITY, TIME = 0.02, 0.4
 
@@ -77,7 +77,7 @@ def test_averaging_takes_the_fitted_noise_and_shows_it(tmp_path):
 
 
 def test_the_fit_is_in_the_figure(tmp_path):
-    from harvester.figures import draw_result, save
+    from harvester.show.figures import draw_result, save
 
     result = average(recorded(tmp_path, noise(1)), fit=True)
     panels = []

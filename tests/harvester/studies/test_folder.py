@@ -12,7 +12,7 @@ import pytest
 
 from harvester.command_line import main
 from harvester.errors import FolderInUse, OutputError
-from harvester.output import whole_file
+from harvester.files.writing import whole_file
 from harvester.studies import folder as folder_module
 from harvester.studies.folder import LOCK, StudyFolder, held
 

@@ -1,8 +1,8 @@
 import pytest
 
+from harvester.engines.steps import knot_spacing
 from harvester.errors import HarvesterError
-from harvester.parameters import knot_spacing
-from harvester.scene import Scene
+from harvester.scene.model import Scene
 from harvester.studies.grid import make_grid
 
 RESISTANCE = "load.parameters.resistance"

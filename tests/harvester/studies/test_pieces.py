@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 
 from harvester.errors import SimulatorAborted, SimulatorCrashed, SimulatorTimeout, SolutionDiverged
-from harvester.estimators import estimate_all
-from harvester.moments import PRODUCTS
-from harvester.output_estimates import estimate_output
-from harvester.parameters import scale
-from harvester.scene import Scene
+from harvester.estimates.means import estimate_all
+from harvester.estimates.output_side import estimate_output
+from harvester.record.moments import PRODUCTS
+from harvester.scene.model import Scene
+from harvester.scene.units import scale
 from harvester.studies.piece_file import DIGEST, HEADER, MOST_BYTES, Piece, _digest, packed
 from harvester.studies.pieces import Store, compute, failed, key_of
-from harvester.studies.sources import make_source
+from harvester.studies.pieces import compute as pieces_compute
+from harvester.studies.runs import make_source
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +31,7 @@ def bridge():
 @pytest.fixture(scope="module")
 def piece(bridge, pool):
     call = {"engine": "circuit", "indices": [0, 1], "step": "default", "window": (1.0, 1.5)}
-    return pool.map("harvester.studies.pieces:compute", [{"scene": bridge, **call}])[0]
+    return pool.map(pieces_compute, [{"scene": bridge, **call}])[0]
 
 
 def test_a_piece_read_back_gives_the_same_numbers(bridge, piece, tmp_path):

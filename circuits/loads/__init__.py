@@ -1,0 +1,1 @@
+"""A load's netlist: read, counted, vetted, put together."""

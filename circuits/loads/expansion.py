@@ -1,0 +1,210 @@
+"""What a load grows to when ngspice expands its calls and functions, counted before it does.
+
+ngspice puts a function's text in the place of each of its calls and a sub-circuit's cards in the
+place of each X: a few lines can stand for more than any machine holds.
+"""
+
+import graphlib
+import re
+from typing import NamedTuple
+
+from circuits.loads.expressions import SOLUTION, VARYING
+from circuits.loads.vetting import refuse
+
+# Elements, and calls of sub-circuits, of a load with all that its sub-circuits hold.
+MOST_ELEMENTS = 2000
+# Characters of all its cards, and of one of them, once expanded.
+MOST_CHARACTERS = 1_000_000
+LONGEST_EXPANDED = 20_000
+# Calls within calls, of sub-circuits or of functions.
+DEEPEST_CALL = 20
+# Parameters, functions, models and sub-circuits of the file: ngspice compares all with all.
+MOST_DEFINITIONS = 5000
+
+_PIECE = re.compile(r"[a-z_][\w.]*|[(),]|[^a-z_(),]+")
+
+
+class Length(NamedTuple):
+    """Characters that a text expands to: `own`, and `share` times those of its arguments."""
+
+    own: int = 0
+    share: int = 0
+    varies: bool = False
+
+    def plus(self, other):
+        """Both texts, one after the other."""
+        varies = self.varies or other.varies
+        return Length(self.own + other.own, self.share + other.share, varies)
+
+    def given(self, argument):
+        """The text with its arguments put in."""
+        own = self.own + self.share * argument.own
+        return Length(own, self.share * argument.share, self.varies or argument.varies)
+
+
+class Content(NamedTuple):
+    """What a sub-circuit holds with all it calls, and the letters of its elements."""
+
+    elements: int
+    calls: int
+    characters: int
+    letters: frozenset
+
+
+class Expansion:
+    """Counts what a file's sub-circuits expand to; each is looked at once.
+
+    Parameters
+    ----------
+    root : Subcircuit
+        Vetted.
+
+    Raises
+    ------
+    NetlistError
+        Of every method: what is too large, with file and line.
+    """
+
+    def __init__(self, root):
+        self._functions, self._contents, self._characters = {}, {}, {}
+        self._definitions = 0
+        self._add_definitions(root)
+        # ngspice expands functions in what nothing calls, too.
+        self._check(root.card, self._own_characters(root))
+
+    def content(self, circuit, calling=()):
+        """What a sub-circuit expands to."""
+        if id(circuit) not in self._contents:
+            self._contents[id(circuit)] = self._counted(circuit, calling)
+        return self._contents[id(circuit)]
+
+    def varies(self, circuit, words):
+        """Whether an element's value changes while ngspice runs."""
+        return any(self._length(word, circuit).varies for word in words)
+
+    def _counted(self, circuit, calling):
+        if circuit in calling:
+            refuse(circuit.card, f".subckt {circuit.name} holds itself")
+        if len(calling) > DEEPEST_CALL:
+            refuse(circuit.card, f"calls nest deeper than {DEEPEST_CALL} sub-circuits")
+        elements, calls, letters = 0, 0, set()
+        characters = self._own_characters(circuit)
+        for card, words in circuit.elements:
+            target = called(circuit, words)
+            if target:
+                inside = self.content(target, (*calling, circuit))
+                elements, calls = elements + inside.elements, calls + inside.calls + 1
+                characters += inside.characters
+                letters |= inside.letters
+            else:
+                elements += 1
+                varies = words[0][0] in "rc" and self.varies(circuit, words[3:])
+                letters.add("b" if varies else words[0][0])
+            if max(elements, calls) > MOST_ELEMENTS:
+                refuse(card, f"more than {MOST_ELEMENTS} elements, or calls, with all it calls")
+            self._check(card, characters)
+        return Content(elements, calls, characters, frozenset(letters))
+
+    def _check(self, card, characters):
+        if characters > MOST_CHARACTERS:
+            refuse(card, f"more than {MOST_CHARACTERS // 1000} kB of netlist once expanded")
+
+    def _own_characters(self, circuit):
+        """Of a sub-circuit's own cards and of the definitions within it."""
+        if id(circuit) in self._characters:
+            return self._characters[id(circuit)]
+        cards = [(card, " ".join(words)) for card, words in circuit.elements]
+        for card, _, pairs in circuit.models.values():
+            cards.append((card, " ".join(f"{key}={value}" for key, value in pairs)))
+        for values in (circuit.parameters, circuit.local):
+            cards += [(circuit.place(name), f"{name}={value}") for name, value in values.items()]
+        total = 0
+        for card, text in cards:
+            length = self._length(text, circuit).own
+            if length > LONGEST_EXPANDED:
+                refuse(card, f"{text[:40]!r} is longer than {LONGEST_EXPANDED} once expanded")
+            total += length
+        total += sum(self._own_characters(inner) for inner in circuit.inner.values())
+        self._characters[id(circuit)] = total
+        return total
+
+    def _add_definitions(self, circuit):
+        """Count the definitions of a file, and the text that each function stands for."""
+        self._definitions += len(circuit.parameters) + len(circuit.local) + len(circuit.models)
+        self._definitions += len(circuit.functions) + len(circuit.inner)
+        if self._definitions > MOST_DEFINITIONS:
+            refuse(
+                circuit.card,
+                f"more than {MOST_DEFINITIONS} parameters, functions, models and sub-circuits",
+            )
+        _check_parameters(circuit)
+        for name in circuit.functions:
+            self._function(circuit, name, ())
+        for inner in circuit.inner.values():
+            self._add_definitions(inner)
+
+    def _function(self, circuit, name, calling):
+        """Length of a function's text, found from a sub-circuit outwards; None: not the file's."""
+        place = next((c for c in circuit.around() if name in c.functions), None)
+        if place is None:
+            return None
+        card, arguments, expression = place.functions[name]
+        key = (id(place), name)
+        if key in calling:
+            refuse(card, f".func {name} calls itself")
+        if len(calling) > DEEPEST_CALL:
+            refuse(card, f"calls nest deeper than {DEEPEST_CALL} functions")
+        if key not in self._functions:
+            length = self._length(expression, place, arguments, (*calling, key))
+            if length.own + length.share > LONGEST_EXPANDED:
+                refuse(card, f".func {name} is longer than {LONGEST_EXPANDED} once expanded")
+            self._functions[key] = length
+        return self._functions[key]
+
+    def _length(self, text, circuit, arguments=(), calling=()):
+        """Length of a text with every call in it expanded."""
+        # Of each open parenthesis: its function, the text before it, what is inside.
+        opened, here = [], Length()
+        pieces = _PIECE.findall(text)
+        for index, piece in enumerate(pieces):
+            following = pieces[index + 1] if index + 1 < len(pieces) else ""
+            if piece == "(":
+                function = self._function(circuit, pieces[index - 1] if index else "", calling)
+                opened.append((function, here))
+                here = Length()
+            elif piece == ")" and opened:
+                function, before = opened.pop()
+                here = before.plus(function.given(here) if function else here).plus(Length(2))
+            elif piece in arguments:
+                here = here.plus(Length(0, 1))
+            else:
+                varies = piece in VARYING or (piece in SOLUTION and following == "(")
+                here = here.plus(Length(len(piece), 0, varies))
+        for _, before in reversed(opened):
+            here = before.plus(here)
+        return here
+
+
+def _check_parameters(circuit):
+    """Refuse a circle of .param; one that names itself means the one around it."""
+    own = circuit.local
+    graph = {
+        name: {found for found in re.findall(r"[a-z_]\w*", value) if found in own}
+        for name, value in own.items()
+        if value.startswith("{")
+    }
+    for name, found in graph.items():
+        if name in found and name in {**circuit.scope().parameters.parents, **circuit.parameters}:
+            found.discard(name)
+    try:
+        graphlib.TopologicalSorter(graph).prepare()
+    except graphlib.CycleError as error:
+        circle = " → ".join(error.args[1][:5])
+        refuse(circuit.place(error.args[1][0]), f".param {circle}: a value that needs itself")
+
+
+def called(circuit, words):
+    """The sub-circuit that an X calls, None for any other element."""
+    if words[0][0] != "x":
+        return None
+    return circuit.find(next(word for word in reversed(words) if "=" not in word))

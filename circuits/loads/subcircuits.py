@@ -1,0 +1,317 @@
+"""Loads as sub-circuits: a library's or a user's netlist, vetted."""
+
+import os
+import re
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+
+from circuits import elements
+from circuits.loads import vetting
+from circuits.loads.expansion import Expansion, called
+from circuits.loads.places import places
+from circuits.loads.reader import read_cards
+from circuits.loads.tree import parse, written
+from circuits.loads.vetting import check_nodes, check_value, listed, refuse, vet_element
+from harvester.errors import NetlistError
+from harvester.files.plain_text import nearest
+
+# What a load's sub-circuit is connected by: the piezo's terminals, and its DC side if it has one.
+PIEZO_PINS, OUTPUT_PINS = ("p", "n"), ("out", "ref")
+EXPECTED = "p n, or p n out ref (p n: the piezo's terminals; out ref: the DC side), in any order"
+
+
+@dataclass(frozen=True)
+class LoadCircuit:
+    """A load ready to hang on the piezo.
+
+    Attributes
+    ----------
+    text : str
+        Cards for ngspice, includes in, ending with a newline.
+    name : str
+        Of its sub-circuit.
+    pins : tuple of str
+        As declared, from `PIEZO_PINS` and `OUTPUT_PINS`.
+    parameters : tuple of (str, float)
+        Values other than the netlist's own, given where it is called.
+    defaults : tuple of (str, float)
+        The netlist's own values of its sub-circuit's parameters, where they are plain numbers.
+    output_resistors, storage : tuple of str
+        Resistors and capacitors across the output, by ngspice's names.
+    linear, switches : bool
+        Resistors and capacitors only; anything beside them and diodes.
+    resistance : float or None
+        Of a load that is one resistor between p and n, in Ω.
+    sources : tuple of str
+        Independent sources in it that are not 0: each may deliver energy.
+    places : tuple of circuits.loads.places.Place
+        Where its elements stand in its files.
+    """
+
+    text: str
+    name: str
+    pins: tuple
+    parameters: tuple
+    defaults: tuple
+    output_resistors: tuple
+    storage: tuple
+    linear: bool
+    switches: bool
+    resistance: float | None
+    sources: tuple = ()
+    places: tuple = field(default=(), compare=False, repr=False)
+
+    @property
+    def has_output(self):
+        """Whether it has a DC side."""
+        return OUTPUT_PINS[0] in self.pins
+
+
+def load_names():
+    """Names of the loads in netlists/, sorted; a file without one of its name is for others."""
+    names = []
+    for file in resources.files("netlists").iterdir():
+        name, ending = file.name.partition(".")[::2]
+        if ending == "lib" and f".subckt {name} " in file.read_text(encoding="utf-8"):
+            names.append(name)
+    return sorted(names)
+
+
+def find_netlist(netlist, folders=(".",)):
+    """The file of a load.
+
+    Parameters
+    ----------
+    netlist : str
+        A name in netlists/, or a path (with a dot or a slash in it).
+    folders : sequence of str or Path
+        Where a relative path is looked for, in order.
+
+    Raises
+    ------
+    NetlistError
+    """
+    if re.fullmatch(r"\w+", netlist):
+        names = load_names()
+        if netlist not in names:
+            raise NetlistError(
+                f"load.netlist = {netlist[:60]!r}: no such load{nearest(netlist, names)}; there "
+                f"are {', '.join(names)}; a file of your own is named with its ending"
+            )
+        return Path(str(resources.files("netlists").joinpath(f"{netlist}.lib")))
+    for folder in folders:
+        path = Path(folder) / netlist
+        # A name that no system takes is no file either.
+        if os.path.isfile(path):
+            return path
+    looked = " and ".join(str(Path(folder).absolute()) for folder in folders)
+    raise NetlistError(f"load.netlist = {netlist[:200]!r}: no such file in {looked}")
+
+
+def read_load(path, subcircuit=None, parameters=None):
+    """Read, vet and prepare a load.
+
+    Parameters
+    ----------
+    path : Path
+        From `find_netlist`.
+    subcircuit : str or None
+        Which of the file's; None: the one called as the file, or the only one.
+    parameters : dict of str to (float or str), optional
+        Values for the sub-circuit's parameters and for the file's `.param`; "100k" means 1e5.
+
+    Returns
+    -------
+    LoadCircuit
+
+    Raises
+    ------
+    NetlistError
+        One line with file, line and fault.
+    """
+    path = Path(path)
+    cards = [vetting.tidy(card) for card in read_cards(path)]
+    root = parse(cards, path.name)
+    top = _chosen(root, path, subcircuit)
+    values = _override(root, top, parameters or {}, path)
+    _check_pins(top)
+    _vet(root)
+    expansion = Expansion(root)
+    letters = expansion.content(top).letters
+    known = {**root.local, **top.parameters, **top.local}
+    sizes = {name: vetting.number(known[name]) for name in top.parameters}
+    output_resistors, storage = _across_output(top, expansion)
+    return LoadCircuit(
+        text="\n".join(written(root)) + "\n",
+        name=top.name,
+        pins=top.pins,
+        parameters=tuple(values.items()),
+        defaults=tuple((name, size) for name, size in sizes.items() if size is not None),
+        output_resistors=output_resistors,
+        storage=storage,
+        linear=letters <= {"r", "c"},
+        switches=not letters <= {"r", "c", "d"},
+        resistance=_single_resistance(top, {**known, **values}, letters),
+        sources=tuple(dict.fromkeys(_sources(top, set()))),
+        places=places(cards),
+    )
+
+
+def _chosen(root, path, name):
+    if not root.inner:
+        raise NetlistError(f"{path.name}: holds no .subckt")
+    if name is None:
+        name = path.stem.lower() if path.stem.lower() in root.inner else None
+        if name is None and len(root.inner) > 1:
+            raise NetlistError(
+                f"{path.name}: holds {listed(root.inner)}: say which by load.subcircuit"
+            )
+        name = name or next(iter(root.inner))
+    if name.lower() not in root.inner:
+        raise NetlistError(
+            f"{path.name}: no .subckt {name[:60]}{nearest(name.lower(), root.inner)}; there are "
+            f"{listed(root.inner)}"
+        )
+    return root.inner[name.lower()]
+
+
+def _check_pins(top):
+    pins = {*top.pins}
+    if pins not in ({*PIEZO_PINS}, {*PIEZO_PINS, *OUTPUT_PINS}):
+        refuse(
+            top.card,
+            f".subckt {top.name[:40]} has the pins {listed(top.pins)}; expected {EXPECTED}",
+        )
+
+
+def _override(root, top, given, path):
+    """Put the user's values in; those of the sub-circuit's own parameters are returned."""
+    values = {}
+    known = {**root.local, **top.local, **top.parameters}
+    for key, value in given.items():
+        name = key.lower()
+        where = f"load.parameters.{key[:60]} = {value!r:.60}"
+        if name not in known:
+            there = f"; there are {listed(known)}" if known else "; it has none"
+            raise NetlistError(
+                f"{where}: {path.name} has no such parameter{nearest(name, known)}{there}"
+            )
+        size = vetting.number(value) if isinstance(value, str) else float(value)
+        if size is None or not abs(size) < float("inf"):
+            raise NetlistError(f'{where}: must be a finite number, or one like "100k"')
+        if name in top.parameters:
+            values[name] = size
+        else:
+            place = top.local if name in top.local else root.local
+            place[name] = elements.number(size)
+    return values
+
+
+def _vet(circuit):
+    """Judge every card of a sub-circuit and of those within it, in place."""
+    scope = circuit.scope()
+    for values in (circuit.parameters, circuit.local):
+        for name, value in values.items():
+            if vetting.number(value) is None and not value.startswith("{"):
+                value = "{" + value + "}"
+            values[name] = check_value(circuit.place(name), value, scope, name)
+    for name, (card, kind, pairs) in circuit.models.items():
+        checked = [(k, v and check_value(card, v, scope, k)) for k, v in pairs]
+        circuit.models[name] = (card, kind, checked)
+    for card, arguments, expression in circuit.functions.values():
+        own = scope._replace(parameters=scope.parameters.new_child(dict.fromkeys(arguments)))
+        check_value(card, "{" + expression + "}", own)
+    circuit.elements = [_vetted(card, circuit, scope) for card in circuit.elements]
+    names = set()
+    for card, words in circuit.elements:
+        if words[0] in names:
+            refuse(card, f"{words[0][:40]} is there twice")
+        names.add(words[0])
+    for inner in circuit.inner.values():
+        _vet(inner)
+
+
+def _vetted(card, circuit, scope):
+    """(card, words) of one element; a call is checked against what it calls."""
+    if not card.text.startswith("x"):
+        return card, vet_element(card, scope)
+    words = re.sub(r"\bparams:\s*", "", card.text).split()
+    bare = [word for word in words if "=" not in word]
+    target = circuit.find(bare[-1])
+    if target is None:
+        refuse(card, f"no .subckt {bare[-1][:40]}{nearest(bare[-1], circuit.known())}")
+    nodes = bare[1:-1]
+    check_nodes(card, [bare[0], *nodes])
+    if len(nodes) != len(target.pins):
+        refuse(card, f"{bare[0][:40]}: {target.name[:40]} has the pins {listed(target.pins)}")
+    pairs = vetting.vet_parameters(card, " ".join(word for word in words if "=" in word))
+    for name in pairs:
+        if name not in target.parameters:
+            refuse(
+                card,
+                f"{target.name[:40]} has no parameter {name[:40]}"
+                f"{nearest(name, target.parameters)}",
+            )
+    given = [f"{name}={check_value(card, value, scope, name)}" for name, value in pairs.items()]
+    return card, [*bare, *given]
+
+
+def _single_resistance(top, known, letters):
+    """The resistance of a load that is one resistor between its pins, else None.
+
+    `known` holds the parameters as ngspice takes them: a value given where the sub-circuit is
+    called goes before an inner .param, that before the sub-circuit's default, and all before the
+    file's own.
+    """
+    if {*top.pins} != {*PIEZO_PINS} or letters != {"r"} or len(top.elements) != 1:
+        return None
+    words = top.elements[0][1]
+    if {*words[1:3]} != {*PIEZO_PINS} or len(words) != 4:
+        return None
+    value = known.get(words[3][1:-1]) if words[3].startswith("{") else words[3]
+    size = vetting.number(value) if isinstance(value, str) else value
+    return size if size and size > 0.0 else None
+
+
+def _across_output(top, expansion):
+    """ngspice's names of the resistors and of the capacitors across the output."""
+    found = {"r": [], "c": []}
+    if OUTPUT_PINS[0] not in top.pins:
+        return (), ()
+    for card, name, words, circuit in _across(top, {pin: pin for pin in OUTPUT_PINS}, "xload"):
+        if expansion.varies(circuit, words[3:]):
+            refuse(card, f"{words[0]} lies across out and ref: give it a constant value")
+        found[name[0]].append(name)
+    if not any(found.values()):
+        refuse(top.card, "no resistor or capacitor lies across out and ref: nothing to harvest")
+    return tuple(found["r"]), tuple(found["c"])
+
+
+def _across(circuit, outputs, path):
+    """Resistors and capacitors between both pins of the output, in called sub-circuits too.
+
+    `outputs` says which of the circuit's nodes is which pin.
+    """
+    for card, words in circuit.elements:
+        target = called(circuit, words)
+        if target:
+            nodes = dict(zip(target.pins, words[1:], strict=False))
+            inside = {pin: outputs[node] for pin, node in nodes.items() if node in outputs}
+            if {*inside.values()} == {*OUTPUT_PINS}:
+                yield from _across(target, inside, f"{path}.{words[0]}")
+        elif words[0][0] in "rc" and {outputs.get(node) for node in words[1:3]} == {*OUTPUT_PINS}:
+            yield card, f"{words[0][0]}.{path}.{words[0]}", words, circuit
+
+
+def _sources(circuit, seen):
+    """Names of the independent sources that are not 0, in called sub-circuits too."""
+    seen.add(circuit)
+    for _, words in circuit.elements:
+        target = called(circuit, words)
+        if target and target not in seen:
+            yield from _sources(target, seen)
+        elif words[0][0] in "vi":
+            values = [word.rpartition("=")[2] for word in words[3:]]
+            if any(value.startswith("{") or vetting.number(value) for value in values):
+                yield words[0]

@@ -1,0 +1,138 @@
+"""What a netlist connects: its elements, their nodes and its sub-circuits, for drawing."""
+
+import re
+from dataclasses import dataclass, field
+
+from circuits.loads.reader import statements
+from circuits.loads.vetting import ELEMENTS
+from harvester.errors import NetlistError
+
+GROUND = "0"
+# Elements whose third and fourth nodes only control.
+CONTROLLED_BY_NODES = ("e", "g", "s")
+
+
+@dataclass(frozen=True)
+class Part:
+    """One element.
+
+    Attributes
+    ----------
+    name : str
+        As the netlist spells it.
+    nodes : tuple of str
+        Through which current flows.
+    control : tuple of str
+        Nodes, sources or coupled coils that act on it.
+    value : str
+        What follows; of a sub-circuit's call, its parameters.
+    calls : str
+        Name of the sub-circuit of an X element, else empty.
+    """
+
+    name: str
+    nodes: tuple
+    control: tuple = ()
+    value: str = ""
+    calls: str = ""
+
+    @property
+    def letter(self):
+        """The kind of element, in lower case."""
+        return self.name[0].lower()
+
+
+@dataclass
+class Topology:
+    """The elements of a circuit or of one sub-circuit, in the netlist's order.
+
+    Attributes
+    ----------
+    name : str
+        Of the sub-circuit; empty for the circuit.
+    pins : tuple of str
+    parts : list of Part
+    inner : dict of str to Topology
+        Sub-circuits defined in it.
+    """
+
+    name: str = ""
+    pins: tuple = ()
+    parts: list = field(default_factory=list)
+    inner: dict = field(default_factory=dict)
+    outer: "Topology | None" = field(default=None, repr=False)
+
+    def find(self, name):
+        """A sub-circuit by name, from here outwards.
+
+        Raises
+        ------
+        NetlistError
+            It is defined nowhere.
+        """
+        if name in self.inner:
+            return self.inner[name]
+        if self.outer is None:
+            raise NetlistError(f"{name}: no such sub-circuit in the netlist; define it")
+        return self.outer.find(name)
+
+
+def read_topology(text):
+    """Elements and sub-circuits of a netlist.
+
+    Parameters
+    ----------
+    text : str
+        Without includes.
+
+    Returns
+    -------
+    Topology
+
+    Raises
+    ------
+    NetlistError
+        An element of a kind that no scene's netlist has.
+    """
+    place = Topology()
+    for card in statements(text, "netlist"):
+        words = _joined(card.text).split()
+        first = words[0].lower()
+        if first == ".subckt":
+            pins = tuple(w for w in words[2:] if "=" not in w and w.lower() != "params:")
+            inner = Topology(words[1].lower(), pins, outer=place)
+            place.inner[inner.name] = inner
+            place = inner
+        elif first == ".ends":
+            place = place.outer
+        elif not first.startswith("."):
+            place.parts.append(_part(words, card))
+    return place
+
+
+def _joined(text):
+    """Blanks out of braces and around equal signs: one word each."""
+    text = re.sub(r"\{[^{}]*\}", lambda match: match.group().replace(" ", ""), text)
+    return re.sub(r"(?<![=<>!])\s*=\s*(?!=)", "=", text)
+
+
+def _part(words, card):
+    name, letter = words[0], words[0][0].lower()
+    if letter == "x":
+        plain = [w for w in words[1:] if "=" not in w and w.lower() != "params:"]
+        values = " ".join(w for w in words[1:] if "=" in w)
+        return Part(name, tuple(plain[:-1]), (), values, plain[-1].lower())
+    if letter not in ELEMENTS:
+        raise NetlistError(f"{card.where}: {name}: an element that no scene's netlist has")
+    if letter == "k":
+        return Part(name, (), tuple(words[1:-1]), words[-1])
+    count = 2 if letter in CONTROLLED_BY_NODES else ELEMENTS[letter][0]
+    nodes, rest = tuple(words[1 : 1 + count]), words[1 + count :]
+    if letter in CONTROLLED_BY_NODES and len(rest) > 2 and not re.search(r"[=({]", rest[0]):
+        return Part(name, nodes, tuple(rest[:2]), " ".join(rest[2:]))
+    if letter in "fhw":
+        return Part(name, nodes, tuple(rest[:1]), " ".join(rest[1:]))
+    value = " ".join(rest)
+    voltages = re.findall(r"\bv\(([^()]*)\)", value.lower()) if letter in "beg" else ()
+    control = dict.fromkeys(node.strip() for pair in voltages for node in pair.split(","))
+    return Part(name, nodes, tuple(control), value)

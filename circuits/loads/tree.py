@@ -1,0 +1,137 @@
+"""A netlist file as nested sub-circuits: read from its cards, and written out again."""
+
+import re
+from collections import ChainMap
+from dataclasses import dataclass, field
+
+from circuits.loads import vetting
+from circuits.loads.expressions import FUNCTIONS
+from circuits.loads.reader import Card
+from circuits.loads.vetting import Scope, check_nodes, listed, refuse
+
+# Definitions within definitions.
+DEEPEST_DEFINITION = 20
+
+
+@dataclass(eq=False)
+class Subcircuit:
+    """A .subckt under way, or the file around them (no name)."""
+
+    card: Card
+    name: str = ""
+    pins: tuple = ()
+    parameters: dict = field(default_factory=dict)
+    local: dict = field(default_factory=dict)
+    local_cards: dict = field(default_factory=dict)
+    functions: dict = field(default_factory=dict)
+    models: dict = field(default_factory=dict)
+    elements: list = field(default_factory=list)
+    inner: dict = field(default_factory=dict)
+    outer: "Subcircuit | None" = None
+
+    def scope(self):
+        """Names from here outwards."""
+        around = self.around()
+        return Scope(
+            ChainMap(*(values for place in around for values in (place.local, place.parameters))),
+            ChainMap(*(place.functions for place in around)),
+            ChainMap(*(place.models for place in around)),
+        )
+
+    def place(self, name):
+        """The card that gives a parameter its value."""
+        return self.local_cards.get(name, self.card)
+
+    def around(self):
+        """This one and those it is defined in, outwards."""
+        return [self, *(self.outer.around() if self.outer else ())]
+
+    def find(self, name):
+        """A sub-circuit by name, from here outwards, or None."""
+        if name in self.inner:
+            return self.inner[name]
+        return self.outer.find(name) if self.outer else None
+
+    def known(self):
+        """Names of all sub-circuits that can be called from here."""
+        return {*self.inner, *(self.outer.known() if self.outer else ())}
+
+
+def parse(cards, name):
+    """Cards of a file of this name as nested sub-circuits, elements not yet judged."""
+    root = here = Subcircuit(Card("", name))
+    for card in cards:
+        first, _, rest = card.text.partition(" ")
+        if first == ".subckt":
+            here = _opened(here, card, rest)
+        elif first == ".ends":
+            if here is root:
+                refuse(card, ".ends without its .subckt")
+            if rest and rest != here.name:
+                refuse(card, f".ends {rest[:40]} closes .subckt {here.name[:40]}")
+            here = here.outer
+        elif first in (".param", ".params"):
+            pairs = vetting.vet_parameters(card, rest)
+            here.local.update(pairs)
+            here.local_cards.update(dict.fromkeys(pairs, card))
+        elif first == ".func":
+            name, arguments, expression = vetting.vet_function(card)
+            if here is root and name in FUNCTIONS:
+                refuse(
+                    card,
+                    f"{name} is ngspice's own function: outside of a .subckt yours would change "
+                    "the device too; put it into the load's .subckt",
+                )
+            here.functions[name] = (card, arguments, expression)
+        elif first == ".model":
+            name, kind, pairs = vetting.vet_model(card)
+            here.models[name] = (card, kind, pairs)
+        elif first.startswith("."):
+            refuse(
+                card,
+                f"{first[:40]} is not accepted: a load holds elements, .model, .param, .func, "
+                ".subckt and .include, and is no program",
+            )
+        elif here is root:
+            refuse(card, f"{first[:40]}: an element outside a .subckt; put it into one")
+        else:
+            here.elements.append(card)
+    if here is not root:
+        refuse(here.card, f".subckt {here.name} without its .ends")
+    return root
+
+
+def _opened(outer, card, rest):
+    words = re.sub(r"\bparams:\s*", "", rest).split()
+    names = [word for word in words if "=" not in word]
+    if not names or not re.fullmatch(r"[a-z_][\w.\-]*", names[0]) or len(names) < 2:
+        refuse(card, "write it as .subckt name pins parameter=value")
+    if len(outer.around()) > DEEPEST_DEFINITION:
+        refuse(card, f".subckt {names[0]}: definitions nest deeper than {DEEPEST_DEFINITION}")
+    if names[0] in outer.inner:
+        refuse(card, f".subckt {names[0][:40]} is there twice")
+    check_nodes(card, names[1:])
+    if len({*names[1:]}) < len(names[1:]) or {"0", "gnd"} & {*names[1:]}:
+        refuse(card, f"the pins {listed(names[1:])} must differ, and none is 0")
+    parameters = vetting.vet_parameters(card, " ".join(word for word in words if "=" in word))
+    inner = Subcircuit(card, names[0], tuple(names[1:]), parameters, outer=outer)
+    outer.inner[names[0]] = inner
+    return inner
+
+
+def written(circuit):
+    """The lines of a sub-circuit, or of all of a file."""
+    lines = []
+    if circuit.name:
+        given = [f"{name}={value}" for name, value in circuit.parameters.items()]
+        lines.append(" ".join([".subckt", circuit.name, *circuit.pins, *given]))
+    lines += [f".param {name}={value}" for name, value in circuit.local.items()]
+    for name, (_, arguments, expression) in circuit.functions.items():
+        lines.append(f".func {name}({','.join(arguments)}) {{{expression}}}")
+    for name, (_, kind, pairs) in circuit.models.items():
+        inside = " ".join(f"{key}={value}" if value else key for key, value in pairs)
+        lines.append(f".model {name} {kind}({inside})")
+    for inner in circuit.inner.values():
+        lines += written(inner)
+    lines += [" ".join(words) for _, words in circuit.elements]
+    return [*lines, f".ends {circuit.name}"] if circuit.name else lines

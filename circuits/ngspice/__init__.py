@@ -1,0 +1,1 @@
+"""The shared library, its callbacks, and runs through it."""

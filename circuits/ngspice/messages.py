@@ -1,0 +1,87 @@
+"""What ngspice says, by its stream and form: names and titles within a message mean nothing."""
+
+import re
+
+# How ngspice begins a line on standard error that refuses a netlist or ends a run. A line of a
+# netlist that it repeats begins with an element's flat name or a dot.
+_FAULT = re.compile(r"(?:fatal |internal |pt)?error(?=[:!,]| -| on line| in )", re.I)
+_MISSING = re.compile(r"(?:could not|can't|cannot|unable to|no such|undefined|unknown) .*", re.I)
+_IGNORED = re.compile(r"unrecognized parameter \(.*\) - ignored", re.I)
+_ENDED = re.compile(r"doAnalyses: (?:TRAN: *)?", re.I)
+_SINGULAR = re.compile(r"warning: (?=singular matrix)", re.I)
+# What only says that a fault follows, went before, or is being worked around.
+_EMPTY = re.compile(
+    "|".join(
+        (
+            r"note:.*",
+            r"error on line.*",
+            r"line no\..*",
+            r"warning: model issue.*",
+            r"warning: there is no circuit.*",
+            r"command '.*",
+            r"warning:.*(step|increment).*",
+            r"trying .*",
+            r"supplies reduced .*",
+            r"error: transient op failed.*",
+            r"error: (the|finding the) operating point.*",
+            r"any of the following.*",
+            r"run simulation\(s\) aborted",
+            r"error: fatal error in ngspice.*",
+        )
+    ),
+    re.I,
+)
+_SUBJECT = re.compile(r"(?:in line )?((?:[a-z]\.)+x\S+)(?: .*)?|\.model (\S+) .*", re.I)
+MOST_REASONS = 3
+# Letters of a reason that is told: some repeat the whole expression.
+LONGEST_REASON = 200
+
+
+def refusal(lines):
+    """Why ngspice took no netlist, in one line; empty where it took it.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        Of standard error.
+    """
+    first = next((k for k, line in enumerate(lines) if _refuses(line)), None)
+    if first is None:
+        return ""
+    # The element's model stands before what is wrong with it.
+    start = max(first - 2, 0) if _IGNORED.fullmatch(lines[first].strip()) else first
+    return _told(lines[start:])
+
+
+def abortion(lines):
+    """Why a run ended early, in one line; empty where ngspice gave no reason."""
+    said = [
+        line
+        for line in lines
+        if any(form.match(line.strip()) for form in (_FAULT, _MISSING, _ENDED, _SINGULAR, _SUBJECT))
+    ]
+    return _told(said)
+
+
+def _refuses(line):
+    line = line.strip()
+    return bool(_FAULT.match(line) or _MISSING.match(line) or _IGNORED.fullmatch(line))
+
+
+def _told(lines):
+    """The element first, then the reasons."""
+    subject, reasons = "", {}
+    for line in map(str.strip, lines):
+        match = _SUBJECT.fullmatch(line)
+        if match:
+            subject = subject or match.group(1) or f"model {match.group(2)}"
+        elif line and not _EMPTY.fullmatch(line):
+            reasons[_without_form(line)[:LONGEST_REASON]] = True
+    said = "; ".join(list(reasons)[:MOST_REASONS]) or "it gave no reason"
+    return f"{subject}: {said}" if subject else said
+
+
+def _without_form(line):
+    form = next(filter(None, (form.match(line) for form in (_FAULT, _ENDED, _SINGULAR))), None)
+    said = line[form.end() :] if form else line
+    return " ".join(said.removesuffix(" - ignored").lstrip(" :!,").rstrip(" :,").split())

@@ -1,0 +1,433 @@
+"""One ngspice library in this process: loads a netlist, runs it, streams its solution.
+
+Runs in a worker process of its own (`harvester.engines.workers`), because some mistakes make
+ngspice abort or hang. PySpice loads the library and sends the commands; its callbacks are replaced
+by the compiled ones of `circuits.ngspice.callbacks`.
+"""
+
+import contextlib
+import sys
+import threading
+import time
+
+import numpy as np
+from PySpice.Spice.NgSpice.Shared import NgSpiceCommandError, NgSpiceShared, ffi
+
+from circuits import elements
+from circuits.loads.places import file_of, with_places
+from circuits.ngspice import callbacks, compiled_device, messages
+from circuits.ngspice.library import code_models, find_library, no_initialisation_files
+from harvester.compilation import compiled, numba
+from harvester.device import system as systems
+from harvester.device import timescales
+from harvester.engines.worker import as_answer, give_up
+from harvester.errors import CompiledDeviceUnavailable, SimulatorAborted, SolutionDiverged
+from harvester.record.record import empty_record, fill, part
+
+# ngspice's name of each column of the buffer, behind the copy's prefix.
+NODES = (
+    elements.DISPLACEMENT,
+    elements.VELOCITY,
+    "",  # the transducer's terminal, as the netlist calls it
+    elements.NOISE,
+    elements.HELD,
+    elements.LOAD_CURRENT,
+    elements.OUTPUT,
+    elements.REFERENCE,
+)
+
+# A run that takes this much processor time (s) for less than this share of its longest step would
+# not end.
+PATIENCE, CRAWL = 6.0, 1e-3
+
+_session = None
+
+
+def session():
+    """The process's only session, opened when first asked for.
+
+    Raises
+    ------
+    EngineNotFound
+    """
+    global _session
+    if _session is None:
+        NgSpiceShared.LIBRARY_PATH = find_library().replace("{", "{{").replace("}", "}}")
+        _session = Session()
+    return _session
+
+
+def _in_copy(device, prefix):
+    """ngspice's name of an element of one copy of the device: its letter stays in front."""
+    letter, path = device.split(".", 1)
+    return f"{letter}.{prefix}{path}"
+
+
+@compiled
+def _convert(s, free, times, nodes, record, rate, square_rate, per_volt, per_ampere, per_power):
+    """Times, shape (n,), and node values, shape (n, COLUMNS), to a record in scaled units.
+
+    `free` are the displacements between which no contact acts. `per_power` is 0 where no ammeter
+    measures the load's current: the power of a resistor on a piezo follows from the voltage.
+    """
+    for row in range(times.size):
+        x, v = nodes[row, callbacks.DISPLACEMENT], nodes[row, callbacks.VELOCITY] * rate
+        voltage, noise = nodes[row, callbacks.TERMINAL] * per_volt, nodes[row, callbacks.NOISE]
+        held = nodes[row, callbacks.HELD] * rate
+        loss = systems.loss_power(s, x, v, held, x < free[0] or x > free[1])
+        current = nodes[row, callbacks.LOAD_CURRENT]
+        own = systems.own_loss(s.transducer, voltage, current * per_ampere)
+        if per_power > 0.0:
+            power = nodes[row, callbacks.TERMINAL] * current * per_power
+        else:
+            power = systems.load_power(s.transducer, v, voltage)
+        put_in = noise * square_rate * v
+        fill(record, row, times[row], x, v, voltage, power, put_in, loss, own)
+
+
+class Session(NgSpiceShared):
+    """PySpice's shared ngspice with compiled callbacks.
+
+    Attributes
+    ----------
+    circuit_load : circuits.loads.subcircuits.LoadCircuit or None
+        Of the netlist at hand, whose elements messages are to name.
+    """
+
+    circuit_load = None
+
+    def _init_ngspice(self, send_data):
+        self.state = np.zeros(1, dtype=callbacks.STATE)
+        self.messages, self.errors = [], []
+        self._compiled_devices = {}
+        self._doing = "stopped"
+        self._service = None
+        self._keep = [
+            ffi.callback("int (char *, int, void *)", self._receive_message),
+            ffi.callback("int (char *, int, void *)", lambda *_: 0),
+            ffi.callback("int (int, bool, bool, int, void *)", self._exited),
+            ffi.cast("SendData *", callbacks.send_data.address),
+            ffi.callback("int (pvecinfoall, int, void *)", self._receive_vectors),
+            ffi.callback("int (bool, int, void *)", lambda *_: 0),
+        ]
+        user = ffi.cast("void *", self.state.ctypes.data)
+        self._started = False
+        with no_initialisation_files():
+            self._ngspice_shared.ngSpice_Init(*self._keep, user)
+        self._started = True
+        self._identity = ffi.new("int *", 0)
+        service = ffi.callback("int (int)", self._serve)
+        self._keep.append(service)
+        self.state["service"] = int(ffi.cast("intptr_t", service))
+        self._load_code_models()
+        self.version_text = self.exec_command("version -f")
+        self.exec_command("set nomoremode")
+        # Newer releases read a system file at every step otherwise.
+        self.exec_command("set no_mem_check")
+        self.exec_command("set num_threads=1")
+
+    def _load_code_models(self):
+        for model in code_models(self.library_path):
+            # ngspice splits its commands at blanks, quoted or not.
+            with contextlib.chdir(model.parent):
+                self.exec_command(f"codemodel ./{model.name}")
+
+    def compiled_device_is_off(self, system):
+        """Why there is no compiled device with these parts; empty where it is loaded.
+
+        Parameters
+        ----------
+        system : harvester.device.system.System
+        """
+        try:
+            name, text = compiled_device.module_of(system)
+        except CompiledDeviceUnavailable as reason:
+            return str(reason)
+        if name not in self._compiled_devices:
+            try:
+                compiled_device.load(self, text)
+                self._compiled_devices[name] = ""
+            except CompiledDeviceUnavailable as reason:
+                self._compiled_devices[name] = str(reason)
+        return self._compiled_devices[name]
+
+    def prepare(self, system):
+        """Load the compiled code that the first point of this device would wait for."""
+        nodes = np.zeros((0, callbacks.COLUMNS))
+        factors = [1.0] * 5
+        _convert(system, np.zeros(2), np.zeros(0), nodes, empty_record(0), *factors)
+        callbacks.step_setter(numba.typeof(system))
+
+    def run(
+        self, netlist, system, paths, observers, steps_per_knot, local_error=False, outputs=None
+    ):
+        """Run one transient and hand its records to the observers.
+
+        Parameters
+        ----------
+        netlist : circuits.assembly.Netlist
+        system : harvester.device.system.System
+        paths : sequence of NoisePath
+            One for each copy of the device in the netlist.
+        observers : sequence of sequences of objects with `add(record)`
+            Those of each copy.
+        steps_per_knot : int
+            Steps between knots; 0 leaves the steps to ngspice.
+        local_error : bool
+            Between knots, ngspice's own step is taken where it is shorter.
+        outputs : sequence of harvester.record.output_side.OutputMoments or None
+            For a load that has an output side, one for each copy.
+
+        Returns
+        -------
+        int
+            Accepted steps.
+
+        Raises
+        ------
+        SimulatorAborted, SolutionDiverged
+        """
+        self._begin(netlist, system, paths, observers, steps_per_knot)
+        self._outputs = outputs
+        self.state["local_error"] = local_error
+        try:
+            self._load(netlist.text)
+            with self._watched():
+                self._command("run")
+            self._flush()
+            self._check_end(netlist.stop)
+            if outputs is not None:
+                self._measure_output()
+        finally:
+            self._service = None
+            for command in ("remcirc", "destroy all"):
+                try:
+                    self.exec_command(command)
+                except NgSpiceCommandError:
+                    continue
+        return int(self.state["steps"][0])
+
+    def _begin(self, netlist, system, paths, observers, steps_per_knot):
+        self.messages, self.errors = [], []
+        self._netlist, self._system = netlist, system
+        self._paths, self._observers = paths, observers
+        self._time_reached = 0.0
+        self._finite = True
+        copies = len(paths)
+        points = max(callbacks.POINTS // copies, callbacks.FEWEST_POINTS)
+        knots = max(callbacks.KNOTS // copies, callbacks.FEWEST_KNOTS)
+        self._record = empty_record(points)
+        self._vectors = np.full((copies, callbacks.COLUMNS), -1)
+        self._times = np.zeros(points)
+        self._buffer = np.zeros((copies, points, callbacks.COLUMNS))
+        self._window = np.array([path.read(knots) for path in paths]) / netlist.rate**2
+        state = self.state[0]
+        state["copies"], state["points"], state["knots"] = copies, points, knots
+        for name in ("vectors", "times", "buffer", "window"):
+            state[name] = getattr(self, f"_{name}").ctypes.data
+        state["count"] = state["steps"] = state["first_knot"] = 0
+        state["spacing"] = paths[0].spacing
+        state["steps_per_knot"] = steps_per_knot
+        self._numbers = np.array(callbacks.numbers_of(system))
+        self._free = np.array(timescales.free_zone(system))
+        state["system"] = self._numbers.ctypes.data
+        state["free"][:] = self._free
+        coil = netlist.scaled_ampere > 0.0
+        state["state_column"] = callbacks.LOAD_CURRENT if coil else callbacks.TERMINAL
+        state["state_scale"] = netlist.scaled_ampere if coil else 1.0 / netlist.voltage_scale
+        state["rate"] = netlist.rate
+        self._ngspice_shared.ngSpice_Init_Sync(
+            ffi.NULL,
+            ffi.cast("GetISRCData *", callbacks.get_noise.address),
+            ffi.cast("GetSyncData *", callbacks.step_setter(numba.typeof(system)).address),
+            self._identity,
+            ffi.cast("void *", self.state.ctypes.data),
+        )
+        self._service = (self._flush, self._move_window)
+
+    def _serve(self, reason):
+        """Called by the compiled callbacks; an error must not return into ngspice."""
+        try:
+            self._service[reason]()
+        except BaseException as error:
+            give_up(as_answer(error))
+        return 0
+
+    def _flush(self):
+        """Turn the buffered node values into records and hand them on."""
+        state = self.state[0]
+        count = int(state["count"])
+        if count == 0:
+            return
+        state["count"] = 0
+        # What lies beyond the end has no place in the record.
+        count = int(np.searchsorted(self._times[:count], self._netlist.stop * (1.0 + 1e-9)))
+        if count == 0:
+            return
+        times, nodes = self._times[:count], self._buffer[:, :count]
+        self._finite = self._finite and bool(np.isfinite(nodes).all())
+        if not self._finite:
+            return
+        start = 1 if times[0] == 0.0 else 0
+        self._time_reached = float(times[-1])
+        netlist = self._netlist
+        rate = netlist.rate
+        per_volt = 1.0 / netlist.voltage_scale
+        units = (rate, rate * rate, per_volt, netlist.scaled_ampere, netlist.per_power)
+        chunk = part(self._record, 0, count - start)
+        for place, (copy, observers) in enumerate(zip(nodes, self._observers, strict=True)):
+            _convert(self._system, self._free, times[start:], copy[start:], self._record, *units)
+            for observer in observers:
+                observer.add(chunk)
+            if self._outputs is not None:
+                volts = copy[start:, callbacks.OUTPUT] - copy[start:, callbacks.REFERENCE]
+                self._outputs[place].add(times[start:], volts / self._netlist.voltage_scale)
+
+    @contextlib.contextmanager
+    def _watched(self):
+        """Give up a run within the block that gets nowhere: ngspice itself would try for ever."""
+        done = threading.Event()
+        threading.Thread(target=self._watch, args=(done,), daemon=True).start()
+        try:
+            yield
+        finally:
+            done.set()
+
+    def _watch(self, done):
+        spent, reached = time.process_time(), 0.0
+        while not done.wait(1.0):
+            count = int(self.state["count"][0])
+            latest = float(self._times[count - 1]) if count else self._time_reached
+            if latest - reached > CRAWL * self._netlist.step:
+                spent, reached = time.process_time(), latest
+            elif not done.is_set() and time.process_time() - spent > PATIENCE:
+                self._doing = f"stopped at t = {latest:g}"
+                trouble = (
+                    f"it gets nowhere, {PATIENCE:g} s of work went into less than a thousandth of "
+                    "a step; a force or a current that jumps, as dry friction does, has this effect"
+                )
+                give_up(SimulatorAborted(self._said(trouble)))
+
+    def _measure_output(self):
+        """Conductance and capacitance across the output, scaled, as ngspice evaluated them.
+
+        The conductance from each resistor's own current and power at the end of the run: they hold
+        what its multiplier, scale, temperature and model make of its value.
+
+        Raises
+        ------
+        SimulatorAborted
+            ngspice has no number for one of them.
+        """
+        netlist = self._netlist
+        scale = netlist.per_power * netlist.voltage_scale**2
+        for prefix, output in zip(netlist.prefixes, self._outputs, strict=True):
+            resistors = [_in_copy(name, prefix) for name in netlist.output_resistors]
+            siemens = [self._conductance(name, output) for name in resistors]
+            capacitors = [_in_copy(name, prefix) for name in netlist.storage]
+            farads = [self._property(name, "capacitance") for name in capacitors]
+            # What a negative one delivers is not used, it is what makes a load not passive.
+            output.conductance = scale * sum(np.maximum(siemens, 0.0))
+            output.capacitance = scale * sum(farads)
+            if not np.isfinite(output.conductance + output.capacitance):
+                names = ", ".join(netlist.output_resistors + netlist.storage)
+                raise SimulatorAborted(
+                    f"ngspice gave no value of {names}: give what lies across out and ref a "
+                    "constant value"
+                )
+
+    def _conductance(self, resistor, output):
+        current, power = (self._property(resistor, name) for name in ("i", "p"))
+        if power:
+            return current / (power / current)
+        # It takes no part (m=0), or there never was a voltage; or just now there is none.
+        return 0.0 if output.voltage or not output.has_started else np.nan
+
+    def _property(self, device, name):
+        vector = self._ngspice_shared.ngGet_Vec_Info(f"@{device}[{name}]".encode())
+        if vector == ffi.NULL or vector.v_realdata == ffi.NULL:
+            return np.nan
+        return float(vector.v_realdata[0])
+
+    def _move_window(self):
+        """Drop the knots that are past and read as many new ones."""
+        state = self.state[0]
+        passed = int(state["knots"]) - 2 * callbacks.MARGIN
+        for window, path in zip(self._window, self._paths, strict=True):
+            window[: 2 * callbacks.MARGIN] = window[passed:].copy()
+            window[2 * callbacks.MARGIN :] = path.read(passed) / self._netlist.rate**2
+        state["first_knot"] += passed
+
+    def _load(self, text):
+        self._stdout, self._stderr = [], []
+        lines = [ffi.new("char[]", line.encode()) for line in [*text.splitlines(), ".end", ""]]
+        self._doing = "refused the netlist"
+        self._announce("was reading the netlist")
+        self._ngspice_shared.ngSpice_Circ(ffi.new("char *[]", [*lines, ffi.NULL]))
+        trouble = messages.refusal(self.errors)
+        if trouble:
+            raise SimulatorAborted(self._said(trouble))
+        self._doing = "stopped"
+        self._announce("was running the netlist")
+
+    def _announce(self, doing):
+        """The last words of the process, should it crash now."""
+        load = f" with the load {file_of(self.circuit_load)}" if self.circuit_load else ""
+        print(f"ngspice {doing}{load}", file=sys.stderr, flush=True)
+
+    def _command(self, command):
+        try:
+            self.exec_command(command)
+        except (NgSpiceCommandError, NameError):
+            raise SimulatorAborted(self._abort_message()) from None
+
+    def _abort_message(self):
+        self._doing = f"stopped at t = {self._time_reached:g}"
+        return self._said(messages.abortion(self.errors))
+
+    def _said(self, trouble):
+        """ngspice's words about what went wrong, with the load's own names."""
+        trouble = with_places(trouble or "it gave no reason", self.circuit_load)
+        return f"ngspice {self._doing}: {trouble}"
+
+    def _check_end(self, stop):
+        if not self._finite:
+            raise SolutionDiverged(
+                f"ngspice returned values that are not finite after t = {self._time_reached:g}"
+            )
+        if self._time_reached < stop * (1.0 - 1e-9):
+            if messages.abortion(self.errors):
+                raise SimulatorAborted(self._abort_message())
+            raise SolutionDiverged(
+                f"ngspice ended at t = {self._time_reached:g} of {stop:g} without a message"
+            )
+
+    def _receive_message(self, message, identity, user):
+        stream, _, content = ffi.string(message).decode(errors="replace").partition(" ")
+        self.messages.append(content)
+        if stream == "stderr":
+            self._stderr.append(content)
+            self.errors.append(content)
+            if self._started:
+                print(content, file=sys.stderr, flush=True)
+        else:
+            self._stdout.append(content)
+        return 0
+
+    def _receive_vectors(self, data, identity, user):
+        """Where the nodes of each copy stand among ngspice's vectors."""
+        names = [ffi.string(data.vecs[k].vecname).decode().lower() for k in range(data.veccount)]
+        place = {name: k for k, name in enumerate(names)}
+        self.state["time_vector"] = place["time"]
+        for copy, prefix in enumerate(self._netlist.prefixes):
+            for column, node in enumerate(NODES):
+                name = prefix + (node or self._netlist.terminal)
+                if prefix and node == elements.LOAD_CURRENT:
+                    name = f"v.{name}"
+                self._vectors[copy, column] = place.get(name, -1)
+        return 0
+
+    def _exited(self, status, immediate, quit_requested, identity, user):
+        """ngspice wants to leave the process: let it, with its last words."""
+        words = messages.refusal(self.errors) or messages.abortion(self.errors)
+        give_up(SimulatorAborted(self._said(words)))

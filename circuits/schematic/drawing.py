@@ -1,0 +1,276 @@
+"""Schematics: the circuit that a scene really builds, read from its netlist and drawn."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from circuits import elements
+from circuits.loads.topology import GROUND, read_topology
+from circuits.schematic.ladder import lay_out
+from circuits.schematic.symbols import (
+    COLUMN,
+    INK,
+    LETTER,
+    NODE_COLOUR,
+    ROW,
+    VALUE_COLOUR,
+    VALUE_SIZE,
+    Pen,
+    plain,
+    schemdraw_library,
+    width,
+)
+from harvester.errors import OutputError
+from harvester.files.writing import whole_file
+
+FORMATS = (".svg", ".png")
+LOAD_SIDE = (elements.OUTPUT, elements.REFERENCE)
+TERMINALS = (elements.PIEZO, elements.COIL)
+INSIDE_COIL = ("induced", "winding")
+ELECTRICAL = {*TERMINALS, *INSIDE_COIL, elements.LOAD, *LOAD_SIDE}
+TITLE_SIZE, BOX_TITLE_SIZE = 12, 11
+# Between the parts of the drawing, around what is in a box, and of a lead out of it.
+GAP, PADDING, LEAD = 1.8, 0.7, 0.8
+# Widest row of the mechanical side, in schemdraw's units.
+WIDEST = 17.0
+
+
+@dataclass(frozen=True)
+class Schematic:
+    """A drawn circuit; notebooks show it.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Elements in it, as the netlist names them.
+    """
+
+    names: tuple
+    _pen: Pen = field(repr=False)
+
+    def image(self, suffix=".svg"):
+        """The picture as bytes; `suffix` is .svg or .png."""
+        return self._pen.image(suffix)
+
+    def _repr_svg_(self):
+        return self.image().decode()
+
+    def save(self, path):
+        """Write it, whole; the suffix chooses the format.
+
+        Raises
+        ------
+        OutputError
+            Another suffix than .svg and .png, or a place that cannot be written.
+        """
+        suffix = Path(path).suffix.lower()
+        if suffix not in FORMATS:
+            raise OutputError(f"{path}: a schematic is an .svg or a .png; name it so")
+        image = self.image(suffix)
+        with whole_file(path) as file:
+            file.write(image)
+
+
+def schematic(scene):
+    """Draw the circuit of a scene: all of its netlist's elements, and no others.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    Schematic
+
+    Raises
+    ------
+    MissingLibrary
+        schemdraw is not installed.
+    """
+    schemdraw_library()
+    from circuits.assembly import assemble
+
+    circuit = read_topology(assemble(scene).text)
+    pen = Pen()
+    right, low = _mechanics(pen, circuit, scene.name)
+    call, end, strays = _electronics(pen, circuit, right + GAP)
+    inner = circuit.find(call.calls)
+    # One element fits beside the piezo; more have the width below.
+    leave = (end, 0.0)
+    turn = [(end + 0.4 * LEAD, 0.0)]
+    corner = (end + 2.0 * LEAD, 0.0)
+    if len(inner.parts) > 1:
+        between = low - 0.5 * GAP
+        turn = [(end, between), (0.4 * LEAD, between)]
+        corner = (2.0 * LEAD, low - 2.0 * GAP)
+    edge = _load(pen, circuit, call, [leave, *turn], corner, strays)
+    _definitions(pen, inner, (edge + GAP, corner[1]))
+    return Schematic(tuple(pen.names), pen)
+
+
+def _mechanics(pen, circuit, name):
+    """The side of displacement and velocity; returns its right and lower edge."""
+    pen.text((0.0, 1.3), f"{name}: mechanical side", TITLE_SIZE)
+    x = top = edge = low = 0.0
+    for group in _groups(circuit):
+        ladder = lay_out(group, series=False)
+        room = sum(_column_width(column) for column in ladder.columns) + COLUMN
+        if x and x + room > WIDEST:
+            x, top = 0.0, low - GAP
+        right, bottom = _ladder(pen, circuit, ladder, x, top)
+        edge, low = max(edge, right), min(low, bottom)
+        x = right + GAP
+    return edge, low
+
+
+def _groups(circuit):
+    """Mechanical elements, those that wires join together, in the netlist's order."""
+    groups = []
+    for part in circuit.parts:
+        nodes = set(part.nodes) - {GROUND}
+        if nodes & ELECTRICAL:
+            continue
+        joined = [group for group in groups if group[0] & nodes]
+        for group in joined:
+            groups.remove(group)
+            nodes |= group[0]
+        groups.append((nodes, [*(p for group in joined for p in group[1]), part]))
+    return [parts for _, parts in groups]
+
+
+def _electronics(pen, circuit, left):
+    """Transducer and ammeter; returns the load's call, the point that it hangs on, the rest."""
+    pen.text((left, 1.3), "electrical side", TITLE_SIZE)
+    parts = [part for part in circuit.parts if set(part.nodes) & ELECTRICAL]
+    call = next(part for part in parts if part.letter == "x")
+    nodes = {node for part in parts for node in part.nodes}
+    terminal = next(name for name in TERMINALS if name in nodes)
+    ammeter = [part for part in parts if set(part.nodes) == {terminal, elements.LOAD}]
+    own = {terminal, GROUND, *INSIDE_COIL}
+    transducer = [part for part in parts if part != call and own.issuperset(part.nodes)]
+    strays = [part for part in parts if part not in [call, *ammeter, *transducer]]
+    ladder = lay_out(transducer, right=(terminal,), series=terminal == elements.COIL)
+    x, _ = _ladder(pen, circuit, ladder, left, 0.0, far=(terminal,))
+    for part in ammeter:
+        pen.part(part, circuit, (x, 0.0), (x + ROW, 0.0), part.nodes[0] != terminal)
+        x += ROW
+        pen.text((x + 0.1, 0.25), elements.LOAD, VALUE_SIZE, NODE_COLOUR)
+        pen.wire((x, 0.0), (x + LETTER * len(elements.LOAD), 0.0))
+        x += LETTER * len(elements.LOAD)
+    return call, x, strays
+
+
+def _load(pen, circuit, call, wire, corner, strays):
+    """The load in its box, with what hangs on its output; returns the right edge."""
+    inner = circuit.find(call.calls)
+    outer = dict(zip(inner.pins, call.nodes, strict=True))
+    near = [pin for pin in inner.pins if outer[pin] not in LOAD_SIDE]
+    far = [pin for pin in inner.pins if outer[pin] in LOAD_SIDE]
+    values = ", ".join(" = ".join(map(plain, word.split("="))) for word in call.value.split())
+    title = f"{call.name}: {call.calls}"
+    right, height = _boxed(pen, inner, corner, title, values, near, far)
+    pen.names.append(call.name)
+    for pin in near:
+        y, end = height[pin], (corner[0], height[pin])
+        if outer[pin] == GROUND:
+            pen.wire((corner[0] - 0.5 * LEAD, y), end)
+            pen.ground((corner[0] - 0.5 * LEAD, y))
+        else:
+            pen.wire(*wire, (wire[-1][0], y), end)
+    # The upper output's elements stand further out, clear of the lower one's wire.
+    x = right + LEAD
+    for pin in sorted(far, key=height.get):
+        hung = [part for part in strays if outer[pin] in part.nodes]
+        pen.wire((right, height[pin]), (x, height[pin]))
+        pen.text((right + 0.1, height[pin] + 0.25), outer[pin], VALUE_SIZE, NODE_COLOUR)
+        x, _ = _ladder(pen, circuit, lay_out(hung), x, height[pin], named=False)
+    return x
+
+
+def _definitions(pen, inner, corner):
+    """Sub-circuits that the load calls, each once, in boxes of their own."""
+    x, y = corner
+    for called in _called(inner):
+        half = (len(called.pins) + 1) // 2
+        users = f"each {called.name}"
+        x, _ = _boxed(pen, called, (x, y), users, "", called.pins[:half], called.pins[half:])
+        x += GAP
+
+
+def _called(place):
+    """Sub-circuits called from here and from those, each once."""
+    found = {}
+    for part in place.parts:
+        if part.letter == "x":
+            inner = place.find(part.calls)
+            found[inner.name] = inner
+            found |= {each.name: each for each in _called(inner)}
+    return list(found.values())
+
+
+def _boxed(pen, place, corner, title, subtitle, near, far):
+    """A sub-circuit's elements in a frame; returns its right edge and the heights of its pins."""
+    left, top = corner
+    ladder = lay_out(place.parts, near, far)
+    right, low = _ladder(pen, place, ladder, left, top, near, far)
+    highest = max(ladder.rows.values())
+    height = {pin: top - ROW * (highest - ladder.rows[pin]) for pin in (*near, *far)}
+    for pin, y in height.items():
+        pen.dot((left if pin in near else right, y), filled=False)
+    for coupling in (part for part in place.parts if part.letter == "k"):
+        low -= 0.5
+        words = f"{coupling.name}: {', '.join(coupling.control)}, {coupling.value}"
+        pen.text((left + PADDING, low), words, VALUE_SIZE, INK)
+        pen.names.append(coupling.name)
+    pen.box((left, low - PADDING), (right, top + PADDING))
+    pen.text((left, top + PADDING + (0.7 if subtitle else 0.3)), title, BOX_TITLE_SIZE)
+    pen.text((left, top + PADDING + 0.3), subtitle, VALUE_SIZE, VALUE_COLOUR)
+    return right, height
+
+
+def _ladder(pen, place, ladder, left, top, near=(), far=(), named=True):
+    """Draw rails and columns from an upper left corner; returns right and lower edge.
+
+    Rails of nodes in `near` begin at the left edge, those in `far` end at the right one.
+    """
+    highest = max(ladder.rows.values())
+    y = {node: top - ROW * (highest - row) for node, row in ladder.rows.items()}
+    reach = {node: [] for node in y}
+    x = left + (PADDING if near else 0.0)
+    for column in ladder.columns:
+        for node in column.ends:
+            reach[node].append(x)
+        _column(pen, place, column, x, y, ladder.rows)
+        x += _column_width(column)
+    for node, at in reach.items():
+        begin = left if node in near else min(at)
+        end = x if node in far else max(at)
+        pen.wire((begin, y[node]), (end, y[node]))
+        if node == GROUND:
+            pen.ground((begin, y[node]))
+        elif named:
+            pen.text((begin + 0.15, y[node] + 0.25), node, VALUE_SIZE, NODE_COLOUR)
+        for joint in set(at):
+            if begin < joint < end or at.count(joint) > 1:
+                pen.dot((joint, y[node]))
+    return x, min(y.values()) - (0.6 if GROUND in y else 0.0)
+
+
+def _column(pen, place, column, x, y, rows):
+    """One column's elements, in the middle of the rows that it spans, and its leads."""
+    upper = rows[column.ends[0]] >= rows[column.ends[1]]
+    start, end = (y[node] for node in column.ends)
+    step = -ROW if upper else ROW
+    spare = abs(rows[column.ends[0]] - rows[column.ends[1]]) - len(column.parts)
+    at = start + step * (spare // 2)
+    pen.wire((x, start), (x, at))
+    for part, node, following in zip(column.parts, column.nodes, column.nodes[1:], strict=False):
+        pen.part(part, place, (x, at), (x, at + step), part.nodes[0] != node)
+        at += step
+        if following != column.nodes[-1]:
+            pen.dot((x, at))
+            pen.text((x + 0.3, at), following, VALUE_SIZE, NODE_COLOUR)
+    pen.wire((x, at), (x, end))
+
+
+def _column_width(column):
+    return max(width(part) for part in column.parts)

@@ -1,0 +1,167 @@
+"""Layout of a schematic: nodes as horizontal rails, elements as columns between two of them.
+
+Elements in series, with nothing else at the node between them, share a column. Rails and columns
+are ordered so that wires are short and cross little.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+from circuits.loads.topology import GROUND
+
+# What a crossing of wires costs, in rows or columns of wire.
+CROSSING = 3.0
+
+
+@dataclass(frozen=True)
+class Column:
+    """Elements in series from one rail to another.
+
+    Attributes
+    ----------
+    nodes : tuple of str
+        From the first rail over the nodes between to the last; one more than parts.
+    parts : tuple of circuits.loads.topology.Part
+    """
+
+    nodes: tuple
+    parts: tuple
+
+    @property
+    def ends(self):
+        """The two rails."""
+        return self.nodes[0], self.nodes[-1]
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """Columns from left to right and the rows of rails, 0 at the bottom.
+
+    Attributes
+    ----------
+    columns : tuple of Column
+    rows : dict of str to int
+        A column of n parts reaches over n rows or more.
+    """
+
+    columns: tuple
+    rows: dict
+
+
+def lay_out(parts, left=(), right=(), series=True):
+    """Order rails and columns.
+
+    Parameters
+    ----------
+    parts : iterable of circuits.loads.topology.Part
+    left, right : sequence of str
+        Nodes that leave on either side: rails, even with one element.
+    series : bool
+        Elements in series share a column; else every node is a rail.
+
+    Returns
+    -------
+    Ladder
+    """
+    parts = [part for part in parts if len(part.nodes) > 1]
+    kept = {*left, *right, GROUND, *(() if series else (n for part in parts for n in part.nodes))}
+    columns = _columns(parts, kept)
+    rails = list(dict.fromkeys([*left, *right, *(n for c in columns for n in c.ends)]))
+    if GROUND in rails:
+        rails.remove(GROUND)
+    grounded = [GROUND] * any(GROUND in column.ends for column in columns)
+
+    def cost(trial_rails=None, trial_columns=None):
+        order = [*(trial_rails or rails), *grounded]
+        return _cost(order, trial_columns or columns, left, right)
+
+    before = None
+    while before != (rails, columns):
+        before = (rails, columns)
+        rails = _improve(rails, lambda order: cost(trial_rails=order))
+        columns = _improve(columns, lambda order: cost(trial_columns=order))
+    if left and not grounded and rails.index(left[0]) > rails.index(left[-1]):
+        rails.reverse()
+    return Ladder(tuple(columns), _rows([*rails, *grounded], columns))
+
+
+def _columns(parts, kept):
+    """Elements in series joined: at the node between them nothing else ends."""
+    ends = {}
+    for part in parts:
+        for node in part.nodes[:2]:
+            ends.setdefault(node, []).append(part)
+    # A third terminal, a base or a gate, needs a rail to be named at.
+    kept = kept | {node for part in parts for node in part.nodes[2:]}
+    inner = {n for n, at in ends.items() if n not in kept and len(at) == 2 and at[0] != at[1]}
+    columns, used = [], set()
+    starts = [part for part in parts if not inner.issuperset(part.nodes[:2])]
+    for part in [*starts, *parts]:
+        if part.name in used:
+            continue
+        nodes = part.nodes[:2] if part.nodes[0] not in inner else part.nodes[1::-1]
+        nodes, chain = list(nodes), [part]
+        while nodes[-1] in inner:
+            following = next(p for p in ends[nodes[-1]] if p != chain[-1])
+            if following in chain:
+                break
+            a, b = following.nodes[:2]
+            nodes.append(b if a == nodes[-1] else a)
+            chain.append(following)
+        used.update(p.name for p in chain)
+        half = len(chain) // 2
+        # A loop back to its own rail: the middle becomes a rail too.
+        cuts = (0, half, len(chain)) if half and nodes[0] == nodes[-1] else (0, len(chain))
+        columns += [Column(tuple(nodes[a : b + 1]), tuple(chain[a:b])) for a, b in pairwise(cuts)]
+    return columns
+
+
+def _cost(rails, columns, left, right):
+    """Length of all wires and what their crossings cost."""
+    row = {node: place for place, node in enumerate(rails)}
+    reach = {node: [] for node in rails}
+    for place, column in enumerate(columns):
+        for node in column.ends:
+            reach[node].append(place)
+    for node in left:
+        reach[node].append(-1)
+    for node in right:
+        reach[node].append(len(columns))
+    total = float(sum(max(at) - min(at) for at in reach.values() if at))
+    for place, column in enumerate(columns):
+        top, bottom = sorted(row[node] for node in column.ends)
+        total += bottom - top
+        for node in rails[top + 1 : bottom]:
+            if reach[node] and min(reach[node]) < place < max(reach[node]):
+                total += CROSSING
+    return total
+
+
+def _improve(order, cost):
+    """The order with single entries moved while that makes it cheaper."""
+    best, least = list(order), cost(order)
+    moved = True
+    while moved:
+        moved = False
+        for start in range(len(best)):
+            for end in range(len(best)):
+                trial = best.copy()
+                trial.insert(end, trial.pop(start))
+                value = cost(trial)
+                if value < least:
+                    best, least, moved = trial, value, True
+    return best
+
+
+def _rows(rails, columns):
+    """Heights of the rails: every column has room for its elements."""
+    rows = dict.fromkeys(rails[-1:], 0)
+    for below, rail in pairwise(reversed(rails)):
+        needed = [rows[below] + 1]
+        for column in columns:
+            if rail in column.ends:
+                other = column.ends[column.ends[0] == rail]
+                if other in rows:
+                    needed.append(rows[other] + len(column.parts))
+        rows[rail] = max(needed)
+    return rows

@@ -1,0 +1,210 @@
+"""Symbols, wires and words of a schematic, drawn by schemdraw into SVG or PNG."""
+
+import io
+import math
+import re
+from itertools import pairwise
+
+from circuits.loads.topology import GROUND
+from harvester.errors import MissingLibrary
+from harvester.show.figure_settings import figure_settings, load_matplotlib
+
+# schemdraw's units: an element in its column, a column beside its words, one letter of a name.
+ROW, COLUMN, LETTER = 2.0, 1.25, 0.155
+NAME_SIZE, VALUE_SIZE = 10, 8
+LONGEST_VALUE = 18
+LINE, THIN = 1.4, 0.9
+INK, NODE_COLOUR, VALUE_COLOUR, BOX_COLOUR = "black", "#0072B2", "#595959", "#808080"
+PIXELS_PER_INCH, INCHES_PER_UNIT, MARGIN = 150, 0.5, 0.3
+SYMBOLS = {
+    "r": "Resistor", "c": "Capacitor", "l": "Inductor2", "d": "Diode", "v": "SourceV",
+    "i": "SourceI", "e": "SourceControlledV", "h": "SourceControlledV", "s": "Switch",
+    "f": "SourceControlledI", "g": "SourceControlledI", "w": "Switch",
+}  # fmt: skip
+# Third terminals of transistors, as their data sheets call them.
+GATES = {"q": "base", "j": "gate", "m": "gate"}
+
+
+class Pen:
+    """Collects what is to be drawn; `image` draws it.
+
+    Attributes
+    ----------
+    names : list of str
+        Elements drawn.
+    """
+
+    def __init__(self):
+        self.names = []
+        self._steps = []
+
+    def text(self, at, words, size=VALUE_SIZE, colour=INK, align="left"):
+        """Words with their lower edge's middle at a place."""
+
+        def draw(library):
+            label = library.Label().at(at).theta(0)
+            return label.label(
+                words, "center", fontsize=size, color=colour, halign=align, valign="center"
+            )
+
+        self._steps.append(draw)
+
+    def wire(self, *points, colour=INK):
+        """A line over points."""
+        for start, end in pairwise(points):
+            if start != end:
+                self._add("Line", start, end, colour)
+
+    def dot(self, at, filled=True):
+        """A connection, or with `filled` false a terminal."""
+
+        def draw(library):
+            return library.Dot(open=not filled, radius=0.07).at(at).theta(0).linewidth(LINE)
+
+        self._steps.append(draw)
+
+    def ground(self, at):
+        """Node 0."""
+        self._steps.append(lambda library: library.Ground().at(at).theta(0).linewidth(LINE))
+
+    def box(self, corner, other):
+        """A dashed frame."""
+        (left, low), (right, high) = corner, other
+        corners = [(left, low), (right, low), (right, high), (left, high), (left, low)]
+        for start, end in pairwise(corners):
+            self._add("Line", start, end, BOX_COLOUR, dashed=True)
+
+    def part(self, part, place, start, end, reverse=False):
+        """An element from its first node at `start` to its second at `end`, with its words.
+
+        `place` is the Topology it stands in; `reverse` if `end` is the first node.
+        """
+        self.names.append(part.name)
+        symbol = _symbol(part, place)
+        # schemdraw has a voltage source's plus at its end.
+        turned = reverse != symbol.endswith("V")
+        self._add(symbol, *((end, start) if turned else (start, end)))
+        x, y = 0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1])
+        upright, lines = start[0] == end[0], words(part)
+        x, y = (x + 0.55, y + 0.19 * (len(lines) - 1)) if upright else (x, y + 1.1)
+        for row, line in enumerate(lines):
+            size, colour = (VALUE_SIZE, VALUE_COLOUR) if row else (NAME_SIZE, INK)
+            self.text((x, y - 0.38 * row), line, size, colour, "left" if upright else "center")
+
+    def _add(self, symbol, start, end, colour=INK, dashed=False):
+        def draw(library):
+            across, up = end[0] - start[0], end[1] - start[1]
+            # Sources have a direction of their own, which `to` would not turn.
+            angle, length = math.degrees(math.atan2(up, across)), math.hypot(across, up)
+            element = getattr(library, symbol)().at(start).theta(angle).length(length)
+            element = element.color(colour).linewidth(THIN if dashed else LINE)
+            return element.linestyle("--") if dashed else element
+
+        self._steps.append(draw)
+
+    def image(self, suffix):
+        """The picture as bytes, `suffix` .svg or .png."""
+        schemdraw = schemdraw_library()
+        from schemdraw import elements
+
+        if suffix == ".svg":
+            drawing = schemdraw.Drawing(canvas="svg", show=False, margin=MARGIN)
+            self._draw(drawing, elements)
+            return drawing.get_imagedata("svg")
+        with figure_settings():
+            return self._png(schemdraw, elements)
+
+    def _png(self, schemdraw, elements):
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        figure = Figure()
+        FigureCanvasAgg(figure)
+        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        axes.set_axis_off()
+        axes.set_aspect("equal")
+        drawing = schemdraw.Drawing(canvas=axes, show=False)
+        self._draw(drawing, elements)
+        drawing.draw(show=False)
+        edges = drawing.get_bbox()
+        axes.set_xlim(edges.xmin - MARGIN, edges.xmax + MARGIN)
+        axes.set_ylim(edges.ymin - MARGIN, edges.ymax + MARGIN)
+        size = (edges.xmax - edges.xmin, edges.ymax - edges.ymin)
+        figure.set_size_inches(*(INCHES_PER_UNIT * (side + 2.0 * MARGIN) for side in size))
+        file = io.BytesIO()
+        figure.savefig(file, format="png", dpi=PIXELS_PER_INCH, facecolor="white")
+        return file.getvalue()
+
+    def _draw(self, drawing, elements):
+        for step in self._steps:
+            drawing.add(step(elements))
+
+
+def schemdraw_library():
+    """The module.
+
+    Raises
+    ------
+    MissingLibrary
+    """
+    # Which imports it on its own.
+    load_matplotlib()
+    try:
+        import schemdraw
+    except ImportError:
+        raise MissingLibrary(
+            "a schematic needs schemdraw; install it: pip install 'harvester[schematic]'"
+        ) from None
+    return schemdraw
+
+
+def width(part):
+    """How much room the element takes with its words."""
+    lines = words(part)
+    letters = max([len(lines[0]), *(0.8 * len(line) for line in lines[1:])])
+    return COLUMN + 0.2 + LETTER * letters
+
+
+def words(part):
+    """The element's name, its value, and what controls it."""
+    value, control = _value(part), [node for node in part.control if node != GROUND]
+    if part.letter in GATES:
+        lines = [value, f"{GATES[part.letter]}: {part.nodes[2]}"]
+    elif part.letter == "b" or (part.letter in "eg" and re.search(r"=|\bv\(", part.value)):
+        # One line each: what a behavioural source depends on.
+        lines = [f"{'and' if place else 'of'} {node}" for place, node in enumerate(control)]
+    elif part.letter in "egs":
+        voltage = f"v({', '.join(control)})"
+        lines = [f"{value} · {voltage}" if value and part.letter in "eg" else voltage]
+    elif control:
+        lines = [value, f"i({control[0]})"]
+    else:
+        lines = [value]
+    return [part.name, *filter(None, lines)]
+
+
+def plain(value):
+    """A number with three digits, anything else as it is."""
+    return f"{float(value):.3g}" if re.fullmatch(r"[-+.\de]+", value) else value
+
+
+def _value(part):
+    if part.letter == "x":
+        return part.calls
+    value = plain(re.sub(r"\s*\bic=\S+", "", part.value))
+    return "" if part.letter == "b" or len(value) > LONGEST_VALUE else value
+
+
+def _symbol(part, place):
+    """Name of schemdraw's element."""
+    if part.letter == "b":
+        return "SourceControlledV" if re.match(r"v\s*=", part.value) else "SourceControlledI"
+    if part.letter == "x" and is_diode(place.find(part.calls)):
+        return "Diode"
+    return SYMBOLS.get(part.letter, "RBox")
+
+
+def is_diode(inner):
+    """Whether a sub-circuit is one diode from its first pin to its second, and leakage."""
+    diodes = [part.nodes for part in inner.parts if part.letter == "d"]
+    return diodes == [inner.pins] and all(part.letter in "drc" for part in inner.parts)

@@ -1,0 +1,1 @@
+"""Engines: Monte Carlo and the circuit behind one protocol, steps, worker processes."""

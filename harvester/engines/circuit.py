@@ -1,0 +1,83 @@
+"""The circuit, as the rest of the program reaches it: the one door to the package `circuits`.
+
+`circuits` is imported when something is asked of it, so that what needs no SPICE loads none.
+"""
+
+
+def prepare(scene):
+    """Load ngspice and the compiled code that a scene needs."""
+    from circuits.ngspice import engine
+
+    engine.prepare(scene)
+
+
+def run_realizations(*arguments, **options):
+    """See `circuits.ngspice.engine.run_realizations`."""
+    from circuits.ngspice import engine
+
+    return engine.run_realizations(*arguments, **options)
+
+
+def best_copies(scene, device, report):
+    """Copies of a device in one netlist beyond which more are no faster; called in a worker."""
+    from circuits.ngspice import engine
+
+    return engine.best_copies(scene, device, report)
+
+
+def describe(report):
+    """What ngspice was found, as a dictionary; called in a worker."""
+    from circuits.ngspice import engine
+
+    return engine.describe(report)
+
+
+def read_load(name, folders, subcircuit, parameters):
+    """A load's netlist, vetted: `circuits.loads.subcircuits.LoadCircuit`.
+
+    Parameters
+    ----------
+    name : str
+        In netlists/, or a path.
+    folders : sequence of str
+        Where it is looked for, in order.
+    subcircuit : str or None
+        The one meant of its file.
+    parameters : dict or None
+        Its values.
+
+    Raises
+    ------
+    NetlistError
+    """
+    from circuits.loads.subcircuits import find_netlist, read_load
+
+    return read_load(find_netlist(name, folders), subcircuit, parameters)
+
+
+def netlist_of(scene):
+    """The netlist that a scene builds, `circuits.assembly.Netlist`."""
+    from circuits.assembly import assemble
+
+    return assemble(scene)
+
+
+def stand_alone(*arguments, **options):
+    """See `circuits.export.stand_alone`."""
+    from circuits.export import stand_alone as write
+
+    return write(*arguments, **options)
+
+
+def for_ltspice(*arguments, **options):
+    """See `circuits.export.for_ltspice`."""
+    from circuits.export import for_ltspice as write
+
+    return write(*arguments, **options)
+
+
+def schematic(scene):
+    """The circuit that a scene builds, as a drawing: see `circuits.schematic.drawing`."""
+    from circuits.schematic.drawing import schematic as draw
+
+    return draw(scene)

@@ -1,0 +1,382 @@
+"""Monte Carlo reference: Runge–Kutta of fourth order on the given noise path, no circuit.
+
+Steps land on the noise's knots and on the moments at which a contact begins or ends, so that
+the scheme keeps its order where the force is smooth; in contact the step resolves the contact
+time. One order remains at the first step of a contact, where the force starts as d^1.5.
+
+A damper or a load that decays within a step takes a scheme of third order with that decay exact.
+Heun's scheme of second order takes the same steps; it is there for work-precision diagrams.
+"""
+
+import numpy as np
+
+from harvester.compilation import compiled, inlined, numba
+from harvester.device import contact, system
+from harvester.engines.decay import decayed
+from harvester.engines.steps import STEPS_PER_CONTACT, steps_per_knot, stop_time
+from harvester.errors import SolutionDiverged
+from harvester.record.record import empty_record, fill, part
+from harvester.scene.units import scale
+
+CHUNK = 4096
+# Decay of V or X' by load or damper, as an exponent, in a step of an explicit scheme: those are
+# stable up to 2 (Heun) and 2.78 (Runge–Kutta). Beyond it the decay is taken exactly.
+LARGEST_DECAY = 1.0
+SCHEMES = {"runge-kutta": "Runge-Kutta 4", "heun": "Heun 2"}
+EXACT_DECAY = "exact decay, order 3"
+
+# Places in the state vector.
+TIME, DISPLACEMENT, VELOCITY, TRANSDUCER, HELD_SPEED, ZONE, PHASE = range(7)
+
+
+def prepare(scene):
+    """Load the compiled code for a scene's parts, so that it does not count as simulation."""
+    s, _ = scale(scene)
+    record = empty_record(1)
+    state = initial_state(s, (0.0, 0.0, 0.0))
+    edges = np.array(contact.edges(s.contacts))
+    _advance(s, edges, np.zeros(2), 0, 0, 0, 1.0, 1, None, state, record)
+
+
+def run_realizations(
+    scene, paths, starts, observers, step, source, scheme="runge-kutta", tolerance=None, device=None
+):
+    """Integrate realizations one by one; see `circuits.ngspice.engine.run_realizations`.
+
+    `scheme` is "runge-kutta" or "heun". `source`, `tolerance` and `device` are not used: the
+    path is taken as it is, in fixed steps.
+
+    Returns
+    -------
+    dict
+        engine_version, netlist_sha256 (None).
+
+    Raises
+    ------
+    SolutionDiverged
+    """
+    s, _ = scale(scene)
+    fixed = steps_per_knot(scene, step, "monte-carlo")
+    for path, start, watching in zip(paths, starts, observers, strict=True):
+        state = initial_state(s, start)
+        for record in integrate(s, path, state, stop_time(scene), fixed, scheme):
+            if not np.isfinite(state).all():
+                raise SolutionDiverged(
+                    f"Monte Carlo left the finite numbers before t = {state[TIME]:g}; "
+                    "choose a shorter --step"
+                )
+            for observer in watching:
+                observer.add(record)
+    exact = _scheme(s, scheme, paths[0].spacing / fixed) is False
+    return {
+        "engine_version": f"{EXACT_DECAY if exact else SCHEMES[scheme]}, numba {numba.__version__}",
+        "netlist_sha256": None,
+    }
+
+
+def initial_state(s, start):
+    """The state of the integrator at the beginning: float64 of shape (7,).
+
+    Parameters
+    ----------
+    s : harvester.device.system.System
+    start : (float, float, float)
+        X, X' and the transducer's state, scaled.
+    """
+    state = np.zeros(7)
+    state[DISPLACEMENT], state[VELOCITY], state[TRANSDUCER] = start
+    state[HELD_SPEED] = system.speed_held(s, state[DISPLACEMENT], state[VELOCITY])
+    inner = contact.edges(s.contacts)[1:-1]
+    x = state[DISPLACEMENT]
+    state[ZONE] = sum(x > edge if edge > 0.0 else x >= edge for edge in inner)
+    return state
+
+
+def integrate(s, path, state, stop, steps_per_knot=1, scheme="runge-kutta"):
+    """Integrate Eq. 4 along a noise path.
+
+    Parameters
+    ----------
+    s : harvester.device.system.System
+    path : harvester.excitation.NoisePath
+    state : ndarray, shape (7,)
+        From `initial_state`; changed in place.
+    stop : float
+        End time (s), rounded up to a whole number of knots.
+    steps_per_knot : int
+        Steps between two knots where no contact asks for more.
+    scheme : str
+        A name in `SCHEMES`.
+
+    Yields
+    ------
+    Record
+        Chunks of accepted points in order, without the initial one; overwritten by the next.
+    """
+    knots = int(np.ceil(stop / path.spacing - 1e-9))
+    edges = np.array(contact.edges(s.contacts))
+    heun = _scheme(s, scheme, path.spacing / steps_per_knot)
+    record = empty_record(CHUNK)
+    block = np.empty(CHUNK + 1)
+    block[0] = path.read(1)[0]
+    done = 0
+    while done < knots:
+        count = min(CHUNK, knots - done)
+        block[1 : count + 1] = path.read(count)
+        segment = 0
+        while segment < count:
+            segment, points = _advance(
+                s,
+                edges,
+                block,
+                segment,
+                count,
+                done,
+                path.spacing,
+                steps_per_knot,
+                heun,
+                state,
+                record,
+            )
+            yield part(record, 0, points)
+        block[0] = block[count]
+        done += count
+
+
+def _scheme(s, name, step):
+    """None for Runge–Kutta, True for Heun, False for exact decay where it is faster than a step."""
+    damping = s.damper.damping + s.transducer.damping()
+    if max(s.transducer.decay_rate(), damping) * step > LARGEST_DECAY:
+        return False
+    return None if name == "runge-kutta" else True
+
+
+@compiled
+def _advance(
+    s, edges, block, segment, count, first_knot, spacing, steps_per_knot, heun, state, record
+):
+    """Fill the record from `segment` on; returns the segment reached and the points written.
+
+    `edges` are those of the zones. The state's phase is the time since the segment's first knot.
+    """
+    step = spacing / steps_per_knot
+    points = 0
+    capacity = record.time.size
+    x, v, voltage = state[DISPLACEMENT], state[VELOCITY], state[TRANSDUCER]
+    held, zone, phase = state[HELD_SPEED], int(state[ZONE]), state[PHASE]
+    low, high = edges[zone], edges[zone + 1]
+    touching = not low < 0.0 < high
+    free = np.searchsorted(edges, 0.0)
+    left, right = edges[free - 1], edges[free]
+    while segment < count and points < capacity:
+        slope = (block[segment + 1] - block[segment]) / spacing
+        noise = block[segment] + slope * phase
+        end = spacing
+        if steps_per_knot > 1:
+            end = (np.floor(phase / step + 1e-9) + 1.0) * step
+        length = end - phase
+        x1, v1, voltage1 = x, v, voltage
+        smooth = not touching
+        if smooth:
+            x1, v1, voltage1 = _step(
+                heun, s, False, low, high, 0.0, x, v, voltage, noise, slope, length
+            )
+            smooth = low <= x1 <= high and not (
+                v * v1 < 0.0 and _overshoots(low, high, x, v, x1, v1, length)
+            )
+        if smooth:
+            x, v, voltage, phase = x1, v1, voltage1, end
+        else:
+            piece, entered, held, x, v, voltage = _contact_piece(
+                heun, s, touching, low, high, held, x, v, voltage, noise, slope, length
+            )
+            if entered != 0:
+                zone += entered
+                low, high = edges[zone], edges[zone + 1]
+                touching = not low < 0.0 < high
+            phase = end if piece >= length else phase + piece
+        noise = block[segment] + slope * phase
+        if phase > spacing * (1.0 - 1e-9):
+            phase = 0.0
+            segment += 1
+            noise = block[segment]
+        time = (first_knot + segment) * spacing + phase
+        loss = system.loss_power(s, x, v, held, x < left or x > right)
+        terminal = system.terminal_voltage(s.transducer, v, voltage)
+        own = system.own_loss(s.transducer, terminal, system.own_current(s.transducer, v, voltage))
+        power = system.load_power(s.transducer, v, voltage)
+        fill(record, points, time, x, v, terminal, power, noise * v, loss, own)
+        points += 1
+    state[TIME] = (first_knot + segment) * spacing + phase
+    state[DISPLACEMENT], state[VELOCITY], state[TRANSDUCER] = x, v, voltage
+    state[HELD_SPEED], state[ZONE], state[PHASE] = held, zone, phase
+    return segment, points
+
+
+@compiled
+def _contact_piece(heun, s, touching, low, high, held, x, v, voltage, noise, slope, longest):
+    """A step within a zone, or up to its edge, `low` or `high`.
+
+    Returns its length, by how many zones the mass has moved (−1, 0, 1), the held speed and the
+    new state.
+    """
+    length = longest
+    if touching:
+        # A mass at rest on the stopper is pressed in by what else acts.
+        speed = abs(v) + abs(system.push(s, x, v, voltage, noise)) * longest
+        length = contact.step(s.contacts, x, speed * speed, longest, STEPS_PER_CONTACT)
+    x1, v1, voltage1 = _step(
+        heun, s, touching, low, high, held, x, v, voltage, noise, slope, length
+    )
+    entered = 0
+    if x1 > high or x1 < low:
+        entered = 1 if x1 > high else -1
+    elif v * v1 < 0.0 and _overshoots(low, high, x, v, x1, v1, length):
+        entered = 1 if v > 0.0 else -1
+    if entered != 0:
+        edge = high if entered == 1 else low
+        length = _crossing(edge, entered, x, v, x1, v1, length)
+        x1, v1, voltage1 = _step(
+            heun, s, touching, low, high, held, x, v, voltage, noise, slope, length
+        )
+        if not touching:
+            held = abs(v1)
+    return length, entered, held, x1, v1, voltage1
+
+
+@inlined
+def _acceleration(s, touching, low, high, held, x, v, voltage, noise):
+    force = system.push(s, x, v, voltage, noise)
+    if touching:
+        force -= system.contact_force(s, x, v, held, low, high)
+    return force
+
+
+@inlined
+def _step(heun, s, touching, low, high, held, x, v, voltage, noise, slope, h):
+    """One step of Eq. 4 as `_scheme` chose.
+
+    `heun` is None for Runge–Kutta: a type of its own, so that no choice is left at run time.
+    """
+    if heun is None:
+        return _runge_kutta(s, touching, low, high, held, x, v, voltage, noise, slope, h)
+    if heun:
+        return _heun(s, touching, low, high, held, x, v, voltage, noise, slope, h)
+    return _exponential(s, touching, low, high, held, x, v, voltage, noise, slope, h)
+
+
+@compiled
+def _exponential(s, touching, low, high, held, x, v, voltage, noise, slope, h):
+    """Step of third order that takes the decay of X' and V exactly, however fast.
+
+    X' decays driven by all other forces, V decays driven by X': each drive is a parabola through
+    the step's beginning, middle and end, from two predictions of the middle and one of the end.
+    """
+    half = 0.5 * h
+    middle = noise + slope * half
+    c, rate = s.damper.damping + system.own_damping(s.transducer), system.decay_rate(s.transducer)
+    start = _acceleration(s, touching, low, high, held, x, v, voltage, noise) + c * v
+    force = start
+    v2 = voltage2 = 0.0
+    for _ in range(2):
+        # The drive goes on in a straight line from the beginning through the middle.
+        v2 = decayed(v, c, half, start, 0.5 * (start + force), force)
+        x2 = x + 0.5 * half * (v + v2)
+        voltage2 = decayed(voltage, rate, half, v, 0.5 * (v + v2), v2)
+        force = _acceleration(s, touching, low, high, held, x2, v2, voltage2, middle) + c * v2
+    v4 = decayed(v, c, h, start, force, 2.0 * force - start)
+    x4 = x + h / 6.0 * (v + 4.0 * v2 + v4)
+    voltage4 = decayed(voltage, rate, h, v, v2, v4)
+    ahead = noise + slope * h
+    end = _acceleration(s, touching, low, high, held, x4, v4, voltage4, ahead) + c * v4
+    v4 = decayed(v, c, h, start, force, end)
+    x4 = x + h / 6.0 * (v + 4.0 * v2 + v4)
+    return x4, v4, decayed(voltage, rate, h, v, v2, v4)
+
+
+@compiled
+def _heun(s, touching, low, high, held, x, v, voltage, noise, slope, h):
+    """Heun's step of second order: the mean of the slopes at both ends."""
+    a1 = _acceleration(s, touching, low, high, held, x, v, voltage, noise)
+    u1 = system.state_rate(s.transducer, v, voltage)
+    v2 = v + h * a1
+    e2 = voltage + h * u1
+    a2 = _acceleration(s, touching, low, high, held, x + h * v, v2, e2, noise + slope * h)
+    u2 = system.state_rate(s.transducer, v2, e2)
+    half = 0.5 * h
+    return x + half * (v + v2), v + half * (a1 + a2), voltage + half * (u1 + u2)
+
+
+@inlined
+def _runge_kutta(s, touching, low, high, held, x, v, voltage, noise, slope, h):
+    """Classical Runge–Kutta step of Eq. 4; the contact acts or not throughout the step."""
+    half = 0.5 * h
+    middle = noise + slope * half
+    a1 = _acceleration(s, touching, low, high, held, x, v, voltage, noise)
+    u1 = system.state_rate(s.transducer, v, voltage)
+    v2 = v + half * a1
+    e2 = voltage + half * u1
+    a2 = _acceleration(s, touching, low, high, held, x + half * v, v2, e2, middle)
+    u2 = system.state_rate(s.transducer, v2, e2)
+    v3 = v + half * a2
+    e3 = voltage + half * u2
+    a3 = _acceleration(s, touching, low, high, held, x + half * v2, v3, e3, middle)
+    u3 = system.state_rate(s.transducer, v3, e3)
+    v4 = v + h * a3
+    e4 = voltage + h * u3
+    a4 = _acceleration(s, touching, low, high, held, x + h * v3, v4, e4, noise + slope * h)
+    u4 = system.state_rate(s.transducer, v4, e4)
+    sixth = h / 6.0
+    return (
+        x + sixth * (v + 2.0 * (v2 + v3) + v4),
+        v + sixth * (a1 + 2.0 * (a2 + a3) + a4),
+        voltage + sixth * (u1 + 2.0 * (u2 + u3) + u4),
+    )
+
+
+@compiled
+def _hermite(x, v, x1, v1, h, u):
+    """Displacement and its slope in u at the share u of a step: the cubic through both ends."""
+    rise = x1 - x
+    a = h * v - rise
+    b = rise - h * v1
+    w = 1.0 - u
+    bend = u * w * (a * w + b * u)
+    slope = rise + (w - u) * (a * w + b * u) + u * w * (b - a)
+    return x + rise * u + bend, slope
+
+
+@compiled
+def _overshoots(low, high, x, v, x1, v1, h):
+    """Whether a step that starts and ends within a zone has left it on its way."""
+    turn = _hermite(x, v, x1, v1, h, v / (v - v1))[0]
+    return turn > high or turn < low
+
+
+@compiled
+def _crossing(edge, direction, x, v, x1, v1, h):
+    """Time into the step at which x passes the edge in the direction ±1 first.
+
+    Newton on the cubic, kept by bisection.
+    """
+    low, high = 0.0, 1.0
+    inside = direction * (x1 - edge) <= 0.0
+    if inside:
+        high = v / (v - v1)
+    u = 0.5 * high
+    if high == 1.0:
+        u = (edge - x) / (x1 - x)
+    for _ in range(60):
+        value, slope = _hermite(x, v, x1, v1, h, u)
+        excess = direction * (value - edge)
+        if excess > 0.0:
+            high = u
+        else:
+            low = u
+        step = -excess / (direction * slope)
+        u += step
+        if not low <= u <= high:
+            u = 0.5 * (low + high)
+        elif abs(step) < 1e-9:
+            break
+    return max(u, 1e-9) * h

@@ -1,0 +1,197 @@
+"""Realizations by a named engine, inside a worker process."""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from harvester.device import timescales
+from harvester.engines.protocol import ENGINES
+from harvester.engines.steps import knot_spacing, stop_time
+from harvester.estimates.batch_means import KNOTS_PER_SAMPLE, batch_counts
+from harvester.excitation import realization_seed
+from harvester.record.moments import Moments
+from harvester.record.moments import prepare as prepare_moments
+from harvester.record.output_side import OutputMoments
+from harvester.record.record import Record
+from harvester.scene.units import scale
+
+REPORT_SECONDS = 0.25
+
+
+@dataclass
+class Realization:
+    """What a worker sends back.
+
+    Attributes
+    ----------
+    moments : Moments
+    waveform : Record or None
+        The stretch asked for.
+    seconds : float
+        Wall time of the simulation alone; of realizations run together, its share.
+    started, ended : float
+        The system's clock (s).
+    engine_version : str
+    netlist_sha256 : str or None
+    """
+
+    moments: Moments
+    waveform: Record | None
+    seconds: float
+    started: float
+    ended: float
+    engine_version: str
+    netlist_sha256: str | None
+
+
+class Waveform:
+    """Keeps the points of a record between two times."""
+
+    def __init__(self, start, stop):
+        self.start, self.stop = start, stop
+        self._parts = []
+
+    def add(self, record):
+        """Keep what lies in the window."""
+        if record.time.size == 0 or record.time[0] > self.stop or record.time[-1] < self.start:
+            return
+        inside = (record.time >= self.start) & (record.time <= self.stop)
+        self._parts.append(np.array([column[inside] for column in record]))
+
+    def record(self):
+        """The stretch as one record."""
+        if not self._parts:
+            return Record(*np.empty((len(Record._fields), 0)))
+        return Record(*np.concatenate(self._parts, axis=1))
+
+
+class Reporter:
+    """Sends the moments of all realizations so far, several times a second."""
+
+    def __init__(self, moments, report):
+        self._moments, self._report = moments, report
+        self._next = time.monotonic() + REPORT_SECONDS
+
+    def add(self, record):
+        """Report when it is time."""
+        now = time.monotonic()
+        if now >= self._next:
+            self._report(self._moments)
+            self._next = now + REPORT_SECONDS
+
+
+def start_state(scene, index):
+    """(X, X', transducer's state) in which a realization starts, scaled.
+
+    At rest in the wells in turn, beginning on the right, unless the scene says where.
+    """
+    parameters, scales = scale(scene)
+    wells = timescales.wells(parameters)
+    displacement, velocity, voltage = wells[index % len(wells)], 0.0, 0.0
+    start = scene.start
+    if start:
+        if start.displacement is not None:
+            displacement = start.displacement / scales.displacement
+        velocity, voltage = start.velocity / scales.displacement, start.voltage / scales.voltage
+    return displacement, velocity, voltage
+
+
+def noise_path(scene, index):
+    """The excitation of one realization, at its beginning; the same for every engine."""
+    _, scales = scale(scene)
+    seed = realization_seed(scene.run.seed, index)
+    return scene.excitation.path(knot_spacing(scene), scales.displacement, seed)
+
+
+def run(
+    scene,
+    engine,
+    indices,
+    step,
+    source,
+    window,
+    report,
+    scheme=None,
+    tolerance=None,
+    device="automatic",
+):
+    """Simulate realizations of a scene; the circuit engine takes them side by side.
+
+    Parameters
+    ----------
+    scene : Scene
+    engine : str
+        A name in `harvester.engines.protocol.ENGINES`.
+    indices : sequence of int
+        Of the realizations: each picks its seed and its starting well.
+    step, source : str or float, str
+        See `harvester.simulate`.
+    window : (float, float) or None
+        Stretch of each one's waveform to keep (s).
+    report : callable
+        Given the list of moments so far.
+    scheme, tolerance, device : str or None, float or None, str
+        See `harvester.simulate`.
+
+    Returns
+    -------
+    list of Realization
+    """
+    chosen = ENGINES[engine]
+    paths = [noise_path(scene, index) for index in indices]
+    moments = [empty_moments(scene) for _ in indices]
+    # Only a load in the circuit has an output side.
+    output = {}
+    load = scene.electrical_load.circuit
+    if load and load.has_output:
+        output["outputs"] = [OutputMoments.beside(each) for each in moments]
+        for each, its_output in zip(moments, output["outputs"], strict=True):
+            each.output = its_output
+    observers = [[each] for each in moments]
+    observers[-1].append(Reporter(moments, report))
+    waveforms = [Waveform(*window) if window else None for _ in indices]
+    for watching, waveform in zip(observers, waveforms, strict=True):
+        if waveform:
+            watching.insert(0, waveform)
+    chosen.prepare(scene)
+    prepare_moments()
+    started = time.time()
+    clock = time.perf_counter()
+    scheme = scheme or chosen.schemes[0]
+    starts = [start_state(scene, index) for index in indices]
+    outcome = chosen.run_realizations(
+        scene, paths, starts, observers, step, source, scheme, tolerance, device, **output
+    )
+    seconds = time.perf_counter() - clock
+    # The last word of those that end before their first report.
+    report(moments)
+    return [
+        Realization(
+            moments=each,
+            waveform=waveform.record() if waveform else None,
+            seconds=seconds / len(moments),
+            started=started,
+            ended=started + seconds,
+            **outcome,
+        )
+        for each, waveform in zip(moments, waveforms, strict=True)
+    ]
+
+
+def empty_moments(scene):
+    """Nothing accumulated yet, in the batches that the scene's run is cut into."""
+    parameters, _ = scale(scene)
+    spacing = knot_spacing(scene)
+    counts = batch_counts(scene.run.realizations, scene.run.duration / spacing)
+    saddles = timescales.saddles(parameters)
+    even = len(saddles) == 1 and parameters.symmetric and scene.excitation.symmetric
+    return Moments.empty(
+        scene.run.settle,
+        stop_time(scene),
+        timescales.free_zone(parameters),
+        saddles,
+        bool(saddles) and not even,
+        *counts,
+        KNOTS_PER_SAMPLE * spacing,
+    )

@@ -1,0 +1,32 @@
+"""The energy balance of a run (Eq. 33)."""
+
+import math
+
+from harvester.device import system
+from harvester.record.moments import QUANTITIES
+
+
+def energy_balance_residual(moments, parameters):
+    """Energy put in that is not found again, as a share of the energy that flows.
+
+    ∫ηX'dt − Δ(½X'² + U + ½βV²) − ∫loss dt − ∫load dt, over the measured time of all
+    realizations, divided by the larger of what went in and what came out (Eq. 33).
+    """
+    put_in = load = loss = stored = 0.0
+    for m in moments:
+        total = m.integrals.sum(axis=0)
+        put_in += total[QUANTITIES.index("input_power")]
+        load += total[QUANTITIES.index("load_power")]
+        loss += total[QUANTITIES.index("loss_power")]
+        stored += stored_change(m, parameters)
+    scale = max(abs(put_in), load + loss)
+    return float((put_in - load - loss - stored) / scale) if scale > 0.0 else math.nan
+
+
+def stored_change(moments, parameters):
+    """Change of ½X'² + U + ½βV² over the measured time of one realization (scaled)."""
+    last, first = (
+        system.stored_energy(parameters, *point[1:4], point[7])
+        for point in (moments.last, moments.first)
+    )
+    return last - first

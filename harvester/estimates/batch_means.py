@@ -1,0 +1,119 @@
+"""Standard errors of means and ratios from correlated batches.
+
+Batches in time, pooled over realizations, are joined in pairs until neighbours are nearly
+uncorrelated, and what correlation is left is added to the variance (Flyvbjerg and Petersen,
+J. Chem. Phys. 91, 461 (1989), stopped early). Ratios are linearised batch by batch (delta method).
+Where too few batches are left, there is no error bar.
+"""
+
+import math
+
+import numpy as np
+
+# Fewest batches that give a standard error (good to about 1/√(2·16) = 18 % of itself), and the
+# correlation between neighbours up to which its first-order correction is trusted.
+FEWEST_BATCHES = 16
+LARGEST_CORRELATION = 0.25
+TOTAL_BATCHES = 256
+TOTAL_GROUPS = 32
+# Batches of each of many realizations: a drift shows between their halves.
+FEWEST_TO_DRIFT = 4
+KNOTS_PER_BATCH = 8
+# Standard error as a share of its ratio that is nothing but rounding in the sums.
+ROUNDING = 1e-12
+# Between the samples of a histogram: some ten samples per period of the motion.
+KNOTS_PER_SAMPLE = 4
+
+
+def batch_counts(realizations, knots):
+    """Batches and histogram groups per realization.
+
+    Parameters
+    ----------
+    realizations : int
+    knots : float
+        Knots of the noise per realization: a batch spans several.
+    """
+    most = max(1, int(knots / KNOTS_PER_BATCH))
+    batches = min(max(-(-TOTAL_BATCHES // realizations), FEWEST_TO_DRIFT), most)
+    return batches, min(-(-TOTAL_GROUPS // realizations), batches)
+
+
+def standard_error(series):
+    """Standard error of the mean of correlated batch means.
+
+    Parameters
+    ----------
+    series : ndarray, shape (realizations, batches)
+        Equal batches in time; rows are independent of each other.
+
+    Returns
+    -------
+    float or None
+        None when fewer than `FEWEST_BATCHES` batches are left before they are uncorrelated.
+    """
+    series = np.asarray(series, dtype=float)
+    mean = series.mean()
+    while series.size >= FEWEST_BATCHES:
+        deviations = series - mean
+        total = float(np.sum(deviations**2))
+        if total == 0.0:
+            return 0.0
+        neighbours = float(np.sum(deviations[:, 1:] * deviations[:, :-1])) / total
+        if neighbours <= LARGEST_CORRELATION:
+            variance = total / (series.size * (series.size - 1))
+            return math.sqrt(variance * (1.0 + 2.0 * max(neighbours, 0.0)))
+        series = _joined(series)
+    return None
+
+
+def standard_error_of_drift(series):
+    """Standard error of the mean where the strength of the excitation drifts, as in one record.
+
+    From the differences of neighbouring batches (von Neumann, Ann. Math. Stat. 12, 367 (1941)),
+    in which a slow drift cancels: the error of this mean among records that drift alike.
+    Batches are joined until the correlation ρ between neighbours, which gives their successive
+    differences the correlation (2ρ − 1)/(2 − 2ρ), is small; see `standard_error`. A motion that
+    is as slow as the drift is taken for it.
+    """
+    series = np.asarray(series, dtype=float)
+    while series.size >= FEWEST_BATCHES and series.shape[1] > 2:
+        steps = np.diff(series, axis=1)
+        total = float(np.mean(steps**2))
+        if total == 0.0:
+            return 0.0
+        successive = float(np.mean(steps[:, 1:] * steps[:, :-1])) / total
+        neighbours = (1.0 + 2.0 * successive) / (2.0 + 2.0 * successive)
+        if neighbours <= LARGEST_CORRELATION:
+            neighbours = max(neighbours, 0.0)
+            variance = 0.5 * total / (1.0 - neighbours) / series.size
+            return math.sqrt(variance * (1.0 + 2.0 * neighbours))
+        series = _joined(series)
+    return None
+
+
+def _joined(series):
+    """Batches joined in pairs; an odd one in front is dropped."""
+    odd = series.shape[1] % 2
+    return 0.5 * (series[:, odd::2] + series[:, odd + 1 :: 2])
+
+
+def complete_batches(moments):
+    """Batches that every realization completed, shape (realizations, batches, quantities)."""
+    complete = min(
+        int((m.time_reached - m.start) / m.batch_length + 1e-6) if m.time_reached > m.start else -1
+        for m in moments
+    )
+    if complete < 0:
+        return None
+    if complete == 0:
+        return np.stack([m.integrals[:1] for m in moments])
+    return np.stack([m.integrals[:complete] for m in moments])
+
+
+def ratio_of_sums(upper, lower, error_of=standard_error):
+    """Ratio of two sums over batches and its standard error (None when too short)."""
+    ratio = float(upper.sum() / lower.sum())
+    error = error_of((upper - ratio * lower) / lower.mean())
+    # Of a ratio that is the same in every batch only rounding is left.
+    return ratio, 0.0 if error is not None and error <= ROUNDING * abs(ratio) else error

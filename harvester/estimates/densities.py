@@ -1,0 +1,57 @@
+"""Densities of displacement, velocity and voltage from histograms."""
+
+import math
+
+import numpy as np
+
+from harvester.estimates.batch_means import FEWEST_BATCHES
+from harvester.estimates.estimate import Density
+from harvester.record.moments import HISTOGRAMS
+
+
+def densities(moments, symmetric=True):
+    """Densities of displacement, velocity and voltage, {name: Density}, scaled units.
+
+    `symmetric` says that −η is as likely as η. Eq. 4 is then the same for (−X, −V, −η), so each
+    value counts half for its mirror image: a run that spent its time in one well would else give
+    one well's density, with an error bar that knows nothing of the other.
+    """
+    result = {}
+    for k, name in enumerate(HISTOGRAMS):
+        width = max(float(m.bin_widths[k]) for m in moments)
+        groups = np.concatenate([_rebinned(m, k, width) for m in moments])
+        if symmetric:
+            groups = 0.5 * (groups + groups[:, ::-1])
+        times = groups.sum(axis=1)
+        groups = groups[times > 0.0]
+        times = times[times > 0.0]
+        if times.size == 0:
+            continue
+        density = groups.sum(axis=0) / (times.sum() * width)
+        error = None
+        if len(groups) >= FEWEST_BATCHES:
+            each = groups / (times[:, None] * width)
+            error = each.std(axis=0, ddof=1) / math.sqrt(len(groups))
+        bins = groups.shape[1]
+        centre = (np.arange(bins) - bins // 2 + 0.5) * width
+        used = np.flatnonzero(density)
+        inside = slice(used[0], used[-1] + 1)
+        result[name] = Density(
+            centre[inside], density[inside], None if error is None else error[inside], name
+        )
+    return result
+
+
+def _rebinned(moments, row, width):
+    """One histogram's groups with coarser bins, shape (groups, bins)."""
+    groups = moments.histograms[:, row]
+    factor = round(width / float(moments.bin_widths[row]))
+    half = groups.shape[1] // 2
+    if factor == 1:
+        return groups
+    factor = min(factor, half)
+    wide = np.zeros_like(groups)
+    kept = half // factor
+    merged = groups.reshape(groups.shape[0], -1, factor).sum(axis=2)
+    wide[:, half - kept : half + kept] = merged
+    return wide

@@ -1,0 +1,52 @@
+"""What an estimate and a density are, with their evidence."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+NONE_SEEN = "none seen: no error bar tells how rare they are"
+TOO_SHORT = "too short for an error bar: raise run.duration or run.realizations"
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A mean with its evidence, in scaled units or in those of `dimension`'s scale.
+
+    Attributes
+    ----------
+    estimate : float
+    standard_error : float or None
+        None when the run is too short for one.
+    effective_sample_size : float or None
+        Independent samples that would give this error.
+    dimension : str
+        "voltage^2", "power", "1", "rate", …
+    note : str
+        Why there is no error bar; empty otherwise.
+    """
+
+    estimate: float
+    standard_error: float | None
+    effective_sample_size: float | None
+    dimension: str
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Density:
+    """Histogram density: bin centres, density and its standard error, each of shape (n,)."""
+
+    centre: np.ndarray
+    density: np.ndarray
+    standard_error: np.ndarray | None
+    dimension: str
+
+
+def root(square):
+    """RMS voltage from the mean-square one, with its error."""
+    root = math.sqrt(square.estimate)
+    error = square.standard_error
+    if error is not None:
+        error = 0.5 * error / root if root > 0.0 else 0.0
+    return Estimate(root, error, square.effective_sample_size, "voltage", square.note)

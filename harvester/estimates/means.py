@@ -1,0 +1,109 @@
+"""Every quantity of a set of realizations, from their moments."""
+
+import math
+
+from harvester.device import timescales
+from harvester.estimates.batch_means import complete_batches, ratio_of_sums, standard_error
+from harvester.estimates.estimate import NONE_SEEN, TOO_SHORT, Estimate, root
+from harvester.record.moments import PRODUCTS, QUANTITIES, WELLS
+
+# Means over time: the integral each is made from, and its dimension.
+MEANS = {
+    "mean_square_voltage": ("square_voltage", "voltage^2"),
+    "mean_power": ("load_power", "power"),
+    "mean_square_displacement": ("square_displacement", "displacement^2"),
+    "mean_square_velocity": ("square_velocity", "velocity^2"),
+    "mean_input_power": ("input_power", "power"),
+    "mean_loss_power": ("loss_power", "power"),
+    "well_crossing_rate": ("well_crossings", "rate"),
+    "impact_rate": ("impacts", "rate"),
+    "mean_transducer_loss": ("transducer_loss", "power"),
+}
+
+
+def estimate_all(moments, parameters, error_of=standard_error):
+    """Every quantity of a set of realizations.
+
+    Parameters
+    ----------
+    moments : sequence of harvester.record.moments.Moments
+        One per realization; batches that were not completed are left out.
+    parameters : harvester.device.system.System
+    error_of : callable
+        `standard_error`, or `standard_error_of_drift`.
+
+    Returns
+    -------
+    dict of str to Estimate
+        Scaled units.
+    """
+    batches = complete_batches(moments)
+    if batches is None:
+        return {}
+    series = {name: batches[:, :, row] for row, name in enumerate(QUANTITIES)}
+    duration = sum(float(m.integrals[:, 0].sum()) for m in moments)
+    products = {
+        pair: sum(float(m.products[row]) for m in moments) / duration
+        for pair, row in PRODUCTS.items()
+    }
+    estimates = {
+        name: _mean(series, products, quantity, dimension, error_of)
+        for name, (quantity, dimension) in MEANS.items()
+    }
+    estimates["rms_voltage"] = root(estimates["mean_square_voltage"])
+    estimates.update(_efficiencies(series, products, error_of))
+    if not timescales.bistable(parameters):
+        del estimates["well_crossing_rate"]
+    if not parameters.contacts:
+        del estimates["impact_rate"]
+    if not parameters.lossy_transducer:
+        del estimates["mean_transducer_loss"]
+    for well in range(batches.shape[2] - WELLS):
+        time_in_well = {"time_in_well": batches[:, :, WELLS + well], "time": series["time"]}
+        estimates[f"share_of_time_in_well_{well + 1}"] = _mean(
+            time_in_well, {}, "time_in_well", "1", error_of
+        )
+    return estimates
+
+
+def _mean(series, products, name, dimension, error_of):
+    mean, error = ratio_of_sums(series[name], series["time"], error_of)
+    if dimension == "rate" and mean == 0.0:
+        return Estimate(0.0, None, None, dimension, NONE_SEEN)
+    size = None
+    if error and (name, name) in products:
+        size = max(products[name, name] - mean**2, 0.0) / error**2
+    return Estimate(mean, error, size, dimension, "" if error is not None else TOO_SHORT)
+
+
+def _efficiencies(series, products, error_of):
+    """Eq. 35 in both forms: against what is lost and used, and against what is put in."""
+    load, loss, put_in = series["load_power"], series["loss_power"], series["input_power"]
+    load_load, load_loss = (
+        products["load_power", "load_power"],
+        products["load_power", "loss_power"],
+    )
+    used = load_load + 2.0 * load_loss + products["loss_power", "loss_power"]
+    mean_used = float((load + loss).sum() / series["time"].sum())
+    mean_input = float(put_in.sum() / series["time"].sum())
+    cross, square = products["input_power", "load_power"], products["input_power", "input_power"]
+    return {
+        "power_conversion_efficiency": _efficiency(
+            load, load + loss, mean_used, load_load, load_load + load_loss, used, error_of
+        ),
+        "power_conversion_efficiency_of_input": _efficiency(
+            load, put_in, mean_input, load_load, cross, square, error_of
+        ),
+    }
+
+
+def _efficiency(upper, lower, mean_lower, upper_square, cross, lower_square, error_of):
+    """Ratio of two powers; the squares and `cross` are means of products within the run."""
+    if mean_lower == 0.0:
+        return Estimate(math.nan, None, None, "1", "nothing was put in")
+    ratio, error = ratio_of_sums(upper, lower, error_of)
+    size = None
+    if error:
+        variance = (upper_square - 2.0 * ratio * cross + ratio**2 * lower_square) / mean_lower**2
+        size = max(variance, 0.0) / error**2
+    return Estimate(ratio, error, size, "1", "" if error is not None else TOO_SHORT)

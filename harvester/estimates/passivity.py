@@ -1,0 +1,72 @@
+"""What a load gives against what it takes, and what to say of efficiencies that are none."""
+
+# Share of the load's power up to which an excess may be the steps' own error.
+SMALL_EXCESS = 0.01
+
+
+def efficiency_notes(estimates, power_scale, unit):
+    """Notes on a load that delivers energy, and on every efficiency outside 0 … 1.
+
+    What goes into the output's resistors and storage comes through the piezo's terminals, unless
+    the load has a source, a negative resistance, or energy that it held at the start.
+
+    Parameters
+    ----------
+    estimates : dict of str to Estimate
+        Scaled units, of `estimate_all` and, where the load has an output, `estimate_output`.
+    power_scale : float
+        Of a scaled power in `unit`.
+    unit : str
+
+    Returns
+    -------
+    tuple of str
+        Empty for a load that takes more than it gives and efficiencies that are shares.
+    """
+    outside = [
+        name.replace("_", " ")
+        for name, estimate in estimates.items()
+        if "efficiency" in name
+        and not 0.0 <= estimate.estimate <= 1.0
+        # Nothing was put in.
+        and estimate.estimate == estimate.estimate
+    ]
+    taken = estimates["mean_power"].estimate if "mean_power" in estimates else 0.0
+    kept = (
+        estimates["mean_converter_loss"].estimate if "mean_converter_loss" in estimates else taken
+    )
+    if kept < 0.0:
+        excess = f"{-kept * power_scale:.3g} {unit} more than it takes from the piezo"
+        if -kept <= SMALL_EXCESS * abs(taken):
+            share = -kept / abs(taken)
+            return (
+                f"the load is not passive, or the step too long: it gives {excess}, {share:.1g} of "
+                "its power; choose a shorter --step",
+            )
+        return (
+            f"the load is not passive: it gives {excess} ({taken * power_scale:.3g} {unit}), out "
+            "of its own sources or of what it held at the start; its efficiencies are no shares "
+            "of the piezo's power",
+        )
+    if outside:
+        return (
+            f"not between 0 and 1: {', '.join(outside)}: energy stored before the measured time "
+            "was used or taken back in it; raise run.settle and run.duration",
+        )
+    return ()
+
+
+def source_notes(load):
+    """A note on a load with sources of its own: what they deliver cannot be told from the rest.
+
+    Parameters
+    ----------
+    load : circuits.loads.subcircuits.LoadCircuit or None
+    """
+    if load is None or not load.sources:
+        return ()
+    names = ", ".join(load.sources[:5]) + (" …" if len(load.sources) > 5 else "")
+    return (
+        f"the load has sources of its own ({names}): what they deliver, if anything, counts as "
+        "the piezo's",
+    )

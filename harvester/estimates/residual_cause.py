@@ -1,0 +1,128 @@
+"""What an energy balance that does not close is suspected of, by the run's own evidence."""
+
+import numpy as np
+
+from harvester.device import timescales
+from harvester.engines.steps import STEPS_PER_CONTACT
+from harvester.estimates.balance import stored_change
+from harvester.record.moments import QUANTITIES
+from harvester.scene.units import scale
+
+# A residual is taken for the step's when it is within so many times of (ω h)²/12, the error of a
+# trapezoid over the fastest motion.
+OF_THE_STEP = 10.0
+# Change of the stored energy, as a share of what flows, from which on the ends of a run count.
+SHORT = 0.5
+# Fewest realizations whose residuals are laid against what they dissipate, and how closely the two
+# must go together.
+FEWEST, TOGETHER = 4, 0.98
+
+
+def suspected_cause(result):
+    """One clause that names the likeliest cause of the residual, with its evidence.
+
+    Parameters
+    ----------
+    result : harvester.results.Result
+        With its moments and its residual.
+    """
+    p, _ = scale(result.scene)
+    totals, stored = _energies(result.moments, p)
+    finders = (_active_load, _short_run, _load, _switching, _contacts, _step)
+    for find in finders:
+        cause = find(result, p, totals, stored)
+        if cause:
+            return cause
+    return (
+        "neither load, contacts, step nor length of the run explains it: compare a run with "
+        "--step fine"
+    )
+
+
+def _energies(moments, p):
+    """Integrals of each realization, {quantity: array}, and the change of its stored energy."""
+    sums = np.array([m.integrals.sum(axis=0) for m in moments])
+    stored = [stored_change(m, p) for m in moments]
+    return {name: sums[:, column] for column, name in enumerate(QUANTITIES)}, np.array(stored)
+
+
+def _active_load(result, p, totals, stored):
+    delivered = -totals["load_power"].sum()
+    converter = result.scaled_quantities.get("mean_converter_loss")
+    if delivered > 0.0:
+        share = delivered / max(abs(totals["input_power"].sum()), delivered)
+        return (
+            f"the load is active: it delivers {share:.0%} of the energy that flows; take the "
+            "sources out of its netlist"
+        )
+    if converter and converter.estimate < 0.0:
+        return (
+            "the load's output takes more than goes into the load: there is a source in its "
+            "netlist, or its resistors and capacitors are not what was read"
+        )
+    return ""
+
+
+def _short_run(result, p, totals, stored):
+    flow = max(abs(totals["input_power"].sum()), totals["load_power"].sum())
+    share = np.abs(stored).sum() / flow if flow > 0.0 else np.inf
+    if share < SHORT:
+        return ""
+    return (
+        f"the run is too short: the stored energy changes by {share:.2g} of what is put in, and "
+        "the ends count; raise run.duration"
+    )
+
+
+def _load(result, p, totals, stored):
+    """Residuals of the realizations that go with what the load takes and nothing else."""
+    if len(stored) < FEWEST:
+        return ""
+    left = totals["input_power"] - totals["load_power"] - totals["loss_power"] - stored
+    load, loss = (_together(left, totals[name]) for name in ("load_power", "loss_power"))
+    if load < TOGETHER or load < loss or abs(result.energy_balance_residual) < _of_the_step(result):
+        return ""
+    share = left.sum() / totals["load_power"].sum()
+    return (
+        f"the load: what is missing goes with what it takes, {share:+.2g} of it in every "
+        "realization; the circuit's load is not the one that the power is reckoned with (its "
+        "value, its parameters, a temperature or a multiplier)"
+    )
+
+
+def _together(left, taken):
+    """Share of the residuals' squares that a fixed share of what was taken explains."""
+    squares = float(np.sum(left**2) * np.sum(taken**2))
+    return float(np.sum(left * taken)) ** 2 / squares if squares > 0.0 else 0.0
+
+
+def _switching(result, p, totals, stored):
+    load = result.scene.electrical_load.circuit
+    if not (load and load.switches) or abs(result.energy_balance_residual) < _of_the_step(result):
+        return ""
+    return "the load switches, and each time takes a step of first order; choose a shorter --step"
+
+
+def _contacts(result, p, totals, stored):
+    impacts = totals["impacts"].sum()
+    if not impacts or timescales.contact_time(p) > STEPS_PER_CONTACT * result.step:
+        return ""
+    return (
+        f"contacts: {impacts:.0f} of about {timescales.contact_time(p):.2g} s each, against steps "
+        f"of {result.step:.2g} s between them; choose a shorter --step"
+    )
+
+
+def _step(result, p, totals, stored):
+    if abs(result.energy_balance_residual) > _of_the_step(result):
+        return ""
+    steps = 2.0 * np.pi / timescales.fastest_angular_frequency(p) / result.step
+    return (
+        f"the step: {result.step:.2g} s is {1.0 / steps:.2g} of the fastest period; choose a "
+        "shorter --step"
+    )
+
+
+def _of_the_step(result):
+    p, _ = scale(result.scene)
+    return OF_THE_STEP * (timescales.fastest_angular_frequency(p) * result.step) ** 2 / 12.0

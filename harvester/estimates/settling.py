@@ -1,0 +1,357 @@
+"""Whether a run is long enough for what its device and its load remember, and what it drifted.
+
+Realizations start at rest. What is left of that start in a mean over the measured time, once
+`run.settle` has passed, is not seen by batch means: where it exceeds the error bar, that bar is
+withheld, and a note names the time that was too long.
+"""
+
+import math
+import warnings
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from harvester.device import spring as springs
+from harvester.device import timescales
+from harvester.estimates.batch_means import FEWEST_BATCHES, complete_batches, standard_error
+from harvester.excitation import PrescribedDisplacement, Sine
+from harvester.record.moments import QUANTITIES
+
+# Relaxation times after which a start is forgotten to 3e-4 of itself.
+FORGOTTEN = 8.0
+# Least share of a mean that is called a drift, and how many of its own standard errors it spans.
+SMALLEST_DRIFT, SURE = 2e-3, 4.5
+# Jumps between the wells up to which one more or less counts for itself, and the expected number
+# of them below which none is missed.
+FEW_JUMPS, UNLIKELY = 16, 0.05
+OF_THE_CHARGE = (
+    "mean_square_voltage",
+    "rms_voltage",
+    "mean_power",
+    "power_conversion_efficiency",
+    "power_conversion_efficiency_of_input",
+    # Of a study.
+    "output_power",
+)
+DRIFTING = {
+    "E[V²]": "square_voltage",
+    "E[X²]": "square_displacement",
+    "E[X'²]": "square_velocity",
+}
+
+
+@dataclass(frozen=True)
+class Shortfall:
+    """What a run was too short for.
+
+    Attributes
+    ----------
+    reason : str
+        In a few words, for each estimate.
+    advice : str
+        What that does, and what to set.
+    names : tuple of str or None
+        Estimates that lose their error bar; None: all.
+    """
+
+    reason: str
+    advice: str
+    names: tuple | None = None
+
+    @property
+    def note(self):
+        """The whole sentence."""
+        return f"{self.reason}: {self.advice}"
+
+
+def shortfalls(scene, p, moments, estimates):
+    """What a run was too short for, if anything.
+
+    Parameters
+    ----------
+    scene : harvester.scene.model.Scene
+    p : harvester.device.system.System
+    moments : sequence of harvester.record.moments.Moments
+    estimates : dict of str to Estimate
+
+    Returns
+    -------
+    list of Shortfall
+        Empty for one pass of a record: its means are those of that event.
+    """
+    if scene.excitation.drifts or "mean_square_voltage" not in estimates:
+        return []
+    found = [
+        _motion(p, scene.run, estimates),
+        _charge(scene, p, moments, estimates),
+        _storage(scene, moments, estimates),
+        _jumps(p, moments, estimates),
+    ]
+    found = [each for each in found if each]
+    return found or _drift(moments)
+
+
+def withheld(estimates, found):
+    """The estimates without the error bars that would lie."""
+    result = dict(estimates)
+    for shortfall in reversed(found):
+        for name in result if shortfall.names is None else shortfall.names:
+            if name in result:
+                result[name] = replace(
+                    result[name],
+                    standard_error=None,
+                    effective_sample_size=None,
+                    note=f"no error bar: {shortfall.reason}",
+                )
+    return result
+
+
+def left_of_start(time, settle, duration):
+    """Mean of exp(−t/time) over the measured time: what is left of a start."""
+    share = time / duration
+    return share * math.exp(-settle / time) * -math.expm1(-1.0 / share)
+
+
+def unseen_jump(p, square_voltage, measured):
+    """What one more jump between the wells would add to E[V²], as a share.
+
+    The charge is then off by the wells' distance, and follows within 1/λ.
+    """
+    wells, decay = timescales.wells(p), p.transducer.decay_rate()
+    if len(wells) == 1 or not square_voltage:
+        return 0.0
+    distance = wells[0] - wells[-1]
+    lasting = min(1.0 / (2.0 * decay), measured) if decay else measured
+    share = distance**2 * lasting / (square_voltage * measured)
+    return share if math.isfinite(share) else 0.0
+
+
+def _relative_error(estimate):
+    """Standard error as a share of the estimate; 0 where there is no bar to be wrong."""
+    if estimate is None or estimate.standard_error is None or not estimate.estimate:
+        return 0.0
+    return abs(estimate.standard_error / estimate.estimate)
+
+
+def _lengths(run):
+    return f"run.settle = {run.settle:g} s and run.duration = {run.duration:g} s"
+
+
+def _too_short(run, time, what, share, names=None):
+    return Shortfall(
+        f"{_lengths(run)} are short against {what} of {time:.3g} s",
+        f"about {100.0 * share:.2g} % of the way from rest to the stationary means is missing "
+        f"in them; set run.settle = {FORGOTTEN * time:.2g} or more",
+        names,
+    )
+
+
+def _slow(scene, time, what, error, names=None):
+    """The shortfall of a run against what relaxes within one known time, or None."""
+    run, excitation = scene.run, scene.excitation
+    left = left_of_start(time, run.settle, run.duration)
+    if left > max(error, SMALLEST_DRIFT):
+        return _too_short(run, time, what, left, names)
+    if isinstance(excitation, Sine | PrescribedDisplacement):
+        return None
+    # Independent values that the slow part takes in all.
+    values = run.realizations * (1.0 + run.duration / (2.0 * time))
+    if values >= FEWEST_BATCHES:
+        return None
+    return Shortfall(
+        f"{_lengths(run)} are short against {what} of {time:.3g} s",
+        f"{run.realizations} realizations see about {values:.0f} independent values of what is so "
+        f"slow; set run.duration = {2.0 * FEWEST_BATCHES * time / run.realizations:.2g} or more",
+        names,
+    )
+
+
+def _motion(p, run, estimates):
+    """Small oscillations, with the load's decay, as the linear equations have them."""
+    if p.noise.intensity <= 0.0:
+        return None
+    matrix, places = _linear(p, estimates["mean_square_displacement"].estimate)
+    rates = -np.linalg.eigvals(matrix).real
+    if np.any(rates <= 0.0):
+        return None
+    error = max(
+        _relative_error(estimates[name]) for name in ("mean_square_velocity", "mean_square_voltage")
+    )
+    bound = max(error, SMALLEST_DRIFT)
+
+    def left(settle):
+        missing = _left_in_squares(p, matrix, replace(run, settle=settle))
+        return max(missing[place] for place in places)
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", RuntimeWarning)
+            share = left(run.settle)
+            if share <= bound:
+                return None
+            # The slowest may hardly move what is measured: the first whose end is enough.
+            times = sorted(1.0 / rates)
+            slow = next((time for time in times if left(FORGOTTEN * time) <= bound), times[-1])
+    except (RuntimeWarning, ValueError):
+        # Rates too far apart for their equations to be solved.
+        return None
+    return _too_short(run, slow, "a relaxation of device and load", share)
+
+
+def _linear(p, square):
+    """Matrix of (X − rest, X', V, η), or without V for a load that is no resistor.
+
+    Also the places whose squares count. A monostable spring is as stiff as at the measured E[X²].
+    """
+    rest = timescales.rest(p)
+    stiffness = timescales.stiffness(p, rest)
+    if not timescales.bistable(p):
+        spread = math.sqrt(max(square - rest**2, 0.0))
+        stiffness = sum(float(springs.slope(p.spring, rest + s * spread)) for s in (1, -1)) / 2.0
+    memory = 1.0 / p.noise.correlation_time
+    decay, damping = p.transducer.decay_rate(), p.damper.damping + p.transducer.damping()
+    if decay == 0.0:
+        total = stiffness + p.transducer.stiffness(stiffness)
+        rows = [[0.0, 1.0, 0.0], [-total, -damping, 1.0], [0.0, 0.0, -memory]]
+        return np.array(rows), (1,)
+    return np.array(
+        [
+            [0.0, 1.0, 0.0, 0.0],
+            [-stiffness, -damping, -p.transducer.coupling, 1.0],
+            [0.0, 1.0, -decay, 0.0],
+            [0.0, 0.0, 0.0, -memory],
+        ]
+    ), (1, 2)
+
+
+def _left_in_squares(p, matrix, run):
+    """Share by which the mean squares over the measured time miss their stationary values."""
+    from scipy.linalg import expm, solve_continuous_lyapunov
+
+    noise = np.zeros_like(matrix)
+    noise[-1, -1] = -2.0 * p.noise.intensity / p.noise.correlation_time**2
+    stationary = solve_continuous_lyapunov(matrix, noise)
+    missing = -stationary
+    missing[-1, -1] = 0.0
+
+    def later(time):
+        flow = expm(matrix * time)
+        return flow @ missing @ flow.T
+
+    # The integral I of what is missing obeys A I + I Aᵀ = its change.
+    change = later(run.settle + run.duration) - later(run.settle)
+    integral = solve_continuous_lyapunov(matrix, change)
+    return np.abs(np.diag(integral)) / run.duration / np.diag(stationary)
+
+
+def _charge(scene, p, moments, estimates):
+    """The charge that a jump leaves behind follows within 1/λ."""
+    decay = p.transducer.decay_rate()
+    if not timescales.bistable(p) or not decay:
+        return None
+    if not _crossings(moments) and _expected_jumps(p, moments, estimates) < UNLIKELY:
+        return None
+    error = _relative_error(estimates["mean_square_voltage"])
+    return _slow(scene, 1.0 / decay, "the load's 1/λ", error, OF_THE_CHARGE)
+
+
+def _storage(scene, moments, estimates):
+    """A storage charges within R·C of the resistors across it."""
+    output = moments[0].output
+    if output is None or not output.capacitance > 0.0 or "output_voltage" not in estimates:
+        return None
+    if not output.conductance > 0.0:
+        return None
+    time = output.capacitance / output.conductance
+    return _slow(scene, time, "the storage's R·C", _relative_error(estimates["output_voltage"]))
+
+
+def _jumps(p, moments, estimates):
+    """Jumps too few for their share in E[V²] to be known."""
+    crossings = _crossings(moments)
+    decay = p.transducer.decay_rate()
+    if not timescales.bistable(p) or not decay or crossings >= FEW_JUMPS:
+        return None
+    square = estimates["mean_square_voltage"]
+    measured = _measured(moments)
+    one = unseen_jump(p, square.estimate, measured)
+    if one <= max(_relative_error(square), SMALLEST_DRIFT):
+        return None
+    if not crossings and _expected_jumps(p, moments, estimates) < UNLIKELY:
+        return None
+    seen = f"{crossings:.0f} passes" if crossings else "no pass"
+    return Shortfall(
+        f"{seen} between the wells in {measured:.3g} s",
+        f"one jump more would add {one:.2g} of itself to E[V²]; raise run.duration or "
+        "run.realizations",
+        OF_THE_CHARGE,
+    )
+
+
+def _crossings(moments):
+    return sum(float(m.integrals[:, QUANTITIES.index("well_crossings")].sum()) for m in moments)
+
+
+def _measured(moments):
+    return sum(float(m.integrals[:, QUANTITIES.index("time")].sum()) for m in moments)
+
+
+def _expected_jumps(p, moments, estimates):
+    """Rough number of jumps out of the wells, by the rate of a weakly damped mass.
+
+    The charge stays behind: it lifts the barrier by as much as the load is slower than the motion.
+    """
+    square, decay = timescales.angular_frequency(p) ** 2, p.transducer.decay_rate()
+    kept, lifting = square / (decay**2 + square), p.transducer.stiffness(square)
+    barrier = min(
+        timescales.barrier(p, well) + 0.5 * kept * lifting * (well - saddle) ** 2
+        for well in timescales.wells(p)
+        for saddle in timescales.beside(p, well)
+    )
+    energy = estimates["mean_square_velocity"].estimate
+    if not energy > 0.0 or not math.isfinite(barrier):
+        return 0.0
+    height = barrier / energy
+    return height * math.exp(-height) / timescales.relaxation_time(p) * _measured(moments)
+
+
+def _drift(moments):
+    """Means that change from the first half of the measured time to the second."""
+    batches = complete_batches(moments)
+    if batches is None or batches.shape[1] < 2:
+        return []
+    series = {name: batches[:, :, QUANTITIES.index(row)] for name, row in DRIFTING.items()}
+    time = batches[:, :, QUANTITIES.index("time")]
+    if all(m.output is not None for m in moments):
+        own = np.stack([m.output.integrals[: batches.shape[1]] for m in moments])
+        series["the output voltage"] = own[:, :, 1]
+    for name, values in series.items():
+        change = _change(values / time)
+        if change:
+            return [
+                Shortfall(
+                    f"{name} still drifts",
+                    f"it changes by {change:+.2g} of itself from the first half of the measured "
+                    "time to the second; raise run.settle and run.duration",
+                )
+            ]
+    return []
+
+
+def _change(values):
+    """Change from the first half to the second as a share of the mean; 0 where chance does it."""
+    half = values.shape[1] // 2
+    early, late = values[:, :half], values[:, -half:]
+    change, mean = float(late.mean() - early.mean()), float(values.mean())
+    if not abs(change) > SMALLEST_DRIFT * abs(mean):
+        return 0.0
+    errors = [standard_error(part) for part in (early, late)]
+    if len(values) >= FEWEST_BATCHES:
+        each = late.mean(axis=1) - early.mean(axis=1)
+        spread = float(each.std(ddof=1)) / math.sqrt(len(values))
+        error = max(spread, math.hypot(*(one or 0.0 for one in errors)))
+    elif None in errors:
+        return 0.0
+    else:
+        error = math.hypot(*errors)
+    return change / abs(mean) if abs(change) > SURE * error else 0.0

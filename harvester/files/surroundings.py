@@ -1,0 +1,59 @@
+"""What lies around the program: the working folder, and folders that others may write to."""
+
+import contextlib
+import os
+import stat
+from pathlib import Path
+
+PACKAGE = Path(__file__).parents[1]
+
+
+@contextlib.contextmanager
+def away_from_working_folder():
+    """The package's own folder as the working folder within the block.
+
+    For the imports of libraries that read a file of their settings from wherever they are.
+    """
+    try:
+        before = os.open(".", os.O_RDONLY | os.O_DIRECTORY)
+    except OSError:
+        # A working folder that cannot be read holds no settings either.
+        yield
+        return
+    try:
+        os.chdir(PACKAGE)
+        yield
+    finally:
+        os.fchdir(before)
+        os.close(before)
+
+
+def who_else_writes(path):
+    """Who besides this user and the program's owner may change what lies at a path.
+
+    Parameters
+    ----------
+    path : str or Path
+        Of a file or a folder; what is not there yet is made by this user.
+
+    Returns
+    -------
+    str
+        The place and the reason; empty where nobody may.
+    """
+    path = Path(os.path.realpath(path))
+    for place in (path, *path.parents):
+        try:
+            about = os.stat(place)
+        except FileNotFoundError:
+            continue
+        if about.st_uid not in {0, os.geteuid(), PACKAGE.stat().st_uid}:
+            return f"{place} belongs to another user"
+        # In a folder like /tmp everyone may add names, and only their owner may move them.
+        if place != path and about.st_mode & stat.S_ISVTX:
+            continue
+        # A group of the owner's own name and number is the owner alone.
+        shared = stat.S_IWGRP if about.st_gid != about.st_uid else 0
+        if about.st_mode & (shared | stat.S_IWOTH):
+            return f"{place} can be written by others"
+    return ""

@@ -1,0 +1,1 @@
+"""What engines hand over, and its streaming accumulation."""

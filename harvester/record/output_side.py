@@ -1,0 +1,101 @@
+"""Streaming accumulation of a load's output side, in the batches of `harvester.record.moments`."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+# Columns of `OutputMoments.integrals`: time integrals of the first three, change of the last.
+QUANTITIES = ("time", "voltage", "square_voltage", "change_of_square_voltage")
+# Sizes of the output voltage whose first passage is kept, from 2^-40 to 2^40 scaled volts.
+LEVELS_PER_DOUBLING = 32
+DOUBLINGS = 40
+LEVELS = np.exp2(
+    np.arange(-DOUBLINGS * LEVELS_PER_DOUBLING, DOUBLINGS * LEVELS_PER_DOUBLING)
+    / LEVELS_PER_DOUBLING
+)
+
+
+@dataclass
+class OutputMoments:
+    """What is kept of the output voltage of one realization; scaled units.
+
+    Attributes
+    ----------
+    start, batch_length : float
+        As in `harvester.record.moments.Moments` (s).
+    integrals : ndarray, shape (batches, len(QUANTITIES))
+    passages : ndarray, shape (len(LEVELS),)
+        When the voltage's size first reached each level, settling included (s); nan: never.
+    lowest, highest : float
+        Of the voltage in the measured time.
+    conductance, capacitance : float
+        Of the resistors and capacitors across the output, scaled: power is conductance voltage²,
+        energy ½ capacitance voltage². nan before the run's end.
+    time, voltage : float
+        Of the latest point.
+    """
+
+    start: float
+    batch_length: float
+    integrals: np.ndarray
+    passages: np.ndarray = field(default_factory=lambda: np.full(LEVELS.size, np.nan))
+    lowest: float = np.inf
+    highest: float = -np.inf
+    conductance: float = np.nan
+    capacitance: float = np.nan
+    time: float = np.nan
+    voltage: float = np.nan
+
+    @classmethod
+    def beside(cls, moments):
+        """Nothing accumulated yet, in the batches of these `Moments`."""
+        batches = len(moments.integrals)
+        return cls(moments.start, moments.batch_length, np.zeros((batches, len(QUANTITIES))))
+
+    def add(self, time, voltage):
+        """Accumulate consecutive points that follow the ones before; arrays of shape (n,)."""
+        if time.size == 0:
+            return
+        self._add_passages(time, np.abs(voltage))
+        time = np.concatenate([[self.time], time])
+        voltage = np.concatenate([[self.voltage], voltage])
+        self.time, self.voltage = float(time[-1]), float(voltage[-1])
+        measured = time >= self.start
+        time, voltage = time[measured], voltage[measured]
+        if time.size == 0:
+            return
+        self.lowest = min(self.lowest, float(voltage.min()))
+        self.highest = max(self.highest, float(voltage.max()))
+        middle = 0.5 * (time[1:] + time[:-1])
+        batches = len(self.integrals)
+        batch = np.minimum((middle - self.start) // self.batch_length, batches - 1).astype(int)
+        steps = np.diff(time)
+        square = voltage * voltage
+        pieces = (
+            steps,
+            0.5 * (voltage[1:] + voltage[:-1]) * steps,
+            0.5 * (square[1:] + square[:-1]) * steps,
+            np.diff(square),
+        )
+        for row, piece in enumerate(pieces):
+            self.integrals[:, row] += np.bincount(batch, piece, minlength=batches)
+
+    @property
+    def has_started(self):
+        """Whether there ever was a voltage."""
+        return bool(np.isfinite(self.passages).any())
+
+    def passage(self, voltage):
+        """When the output's size first reached a voltage (s); nan: never."""
+        reached = np.isfinite(self.passages)
+        if not reached.any() or not 0.0 < voltage <= LEVELS[reached][-1]:
+            return float("nan")
+        return float(np.interp(voltage, LEVELS[reached], self.passages[reached]))
+
+    def _add_passages(self, time, size):
+        reached = int(np.count_nonzero(np.isfinite(self.passages)))
+        passed = int(np.searchsorted(LEVELS, size.max(), side="right"))
+        if passed > reached:
+            greatest = np.maximum.accumulate(size)
+            first = np.searchsorted(greatest, LEVELS[reached:passed])
+            self.passages[reached:passed] = time[first]

@@ -1,0 +1,1 @@
+"""Scenes: what is simulated, from TOML to the scaled device."""

@@ -1,0 +1,356 @@
+"""Scenes: what is simulated, read from TOML and checked before anything runs."""
+
+import dataclasses
+import hashlib
+import json
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from harvester.engines import circuit
+from harvester.errors import SceneError
+from harvester.excitation import KINDS, Excitation, build
+from harvester.files import plain_text
+from harvester.files.plain_text import named, nearest, shown
+from harvester.files.reading import read_input
+from harvester.scene.named_values import NamedValues
+from harvester.scene.overrides import parsed, put, texts
+from harvester.scene.schema import check_tables
+from harvester.scene.toml import LARGEST_SCENE, plain_tables, read_toml
+
+BUILT_IN = Path(__file__).parent / "scenes"
+# Keys that a scene is written without where they hold what they hold without being given.
+RARE_KEYS = ("quadratic_damping", "side", "exponent", "law")
+
+
+@dataclass(frozen=True)
+class Oscillator:
+    """Mass, spring and damper.
+
+    `restoring_force` holds F0, k1, k2, … of F(x) = F0 + k1 x + k2 x² + …; `linear_stiffness` and
+    `cubic_stiffness` are the short form of (0, k1, 0, k3). SI: kg, N s/m, N s²/m² for
+    `quadratic_damping`, N, N/m, N/m², …. Scaled: c, −ω0², κ of Eq. 4a and so on, and no mass.
+    """
+
+    damping: float
+    linear_stiffness: float | None = None
+    cubic_stiffness: float | None = None
+    mass: float | None = None
+    restoring_force: tuple | None = None
+    quadratic_damping: float = 0.0
+
+    @property
+    def coefficients(self):
+        """(F0, k1, k2, …) whichever form the scene has."""
+        if self.restoring_force is not None:
+            return self.restoring_force
+        return (0.0, self.linear_stiffness, 0.0, self.cubic_stiffness)
+
+
+@dataclass(frozen=True)
+class Stopper:
+    """A Hertz-damp stopper at a distance from x = 0, on one side or on both (Eq. 5).
+
+    SI: m, N/m^exponent. Scaled: δ, K.
+    """
+
+    gap: float
+    stiffness: float
+    restitution: float
+    impact_velocity: str = "energy"
+    side: str = "both"
+    exponent: float = 1.5
+    law: str = "hertz-damp"
+
+
+@dataclass(frozen=True)
+class Piezo:
+    """A piezoelectric transducer.
+
+    SI: θ in N/V, the clamped capacitance in F, the resistance of its dielectric loss in Ω.
+    Scaled: β, and 1/(R_leak Cp) as `leakage_rate`.
+    """
+
+    coupling: float
+    capacitance: float | None = None
+    leakage_resistance: float | None = None
+    leakage_rate: float | None = None
+
+
+@dataclass(frozen=True)
+class Coil:
+    """An electromagnetic transducer, SI: N/A, Ω, H."""
+
+    coupling: float
+    resistance: float
+    inductance: float = 0.0
+
+
+@dataclass(frozen=True)
+class Start:
+    """The state in which every realization starts, at rest in the wells in turn without it.
+
+    Units of the scene: m, m/s, V; without `displacement` the wells are still taken in turn.
+    """
+
+    displacement: float | None = None
+    velocity: float = 0.0
+    voltage: float = 0.0
+
+
+@dataclass(frozen=True)
+class Load:
+    """What hangs on the piezo: the built-in resistor, or a netlist.
+
+    `kind`, `resistance` (SI, Ω), `decay_rate` (scaled, λ = 1/(R Cp)) are the built-in resistor's.
+    `netlist` is a name in netlists/ or a path, `subcircuit` the one meant of its file,
+    `parameters` its values; `circuit` is what was read there
+    (circuits.loads.subcircuits.LoadCircuit).
+    """
+
+    kind: str | None = None
+    resistance: float | None = None
+    decay_rate: float | None = None
+    netlist: str | None = None
+    subcircuit: str | None = None
+    parameters: NamedValues | None = None
+    circuit: object | None = field(default=None, repr=False)
+
+    @property
+    def is_resistor(self):
+        """Whether λ describes it: the built-in resistor, or a netlist that holds only one."""
+        return self.circuit is None or self.circuit.resistance is not None
+
+
+@dataclass(frozen=True)
+class Run:
+    """Length of each realization and what is discarded before it (s); seed; how many."""
+
+    duration: float
+    settle: float = 0.0
+    seed: int = 0
+    realizations: int = 1
+
+
+# Table in the file → attribute of Scene, what builds it. `load` is the reader `Scene.load`.
+TABLES = {
+    "oscillator": ("oscillator", Oscillator),
+    "stoppers": ("stoppers", Stopper),
+    "piezo": ("piezo", Piezo),
+    "coil": ("coil", Coil),
+    "load": ("electrical_load", Load),
+    "start": ("start", Start),
+    "excitation": ("excitation", build),
+    "run": ("run", Run),
+}
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One device, its load, its excitation and its run: the input of every engine.
+
+    `Scene.load` reads one, `replace` gives a changed copy; both raise `SceneError`.
+
+    >>> Scene.load("paper").replace({"excitation.intensity": 0.1}).excitation.intensity
+    0.1
+    """
+
+    name: str
+    units: str
+    oscillator: Oscillator
+    electrical_load: Load
+    excitation: Excitation
+    run: Run
+    piezo: Piezo | None = None
+    coil: Coil | None = None
+    stoppers: tuple[Stopper, ...] = ()
+    start: Start | None = None
+    length_scale: float | None = None
+    # Of the scene's file; with a load's netlist, all folders where that is looked for, in order.
+    folder: str | tuple | None = field(default=None, compare=False, repr=False)
+
+    @staticmethod
+    def names():
+        """Names of the built-in scenes, sorted."""
+        return sorted(path.stem for path in BUILT_IN.glob("*.toml"))
+
+    @classmethod
+    def load(cls, source, overrides=()):
+        """Read a scene from a TOML file or by the name of a built-in one.
+
+        Parameters
+        ----------
+        source : str or Path
+            Built-in name, or path of a TOML file.
+        overrides : iterable of str
+            `table.key=value` as on the command line; `table=none` removes a table.
+
+        Raises
+        ------
+        SceneError
+            The file, a key or a value is not usable.
+        """
+        path = _find(source)
+        where = named(str(path))
+        try:
+            text = read_input(path, "scene", LARGEST_SCENE).decode("utf-8")
+        except UnicodeDecodeError as error:
+            raise SceneError(f"{where}: not a TOML file: {error}") from None
+        tables = read_toml(text, where)
+        name = path.stem
+        _locate_files(tables.get("excitation"), path.parent)
+        for override in texts(overrides):
+            key, value = parsed(override)
+            put(tables, key, value, "--set")
+        folder = None if path.parent == BUILT_IN else str(path.parent.absolute())
+        return cls.from_tables(tables, name=name, origin=named(str(source)), folder=folder)
+
+    @classmethod
+    def from_tables(cls, tables, name="scene", origin="scene", folder=None):
+        """Build a scene from nested dictionaries of the TOML file's form, checked.
+
+        A load's netlist is looked for in `folder`, then in the current one, and read here: the
+        scene holds its content.
+        """
+        tables = plain_tables(tables, origin)
+        checked = check_tables(tables, origin, {"excitation": KINDS})
+        if "netlist" in checked["load"]:
+            folder = _folders(folder)
+            checked["load"]["circuit"] = _read_netlist(checked["load"], folder)
+            if "parameters" in checked["load"]:
+                checked["load"]["parameters"] = NamedValues(checked["load"]["parameters"])
+        top = {key: checked[key] for key in ("units", "length_scale") if key in checked}
+        parts = {
+            attribute: _made(make, checked[table])
+            for table, (attribute, make) in TABLES.items()
+            if table in checked
+        }
+        if "stoppers" in parts and isinstance(parts["stoppers"], Stopper):
+            parts["stoppers"] = (parts["stoppers"],)
+        scene = cls(name=plain_text.name(name), folder=folder, **top, **parts)
+        scene.excitation.check(scene.units, scene.run, origin)
+        return scene
+
+    def replace(self, changes=None, /, **tables):
+        """A checked copy with other values.
+
+        Parameters
+        ----------
+        changes : dict, optional
+            Dotted keys to values, {"stoppers.gap": 1.2}.
+        **tables : dict or None
+            Tables to change key by key; None removes the table.
+        """
+        new = self.to_tables()
+        if not isinstance(changes, (dict, type(None))):
+            raise SceneError(
+                f"replace {shown(changes)}: give a dictionary of dotted keys to values"
+            )
+        for key, value in (changes or {}).items():
+            put(new, key, value, "replace")
+        for table, values in tables.items():
+            if isinstance(values, dict):
+                for key, value in values.items():
+                    name = key if isinstance(key, str) else shown(key)
+                    put(new, f"{table}.{name}", value, "replace")
+            else:
+                put(new, table, values, "replace")
+        return self.from_tables(new, name=self.name, origin=self.name, folder=self.folder)
+
+    def to_tables(self):
+        """Nested dictionaries of the TOML file's form, without what is left out."""
+        return self._tables(lambda field: field.init)
+
+    def _tables(self, kept):
+        """Nested dictionaries of the fields that `kept` says."""
+        tables = {"units": self.units}
+        if self.length_scale is not None:
+            tables["length_scale"] = self.length_scale
+        for table, (attribute, _) in TABLES.items():
+            part = getattr(self, attribute)
+            if isinstance(part, tuple):
+                plain = [_plain(each, kept) for each in part]
+                # One pair of stoppers is the table [stoppers], any others are [[stoppers]].
+                part = plain[0] if len(part) == 1 and part[0].side == "both" else plain
+                tables.update({table: part} if part else {})
+            elif part is not None:
+                tables[table] = _plain(part, kept)
+        return tables
+
+    def to_dict(self):
+        """Plain values for a result's JSON: name, digests and tables."""
+        return {"name": self.name, "sha256": self.digest(), **self._tables(lambda field: True)}
+
+    def digest(self):
+        """SHA-256 of the scene's values: the same device and run give the same digest.
+
+        A record and a load's netlist count by their content, wherever they lie.
+        """
+        text = json.dumps(self._tables(lambda field: field.name != "file"), sort_keys=True)
+        if self.electrical_load.circuit:
+            text += self.electrical_load.circuit.text
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _made(make, table):
+    """A part from its table, or a tuple of parts from several."""
+    if isinstance(table, tuple):
+        return tuple(make(**each) for each in table)
+    return make(**table)
+
+
+def _folders(folder):
+    """Where a load's netlist is looked for: a copy of the scene may be made in another folder."""
+    if isinstance(folder, tuple):
+        return folder
+    here = str(Path.cwd())
+    return tuple(dict.fromkeys((folder or here, here)))
+
+
+def _read_netlist(load, folders):
+    return circuit.read_load(
+        load["netlist"], folders, load.get("subcircuit"), load.get("parameters")
+    )
+
+
+def _plain(part, kept):
+    """A dataclass as plain values, without what is left out."""
+    values = {}
+    for each_field in dataclasses.fields(part):
+        value = getattr(part, each_field.name)
+        unused = value == each_field.default and each_field.name in RARE_KEYS
+        if not unused and value is not None and each_field.name != "circuit" and kept(each_field):
+            value = dict(value) if isinstance(value, dict) else value
+            parts = isinstance(value, tuple) and any(map(dataclasses.is_dataclass, value))
+            values[each_field.name] = [_plain(each, kept) for each in value] if parts else value
+    return values
+
+
+def _locate_files(table, folder):
+    """Make the files that a scene names relative to its own folder; faults are left alone."""
+    if not isinstance(table, dict):
+        return
+    if isinstance(table.get("file"), str):
+        table["file"] = str(folder / table["file"])
+    parts = table.get("parts")
+    for part in parts if isinstance(parts, list) else ():
+        _locate_files(part, folder)
+
+
+def _find(source):
+    """Path of a scene's file; a built-in one is not hidden by a file of that name."""
+    if not isinstance(source, (str, Path)):
+        raise SceneError(f"{shown(source)}: no scene; give a name or a path: {_listed()}")
+    if str(source) in Scene.names():
+        return BUILT_IN / f"{source}.toml"
+    path, where = Path(source), named(str(source))
+    if os.path.exists(path):
+        return path
+    if path.suffix == ".toml":
+        raise SceneError(f"{where}: no such scene file; built in are {_listed()}")
+    hint = nearest(str(source), Scene.names())
+    raise SceneError(f"{where}: no such scene{hint}; built in are {_listed()}")
+
+
+def _listed():
+    return ", ".join(Scene.names())

@@ -1,0 +1,122 @@
+"""Values of a scene by dotted keys: `table.key`, or `table[k].key` of one of several tables."""
+
+import math
+import re
+
+from harvester.errors import SceneError
+from harvester.files.plain_text import named, nearest, shown
+from harvester.scene.schema import KEYS, NESTED_TABLES, REPLACED_KEYS, SEVERAL
+from harvester.scene.toml import NotToml, read_toml
+
+# A table's name, perhaps with the place of one of several.
+PLACED = re.compile(r"([^\[\]]+)\[(\d{1,6})\]")
+
+
+def texts(overrides):
+    """A list of `table.key=value`, checked to be texts."""
+    try:
+        found = [overrides] if isinstance(overrides, str) else list(overrides)
+    except TypeError:
+        found = [overrides]
+    for text in found:
+        if not isinstance(text, str):
+            raise SceneError(f"--set {shown(text)}: write it as table.key=value")
+    return found
+
+
+def parsed(text):
+    """(key, value) of one override; None stands for "take it out"."""
+    key, separator, value = text.partition("=")
+    key, value = key.strip(), value.strip()
+    if not separator or not key or not value:
+        raise SceneError(f"--set {named(text)}: write it as table.key=value")
+    if value.lower() == "none":
+        return key, None
+    try:
+        read = read_toml(f"value = {value}", f"--set {named(key)}")
+    except NotToml:
+        return key, _number(value)
+    # A value of several lines would bring keys of its own.
+    return key, read["value"] if len(read) == 1 else value
+
+
+def _number(text):
+    """A number in a form that TOML does not know, such as .1 or 1.; other words as they are."""
+    for kind in (int, float):
+        try:
+            number = kind(text)
+        except ValueError:
+            continue
+        # "infinity" and the like stay words, which no key takes for a number.
+        return number if math.isfinite(number) else text
+    return text
+
+
+def put(tables, dotted, value, origin):
+    """Set one dotted key in nested dictionaries; None removes it. `name[k]` is one of several."""
+    if not isinstance(dotted, str):
+        raise SceneError(f"{origin} {shown(dotted)}: a key is a text, table.key")
+    where = f"{origin} {named(dotted)}"
+    *path, last = dotted.split(".")
+    if len(path) > 1 and ".".join(path) not in NESTED_TABLES and "[" not in dotted:
+        raise SceneError(f"{where}: too many dots; write it as table.key=value")
+    place = tables
+    for part in path:
+        place = _table(place, part, where)
+    for other in REPLACED_KEYS.get(dotted, ()) if value is not None else ():
+        place.pop(other, None)
+    match = PLACED.fullmatch(last)
+    if match and value is None:
+        _one_of(place, match.group(1), int(match.group(2)), where)
+        _without(place, match.group(1), int(match.group(2)))
+    elif value is None:
+        place.pop(last, None)
+    else:
+        place[last] = value
+
+
+def _table(place, part, where):
+    """The table of a name, or of `name[k]` the k-th of several, one table counting as the first."""
+    match = PLACED.fullmatch(part)
+    if match:
+        return _one_of(place, match.group(1), int(match.group(2)), where)
+    found = place.setdefault(part, {})
+    if isinstance(found, (list, tuple)) and len(found) == 1:
+        return _one_of(place, part, 0, where)
+    if isinstance(found, (list, tuple)) and found:
+        raise SceneError(
+            f"{where}: {named(part)} is several tables, {_listed(part, len(found))}; say which"
+        )
+    if not isinstance(found, dict):
+        raise SceneError(f"{where}: {named(part)} is not a table{nearest(part, KEYS)}")
+    return found
+
+
+def _one_of(place, name, index, where):
+    found = place.get(name)
+    if isinstance(found, dict) and name in SEVERAL and index == 0:
+        return found
+    if not isinstance(found, (list, tuple)):
+        there = f"no {named(name)} here{nearest(name, place)}" if found is None else "one table"
+        hint = "" if found is None else f"; write {named(name)}.key"
+        raise SceneError(f"{where}: there is {there}{hint}")
+    if index >= len(found) or not all(isinstance(each, dict) for each in found):
+        raise SceneError(
+            f"{where}: there are {len(found)} of {named(name)}: {_listed(name, len(found))}"
+        )
+    place[name] = [dict(each) for each in found]
+    return place[name][index]
+
+
+def _listed(name, count):
+    """The names of several tables."""
+    first, last = f"{named(name)}[0]", f"{named(name)}[{count - 1}]"
+    return first if count == 1 else f"{first} {'…' if count > 2 else 'and'} {last}"
+
+
+def _without(place, name, index):
+    """Take one of several tables out, the last one with the name."""
+    several = place.pop(name)
+    if isinstance(several, dict) or len(several) == 1:
+        return
+    place[name] = [each for k, each in enumerate(several) if k != index]

@@ -1,0 +1,107 @@
+"""The tables of a scene as plain Python values, within limits, before anything is looked up."""
+
+import numbers
+import tomllib
+
+import numpy as np
+
+from harvester.errors import SceneError
+from harvester.files.plain_text import named, shown
+
+# Bytes; a scene holds no data.
+LARGEST_SCENE = 2**18
+# A list of lists is one deeper than a list.
+DEEPEST = 16
+MOST_VALUES = 10_000
+LONGEST_TEXT = 4096
+# Of all lines, the squares of their numbers of dots: reading a dotted key takes the square of its
+# parts.
+MOST_DOTS_SQUARED = 4_000_000
+
+
+class NotToml(SceneError):
+    """A text does not follow TOML's rules."""
+
+
+def read_toml(text, origin):
+    """Nested dictionaries of a TOML text.
+
+    Raises
+    ------
+    SceneError
+    """
+    if len(text) > LARGEST_SCENE:
+        raise SceneError(f"{origin}: too long: {len(text)} characters; {LARGEST_SCENE} is the most")
+    if sum(line.count(".") ** 2 for line in text.split("\n")) > MOST_DOTS_SQUARED:
+        raise SceneError(f"{origin}: not a TOML file: a line with too many dots")
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise NotToml(f"{origin}: not a TOML file: {named(' '.join(str(error).split()))}") from None
+    except RecursionError:
+        raise SceneError(f"{origin}: tables or lists are nested too deeply") from None
+    # Of Python's own limit on the length of whole numbers.
+    except ValueError:
+        raise SceneError(f"{origin}: a number has too many digits") from None
+
+
+def plain_tables(tables, origin):
+    """Copy of nested dictionaries with numpy's numbers as Python's.
+
+    What a key does not accept is left for the check of that key.
+
+    Raises
+    ------
+    SceneError
+        Nested too deeply, too many values, a text too long, a key that is no text.
+    """
+    if not isinstance(tables, dict):
+        raise SceneError(f"{origin}: a scene is a dictionary of tables, not {shown(tables)}")
+    return _Copy(origin).of(tables, "", 0)
+
+
+class _Copy:
+    def __init__(self, origin):
+        self._origin = origin
+        self._count = 0
+
+    def of(self, value, where, depth):
+        self._count += 1
+        if self._count > MOST_VALUES or depth > DEEPEST:
+            limit = f"more than {MOST_VALUES} values" if depth <= DEEPEST else "nested too deeply"
+            raise SceneError(f"{self._origin}: {limit}, at {named(where)}")
+        if isinstance(value, dict):
+            names = [self._key(key, where) for key in value]
+            return {
+                name: self.of(each, f"{where}.{name}" if where else name, depth + 1)
+                for name, each in zip(names, value.values(), strict=True)
+            }
+        if isinstance(value, (list, tuple)):
+            return [self.of(each, f"{where}[{k}]", depth + 1) for k, each in enumerate(value)]
+        return self._text(value, where) if isinstance(value, str) else _plain_number(value)
+
+    def _key(self, key, where):
+        if not isinstance(key, str) or named(key) != key:
+            place = named(where) if where else "the scene"
+            raise SceneError(f"{self._origin}: {place} has the key {shown(key)}, which is no name")
+        return str(key)
+
+    def _text(self, value, where):
+        if len(value) > LONGEST_TEXT or "\0" in value:
+            fault = "holds a NUL character" if "\0" in value else f"is longer than {LONGEST_TEXT}"
+            raise SceneError(f"{self._origin}: {named(where)} = {shown(value)}: the text {fault}")
+        return str(value)
+
+
+def _plain_number(value):
+    """Python's number for one of numpy or fractions; anything else as it is."""
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    try:
+        if isinstance(value, numbers.Integral):
+            return int(value)
+        if isinstance(value, numbers.Real):
+            return float(value)
+    except (OverflowError, ZeroDivisionError):
+        pass
+    return value

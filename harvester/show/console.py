@@ -1,0 +1,179 @@
+"""What the command line shows: tables, and a progress bar on a terminal."""
+
+import contextlib
+import sys
+import threading
+import time
+
+from rich import box
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from harvester.files.plain_text import one_line
+from harvester.show.quiet import is_quiet
+
+# A bar for less is a flicker.
+SHOW_AFTER_SECONDS = 2.0
+SAY_AFTER_SECONDS = 5.0
+WIDEST = 1000
+# Of what a run still takes (s).
+LONGEST_TOLD = 1e10
+
+
+@contextlib.contextmanager
+def progress():
+    """A function (label, scene) → callback for the share done; silent when quiet.
+
+    With None for the scene the bar shows no simulated time, but the callback's own words. Off a
+    terminal there is no bar, but a line on what is left of a run that takes long.
+    """
+    console = Console(stderr=True)
+    if is_quiet():
+        yield lambda label, scene: None
+        return
+    if not console.is_terminal:
+        with contextlib.ExitStack() as opened:
+            yield lambda label, scene: opened.enter_context(contextlib.closing(_Lines(label)))
+        return
+    bar = Progress(
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TextColumn("{task.fields[rate]}", markup=False),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+    )
+    opened = time.monotonic()
+
+    def follow(label, scene):
+        total = scene and (scene.run.settle + scene.run.duration) * scene.run.realizations
+        task = bar.add_task(label, total=1.0, rate="", start=True)
+        started = time.monotonic()
+
+        def update(share, words=""):
+            elapsed = time.monotonic() - started
+            if time.monotonic() - opened > SHOW_AFTER_SECONDS:
+                bar.start()
+            rate = f"{share * total / elapsed:,.0f} s/s" if total and elapsed > 0.0 else words
+            bar.update(task, completed=share, rate=rate)
+
+        return update
+
+    try:
+        yield follow
+    finally:
+        bar.stop()
+
+
+class _Lines:
+    """Says how long a run still takes: after a few seconds, then each time it has doubled.
+
+    Also that nothing has been reported yet, where the start itself takes that long.
+    """
+
+    def __init__(self, label):
+        self._label = label
+        self._began = None
+        self._next = SAY_AFTER_SECONDS
+        self._start = threading.Timer(SAY_AFTER_SECONDS, self._say_start)
+        self._start.daemon = True
+        self._start.start()
+
+    def close(self):
+        """Say nothing more."""
+        self._start.cancel()
+
+    def _say_start(self):
+        print(f"{self._label}: starting; the first run compiles, a minute or so", file=sys.stderr)
+
+    def __call__(self, share, words=""):
+        self._start.cancel()
+        now = time.monotonic()
+        if self._began is None:
+            # Not before the first report: what the start took tells nothing of the speed.
+            self._began = now, share
+        elapsed, done = now - self._began[0], share - self._began[1]
+        if elapsed < self._next or share >= 1.0:
+            return
+        self._next = 2.0 * elapsed
+        left = f"about {_duration(elapsed * (1.0 - share) / done)} more" if done > 0.0 else words
+        print(f"{self._label}: {share:.2%} after {elapsed:.0f} s, {left}", file=sys.stderr)
+
+
+def _duration(seconds):
+    """In seconds, minutes, hours or days."""
+    if seconds > LONGEST_TOLD:
+        return "centuries"
+    for size, unit in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
+        if seconds >= 2.0 * size:
+            return f"{seconds / size:,.0f} {unit}"
+    return f"{seconds:.0f} s"
+
+
+def show_result(result, to_stderr=False):
+    """One result as a table with its evidence."""
+    table = Table(
+        title=f"{result.scene.name}: {result.engine}", box=box.SIMPLE_HEAD, title_justify="left"
+    )
+    bar = "estimate ± standard error"
+    if result.error_kind == "numerical":
+        bar = "value ± numerical error"
+    table.add_column("quantity")
+    table.add_column(bar, justify="right")
+    if result.error_kind == "statistical":
+        table.add_column("effective samples", justify="right")
+    table.add_column("unit")
+    for name, value, size, unit in result.rows():
+        cells = (
+            [name, value, unit] if result.error_kind == "numerical" else [name, value, size, unit]
+        )
+        table.add_row(*map(one_line, cells))
+    _print(table, [*result.evidence(), *result.notes], to_stderr)
+
+
+def show_table(content, title, to_stderr=False):
+    """A comparison, a work-precision diagram or a stability matrix, with its sentences.
+
+    Parameters
+    ----------
+    content : object with `scene`, `table()` and `sentences()`
+        The table's header and rows as text; the first two columns are words.
+    title : str
+        Shown after the scene's name.
+    to_stderr : bool
+        Leave standard output to JSON.
+    """
+    header, rows = content.table()
+    table = Table(title=f"{content.scene.name}: {title}", box=box.SIMPLE_HEAD, title_justify="left")
+    for place, name in enumerate(header):
+        justify = "left" if place < 2 else "right"
+        table.add_column(one_line(name), justify=justify, no_wrap=True)
+    for row in rows:
+        table.add_row(*map(one_line, row))
+    _print(table, content.sentences(), to_stderr)
+
+
+def show_engine(found, to_stderr=False):
+    """The library that was found, its features, and whether the compiled device is on."""
+    features = [name for name in ("xspice", "cider", "osdi", "klu") if found[name]]
+    lines = [
+        f"{found['version']} from {found['library']}",
+        f"features: {', '.join(features) or 'none of XSPICE, CIDER, OSDI, KLU'}",
+        f"compiled device: {found['compiled_device_off'] or 'on'}",
+    ]
+    _print(None, lines, to_stderr)
+
+
+def _print(table, lines, to_stderr):
+    if is_quiet():
+        return
+    stream = sys.stderr if to_stderr else sys.stdout
+    # As wide as the table needs: a number cut off at a terminal's edge would be worse than a
+    # line that runs on.
+    console = Console(file=stream, highlight=False, markup=False, emoji=False, width=WIDEST)
+    if table is not None:
+        console.print(table)
+    for line in lines:
+        console.print(one_line(line), soft_wrap=True)

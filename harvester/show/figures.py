@@ -1,0 +1,285 @@
+"""Figures, drawn with matplotlib when asked for."""
+
+import io
+from itertools import cycle
+from pathlib import Path
+
+import numpy as np
+
+from harvester.files.writing import whole_file
+from harvester.show.figure_settings import figure_settings
+from harvester.verification.work_precision.diagram import MEANS
+
+STYLE = Path(__file__).parent / "house.mplstyle"
+LINES = {
+    "paper": ("0.55", "--"),
+    "consistent": ("#009E73", "-"),
+    "slow_load": ("#7B3FA0", "-."),
+    "fokker_planck": ("#A50026", ":"),
+}
+# Share of its peak down to which a density is drawn.
+WORTH_DRAWING = 1e-3
+CIRCUIT, MONTE_CARLO = "#0072B2", "#D55E00"
+# Of the families of `work_precision.methods` in turn, as many of both as there are families; green,
+# grey and violet are the closures'.
+FAMILY_COLOURS = ("#E69F00", "#CC79A7", CIRCUIT, "#8C564B", "#56B4E9", MONTE_CARLO, "0.2")
+FAMILY_COLOURS += ("#117733", "#882255")
+FAMILY_MARKERS = "vdoDsP^<>"
+# Smallest bias that is drawn (%).
+LEAST_BIAS = 1e-3
+
+
+def save(draw, result, path):
+    """Draw a result into a file, whole; the suffix chooses the format.
+
+    Parameters
+    ----------
+    draw : callable
+        `draw_result`, `draw_comparison` or `draw_work_precision`.
+    result : Result, Comparison or WorkPrecision
+    path : Path
+
+    Raises
+    ------
+    OutputError
+    """
+    with whole_file(path) as file:
+        _render(draw, result, file, format=Path(path).suffix[1:])
+
+
+def picture(draw, result, format="svg"):
+    """Draw a result into bytes; see `save`."""
+    file = io.BytesIO()
+    _render(draw, result, file, format=format)
+    return file.getvalue()
+
+
+def _render(draw, result, target, **options):
+    with figure_settings(STYLE):
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+        figure = draw(result)
+        FigureCanvasAgg(figure)
+        figure.savefig(target, **options)
+
+
+def draw_result(result):
+    """Densities of displacement, velocity and voltage of one result; the fit to a record."""
+    from matplotlib.figure import Figure
+
+    panels = len(result.densities) + (result.spectrum_fit is not None)
+    figure = Figure(figsize=(3.0 * panels, 2.6))
+    for place, name in enumerate(result.densities):
+        axes = figure.add_subplot(1, panels, place + 1)
+        _density(axes, result, name, CIRCUIT, "-", None)
+        axes.set_xlabel(_axis(result, name))
+        axes.set_ylabel("probability density" if place == 0 else "")
+        axes.set_ylim(bottom=0.0)
+        axes.set_xlim(-_reach(result, name), _reach(result, name))
+    if result.spectrum_fit is not None:
+        _draw_fit(figure.add_subplot(1, panels, panels), result)
+    figure.suptitle(f"{result.scene.name}: {result.engine}", x=0.01, ha="left", fontsize=9)
+    return figure
+
+
+def _draw_fit(axes, result):
+    """The record's spectral density, the noise fitted to it, and the device's frequency."""
+    fit = result.spectrum_fit
+    axes.loglog(fit.frequency, fit.density, color="0.6", linewidth=0.8, label="record")
+    label = f"fit: D = {fit.intensity:.3g}, τ1 = {fit.correlation_time:.3g} s"
+    axes.loglog(fit.frequency, fit.fitted, color=CIRCUIT, label=label)
+    axes.axvline(fit.device_frequency, color="0.3", linestyle=":", linewidth=0.9, label="device")
+    axes.set_xlabel("frequency [Hz]")
+    unit = "(m/s²)²/Hz" if result.scene.units == "SI" else "scaled"
+    axes.set_ylabel(f"density [{unit}]")
+    axes.legend(fontsize=6)
+
+
+def draw_comparison(comparison):
+    """Density of X by every engine and closure; waveforms on one path; their difference."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 4.6))
+    grid = figure.add_gridspec(2, 2, width_ratios=(1.0, 1.4), height_ratios=(1.6, 1.0))
+    left = figure.add_subplot(grid[:, 0])
+    _draw_densities(left, comparison)
+    top = figure.add_subplot(grid[0, 1])
+    _draw_waveforms(top, figure.add_subplot(grid[1, 1], sharex=top), comparison)
+    compared = "circuit, Monte Carlo and averaging" if comparison.closures else "both engines"
+    figure.suptitle(
+        f"{comparison.scene.name}: {compared} (bands: two standard errors)",
+        x=0.01,
+        ha="left",
+        fontsize=9,
+    )
+    figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return figure
+
+
+def _draw_densities(axes, comparison):
+    for name, result in comparison.closures.items():
+        colour, style = LINES[name]
+        _density(axes, result, "displacement", colour, style, f"averaging, {name}")
+    _density(axes, comparison.monte_carlo, "displacement", MONTE_CARLO, "-", "Monte Carlo")
+    _density(axes, comparison.circuit, "displacement", CIRCUIT, "--", "circuit")
+    simulated = comparison.monte_carlo.densities["displacement"]
+    reach = max(_reach(engine, "displacement") for engine in _simulations(comparison))
+    axes.set_xlim(-reach, reach)
+    peak = simulated.density.max() / comparison.monte_carlo.scales.displacement
+    # A closure that is far off must not flatten the others.
+    axes.set_ylim(0.0, min(axes.get_ylim()[1], 2.5 * peak))
+    axes.set_xlabel(_axis(comparison.circuit, "displacement"))
+    axes.set_ylabel("probability density")
+
+
+def _draw_waveforms(top, bottom, comparison):
+    circuit, reference = comparison.circuit.waveform, comparison.monte_carlo.waveform
+    unit = comparison.circuit.scales.displacement
+    top.plot(reference.time, reference.displacement * unit, color=MONTE_CARLO)
+    top.plot(circuit.time, circuit.displacement * unit, "--", color=CIRCUIT)
+    top.set_ylabel(_axis(comparison.circuit, "displacement"))
+    top.set_title("the same noise path")
+    # Both have every knot of the noise among their points.
+    difference = np.interp(reference.time, circuit.time, circuit.displacement)
+    knots = np.isin(np.round(reference.time, 9), np.round(circuit.time, 9))
+    difference = (difference - reference.displacement)[knots] * unit
+    bottom.plot(reference.time[knots], difference, color="0.2", linewidth=0.8)
+    bottom.set_ylabel("difference")
+    bottom.set_title("circuit − Monte Carlo")
+    bottom.set_xlabel("time [s]")
+
+
+def draw_work_precision(diagram):
+    """Strong error and bias of every method over its seconds per simulated unit."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 5.6))
+    grid = figure.add_gridspec(3, 2, width_ratios=(1.0, 1.15))
+    left = figure.add_subplot(grid[:, 0])
+    families = dict.fromkeys(row.method.family for row in diagram.rows)
+    marks = dict(zip(families, zip(cycle(FAMILY_COLOURS), cycle(FAMILY_MARKERS)), strict=False))
+    _draw_strong_errors(left, diagram, marks)
+    right = None
+    for place, name in enumerate(MEANS):
+        right = figure.add_subplot(grid[place, 1], sharex=right)
+        _draw_biases(right, diagram, name, marks)
+        right.tick_params(labelbottom=place == 2)
+    right.set_xlabel("seconds per simulated second, one core")
+    figure.suptitle(
+        f"{diagram.scene.name}: error against run time "
+        f"({diagram.machine['date']}, {diagram.machine['cores']} cores)",
+        x=0.01,
+        ha="left",
+        fontsize=9,
+    )
+    handles = [*zip(*left.get_legend_handles_labels(), strict=True)]
+    handles += zip(*right.get_legend_handles_labels(), strict=True)
+    figure.legend(*zip(*handles, strict=True), loc="outside lower center", ncols=3)
+    return figure
+
+
+def _draw_strong_errors(axes, diagram, marks):
+    for family, (colour, marker) in marks.items():
+        rows = [row for row in diagram.rows if row.method.family == family]
+        order, theory = diagram.orders[family]["displacement"], rows[0].method.order
+        label = f"{family}: order {order:.1f} ({theory})" if np.isfinite(order) else family
+        axes.plot(
+            [row.seconds_per_unit for row in rows],
+            [row.strong["displacement"] for row in rows],
+            marker=marker,
+            markersize=4,
+            color=colour,
+            label=label,
+        )
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.grid(alpha=0.2)
+    axes.set_xlabel("seconds per simulated second, one core")
+    axes.set_ylabel("RMS error of X [scaled]")
+    axes.set_title(f"strong error over {diagram.horizon:.3g} s, {diagram.paths} paths")
+
+
+def _draw_biases(axes, diagram, name, marks):
+    """One mean's |bias| with two standard errors, over what its run's length can show."""
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_ylim(LEAST_BIAS, 1e3)
+    for row in diagram.rows:
+        bias = row.bias.get(name)
+        if bias is None or bias.estimate == 0.0:
+            continue
+        colour, marker = marks[row.method.family]
+        size, reach = 100.0 * abs(bias.estimate), 200.0 * (bias.standard_error or 0.0)
+        axes.errorbar(
+            row.seconds_per_unit,
+            size,
+            [[min(reach, 0.999 * size)], [reach]],
+            fmt=marker,
+            markersize=4,
+            color=colour,
+            elinewidth=0.8,
+            # Hollow: no error bar could be given.
+            markerfacecolor=colour if reach else "none",
+        )
+    _draw_sampling_error(axes, diagram, name)
+    for closure in diagram.closures:
+        colour, style = LINES[closure]
+        deviation = 100.0 * abs(diagram.deviation(closure, name).estimate)
+        axes.axhline(
+            deviation, color=colour, linestyle=style, linewidth=0.9, label=f"averaging, {closure}"
+        )
+    axes.set_ylabel("|bias| [%]")
+    axes.set_title(f"weak error: {name.replace('_', ' ')}, two standard errors")
+
+
+def _draw_sampling_error(axes, diagram, name):
+    """σ/√N of the runs of each length, over the methods that had it: below is noise."""
+    for label, brief in (("sampling error σ/√N of the run", False), (None, True)):
+        rows = [row for row in diagram.rows if row.method.brief == brief and row.sampling]
+        if not rows:
+            continue
+        times = [row.seconds_per_unit for row in rows]
+        span, level = [min(times) / 1.4, max(times) * 1.4], 100.0 * rows[0].sampling[name]
+        axes.fill_between(span, LEAST_BIAS, level, color="0.5", alpha=0.15, lw=0)
+        axes.plot(span, [level, level], color="0.3", linewidth=0.9, label=label)
+
+
+def _density(axes, result, name, colour, style, label):
+    """One density in the scene's units, with a band of two standard errors."""
+    density = result.densities[name]
+    unit = result.scales.of(density.dimension)
+    centre, values = density.centre * unit, density.density / unit
+    if density.standard_error is not None:
+        band = 2.0 * density.standard_error / unit
+        axes.fill_between(centre, values - band, values + band, color=colour, alpha=0.25, lw=0)
+    axes.plot(centre, values, style, color=colour, label=label)
+
+
+def _simulations(comparison):
+    return comparison.circuit, comparison.monte_carlo
+
+
+def _reach(result, name):
+    """How far out a density is worth drawing, in the scene's units."""
+    density = result.densities[name]
+    drawn = np.abs(density.centre[density.density > WORTH_DRAWING * density.density.max()])
+    return 1.1 * drawn.max() * result.scales.of(density.dimension)
+
+
+def _axis(result, name):
+    unit = result.unit(name)
+    return f"{name} [{'scaled' if unit.startswith('scaled') else unit}]"
+
+
+def draw_frequency_response(response):
+    """Amplitude, voltage and power over frequency."""
+    from harvester.show.frequency_figure import draw
+
+    return draw(response)
+
+
+def draw_stability(matrix):
+    """The coloured grid of `harvester stability`."""
+    from harvester.verification.stability.figure import draw
+
+    return draw(matrix)

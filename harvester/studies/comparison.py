@@ -1,0 +1,207 @@
+"""`validate`: one scene by circuit, Monte Carlo and averaging, side by side."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from harvester.averaging import CLOSURES
+from harvester.averaging.of_scene import average
+from harvester.device import timescales
+from harvester.engines.workers import WorkerPool
+from harvester.errors import AveragingError
+from harvester.estimates.paired import paired_difference
+from harvester.files.writing import finite
+from harvester.results import Result, with_error
+from harvester.scene.units import scale
+from harvester.simulation import simulate
+
+COMPARED = (
+    "mean_square_voltage",
+    "rms_voltage",
+    "mean_power",
+    "power_conversion_efficiency",
+    "mean_square_displacement",
+    "mean_square_velocity",
+)
+# Difference as a share that is rounding, where neither has an error.
+SAME = 1e-9
+# Length of the waveform that is shown, in periods of small oscillations.
+SHOWN_PERIODS = 20
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Results of one scene and what lies between them.
+
+    Attributes
+    ----------
+    circuit, monte_carlo : Result
+        On the same noise paths.
+    closures : dict of str to Result
+        Those that hold for the scene.
+    refused : dict of str to str
+        Closures that do not, with the reason.
+    paired : dict of str to Estimate
+        Circuit minus Monte Carlo as a share of Monte Carlo, with the error of the paired
+        difference: the bias of the circuit's step.
+    """
+
+    circuit: Result
+    monte_carlo: Result
+    closures: dict
+    refused: dict
+    paired: dict
+
+    @property
+    def scene(self):
+        """The scene that all of them share."""
+        return self.circuit.scene
+
+    def difference(self, name):
+        """Circuit minus Monte Carlo in joint standard errors; nan without error bars.
+
+        The joint error takes the two as independent: the same noise makes it conservative.
+        """
+        a = self.circuit.scaled_quantities[name]
+        b = self.monte_carlo.scaled_quantities[name]
+        if a.standard_error is None or b.standard_error is None:
+            return math.nan
+        joint = math.hypot(a.standard_error, b.standard_error)
+        if joint == 0.0:
+            return 0.0 if math.isclose(a.estimate, b.estimate, rel_tol=SAME) else math.inf
+        return (a.estimate - b.estimate) / joint
+
+    def deviation(self, closure, name):
+        """A closure's deviation from Monte Carlo as a share, and in standard errors."""
+        value = self.closures[closure].scaled_quantities[name].estimate
+        reference = self.monte_carlo.scaled_quantities[name]
+        share = value / reference.estimate - 1.0 if reference.estimate else math.nan
+        error = reference.standard_error
+        return share, (value - reference.estimate) / error if error else math.nan
+
+    def table(self):
+        """Header and rows of the table, as text."""
+        header = ["quantity", "unit", "circuit", "Monte Carlo", "difference", "paired bias"]
+        header += [name for name in self.closures]
+        rows = [self._row(name) for name in COMPARED]
+        seconds = ["wall time", "s", f"{self.circuit.wall_seconds:.2f}"]
+        seconds += [f"{self.monte_carlo.wall_seconds:.2f}", "", ""]
+        seconds += [f"{result.wall_seconds:.2f}" for result in self.closures.values()]
+        return header, [*rows, seconds]
+
+    def _row(self, name):
+        circuit = self.circuit.quantity(name)
+        row = [
+            name.replace("_", " "),
+            self.circuit.unit(circuit.dimension).split()[0],
+            with_error(circuit),
+            with_error(self.monte_carlo.quantity(name)),
+            _sigmas(self.difference(name), 2),
+            _percent(self.paired.get(name)),
+        ]
+        for closure, result in self.closures.items():
+            share, sigma = self.deviation(closure, name)
+            value = result.quantity(name).estimate
+            row.append(f"{value:.4g} ({share:+.1%}, {_sigmas(sigma, 0)})")
+        return row
+
+    def sentences(self):
+        """What the numbers say, one line each."""
+        lines = [f"{engine.engine}: {'; '.join(engine.evidence())}" for engine in self._engines()]
+        differences = {name: abs(self.difference(name)) for name in COMPARED}
+        bare = [name for name, sigma in differences.items() if math.isnan(sigma)]
+        judged = [sigma for sigma in differences.values() if not math.isnan(sigma)]
+        if judged:
+            verdict = "agree" if max(judged) <= 3.0 else "DISAGREE"
+            lines.append(
+                f"circuit and Monte Carlo {verdict}: at most {max(judged):.1f} joint standard "
+                "errors apart"
+            )
+        if bare:
+            names = ", ".join(name.replace("_", " ") for name in bare)
+            lines.append(f"too short for an error bar of {names}: raise run.duration")
+        lines += [f"closure {name} refused: {reason}" for name, reason in self.refused.items()]
+        return [*lines, *dict.fromkeys((*self.circuit.notes, *self.monte_carlo.notes))]
+
+    def _engines(self):
+        return (self.circuit, self.monte_carlo)
+
+    def to_dict(self):
+        """Plain values for JSON."""
+        results = [*self._engines(), *self.closures.values()]
+        return {
+            "scene": self.scene.to_dict(),
+            "results": {result.engine: result.to_dict() for result in results},
+            "refused": dict(self.refused),
+            "difference_in_standard_errors": {
+                name: finite(self.difference(name)) for name in COMPARED
+            },
+            "paired_bias": {
+                name: {
+                    "estimate": finite(estimate.estimate),
+                    "standard_error": finite(estimate.standard_error),
+                    "unit": "1",
+                }
+                for name, estimate in self.paired.items()
+            },
+            "closure_deviation": {
+                closure: {name: finite(self.deviation(closure, name)[0]) for name in COMPARED}
+                for closure in self.closures
+            },
+        }
+
+
+def validate(scene, *, step="default", workers=None, time_limit=3600.0, progress=None):
+    """Compute a scene's quantities by circuit, Monte Carlo and every closure.
+
+    Parameters
+    ----------
+    scene : Scene
+    step, workers, time_limit
+        See `harvester.simulate`.
+    progress : callable or None
+        Given (label, scene), returns the callback for the share done.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    HarvesterError, SimulationError
+    """
+    parameters, _ = scale(scene)
+    shown = SHOWN_PERIODS * 2.0 * math.pi / timescales.angular_frequency(parameters)
+    closures, refused = {}, {}
+    for closure in CLOSURES:
+        try:
+            closures[closure] = average(scene, closure)
+        except AveragingError as error:
+            refused[closure] = str(error)
+    with WorkerPool(scene.run.realizations, workers) as pool:
+        results = [
+            simulate(
+                scene,
+                engine,
+                step=step,
+                time_limit=time_limit,
+                window=(0.0, shown),
+                progress=progress(engine, scene) if progress else None,
+                pool=pool,
+            )
+            for engine in ("circuit", "monte-carlo")
+        ]
+    return Comparison(*results, closures, refused, paired_difference(*results))
+
+
+def _sigmas(number, places):
+    return "no error bar" if math.isnan(number) else f"{number:+.{places}f} σ"
+
+
+def _percent(estimate):
+    if estimate is None or not np.isfinite(estimate.estimate):
+        return "—"
+    if estimate.standard_error is None:
+        return f"{estimate.estimate:+.2%}"
+    return f"{estimate.estimate:+.2%} ± {estimate.standard_error:.2%}"

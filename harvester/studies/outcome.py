@@ -1,0 +1,182 @@
+"""What a study says: each load's optimum, their ranking, a table, sentences."""
+
+import itertools
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from harvester.estimates.estimate import Estimate
+from harvester.results import with_error
+from harvester.studies.curves import optimum_of, rank
+from harvester.studies.evaluation import COMPLETE
+from harvester.studies.study import Study
+
+
+@dataclass(frozen=True)
+class Report:
+    """A study with what follows from it."""
+
+    study: Study
+
+    @property
+    def scene(self):
+        """For the table's title."""
+        return self.study.grid.scene
+
+    @property
+    def unit(self):
+        """Of power."""
+        return "W" if self.scene.units == "SI" else "scaled power"
+
+    @cached_property
+    def evaluations(self):
+        """Array of the grid's shape: loads, then the sweeps."""
+        grid = self.study.grid
+        shape = (len(grid.loads), *(len(values) for values in grid.sweeps.values()))
+        array = np.empty(shape, dtype=object)
+        for place, evaluation in zip(np.ndindex(shape), self.study.evaluations, strict=True):
+            array[place] = evaluation
+        return array
+
+    @cached_property
+    def curve_keys(self):
+        """Keys of the sweep that optima are sought along, and of the others."""
+        keys, curve = list(self.study.grid.sweeps), self.study.grid.curve
+        if curve is None:
+            return None, []
+        return keys[curve], keys[:curve] + keys[curve + 1 :]
+
+    @cached_property
+    def curves(self):
+        """Evaluations with the optimum's sweep last: loads, other sweeps, places."""
+        if self.study.grid.curve is None:
+            return self.evaluations[..., None]
+        return np.moveaxis(self.evaluations, self.study.grid.curve + 1, -1)
+
+    @cached_property
+    def optima(self):
+        """CurveOptimum of each curve: loads, other sweeps."""
+        key, _ = self.curve_keys
+        places = self.study.grid.sweeps[key] if key else (0.0,)
+        order = np.argsort(places)
+        found = np.empty(self.curves.shape[:-1], dtype=object)
+        for where in np.ndindex(found.shape):
+            row = [self.curves[where][k] for k in order]
+            powers, series = [e.plain_power for e in row], [e.series for e in row]
+            optimum = optimum_of([places[k] for k in order], powers, series)
+            found[where] = optimum, None if optimum.best is None else int(order[optimum.best])
+        return found
+
+    def best(self, where):
+        """Evaluation at the highest point of a curve, or None."""
+        place = self.optima[where][1]
+        return None if place is None else self.curves[where][place]
+
+    @cached_property
+    def rankings(self):
+        """(order, differences) at each place of the other sweeps."""
+        loads = self.study.grid.loads
+        found = {}
+        for other in np.ndindex(self.optima.shape[1:]):
+            best = {load: self.best((k, *other)) for k, load in enumerate(loads)}
+            best = {load: e for load, e in best.items() if e}
+            powers = {load: e.plain_power for load, e in best.items()}
+            found[other] = rank(powers, {load: e.series for load, e in best.items()})
+        return found
+
+    def others(self):
+        """Places of the other sweeps with their values as text, "" where there are none."""
+        _, keys = self.curve_keys
+        values = [self.study.grid.sweeps[key] for key in keys]
+        for other in itertools.product(*(range(len(each)) for each in values)):
+            words = [
+                f"{key} = {each[k]:g}" for key, each, k in zip(keys, values, other, strict=True)
+            ]
+            yield other, ", ".join(words)
+
+    def table(self):
+        """Header and rows: each load's optimum."""
+        key = self.curve_keys[0]
+        header = ["load", "at", f"highest at {key or 'the scene'}", "optimum", "interval"]
+        header += [f"output power [{self.unit}]", "efficiency", "realizations", "note"]
+        rows = []
+        for other, words in self.others():
+            for k, load in enumerate(self.study.grid.loads):
+                rows.append([load, words, *self._row((k, *other), key)])
+        return header, rows
+
+    def _row(self, where, key):
+        optimum, place = self.optima[where]
+        if place is None:
+            return ["—", "—", "—", "—", "—", "0", self.curves[where][0].outcome]
+        best = self.best(where)
+        efficiency = best.estimates.get("end_to_end_efficiency") or best.estimates.get(
+            "power_conversion_efficiency_of_input"
+        )
+        notes = [optimum.note, "" if best.outcome == COMPLETE else best.outcome]
+        if self.study.precision and best.realizations:
+            notes.append(self._precision(best))
+        inside = math.isfinite(optimum.low)
+        return [
+            f"{self.study.grid.sweeps[key][place]:.4g}" if key else "",
+            f"{optimum.place:.4g}" if inside else "—",
+            f"{optimum.low:.4g} … {optimum.high:.4g}" if inside else "—",
+            with_error(best.estimates["output_power"]),
+            with_error(efficiency) if efficiency else "—",
+            str(best.realizations),
+            "; ".join(note for note in notes if note),
+        ]
+
+    def _precision(self, evaluation):
+        reached, asked = evaluation.relative_error, self.study.precision
+        said = f"{reached:.1%}" if math.isfinite(reached) else "no error bar"
+        return said if reached <= asked else f"{said}, not the {asked:.1%} asked for"
+
+    def sentences(self):
+        """The ranking, what precision was reached, how it ended, what was run."""
+        lines = [line for other, words in self.others() for line in self._ranking(other, words)]
+        lines += self._failures()
+        study, run = self.study, self.scene.run
+        total = len(study.evaluations)
+        if study.precision:
+            done = sum(e.relative_error <= study.precision for e in study.evaluations)
+            lines.append(f"{done} of {total} points within {study.precision:.1%}")
+        if study.out_of_time:
+            lines.append("the time budget was spent: the same command goes on where it ended")
+        gains = [e.gain for e in study.evaluations if e.gain > 1.0]
+        if gains:
+            lines.append(
+                f"control variate (Monte Carlo of the matched resistor) at {len(gains)} of {total} "
+                f"points: worth {min(gains):.1f} to {max(gains):.1f} times the samples"
+            )
+        lines += [*study.grid.notes, *study.warnings]
+        if any(e.realizations for e in study.evaluations):
+            lines.append(
+                f"{study.method}: realizations of {run.duration:g} s after {run.settle:g} s, "
+                f"seed {run.seed}, the same noise for all points"
+            )
+        lines.append(
+            f"{study.computed} pieces computed, {study.reused} taken from before; "
+            f"{study.wall_seconds:.0f} s"
+        )
+        return lines
+
+    def _ranking(self, other, words):
+        order, differences = self.rankings[other]
+        if len(order) < 2:
+            return
+        yield f"ranking at the optima{f', {words}' if words else ''}: {' > '.join(order)}"
+        for each in differences:
+            if order.index(each.worse) == order.index(each.better) + 1:
+                estimate = Estimate(100.0 * each.estimate, 100.0 * each.standard_error, None, "1")
+                distance = each.estimate / each.standard_error if each.standard_error else math.nan
+                sure = f", {distance:.1f} standard errors" if math.isfinite(distance) else ""
+                yield f"  {each.better} over {each.worse}: {with_error(estimate)} % (paired){sure}"
+
+    def _failures(self):
+        for point, evaluation in zip(self.study.grid.points, self.study.evaluations, strict=True):
+            if evaluation.outcome != COMPLETE:
+                place = ", ".join(f"{value:g}" for value in point.place)
+                yield f"{point.load} at {place}: {evaluation.outcome}"

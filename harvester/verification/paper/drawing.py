@@ -1,0 +1,258 @@
+"""The paper's figures, drawn as the paper draws them: lines for theory, symbols for simulation."""
+
+import numpy as np
+
+from harvester.averaging import AVERAGED
+from harvester.show.figures import WORTH_DRAWING
+from harvester.studies.sweep import failed
+from harvester.verification.paper.figures_list import SYMBOLS
+
+# Of a panel's curves in turn: blue and red as in the paper, then green.
+COLOURS = ("#0077BB", "#CC3311", "#009988")
+# Of the closures from the last, which is the default, to the first.
+STYLES = ("-", "--", ":", "-.")
+# Monte Carlo and circuit.
+MARKS = {"monte-carlo": "o", "circuit": "s"}
+NAMES = {
+    "mean_square_voltage": "$E[V^2]$",
+    "mean_power": "$E[P]$",
+    "power_conversion_efficiency": "PCE [%]",
+}
+PERCENT = ("power_conversion_efficiency",)
+LETTERS = "abc"
+# Symbols of a density from one end of the axis to the other.
+SYMBOLS_ACROSS = 36
+# Opacity of a symbol whose run was too short for rare jumps.
+FADED = 0.35
+# Width of an entry of the legend below a figure (inches).
+LEGEND_ENTRY = 1.9
+# Fig. 2's frequency falls to 0 at the separatrix, in a trench narrower than the grid below this
+# (rad/s).
+TRENCH = 1.0
+# How far a density or a curve may rise above the simulated ones before it is cut off.
+HEADROOM = 2.2
+
+
+def draw(content):
+    """Figure of a Reproduction, Surfaces or FrequencyResponse."""
+    by_name = {"fig2": _draw_surfaces, "fig3": _draw_frequency_response}
+    if content.name in by_name:
+        return by_name[content.name](content)
+    return _draw_densities(content) if content.figure.kind == "density" else _draw_sweeps(content)
+
+
+def _figure(content, title, width, height):
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height))
+    number = content.name.removeprefix("fig")
+    figure.suptitle(f"Fig. {number}: {title}", x=0.01, ha="left", fontsize=10)
+    return figure
+
+
+def _style(closure):
+    return STYLES[(len(AVERAGED) - 1 - AVERAGED.index(closure)) % len(STYLES)]
+
+
+def _draw_sweeps(content):
+    """A row of axes for each quantity, a column for each panel."""
+    rows, columns = len(content.figure.quantities), len(content.figure.panels)
+    width = 3.3 * columns + (2.0 if columns == 1 else 0.0)
+    figure = _figure(content, content.figure.title, width, 2.6 * rows + 1.1)
+    axes = figure.subplots(rows, columns, sharex="col", squeeze=False)
+    for place, (panel, lines) in enumerate(zip(content.figure.panels, content.lines, strict=True)):
+        for row, quantity in enumerate(content.figure.quantities):
+            _draw_curves(axes[row, place], panel, lines, quantity)
+            axes[row, place].set_ylabel(NAMES[quantity] if place == 0 else "")
+        if columns > 1:
+            axes[0, place].set_title(f"({LETTERS[place]})")
+        axes[-1, place].set_xlabel(f"${_tex(panel.swept)}$")
+        _curve_legend(axes[0, place], panel)
+    _method_legend(figure, content)
+    return figure
+
+
+def _draw_curves(axes, panel, lines, quantity):
+    factor = 100.0 if quantity in PERCENT else 1.0
+    for colour, line in zip(COLOURS, lines, strict=False):
+        for method, points in line.items():
+            if method not in MARKS:
+                # What was refused is a gap, never a line drawn past it.
+                y = [
+                    np.nan if failed(outcome) else factor * outcome.quantities[quantity].estimate
+                    for _, outcome in points
+                ]
+                axes.plot([value for value, _ in points], y, _style(method), color=colour)
+                continue
+            for value, answer in points:
+                if failed(answer):
+                    continue
+                estimate = answer.quantities[quantity]
+                bar = 2.0 * factor * (estimate.standard_error or np.nan)
+                opacity = FADED if answer.misses_jumps else 1.0
+                _symbols(axes, method, value, factor * estimate.estimate, bar, colour, opacity)
+    axes.set_ylim(bottom=0.0)
+
+
+def _symbols(axes, method, x, y, errors, colour, opacity=1.0):
+    """Hollow circles for Monte Carlo, filled squares for the circuit, bars of ± `errors`."""
+    axes.errorbar(
+        x,
+        y,
+        errors,
+        fmt=MARKS[method],
+        color=colour,
+        # A hollow circle fits into a square: both are seen where they agree.
+        markersize=4.0 if method == "monte-carlo" else 6.0,
+        markerfacecolor="white" if method == "monte-carlo" else colour,
+        markeredgecolor=colour if method == "monte-carlo" else "black",
+        elinewidth=0.9,
+        capsize=2,
+        alpha=opacity,
+        zorder=4 if method == "monte-carlo" else 3,
+    )
+
+
+def _draw_densities(content):
+    columns = len(content.figure.panels)
+    figure = _figure(content, content.figure.title, 3.4 * columns, 3.6)
+    axes = figure.subplots(1, columns, squeeze=False)[0]
+    for place, (panel, lines) in enumerate(zip(content.figure.panels, content.lines, strict=True)):
+        highest, reach = 0.0, 0.0
+        for colour, line in zip(COLOURS, lines, strict=False):
+            for method, ((_, outcome),) in line.items():
+                if failed(outcome):
+                    continue
+                density = outcome.density
+                if method in MARKS:
+                    _density_symbols(axes[place], method, density, colour)
+                    drawn = density.density > WORTH_DRAWING * density.density.max()
+                    reach = max(reach, np.abs(density.centre[drawn]).max())
+                    highest = max(highest, density.density.max())
+                else:
+                    style = _style(method)
+                    axes[place].plot(density.centre, density.density, style, color=colour)
+        if highest > 0.0:
+            axes[place].set_xlim(-1.05 * reach, 1.05 * reach)
+            axes[place].set_ylim(0.0, min(axes[place].get_ylim()[1], HEADROOM * highest))
+        axes[place].set_title(f"({LETTERS[place]})")
+        axes[place].set_xlabel("$X$")
+        axes[place].set_ylabel("$p(X)$" if place == 0 else "")
+        _curve_legend(axes[place], panel)
+    _method_legend(figure, content)
+    return figure
+
+
+def _density_symbols(axes, method, density, colour):
+    drawn = np.count_nonzero(density.density > WORTH_DRAWING * density.density.max())
+    step = max(1, drawn // SYMBOLS_ACROSS)
+    # Symbols of the two engines on different bins, so that neither hides the other.
+    every = slice(0 if method == "monte-carlo" else step // 2, None, step)
+    errors = density.standard_error
+    bars = np.full(density.centre.shape, np.nan) if errors is None else 2.0 * errors
+    _symbols(axes, method, density.centre[every], density.density[every], bars[every], colour)
+
+
+def _curve_legend(axes, panel):
+    from matplotlib.lines import Line2D
+
+    handles = [
+        Line2D([], [], color=colour, label=f"${_tex(key)} = {value:g}$")
+        for colour, curve in zip(COLOURS, panel.curves, strict=False)
+        for key, value in curve.changes
+    ]
+    axes.legend(handles=handles, fontsize=8, handlelength=1.2)
+
+
+def _method_legend(figure, content):
+    from matplotlib.lines import Line2D
+
+    handles = []
+    for method in content.lines[0][0]:
+        if method in MARKS:
+            hollow = "white" if method == "monte-carlo" else "0.2"
+            label = {"monte-carlo": "Monte Carlo", "circuit": "circuit"}[method]
+            mark = {"marker": MARKS[method], "linestyle": "none", "markerfacecolor": hollow}
+        else:
+            label, mark = f"averaging, {method}", {"linestyle": _style(method)}
+        handles.append(Line2D([], [], color="0.2", label=label, **mark))
+    words = ["bars: two standard errors; faded: the run was too short for rare jumps"]
+    if content.refused:
+        methods = ", ".join(dict.fromkeys(method for method, *_ in content.refused))
+        words.append(f"no answer at some points ({methods}): why is in {content.name}.json")
+    figure.legend(
+        handles=handles,
+        loc="outside lower center",
+        ncols=min(len(handles), int(figure.get_figwidth() / LEGEND_ENTRY)),
+        title="\n".join(words),
+        title_fontsize=8,
+    )
+
+
+def _tex(key):
+    return {
+        "δr": r"\delta_r",
+        "τ1": r"\tau_1",
+        "λ": r"\lambda",
+        "β": r"\beta",
+    }.get(SYMBOLS[key], SYMBOLS[key])
+
+
+def _draw_surfaces(content):
+    figure = _figure(content, "energy and frequency of the undisturbed system", 9.0, 4.2)
+    x, v = np.meshgrid(content.displacement, content.velocity)
+    drawn = (
+        (content.energy, "$H$", ""),
+        (np.maximum(content.frequency, TRENCH), r"$\omega$", f"cut off below {TRENCH:g} rad/s"),
+    )
+    for place, (surface, label, words) in enumerate(drawn):
+        axes = figure.add_subplot(1, 2, place + 1, projection="3d")
+        axes.plot_surface(
+            x, v, surface, cmap="viridis", linewidth=0, antialiased=False, rcount=121, ccount=121
+        )
+        axes.set_title(f"({LETTERS[place]}) {words}")
+        axes.set_xlabel("$X$")
+        axes.set_ylabel(r"$\dot X$")
+        axes.set_zlabel(label)
+        axes.set_box_aspect((1.0, 1.0, 0.75), zoom=0.9)
+    return figure
+
+
+def _draw_frequency_response(content):
+    figure = _figure(content, "voltage over frequency with and without impact", 6.0, 4.2)
+    axes = figure.add_subplot()
+    looks = {
+        "without": ("black", "--", "without impact, $K = 0$"),
+        "with stoppers": (COLOURS[1], "-", f"with impact, $K = {_stiffness(content):g}$"),
+    }
+    for device, (colour, style, label) in looks.items():
+        for name, response in content.responses[device].items():
+            frequency = np.concatenate([response.frequency, response.frequency[::-1]])
+            outline = np.concatenate([response.highest, response.lowest[::-1]])
+            text = label if name == "wells" else None
+            axes.fill(frequency, outline, facecolor=colour, alpha=0.08)
+            axes.plot(frequency, outline, style, color=colour, label=text)
+            for column in (1, 2):
+                axes.plot(
+                    response.checked[:, 0],
+                    response.checked[:, column],
+                    "o" if device == "with stoppers" else "s",
+                    color=colour,
+                    markersize=4,
+                    markerfacecolor="white",
+                )
+    axes.set_xlabel(r"$\omega$ [rad/s]")
+    axes.set_ylabel("$V$")
+    figure.legend(
+        loc="outside lower center",
+        ncols=2,
+        title="lines: Eq. 10 along each orbit; symbols: Eq. 4b itself, whose V has no mean:\n"
+        "inside a well Eq. 10 measures it from the well's bottom",
+        title_fontsize=8,
+    )
+    return figure
+
+
+def _stiffness(content):
+    (pair,) = content.scene.stoppers
+    return pair.stiffness

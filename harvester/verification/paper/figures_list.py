@@ -1,0 +1,167 @@
+"""The source paper's Figs. 4 to 10 as data: what is swept, where, and what is drawn.
+
+Values are those of the captions and of Sect. 4; whatever a curve does not change is the scene's
+(D = 0.02, τ1 = 0.4). Figs. 2 and 3 show orbits without noise, see `orbit_maps`.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+GAP, RESTITUTION, STIFFNESS = "stoppers.gap", "stoppers.restitution", "stoppers.stiffness"
+COUPLING, DECAY_RATE = "piezo.coupling", "load.decay_rate"
+INTENSITY, CORRELATION_TIME = "excitation.intensity", "excitation.correlation_time"
+SYMBOLS = {
+    GAP: "δr",
+    RESTITUTION: "e",
+    STIFFNESS: "K",
+    COUPLING: "β",
+    DECAY_RATE: "λ",
+    INTENSITY: "D",
+    CORRELATION_TIME: "τ1",
+}
+VOLTAGE, POWER, EFFICIENCY = (
+    "mean_square_voltage",
+    "mean_power",
+    "power_conversion_efficiency",
+)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Values that one line of a panel stands for, {} for the scene's own."""
+
+    changes: tuple
+
+    @property
+    def label(self):
+        """ "τ1 = 0.4"."""
+        return ", ".join(f"{SYMBOLS[key]} = {value:g}" for key, value in self.changes)
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One of a figure's panels.
+
+    Attributes
+    ----------
+    swept : str
+        The scene's key along the axis; for densities the one that tells the curves apart.
+    first, last : float
+        Ends of the axis; not used for densities.
+    curves : tuple of Curve
+    quick, full : int
+        Monte Carlo points of a curve with and without --quick; lines have one more between
+        any two.
+    """
+
+    swept: str
+    first: float
+    last: float
+    curves: tuple
+    quick: int = 4
+    full: int = 7
+
+    def values(self, quick):
+        """(of the closures, of Monte Carlo): the second are among the first."""
+        number = self.quick if quick else self.full
+        simulated = np.linspace(self.first, self.last, number)
+        lines = np.linspace(self.first, self.last, 2 * number - 1)
+        return [_rounded(v) for v in lines], [_rounded(v) for v in simulated]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure.
+
+    Attributes
+    ----------
+    title : str
+    kind : str
+        "density" or "sweep".
+    quantities : tuple of str
+        One row of panels each; empty for densities.
+    panels : tuple of Panel
+    """
+
+    title: str
+    kind: str
+    quantities: tuple
+    panels: tuple
+
+
+def _rounded(value):
+    """Without the last bits, so that curves share the scenes that they have in common."""
+    return float(f"{value:.12g}")
+
+
+def _curves(key, *values):
+    return tuple(Curve(((key, value),)) for value in values)
+
+
+def _density(key, *values):
+    return Panel(key, min(values), max(values), _curves(key, *values))
+
+
+def _efficiency_panels(swept, first, last, points):
+    curves = (
+        _curves(GAP, 1.1, 1.2, 1.3),
+        _curves(RESTITUTION, 0.4, 0.7, 1.0),
+        _curves(STIFFNESS, 1.0, 7.0, 13.0),
+    )
+    return tuple(Panel(swept, first, last, three, *points) for three in curves)
+
+
+TWO_NOISES = _curves(CORRELATION_TIME, 0.4, 1.0)
+
+FIGURES = {
+    "fig4": Figure(
+        "Density of the displacement: stoppers",
+        "density",
+        (),
+        (_density(GAP, 1.0, 1.2), _density(RESTITUTION, 0.5, 0.9), _density(STIFFNESS, 5.0, 13.0)),
+    ),
+    "fig5": Figure(
+        "Density of the displacement: noise",
+        "density",
+        (),
+        (_density(INTENSITY, 0.03, 0.1), _density(CORRELATION_TIME, 0.4, 1.0)),
+    ),
+    "fig6": Figure(
+        "Mean square voltage and mean power: stoppers",
+        "sweep",
+        (VOLTAGE, POWER),
+        (
+            Panel(GAP, 0.95, 1.25, TWO_NOISES),
+            Panel(RESTITUTION, 0.3, 1.0, TWO_NOISES),
+            Panel(STIFFNESS, 5.0, 13.0, TWO_NOISES, 5, 5),
+        ),
+    ),
+    "fig7": Figure(
+        "Mean square voltage and mean power: noise intensity",
+        "sweep",
+        (VOLTAGE, POWER),
+        (Panel(INTENSITY, 0.005, 0.125, TWO_NOISES, 5, 9),),
+    ),
+    "fig8": Figure(
+        "Mean square voltage and mean power: load and coupling",
+        "sweep",
+        (VOLTAGE, POWER),
+        (
+            Panel(DECAY_RATE, 0.03, 0.09, TWO_NOISES),
+            Panel(COUPLING, 0.3, 0.95, TWO_NOISES),
+        ),
+    ),
+    "fig9": Figure(
+        "Power conversion efficiency: noise intensity",
+        "sweep",
+        (EFFICIENCY,),
+        _efficiency_panels(INTENSITY, 0.005, 0.125, (5, 9)),
+    ),
+    "fig10": Figure(
+        "Power conversion efficiency: correlation time",
+        "sweep",
+        (EFFICIENCY,),
+        _efficiency_panels(CORRELATION_TIME, 0.1, 1.1, (4, 6)),
+    ),
+}

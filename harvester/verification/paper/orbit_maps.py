@@ -1,0 +1,253 @@
+"""The paper's Figs. 2 and 3: orbits of the undisturbed system of Eq. 13, without noise.
+
+Fig. 2 shows the energy H (Eqs. 14 and 15) and the frequency ω(H) (Eqs. 16 and 17) over
+displacement and velocity. Fig. 3 shows how far the voltage of Eq. 10 swings along each orbit over
+the orbit's frequency, with stoppers and without them. The paper gives neither the energies nor
+the axes; here the orbits end at `HIGHEST`. Symbols in Fig. 3 are the periodic solution of Eq. 4b
+along the same orbits, which Eq. 10 replaces by one harmonic.
+"""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from harvester.averaging.density import Branch
+from harvester.averaging.edges import follow, outer_range, well_range
+from harvester.averaging.orbits import OuterEdge, Potential, WellEdge
+from harvester.averaging.symmetric import symmetric_device
+from harvester.device.system import elastic_force
+from harvester.files.writing import finite
+from harvester.scene.model import Scene
+from harvester.scene.units import scale
+
+# Energy above U(0) of the outermost orbit (scaled): speeds up to 2.8.
+HIGHEST = 4.0
+LEVELS, NODES = 200, 24
+GRID = 121
+MARGIN = 0.995  # of the rectangle that is drawn, to the outermost orbit
+# Orbits of each edge along which Eq. 4b is solved, and points along each.
+CHECKED, POINTS = 5, 512
+
+
+@dataclass(frozen=True)
+class Surfaces:
+    """Fig. 2: arrays over a grid of displacement (columns) and velocity (rows), scaled."""
+
+    scene: Scene
+    displacement: np.ndarray
+    velocity: np.ndarray
+    energy: np.ndarray
+    frequency: np.ndarray
+    wall_seconds: float
+
+    name = "fig2"
+
+    def table(self):
+        """Header and one row."""
+        fastest, highest = np.nanmax(self.frequency), np.nanmax(self.energy)
+        return ["figure", "what", "greatest"], [
+            [self.name, "H", f"{highest:.3g}"],
+            [self.name, "ω", f"{fastest:.3g} rad/s"],
+        ]
+
+    def sentences(self):
+        """What was computed."""
+        return [f"{self.name}: orbits of Eq. 13 up to H − U(0) = {HIGHEST:g}; no noise enters"]
+
+    def to_dict(self):
+        """Plain values for JSON; beyond the outermost orbit null."""
+        return {
+            "figure": self.name,
+            "computed": "H and ω(H) of Eqs. 14-17 over X and X', N2(H) solved for on each orbit",
+            "highest_energy_above_barrier": HIGHEST,
+            "scene": self.scene.to_dict(),
+            "wall_seconds": self.wall_seconds,
+            "displacement": self.displacement.tolist(),
+            "velocity": self.velocity.tolist(),
+            "energy": [[finite(v) for v in row] for row in self.energy],
+            "angular_frequency": [[finite(v) for v in row] for row in self.frequency],
+        }
+
+
+@dataclass(frozen=True)
+class Response:
+    """Orbits of one edge in Fig. 3: arrays over orbits.
+
+    `lowest` and `highest` are the voltage's extremes by Eq. 10; `checked` holds rows
+    (ω, lowest, highest) of Eq. 4b itself.
+    """
+
+    frequency: np.ndarray
+    lowest: np.ndarray
+    highest: np.ndarray
+    checked: np.ndarray
+
+    def worst(self):
+        """Largest deviation of Eq. 10 from Eq. 4b: of the swing, and of its middle in swings."""
+        order = np.argsort(self.frequency)
+        low, high = (
+            np.interp(self.checked[:, 0], self.frequency[order], column[order])
+            for column in (self.lowest, self.highest)
+        )
+        exact = self.checked[:, 2] - self.checked[:, 1]
+        middle = 0.5 * (low + high - self.checked[:, 1] - self.checked[:, 2])
+        shares = ((high - low) / exact - 1.0, middle / exact)
+        return [float(share[np.argmax(np.abs(share))]) for share in shares]
+
+
+@dataclass(frozen=True)
+class FrequencyResponse:
+    """Fig. 3: {"with stoppers": {"wells": Response, "outer": Response}, "without": …}."""
+
+    scene: Scene
+    responses: dict
+    wall_seconds: float
+
+    name = "fig3"
+
+    def table(self):
+        """Header and rows: the range of frequencies of each kind of orbit."""
+        header = ["figure", "device", "orbits", "lowest ω", "highest ω", "greatest |V|"]
+        header += ["Eq. 10 against Eq. 4b: swing", "middle, in swings"]
+        rows = []
+        for device, edges in self.responses.items():
+            for edge, r in edges.items():
+                reach = np.maximum(-r.lowest, r.highest)
+                rows.append([self.name, device, edge, f"{r.frequency.min():.3g}"])
+                rows[-1] += [f"{r.frequency.max():.3g}", f"{reach.max():.3g}"]
+                rows[-1] += [f"{worst:+.1%}" for worst in r.worst()]
+        return header, rows
+
+    def sentences(self):
+        """What was computed."""
+        return [
+            f"{self.name}: extremes of V (Eq. 10) along the orbits of Eq. 13 up to H − U(0) = "
+            f"{HIGHEST:g}; symbols: Eq. 4b itself along the same orbits; no noise enters",
+            f"{self.name}: Eq. 10 measures V from the well's bottom, Eq. 4b from the orbit's mean "
+            "position (a periodic V has no mean), so the middles differ inside the wells",
+        ]
+
+    def to_dict(self):
+        """Plain values for JSON."""
+        return {
+            "figure": self.name,
+            "computed": "extremes of the voltage (Eq. 10) along each orbit of Eq. 13 over its "
+            "frequency, with stoppers and with K = 0; checked: Eq. 4b solved along the orbit",
+            "highest_energy_above_barrier": HIGHEST,
+            "scene": self.scene.to_dict(),
+            "wall_seconds": self.wall_seconds,
+            "devices": {
+                device: {
+                    edge: {
+                        "angular_frequency": r.frequency.tolist(),
+                        "lowest_voltage": r.lowest.tolist(),
+                        "highest_voltage": r.highest.tolist(),
+                        "checked": r.checked.tolist(),
+                    }
+                    for edge, r in edges.items()
+                }
+                for device, edges in self.responses.items()
+            },
+        }
+
+
+def surfaces(scene):
+    """Fig. 2 of a bistable scene."""
+    clock = time.perf_counter()
+    parameters = symmetric_device(scale(scene)[0])
+    wells, outer = _stretches(parameters)
+    height = _height(outer)
+    # A rectangle whose corners lie on the outermost orbit: half of its energy at rest, half of
+    # it in motion.
+    speed = MARGIN * np.sqrt(height[-1])
+    reach = MARGIN * np.interp(0.5 * height[-1], height, outer.orbits.right)
+    x, v = np.linspace(-reach, reach, GRID), np.linspace(-speed, speed, GRID)
+    energies = [np.log(_height(stretch)) for stretch in (wells, outer)]
+    frequencies = [np.log(stretch.frequency) for stretch in (wells, outer)]
+    return Surfaces(
+        scene=scene,
+        displacement=x,
+        velocity=v,
+        energy=_over_plane(x, v, (wells, outer), energies),
+        frequency=_over_plane(x, v, (wells, outer), frequencies),
+        wall_seconds=time.perf_counter() - clock,
+    )
+
+
+def frequency_response(scene):
+    """Fig. 3 of a bistable scene with stoppers."""
+    clock = time.perf_counter()
+    devices = {"with stoppers": scene, "without": scene.replace(stoppers=None)}
+    responses = {}
+    for device, changed in devices.items():
+        parameters = symmetric_device(scale(changed)[0])
+        stretches = zip(("wells", "outer"), _stretches(parameters), strict=True)
+        responses[device] = {edge: _response(parameters, stretch) for edge, stretch in stretches}
+    return FrequencyResponse(scene, responses, time.perf_counter() - clock)
+
+
+def _stretches(p):
+    """Wells and outer orbits in the potential of Eq. 15, which they share at the separatrix."""
+    outer = OuterEdge(Potential(p), HIGHEST)
+    first, _ = outer_range(outer, p)
+    around = follow(outer, p, np.linspace(first, np.log(HIGHEST), LEVELS), NODES)
+    wells = WellEdge(Potential(p))
+    low, high = well_range(wells, p, around.orbits.right[0])
+    return follow(wells, p, np.linspace(low, high, LEVELS), NODES), around
+
+
+def _height(stretch):
+    """H with Eq. 15's constant: above the bottom of the orbit's own wells."""
+    o = stretch.orbits
+    return o.energy - stretch.edge.potential.energy(o.bottom, o.added_stiffness)
+
+
+def _over_plane(x, v, stretches, logarithms):
+    """A quantity that each orbit has one value of, at every point; nan beyond the outermost."""
+    wells, outer = (
+        Branch(s, logarithm, True).joint(np.abs(x)[None, :], v[:, None])
+        for s, logarithm in zip(stretches, logarithms, strict=True)
+    )
+    values = np.where(wells > 0.0, wells, outer)
+    return np.where(values > 0.0, values, np.nan)
+
+
+def _response(p, stretch):
+    """Voltages of Eq. 10 along the orbits of one edge."""
+    o, u = stretch.orbits, stretch.edge.potential
+    start = o.left if stretch.edge.lobes == 2 else -o.right
+    x = start[:, None] + (o.right - start)[:, None] * np.linspace(0.0, 1.0, POINTS)
+    kinetic = o.energy[:, None] - u.energy(np.abs(x), o.added_stiffness[:, None])
+    speed = np.sqrt(2.0 * np.maximum(kinetic, 0.0))
+    centre = o.bottom if stretch.edge.lobes == 2 else np.zeros_like(o.bottom)
+    gain = stretch.gain[:, None]
+    slow = gain * (x - centre[:, None])
+    fast = p.decay_rate * gain / stretch.frequency[:, None] ** 2 * speed
+    chosen = np.linspace(0, len(o.energy) - 1, CHECKED + 2).astype(int)[1:-1]
+    return Response(
+        frequency=stretch.frequency,
+        lowest=(slow - fast).min(axis=1),
+        highest=(slow + fast).max(axis=1),
+        checked=np.array([_solved(p, stretch, k) for k in chosen]),
+    )
+
+
+def _solved(p, stretch, k):
+    """(ω, lowest, highest V) of Eq. 4b along one orbit, harmonic by harmonic."""
+    o, period = stretch.orbits, float(stretch.orbits.period[k])
+    added = o.added_stiffness[k]
+
+    system = p.system
+
+    def motion(t, state):
+        x, v = state
+        return [v, -elastic_force(system, x) - added * x]
+
+    times = period * np.arange(POINTS) / POINTS
+    path = solve_ivp(motion, (0.0, period), [o.right[k], 0.0], t_eval=times, rtol=1e-9, atol=1e-10)
+    # V_n = iω_n X_n/(λ + iω_n).
+    rates = 2j * np.pi * np.fft.rfftfreq(POINTS, period / POINTS)
+    voltage = np.fft.irfft(np.fft.rfft(path.y[0]) * rates / (p.decay_rate + rates), POINTS)
+    return stretch.frequency[k], voltage.min(), voltage.max()

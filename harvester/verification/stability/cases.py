@@ -1,0 +1,237 @@
+"""The stiff and extreme cases of `harvester stability`: what each changes in a scene.
+
+Values are those of the scaled equations (Eqs. 4–6) and are turned to the scene's units, so that
+one matrix serves scaled and SI scenes.
+"""
+
+import math
+from dataclasses import dataclass
+
+from harvester.device import spring as springs
+from harvester.device import timescales
+from harvester.device.hertz import HERTZ_EXPONENT
+from harvester.engines.steps import knot_spacing, steps_per_knot
+from harvester.errors import SceneError
+from harvester.scene.units import length_scale, scale
+
+# Realizations of a case: independent, so that there is an error bar however short they are.
+REALIZATIONS = 16
+# Steps of all of them together, and how many slow times each measures and lets pass first.
+STEP_BUDGET = 200_000
+MEASURED_TIMES = 50.0
+SETTLED_TIMES = 5.0
+LARGEST_SETTLED_SHARE = 0.2
+# Stoppers of a scene that has none: gap in well distances, K, e.
+GAP, STIFFNESS, RESTITUTION = 1.1, 10.0, 0.7
+
+
+@dataclass(frozen=True)
+class Case:
+    """One cell of the matrix.
+
+    Attributes
+    ----------
+    family : str
+        What is varied.
+    name : str
+        Value or values, as text.
+    values : dict of str to float, str or None
+        Scaled values by the names in `_CHANGES` and, of all stoppers alike, `_OF_STOPPERS`;
+        {"stoppers": None} takes the stoppers away.
+    """
+
+    family: str
+    name: str
+    values: dict
+
+    @property
+    def title(self):
+        """Family and name."""
+        return f"{self.family}: {self.name}" if self.family != "corner" else self.name
+
+
+def default_cases():
+    """The whole matrix, a list of `Case`."""
+    cases = [Case("scene", "as it is", {})]
+    cases += _decades("stiffness", "K", 2, 8)
+    cases += [Case("restitution", f"e = {e:g}", {"restitution": e}) for e in (0.0, 0.05, 1.0)]
+    cases += [
+        Case("gap", f"δ = {gap:g} wells", {"gap_in_wells": gap})
+        for gap in (0.5, 0.8, 0.95, 1.0, 1.05, 1.3, 2.0, 10.0)
+    ]
+    cases += _decades("intensity", "D", -6, 2)
+    cases += _decades("correlation_time", "τ1", -3, 3)
+    cases += _decades("decay_rate", "λ", -4, 4)
+    cases += [Case("coupling", f"β = {b:g}", {"coupling": b}) for b in (0.0, 0.1, 1, 3, 10, 100)]
+    cases += [
+        Case("structure", "no stoppers", {"stoppers": None}),
+        Case("structure", "monostable", {"monostable": True}),
+        Case("structure", "monostable, no stoppers", {"monostable": True, "stoppers": None}),
+        Case("structure", "v0 held", {"impact_velocity": "event"}),
+    ]
+    return cases + [Case("corner", name, values) for name, values in _CORNERS.items()]
+
+
+_CORNERS = {
+    "K = 1e8, D = 1, e = 0.05": {"stiffness": 1e8, "intensity": 1.0, "restitution": 0.05},
+    "K = 1e8, D = 100": {"stiffness": 1e8, "intensity": 100.0},
+    "K = 1e6, δ = 0.5 wells": {"stiffness": 1e6, "gap_in_wells": 0.5},
+    "K = 1e8, δ = 1 well, e = 0": {"stiffness": 1e8, "gap_in_wells": 1.0, "restitution": 0.0},
+    "K = 1e6, τ1 = 1e-3": {"stiffness": 1e6, "correlation_time": 1e-3},
+    "K = 1e6, v0 held, e = 0.3": {
+        "stiffness": 1e6,
+        "impact_velocity": "event",
+        "restitution": 0.3,
+    },
+    "λ = 1e4, β = 100": {"decay_rate": 1e4, "coupling": 100.0},
+    "λ = 1e-4, β = 100": {"decay_rate": 1e-4, "coupling": 100.0},
+    "D = 1e-6, β = 100": {"intensity": 1e-6, "coupling": 100.0},
+    "D = 100, no stoppers": {"intensity": 100.0, "stoppers": None},
+    "D = 100, τ1 = 1e-3": {"intensity": 100.0, "correlation_time": 1e-3},
+    "D = 100, λ = 1e4, e = 1": {"intensity": 100.0, "decay_rate": 1e4, "restitution": 1.0},
+}
+
+
+def changed(scene, case):
+    """The scene of one case, with its run length chosen.
+
+    Raises
+    ------
+    SceneError
+        The case is none for this scene.
+    """
+    changes = {
+        "excitation.knot_spacing": None,
+        "run.realizations": REALIZATIONS,
+        **_changes(scene, case),
+    }
+    if scene.units == "SI":
+        # The scaled values stay those of the unchanged scene's length unit.
+        changes["length_scale"] = length_scale(scene)
+    new = scene.replace(changes)
+    settle, duration = run_length(new)
+    return new.replace({"run.settle": settle, "run.duration": duration})
+
+
+def _changes(scene, case):
+    """The case's overrides by dotted keys or tables, in the scene's units."""
+    values = dict(case.values)
+    changes = {}
+    stopped = {name: values.pop(name) for name in _OF_STOPPERS if name in values}
+    if "stoppers" in values:
+        changes["stoppers"] = values.pop("stoppers")
+    elif stopped:
+        changes["stoppers"] = _stoppers(scene, stopped)
+    for name, value in values.items():
+        key, changed_value = _CHANGES[name](scene, value)
+        changes[key] = changed_value
+    return changes
+
+
+def _stoppers(scene, values):
+    """Tables of all stoppers with these scaled values; a scene without any gets a pair."""
+    if not scene.stoppers:
+        if values.keys() == {"impact_velocity"}:
+            raise SceneError(
+                f"{scene.name}: it has no stoppers whose impact_velocity could be held"
+            )
+        values = {"stiffness": STIFFNESS, "gap_in_wells": GAP, "restitution": RESTITUTION, **values}
+    length, mass = _units(scene)
+    tables = scene.to_tables().get("stoppers", {})
+    changed_tables = []
+    for table in tables if isinstance(tables, list) else [tables]:
+        changed_table = dict(table)
+        for name, value in values.items():
+            if name == "gap_in_wells":
+                changed_table["gap"] = value * _reference_length(scene) * length
+            elif name == "stiffness":
+                exponent = table.get("exponent", HERTZ_EXPONENT)
+                changed_table["stiffness"] = value * mass / length ** (exponent - 1.0)
+            else:
+                changed_table[name] = value
+        changed_tables.append(changed_table)
+    return changed_tables
+
+
+def _units(scene):
+    """One scaled unit of length and of mass, in the scene's."""
+    return (length_scale(scene), scene.oscillator.mass) if scene.units == "SI" else (1.0, 1.0)
+
+
+def _reference_length(scene):
+    """The farthest well's distance in scaled units; without wells the gap, or one unit."""
+    system, _ = scale(scene)
+    bare = system.spring
+    wells = [abs(x) for x in springs.roots(bare) if springs.slope(bare, x) > 0.0]
+    if any(wells):
+        return float(max(wells))
+    return min((each.gap for each in system.contacts), default=1.0)
+
+
+def _monostable(scene, _):
+    """The spring with its odd powers alone, all of them stiffening."""
+    oscillator = scene.oscillator
+    if oscillator.restoring_force is None:
+        return "oscillator.linear_stiffness", abs(oscillator.linear_stiffness)
+    powers = enumerate(oscillator.restoring_force)
+    return "oscillator.restoring_force", [abs(k) if n % 2 else 0.0 for n, k in powers]
+
+
+def _intensity(scene, intensity):
+    return "excitation.intensity", intensity * _units(scene)[0] ** 2
+
+
+def _correlation_time(scene, time):
+    return "excitation.correlation_time", time
+
+
+def _decay_rate(scene, rate):
+    if scene.units != "SI":
+        return "load", {"kind": "resistor", "decay_rate": rate}
+    capacitance = _capacitance(scene, "λ")
+    return "load", {"kind": "resistor", "resistance": 1.0 / (rate * capacitance)}
+
+
+def _coupling(scene, coupling):
+    if scene.units != "SI":
+        return "piezo.coupling", coupling
+    return "piezo.coupling", math.sqrt(coupling * scene.oscillator.mass * _capacitance(scene, "β"))
+
+
+def _capacitance(scene, symbol):
+    if scene.piezo is None:
+        raise SceneError(f"{scene.name}: cases of {symbol} want a piezo, and this is a coil")
+    return scene.piezo.capacitance
+
+
+_OF_STOPPERS = ("stiffness", "gap_in_wells", "restitution", "impact_velocity")
+# Name in a case → what makes (key of a scene, value in its units) of the scaled value (Eq. 3).
+_CHANGES = {
+    "monostable": _monostable,
+    "intensity": _intensity,
+    "correlation_time": _correlation_time,
+    "decay_rate": _decay_rate,
+    "coupling": _coupling,
+}
+
+
+def run_length(scene):
+    """Settling and measured time (s) from the scene's own times, within the budget of steps.
+
+    The slowest of relaxation time, period, correlation time and 1/λ is to be seen many times.
+    """
+    system, _ = scale(scene)
+    period = 2.0 * math.pi / timescales.angular_frequency(system)
+    relaxation, decay = timescales.relaxation_time(system), system.transducer.decay_rate()
+    slowest = max(relaxation, period, system.noise.correlation_time, 1.0 / decay if decay else 0.0)
+    step = knot_spacing(scene) / steps_per_knot(scene)
+    affordable = STEP_BUDGET * step / scene.run.realizations
+    settle = min(SETTLED_TIMES * slowest, LARGEST_SETTLED_SHARE * affordable)
+    return settle, min(MEASURED_TIMES * slowest, affordable - settle)
+
+
+def _decades(key, symbol, first, last):
+    return [
+        Case(key.replace("_", " "), f"{symbol} = 1e{n}", {key: 10.0**n})
+        for n in range(first, last + 1)
+    ]

@@ -1,0 +1,120 @@
+"""Simulated time per second of each way to run the circuit, as ratios measured in one run."""
+
+import math
+from dataclasses import dataclass
+
+from harvester.engines.realization import run
+from harvester.engines.side_by_side import MOST_COPIES
+from harvester.engines.steps import knot_spacing
+from harvester.files.writing import finite
+
+# Knots of a realization: a source in the netlist is scanned point by point, so its cost depends
+# on how many it has.
+KNOTS = 20_000
+# Of each measurement the best of so many counts: other work on the machine only slows it down.
+REPEATS = 5
+
+
+@dataclass(frozen=True)
+class Throughput:
+    """One way to run the circuit.
+
+    Attributes
+    ----------
+    name : str
+    copies : int
+        Realizations side by side in each netlist.
+    processes : int
+    rate : float
+        Simulated seconds per second, all realizations together.
+    """
+
+    name: str
+    copies: int
+    processes: int
+    rate: float
+
+
+def measure(scene, pool, compiled):
+    """Measure every way to run a scene's circuit, at its default step where none is named.
+
+    Parameters
+    ----------
+    scene : Scene
+    pool : harvester.engines.workers.WorkerPool
+        With two workers or more for the ratio of two processes to one.
+    compiled : bool
+        The compiled device is on.
+
+    Returns
+    -------
+    list of Throughput
+        The first is a source in the netlist, the second one realization by the external source,
+        both with one knot as the longest step; the third one realization at the default step.
+    """
+    most, many = MOST_COPIES["behavioural"], MOST_COPIES["compiled"]
+    ways = [
+        ("one realization", 1, 1, "behavioural"),
+        ("side by side in one netlist", most, 1, "behavioural"),
+        ("two processes", 1, 2, "behavioural"),
+    ]
+    if compiled:
+        ways += [("compiled device", copies, 1, "compiled") for copies in (1, most, many)]
+    knot = {"step": knot_spacing(scene), "device": "behavioural"}
+    pwl = _measure(scene, pool, "PWL in the netlist", 1, source="pwl", **knot)
+    # In turn, so that what else the machine does meets all of them alike.
+    rounds = [
+        [
+            _measure(scene, pool, "external source, a step a knot", 1, **knot),
+            *(_measure(scene, pool, *way, device=device) for *way, device in ways),
+        ]
+        for _ in range(REPEATS)
+    ]
+    return [pwl, *(max(rows, key=lambda row: row.rate) for rows in zip(*rounds, strict=True))]
+
+
+def ratios(rows):
+    """External source over PWL, and every way over one realization, {name: ratio}."""
+    pwl, external, single = rows[:3]
+    found = {f"{external.name} / {pwl.name}": external.rate / pwl.rate}
+    for row in rows[3:]:
+        name = f"{row.copies} × {row.name}" if row.copies > 1 else row.name
+        found[f"{name} / {single.name}"] = row.rate / single.rate
+    return found
+
+
+def to_dict(rows):
+    """Plain values for JSON."""
+    return {
+        "rows": [{**vars(row), "rate": finite(row.rate)} for row in rows],
+        "ratios": {name: finite(ratio) for name, ratio in ratios(rows).items()},
+    }
+
+
+def _measure(
+    scene, pool, name, copies, processes=1, source="external", device="behavioural", step="default"
+):
+    """Rate of so many netlists at a time, each with so many copies."""
+    spacing = knot_spacing(scene)
+    # Enough knots for a good clock, and no more of them the more copies there are.
+    knots = math.ceil(KNOTS / math.sqrt(copies))
+    brief = scene.replace(
+        run={"duration": knots * spacing, "settle": 0.0, "realizations": copies * processes},
+        excitation={"knot_spacing": spacing},
+    )
+    calls = [
+        {
+            "scene": brief,
+            "engine": "circuit",
+            "indices": list(range(first, first + copies)),
+            "step": step,
+            "source": source,
+            "window": None,
+            "device": device,
+        }
+        for first in range(0, copies * processes, copies)
+    ]
+    netlists = pool.map(run, calls)
+    done = [realization for netlist in netlists for realization in netlist]
+    seconds = max(r.ended for r in done) - min(r.started for r in done)
+    return Throughput(name, copies, processes, len(done) * knots * spacing / seconds)

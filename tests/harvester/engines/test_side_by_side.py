@@ -1,0 +1,97 @@
+"""Realizations side by side in one netlist: the same paths, and each outcome its own."""
+
+import numpy as np
+import pytest
+
+from harvester.engines.side_by_side import MOST_COPIES, copies
+from harvester.errors import HarvesterError, SimulatorCrashed
+from harvester.estimates.paired import paired_difference
+from harvester.scene.model import Scene
+from harvester.simulation import simulate
+
+MEANS = ("mean_square_voltage", "mean_square_velocity", "mean_input_power", "mean_loss_power")
+
+
+def test_the_number_of_copies_follows_from_the_scene():
+    def number(*overrides, most=lambda: 200, **options):
+        return copies(Scene.load("paper", overrides), most, **options)
+
+    assert number("run.realizations=1") == 1
+    assert number("run.realizations=64") == 8
+    assert number("run.realizations=1600") == 200
+    assert number("run.realizations=99999", most=MOST_COPIES.get("behavioural").__int__) == 16
+    assert number(tolerance=1e-4) == number(source="pwl") == 1
+    # A stiff contact of one copy would shorten the steps of all.
+    assert number("stoppers.stiffness=1e5") == 1
+    assert number("stoppers.stiffness=1e5", "stoppers=none") == 8
+
+
+def test_copies_with_equal_steps_are_the_single_runs(pool):
+    """Without contacts every copy takes the steps that it takes alone."""
+    options = ["run.realizations=5", "run.duration=20", "run.settle=5"]
+    for name in ("duffing", "paper_si"):
+        scene = Scene.load(name, ["stoppers=none", *options])
+        single = simulate(scene, "circuit", copies=1, device="behavioural", pool=pool)
+        batched = simulate(scene, "circuit", copies=3, device="behavioural", pool=pool)
+        for one, other in zip(single.moments, batched.moments, strict=True):
+            assert one.points == other.points
+            np.testing.assert_allclose(one.integrals, other.integrals, rtol=1e-6, atol=1e-9)
+
+
+def test_copies_with_contacts_follow_the_same_paths_to_the_step_error(pool):
+    options = ["run.realizations=6", "run.duration=30", "run.settle=0"]
+    scene = Scene.load("paper", ["excitation.intensity=0.05", *options])
+    single = simulate(scene, "circuit", step="fine", copies=1, pool=pool)
+    batched = simulate(scene, "circuit", step="fine", copies=6, pool=pool)
+    assert abs(batched.energy_balance_residual) < 1e-3
+    for name in MEANS:
+        one, other = (r.scaled_quantities[name].estimate for r in (single, batched))
+        assert other == pytest.approx(one, rel=5e-3), name
+
+
+def test_the_batch_is_not_biased(pool):
+    """Paired with Monte Carlo; false-alarm rate 0.3 % for each of two means."""
+    options = ["excitation.intensity=0.005", "run.realizations=32", "run.duration=100"]
+    scene = Scene.load("paper", options)
+    circuit = simulate(scene, "circuit", copies=16, pool=pool)
+    reference = simulate(scene, "monte-carlo", step="fine", pool=pool)
+    difference = paired_difference(circuit, reference)
+    for name in ("mean_square_voltage", "mean_square_velocity"):
+        bias = difference[name]
+        assert bias.standard_error < 0.02
+        assert abs(bias.estimate) < 0.01 + 3 * bias.standard_error, name
+
+
+def test_whatever_the_number_of_workers(pool):
+    scene = Scene.load("paper", ["run.realizations=16", "run.duration=20", "run.settle=0"])
+    two = simulate(scene, "circuit", pool=pool).to_dict()["quantities"]
+    assert simulate(scene, "circuit", workers=1).to_dict()["quantities"] == two
+
+
+def test_what_failed_together_is_tried_one_by_one(pool):
+    scene = Scene.load("paper", ["run.realizations=4", "run.duration=20", "run.settle=0"])
+
+    class Failing:
+        """Batches crash, and so does realization 2 alone."""
+
+        def map(self, function, calls, *arguments):
+            outcomes = pool.map(function, calls, *arguments)
+            for place, call in enumerate(calls):
+                if len(call["indices"]) > 1 or 2 in call["indices"]:
+                    outcomes[place] = SimulatorCrashed("gone")
+            return outcomes
+
+    result = simulate(scene, "circuit", copies=2, keep_going=True, pool=Failing())
+    assert result.failures == {2: "SimulatorCrashed: gone"}
+    alone = simulate(scene, "circuit", copies=1, pool=pool)
+    expected = [m.integrals for k, m in enumerate(alone.moments) if k != 2]
+    for found, wanted in zip(result.moments, expected, strict=True):
+        np.testing.assert_array_equal(found.integrals, wanted)
+
+
+@pytest.mark.parametrize("bad", [0, -1, 1.5])
+def test_a_number_of_copies_that_is_none_is_refused(bad):
+    with pytest.raises(HarvesterError, match="whole number"):
+        simulate(Scene.load("paper"), "circuit", copies=bad)
+    with pytest.raises(HarvesterError, match="only the circuit"):
+        simulate(Scene.load("paper"), "monte-carlo", copies=2)

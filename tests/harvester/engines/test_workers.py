@@ -1,0 +1,105 @@
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import Future
+
+import pytest
+import worker_calls
+
+from harvester.engines.workers import gather
+from harvester.errors import HarvesterError, SimulatorCrashed, SimulatorTimeout
+
+
+def test_a_call_returns_its_result_and_reports_progress(worker):
+    assert worker.call(worker_calls.say, {"text": "hello"}) == "HELLO"
+    seen = []
+    worker.call(worker_calls.wait, {"seconds": 0.0}, on_progress=seen.append)
+    assert seen == ["waiting"]
+
+
+def test_an_unexpected_error_comes_back_as_one_line(worker):
+    with pytest.raises(HarvesterError, match="TypeError"):
+        worker.call(worker_calls.say, {"words": 1})
+    assert worker.call(worker_calls.say, {"text": "on"}) == "ON"
+
+
+def test_a_process_that_ends_is_named_and_started_again(worker):
+    with pytest.raises(SimulatorCrashed, match="status 3"):
+        worker.call(worker_calls.die, {"status": 3})
+    assert worker.call(worker_calls.say, {"text": "again"}) == "AGAIN"
+
+
+def test_the_time_limit_ends_a_call_and_keeps_its_last_report(worker):
+    worker.call(worker_calls.say, {"text": "up"})
+    started = time.monotonic()
+    with pytest.raises(SimulatorTimeout, match=r"0\.5 s") as caught:
+        worker.call(worker_calls.wait, {"seconds": 60.0}, time_limit=0.5)
+    assert caught.value.partial == "waiting"
+    assert time.monotonic() - started < 10.0
+
+
+def test_killing_the_process_is_noticed_at_once(worker):
+    worker.call(worker_calls.say, {"text": "up"})
+    process = worker.process_id
+    killed = []
+
+    def kill():
+        os.kill(process, signal.SIGKILL)
+        killed.append(time.monotonic())
+
+    threading.Timer(0.3, kill).start()
+    with pytest.raises(SimulatorCrashed, match="signal 9"):
+        worker.call(worker_calls.wait, {"seconds": 60.0})
+    assert time.monotonic() - killed[0] < 2.0
+
+
+def test_results_of_a_pool_keep_their_order(pool):
+    calls = [{"text": text} for text in "abcdef"]
+    assert pool.map(worker_calls.say, calls) == list("ABCDEF")
+
+
+def test_a_call_that_crashes_once_is_made_again(pool, tmp_path):
+    calls = [{"marker": str(tmp_path / name)} for name in "ab"]
+    assert pool.map(worker_calls.die_once, calls, keep_going=True) == ["alive", "alive"]
+
+
+def test_a_call_that_keeps_crashing_is_a_named_failure_beside_the_others(pool, tmp_path):
+    good = str(tmp_path / "done")
+    with open(good, "w"):
+        pass
+    calls = [{"marker": good}, {"marker": "/nowhere"}]
+    outcomes = pool.map(worker_calls.die_unless, calls, keep_going=True)
+    assert outcomes[0] == "alive"
+    assert isinstance(outcomes[1], SimulatorCrashed)
+    assert "status 4" in str(outcomes[1])
+
+
+def test_the_outcomes_of_many_calls_are_gathered_in_a_time_that_grows_as_their_number():
+    """60,000 would take minutes if each outcome asked all that are left."""
+    futures = [Future() for _ in range(60_000)]
+    for future in futures:
+        future.set_result(1)
+    started = time.monotonic()
+    seen = []
+    assert sum(gather(futures, lambda index, outcome: seen.append(index))) == len(futures)
+    assert sorted(seen) == list(range(len(futures)))
+    assert time.monotonic() - started < 20.0
+
+
+def test_gathering_stops_when_asked_and_leaves_the_rest_out():
+    futures = [Future() for _ in range(3)]
+    futures[1].set_result("done")
+    assert gather(futures, stop=lambda: True) == [None, "done", None]
+
+
+@pytest.mark.parametrize("limit", ["-n 20", "-v 450000"])
+def test_too_few_files_or_too_little_memory_is_one_line(limit):
+    call = f"ulimit {limit}; exec {sys.executable} -m harvester simulate paper --workers 4"
+    call += " --set run.duration=50 --quiet"
+    shown = subprocess.run(["sh", "-c", call], capture_output=True, text=True, timeout=60)
+    assert shown.returncode == 1
+    assert len(shown.stderr.splitlines()) == 1
+    assert "cannot be started" in shown.stderr

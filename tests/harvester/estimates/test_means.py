@@ -1,0 +1,196 @@
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from truths import flat
+
+from harvester.engines.monte_carlo import initial_state, integrate
+from harvester.engines.realization import empty_moments, noise_path, start_state
+from harvester.estimates.balance import energy_balance_residual
+from harvester.estimates.batch_means import ratio_of_sums, standard_error, standard_error_of_drift
+from harvester.estimates.densities import densities
+from harvester.estimates.estimate import TOO_SHORT
+from harvester.estimates.means import estimate_all
+from harvester.estimates.paired import deviations
+from harvester.scene.model import Scene
+from harvester.scene.units import scale
+from harvester.simulation import simulate
+
+
+def autoregressive(seed, memory, rows, length):
+    """Stationary AR(1) rows of unit variance."""
+    random = np.random.default_rng(seed)
+    white = random.standard_normal((rows, length)) * np.sqrt(1 - memory**2)
+    white[:, 0] /= np.sqrt(1 - memory**2)
+    return lfilter([1.0], [1.0, -memory], white, axis=1)
+
+
+def exact_error(memory, size):
+    return np.sqrt((1 + memory) / (1 - memory) / size)
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.5, 0.9, 0.98])
+def test_the_error_bar_agrees_with_emcee_and_with_the_closed_form(memory):
+    from emcee.autocorr import integrated_time
+
+    series = autoregressive(3, memory, 4, 40_000)
+    batches = series.reshape(4, 200, 200).mean(axis=2)
+    ours = standard_error(batches)
+    time = integrated_time(series.T[:, :, None], quiet=True, has_walkers=True)[0]
+    theirs = np.sqrt(series.var() * time / series.size)
+    assert ours == pytest.approx(theirs, rel=0.2)
+    assert ours == pytest.approx(exact_error(memory, series.size), rel=0.2)
+
+
+def test_three_error_bars_cover_the_truth_as_often_as_they_should():
+    """400 short runs: a normal estimate is outside in 0.3 %, an error bar from some 30 batches
+    in about 0.6 %; more than 8 outside has a false-alarm rate below 0.2 %."""
+    outside = 0
+    for seed in range(400):
+        series = autoregressive(seed, 0.9, 1, 12_800).reshape(1, 256, 50).mean(axis=2)
+        outside += abs(series.mean()) > 3 * standard_error(series)
+    assert outside <= 8
+
+
+def test_a_run_too_short_has_no_error_bar_but_its_estimate():
+    assert standard_error(np.zeros((1, 8)) + np.arange(8)) is None
+    slow = np.cumsum(np.random.default_rng(1).standard_normal((1, 256)), axis=1)
+    assert standard_error(slow) is None
+
+
+def test_independent_realizations_of_one_batch_each_give_an_error_bar():
+    values = np.random.default_rng(2).standard_normal((400, 1))
+    assert standard_error(values) == pytest.approx(values.std() / 20, rel=0.01)
+
+
+def moments_of(scene, chunk=None):
+    system, _ = scale(scene)
+    stop = scene.run.settle + scene.run.duration
+    found = []
+    for index in range(scene.run.realizations):
+        m = empty_moments(scene)
+        state = initial_state(system, start_state(scene, index))
+        for record in integrate(system, noise_path(scene, index), state, stop):
+            for part in _split(record, chunk):
+                m.add(part)
+        found.append(m)
+    return found
+
+
+def _split(record, chunk):
+    if chunk is None:
+        yield record
+        return
+    for start in range(0, record.time.size, chunk):
+        yield type(record)(*(column[start : start + chunk] for column in record))
+
+
+SHORT = ["run.duration=400", "run.settle=20", "run.realizations=2"]
+
+
+def test_moments_do_not_depend_on_the_chunks():
+    scene = Scene.load("paper", SHORT)
+    for one, other in zip(moments_of(scene), moments_of(scene, chunk=37), strict=True):
+        np.testing.assert_allclose(one.integrals, other.integrals, rtol=1e-11, atol=1e-15)
+        np.testing.assert_array_equal(one.histograms, other.histograms)
+
+
+def test_moments_are_the_integrals_of_the_record():
+    scene = Scene.load("paper", [*SHORT, "run.settle=0", "run.realizations=1"])
+    p, (system, _) = flat(scene), scale(scene)
+    state = initial_state(system, start_state(scene, 0))
+    chunks = [np.array(record) for record in integrate(system, noise_path(scene, 0), state, 400.0)]
+    time, x, v, voltage = np.concatenate(chunks, axis=1)[:4]
+    total = moments_of(scene)[0].integrals.sum(axis=0)
+    assert total[0] == pytest.approx(time[-1] - time[0])
+    assert total[1] == pytest.approx(np.trapezoid(voltage**2, time), rel=1e-12)
+    assert total[3] == pytest.approx(np.trapezoid(v**2, time), rel=1e-12)
+    assert total[7] == np.sum(x[1:] * x[:-1] < 0)
+    assert total[8] == np.sum((np.abs(x[:-1]) <= p.gap) & (np.abs(x[1:]) > p.gap))
+
+
+def test_densities_integrate_to_one_and_have_the_records_spread():
+    scene = Scene.load("paper", ["run.realizations=2", "run.duration=2000", "run.settle=20"])
+    moments = moments_of(scene)
+    p = flat(scene)
+    estimates = estimate_all(moments, scale(scene)[0])
+    density = densities(moments)["displacement"]
+    width = density.centre[1] - density.centre[0]
+    assert np.sum(density.density) * width == pytest.approx(1.0, rel=1e-12)
+    square = np.sum(density.density * density.centre**2) * width
+    assert square == pytest.approx(estimates["mean_square_displacement"].estimate, rel=3e-3)
+    # No spike where contact begins and every engine puts a point.
+    near = density.density[np.abs(np.abs(density.centre) - p.gap) < 0.05]
+    assert np.all(np.abs(np.diff(near)) < 0.3 * near.max())
+    assert np.all(density.standard_error >= 0.0)
+    np.testing.assert_array_equal(density.density, density.density[::-1])
+
+
+def test_both_efficiencies_agree_and_rms_is_the_root():
+    scene = Scene.load("linear", ["run.realizations=2", "run.duration=4000"])
+    estimates = estimate_all(moments_of(scene), scale(scene)[0])
+    one = estimates["power_conversion_efficiency"]
+    other = estimates["power_conversion_efficiency_of_input"]
+    assert abs(one.estimate - other.estimate) < 4 * other.standard_error
+    square = estimates["mean_square_voltage"]
+    root = estimates["rms_voltage"]
+    assert root.estimate**2 == pytest.approx(square.estimate)
+    assert root.standard_error == pytest.approx(square.standard_error / 2 / root.estimate)
+    assert square.effective_sample_size > 100
+    assert "impact_rate" not in estimates
+
+
+def test_short_runs_say_so_in_the_estimate():
+    scene = Scene.load("paper", ["run.realizations=2", "run.duration=10", "run.settle=0"])
+    estimate = estimate_all(moments_of(scene), scale(scene)[0])["mean_square_voltage"]
+    assert estimate.standard_error is None
+    assert estimate.note == TOO_SHORT
+    assert np.isfinite(estimate.estimate)
+
+
+def test_the_residual_sees_a_wrong_coefficient():
+    scene = Scene.load("paper", SHORT)
+    system, _ = scale(scene)
+    moments = moments_of(scene)
+    assert abs(energy_balance_residual(moments, system)) < 0.01
+    for m in moments:
+        m.integrals[:, 6] *= 1.1
+    assert abs(energy_balance_residual(moments, system)) > 0.03
+
+
+def test_the_error_of_a_drifting_record_is_the_scatter_among_records_that_drift_alike():
+    """Of 400 series: their scatter is known to 3.5 %, the mean error to a few; 4 % and more."""
+    rng = np.random.default_rng(5)
+    envelope = 0.2 + np.exp(-(np.linspace(-2.0, 2.0, 256) ** 2))
+    filtered = rng.standard_normal((400, 256 + 1))
+    correlated = 0.8 * filtered[:, 1:] + 0.6 * filtered[:, :-1]
+    series = envelope * (3.0 + correlated)
+    errors = [standard_error_of_drift(row[None]) for row in series]
+    # Now and then a short series seems correlated at every length.
+    assert errors.count(None) < 20
+    errors = [error for error in errors if error is not None]
+    scatter = series.mean(axis=1).std(ddof=1)
+    assert np.mean(errors) == pytest.approx(scatter, rel=0.15)
+    # Batch means take the envelope for correlation: no error bar, or one that is far too large.
+    plain = [standard_error(row[None]) for row in series]
+    assert all(error is None or error > 2.0 * scatter for error in plain)
+    assert standard_error_of_drift(series[:1, :10]) is None
+
+
+@pytest.mark.parametrize(
+    "name", ["mean_square_voltage", "mean_power", "power_conversion_efficiency"]
+)
+def test_deviations_have_the_estimate_s_own_error_and_no_mean(pool, name):
+    scene = Scene.load("linear", ["run.realizations=2", "run.duration=2000", "run.settle=20"])
+    result = simulate(scene, "monte-carlo", pool=pool)
+    series = deviations(result.moments, name)
+    estimate = result.scaled_quantities[name]
+    assert series.mean() == pytest.approx(0.0, abs=1e-12 * estimate.estimate)
+    assert standard_error(series) == pytest.approx(estimate.standard_error, rel=1e-9)
+
+
+def test_a_ratio_that_never_varies_has_no_error():
+    lower = np.random.default_rng(1).uniform(0.5, 1.5, (4, 64)) * 1e-7
+    ratio, error = ratio_of_sums(0.57 * lower, lower)
+    assert ratio == pytest.approx(0.57)
+    assert error == 0.0
+    assert ratio_of_sums(0.57 * lower + 1e-9 * lower**0.5, lower)[1] > 0.0

@@ -1,0 +1,38 @@
+import math
+
+import pytest
+
+from harvester.estimates.estimate import Estimate
+from harvester.estimates.passivity import efficiency_notes
+
+
+def notes(**values):
+    return efficiency_notes({k: Estimate(v, None, None, "1") for k, v in values.items()}, 2.0, "W")
+
+
+def test_nothing_is_said_of_a_passive_load():
+    assert notes(mean_power=1.0, mean_converter_loss=0.2, converter_efficiency=0.8) == ()
+    assert notes(mean_power=1.0, power_conversion_efficiency=0.3) == ()
+    assert notes(mean_power=0.0, converter_efficiency=math.nan) == ()
+    assert notes() == ()
+
+
+def test_the_energy_delivered_is_in_the_scenes_unit():
+    (note,) = notes(mean_power=1.0, mean_converter_loss=-3.0, converter_efficiency=4.0)
+    assert note.startswith("the load is not passive: it gives 6 W more than it takes")
+    (note,) = notes(mean_power=-1.0, power_conversion_efficiency=-0.1)
+    assert "it gives 2 W more" in note
+
+
+@pytest.mark.parametrize("efficiency", [1.001, 1.2, 202.0, -352.0])
+def test_no_efficiency_outside_its_range_goes_without_a_note(efficiency):
+    loss = 1.0 - efficiency
+    assert (
+        len(notes(mean_power=1.0, mean_converter_loss=loss, converter_efficiency=efficiency)) == 1
+    )
+    assert len(notes(mean_power=1.0, end_to_end_efficiency=efficiency)) == 1
+
+
+def test_an_excess_that_may_be_the_steps_own_says_so():
+    (note,) = notes(mean_power=1.0, mean_converter_loss=-0.001, converter_efficiency=1.001)
+    assert "or the step too long" in note

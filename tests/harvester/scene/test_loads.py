@@ -1,0 +1,105 @@
+"""[load] with a netlist: keys, overrides, places, round trip."""
+
+import pickle
+
+import pytest
+from truths import flat
+
+from harvester.command_line import main
+from harvester.errors import NetlistError, SceneError
+from harvester.scene.model import BUILT_IN, Scene
+
+RESISTOR = ".subckt mine p n resistance=1k\nR1 p n {resistance}\n.ends\n"
+
+
+def test_overrides_reach_the_loads_parameters():
+    scene = Scene.load(
+        "device", ["load.netlist=resistor", "load.parameters.resistance=1e5", "run.seed=3"]
+    )
+    assert scene.electrical_load.parameters == {"resistance": 1e5}
+    p = flat(scene)
+    assert p.decay_rate == pytest.approx(1.0 / (1e5 * 4.3e-8))
+    changed = scene.replace({"load.parameters.resistance": "2Meg"})
+    assert changed.electrical_load.circuit.resistance == 2e6
+    assert changed.digest() != scene.digest()
+    assert changed.replace({"load.parameters.resistance": None}).electrical_load.parameters == {}
+    with pytest.raises(SceneError, match="too many dots"):
+        scene.replace({"load.parameters.resistance.deep": 1.0})
+    with pytest.raises(SceneError, match="too many dots"):
+        scene.replace({"stoppers.gap.deep": 1.0})
+
+
+def test_the_netlist_and_the_built_in_resistor_take_each_others_place():
+    built_in = Scene.load("device")
+    netlist = built_in.replace({"load.netlist": "resistor"})
+    assert netlist.electrical_load.resistance is None
+    assert netlist.electrical_load.kind is None
+    back = netlist.replace({"load.resistance": 306e3})
+    assert back == built_in
+    assert back.digest() == built_in.digest()
+
+
+def test_a_scene_with_a_netlist_survives_tables_and_processes():
+    scene = Scene.load("paper", ["load.netlist=resistor", "load.parameters.resistance=20"])
+    assert "circuit" not in scene.to_tables()["load"]
+    again = Scene.from_tables(scene.to_tables(), name="paper")
+    assert again == scene
+    assert pickle.loads(pickle.dumps(scene)) == scene
+    assert flat(scene).decay_rate == pytest.approx(0.05)
+
+
+def test_a_file_is_found_beside_the_scene_and_then_here(tmp_path, monkeypatch):
+    folder = tmp_path / "study"
+    folder.mkdir()
+    tables = (BUILT_IN / "device.toml").read_text()
+    tables = tables.replace('kind = "resistor"', 'netlist = "mine.lib"')
+    tables = tables.replace("resistance = 306e3", "parameters = { resistance = 5e4 } #")
+    (folder / "scene.toml").write_text(tables)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(NetlistError, match=r"mine\.lib.*study and "):
+        Scene.load("study/scene.toml")
+    (tmp_path / "mine.lib").write_text(RESISTOR)
+    assert Scene.load("study/scene.toml").electrical_load.circuit.resistance == 5e4
+    (folder / "mine.lib").write_text(RESISTOR.replace("R1 p n", "R1 n x 1k\nR2 p x"))
+    scene = Scene.load("study/scene.toml")
+    assert scene.electrical_load.circuit.resistance is None
+    monkeypatch.chdir(folder.parent.parent)
+    assert scene.replace({"run.seed": 5}).electrical_load == scene.electrical_load
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (["load.netlist=resistr"], ["resistr", "did you mean resistor"]),
+        (["load.netlist=missing/load.lib"], ["missing/load.lib", "no such file"]),
+        (["load.netlist=resistor", "load.subcircuit=resisto"], ["did you mean resistor"]),
+        (
+            ["load.netlist=resistor", "load.parameters.resistence=1"],
+            ["resistence", "did you mean resistance"],
+        ),
+        (["load.netlist=resistor", "load.parameters.resistance=abc"], ["'abc'", "finite number"]),
+        (["load.netlist=resistor", "load.parameters.resistance=nan"], ["finite number"]),
+        (["load.netlist=resistor", "load.parameters.resistance=true"], ["load.parameters"]),
+        (["load.netlist=resistor", "load.parameters=3"], ["load.parameters", "table"]),
+        (["load.netlist=resistor", "load.netlst=3"], ["load.netlst", "did you mean netlist"]),
+        (["load.netlist=3"], ["load.netlist", "text"]),
+        (["load.netlist=resistor", "load.kind=resistor"], ["load.kind", "built-in resistor"]),
+        (["load.parameters.resistance=1"], ["load.parameters needs load.netlist"]),
+    ],
+)
+def test_a_mistake_about_the_load_is_refused_in_one_line(overrides, words):
+    with pytest.raises((SceneError, NetlistError)) as caught:
+        Scene.load("device", overrides)
+    assert "\n" not in str(caught.value)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_the_command_line_refuses_a_netlist_that_is_a_program(tmp_path, capsys):
+    path = tmp_path / "load.lib"
+    path.write_text(f".control\nshell touch {tmp_path}/owned\n.endc\n" + RESISTOR)
+    assert main(["simulate", "device", "--set", f"load.netlist={path}"]) == 2
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1
+    assert ".control" in message
+    assert not (tmp_path / "owned").exists()

@@ -1,0 +1,185 @@
+import math
+
+import pytest
+from truths import flat, well
+
+from harvester.averaging.of_scene import average
+from harvester.engines.steps import knot_spacing
+from harvester.errors import SceneError
+from harvester.scene.model import Scene
+from harvester.scene.units import scale
+from harvester.simulation import simulate
+
+
+def test_every_built_in_scene_loads_and_has_finite_parameters():
+    old = {"device", "duffing", "linear", "paper", "paper_si"}
+    assert set(Scene.names()) == old | {"asymmetric", "electromagnetic", "one_sided", "tristable"}
+    for name in Scene.names():
+        system, scales = scale(Scene.load(name))
+        assert all(math.isfinite(value) for value in numbers(system))
+        assert scales.voltage > 0
+
+
+def numbers(part):
+    """All numbers of a part and of the parts in it."""
+    return [n for each in part for n in numbers(each)] if isinstance(part, tuple) else [part]
+
+
+def test_si_and_scaled_forms_of_the_paper_give_the_same_parameters():
+    scaled, _ = scale(Scene.load("paper"))
+    si, scales = scale(Scene.load("paper_si"))
+    assert numbers(si) == pytest.approx(numbers(scaled), rel=1e-12)
+    # "One scaled volt is 6.05 mV".
+    assert scales.voltage == pytest.approx(6.05e-3)
+    assert scales.of("voltage^2") == pytest.approx(6.05e-3**2)
+    assert scales.of("velocity^2") == pytest.approx(1e-6)
+
+
+def test_the_length_scale_is_the_wells_distance_where_none_is_given():
+    scene = Scene.load("device", ["length_scale=none"])
+    _, scales = scale(scene)
+    assert scales.displacement == pytest.approx(math.sqrt(63.451 / 634509.0))
+    assert flat(scene).rest == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("oscilator.damping=1", ["oscilator", "oscillator"]),
+        ("oscillator.dampng=1", ["oscillator.dampng", "damping"]),
+        ("oscillator.damping=-1", ["oscillator.damping", "≥ 0"]),
+        ("oscillator.damping=true", ["oscillator.damping", "number"]),
+        ("oscillator.damping=soft", ["oscillator.damping", "'soft'"]),
+        ("oscillator.mass=1", ["oscillator.mass", "SI"]),
+        ("stoppers.restitution=1.01", ["stoppers.restitution", "[0, 1]"]),
+        ("stoppers.gap=0", ["stoppers.gap", "> 0"]),
+        ("stoppers.gap=nan", ["stoppers.gap", "> 0"]),
+        ("stoppers.gap=inf", ["stoppers.gap"]),
+        ("stoppers.impact_velocity=events", ["impact_velocity", "event"]),
+        ("excitation.correlation_time=0", ["excitation.correlation_time", "> 0"]),
+        ("excitation.kind=whit", ["excitation.kind", "did you mean white"]),
+        ("run.seed=1.5", ["run.seed", "whole number"]),
+        ("run.seed=-1", ["run.seed"]),
+        ("run.realizations=0", ["run.realizations", "[1, "]),
+        ("run.duration=none", ["run.duration", "missing"]),
+        ("run=none", ["[run]", "missing"]),
+        ("units=imperial", ["units", "scaled", "SI"]),
+        ("oscillator.cubic_stiffness=-1", ["cubic_stiffness", "≥ 0"]),
+        ("load.kind=resitor", ["load.kind", "did you mean resistor"]),
+        ("stoppers=1", ["stoppers", "table"]),
+        ("oscillator.damping", ["table.key=value"]),
+        ("a.b.c=1", ["a.b.c"]),
+    ],
+)
+def test_a_mistake_is_refused_in_one_line_that_names_it(override, words):
+    with pytest.raises(SceneError) as caught:
+        Scene.load("paper", [override])
+    message = str(caught.value)
+    assert "\n" not in message
+    for word in words:
+        assert word in message
+
+
+def test_motions_without_bound_or_stationary_state_are_refused():
+    with pytest.raises(SceneError, match="unbounded"):
+        Scene.load("duffing", ["oscillator.cubic_stiffness=0"])
+    with pytest.raises(SceneError, match="stationary"):
+        Scene.load("linear", ["oscillator.damping=0", "piezo.coupling=0"])
+
+
+def test_unknown_scene_and_broken_file_are_refused(tmp_path):
+    with pytest.raises(SceneError, match="did you mean paper"):
+        Scene.load("papr")
+    broken = tmp_path / "broken.toml"
+    broken.write_text("units = \n")
+    with pytest.raises(SceneError, match=r"broken\.toml: not a TOML file"):
+        Scene.load(broken)
+    with pytest.raises(SceneError, match="no such scene file"):
+        Scene.load(tmp_path / "missing.toml")
+
+
+def test_replace_checks_and_leaves_the_original_alone():
+    scene = Scene.load("paper")
+    changed = scene.replace({"stoppers.gap": 1.2}, excitation={"intensity": 0.1}, run={"seed": 9})
+    assert (changed.stoppers[0].gap, changed.excitation.intensity, changed.run.seed) == (
+        1.2,
+        0.1,
+        9,
+    )
+    assert scene.stoppers[0].gap == 1.1
+    assert scene.replace(stoppers=None).stoppers == ()
+    with pytest.raises(SceneError, match=r"stoppers\.gap"):
+        scene.replace({"stoppers.gap": -1.0})
+
+
+def test_a_scene_survives_its_tables_and_its_digest_tells_scenes_apart():
+    scene = Scene.load("paper_si")
+    again = Scene.from_tables(scene.to_tables(), name=scene.name)
+    assert again == scene
+    assert again.digest() == scene.digest()
+    assert scene.replace({"run.seed": 2}).digest() != scene.digest()
+
+
+@pytest.mark.parametrize("name", ["paper", "paper_si", "duffing"])
+def test_the_knot_spacing_left_out_follows_the_fastest_time(name):
+    scene = Scene.load(name)
+    assert scene.excitation.knot_spacing is None
+    assert knot_spacing(scene) == 0.05
+    fast = Scene.load(name, ["excitation.correlation_time=0.02"])
+    assert knot_spacing(fast) == 0.0025
+    stiff = scene.replace({"oscillator.linear_stiffness": 400 * scene.oscillator.linear_stiffness})
+    assert knot_spacing(stiff) < 0.006
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (["excitation.knot_spacing=0.5"], ["knot_spacing", "0.4"]),
+        (["excitation.knot_spacing=0.05", "excitation.correlation_time=0.02"], ["0.05", "0.02"]),
+        (["excitation.knot_spacing=0.3", "run.duration=0.2"], ["run.duration", "0.3"]),
+    ],
+)
+def test_knots_that_do_not_fit_are_refused_by_what_needs_them_and_not_by_averaging(
+    overrides, words
+):
+    scene = Scene.load("paper", overrides)
+    with pytest.raises(SceneError) as caught:
+        simulate(scene, "monte-carlo")
+    assert "\n" not in str(caught.value)
+    for word in words:
+        assert word in str(caught.value)
+    plain = scene.replace({"excitation.knot_spacing": None})
+    one, other = (average(each, "consistent").scaled_quantities for each in (scene, plain))
+    assert one == other
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        (".1", 0.1),
+        ("-.5", -0.5),
+        ("+.5", 0.5),
+        ("+3", 3),
+        ("1.", 1.0),
+        ("1e3", 1000.0),
+        ("5.e-1", 0.5),
+        ("007", 7),
+    ],
+)
+def test_a_number_on_the_command_line_may_be_written_as_in_python(text, value):
+    scene = Scene.load("paper", [f"oscillator.linear_stiffness={text}"])
+    assert scene.oscillator.linear_stiffness == value
+
+
+@pytest.mark.parametrize("word", ["nan", "inf", "-inf", "NaN", "Infinity", "1.e999"])
+def test_a_word_that_python_takes_for_a_number_is_none(word):
+    with pytest.raises(SceneError, match=r"oscillator\.linear_stiffness = .*: must be a number"):
+        Scene.load("paper", [f"oscillator.linear_stiffness={word}"])
+
+
+def test_a_preloaded_mass_rests_between_gap_and_well():
+    parameters = flat(Scene.load("paper", ["stoppers.gap=0.95"]))
+    x = parameters.rest
+    assert 0.95 < x < well(parameters)
+    force = -4.0 * x + parameters.cubic_stiffness * x**3 + 10.0 * (x - 0.95) ** 1.5
+    assert force == pytest.approx(0.0, abs=1e-12)

@@ -1,0 +1,61 @@
+"""Values of one of several tables, and what a study may vary of them."""
+
+import pytest
+
+from harvester.errors import SceneError
+from harvester.scene.model import Scene
+from harvester.scene.numbers import numbers
+
+ONE = '{{side = "{}", gap = {}, stiffness = 10.0, restitution = 0.7}}'
+TWO = f"stoppers=[{ONE.format('right', 1.1)}, {ONE.format('left', 0.7)}]"
+SUM = (
+    'excitation={kind = "sum", parts = [{kind = "white", intensity = 0.1}, '
+    '{kind = "sine", amplitude = 1.0, frequency = 3.0}]}'
+)
+
+
+def test_a_place_names_one_of_several_tables():
+    scene = Scene.load("duffing", [TWO, "stoppers[1].gap=0.9", "stoppers[0].exponent=2"])
+    assert [each.gap for each in scene.stoppers] == [1.1, 0.9]
+    assert [each.exponent for each in scene.stoppers] == [2.0, 1.5]
+    assert scene.replace({"stoppers[0].side": "left"}).stoppers[0].side == "left"
+    assert scene.replace({"stoppers[0]": None}).stoppers == scene.stoppers[1:]
+    excited = Scene.load("device", [SUM, "excitation.parts[0].intensity=0.5"])
+    assert excited.excitation.parts[0].intensity == 0.5
+
+
+def test_one_table_is_the_first_of_its_kind_too():
+    assert Scene.load("paper", ["stoppers[0].gap=1.2"]).stoppers[0].gap == 1.2
+    assert Scene.load("one_sided", ["stoppers.gap=0.002"]).stoppers[0].gap == 0.002
+    assert Scene.load("one_sided", ["stoppers[0]=none"]).stoppers == ()
+
+
+@pytest.mark.parametrize(
+    ("scene", "overrides", "words"),
+    [
+        ("duffing", [TWO, "stoppers[2].gap=1"], "there are 2 .* stoppers.1."),
+        ("duffing", [TWO, "stoppers.gap=1"], "several tables, stoppers.0. and stoppers.1."),
+        ("duffing", [TWO, "stoppers[1].gpa=1"], r"stoppers\[1\].gpa \(did you mean gap\?\)"),
+        ("duffing", [TWO, "stopers[1].gap=1"], "did you mean stoppers"),
+        ("duffing", ["stoppers[0].gap=1"], "no stoppers here"),
+        ("paper", ["stoppers[1].gap=1"], "one table"),
+        ("paper", ["oscillator[0].damping=1"], "write oscillator.key"),
+        ("device", [SUM, "excitation.parts[7].intensity=1"], "there are 2 of parts"),
+        ("device", [SUM, "excitation.parts[0].intnsity=1"], "did you mean intensity"),
+    ],
+)
+def test_a_wrong_place_is_refused_by_name(scene, overrides, words):
+    with pytest.raises(SceneError, match=words):
+        Scene.load(scene, overrides)
+
+
+def test_a_study_may_vary_the_numbers_of_each_table():
+    found = numbers(Scene.load("duffing", [TWO]))
+    assert found["stoppers[1].gap"][0] == 0.7
+    assert "run.duration" not in found
+    found = numbers(Scene.load("device", [SUM]))
+    assert found["excitation.parts[1].frequency"][0] == 3.0
+    assert found["piezo.coupling"][0] == 3.69e-4
+    coil = numbers(Scene.load("electromagnetic"))
+    assert {"coil.coupling", "coil.resistance", "load.resistance"} <= set(coil)
+    assert not [key for key in coil if key.startswith("piezo")]

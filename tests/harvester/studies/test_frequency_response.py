@@ -1,0 +1,126 @@
+import json
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from truths import flat
+
+import harvester
+from harvester.command_line import main
+from harvester.commands.options import number_list
+from harvester.errors import HarvesterError
+from harvester.scene.model import Scene
+
+
+def sine(name, amplitude, **changes):
+    tables = Scene.load(name).to_tables()
+    tables["excitation"] = {"kind": "sine", "amplitude": amplitude, "frequency": 1.0}
+    for table, values in changes.items():
+        tables[table] = {**tables.get(table, {}), **values}
+    return Scene.from_tables(tables, name=name)
+
+
+def transfer(p, frequency, amplitude):
+    """|X| and rms V of a linear device (Eq. 4)."""
+    s = 2j * np.pi * frequency
+    ratio = s / (s + p.decay_rate)
+    x = amplitude / (p.linear_stiffness + s * s + s * p.damping + p.coupling * ratio)
+    return np.abs(x), np.abs(x * ratio) / np.sqrt(2.0)
+
+
+@pytest.mark.parametrize(
+    ("engine", "step", "frequencies", "tolerance"),
+    # The trapezoidal rule of the circuit: (2π/80)²/12 of the frequency, times Q.
+    [
+        ("monte-carlo", "default", [0.1, 0.3, 0.37, 0.5, 1.0], 3e-4),
+        ("circuit", "fine", [0.3, 0.5], 1e-3),
+    ],
+)
+def test_a_linear_device_has_its_transfer_function(pool, engine, step, frequencies, tolerance):
+    scene = sine("linear", 0.3)
+    response = harvester.frequency_response(scene, frequencies, engine, step=step, pool=pool)
+    p = flat(scene)
+    amplitude, voltage = transfer(p, np.array(frequencies), 0.3)
+    for sweep in response.sweeps:
+        np.testing.assert_allclose(sweep.displacement_amplitude, amplitude, rtol=tolerance)
+        np.testing.assert_allclose(sweep.rms_voltage, voltage, rtol=tolerance)
+        power = p.coupling * p.decay_rate * voltage**2
+        np.testing.assert_allclose(sweep.mean_power, power, rtol=2 * tolerance)
+        assert np.all(sweep.residual < 1e-5)
+
+
+def test_si_units_are_those_of_the_scene(pool):
+    oscillator = {"linear_stiffness": 126.9, "cubic_stiffness": 0.0}
+    scene = Scene.load("device").replace(oscillator=oscillator)
+    response = harvester.frequency_response(scene, [12.0], amplitude=2.0, pool=pool)
+    mass, theta, cp, load = 0.022, 3.69e-4, 4.3e-8, 306e3
+    s = 2j * np.pi * 12.0
+    ratio = theta * s / (s * cp + 1 / load)
+    x = mass * 2.0 / (126.9 + mass * s * s + 0.03342 * s + theta * ratio)
+    power = np.abs(x * ratio) ** 2 / (2 * load)
+    (sweep,) = response.sweeps
+    # Runge–Kutta's (2π/40)⁴/120 of the frequency, near a resonance of Q = 50.
+    assert response.values("displacement_amplitude", sweep)[0] == pytest.approx(abs(x), rel=5e-4)
+    assert response.values("mean_power", sweep)[0] == pytest.approx(power, rel=1e-3)
+
+
+def test_a_hardening_spring_shows_hysteresis(pool):
+    changes = {"oscillator": {"damping": 0.1, "cubic_stiffness": 1.0}}
+    changes["piezo"], changes["load"] = {"coupling": 0.2}, {"decay_rate": 0.5}
+    scene = sine("linear", 0.5, **changes)
+    response = harvester.frequency_response(scene, np.linspace(0.3, 0.45, 7), down=True, pool=pool)
+    up, down = (sweep.displacement_amplitude for sweep in response.sweeps)
+    # Both branches at 0.375 Hz, one below and above.
+    assert up[3] > 3 * down[3]
+    np.testing.assert_allclose(up[[0, 1, 2, 5, 6]], down[[0, 1, 2, 5, 6]], rtol=2e-3)
+    assert up[3] == pytest.approx(_swept_up(flat(scene), response.frequencies[:4]), rel=1e-3)
+
+
+def _swept_up(p, frequencies):
+    """Amplitude at the last of some frequencies, 120 s at each, by DOP853."""
+    state, turn = np.zeros(3), 0.0
+    for frequency in frequencies:
+
+        def derivative(time, y, start=turn, frequency=frequency):
+            x, v, voltage = y
+            force = 0.5 * np.sin(2 * np.pi * (start + frequency * time)) - p.damping * v
+            force -= p.linear_stiffness * x + p.cubic_stiffness * x**3 + p.coupling * voltage
+            return [v, force, v - p.decay_rate * voltage]
+
+        times = np.linspace(100.0, 120.0, 4001)
+        solved = solve_ivp(derivative, (0, 120), state, "DOP853", times, rtol=1e-8, atol=1e-9)
+        state, turn = solved.y[:, -1], turn + 120.0 * frequency
+    return 0.5 * np.ptp(solved.y[0])
+
+
+def test_the_command_writes_table_json_and_figure(tmp_path, capsys):
+    scene = tmp_path / "sine.toml"
+    scene.write_text(
+        'units = "scaled"\n[oscillator]\ndamping = 0.2\nlinear_stiffness = 4.0\n[piezo]\n'
+        "coupling = 1.0\n[load]\ndecay_rate = 2.0\n[excitation]\n"
+        'kind = "sine"\namplitude = 0.3\nfrequency = 0.3\n[run]\nduration = 100.0\n'
+    )
+    command = ["frequency-response", str(scene), "--frequencies", "0.2:0.6:log:3", "--down"]
+    assert main([*command, "--output", str(tmp_path)]) == 0
+    shown = capsys.readouterr().out
+    for word in ("sweep down", "rms voltage (scaled)", "residual", "most power"):
+        assert word in shown
+    content = json.loads((tmp_path / "sine-frequency-response.json").read_text())
+    assert len(content["sweeps"]["down"]["mean_power"]) == 3
+    assert (tmp_path / "sine-frequency-response.png").exists()
+    assert main(["frequency-response", "paper", "--frequencies", "1"]) == 2
+    assert '"sine"' in capsys.readouterr().err
+    short = ["--frequencies", "1", "--amplitude"]
+    assert main(["frequency-response", "linear", *short, "0"]) == 2
+    assert "amplitude 0" in capsys.readouterr().err
+
+
+def test_frequencies_have_a_short_form():
+    np.testing.assert_allclose(number_list("0.1:10:log:3", "--frequencies"), [0.1, 1, 10])
+    np.testing.assert_allclose(number_list("1:2:linear:3", "--frequencies"), [1, 1.5, 2])
+    assert number_list("1,2.5", "--frequencies") == [1.0, 2.5]
+    for text in ("1:2", "2:1:log:3", "1:2:lin:3", "a", "1:2:log:x"):
+        with pytest.raises(HarvesterError, match="write it as"):
+            number_list(text, "--frequencies")
+    with pytest.raises(HarvesterError, match="> 0"):
+        harvester.frequency_response(sine("linear", 0.3), [0.0, 1.0])

@@ -1,0 +1,254 @@
+"""Optima with a known place, and maxima that are none."""
+
+import json
+import math
+import re
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar
+from truths import flat, interpolated_linear_means
+
+from harvester.command_line import main
+from harvester.engines.steps import knot_spacing
+from harvester.errors import HarvesterError, OptimumError
+from harvester.scene.model import Scene
+from harvester.studies import optimum_search
+from harvester.studies.optimum import optimum
+from harvester.studies.optimum_search import Axis, Fit, Search, averaged
+
+LINEAR = Scene.load("linear", ["run.realizations=2", "run.duration=3000"])
+
+
+def oscillator_power(p):
+    """E[P] of a linear harvester under Ornstein–Uhlenbeck noise, in closed form."""
+    frequency = math.sqrt(p.linear_stiffness)
+    ratio, square = 0.5 * p.damping / frequency, p.coupling / p.linear_stiffness
+    alpha, t = frequency / p.decay_rate, frequency * p.correlation_time
+    white = p.intensity * square * alpha
+    white /= 2 * ratio + (4 * ratio**2 + square) * alpha + 2 * ratio * (1 + square) * alpha**2
+    lower = alpha * (1 + square) * t**2 + 2 * ratio * alpha * t + alpha + t**3
+    return white * (t + alpha + 2 * ratio * alpha * t) / (lower + 2 * ratio * t**2 + t)
+
+
+def best_load(power):
+    def loss(rate):
+        return -power(flat(LINEAR.replace({"load.decay_rate": rate})))
+
+    return minimize_scalar(loss, bounds=(0.5, 10.0), method="bounded", options={"xatol": 1e-9}).x
+
+
+def test_simulation_finds_the_load_of_a_linear_harvester(pool):
+    """Within four standard errors of the closed form: one false alarm in 16 000."""
+    axis = Axis("load.decay_rate", 0.5, 10.0)
+    search = Search(LINEAR, axis, "mean_power", "monte-carlo", pool)
+    place, fitted = search.find(None)
+    closed = best_load(oscillator_power)
+    exact = best_load(lambda p: interpolated_linear_means(p, knot_spacing(LINEAR))["mean_power"])
+    assert closed == pytest.approx(exact, rel=2e-3)
+    assert abs(place.estimate - exact) < 4.0 * place.standard_error
+    assert place.standard_error < 0.1 * exact
+    assert fitted[0][0] < place.estimate < fitted[-1][0]
+
+
+@pytest.mark.slow
+def test_averaging_and_simulation_together():
+    found = optimum(LINEAR, "load.decay_rate", maximise="mean_power", workers=2)
+    closed = best_load(oscillator_power)
+    exact = best_load(lambda p: interpolated_linear_means(p, knot_spacing(LINEAR))["mean_power"])
+    assert closed == pytest.approx(exact, rel=2e-3)
+    assert abs(found.place.estimate - exact) < 4.0 * found.place.standard_error
+    assert found.place.standard_error < 0.05 * exact
+    value = oscillator_power(flat(LINEAR.replace({"load.decay_rate": closed})))
+    assert abs(found.value.estimate - value) < 4.0 * found.value.standard_error
+    header, rows = found.table()
+    assert {len(row) for row in rows} == {len(header)}
+    told = json.loads(json.dumps(found.to_dict(), allow_nan=False))
+    low, high = told["simulation"]["interval"]
+    assert low < told["simulation"]["place"]["estimate"] < high
+
+
+def test_the_maximum_is_that_in_the_scene_s_units():
+    """The coupling of an SI scene sets its volt too (Eq. 3): V̄ = θ l/Cp V."""
+    device = Scene.load("device")
+    stronger = device.replace({"piezo.coupling": 2.0 * device.piezo.coupling})
+    unit = optimum_search.unit(device, "mean_square_voltage")
+    theta, cp = device.piezo.coupling, device.piezo.capacitance
+    assert unit == pytest.approx((theta * device.length_scale / cp) ** 2)
+    assert optimum_search.unit(stronger, "mean_square_voltage") == pytest.approx(4.0 * unit)
+    assert optimum_search.unit(device, "power_conversion_efficiency") == 1.0
+
+
+def test_the_closed_form_has_its_white_noise_optimum():
+    """α* = 1/√(1 + κ²)."""
+    white = LINEAR.replace({"excitation.correlation_time": 1e-6, "excitation.knot_spacing": 1e-7})
+
+    def loss(rate):
+        return -oscillator_power(flat(white.replace({"load.decay_rate": rate})))
+
+    best = minimize_scalar(loss, bounds=(0.5, 10.0), method="bounded", options={"xatol": 1e-9}).x
+    p = flat(white)
+    frequency, square = math.sqrt(p.linear_stiffness), p.coupling / p.linear_stiffness
+    assert frequency / best == pytest.approx(1.0 / math.sqrt(1.0 + square), rel=1e-4)
+
+
+@pytest.mark.parametrize("start", [None, 0.5])
+def test_an_edge_is_no_optimum(pool, start):
+    scene = Scene.load("linear", ["run.realizations=2", "run.duration=1000"])
+    axis = Axis("excitation.intensity", 0.01, 0.04)
+    with pytest.raises(OptimumError, match=r"largest at the end of the range, 0\.04"):
+        Search(scene, axis, "mean_power", "monte-carlo", pool).find(start)
+
+
+def test_averaging_gives_a_reason_instead_of_an_edge(pool, monkeypatch):
+    monkeypatch.setattr(optimum_search, "SCANNED", 3)
+    scene = Scene.load("linear")
+    axis = Axis("excitation.intensity", 0.01, 0.04)
+    place, _, reason = averaged(scene, axis, "mean_power", "slow_load", pool)
+    assert place is None
+    assert reason == "largest at the end of the range, excitation.intensity = 0.04"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"over": "load.decay_rat"}, "did you mean load.decay_rate"),
+        ({"over": "run.duration"}, "no number of this scene"),
+        ({"over": "load.decay_rate", "low": 2.0, "high": 1.0}, "give --from below --to"),
+        ({"over": "load.decay_rate", "low": -1.0}, "must be a number > 0"),
+        ({"over": "load.decay_rate", "maximise": "mean_powr"}, "did you mean mean_power"),
+        ({"over": "load.decay_rate", "engine": "spice"}, "unknown engine spice"),
+    ],
+)
+def test_mistakes_are_named(options, message):
+    with pytest.raises(HarvesterError, match=message):
+        optimum(LINEAR, **options)
+
+
+def test_an_axis_goes_by_logarithm_where_it_is_wide():
+    wide, narrow = Axis("a", 0.1, 10.0), Axis("a", 1.0, 2.0)
+    assert wide.value(0.5) == pytest.approx(1.0)
+    assert narrow.value(0.5) == pytest.approx(1.5)
+    for axis in (wide, narrow):
+        assert axis.coordinate(axis.value(0.3)) == pytest.approx(0.3)
+        numeric = (axis.value(0.3 + 1e-6) - axis.value(0.3 - 1e-6)) / 2e-6
+        assert axis.slope(0.3) == pytest.approx(numeric, rel=1e-6)
+
+
+def test_the_fit_covers_a_known_maximum(monkeypatch):
+    """Cubic with its maximum at 0.2 under noise of which most is common to all places.
+
+    300 intervals of two standard errors: 95 % expected, 91 % is four deviations below that.
+    """
+    places = np.linspace(-1.0, 1.0, 7)
+    t = places - 0.2
+    truth = 10.0 - 2.0 * t**2 - 0.5 * t**3
+    noise = np.random.default_rng(3)
+    series = {}
+    monkeypatch.setattr(optimum_search, "deviations", lambda moments, name: series[moments])
+
+    class Synthetic:
+        scene = LINEAR
+
+        def __init__(self, name, value):
+            self.quantities = {"mean_power": type("E", (), {"estimate": value})}
+            self.result = type("R", (), {"moments": name})
+
+    covered = 0
+    for _ in range(300):
+        batches = 3.0 * noise.normal(size=(2, 64)) + 0.3 * noise.normal(size=(7, 2, 64))
+        means = batches.mean(axis=(1, 2))
+        series.update({k: batches[k] - means[k] for k in range(7)})
+        fit = Fit(places, [Synthetic(k, truth[k] + means[k]) for k in range(7)], "mean_power")
+        assert fit.peaked
+        covered += abs(fit.place - 0.2) < 2.0 * fit.error
+    assert 0.91 * 300 < covered < 300
+
+
+def searched(function, own_noise, monkeypatch):
+    """A Search over 0 … 1 of a function, under noise that all places have in common and their own.
+
+    What is their own is a hundredth of the common part, as on a path that a parameter hardly
+    changes.
+    """
+    noise = np.random.default_rng(7)
+    common = 0.05 * noise.normal(size=(2, 64))
+    monkeypatch.setattr(optimum_search, "deviations", lambda moments, name: moments)
+    monkeypatch.setattr(optimum_search, "in_units", lambda answer, name: None)
+
+    class Synthetic:
+        scene = LINEAR
+
+        def __init__(self, coordinate):
+            batches = common + own_noise * noise.normal(size=common.shape)
+            value = function(coordinate) + batches.mean()
+            self.quantities = {"mean_power": type("E", (), {"estimate": value})}
+            self.result = type("R", (), {"moments": batches - batches.mean()})
+
+    search = Search(LINEAR, Axis("load.decay_rate", 0.0, 1.0), "mean_power", "monte-carlo", None)
+    monkeypatch.setattr(search, "_answers", lambda places: [Synthetic(c) for c in places])
+    return search
+
+
+@pytest.mark.parametrize("own_noise", [0.0, 5e-4])
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize("start", [0.5, 0.7])
+def test_a_plateau_is_no_optimum(own_noise, side, start, monkeypatch):
+    """Rises up to one place and stays: stoppers too far away to be touched."""
+
+    def plateau(coordinate):
+        return 10.0 - 9.0 * max(0.5 - (0.5 + side * (coordinate - 0.5)), 0.0) ** 2
+
+    search = searched(plateau, own_noise, monkeypatch)
+    with pytest.raises(OptimumError, match="mean power is flat from") as caught:
+        search.find(start)
+    (ends,) = re.findall(r"flat from ([\d.]+) to ([\d.]+) ", str(caught.value))
+    assert all(side * (float(end) - 0.5) > 0.0 for end in ends)
+
+
+@pytest.mark.parametrize("top", [0.35, 0.5])
+def test_a_sharp_bend_is_fitted_closely(top, monkeypatch):
+    """Parabolas of different width on both sides, which no cubic follows.
+
+    Within four standard errors, which know of the misfit; false alarm one in 16 000.
+    """
+
+    def bent(coordinate):
+        off = coordinate - top
+        return 10.0 - (30.0 if off > 0.0 else 3.0) * off * off
+
+    place, _ = searched(bent, 5e-4, monkeypatch).find(0.5)
+    assert abs(place.estimate - top) < 4.0 * place.standard_error
+    assert place.standard_error < 0.03
+
+
+def test_averaging_knows_a_plateau_too(monkeypatch):
+    def rate(scene):
+        return scene.to_tables()["load"]["decay_rate"]
+
+    monkeypatch.setattr(optimum_search, "sweep", lambda requests, pool: {r: r for r in requests})
+    monkeypatch.setattr(
+        optimum_search, "amount", lambda request, name: min(rate(request.scene), 3.0)
+    )
+    axis = Axis("load.decay_rate", 0.5, 10.0)
+    place, _, reason = averaged(LINEAR, axis, "mean_power", "slow_load", None)
+    assert place is None
+    assert reason.startswith("flat above load.decay_rate = 3.")
+
+
+@pytest.mark.slow
+def test_the_command_prints_the_interval(capsys, tmp_path):
+    options = [
+        "--set",
+        "run.duration=5000",
+        "--from",
+        "0.8",
+        "--to",
+        "6",
+        "--output",
+        str(tmp_path),
+    ]
+    arguments = ["--over", "load.decay_rate", "--maximise", "mean_power", *options]
+    assert main(["optimum", "linear", *arguments]) == 0
+    assert "interval" in capsys.readouterr().out
+    assert json.loads((tmp_path / "linear-optimum.json").read_text())["over"] == "load.decay_rate"

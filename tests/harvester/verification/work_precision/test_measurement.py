@@ -1,0 +1,221 @@
+import json
+import math
+
+import numpy as np
+import pytest
+from truths import Keep
+from truths import reference_path as independent_path
+
+from harvester.command_line import main
+from harvester.engines.monte_carlo import initial_state, integrate
+from harvester.engines.realization import noise_path, start_state
+from harvester.engines.steps import knot_spacing, steps_per_knot
+from harvester.errors import SimulatorAborted
+from harvester.estimates.paired import paired_difference
+from harvester.scene.model import Scene
+from harvester.scene.units import scale
+from harvester.simulation import simulate
+from harvester.verification.work_precision import reference_path
+from harvester.verification.work_precision.diagram import MEANS, STATES
+from harvester.verification.work_precision.measurement import work_precision
+from harvester.verification.work_precision.methods import METHODS, THOROUGH_METHODS, Method
+
+FAMILIES = {
+    # At the default step contacts ask for shorter ones: orders are those of uniform steps.
+    "trapezoidal": ("circuit", 2, None, (2, 4, 8)),
+    "gear": ("circuit", 2, "gear", (4, 8, 16)),
+    "runge-kutta": ("monte-carlo", 4, None, (1, 2, 4)),
+    "heun": ("monte-carlo", 2, "heun", (1, 2, 4)),
+}
+FEW = [
+    Method(family, engine, order, refinement, scheme=scheme)
+    for family, (engine, order, scheme, refinements) in FAMILIES.items()
+    for refinement in refinements
+]
+SHORT = ["run.realizations=2", "run.duration=200", "run.settle=20", "excitation.intensity=0.03"]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def brief_throughput():
+    """Speeds have tests of their own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("harvester.verification.work_precision.throughput.KNOTS", 200)
+        patch.setattr("harvester.verification.work_precision.throughput.REPEATS", 1)
+        yield
+
+
+@pytest.fixture(scope="module")
+def diagram():
+    return work_precision(Scene.load("paper", SHORT), methods=FEW, workers=2)
+
+
+@pytest.mark.parametrize(
+    ("family", "tolerance"),
+    [("trapezoidal", 0.3), ("gear", 0.3), ("runge-kutta", 0.6), ("heun", 0.4)],
+)
+def test_the_measured_order_is_the_theoretical_one(diagram, family, tolerance):
+    orders = diagram.orders[family]
+    for name in STATES:
+        assert orders[name] == pytest.approx(FAMILIES[family][1], abs=tolerance)
+
+
+def test_a_run_for_the_means_holds_its_evidence(diagram):
+    for row in diagram.rows:
+        assert set(row.bias) == set(MEANS)
+        assert row.seconds_per_unit > 0.0
+        assert row.note == ""
+    circuit, runge_kutta = diagram.rows[0], diagram.rows[6]
+    assert circuit.seconds_per_unit > 5.0 * runge_kutta.seconds_per_unit
+    # The finest Runge–Kutta row is the reference itself.
+    assert [diagram.rows[8].bias[name].estimate for name in MEANS] == [0.0, 0.0, 0.0]
+
+
+def test_table_sentences_and_json_tell_the_same(diagram):
+    header, cells = diagram.table()
+    assert len(cells) == len(FEW) + len(diagram.closures)
+    assert {len(line) for line in cells} == {len(header)}
+    content = json.loads(json.dumps(diagram.to_dict(), allow_nan=False))
+    assert len(content["methods"]) == len(FEW)
+    assert {"date", "cores", "processor"} <= set(content["machine"])
+    assert [line["mean_step"] > 0.0 for line in content["methods"]] == [True] * len(FEW)
+
+
+def test_the_sentences_judge_the_default_step():
+    scene = Scene.load("linear", ["run.realizations=2", "run.duration=200", "run.settle=20"])
+    diagram = work_precision(scene, methods=METHODS[5:6], workers=2)
+    (judged,) = [line for line in diagram.sentences() if "the circuit's default step" in line]
+    assert "E[V²]" in judged
+    assert "PCE" in judged
+
+
+def test_the_reference_is_that_of_an_independent_integration():
+    scene = Scene.load(
+        "paper",
+        ["run.realizations=2", "run.duration=10", "run.settle=0", "excitation.intensity=0.1"],
+    )
+    for index in (0, 1):
+        states = reference_path.run(scene, index, report=None)
+        np.testing.assert_allclose(states, independent_path(scene, 200, index)[1:], atol=1e-9)
+
+
+def test_the_held_speed_of_the_reference_agrees_with_monte_carlo(pool):
+    scene = Scene.load(
+        "paper",
+        [
+            "stoppers.impact_velocity=event",
+            "excitation.intensity=0.1",
+            "run.duration=10",
+            "run.settle=0",
+            "run.realizations=1",
+        ],
+    )
+    states = reference_path.run(scene, 0, report=None)
+    path = simulate(scene, "monte-carlo", step="finest", window=(0.0, 20.0), pool=pool).waveform
+    times = 0.05 * np.arange(1, 201)
+    np.testing.assert_allclose(
+        np.interp(times, path.time, path.displacement), states[:, 0], atol=1e-7
+    )
+
+
+UNEVEN = "stoppers={gap=0.011, stiffness=1e6, restitution=0.5, exponent=2.0}"
+PARTS = [
+    ("one_sided", ["piezo.leakage_resistance=1e6"]),
+    ("tristable", ["start={displacement=0.012, velocity=0.3, voltage=5.0}"]),
+    ("electromagnetic", []),
+    pytest.param("asymmetric", ["oscillator.quadratic_damping=5", UNEVEN], marks=pytest.mark.slow),
+    pytest.param("electromagnetic", ["coil.inductance=2.0"], marks=pytest.mark.slow),
+]
+
+
+@pytest.mark.parametrize(("name", "overrides"), PARTS)
+def test_the_reference_follows_every_part(name, overrides):
+    """Monte Carlo knows the parts by their own functions, the reference by their numbers."""
+    scene = Scene.load(name, [*overrides, "run.settle=0", "run.realizations=1"])
+    spacing = knot_spacing(scene)
+    scene = scene.replace({"run.duration": 150 * spacing, "excitation.knot_spacing": spacing})
+    system, _ = scale(scene)
+    expected = reference_path.run(scene, 0, report=None)
+    keep, fine = Keep(), steps_per_knot(scene, "finest", "monte-carlo")
+    state = initial_state(system, start_state(scene, 0))
+    for record in integrate(system, noise_path(scene, 0), state, 150 * spacing, fine):
+        keep.add(record)
+    found = keep.at_knots(spacing)
+    scatter = expected.std(axis=0)
+    np.testing.assert_array_less(np.abs(found - expected).max(axis=0), 1e-5 * scatter)
+
+
+def test_local_error_control_lands_on_knots_and_follows_its_tolerance(pool):
+    scene = Scene.load("paper", ["run.duration=20", "run.settle=0", "run.realizations=1"])
+    steps = []
+    for tolerance in (1e-4, 1e-6):
+        result = simulate(scene, "circuit", tolerance=tolerance, window=(0.0, 40.0), pool=pool)
+        knots = 0.05 * np.arange(1, 401)
+        times = result.waveform.time
+        nearest = np.abs(times[np.searchsorted(times, knots - 1e-9)] - knots)
+        assert nearest.max() < 1e-9
+        steps.append(result.steps)
+    assert steps[1] > 2 * steps[0]
+
+
+def test_the_paired_difference_of_efficiency_is_that_of_the_two_estimates(pool):
+    """Its error lies far below that of either efficiency, whose noise is common."""
+    scene = Scene.load("linear", ["run.realizations=2", "run.duration=2000", "run.settle=20"])
+    fine, coarse = (
+        simulate(scene, "monte-carlo", step=step, scheme=scheme, pool=pool)
+        for step, scheme in (("fine", None), ("default", "heun"))
+    )
+    name = "power_conversion_efficiency"
+    ours, theirs = coarse.scaled_quantities[name], fine.scaled_quantities[name]
+    paired = paired_difference(coarse, fine)[name]
+    assert paired.estimate == pytest.approx(ours.estimate / theirs.estimate - 1.0, rel=1e-9)
+    assert 0.0 < paired.standard_error < 0.2 * theirs.standard_error / theirs.estimate
+
+
+def test_a_method_that_fails_leaves_the_others_and_says_why(monkeypatch):
+    from harvester.verification.work_precision import measurement as module
+
+    def failing(scene, engine, **options):
+        if engine == "circuit":
+            raise SimulatorAborted("timestep too small")
+        return simulate(scene, engine, **options)
+
+    monkeypatch.setattr(module, "simulate", failing)
+    diagram = work_precision(Scene.load("paper", SHORT), methods=[FEW[0], FEW[-1]], workers=2)
+    assert diagram.rows[0].note == "SimulatorAborted: timestep too small"
+    assert math.isnan(diagram.rows[0].seconds_per_unit)
+    assert diagram.rows[1].bias
+    json.dumps(diagram.to_dict(), allow_nan=False)
+
+
+def test_the_thorough_methods_hold_all_others():
+    assert set(METHODS) < set(THOROUGH_METHODS)
+    families = {method.family for method in METHODS}
+    assert len(families) == 8
+
+
+@pytest.mark.slow
+def test_the_command_writes_json_and_figure(tmp_path, capsys):
+    options = [
+        "--set",
+        "run.realizations=2",
+        "--set",
+        "run.duration=400",
+        "--set",
+        "run.settle=20",
+        "--output",
+        str(tmp_path),
+    ]
+    assert main(["work-precision", "linear", *options]) == 0
+    shown = capsys.readouterr().out
+    for word in ("PWL in the netlist, gear", "averaging, consistent", "µs per unit", "s to 1 %"):
+        assert word in shown
+    content = json.loads((tmp_path / "linear-work-precision.json").read_text())
+    assert len(content["methods"]) == len(METHODS)
+    assert (tmp_path / "linear-work-precision.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_figure_is_drawn(diagram, tmp_path):
+    from harvester.show import figures
+
+    figures.save(figures.draw_work_precision, diagram, tmp_path / "figure.png")
+    assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")

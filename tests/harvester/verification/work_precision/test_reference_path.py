@@ -1,0 +1,42 @@
+"""The independent path and Monte Carlo at its finest step solve every device alike."""
+
+import every_command
+import numpy as np
+import pytest
+
+from harvester.engines.realization import run
+from harvester.engines.steps import knot_spacing
+from harvester.scene.model import Scene
+from harvester.verification.work_precision import reference_path
+
+KNOTS = 120
+# Enough noise to meet the stoppers within these knots.
+LOUD = {"uneven stoppers": 0.5, "held impact velocity": 2.0, "paper": 2.0}
+
+
+@pytest.mark.parametrize(
+    "device",
+    sorted(set(every_command.DEVICES) - {"device", "duffing", "linear", "paper_si"}),
+)
+def test_monte_carlo_follows_the_independent_path(device):
+    name, overrides = every_command.DEVICES[device]
+    scene = Scene.load(name, overrides)
+    spacing = knot_spacing(scene)
+    scene = scene.replace(
+        {
+            "run.duration": KNOTS * spacing,
+            "run.settle": 0.0,
+            "run.realizations": 1,
+            "excitation.knot_spacing": spacing,
+            "excitation.intensity": LOUD.get(device, scene.excitation.intensity),
+        }
+    )
+    reference = reference_path.run(scene, 0, None)
+    window = (0.0, 2.0 * scene.run.duration)
+    [realization] = run(scene, "monte-carlo", [0], "finest", "external", window, lambda _: None)
+    record = realization.waveform
+    times = spacing * np.arange(1, KNOTS + 1)
+    for column, quantity in enumerate(("displacement", "velocity", "voltage")):
+        found = np.interp(times, record.time, getattr(record, quantity))
+        size = np.abs(reference[:, column]).max()
+        np.testing.assert_allclose(found, reference[:, column], atol=1e-6 * size)
