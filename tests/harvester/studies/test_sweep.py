@@ -2,11 +2,11 @@
 
 import math
 
-import harvester.sweep as module
 import pytest
 from scipy.integrate import quad
 from truths import flat, interpolated_linear_means
 
+import harvester.studies.sweep as module
 from harvester.engines.steps import knot_spacing
 from harvester.errors import AveragingError, EngineNotFound, SimulationError
 from harvester.scene.model import Scene
