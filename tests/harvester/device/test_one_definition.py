@@ -192,7 +192,8 @@ def verilog_force(s):
     """Force over RATE² as a function of x and u, from the statements of the Verilog-A module."""
     _, text, numbers = module(s, RATE)
     body = text[text.index("u = V(velocity);") : text.index("I(displacement) <+")]
-    assigned = re.findall(r"(?:if \((.*)\)\n\s*)?push = (.*);", body)
+    assigned = re.findall(r"(?:if \((.*)\)\n\s*)?push = ([^;]*);", body)
+    assigned = [(condition, " ".join(formula.split())) for condition, formula in assigned]
 
     def force(x, u):
         push = 0.0
