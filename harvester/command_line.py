@@ -88,8 +88,10 @@ def _run(arguments):
     except KeyboardInterrupt:
         complain(f"interrupted; {getattr(options, 'kept_when_interrupted', 'nothing was written')}")
         return 130
-    except (MemoryError, ImportError, OSError) as error:
-        # Of the machine: too little memory, too few files, a library that does not load.
+    except (MemoryError, ImportError, OSError, RuntimeError) as error:
+        if isinstance(error, RuntimeError) and "thread" not in str(error):
+            raise
+        # Of the machine: too little memory, too few files, a library that does not load, no thread.
         complain(f"{type(error).__name__}: {str(error).partition(chr(10))[0] or 'no memory left'}")
         return 1
 
