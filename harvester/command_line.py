@@ -92,7 +92,10 @@ def _run(arguments):
         if isinstance(error, RuntimeError) and "thread" not in str(error):
             raise
         # Of the machine: too little memory, too few files, a library that does not load, no thread.
-        complain(f"{type(error).__name__}: {str(error).partition(chr(10))[0] or 'no memory left'}")
+        reason = str(error).partition("\n")[0] or "no memory left"
+        if isinstance(error, RuntimeError):
+            reason = "a thread cannot be started; raise the limit (ulimit -a shows it)"
+        complain(f"{type(error).__name__}: {reason}")
         return 1
 
 

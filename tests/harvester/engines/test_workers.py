@@ -102,4 +102,5 @@ def test_too_few_files_or_too_little_memory_is_one_line(limit):
     shown = subprocess.run(["sh", "-c", call], capture_output=True, text=True, timeout=60)
     assert shown.returncode == 1
     assert len(shown.stderr.splitlines()) == 1
+    # Which of the two strikes first is the machine's: a thread of ours, or the worker.
     assert "cannot be started" in shown.stderr
