@@ -95,7 +95,7 @@ def test_gathering_stops_when_asked_and_leaves_the_rest_out():
     assert gather(futures, stop=lambda: True) == [None, "done", None]
 
 
-@pytest.mark.parametrize("limit", ["-n 20", "-v 450000"])
+@pytest.mark.parametrize("limit", ["-n 14", "-v 450000"])
 def test_too_few_files_or_too_little_memory_is_one_line(limit):
     call = f"ulimit {limit}; exec {sys.executable} -m harvester simulate paper --workers 4"
     call += " --set run.duration=50 --quiet"
