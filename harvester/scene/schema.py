@@ -354,7 +354,9 @@ def _check_load(load, units, origin):
 def _check_physics(scene, origin):
     """What no single value shows: a motion without bounds or without a stationary state."""
     oscillator, stoppers = scene["oscillator"], scene.get("stoppers", ())
-    _check_bounded(oscillator, [stoppers] if isinstance(stoppers, dict) else stoppers, origin)
+    stoppers = [stoppers] if isinstance(stoppers, dict) else stoppers
+    _check_bounded(oscillator, stoppers, origin)
+    _check_held(stoppers, origin)
     transducer = scene.get("piezo") or scene["coil"]
     damped = oscillator["damping"] > 0.0 or oscillator.get("quadratic_damping", 0.0) > 0.0
     if not damped and transducer["coupling"] == 0.0:
@@ -367,6 +369,17 @@ def _check_physics(scene, origin):
             f"{origin}: piezo.coupling = 0.0: must be a number > 0 in SI, where it sets the "
             "voltage scale (Eq. 3); a scaled scene can be without coupling"
         )
+
+
+def _check_held(stoppers, origin):
+    """One impact speed is held at a time: `event` takes one stopper on a side."""
+    for side in ("right", "left"):
+        there = [each for each in stoppers if each.get("side", "both") in (side, "both")]
+        if len(there) > 1 and any(each.get("impact_velocity") == "event" for each in there):
+            raise SceneError(
+                f'{origin}: stoppers.impact_velocity = "event" with {len(there)} stoppers on the '
+                f'{side}: one impact speed is held there; choose "energy", or take the others out'
+            )
 
 
 def _check_bounded(oscillator, stoppers, origin):

@@ -183,3 +183,12 @@ def test_a_preloaded_mass_rests_between_gap_and_well():
     assert 0.95 < x < well(parameters)
     force = -4.0 * x + parameters.cubic_stiffness * x**3 + 10.0 * (x - 0.95) ** 1.5
     assert force == pytest.approx(0.0, abs=1e-12)
+
+
+def test_an_impact_speed_is_held_for_one_stopper_on_a_side():
+    stopper = {"gap": 1.1, "stiffness": 10.0, "restitution": 0.7, "impact_velocity": "event"}
+    tables = Scene.load("paper").to_tables()
+    left = {**stopper, "side": "left"}
+    Scene.from_tables({**tables, "stoppers": [{**stopper, "side": "right"}, left]})
+    with pytest.raises(SceneError, match='"event" with 2 stoppers on the left'):
+        Scene.from_tables({**tables, "stoppers": [stopper, {**left, "impact_velocity": "energy"}]})
