@@ -36,7 +36,7 @@ plt.style.use(figures.STYLE)
 
 # %%
 scene = harvester.Scene.load("paper").replace(
-    {"run.duration": 600.0, "run.settle": 100.0, "run.realizations": 16}
+    {"run.duration": 2000.0, "run.settle": 200.0, "run.realizations": 64}
 )
 scene.to_tables()
 

@@ -43,16 +43,3 @@ def test_the_circuit_follows_scipys_path(pool, name):
     # Of order two, 64 times less at an eighth of the step.
     assert name in LAGGING or found[0] > 20.0 * found[1]
     assert max(residuals) < 5e-4
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["uneven stoppers", "bias and quadratic term"])
-def test_the_circuit_and_monte_carlo_agree_on_the_same_noise(pool, name):
-    scene = device(name).replace({"run.duration": 2000.0, "run.realizations": 4})
-    circuit = simulate(scene, device="behavioural", pool=pool)
-    reference = simulate(scene, "monte-carlo", pool=pool)
-    for quantity in ("mean_square_voltage", "mean_square_displacement", "mean_power"):
-        one, other = circuit.quantity(quantity), reference.quantity(quantity)
-        joint = np.hypot(one.standard_error, other.standard_error)
-        assert joint < 0.03 * other.estimate
-        assert abs(one.estimate - other.estimate) < 3.0 * joint

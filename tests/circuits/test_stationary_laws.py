@@ -85,16 +85,6 @@ def test_shares_and_density_are_gibbs_to_one_percent(pool, name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", DEVICES)
-def test_the_circuits_shares_are_gibbs(pool, name):
-    scene = uncoupled(name, duration=2000.0, realizations=16).replace(
-        {"excitation.knot_spacing": 0.04}
-    )
-    result = simulate(scene, "circuit", device="behavioural", pool=pool)
-    check_shares(result, 0.1)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("load", "duration", "realizations"),
     [

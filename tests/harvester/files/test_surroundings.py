@@ -10,7 +10,8 @@ from harvester.files.surroundings import PACKAGE, away_from_working_folder, who_
 
 DRAW = """
 import hashlib
-from harvester import Scene, average, figures
+from harvester import Scene, average
+from harvester.show import figures
 result = average(Scene.load("linear"), "consistent")
 print(hashlib.sha256(figures.picture(figures.draw_result, result, format="png")).hexdigest())
 """
