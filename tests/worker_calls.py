@@ -1,6 +1,5 @@
 """What the tests ask a worker process to do besides simulating a scene."""
 
-import importlib
 import os
 import time
 
@@ -157,7 +156,7 @@ def run_with_law(report, tables, engine, step):
     LAWS["dashpot"] = spring_dashpot
     scene = Scene.from_tables(tables)
     keep = Keep()
-    module = importlib.import_module(ENGINES[engine])
+    module = ENGINES[engine]
     module.prepare(scene)
     arguments = ([noise_path(scene, 0)], [start_state(scene, 0)], [[keep]], step, "external")
     module.run_realizations(scene, *arguments, device="behavioural")
