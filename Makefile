@@ -5,7 +5,7 @@
 BIN := .venv/bin
 STAMP := .venv/.complete
 
-.PHONY: run test test-fast fast lint setup clean
+.PHONY: run test test-fast fast lint types setup clean
 
 run: $(STAMP)
 	$(BIN)/harvester validate paper --output results
@@ -24,6 +24,9 @@ lint: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
+types: $(STAMP)
+	$(BIN)/mypy
+
 setup: $(STAMP)
 
 $(STAMP): pyproject.toml .ci/setup
@@ -31,5 +34,5 @@ $(STAMP): pyproject.toml .ci/setup
 
 # Results stay: they may have taken hours.
 clean:
-	rm -rf .venv build *.egg-info .pytest_cache .ruff_cache
+	rm -rf .venv build *.egg-info .mypy_cache .pytest_cache .ruff_cache
 	find circuits harvester netlists tests -name __pycache__ -type d -prune -exec rm -rf {} +

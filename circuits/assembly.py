@@ -1,7 +1,10 @@
 """Scene to PySpice circuit: only the elements that the scene needs."""
 
+from __future__ import annotations
+
 import hashlib
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 from circuits import elements
 from circuits.loads.expressions import check_netlist
@@ -10,7 +13,13 @@ from harvester.device import timescales
 from harvester.device.system import speed_held
 from harvester.engines.realization import start_state
 from harvester.engines.steps import knot_spacing, steps_per_knot, stop_time
-from harvester.scene.units import load_resistance, scale
+from harvester.scene.units import scale, setting
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from harvester.device.terminals import Network
+    from harvester.scene.model import Scene
 
 # Steps set from outside: a tight tolerance for Newton, none for the local error (trtol).
 FIXED_STEP = "reltol=1e-10 vntol=1e-11 trtol=1e9"
@@ -29,12 +38,14 @@ OWN_TOLERANCE = 1e-3
 SHORTEST_RUN = 1000
 
 
-def own_steps(tolerance):
+def own_steps(tolerance: float) -> str:
     """Options for ngspice's own step control by the local error at this relative tolerance."""
     return f"reltol={tolerance!r} trtol=7"
 
 
-def step_options(scene, step="default", tolerance=None):
+def step_options(
+    scene: Scene, step: str | float = "default", tolerance: float | None = None
+) -> tuple[str, bool]:
     """Options for steps on a grid, and whether the local error shortens them.
 
     Parameters
@@ -50,7 +61,7 @@ def step_options(scene, step="default", tolerance=None):
     -------
     str, bool
     """
-    load = scene.electrical_load.circuit
+    load = scene.load.circuit
     if load is None or load.linear:
         return (own_steps(tolerance), True) if tolerance else (FIXED_STEP, False)
     if not load.switches and not tolerance:
@@ -79,12 +90,18 @@ class Netlist:
         In front of the nodes' names, one for each copy of the device.
     terminal : str
         Node that carries the transducer's terminal voltage.
-    scaled_ampere : float
-        Scaled current of a coil for one ampere at the load's ammeter; 0 for a piezo.
+    state : str
+        ngspice's vector of the transducer's state; empty without one.
+    state_unit : float
+        Volts or amperes per scaled state.
+    current_per_ampere : float
+        The transducer's scaled current for one ampere at the load's ammeter, where it asks for it.
     per_power : float
         Scaled power per watt at the load's ammeter; 0 without one.
     output_resistors, storage : tuple of str
         ngspice's names of the resistors and capacitors across the load's output.
+    drives_current : bool
+        Whether an inductance of the transducer drives the load's current on.
     """
 
     text: str
@@ -93,28 +110,31 @@ class Netlist:
     step: float
     stop: float
     prefixes: tuple = ("",)
-    terminal: str = elements.PIEZO
-    scaled_ampere: float = 0.0
+    terminal: str = "piezo"
+    state: str = "piezo"
+    state_unit: float = 1.0
+    current_per_ampere: float = 0.0
     per_power: float = 0.0
     output_resistors: tuple = ()
     storage: tuple = ()
+    drives_current: bool = False
 
     @property
-    def sha256(self):
+    def sha256(self) -> str:
         """Digest of the text."""
         return hashlib.sha256(self.text.encode()).hexdigest()
 
 
 def assemble(
-    scene,
-    step="default",
-    starts=None,
-    waveform="external",
-    options=FIXED_STEP,
-    integrator="trapezoidal",
-    save=(),
-    compiled=False,
-):
+    scene: Scene,
+    step: str | float = "default",
+    starts: Sequence[tuple[float, float, float]] | None = None,
+    waveform: str = "external",
+    options: str = FIXED_STEP,
+    integrator: str = "trapezoidal",
+    save: Iterable[str] = (),
+    compiled: bool = False,
+) -> Netlist:
     """Build the equivalent circuit of a scene with PySpice.
 
     Parameters
@@ -151,33 +171,32 @@ def assemble(
     system, scales = scale(scene)
     rate = timescales.angular_frequency(system)
     length = knot_spacing(scene) / steps_per_knot(scene, step)
-    electrical = _electrical(scene, scales)
+    electrical = network(scene)
     circuit = Circuit(f"harvester scene {scene.name}")
-    starts = [_start(system, start, rate, scales) for start in starts or [start_state(scene, 0)]]
-    load = scene.electrical_load.circuit
+    starts = [
+        _start(system, start, rate, electrical) for start in starts or [start_state(scene, 0)]
+    ]
+    load = scene.load.circuit
 
     def add_device(place, start):
         if scene.excitation.prescribes_displacement:
-            elements.add_prescribed_displacement(
-                place, system, rate, scene.excitation, scales, electrical
-            )
-            _add_transducer(place, system, rate, electrical, start[2])
+            elements.add_prescribed_displacement(place, rate, scene.excitation, scales, electrical)
+        elif compiled:
+            compiled_device.add_device(place)
         else:
-            if compiled:
-                compiled_device.add_device(place)
-                elements.add_leak(place, system, electrical)
-            else:
-                _add_mechanics(place, system, rate, length, start)
-                _add_transducer(place, system, rate, electrical, start[2])
+            _add_mechanics(place, system, rate, length, start)
+        parts = compiled_device.left_out(electrical) if compiled else electrical.elements
+        elements.add_transducer(place, parts, rate, scales, start[2])
+        if not scene.excitation.prescribes_displacement:
             elements.add_excitation(place, waveform)
         if load:
             elements.add_load(place, load, electrical)
         else:
-            elements.add_resistor(place, electrical)
+            elements.add_resistor(place, _resistance(scene.load), electrical)
 
     if len(starts) == 1:
         add_device(circuit, starts[0])
-        prefixes = ("",)
+        prefixes: tuple[str, ...] = ("",)
     else:
         # The wells differ in where they lie and in how far they press a mass onto a stopper.
         own = {"start": 0, "held": 3} if elements.holding(system) else {"start": 0}
@@ -189,41 +208,44 @@ def assemble(
             circuit.X(f"copy{copy}", "device", circuit.gnd, **values)
         prefixes = tuple(f"xcopy{copy}." for copy in range(len(starts)))
     if compiled:
-        compiled_device.add_model(circuit, system, rate, electrical)
+        compiled_device.add_model(circuit, system, rate, electrical, scales)
         compiled_device.add_starts(circuit, zip(prefixes, starts, strict=True))
     text = str(circuit)
     check_netlist(text)
-    measured = (electrical.power_factor,) if scene.coil else ()
+    measured: Any = (electrical.power_unit,) if electrical.current_per_ampere > 0.0 else ()
     if load and load.resistance is None:
         # No step is to follow a stray capacitance's charge or what rings on in an idle coil.
         stray = elements.STRAY_SHARE * electrical.reference_capacitance
-        charge = stray * electrical.voltage_scale
+        charge = stray * scales.voltage
         options += (
             f" chgtol={elements.number(3.0 * charge)} abstol={elements.number(charge * rate)}"
         )
-        measured = (electrical.power_factor, load.output_resistors, load.storage)
+        measured = (electrical.power_unit, load.output_resistors, load.storage)
     # The load was vetted when the scene was read.
     text += load.text if load else ""
     stop = stop_time(scene)
     shortest = SHORTEST_RUN * length if waveform == "external" else 0.0
     text += _analysis(length, max(stop, shortest), options, integrator, save)
-    return Netlist(
+    return Netlist(  # type: ignore[misc]
         text,
         rate,
-        electrical.voltage_scale,
+        scales.voltage,
         length,
         stop,
         prefixes,
         electrical.terminal,
-        electrical.scaled_ampere,
+        _state_vector(electrical),
+        electrical.state_unit,
+        electrical.current_per_ampere,
         *measured,
+        drives_current=electrical.drives_current,
     )
 
 
-def _start(system, start, rate, scales):
-    """Initial displacement, velocity over rate, terminal volts, held speed over rate, as text."""
+def _start(system, start, rate, electrical):
+    """Initial displacement, velocity over rate, state (V or A), held speed over rate, as text."""
     x, v, state = start
-    values = (x, v / rate, state * scales.voltage, speed_held(system, x, v) / rate)
+    values = (x, v / rate, state * electrical.state_unit, speed_held(system, x, v) / rate)
     return tuple(elements.number(value) for value in values)
 
 
@@ -237,60 +259,22 @@ def _add_mechanics(circuit, system, rate, step, start):
         elements.add_speed_hold(circuit, system, rate, step, start[3])
 
 
-def _add_transducer(circuit, system, rate, electrical, start):
-    if electrical.terminal == elements.COIL:
-        elements.add_coil(circuit, rate, electrical)
-    else:
-        elements.add_piezo(circuit, system, rate, electrical, start)
-        elements.add_leak(circuit, system, electrical)
-
-
-def _electrical(scene, scales):
-    """The electrical side: of a coil, of a piezo in SI units, or scaled."""
+def network(scene: Scene) -> Network:
+    """The transducer of a scene as elements: `harvester.device.terminals.Network`."""
     system, _ = scale(scene)
-    resistance = load_resistance(scene)
-    if scene.coil:
-        return _of_coil(scene, scales, system, resistance)
-    coupling = system.transducer.coupling
-    if scene.units == "SI":
-        capacitance, volts = scene.piezo.capacitance, scales.voltage
-        return elements.Electrical(
-            terminal=elements.PIEZO,
-            resistance=resistance,
-            voltage_scale=volts,
-            power_factor=coupling / (capacitance * volts**2),
-            reference_capacitance=capacitance,
-            charge_per_length=scene.piezo.coupling * scales.displacement,
-            capacitance=capacitance,
-        )
-    rate = system.transducer.load_rate
-    return elements.Electrical(
-        terminal=elements.PIEZO,
-        resistance=1.0 / rate if rate else None,
-        voltage_scale=1.0,
-        power_factor=coupling,
-        reference_capacitance=1.0,
-        charge_per_length=1.0,
-        capacitance=1.0,
-    )
+    rate = timescales.angular_frequency(system)
+    return scene.transducer.network(setting(scene), system.transducer, rate)
 
 
-def _of_coil(scene, scales, system, resistance):
-    coil, mass = scene.coil, scene.oscillator.mass
-    impedance = coil.inductance or coil.resistance
-    return elements.Electrical(
-        terminal=elements.COIL,
-        resistance=resistance,
-        voltage_scale=scales.voltage,
-        power_factor=1.0 / scales.power,
-        # One that passes as little as the winding at the motion's own frequency.
-        reference_capacitance=1.0 / (timescales.angular_frequency(system) * coil.resistance),
-        volts_per_speed=coil.coupling * scales.displacement,
-        winding_resistance=coil.resistance,
-        inductance=coil.inductance,
-        acceleration_per_ampere=coil.coupling / (mass * scales.displacement),
-        scaled_ampere=impedance / (coil.coupling * scales.displacement),
-    )
+def _state_vector(electrical):
+    """ngspice's name of the transducer's state; empty without one."""
+    current = electrical.state_current
+    return f"v{current}#branch" if current else electrical.state_voltage
+
+
+def _resistance(load):
+    """Of the built-in resistor (Ω); 1/λ in scaled scenes, whose capacitance is 1."""
+    return load.resistance or 1.0 / load.decay_rate
 
 
 def _analysis(step, stop, options, integrator, save):

@@ -4,79 +4,54 @@ Mechanics as an RC network of order one: node `displacement` carries X, node `ve
 X'/ω, both on capacitors of 1/ω, so that a current into `velocity` is an acceleration over ω².
 ω (`rate`) is the device's own angular frequency. Linear terms are controlled sources, which cost
 ngspice almost nothing; only what is not linear is behavioural. An inductor for the mass
-would need more Newton iterations a step. Node `piezo` carries terminal volts.
+would need more Newton iterations a step. The transducer's elements are those of its `Network`,
+whose terminal carries volts.
 """
 
+from __future__ import annotations
+
 import math
-from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from circuits.loads.project import library_text
 from harvester.device import contact as contacts
 from harvester.device import spring as springs
 from harvester.device.damper import drag_formula
 from harvester.device.system import System
+from harvester.device.terminals import LOAD_AMMETER, Element, Network
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from PySpice.Spice.Netlist import Circuit
+
+    from circuits.loads.subcircuits import LoadCircuit
+    from harvester.device.contact import Contact
+    from harvester.excitation.prescribed import PrescribedDisplacement
+    from harvester.scene.units import Scales
 
 # Node `noise` is there only where the displacement is prescribed: elsewhere the noise is a current.
-DISPLACEMENT, VELOCITY, PIEZO, NOISE, HELD = (
-    "displacement",
-    "velocity",
-    "piezo",
-    "noise",
-    "held_speed",
-)
-# A coil's terminal.
-COIL = "coil"
-# Between the terminal's ammeter and its load, the load's DC side; ngspice's name of the current.
-LOAD, OUTPUT, REFERENCE, LOAD_CURRENT = "load_piezo", "load_out", "load_ref", "vload#branch"
-AMMETER = "Vload"
+DISPLACEMENT, VELOCITY, NOISE, HELD = "displacement", "velocity", "noise", "held_speed"
+# The load's DC side, and ngspice's name of the current through the ammeter before the load.
+OUTPUT, REFERENCE, LOAD_CURRENT = "load_out", "load_ref", f"v{LOAD_AMMETER}#branch"
 # Stray capacitance of each output node, as a share of the transducer's.
 STRAY_SHARE = 1e-6
+# Follows the impact speed that `HELD` holds, a step behind.
+LAGGING = "lagging_speed"
 X, U, H = f"v({DISPLACEMENT})", f"v({VELOCITY})", f"v({HELD})"
 
 
-@dataclass(frozen=True)
-class Electrical:
-    """The electrical side in the scene's units.
-
-    Attributes
-    ----------
-    terminal : str
-        Node on which the load hangs.
-    resistance : Ω (1/λ in scaled scenes); None for a netlist's load.
-    voltage_scale : volts per scaled volt.
-    power_factor : scaled power per watt.
-    reference_capacitance : F, of which stray capacitances are a share.
-    charge_per_length, capacitance : of a piezo, θ l (C per scaled displacement) and F (1 in scaled
-        scenes).
-    volts_per_speed, winding_resistance, inductance, acceleration_per_ampere, scaled_ampere : of a
-        coil, Φ l (V s), Ω, H, Φ/(M l) and the scaled current of one ampere.
-    """
-
-    terminal: str
-    resistance: float | None
-    voltage_scale: float
-    power_factor: float
-    reference_capacitance: float
-    charge_per_length: float = 0.0
-    capacitance: float = 0.0
-    volts_per_speed: float = 0.0
-    winding_resistance: float = 0.0
-    inductance: float = 0.0
-    acceleration_per_ampere: float = 0.0
-    scaled_ampere: float = 0.0
-
-
-def number(value):
+def number(value: float) -> str:
     """A float as ngspice reads it back to the last bit."""
     return repr(float(value))
 
 
-def literal(name, value, *description):
+def literal(name: str, value: float, *description: str) -> str:
     """A part's number in an expression of the netlist."""
     return number(value)
 
 
-def add_oscillator(circuit, s: System, rate, start):
+def add_oscillator(circuit: Circuit, s: System, rate: float, start: tuple[str, ...]) -> None:
     """Mass, constant and linear force of the spring, damper (Eq. 4a).
 
     `start` is the initial (displacement, velocity over rate), as text.
@@ -95,16 +70,22 @@ def add_oscillator(circuit, s: System, rate, start):
         circuit.R("damper", VELOCITY, gnd, number(rate / s.damper.damping))
 
 
-def add_excitation(circuit, waveform):
+def add_excitation(circuit: Circuit, waveform: str) -> None:
     """Base acceleration over ω² as a current; `waveform` is `external` or a PWL."""
     circuit.I("noise", circuit.gnd, VELOCITY, waveform)
 
 
-def add_prescribed_displacement(circuit, s: System, rate, excitation, scales, electrical):
+def add_prescribed_displacement(
+    circuit: Circuit,
+    rate: float,
+    excitation: PrescribedDisplacement,
+    scales: Scales,
+    network: Network,
+) -> None:
     """Displacement and velocity as sines, and the η of a mass that would move so (Eq. 4a).
 
-    X = a sin ωt; with neither spring nor damper, η = X'' + βV: what drives the piezo is the power
-    put in, and the energy balance holds as it stands.
+    X = a sin ωt; with neither spring nor damper, η = X'' + the transducer's force: what drives it
+    is the power put in, and the energy balance holds as it stands.
     """
     gnd = circuit.gnd
     amplitude = excitation.amplitude / scales.displacement
@@ -115,16 +96,18 @@ def add_prescribed_displacement(circuit, s: System, rate, excitation, scales, el
     circuit.V("velocity", VELOCITY, gnd, f"SIN(0 {speed} {cycles} 0 0 90)")
     source = circuit.VoltageControlledVoltageSource
     inertia = number(-((omega / rate) ** 2))
-    source("inertia", NOISE, "reaction", DISPLACEMENT, gnd, inertia)
-    if electrical.terminal == COIL:
-        reaction = number(electrical.acceleration_per_ampere / rate**2)
-        circuit.CurrentControlledVoltageSource("reaction", "reaction", gnd, AMMETER, reaction)
-    else:
-        reaction = number(s.transducer.coupling / (rate**2 * electrical.voltage_scale))
-        source("reaction", "reaction", gnd, PIEZO, gnd, reaction)
+    forces = [each for each in network.elements if each.kind.startswith("force")]
+    ends = [f"reaction{k or ''}" for k in range(len(forces))] + [gnd]
+    source("inertia", NOISE, ends[0], DISPLACEMENT, gnd, inertia)
+    for each, plus, minus in zip(forces, ends, ends[1:], strict=False):
+        gain = number(_force_gain(each, rate, scales))
+        if each.kind == "force of current":
+            circuit.CurrentControlledVoltageSource(plus, plus, minus, f"V{each.plus}", gain)
+        else:
+            source(plus, plus, minus, each.plus, each.minus, gain)
 
 
-def add_nonlinear_spring(circuit, s: System, rate):
+def add_nonlinear_spring(circuit: Circuit, s: System, rate: float) -> None:
     """The powers of the restoring force beyond the first, where there are any."""
 
     def over_rate(name, value, meaning):
@@ -137,14 +120,14 @@ def add_nonlinear_spring(circuit, s: System, rate):
         circuit.BehavioralSource(name, VELOCITY, circuit.gnd, current_expression=expression)
 
 
-def add_drag(circuit, s: System):
+def add_drag(circuit: Circuit, s: System) -> None:
     """Quadratic damping C2 |X'| X', where there is any."""
     expression = drag_formula(s.damper, U, literal)
     if expression:
         circuit.BehavioralSource("drag", VELOCITY, circuit.gnd, current_expression=expression)
 
 
-def add_contacts(circuit, s: System, rate):
+def add_contacts(circuit: Circuit, s: System, rate: float) -> None:
     """Every contact, evaluated while it acts only (Eq. 5)."""
     for name, contact in named_contacts(s):
         condition, force = contacts.formulas(contact, s.spring, X, U, rate, literal, H)
@@ -153,16 +136,16 @@ def add_contacts(circuit, s: System, rate):
         )
 
 
-def named_contacts(s: System):
+def named_contacts(s: System) -> Iterator[tuple[str, Contact]]:
     """(name, contact) of each: "stoppers" for a pair, else by its side, with a number from 2 on."""
-    seen = {}
+    seen: dict[str, int] = {}
     for contact in s.contacts:
         name = {0.0: "stoppers", 1.0: "stopper_right", -1.0: "stopper_left"}[contact.side]
         seen[name] = seen.get(name, 0) + 1
         yield name + (str(seen[name]) if seen[name] > 1 else ""), contact
 
 
-def holding(s: System):
+def holding(s: System) -> list[Contact]:
     """The contacts whose impact speed is held and matters (`event`)."""
     return [
         each
@@ -171,13 +154,14 @@ def holding(s: System):
     ]
 
 
-def add_speed_hold(circuit, s: System, rate, step, start):
+def add_speed_hold(circuit: Circuit, s: System, rate: float, step: float, start: str) -> None:
     """Sample and hold of the impact speed (`event`).
 
     Out of contact, `held_speed` follows the speed at which the mass would arrive at the
     stopper ahead with the energy it has; in contact nothing flows. A time constant of half a step
-    is the shortest that the trapezoidal rule follows without ringing. `start` is the initial speed
-    over rate, as text.
+    is the shortest that the trapezoidal rule follows without ringing. A node that only follows
+    lags by that; what `lagging_speed` lags by is added, and what is left is of second order.
+    `start` is the initial speed over rate, as text.
     """
     held = holding(s)
     conditions = [contacts.formulas(each, s.spring, X, U, rate, literal, H)[0] for each in held]
@@ -190,73 +174,100 @@ def add_speed_hold(circuit, s: System, rate, step, start):
         gain = f"(({U}>0) ? {gains[1.0]} : {gains[-1.0]})"
     arrival = f"{U}*{U}+{gain}"
     per_step = number(2 / (rate * step))
-    follow = f"(({arrival})>0) ? (sqrt({arrival})-{H})*{per_step} : -{H}*{per_step}"
-    for condition in reversed(conditions):
-        follow = f"({condition}) ? 0 : ({follow})"
-    circuit.C("held_speed", HELD, circuit.gnd, number(1 / rate), ic=start)
-    circuit.BehavioralSource("held_speed", circuit.gnd, HELD, current_expression=follow)
+    speed = f"((({arrival})>0) ? sqrt({arrival}) : 0)"
+    lag = f"v({LAGGING})"
+    for node, change in ((LAGGING, f"{speed}-{lag}"), (HELD, f"2*{speed}-{H}-{lag}")):
+        follow = f"({change})*{per_step}"
+        for condition in reversed(conditions):
+            follow = f"({condition}) ? 0 : ({follow})"
+        circuit.C(node, node, circuit.gnd, number(1 / rate), ic=start)
+        circuit.BehavioralSource(node, circuit.gnd, node, current_expression=follow)
 
 
-def add_piezo(circuit, s: System, rate, electrical, start=None):
-    """Clamped capacitance charged by the velocity (Eq. 4b) and the force back (Eq. 4a)."""
-    gnd = circuit.gnd
-    source = circuit.VoltageControlledCurrentSource
-    capacitance = number(electrical.capacitance)
-    circuit.C("piezo", PIEZO, gnd, capacitance, ic=start or number(0.0))
-    source("charge", gnd, PIEZO, VELOCITY, gnd, number(electrical.charge_per_length * rate))
-    if s.transducer.coupling > 0.0:
-        back_action = number(s.transducer.coupling / (rate**2 * electrical.voltage_scale))
-        source("back_action", VELOCITY, gnd, PIEZO, gnd, back_action)
+def add_transducer(
+    circuit: Circuit,
+    elements: Iterable[Element],
+    rate: float,
+    scales: Scales,
+    state: str | None = None,
+) -> None:
+    """Elements of a transducer's network; `state` is the volts or amperes it begins with, as text.
 
-
-def add_leak(circuit, s: System, electrical):
-    """The piezo's dielectric loss, where there is any."""
-    if s.transducer.own_rate > 0.0:
-        resistance = 1.0 / (s.transducer.own_rate * electrical.capacitance)
-        circuit.R("leak", PIEZO, circuit.gnd, number(resistance))
-
-
-def add_coil(circuit, rate, electrical):
-    """Induced voltage, winding and inductance up to the terminal; the force back by its current.
-
-    The load's ammeter carries the coil's current, L i' = Φ x' − R_coil i − v.
+    A source that moves with the mass is controlled by the velocity, and a force is a current out of
+    it (Eq. 4).
     """
-    gnd = circuit.gnd
-    emf = number(electrical.volts_per_speed * rate)
-    circuit.VoltageControlledVoltageSource("induced", "induced", gnd, VELOCITY, gnd, emf)
-    inside = COIL if electrical.inductance == 0.0 else "winding"
-    circuit.R("winding", "induced", inside, number(electrical.winding_resistance))
-    if electrical.inductance > 0.0:
-        circuit.L("coil", inside, COIL, number(electrical.inductance), ic=number(0.0))
-    force = number(electrical.acceleration_per_ampere / rate**2)
-    circuit.CurrentControlledCurrentSource("back_action", VELOCITY, gnd, AMMETER, force)
+    for each in elements:
+        _add_element(circuit, each, rate, scales, state or number(0.0))
 
 
-def add_resistor(circuit, electrical):
-    """The built-in resistor as a sub-circuit between the terminals, behind a coil's ammeter."""
+def _add_element(circuit: Circuit, each: Element, rate: float, scales: Scales, state: str) -> None:
+    gnd, value = circuit.gnd, number(each.value)
+    ends = (each.name, each.plus, each.minus)
+    if each.kind == "resistor":
+        circuit.R(*ends, value)
+    elif each.kind == "ammeter":
+        circuit.V(*ends, value)
+    elif each.kind in ("capacitor", "inductor"):
+        add = circuit.C if each.kind == "capacitor" else circuit.L
+        add(*ends, value, ic=state if each.holds_state else number(0.0))
+    elif each.kind == "moving voltage":
+        source = circuit.VoltageControlledVoltageSource
+        source(*ends, VELOCITY, gnd, number(each.value * rate))
+    elif each.kind == "moving current":
+        source = circuit.VoltageControlledCurrentSource
+        source(each.name, each.minus, each.plus, VELOCITY, gnd, number(each.value * rate))
+    elif each.kind == "force of voltage":
+        gain = number(_force_gain(each, rate, scales))
+        source = circuit.VoltageControlledCurrentSource
+        source(each.name, VELOCITY, gnd, each.plus, each.minus, gain)
+    elif each.kind == "force of current":
+        gain = number(_force_gain(each, rate, scales))
+        circuit.CurrentControlledCurrentSource(each.name, VELOCITY, gnd, f"V{each.plus}", gain)
+    else:
+        raise ValueError(f"{each.name}: no element of a circuit is a {each.kind!r}")
+
+
+def _force_gain(each, rate, scales):
+    """Acceleration over rate² per volt or per ampere."""
+    unit = scales.voltage if each.kind == "force of voltage" else 1.0
+    return each.value / (rate**2 * unit)
+
+
+def behind_ammeter(network: Network) -> str:
+    """The load's node where its current is measured."""
+    return f"load_{network.terminal}"
+
+
+def add_resistor(circuit: Circuit, resistance: float, network: Network) -> None:
+    """The built-in resistor (Ω) as a sub-circuit, behind an ammeter where the network asks for one.
+
+    A single resistor's power follows from the voltage.
+    """
     circuit.raw_spice += library_text("resistor")
-    node = electrical.terminal
-    if electrical.terminal == COIL:
-        node = LOAD
-        circuit.V("load", electrical.terminal, LOAD, number(0.0))
-    circuit.X("load", "resistor", node, circuit.gnd, resistance=number(electrical.resistance))
+    node = network.terminal
+    if network.current_per_ampere > 0.0:
+        node = _add_ammeter(circuit, network)
+    circuit.X("load", "resistor", node, circuit.gnd, resistance=number(resistance))
 
 
-def add_load(circuit, load, electrical):
-    """A netlist's call between the terminals, an ammeter (0 V) before it.
+def add_load(circuit: Circuit, load: LoadCircuit, network: Network) -> None:
+    """A netlist's call between the terminals, an ammeter before it.
 
-    A current that leaves the transducer is positive. While every diode blocks, a DC side has no
-    potential of its own against the terminals, and Newton's iterations fail at short steps: a stray
-    capacitance to ground gives it one. A single resistor needs neither: its power follows from
-    the voltage.
+    While every diode blocks, a DC side has no potential of its own against the terminals, and
+    Newton's iterations fail at short steps: a stray capacitance to ground gives it one.
     """
-    measured = load.resistance is None or electrical.terminal == COIL
-    first = LOAD if measured else electrical.terminal
+    measured = load.resistance is None or network.current_per_ampere > 0.0
+    first = _add_ammeter(circuit, network) if measured else network.terminal
     nodes = {"p": first, "n": circuit.gnd, "out": OUTPUT, "ref": REFERENCE}
-    if measured:
-        circuit.V("load", electrical.terminal, LOAD, number(0.0))
     values = {name: number(value) for name, value in load.parameters}
     for pin in ("out", "ref") if load.has_output else ():
-        stray = number(STRAY_SHARE * electrical.reference_capacitance)
+        stray = number(STRAY_SHARE * network.reference_capacitance)
         circuit.C(f"stray_{pin}", nodes[pin], circuit.gnd, stray, ic=number(0.0))
     circuit.X("load", load.name, *(nodes[pin] for pin in load.pins), **values)
+
+
+def _add_ammeter(circuit, network):
+    """0 V between terminal and load, positive out of the transducer; returns the load's node."""
+    node = behind_ammeter(network)
+    circuit.V(LOAD_AMMETER, network.terminal, node, number(0.0))
+    return node

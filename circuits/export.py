@@ -1,38 +1,54 @@
 """Stand-alone netlists: a `.cir` with its own PWL source that plain `ngspice -b` runs."""
 
+from __future__ import annotations
+
 import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
 from shlex import quote
+from typing import TYPE_CHECKING, Any
 
 from circuits import elements
-from circuits.assembly import LOAD_TOLERANCE, OWN_TOLERANCE, assemble, own_steps, step_options
+from circuits.assembly import (
+    LOAD_TOLERANCE,
+    OWN_TOLERANCE,
+    assemble,
+    network,
+    own_steps,
+    step_options,
+)
 from circuits.ltspice import DIFFERENCES, to_ltspice
 from harvester.device import timescales
 from harvester.errors import NetlistError
 from harvester.scene.units import scale
 
-PER_LINE = 4
+if TYPE_CHECKING:
+    from circuits.assembly import Netlist
+    from harvester.excitation.ornstein_uhlenbeck import NoisePath
+    from harvester.scene.model import Scene
+
+POINTS_PER_LINE = 4
 FEWEST_STEPS_PER_CONTACT = 10
 # Points of the noise that a netlist holds: some 40 MB, which ngspice reads at half a millisecond a
 # step.
 MOST_KNOTS = 1_000_000
 
 
-def saved(scene):
+def saved(scene: Scene) -> tuple[str, ...]:
     """Vectors that an exported netlist keeps: motion, terminal voltage, noise."""
-    terminal = elements.COIL if scene.coil else elements.PIEZO
     motion = (f"v({elements.DISPLACEMENT})", f"v({elements.VELOCITY})")
-    return (*motion, f"v({terminal})", "@inoise[current]")
+    return (*motion, f"v({network(scene).terminal})", "@inoise[current]")
 
 
 def stand_alone(
-    scene,
-    path,
-    start=None,
-    step="default",
-    tolerance=None,
-    integrator="trapezoidal",
-    save=None,
-):
+    scene: Scene,
+    path: NoisePath,
+    start: tuple[float, float, float] | None = None,
+    step: str | float = "default",
+    tolerance: float | None = None,
+    integrator: str = "trapezoidal",
+    save: Sequence[str] | None = None,
+) -> Netlist:
     """Netlist of a scene with the noise as a PWL source and ngspice's own step control.
 
     Parameters
@@ -66,8 +82,8 @@ def stand_alone(
     if points is None:
         return dataclasses.replace(netlist, text=_header(netlist.text, scene, netlist, scales))
     lines = [
-        "+ " + " ".join(points[start : start + PER_LINE])
-        for start in range(0, len(points), PER_LINE)
+        "+ " + " ".join(points[start : start + POINTS_PER_LINE])
+        for start in range(0, len(points), POINTS_PER_LINE)
     ]
     source = f"Inoise 0 {elements.VELOCITY} PWL"
     before, after = netlist.text.split(source, 1)
@@ -83,7 +99,13 @@ def stand_alone(
     return dataclasses.replace(netlist, text=text)
 
 
-def for_ltspice(scene, path, noise_file, start=None, step="default"):
+def for_ltspice(
+    scene: Scene,
+    path: str | Path,
+    noise_file: str | None,
+    start: Any = None,
+    step: str | float = "default",
+) -> Any:
     """The same netlist in LTspice's words, with the noise in a file beside it.
 
     Parameters
@@ -125,7 +147,7 @@ def for_ltspice(scene, path, noise_file, start=None, step="default"):
 def _assembled(scene, path, start, step, tolerance=None, integrator="trapezoidal", save=None):
     """Netlist without the noise's points, scales, and the points "time value"; or None for them."""
     system, scales = scale(scene)
-    load = scene.electrical_load.circuit
+    load = scene.load.circuit
     if load is None or load.linear:
         options = own_steps(tolerance or OWN_TOLERANCE)
     else:

@@ -1,5 +1,7 @@
 """ngspice's netlists in LTspice's words."""
 
+from __future__ import annotations
+
 import re
 
 from circuits.loads.reader import statements
@@ -34,9 +36,9 @@ _TOKEN = re.compile(
     re.IGNORECASE,
 )
 # Characters of an expression: a == b says both sides twice.
-LONGEST = 100_000
+LONGEST_EXPRESSION = 100_000
 # Binary operators from the loosest to the tightest, and LTspice's word for them.
-LEVELS = (
+OPERATOR_LEVELS = (
     {"||": "|"},
     {"&&": "&"},
     {"==": "==", "!=": "!="},
@@ -46,7 +48,7 @@ LEVELS = (
 )
 
 
-def to_ltspice(text):
+def to_ltspice(text: str) -> str:
     """Elements, sub-circuits, models and analysis as LTspice reads them.
 
     Parameters
@@ -82,7 +84,7 @@ def _card(card):
     return re.sub(r"\{([^{}]*)\}", lambda found: f"{{{translate(found.group(1))}}}", card.text)
 
 
-def translate(expression, behavioural=False):
+def translate(expression: str, behavioural: bool = False) -> str:
     """An expression of ngspice in LTspice's words.
 
     Parameters
@@ -150,13 +152,13 @@ class _Translation:
         return f"if({said},{yes},{self._condition()})"
 
     def _binary(self, level):
-        if level == len(LEVELS):
+        if level == len(OPERATOR_LEVELS):
             return self._power()
         said = self._binary(level + 1)
-        while self._next() in LEVELS[level]:
-            word = LEVELS[level][self._take()[1]]
+        while self._next() in OPERATOR_LEVELS[level]:
+            word = OPERATOR_LEVELS[level][self._take()[1]]
             other = self._binary(level + 1)
-            if len(said) + len(other) > LONGEST:
+            if len(said) + len(other) > LONGEST_EXPRESSION:
                 self._refuse("it grows too long")
             same = f"((({said})>=({other}))*(({said})<=({other})))"
             both = f"(({said}){word}({other}))"

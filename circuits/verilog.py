@@ -3,8 +3,11 @@
 The module of the scene `paper` is netlists/harvester.va, to be read and run by hand.
 """
 
+from __future__ import annotations
+
 import hashlib
 import re
+from typing import NamedTuple
 
 from circuits import elements
 from harvester.device import contact as contacts
@@ -49,7 +52,21 @@ _SIGN = """
 """
 
 
-def module(system: System, rate=1.0, electrical=None, name=None):
+# Elements of a piezo's network that a module holds.
+HELD = ("piezo", "charge", "back_action")
+
+
+class Side(NamedTuple):
+    """A piezo's electrical side: volts per scaled volt, θ l (C) and Cp (F)."""
+
+    volts: float = 1.0
+    charge: float = 1.0
+    capacitance: float = 1.0
+
+
+def module(
+    system: System, rate: float = 1.0, side: Side | None = None, name: str | None = None
+) -> tuple[str, str, dict[str, float]]:
     """The Verilog-A module of a device and its parameters.
 
     Parameters
@@ -58,8 +75,8 @@ def module(system: System, rate=1.0, electrical=None, name=None):
         With a piezo, and impact velocities read from the state.
     rate : float
         ω of the netlist (rad/s).
-    electrical : circuits.elements.Electrical or None
-        None: the piezo's side in scaled units.
+    side : Side or None
+        None: in scaled units.
     name : str or None
         Of a module to be read, whose defaults are this device's values; None: one that holds a
         digest of the text, which depends on the parts that the device has and not on their values.
@@ -78,10 +95,7 @@ def module(system: System, rate=1.0, electrical=None, name=None):
 
     parameter("rate", rate, "rad/s", "(0:inf)")
     lines = _mechanics(system, rate, parameter)
-    volts, charge, capacitance = 1.0, 1.0, 1.0
-    if electrical:
-        volts, charge = electrical.voltage_scale, electrical.charge_per_length
-        capacitance = electrical.capacitance
+    volts, charge, capacitance = side or Side()
     back_action = system.transducer.coupling / rate**2 / volts
     parameter("coupling", back_action, "beta/rate^2 per scaled volt", "[0:inf)")
     parameter("charge", charge, "theta l, C per unit of X")

@@ -5,15 +5,60 @@
 >>> scene.excitation.intensity
 0.05
 
-`harvester.simulate(scene, engine="circuit")`, `harvester.average(scene)`
-and `harvester.validate(scene)` return results with error bars; see their help.
+Functions take a scene, its file or its built-in name, and everything else by keyword:
+`harvester.simulate("paper", method="circuit")`, `harvester.average("paper")`,
+`harvester.validate("paper")`. They return results with error bars; see their help.
 """
 
 import importlib
 
+# As `typing` has it, which a worker process cannot import yet: see `harvester.engines.isolation`.
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from harvester.averaging.of_scene import average as average
+    from harvester.engines.circuit import schematic as schematic
+    from harvester.errors import AveragingError as AveragingError
+    from harvester.errors import CompiledDeviceUnavailable as CompiledDeviceUnavailable
+    from harvester.errors import EnergyNotBalanced as EnergyNotBalanced
+    from harvester.errors import EngineNotFound as EngineNotFound
+    from harvester.errors import FolderInUse as FolderInUse
+    from harvester.errors import HarvesterError as HarvesterError
+    from harvester.errors import LoadError as LoadError
+    from harvester.errors import MissingLibrary as MissingLibrary
+    from harvester.errors import NetlistError as NetlistError
+    from harvester.errors import OptimumError as OptimumError
+    from harvester.errors import OutOfTime as OutOfTime
+    from harvester.errors import OutputError as OutputError
+    from harvester.errors import SceneError as SceneError
+    from harvester.errors import SimulationError as SimulationError
+    from harvester.errors import SimulatorAborted as SimulatorAborted
+    from harvester.errors import SimulatorCrashed as SimulatorCrashed
+    from harvester.errors import SimulatorTimeout as SimulatorTimeout
+    from harvester.errors import SolutionDiverged as SolutionDiverged
+    from harvester.errors import UnknownOption as UnknownOption
+    from harvester.errors import UnknownQuantity as UnknownQuantity
+    from harvester.results import Result as Result
+    from harvester.scene.model import Scene as Scene
+    from harvester.simulation import simulate as simulate
+    from harvester.studies import Report as Report
+    from harvester.studies import load_study as load_study
+    from harvester.studies import save as save
+    from harvester.studies.comparison import validate as validate
+    from harvester.studies.frequency_response import frequency_response as frequency_response
+    from harvester.studies.optimum import optimum as optimum
+    from harvester.studies.optimum_of_several import optimum_of_several as optimum_of_several
+    from harvester.studies.sensitivity import sensitivity as sensitivity
+    from harvester.verification.paper.claims import claims as claims
+    from harvester.verification.paper.reproduce import reproduce as reproduce
+    from harvester.verification.stability.matrix import stability as stability
+    from harvester.verification.work_precision.measurement import work_precision as work_precision
+    from harvester.verification.work_precision.time_to_accuracy import (
+        time_to_accuracy as time_to_accuracy,
+    )
+
 __version__ = "0.1.0"
 
-# What is imported where it is first used, so that `import harvester` stays light.
+# The same again, imported where it is first used, so that `import harvester` stays light.
 _WHERE = {
     "Scene": "harvester.scene.model",
     "Result": "harvester.results",
@@ -21,18 +66,47 @@ _WHERE = {
     "average": "harvester.averaging.of_scene",
     "validate": "harvester.studies.comparison",
     "frequency_response": "harvester.studies.frequency_response",
-    "schematic": "harvester.engines.circuit",
     "load_study": "harvester.studies",
+    "Report": "harvester.studies",
+    "save": "harvester.studies",
+    "optimum": "harvester.studies.optimum",
+    "optimum_of_several": "harvester.studies.optimum_of_several",
+    "sensitivity": "harvester.studies.sensitivity",
+    "work_precision": "harvester.verification.work_precision.measurement",
+    "time_to_accuracy": "harvester.verification.work_precision.time_to_accuracy",
+    "stability": "harvester.verification.stability.matrix",
+    "reproduce": "harvester.verification.paper.reproduce",
+    "claims": "harvester.verification.paper.claims",
+    "schematic": "harvester.engines.circuit",
     "HarvesterError": "harvester.errors",
+    "SceneError": "harvester.errors",
+    "UnknownOption": "harvester.errors",
+    "UnknownQuantity": "harvester.errors",
+    "LoadError": "harvester.errors",
+    "NetlistError": "harvester.errors",
+    "AveragingError": "harvester.errors",
+    "OptimumError": "harvester.errors",
+    "EngineNotFound": "harvester.errors",
+    "CompiledDeviceUnavailable": "harvester.errors",
+    "MissingLibrary": "harvester.errors",
+    "OutputError": "harvester.errors",
+    "FolderInUse": "harvester.errors",
+    "SimulationError": "harvester.errors",
+    "SimulatorCrashed": "harvester.errors",
+    "SimulatorTimeout": "harvester.errors",
+    "SimulatorAborted": "harvester.errors",
+    "SolutionDiverged": "harvester.errors",
+    "EnergyNotBalanced": "harvester.errors",
+    "OutOfTime": "harvester.errors",
 }
 __all__ = ["__version__", *_WHERE]
 
 
-def __getattr__(name):
+def __getattr__(name: str) -> object:
     if name in _WHERE:
         return getattr(importlib.import_module(_WHERE[name]), name)
     raise AttributeError(f"module 'harvester' has no attribute {name!r}")
 
 
-def __dir__():
+def __dir__() -> list[str]:
     return sorted(__all__)

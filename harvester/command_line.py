@@ -1,8 +1,11 @@
 """The `harvester` command."""
 
+from __future__ import annotations
+
 import argparse
 import sys
 import warnings
+from typing import Any, NoReturn
 
 from harvester import __version__
 from harvester.commands import (
@@ -17,14 +20,16 @@ from harvester.commands import (
     optimum,
     reproduce,
     schematic,
+    sensitivity,
     simulate,
     stability,
+    time_to_accuracy,
     validate,
     work_precision,
 )
 from harvester.commands.options import complain
 from harvester.errors import EngineNotFound, HarvesterError, SimulationError
-from harvester.files.plain_text import one_line
+from harvester.files.plain_text import nearest, one_line
 from harvester.files.streams import guarded_streams
 from harvester.show.quiet import quiet
 
@@ -34,8 +39,10 @@ COMMANDS = (
     average,
     frequency_response,
     work_precision,
+    time_to_accuracy,
     stability,
     optimum,
+    sensitivity,
     load_study,
     reproduce,
     claims,
@@ -46,6 +53,8 @@ COMMANDS = (
     completion,
 )
 
+# What options were called before one name held for all commands.
+FORMER_OPTIONS = {"--engine": "--method", "--closure": "--method"}
 # Reading them takes the square of their number.
 MOST_ARGUMENTS = 2000
 EPILOG = """\
@@ -59,7 +68,7 @@ Colours appear on a terminal only, and never with NO_COLOR set.
 example: harvester validate paper --output results"""
 
 
-def main(arguments=None):
+def main(arguments: list[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     arguments = sys.argv[1:] if arguments is None else arguments
     with guarded_streams() as exit_code, warnings.catch_warnings():
@@ -75,7 +84,7 @@ def _run(arguments):
     if len(arguments) > MOST_ARGUMENTS:
         complain(f"{len(arguments)} arguments, and {MOST_ARGUMENTS} are the most")
         return 2
-    options = build_parser()[0].parse_args(arguments)
+    options = _parsed(arguments)
     try:
         with quiet(options.quiet):
             return _command(options)
@@ -99,6 +108,20 @@ def _run(arguments):
         return 1
 
 
+def _parsed(arguments):
+    """The options; one that a command does not have is refused with the nearest."""
+    parser, commands = build_parser()
+    options, unknown = parser.parse_known_args(arguments)
+    if unknown:
+        command = commands.choices[options.name]
+        known = [word for action in command._actions for word in action.option_strings]
+        word = unknown[0].partition("=")[0]
+        former = FORMER_OPTIONS.get(word)
+        hint = f" (did you mean {former}?)" if former in known else nearest(word, known)
+        command.error(f"unknown argument {word}{hint}")
+    return options
+
+
 def _command(options):
     """Carry out the command; a run that fails says so, and what it had is written."""
     try:
@@ -112,12 +135,12 @@ def _command(options):
 class Parser(argparse.ArgumentParser):
     """Says what is wrong with a call in printable text."""
 
-    def error(self, message):
+    def error(self, message: str) -> NoReturn:
         """End with the usage and the mistake."""
         super().error(one_line(message))
 
 
-def build_parser():
+def build_parser() -> tuple[Parser, Any]:
     """The parser of the command line, and its sub-parsers' action."""
     parser = Parser(
         prog="harvester",
@@ -127,11 +150,13 @@ def build_parser():
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"harvester {__version__}")
-    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    commands = parser.add_subparsers(
+        title="commands", required=True, metavar="COMMAND", dest="name"
+    )
     for command in COMMANDS:
         command.add(commands)
-    for command in commands.choices.values():
-        command.add_argument(
+    for parser_of_command in commands.choices.values():
+        parser_of_command.add_argument(
             "--quiet", action="store_true", help="show errors only, and what goes to -"
         )
     return parser, commands

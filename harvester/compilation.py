@@ -4,6 +4,8 @@ numba is imported here, and by other modules from here: it reads a file `.numba_
 working folder when it is imported and whenever it compiles, which may name a folder of code.
 """
 
+from __future__ import annotations
+
 import hashlib
 from functools import partial
 from pathlib import Path
@@ -33,6 +35,7 @@ __all__ += ["overload", "register_jitable", "summing", "types"]
 # No name: no file.
 numba.core.config._config_fname = ""
 
+numba_cache.keep_to_own_types()
 # Without it everything is compiled at every start: slower by some seconds, and the same.
 CACHED = numba_cache.is_safe()
 compiled = partial(njit, cache=CACHED, error_model="numpy")
@@ -44,7 +47,7 @@ summing = partial(njit, cache=CACHED, error_model="numpy", fastmath={"reassoc", 
 PACKAGE = Path(__file__).parent
 
 
-def forget_stale_code():
+def forget_stale_code() -> None:
     """Drop compiled code when any source of the package has changed since it was written.
 
     numba looks at the file of the function alone, not at what the function calls elsewhere: a

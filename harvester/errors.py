@@ -1,5 +1,9 @@
 """Named errors: each message is one line that says what is wrong, where, and what to do."""
 
+from __future__ import annotations
+
+from typing import Any
+
 
 class HarvesterError(Exception):
     """Base of every error that a user can cause or must know of."""
@@ -7,6 +11,17 @@ class HarvesterError(Exception):
 
 class SceneError(HarvesterError):
     """A scene file or an override is not usable."""
+
+
+class UnknownOption(HarvesterError, TypeError):
+    """A function is called with an option that it does not have."""
+
+
+class UnknownQuantity(HarvesterError, KeyError):
+    """A result has no quantity of this name."""
+
+    def __str__(self) -> str:
+        return HarvesterError.__str__(self)
 
 
 class EngineNotFound(HarvesterError):
@@ -50,11 +65,11 @@ class SimulationError(HarvesterError):
         What the run had until then; within a worker, its moments.
     """
 
-    def __init__(self, message, partial=None):
+    def __init__(self, message: str, partial: Any = None) -> None:
         super().__init__(message)
         self.partial = partial
 
-    def __reduce__(self):
+    def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (str(self), self.partial)
 
 
@@ -76,6 +91,10 @@ class SolutionDiverged(SimulationError):
 
 class EnergyNotBalanced(SimulationError):
     """The energy balance does not close: the step is too long for this scene."""
+
+
+class OutOfTime(SimulationError):
+    """The time budget was spent before there was a result; what is finished is kept."""
 
 
 class MissingLibrary(HarvesterError):

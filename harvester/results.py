@@ -1,16 +1,26 @@
 """Results with their evidence: what every engine and closure returns, and how it is shown."""
 
+from __future__ import annotations
+
 import html
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
-from harvester.estimates.estimate import Estimate
+from harvester.errors import HarvesterError, UnknownQuantity
+from harvester.estimates.estimate import Density, Estimate
 from harvester.excitation.spectrum_fit import SpectrumFit
-from harvester.files.plain_text import one_line
+from harvester.files.plain_text import nearest, one_line, shown
 from harvester.files.writing import finite
+from harvester.record.moments import Moments
 from harvester.record.record import Record
 from harvester.scene.model import Scene
 from harvester.scene.units import Scales
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from xarray import Dataset
 
 SI_UNITS = {
     "voltage": "V",
@@ -24,12 +34,12 @@ SI_UNITS = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Result:
     """Quantities of one scene by one engine or closure, with error bars and provenance.
 
-    Estimates and densities are in scaled units; `quantity` and `quantities` give them in the
-    scene's own.
+    `result["mean_power"]` is an estimate in the scene's own units, as are all of `quantities`;
+    `scaled_quantities` and `densities` are in scaled units.
 
     Attributes
     ----------
@@ -74,7 +84,7 @@ class Result:
 
     scene: Scene
     engine: str
-    scaled_quantities: dict
+    scaled_quantities: dict[str, Estimate]
     scales: Scales
     error_kind: str
     energy_balance_residual: float | None
@@ -86,40 +96,64 @@ class Result:
     realizations: int
     engine_version: str
     netlist_sha256: str | None
-    notes: tuple = ()
-    densities: dict = field(default_factory=dict, repr=False)
-    waveform: Record | None = field(default=None, repr=False)
-    failures: dict = field(default_factory=dict)
-    moments: list = field(default_factory=list, repr=False)
-    spectrum_fit: SpectrumFit | None = field(default=None, repr=False)
+    notes: tuple[str, ...] = ()
+    densities: dict[str, Density] = field(default_factory=dict)
+    waveform: Record | None = None
+    failures: dict[int, str] = field(default_factory=dict)
+    moments: list[Moments] = field(default_factory=list)
+    spectrum_fit: SpectrumFit | None = None
     outcome: str = "complete"
 
-    def quantity(self, name):
-        """One estimate in the scene's units; KeyError for an unknown name."""
+    def quantity(self, name: str) -> Estimate:
+        """One estimate in the scene's units, as `result[name]`.
+
+        Raises
+        ------
+        UnknownQuantity
+            Which is a KeyError too.
+        """
+        if name not in self.scaled_quantities:
+            raise UnknownQuantity(
+                f"{self.scene.name}: no quantity {shown(name)}"
+                f"{nearest(name, self.scaled_quantities)}; there are "
+                f"{', '.join(self.scaled_quantities)}"
+            )
         return self._in_units(self.scaled_quantities[name])
 
+    def __getitem__(self, name: str) -> Estimate:
+        return self.quantity(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.scaled_quantities)
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self.scaled_quantities)
+
     @property
-    def quantities(self):
-        """All estimates in the scene's units, {name: Estimate}."""
+    def quantities(self) -> dict[str, Estimate]:
+        """All estimates in the scene's units."""
         return {name: self.quantity(name) for name in self.scaled_quantities}
 
-    def unit(self, dimension):
+    def unit(self, dimension: str) -> str:
         """Unit of a dimension like "voltage^2" in this scene."""
         return unit_of(self.scene, dimension)
 
-    def to_dict(self):
-        """Plain values for JSON; NaN and missing errors become null."""
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON; NaN and missing errors become null.
+
+        Densities, waveform and moments are left out: see `density_table` and `to_xarray`.
+        """
         fit = {"spectrum_fit": self.spectrum_fit.to_dict()} if self.spectrum_fit else {}
         return {
             "engine": self.engine,
             "engine_version": self.engine_version,
             "outcome": self.outcome,
             "quantities": {
-                name: self._entry(estimate, self.unit(estimate.dimension))
+                name: _entry(estimate, self.unit(estimate.dimension))
                 for name, estimate in self.quantities.items()
             },
             "scaled_quantities": {
-                name: self._entry(estimate, "scaled")
+                name: {**_entry(estimate, "scaled"), "dimension": estimate.dimension}
                 for name, estimate in self.scaled_quantities.items()
             },
             "scales": {
@@ -143,7 +177,39 @@ class Result:
             "scene": self.scene.to_dict(),
         }
 
-    def density_table(self):
+    @classmethod
+    def from_dict(cls, content: dict[str, Any], folder: str | None = None) -> Result:
+        """The result that `to_dict` made plain values of.
+
+        Its scene's files are read again, a load's netlist from `folder` or the current one.
+
+        Raises
+        ------
+        HarvesterError
+            These are not the values of a result.
+        SceneError
+            A file of the scene is missing or has changed.
+        """
+        try:
+            return _from_dict(content, folder)
+        except (KeyError, TypeError, AttributeError, ValueError) as error:
+            raise HarvesterError(
+                f"no result: {type(error).__name__}: {error}; give what Result.to_dict returned"
+            ) from None
+
+    def to_xarray(self) -> Dataset:
+        """Quantities, their standard errors and the densities, in the scene's units.
+
+        Raises
+        ------
+        MissingLibrary
+            xarray, of the extra `study`.
+        """
+        from harvester.result_dataset import dataset_of
+
+        return dataset_of(self)
+
+    def density_table(self) -> str:
         """CSV of the densities in the scene's units: quantity, centre, density, error."""
         lines = ["quantity,centre,density,standard_error,unit_of_centre"]
         for name, density in self.densities.items():
@@ -155,31 +221,52 @@ class Result:
                 lines.append(f"{name},{centre * scale:.9g},{value:.9g},{error},{unit}")
         return "\n".join(lines) + "\n"
 
-    def rows(self):
-        """(name, value with error bar, effective samples, unit) for a table, as text."""
-        return [
-            (
+    def table(self) -> tuple[list[str], list[list[str]]]:
+        """Header and rows, as text: quantity, unit, value with error bar, effective samples."""
+        numerical = self.error_kind == "numerical"
+        header = ["quantity", "unit"]
+        header += [f"{'value ± numerical' if numerical else 'estimate ± standard'} error"]
+        header += [] if numerical else ["effective samples"]
+        rows = [
+            [
                 name.replace("_", " "),
-                with_error(estimate),
-                _count(estimate.effective_sample_size),
                 self.unit(estimate.dimension),
-            )
+                with_error(estimate),
+                *([] if numerical else [_count(estimate.effective_sample_size)]),
+            ]
             for name, estimate in self.quantities.items()
         ]
+        return header, rows
 
-    def _repr_html_(self):
-        cells = "".join(
-            "<tr>" + "".join(f"<td>{html.escape(one_line(cell))}</td>" for cell in row) + "</tr>"
-            for row in self.rows()
-        )
-        facts = html.escape(one_line("; ".join([*self.evidence(), *self.notes])))
+    def sentences(self) -> list[str]:
+        """How the numbers came about, and what to know before citing one."""
+        return [*self.evidence(), *self.notes]
+
+    def figure(self) -> Figure | None:
+        """Its densities, and the fit to a record; None where it has neither."""
+        from harvester.show import figures
+
+        return figures.drawn(figures.draw_result, self)
+
+    def __repr__(self) -> str:
+        first = next(iter(self.quantities.items()), None)
+        says = f"{first[0]} = {with_error(first[1])}, " if first else ""
+        more = f"{says}{len(self.scaled_quantities)} quantities, {self.outcome}"
+        return one_line(f"<Result of {self.scene.name} by {self.engine}: {more}>")
+
+    def _repr_html_(self) -> str:
+        header, rows = self.table()
+
+        def line(cells: list[str], tag: str) -> str:
+            shown = "".join(f"<{tag}>{html.escape(one_line(cell))}</{tag}>" for cell in cells)
+            return f"<tr>{shown}</tr>"
+
+        body = line(header, "th") + "".join(line(row, "td") for row in rows)
         title = html.escape(f"{self.scene.name}: {self.engine}")
-        return (
-            f"<table><caption>{title}</caption><tr><th>quantity</th><th>estimate</th>"
-            f"<th>effective samples</th><th>unit</th></tr>{cells}</table><p>{facts}</p>"
-        )
+        facts = html.escape(one_line("; ".join(self.sentences())))
+        return f"<table><caption>{title}</caption>{body}</table><p>{facts}</p>"
 
-    def evidence(self):
+    def evidence(self) -> list[str]:
         """Sentences on how the numbers came about."""
         facts = [self.engine_version]
         if self.simulated_time > 0.0:
@@ -194,7 +281,7 @@ class Result:
             facts.append(f"netlist {self.netlist_sha256[:12]}")
         return facts
 
-    def _in_units(self, estimate):
+    def _in_units(self, estimate: Estimate) -> Estimate:
         factor = self.scales.of(estimate.dimension)
         error = estimate.standard_error
         return Estimate(
@@ -205,17 +292,51 @@ class Result:
             estimate.note,
         )
 
-    def _entry(self, estimate, unit):
-        entry = {
-            "estimate": finite(estimate.estimate),
-            "standard_error": finite(estimate.standard_error),
-            "effective_sample_size": finite(estimate.effective_sample_size),
-            "unit": unit,
-        }
-        return {**entry, "note": estimate.note} if estimate.note else entry
+
+def _entry(estimate: Estimate, unit: str) -> dict[str, Any]:
+    """An estimate as plain values."""
+    entry = {
+        "estimate": finite(estimate.estimate),
+        "standard_error": finite(estimate.standard_error),
+        "effective_sample_size": finite(estimate.effective_sample_size),
+        "unit": unit,
+    }
+    return {**entry, "note": estimate.note} if estimate.note else entry
 
 
-def unit_of(scene, dimension):
+def _from_dict(content: dict[str, Any], folder: str | None) -> Result:
+    """See `Result.from_dict`; KeyError and the like where something is missing."""
+    plain = ["engine", "engine_version", "outcome", "error_kind", "energy_balance_residual"]
+    plain += ["simulated_time", "steps", "step", "realizations", "netlist_sha256"]
+    fit = content.get("spectrum_fit")
+    return Result(
+        **{name: content[name] for name in plain},
+        scene=Scene.from_dict(content["scene"], folder),
+        scaled_quantities={
+            name: Estimate(
+                _number(entry["estimate"]),
+                entry["standard_error"],
+                entry["effective_sample_size"],
+                entry["dimension"],
+                entry.get("note", ""),
+            )
+            for name, entry in content["scaled_quantities"].items()
+        },
+        scales=Scales(**content["scales"]),
+        wall_seconds=_number(content["wall_seconds"]),
+        engine_seconds=_number(content["engine_seconds"]),
+        notes=tuple(content["notes"]),
+        failures={int(index): reason for index, reason in content["failures"].items()},
+        spectrum_fit=SpectrumFit.from_dict(fit) if fit else None,
+    )
+
+
+def _number(value: float | None) -> float:
+    """What `finite` made null is not a number."""
+    return math.nan if value is None else value
+
+
+def unit_of(scene: Scene, dimension: str) -> str:
     """Unit of a dimension like "voltage^2" in a scene's own units."""
     base, _, exponent = dimension.partition("^")
     if base == "1":
@@ -228,7 +349,7 @@ def unit_of(scene, dimension):
     return f"{unit}^{exponent}" if exponent else unit
 
 
-def with_error(estimate):
+def with_error(estimate: Estimate) -> str:
     """ "0.02745 ± 0.00012", or the bare value and that it has no error bar."""
     value, error = estimate.estimate, estimate.standard_error
     if value is None or not math.isfinite(value):
@@ -246,5 +367,5 @@ def with_error(estimate):
     return f"({value / scale:.{digits}f} ± {error / scale:.{digits}f})e{exponent}"
 
 
-def _count(size):
+def _count(size: float | None) -> str:
     return "" if size is None else f"{size:.0f}"

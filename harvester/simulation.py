@@ -1,16 +1,22 @@
 """`simulate`: a scene through one engine, realizations spread over worker processes."""
 
+from __future__ import annotations
+
 import contextlib
 import math
+from collections.abc import Callable, Collection, Iterator
+from concurrent.futures import Executor
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
+from harvester.calling import takes_scene
 from harvester.device import timescales
 from harvester.engines import side_by_side
 from harvester.engines.circuit import best_copies
 from harvester.engines.protocol import ENGINES
 from harvester.engines.realization import Realization, run
 from harvester.engines.steps import STEP_LEVELS, knot_spacing, steps_per_knot
-from harvester.engines.workers import ExecutorPool, WorkerPool
+from harvester.engines.workers import ExecutorPool, WorkerPool, Workers
 from harvester.errors import EnergyNotBalanced, HarvesterError, SimulationError
 from harvester.estimates.balance import energy_balance_residual
 from harvester.estimates.batch_means import standard_error, standard_error_of_drift
@@ -23,7 +29,12 @@ from harvester.estimates.settling import shortfalls, withheld
 from harvester.excitation import OrnsteinUhlenbeck
 from harvester.files.plain_text import nearest
 from harvester.results import Result, unit_of
+from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor, scale
+
+if TYPE_CHECKING:
+    pass
+    from harvester.device.system import System
 
 SOURCES = ("external", "pwl")
 DEVICES = ("automatic", "behavioural", "compiled")
@@ -34,30 +45,32 @@ LARGEST_RESIDUAL = 0.1
 NOTED_RESIDUAL = 0.01
 
 
+@takes_scene
 def simulate(
-    scene,
-    engine="circuit",
+    scene: Scene,
     *,
-    step="default",
-    source="external",
-    scheme=None,
-    tolerance=None,
-    device="automatic",
-    copies=None,
-    workers=None,
-    executor=None,
-    keep_going=False,
-    time_limit=TIME_LIMIT,
-    window=None,
-    progress=None,
-    pool=None,
-):
+    method: str = "circuit",
+    step: str | float = "default",
+    source: str = "external",
+    scheme: str | None = None,
+    tolerance: float | None = None,
+    device: str = "automatic",
+    copies: int | None = None,
+    keep_going: bool = False,
+    time_limit: float = TIME_LIMIT,
+    window: tuple[float, float] | None = None,
+    workers: int | None = None,
+    executor: Executor | None = None,
+    runner: Workers | None = None,
+    progress: Callable[[float, str], object] | None = None,
+) -> Result:
     """Simulate a scene and estimate its quantities with error bars.
 
     Parameters
     ----------
-    scene : Scene
-    engine : str
+    scene : Scene, str or Path
+        Itself, its file or its built-in name.
+    method : str
         "circuit" (ngspice) or "monte-carlo" (Runge–Kutta, no circuit).
     step : str or float
         Longest step: "default", "fine", "finest", or seconds. Rounded down to a whole division
@@ -76,11 +89,6 @@ def simulate(
     copies : int or None
         Circuit only: realizations side by side in one netlist, which share their steps; None:
         `harvester.engines.side_by_side.copies`, whatever the number of workers.
-    workers : int or None
-        Processes; None: one per core.
-    executor : concurrent.futures.Executor or None
-        Spreads the realizations instead of worker processes of our own: a process pool, Dask's
-        `client.get_executor()`, mpi4py's.
     keep_going : bool
         Try a realization whose process crashed or ran out of time once more, leave one that
         fails for good out of the estimates, and name it in `Result.failures`. Without it the
@@ -89,10 +97,15 @@ def simulate(
         Wall-clock seconds of one realization.
     window : (float, float) or None
         Stretch of the first realization to keep as `Result.waveform` (s).
+    workers : int or None
+        Processes; None: one per core.
+    executor : concurrent.futures.Executor or None
+        Spreads the realizations instead of worker processes of our own: a process pool, Dask's
+        `client.get_executor()`, mpi4py's.
+    runner : WorkerPool or what has one as its `pool`, or None
+        Running processes to use again (`harvester.engines.workers`).
     progress : callable or None
-        Given the share done, 0 … 1.
-    pool : harvester.engines.workers.WorkerPool or None
-        Running processes to use again.
+        Given the share done, 0 … 1, and the method at work.
 
     Returns
     -------
@@ -111,7 +124,7 @@ def simulate(
     number of workers.
     """
     step = check_step(step)
-    engine = check_name("engine", engine, ENGINES)
+    engine = check_name("method", method, ENGINES)
     source = check_name("source", source, SOURCES)
     if engine == "monte-carlo":
         require_resistor(scene, "Monte Carlo")
@@ -119,12 +132,12 @@ def simulate(
     device = check_name("device", device, DEVICES)
     copies = check_copies(copies, scene, engine, source)
     options = {"step": step, "source": source, "scheme": scheme, "tolerance": tolerance}
-    follow = _Follower(scene, progress) if progress else None
+    follow = _Follower(scene, engine, progress) if progress else None
     try:
-        with _running(pool, executor, scene.run.realizations, workers) as running:
-            together = copies or _copies_that_pay(scene, engine, device, options, running)
+        with running(runner, executor, scene.run.realizations, workers) as pool:
+            together = copies or _copies_that_pay(scene, engine, device, options, pool)
             calls = _calls(scene, engine, together, window, {**options, "device": device})
-            outcomes = _outcomes(running, calls, time_limit, follow, keep_going)
+            outcomes = _outcomes(pool, calls, time_limit, follow, keep_going)
     except SimulationError as error:
         error.partial = _partial(scene, engine, step, source, error)
         raise
@@ -190,18 +203,20 @@ def _outcomes(pool, calls, time_limit, follow, keep_going):
 
 
 @contextlib.contextmanager
-def _running(pool, executor, calls, workers):
-    """The pool or the executor that was handed in, else workers that end with the block."""
+def running(
+    runner: Workers | None, executor: Executor | None, calls: int, workers: int | None
+) -> Iterator[Workers]:
+    """What was handed in, a runner's own processes too; else workers that end with the block."""
     if executor is not None:
         yield ExecutorPool(executor)
-    elif pool is not None:
-        yield pool
+    elif runner is not None:
+        yield getattr(runner, "pool", runner)
     else:
         with WorkerPool(calls, workers) as own:
             yield own
 
 
-def check_step(step):
+def check_step(step: str | float) -> str | float:
     """A level's name or a positive number of seconds.
 
     Raises
@@ -212,13 +227,13 @@ def check_step(step):
         try:
             step = float(step)
         except ValueError:
-            return check_name("step", step, STEP_LEVELS)
+            return check_name("step", str(step), STEP_LEVELS)
     if not isinstance(step, str) and not (math.isfinite(step) and step > 0.0):
         raise HarvesterError(f"step {step}: must be one of {', '.join(STEP_LEVELS)} or seconds > 0")
     return step
 
 
-def check_copies(copies, scene, engine, source):
+def check_copies(copies: int | None, scene: Scene, engine: str, source: str) -> int | None:
     """None, or a whole number ≥ 1 that this load, engine and source can take.
 
     Raises
@@ -229,7 +244,7 @@ def check_copies(copies, scene, engine, source):
         return None
     if not isinstance(copies, int) or copies < 1:
         raise HarvesterError(f"copies {copies}: must be a whole number ≥ 1")
-    simple = scene.electrical_load.is_resistor and source == "external"
+    simple = scene.load.is_resistor and source == "external"
     if copies > 1 and not (engine == "circuit" and simple):
         raise HarvesterError(
             f"copies {copies}: only the circuit with its external source and a resistor as load "
@@ -238,7 +253,7 @@ def check_copies(copies, scene, engine, source):
     return copies
 
 
-def check_name(what, name, known):
+def check_name(what: str, name: str, known: Collection[str]) -> str:
     """The name, or HarvesterError with the nearest valid one."""
     if name not in known:
         raise HarvesterError(
@@ -247,7 +262,7 @@ def check_name(what, name, known):
     return name
 
 
-def require_noise(scene, command):
+def require_noise(scene: Scene, command: str) -> None:
     """Refuse kinds of excitation that a command cannot vary or repeat.
 
     Raises
@@ -264,7 +279,8 @@ def require_noise(scene, command):
 class _Follower:
     """Adds up how far the realizations are."""
 
-    def __init__(self, scene, progress):
+    def __init__(self, scene, method, progress):
+        self._method = method
         self._total = (scene.run.settle + scene.run.duration) * scene.run.realizations
         self._reached = {}
         self._sum = 0.0
@@ -274,7 +290,7 @@ class _Follower:
         reached = sum(each.time_reached for each in moments)
         self._sum += reached - self._reached.get(index, 0.0)
         self._reached[index] = reached
-        self._progress(min(max(self._sum / self._total, 0.0), 1.0))
+        self._progress(min(max(self._sum / self._total, 0.0), 1.0), self._method)
 
 
 def _result(scene, engine, step, source, realizations, failures, outcome="complete"):
@@ -285,11 +301,11 @@ def _result(scene, engine, step, source, realizations, failures, outcome="comple
     last = max(realization.ended for realization in realizations)
     estimates = estimate_all(moments, parameters, error_of) | estimate_output(moments)
     on_load = (
-        *source_notes(scene.electrical_load.circuit),
+        *source_notes(scene.load.circuit),
         *efficiency_notes(estimates, scales.of("power"), unit_of(scene, "power")),
     )
     found = shortfalls(scene, parameters, moments, estimates)
-    shapes = densities(moments, _symmetric(scene, parameters))
+    shapes = densities(moments, is_symmetric(scene, parameters))
     if found:
         shapes = {name: replace(shape, standard_error=None) for name, shape in shapes.items()}
     return Result(
@@ -308,7 +324,7 @@ def _result(scene, engine, step, source, realizations, failures, outcome="comple
         engine_version=realizations[0].engine_version,
         netlist_sha256=realizations[0].netlist_sha256,
         notes=(
-            *_notes(scene),
+            *notes_on_excitation(scene),
             *on_load,
             *(shortfall.note for shortfall in found),
             *_failure_notes(failures, scene),
@@ -321,7 +337,7 @@ def _result(scene, engine, step, source, realizations, failures, outcome="comple
     )
 
 
-def _symmetric(scene, parameters):
+def is_symmetric(scene: Scene, parameters: System) -> bool:
     """Whether a motion and its mirror image are equally likely."""
     return scene.excitation.symmetric and parameters.symmetric and scene.start is None
 
@@ -340,7 +356,8 @@ def _partial(scene, engine, step, source, error):
     return _result(scene, engine, step, source, realizations, {}, outcome)
 
 
-def _notes(scene):
+def notes_on_excitation(scene: Scene) -> tuple[str, ...]:
+    """What a reader must know of the noise that a scene is run with."""
     parameters, _ = scale(scene)
     frequency = timescales.angular_frequency(parameters)
     return scene.excitation.notes(knot_spacing(scene), frequency, scene.run)

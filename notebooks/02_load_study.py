@@ -67,16 +67,16 @@ Rload out ref {resistance}
 scene = harvester.Scene.load("device").replace({"run.settle": 2.0})
 study = harvester.load_study(
     scene,
-    ["resistor", str(path)],
-    {"load.parameters.resistance": np.geomspace(1e5, 3e6, 5)},
+    loads=["resistor", str(path)],
+    sweeps={"load.parameters.resistance": np.geomspace(1e5, 3e6, 5)},
     precision=0.05,
 )
 report = Report(study)
 for evaluation, point in zip(study.evaluations, study.grid.points, strict=True):
     power = evaluation.estimates["output_power"]
-    resistance = point.scene.electrical_load.parameters["resistance"]
+    resistance = point.scene.load.parameters["resistance"]
     print(
-        f"{point.scene.electrical_load.circuit.name:14} {resistance / 1e3:6.0f} kΩ: "
+        f"{point.scene.load.circuit.name:14} {resistance / 1e3:6.0f} kΩ: "
         f"{power.estimate * 1e6:5.0f} ± {power.standard_error * 1e6:.0f} µW"
     )
 

@@ -24,7 +24,6 @@ from dataclasses import replace
 import matplotlib.pyplot as plt
 
 import harvester
-from harvester.engines.workers import WorkerPool
 from harvester.show import figures
 from harvester.verification.paper.claims import METHODS, claims
 from harvester.verification.paper.claims_list import CLAIMS, JUMPING
@@ -42,8 +41,7 @@ scene = harvester.Scene.load("paper")
 # all of them, with longer runs where `--quick` is left out.
 
 # %%
-with WorkerPool() as pool:
-    (fifth,) = reproduce(scene, ["fig5"], quick=True, pool=pool)
+(fifth,) = reproduce(scene, ["fig5"], quick=True)
 header, rows = fifth.table()
 for row in [header, *rows]:
     print(f"{row[1]:6} {row[2]:12} {row[6]:>36} {row[7]:>8}")
@@ -60,8 +58,7 @@ chosen = [
     for claim in CLAIMS
     if claim.says.endswith("rises with β") or "wider frequency band" in claim.sentence
 ]
-with WorkerPool() as pool:
-    judgement = claims(scene, pool=pool, chosen=chosen)
+judgement = claims(scene, chosen=chosen)
 for claim, verdicts in zip(judgement.claims, judgement.verdicts, strict=True):
     print(claim.sentence)
     print(f"  tested: {claim.says}")
@@ -85,7 +82,8 @@ failed = [
 ]
 print(
     f"In Fig. 5a the circuit is {distances['circuit']} from Monte Carlo in ∫|p − p'| dX, the "
-    f"closure slow_load {distances['slow_load']} and the closure as printed {distances['paper']}; "
+    f"closure fokker_planck {distances['fokker_planck']} and the closure as printed "
+    f"{distances['paper']}; "
     f"of the statements tried, by Monte Carlo {'; '.join(held) or 'none'} held, and "
     f"{'; '.join(failed) or 'none'} did not."
 )

@@ -80,7 +80,7 @@ scene = harvester.Scene.from_tables(tables, name="machine")
 
 # %%
 results = {
-    engine: harvester.simulate(scene, engine, window=(0.0, 6.0))
+    engine: harvester.simulate(scene, method=engine, window=(0.0, 6.0))
     for engine in ("circuit", "monte-carlo")
 }
 for engine, result in results.items():
@@ -96,7 +96,7 @@ print(*results["circuit"].notes, sep="\n")
 
 # %%
 try:
-    fitted = harvester.average(scene, "slow_load", fit=True)
+    fitted = harvester.average(scene, fit=True)
     print(*fitted.notes, sep="\n")
 except harvester.HarvesterError as error:
     print(error)

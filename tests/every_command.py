@@ -61,22 +61,27 @@ BRIEFLY = ("--workers", "1")
 FREQUENCIES = ("--frequencies", "{f}", "--amplitude", "{a}")
 # Name → what stands before the scene, and behind it.
 COMMANDS = {
-    "simulate circuit": (("simulate",), ("--engine", "circuit", *BRIEFLY)),
-    "simulate monte-carlo": (("simulate",), ("--engine", "monte-carlo", *BRIEFLY)),
+    "simulate circuit": (("simulate",), ("--method", "circuit", *BRIEFLY)),
+    "simulate monte-carlo": (("simulate",), ("--method", "monte-carlo", *BRIEFLY)),
     **{
-        f"average {closure}": (("average",), ("--closure", closure, "--tolerance", "0.3"))
-        for closure in ("paper", "consistent", "slow_load", "fokker_planck")
+        f"average {closure}": (("average",), ("--method", closure, "--tolerance", "0.3"))
+        for closure in ("paper", "consistent", "fokker_planck")
     },
     "validate": (("validate",), (*BRIEFLY, "--report", "{folder}/report.html")),
     "frequency-response monte-carlo": (("frequency-response",), (*FREQUENCIES, *BRIEFLY)),
     "frequency-response circuit": (
         ("frequency-response",),
-        (*FREQUENCIES, "--engine", "circuit", *BRIEFLY),
+        (*FREQUENCIES, "--method", "circuit", *BRIEFLY),
     ),
     "load-study": (("load-study",), BRIEFLY),
     "optimum": (("optimum",), ("--over", "excitation.intensity", *BRIEFLY)),
+    "sensitivity": (
+        ("sensitivity",),
+        ("--vary", "oscillator.damping=±10%", "--rows", "2", *BRIEFLY),
+    ),
     "stability": (("stability",), BRIEFLY),
     "work-precision": (("work-precision",), BRIEFLY),
+    "time-to-accuracy": (("time-to-accuracy",), BRIEFLY),
     "netlist ngspice": (("netlist",), ("--output", "{folder}/ngspice.cir")),
     "netlist ltspice": (
         ("netlist",),

@@ -7,6 +7,7 @@ from scipy.integrate import DOP853
 from scipy.linalg import expm, solve_discrete_lyapunov
 from scipy.optimize import brentq
 
+from harvester.averaging import average
 from harvester.averaging.symmetric import symmetric_device
 from harvester.engines.realization import noise_path
 from harvester.engines.steps import knot_spacing
@@ -27,6 +28,11 @@ NOTHING_BUT_STOPPERS = [
 def flat(scene):
     """Coefficients of Eqs. 4–6 of a scene with the source paper's parts, by name."""
     return symmetric_device(scale(scene)[0])
+
+
+def averaged(p, closure="fokker_planck", tolerance=None):
+    """`harvester.averaging.average` of coefficients by name."""
+    return average(p.system, closure, tolerance)
 
 
 def well(p):
@@ -86,6 +92,17 @@ def interpolated_linear_means(p, spacing):
         "mean_square_velocity": covariance[1, 1],
         "power_conversion_efficiency": power / (power + loss),
     }
+
+
+def oscillator_power(p):
+    """E[P] of a linear harvester under Ornstein–Uhlenbeck noise, in closed form."""
+    frequency = math.sqrt(p.linear_stiffness)
+    ratio, square = 0.5 * p.damping / frequency, p.coupling / p.linear_stiffness
+    alpha, t = frequency / p.decay_rate, frequency * p.correlation_time
+    white = p.intensity * square * alpha
+    white /= 2 * ratio + (4 * ratio**2 + square) * alpha + 2 * ratio * (1 + square) * alpha**2
+    lower = alpha * (1 + square) * t**2 + 2 * ratio * alpha * t + alpha + t**3
+    return white * (t + alpha + 2 * ratio * alpha * t) / (lower + 2 * ratio * t**2 + t)
 
 
 def rebound_speed(restitution):

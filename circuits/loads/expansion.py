@@ -4,12 +4,17 @@ ngspice puts a function's text in the place of each of its calls and a sub-circu
 place of each X: a few lines can stand for more than any machine holds.
 """
 
+from __future__ import annotations
+
 import graphlib
 import re
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from circuits.loads.expressions import SOLUTION, VARYING
 from circuits.loads.vetting import refuse
+
+if TYPE_CHECKING:
+    from circuits.loads.tree import Subcircuit
 
 # Elements, and calls of sub-circuits, of a load with all that its sub-circuits hold.
 MOST_ELEMENTS = 2000
@@ -31,12 +36,12 @@ class Length(NamedTuple):
     share: int = 0
     varies: bool = False
 
-    def plus(self, other):
+    def plus(self, other: Length) -> Length:
         """Both texts, one after the other."""
         varies = self.varies or other.varies
         return Length(self.own + other.own, self.share + other.share, varies)
 
-    def given(self, argument):
+    def given(self, argument: Length) -> Length:
         """The text with its arguments put in."""
         own = self.own + self.share * argument.own
         return Length(own, self.share * argument.share, self.varies or argument.varies)
@@ -65,20 +70,22 @@ class Expansion:
         Of every method: what is too large, with file and line.
     """
 
-    def __init__(self, root):
-        self._functions, self._contents, self._characters = {}, {}, {}
+    def __init__(self, root: Subcircuit) -> None:
+        self._functions: dict = {}
+        self._contents: dict = {}
+        self._characters: dict = {}
         self._definitions = 0
         self._add_definitions(root)
         # ngspice expands functions in what nothing calls, too.
         self._check(root.card, self._own_characters(root))
 
-    def content(self, circuit, calling=()):
+    def content(self, circuit: Subcircuit, calling: tuple[Subcircuit, ...] = ()) -> Content:
         """What a sub-circuit expands to."""
         if id(circuit) not in self._contents:
             self._contents[id(circuit)] = self._counted(circuit, calling)
         return self._contents[id(circuit)]
 
-    def varies(self, circuit, words):
+    def varies(self, circuit: Subcircuit, words: list[str]) -> bool:
         """Whether an element's value changes while ngspice runs."""
         return any(self._length(word, circuit).varies for word in words)
 
@@ -203,7 +210,7 @@ def _check_parameters(circuit):
         refuse(circuit.place(error.args[1][0]), f".param {circle}: a value that needs itself")
 
 
-def called(circuit, words):
+def called(circuit: Subcircuit, words: list[str]) -> Subcircuit | None:
     """The sub-circuit that an X calls, None for any other element."""
     if words[0][0] != "x":
         return None

@@ -1,9 +1,16 @@
 """Checks of a netlist's text before ngspice sees it: some mistakes abort its whole process."""
 
+from __future__ import annotations
+
 import re
+from collections.abc import Collection
+from typing import TYPE_CHECKING
 
 from harvester.errors import NetlistError
 from harvester.files.plain_text import nearest
+
+if TYPE_CHECKING:
+    pass
 
 FUNCTIONS = {
     "abs", "acos", "acosh", "asin", "asinh", "atan", "atanh", "ceil", "cos", "cosh", "ddt",
@@ -31,7 +38,7 @@ _TOKEN = re.compile(
 )
 
 
-def check_netlist(text):
+def check_netlist(text: str) -> None:
     """Refuse what would crash ngspice or let the netlist act outside it.
 
     Raises
@@ -47,7 +54,7 @@ def check_netlist(text):
             check_behavioural(card)
 
 
-def check_behavioural(card):
+def check_behavioural(card: str) -> None:
     """Check the expression of one `B` card."""
     match = re.match(r"(\S+)\s+\S+\s+\S+\s+[iv]\s*=\s*(.*)$", card, re.IGNORECASE | re.DOTALL)
     if not match:
@@ -58,7 +65,9 @@ def check_behavioural(card):
         raise NetlistError(f"netlist: {name}: {fault} in {expression[:60]!r}")
 
 
-def expression_fault(expression, parameters=(), functions=()):
+def expression_fault(
+    expression: str, parameters: Collection[str] = (), functions: Collection[str] = ()
+) -> str:
     """What is wrong with an expression, or an empty string.
 
     Parameters
@@ -74,7 +83,8 @@ def expression_fault(expression, parameters=(), functions=()):
         match = _TOKEN.match(lowered, position)
         if not match:
             return f"unexpected character {lowered[position]!r}"
-        tokens.append((match.lastgroup, match.group(match.lastgroup)))
+        kind = str(match.lastgroup)
+        tokens.append((kind, match.group(kind)))
         position = match.end()
     return (
         _parentheses(tokens)

@@ -1,7 +1,9 @@
 """Where the elements of a load stand in its files, found again by the names that ngspice gives."""
 
+from __future__ import annotations
+
 import re
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 # ngspice's flat name: letters and the calls on the way, "d.xload.xbridge.dupper"; a model's name
 # follows a colon, "xload:xbridge:ideal".
@@ -17,7 +19,7 @@ class Place(NamedTuple):
     where: str
 
 
-def places(cards):
+def places(cards: Any) -> Any:
     """Places of all elements and models.
 
     Parameters
@@ -43,7 +45,7 @@ def places(cards):
     return tuple(found)
 
 
-def with_places(message, load):
+def with_places(message: str, load: Any) -> str:
     """A message of ngspice's with the names of a load's elements as its files give them.
 
     Parameters
@@ -59,7 +61,7 @@ def with_places(message, load):
     return f"{told} (the load is {file_of(load)})"
 
 
-def file_of(load):
+def file_of(load: Any) -> str:
     """The file that holds a load's own sub-circuit."""
     own = next(each for each in load.places if each.owner == load.name)
     return own.where.rpartition(":")[0]

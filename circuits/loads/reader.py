@@ -4,6 +4,8 @@ Reads what LTspice and ngspice write. A load from elsewhere is data, so an inclu
 folder of the file that the user named.
 """
 
+from __future__ import annotations
+
 import contextlib
 import re
 from pathlib import Path
@@ -31,7 +33,7 @@ class Card(NamedTuple):
     where: str
 
 
-def read_cards(path):
+def read_cards(path: Path) -> list[Card]:
     """Cards of a netlist file and of what it includes, in order.
 
     Parameters
@@ -148,7 +150,7 @@ def _decoded(content):
         return content.decode("cp1252", errors="replace")
 
 
-def statements(text, name):
+def statements(text: str, name: str) -> list[Card]:
     """Lines of a netlist without comments, continuations joined, blanks single.
 
     Parameters

@@ -1,10 +1,14 @@
 """Loads as sub-circuits: a library's or a user's netlist, vetted."""
 
+from __future__ import annotations
+
 import os
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 from circuits import elements
 from circuits.loads import vetting
@@ -63,12 +67,12 @@ class LoadCircuit:
     places: tuple = field(default=(), compare=False, repr=False)
 
     @property
-    def has_output(self):
+    def has_output(self) -> bool:
         """Whether it has a DC side."""
         return OUTPUT_PINS[0] in self.pins
 
 
-def load_names():
+def load_names() -> list[str]:
     """Names of the loads in netlists/, sorted; a file without one of its name is for others."""
     names = []
     for file in resources.files("netlists").iterdir():
@@ -78,7 +82,7 @@ def load_names():
     return sorted(names)
 
 
-def find_netlist(netlist, folders=(".",)):
+def find_netlist(netlist: str, folders: Sequence[str | Path] = (".",)) -> Path:
     """The file of a load.
 
     Parameters
@@ -109,7 +113,9 @@ def find_netlist(netlist, folders=(".",)):
     raise NetlistError(f"load.netlist = {netlist[:200]!r}: no such file in {looked}")
 
 
-def read_load(path, subcircuit=None, parameters=None):
+def read_load(
+    path: Path, subcircuit: str | None = None, parameters: dict[str, Any] | None = None
+) -> LoadCircuit:
     """Read, vet and prepare a load.
 
     Parameters

@@ -1,7 +1,10 @@
 """What a netlist connects: its elements, their nodes and its sub-circuits, for drawing."""
 
+from __future__ import annotations
+
 import re
 from dataclasses import dataclass, field
+from typing import Any
 
 from circuits.loads.reader import statements
 from circuits.loads.vetting import ELEMENTS
@@ -37,7 +40,7 @@ class Part:
     calls: str = ""
 
     @property
-    def letter(self):
+    def letter(self) -> str:
         """The kind of element, in lower case."""
         return self.name[0].lower()
 
@@ -60,9 +63,9 @@ class Topology:
     pins: tuple = ()
     parts: list = field(default_factory=list)
     inner: dict = field(default_factory=dict)
-    outer: "Topology | None" = field(default=None, repr=False)
+    outer: Topology | None = field(default=None, repr=False)
 
-    def find(self, name):
+    def find(self, name: str) -> Topology:
         """A sub-circuit by name, from here outwards.
 
         Raises
@@ -77,7 +80,7 @@ class Topology:
         return self.outer.find(name)
 
 
-def read_topology(text):
+def read_topology(text: str) -> Any:
     """Elements and sub-circuits of a netlist.
 
     Parameters
@@ -104,7 +107,7 @@ def read_topology(text):
             place.inner[inner.name] = inner
             place = inner
         elif first == ".ends":
-            place = place.outer
+            place = place.outer or place
         elif not first.startswith("."):
             place.parts.append(_part(words, card))
     return place

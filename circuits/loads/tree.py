@@ -1,8 +1,11 @@
 """A netlist file as nested sub-circuits: read from its cards, and written out again."""
 
+from __future__ import annotations
+
 import re
 from collections import ChainMap
 from dataclasses import dataclass, field
+from typing import Any
 
 from circuits.loads import vetting
 from circuits.loads.expressions import FUNCTIONS
@@ -11,6 +14,8 @@ from circuits.loads.vetting import Scope, check_nodes, listed, refuse
 
 # Definitions within definitions.
 DEEPEST_DEFINITION = 20
+# A comma in front of the next `name=`, and so within no function.
+COMMA = re.compile(r"\s*,\s*(?=[a-z_]\w*\s*=[^=])")
 
 
 @dataclass(eq=False)
@@ -27,9 +32,9 @@ class Subcircuit:
     models: dict = field(default_factory=dict)
     elements: list = field(default_factory=list)
     inner: dict = field(default_factory=dict)
-    outer: "Subcircuit | None" = None
+    outer: Subcircuit | None = None
 
-    def scope(self):
+    def scope(self) -> Scope:
         """Names from here outwards."""
         around = self.around()
         return Scope(
@@ -38,26 +43,26 @@ class Subcircuit:
             ChainMap(*(place.models for place in around)),
         )
 
-    def place(self, name):
+    def place(self, name: str) -> Card:
         """The card that gives a parameter its value."""
         return self.local_cards.get(name, self.card)
 
-    def around(self):
+    def around(self) -> list[Subcircuit]:
         """This one and those it is defined in, outwards."""
         return [self, *(self.outer.around() if self.outer else ())]
 
-    def find(self, name):
+    def find(self, name: str) -> Subcircuit | None:
         """A sub-circuit by name, from here outwards, or None."""
         if name in self.inner:
             return self.inner[name]
         return self.outer.find(name) if self.outer else None
 
-    def known(self):
+    def known(self) -> Any:
         """Names of all sub-circuits that can be called from here."""
         return {*self.inner, *(self.outer.known() if self.outer else ())}
 
 
-def parse(cards, name):
+def parse(cards: list[Card], name: str) -> Subcircuit:
     """Cards of a file of this name as nested sub-circuits, elements not yet judged."""
     root = here = Subcircuit(Card("", name))
     for card in cards:
@@ -69,9 +74,10 @@ def parse(cards, name):
                 refuse(card, ".ends without its .subckt")
             if rest and rest != here.name:
                 refuse(card, f".ends {rest[:40]} closes .subckt {here.name[:40]}")
-            here = here.outer
+            here = here.outer or root
         elif first in (".param", ".params"):
-            pairs = vetting.vet_parameters(card, rest)
+            # A comma may part two of them.
+            pairs = vetting.vet_parameters(card, COMMA.sub(" ", rest))
             here.local.update(pairs)
             here.local_cards.update(dict.fromkeys(pairs, card))
         elif first == ".func":
@@ -84,8 +90,8 @@ def parse(cards, name):
                 )
             here.functions[name] = (card, arguments, expression)
         elif first == ".model":
-            name, kind, pairs = vetting.vet_model(card)
-            here.models[name] = (card, kind, pairs)
+            name, kind, values = vetting.vet_model(card)
+            here.models[name] = (card, kind, values)
         elif first.startswith("."):
             refuse(
                 card,
@@ -119,7 +125,7 @@ def _opened(outer, card, rest):
     return inner
 
 
-def written(circuit):
+def written(circuit: Subcircuit) -> list[str]:
     """The lines of a sub-circuit, or of all of a file."""
     lines = []
     if circuit.name:

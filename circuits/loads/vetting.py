@@ -5,10 +5,12 @@ the device, or stop ngspice's process; what LTspice writes and ngspice would sil
 misread is put right where its meaning is plain, and refused by name where it is not.
 """
 
+from __future__ import annotations
+
 import math
 import re
-from collections.abc import Mapping
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple, NoReturn
 
 from circuits.loads.expressions import NAMES, SOLUTION, VARYING, expression_fault
 from circuits.loads.reader import Card
@@ -71,7 +73,7 @@ class Scope(NamedTuple):
     models: Mapping
 
 
-def number(text):
+def number(text: str) -> float | None:
     """A SPICE number like "100k" or "4k7" as a float, or None where it is none."""
     match = _NUMBER.fullmatch(_INFIX.sub(r"\1.\3\2", text.strip().lower()))
     if not match:
@@ -80,20 +82,20 @@ def number(text):
     return value if math.isfinite(value) else None
 
 
-def listed(names):
+def listed(names: Iterable[str]) -> str:
     """Names in one line, the first of many."""
     names = [name[:LONGEST_SHOWN] for name in names]
     more = f" … ({len(names)} in all)" if len(names) > MOST_SHOWN else ""
     return ", ".join(names[:MOST_SHOWN]) + more
 
 
-def refuse(card, fault):
+def refuse(card: Card, fault: str) -> NoReturn:
     """Raise NetlistError with the place and the fault, as much of it as one line takes."""
     end = " …" if len(fault) > LONGEST_FAULT else ""
     raise NetlistError(f"{card.where}: {fault[:LONGEST_FAULT]}{end}")
 
 
-def tidy(card):
+def tidy(card: Card) -> Card:
     """The card with quotes as braces, no blanks within expressions, and only safe characters."""
     if _LONG_WORD.search(card.text):
         refuse(card, f"a name or number of more than {LONGEST_WORD} characters")
@@ -123,7 +125,7 @@ def _joined_braces(card, text):
     return "".join(parts)
 
 
-def vet_model(card):
+def vet_model(card: Card) -> tuple[str, str, list[tuple[str, str]]]:
     """A .model card as ngspice reads it: (name, text)."""
     match = re.fullmatch(r"\.model (\S+) (\w+)\s*(.*)", card.text)
     kind = match.group(2) if match else ""
@@ -149,7 +151,7 @@ def vet_model(card):
     return match.group(1), kind, pairs
 
 
-def vet_parameters(card, text):
+def vet_parameters(card: Card, text: str) -> dict[str, Any]:
     """Pairs of a list of parameters, {name: value}; the last of a name counts."""
     pairs = dict(_pairs(card, text, ()))
     for name in VARYING & {*pairs}:
@@ -157,7 +159,7 @@ def vet_parameters(card, text):
     return pairs
 
 
-def vet_function(card):
+def vet_function(card: Card) -> tuple[str, list[str], str]:
     """A .func card: (name, arguments, expression)."""
     match = re.fullmatch(r"\.func ([a-z_]\w*)\s*\(([\w\s,]*)\)\s*=?\s*\{?([^{}]*)\}?", card.text)
     if not match:
@@ -182,7 +184,7 @@ def _pairs(card, text, flags):
     return pairs
 
 
-def check_value(card, value, scope, what="value"):
+def check_value(card: Card, value: str, scope: Scope, what: str = "value") -> str:
     """The value, a bare parameter or expression in braces; refused unless it means a number."""
     if value.startswith("{") and value.endswith("}"):
         expression = _rewritten(value[1:-1])
@@ -208,7 +210,7 @@ def _rewritten(expression):
     return _MIL.sub(r"(\1*25.4e-6)", _INFIX.sub(r"\1.\3\2", text))
 
 
-def vet_element(card, scope):
+def vet_element(card: Card, scope: Scope) -> list[str]:
     """An element's card as ngspice reads it: a list of words, name first."""
     name, *words = re.split(r"\s+", card.text)
     if name[0] not in ELEMENTS:
@@ -224,7 +226,7 @@ def vet_element(card, scope):
     return [name, *nodes, *_KINDS[kind](card, rest, scope)]
 
 
-def check_nodes(card, nodes):
+def check_nodes(card: Card, nodes: list[str]) -> None:
     """Refuse node names that ngspice could take for something else."""
     for node in nodes:
         if not _NODE.fullmatch(node):

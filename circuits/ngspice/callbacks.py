@@ -5,7 +5,11 @@ shared structure. They call back into Python (`service`) only when a buffer is f
 window of noise must move on, some thousand steps apart.
 """
 
+from __future__ import annotations
+
 import functools
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from llvmlite import ir
@@ -26,17 +30,18 @@ from harvester.device import system as systems
 from harvester.engines.steps import STEPS_PER_CONTACT
 
 # Points held before they are handed on, and knots of the noise held ahead, over all copies.
-POINTS = 4096
-KNOTS = 65_536
+BUFFERED_POINTS = 4096
+BUFFERED_KNOTS = 65_536
 # Fewest of either for each copy, and the knots kept behind the latest accepted time when the
 # window moves.
 FEWEST_POINTS, FEWEST_KNOTS = 512, 1024
-MARGIN = 8
+KNOTS_KEPT_BEHIND = 8
 # Longest name of an element that is looked at, ngspice's prefix included.
 LONGEST_NAME = 64
-# Columns of the buffer, of each copy; those of a netlist as load are 0 without one.
-DISPLACEMENT, VELOCITY, TERMINAL, NOISE, HELD, LOAD_CURRENT, OUTPUT, REFERENCE = range(8)
-COLUMNS = 8
+# Columns of the buffer, of each copy, the last the transducer's state; what is not there is 0.
+COLUMNS = 9
+DISPLACEMENT, VELOCITY, TERMINAL, NOISE, HELD_SPEED = range(5)
+LOAD_CURRENT, OUTPUT, REFERENCE, TRANSDUCER = range(5, COLUMNS)
 
 BUFFER_FULL, WINDOW_ENDS = 0, 1
 
@@ -60,8 +65,8 @@ STATE = np.dtype(
         ("local_error", np.int64),  # ngspice's proposal counts too, within the grid
         ("system", np.int64),  # address of the numbers of a System, one after another
         ("free", np.float64, (2,)),  # between which no contact acts
-        ("state_column", np.int64),  # of the transducer's state
-        ("state_scale", np.float64),  # scaled value of one unit in that column
+        ("state_scale", np.float64),  # scaled state of the transducer for one volt or ampere
+        ("landing", np.float64),  # see `harvester.device.system.resolving_step`
         ("rate", np.float64),
     ],
     align=True,
@@ -102,7 +107,7 @@ def _noise(state, copy, time):
 
 
 @cfunc(types.int32(types.voidptr, types.int32, types.int32, types.CPointer(_STATE)), cache=CACHED)
-def send_data(values, count, identity, user):
+def send_data(values: Any, count: int, identity: int, user: Any) -> int:
     """`SendData`: copy the saved nodes of an accepted point into the buffer.
 
     `values` is {int count, int index; vecvalues **vectors}, and a vecvalues {char *name;
@@ -128,7 +133,7 @@ def send_data(values, count, identity, user):
     if row + 1 == state.points:
         _call(state.service, np.int32(BUFFER_FULL))
         state.count = 0
-    if time / state.spacing - state.first_knot > state.knots - MARGIN:
+    if time / state.spacing - state.first_knot > state.knots - KNOTS_KEPT_BEHIND:
         _call(state.service, np.int32(WINDOW_ENDS))
     return 0
 
@@ -143,7 +148,7 @@ def send_data(values, count, identity, user):
     ),
     cache=CACHED,
 )
-def get_noise(current, time, name, identity, user):
+def get_noise(current: Any, time: float, name: Any, identity: int, user: Any) -> int:
     """`GetISRCData`: the noise of the copy whose number stands in the source's name."""
     state = carray(user, 1)[0]
     copy = 0
@@ -171,7 +176,7 @@ def _load(typingctx, address, like):
     return made(types.int64, like), generate
 
 
-def numbers_of(part):
+def numbers_of(part: Any) -> list[Any]:
     """All numbers of a nested tuple one after another, as `_load` reads them: list of float."""
     if isinstance(part, tuple):
         return [number for each in part for number in numbers_of(each)]
@@ -182,14 +187,16 @@ def numbers_of(part):
 def _resolved(state, s, row, ahead, step):
     """Longest step from an accepted point that resolves the contact; `ahead`: the next knot."""
     x, v = row[DISPLACEMENT], row[VELOCITY] * state.rate
-    electrical = row[state.state_column] * state.state_scale
+    electrical = row[TRANSDUCER] * state.state_scale
     noise, change = row[NOISE] * state.rate**2, (ahead - row[NOISE]) * state.rate**2
     acceleration = systems.push(s, x, v, electrical, noise)
     stiffness = springs.greatest_stiffness(s.spring, x)
     stiffness += systems.transducer_stiffness(s.transducer, stiffness)
     margin = abs(change) + stiffness * abs(v) * step
     low, high = state.free[0], state.free[1]
-    return systems.resolving_step(s, low, high, x, v, acceleration, margin, step, STEPS_PER_CONTACT)
+    return systems.resolving_step(
+        s, low, high, x, v, acceleration, margin, step, STEPS_PER_CONTACT, state.landing
+    )
 
 
 @inlined
@@ -206,7 +213,7 @@ def _shortest(state, s, ahead, step):
 
 
 @functools.cache
-def step_setter(kind):
+def step_setter(kind: Callable) -> Callable:
     """The callback that sets the steps of a device.
 
     Parameters

@@ -4,6 +4,8 @@ Compiled once and kept in the user's cache folder, under a name that holds a dig
 made from and one of itself: ngspice crashes on a damaged file, so none reaches it.
 """
 
+from __future__ import annotations
+
 import contextlib
 import hashlib
 import io
@@ -13,12 +15,20 @@ import shutil
 import subprocess
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from circuits import verilog
-from circuits.elements import DISPLACEMENT, PIEZO, VELOCITY, Electrical, holding, number
-from harvester.device.transducer import Piezo
+from circuits.elements import DISPLACEMENT, VELOCITY, holding, number
+from harvester.device.piezo import TERMINAL, Piezo
 from harvester.errors import CompiledDeviceUnavailable
 from harvester.files.surroundings import who_else_writes
+
+if TYPE_CHECKING:
+    from PySpice.Spice.Netlist import Circuit
+
+    from harvester.device.system import System
+    from harvester.device.terminals import Network
+    from harvester.scene.units import Scales
 
 COMPILER = "openvaf-r"
 MODEL = "compiled_harvester"
@@ -28,7 +38,7 @@ TIME_LIMIT = 120.0
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 
 
-def cache_folder():
+def cache_folder() -> Path:
     """Where compiled devices are kept: `harvester` below XDG_CACHE_HOME or ~/.cache.
 
     A relative XDG_CACHE_HOME does not count: the working folder is not asked for machine code.
@@ -37,7 +47,7 @@ def cache_folder():
     return Path(base if os.path.isabs(base) else Path.home() / ".cache") / "harvester"
 
 
-def find_compiler():
+def find_compiler() -> str | None:
     """Path of openvaf-r: the one on PATH, else the one of the extra `fast`.
 
     Raises
@@ -61,7 +71,7 @@ def find_compiler():
     return found
 
 
-def compiled_file(text):
+def compiled_file(text: str) -> Path:
     """The compiled device of a Verilog-A text, from the cache or compiled now.
 
     Any number of processes may ask at once: each compiles in a folder of its own and renames.
@@ -94,13 +104,13 @@ def compiled_file(text):
         ) from None
 
 
-def has_osdi(engine):
+def has_osdi(engine: Any) -> bool:
     """Whether this ngspice takes compiled devices."""
     # Without a file the command does nothing, and an ngspice without OSDI does not know it.
     return "no such command" not in _answer(engine, "osdi")
 
 
-def load(engine, text):
+def load(engine: Any, text: str) -> None:
     """Make a device known to an ngspice, which keeps it until its process ends.
 
     Parameters
@@ -128,12 +138,19 @@ def load(engine, text):
         raise CompiledDeviceUnavailable(f"{path}: ngspice cannot load it: {trouble}")
 
 
-def add_device(circuit):
+def add_device(circuit: Circuit) -> None:
     """One copy between the nodes that `circuits.elements` names, the load's side included."""
-    circuit.raw_spice += f"Nharvester {DISPLACEMENT} {VELOCITY} {PIEZO} {MODEL}\n"
+    circuit.raw_spice += f"Nharvester {DISPLACEMENT} {VELOCITY} {TERMINAL} {MODEL}\n"
 
 
-def add_model(circuit, system, rate, electrical: Electrical):
+def left_out(network: Network) -> list:
+    """Elements of a piezo's network that the compiled device does not hold."""
+    return [each for each in network.elements if each.name not in verilog.HELD]
+
+
+def add_model(
+    circuit: Circuit, system: System, rate: float, network: Network, scales: Scales
+) -> None:
     """The `.model` line that all copies of a scene's device share.
 
     Parameters
@@ -142,22 +159,25 @@ def add_model(circuit, system, rate, electrical: Electrical):
     system : harvester.device.system.System
     rate : float
         ω of the netlist (rad/s).
-    electrical : circuits.elements.Electrical
+    network : harvester.device.terminals.Network
+    scales : harvester.scene.units.Scales
     """
-    name, _, values = verilog.module(system, rate, electrical)
+    charge, capacitance = (network.value(name) for name in ("charge", "piezo"))
+    side = verilog.Side(scales.voltage, charge, capacitance)
+    name, _, values = verilog.module(system, rate, side)
     settings = " ".join(f"{key}={number(value)}" for key, value in values.items())
     circuit.raw_spice += f".model {MODEL} {name} {settings}\n"
 
 
-def add_starts(circuit, starts):
+def add_starts(circuit: Circuit, starts: Any) -> None:
     """Initial values of every copy: pairs of its nodes' prefix and its three values, as text."""
     for prefix, start in starts:
-        nodes = dict(zip((DISPLACEMENT, VELOCITY, PIEZO), start[:3], strict=True))
+        nodes = dict(zip((DISPLACEMENT, VELOCITY, TERMINAL), start[:3], strict=True))
         values = " ".join(f"v({prefix}{node})={value}" for node, value in nodes.items())
         circuit.raw_spice += f".ic {values}\n"
 
 
-def module_of(system):
+def module_of(system: System) -> tuple[str, str]:
     """Name and Verilog-A text of the module for a device.
 
     Raises
@@ -170,7 +190,7 @@ def module_of(system):
             'the compiled device has no stoppers.impact_velocity = "event"'
         )
     if not isinstance(system.transducer, Piezo):
-        raise CompiledDeviceUnavailable("the compiled device has no coil")
+        raise CompiledDeviceUnavailable("the compiled device has a piezo only")
     return verilog.module(system)[:2]
 
 

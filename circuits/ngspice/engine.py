@@ -1,8 +1,12 @@
 """The circuit engine: scene → netlist → ngspice, as `harvester.engines.realization` calls it."""
 
+from __future__ import annotations
+
 import copy
 import importlib
 import re
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 from circuits.assembly import assemble, step_options
 from circuits.ngspice import compiled_device
@@ -13,25 +17,29 @@ from harvester.errors import CompiledDeviceUnavailable
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
 
+if TYPE_CHECKING:
+    from circuits.ngspice.session import Session
+    from harvester.excitation.ornstein_uhlenbeck import NoisePath
 
-def prepare(scene):
+
+def prepare(scene: Scene) -> None:
     """Load libraries and compiled code, so that they do not count as simulation."""
     importlib.import_module("PySpice.Spice.Netlist")
     session().prepare(scale(scene)[0])
 
 
 def run_realizations(
-    scene,
-    paths,
-    starts,
-    observers,
-    step,
-    source,
-    scheme="trapezoidal",
-    tolerance=None,
-    device="automatic",
-    outputs=None,
-):
+    scene: Scene,
+    paths: list[NoisePath],
+    starts: list[tuple[float, float, float]],
+    observers: list[Any],
+    step: str | float,
+    source: str,
+    scheme: str = "trapezoidal",
+    tolerance: float | None = None,
+    device: str = "automatic",
+    outputs: Any = None,
+) -> dict[str, str]:
     """Run realizations side by side in one netlist through ngspice.
 
     Parameters
@@ -70,7 +78,7 @@ def run_realizations(
     """
     system, _ = scale(scene)
     engine = session()
-    engine.circuit_load = scene.electrical_load.circuit
+    engine.circuit_load = scene.load.circuit
     if source == "pwl":
         from circuits.export import stand_alone
 
@@ -91,7 +99,7 @@ def run_realizations(
     }
 
 
-def best_copies(scene, device, report):
+def best_copies(scene: Scene, device: str, report: Callable) -> int:
     """Copies of the device in one netlist beyond which more are no faster (in a worker)."""
     compiled = _compiled(session(), scene, scale(scene)[0], device)
     return MOST_COPIES["compiled" if compiled else "behavioural"]
@@ -113,13 +121,13 @@ def _compiled(engine, scene, system, device):
     return not reason
 
 
-def version(engine):
+def version(engine: Session) -> str:
     """ngspice's name and number, "ngspice-39"."""
     match = re.search(r"ngspice-[\w.+-]+", engine.version_text)
     return match.group(0) if match else "ngspice"
 
 
-def describe(report):
+def describe(report: Callable) -> dict[str, Any]:
     """What was found: a dictionary for `harvester engine` (called in a worker)."""
     engine = session()
     text = engine.version_text

@@ -1,9 +1,12 @@
 """Where the ngspice library and its code models are found, and how it starts without more."""
 
+from __future__ import annotations
+
 import contextlib
 import os
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 from harvester.errors import EngineNotFound
@@ -25,7 +28,7 @@ HOW_TO_GET_IT = (
 )
 
 
-def candidates():
+def candidates() -> list[str]:
     """Names to try to load, in order: the user's own choice alone where there is one."""
     chosen = os.environ.get("NGSPICE_LIBRARY_PATH")
     if chosen:
@@ -39,7 +42,7 @@ def candidates():
     return [*(str(place) for place in places), *SYSTEM_NAMES]
 
 
-def find_library():
+def find_library() -> str:
     """Name or path of the first ngspice library that loads.
 
     Raises
@@ -64,7 +67,7 @@ def find_library():
     raise EngineNotFound(f"{reason}; {HOW_TO_GET_IT}")
 
 
-def code_models(library):
+def code_models(library: str) -> list[str]:
     """ngspice's code models: those beside the library; another release's crash it.
 
     Parameters
@@ -87,7 +90,7 @@ def code_models(library):
 
 
 @contextlib.contextmanager
-def no_initialisation_files():
+def no_initialisation_files() -> Iterator[None]:
     """ngspice finds none of its initialisation files while it starts within the block.
 
     It looks for spinit below SPICE_LIB_DIR, then for .spiceinit and spice.rc in the working folder

@@ -1,6 +1,10 @@
 """What ngspice says, by its stream and form: names and titles within a message mean nothing."""
 
+from __future__ import annotations
+
 import re
+from collections.abc import Sequence
+from typing import Any
 
 # How ngspice begins a line on standard error that refuses a netlist or ends a run. A line of a
 # netlist that it repeats begins with an element's flat name or a dot.
@@ -33,11 +37,17 @@ _EMPTY = re.compile(
 )
 _SUBJECT = re.compile(r"(?:in line )?((?:[a-z]\.)+x\S+)(?: .*)?|\.model (\S+) .*", re.I)
 MOST_REASONS = 3
+STEP_TOO_SMALL = "timestep too small"
+# What that comes of where the transducer is a coil with inductance.
+CUT_OFF = (
+    "; the inductance drives the coil's current on, and a load that opens leaves it no way but "
+    "stray capacitances: set coil.inductance = 0, or put a capacitor across the load's p and n"
+)
 # Letters of a reason that is told: some repeat the whole expression.
 LONGEST_REASON = 200
 
 
-def refusal(lines):
+def refusal(lines: list[Any]) -> str:
     """Why ngspice took no netlist, in one line; empty where it took it.
 
     Parameters
@@ -53,7 +63,7 @@ def refusal(lines):
     return _told(lines[start:])
 
 
-def abortion(lines):
+def abortion(lines: Sequence[str]) -> str:
     """Why a run ended early, in one line; empty where ngspice gave no reason."""
     said = [
         line

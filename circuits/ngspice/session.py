@@ -5,10 +5,13 @@ ngspice abort or hang. PySpice loads the library and sends the commands; its cal
 by the compiled ones of `circuits.ngspice.callbacks`.
 """
 
+from __future__ import annotations
+
 import contextlib
 import sys
 import threading
 import time
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from PySpice.Spice.NgSpice.Shared import NgSpiceCommandError, NgSpiceShared, ffi
@@ -17,33 +20,31 @@ from circuits import elements
 from circuits.loads.places import file_of, with_places
 from circuits.ngspice import callbacks, compiled_device, messages
 from circuits.ngspice.library import code_models, find_library, no_initialisation_files
-from harvester.compilation import compiled, numba
-from harvester.device import system as systems
+from circuits.ngspice.solution import convert, units_of, vectors
+from harvester.compilation import numba
 from harvester.device import timescales
 from harvester.engines.worker import as_answer, give_up
 from harvester.errors import CompiledDeviceUnavailable, SimulatorAborted, SolutionDiverged
-from harvester.record.record import empty_record, fill, part
+from harvester.record.record import empty_record, part
 
-# ngspice's name of each column of the buffer, behind the copy's prefix.
-NODES = (
-    elements.DISPLACEMENT,
-    elements.VELOCITY,
-    "",  # the transducer's terminal, as the netlist calls it
-    elements.NOISE,
-    elements.HELD,
-    elements.LOAD_CURRENT,
-    elements.OUTPUT,
-    elements.REFERENCE,
-)
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from circuits.assembly import Netlist
+    from harvester.device.system import System
+    from harvester.excitation.ornstein_uhlenbeck import NoisePath
+    from harvester.record.output_side import OutputMoments
 
 # A run that takes this much processor time (s) for less than this share of its longest step would
 # not end.
 PATIENCE, CRAWL = 6.0, 1e-3
+# A speed is held from where the contact begins, within this share of the step that resolves it.
+LANDING = 1.0 / 32.0
 
 _session = None
 
 
-def session():
+def session() -> Session:
     """The process's only session, opened when first asked for.
 
     Raises
@@ -61,28 +62,6 @@ def _in_copy(device, prefix):
     """ngspice's name of an element of one copy of the device: its letter stays in front."""
     letter, path = device.split(".", 1)
     return f"{letter}.{prefix}{path}"
-
-
-@compiled
-def _convert(s, free, times, nodes, record, rate, square_rate, per_volt, per_ampere, per_power):
-    """Times, shape (n,), and node values, shape (n, COLUMNS), to a record in scaled units.
-
-    `free` are the displacements between which no contact acts. `per_power` is 0 where no ammeter
-    measures the load's current: the power of a resistor on a piezo follows from the voltage.
-    """
-    for row in range(times.size):
-        x, v = nodes[row, callbacks.DISPLACEMENT], nodes[row, callbacks.VELOCITY] * rate
-        voltage, noise = nodes[row, callbacks.TERMINAL] * per_volt, nodes[row, callbacks.NOISE]
-        held = nodes[row, callbacks.HELD] * rate
-        loss = systems.loss_power(s, x, v, held, x < free[0] or x > free[1])
-        current = nodes[row, callbacks.LOAD_CURRENT]
-        own = systems.own_loss(s.transducer, voltage, current * per_ampere)
-        if per_power > 0.0:
-            power = nodes[row, callbacks.TERMINAL] * current * per_power
-        else:
-            power = systems.load_power(s.transducer, v, voltage)
-        put_in = noise * square_rate * v
-        fill(record, row, times[row], x, v, voltage, power, put_in, loss, own)
 
 
 class Session(NgSpiceShared):
@@ -132,7 +111,7 @@ class Session(NgSpiceShared):
             with contextlib.chdir(model.parent):
                 self.exec_command(f"codemodel ./{model.name}")
 
-    def compiled_device_is_off(self, system):
+    def compiled_device_is_off(self, system: System) -> str:
         """Why there is no compiled device with these parts; empty where it is loaded.
 
         Parameters
@@ -151,16 +130,23 @@ class Session(NgSpiceShared):
                 self._compiled_devices[name] = str(reason)
         return self._compiled_devices[name]
 
-    def prepare(self, system):
+    def prepare(self, system: System) -> None:
         """Load the compiled code that the first point of this device would wait for."""
         nodes = np.zeros((0, callbacks.COLUMNS))
-        factors = [1.0] * 5
-        _convert(system, np.zeros(2), np.zeros(0), nodes, empty_record(0), *factors)
+        record = empty_record(0)
+        convert(system, np.zeros(2), np.zeros(0), nodes, record, 1.0, (1.0,) * 4)
         callbacks.step_setter(numba.typeof(system))
 
     def run(
-        self, netlist, system, paths, observers, steps_per_knot, local_error=False, outputs=None
-    ):
+        self,
+        netlist: Netlist,
+        system: System,
+        paths: Sequence[NoisePath],
+        observers: Sequence[Sequence[Any]],
+        steps_per_knot: int,
+        local_error: bool = False,
+        outputs: Sequence[OutputMoments] | None = None,
+    ) -> int:
         """Run one transient and hand its records to the observers.
 
         Parameters
@@ -214,8 +200,8 @@ class Session(NgSpiceShared):
         self._time_reached = 0.0
         self._finite = True
         copies = len(paths)
-        points = max(callbacks.POINTS // copies, callbacks.FEWEST_POINTS)
-        knots = max(callbacks.KNOTS // copies, callbacks.FEWEST_KNOTS)
+        points = max(callbacks.BUFFERED_POINTS // copies, callbacks.FEWEST_POINTS)
+        knots = max(callbacks.BUFFERED_KNOTS // copies, callbacks.FEWEST_KNOTS)
         self._record = empty_record(points)
         self._vectors = np.full((copies, callbacks.COLUMNS), -1)
         self._times = np.zeros(points)
@@ -232,9 +218,8 @@ class Session(NgSpiceShared):
         self._free = np.array(timescales.free_zone(system))
         state["system"] = self._numbers.ctypes.data
         state["free"][:] = self._free
-        coil = netlist.scaled_ampere > 0.0
-        state["state_column"] = callbacks.LOAD_CURRENT if coil else callbacks.TERMINAL
-        state["state_scale"] = netlist.scaled_ampere if coil else 1.0 / netlist.voltage_scale
+        state["state_scale"] = 1.0 / netlist.state_unit
+        state["landing"] = LANDING if elements.holding(system) else 1.0
         state["rate"] = netlist.rate
         self._ngspice_shared.ngSpice_Init_Sync(
             ffi.NULL,
@@ -270,13 +255,11 @@ class Session(NgSpiceShared):
             return
         start = 1 if times[0] == 0.0 else 0
         self._time_reached = float(times[-1])
-        netlist = self._netlist
-        rate = netlist.rate
-        per_volt = 1.0 / netlist.voltage_scale
-        units = (rate, rate * rate, per_volt, netlist.scaled_ampere, netlist.per_power)
         chunk = part(self._record, 0, count - start)
+        rate, units = self._netlist.rate, units_of(self._netlist)
+        device = self._system, self._free
         for place, (copy, observers) in enumerate(zip(nodes, self._observers, strict=True)):
-            _convert(self._system, self._free, times[start:], copy[start:], self._record, *units)
+            convert(*device, times[start:], copy[start:], self._record, rate, units)
             for observer in observers:
                 observer.add(chunk)
             if self._outputs is not None:
@@ -352,10 +335,10 @@ class Session(NgSpiceShared):
     def _move_window(self):
         """Drop the knots that are past and read as many new ones."""
         state = self.state[0]
-        passed = int(state["knots"]) - 2 * callbacks.MARGIN
+        passed = int(state["knots"]) - 2 * callbacks.KNOTS_KEPT_BEHIND
         for window, path in zip(self._window, self._paths, strict=True):
-            window[: 2 * callbacks.MARGIN] = window[passed:].copy()
-            window[2 * callbacks.MARGIN :] = path.read(passed) / self._netlist.rate**2
+            window[: 2 * callbacks.KNOTS_KEPT_BEHIND] = window[passed:].copy()
+            window[2 * callbacks.KNOTS_KEPT_BEHIND :] = path.read(passed) / self._netlist.rate**2
         state["first_knot"] += passed
 
     def _load(self, text):
@@ -383,7 +366,10 @@ class Session(NgSpiceShared):
 
     def _abort_message(self):
         self._doing = f"stopped at t = {self._time_reached:g}"
-        return self._said(messages.abortion(self.errors))
+        reason = messages.abortion(self.errors)
+        if self._netlist.drives_current and messages.STEP_TOO_SMALL in reason.lower():
+            reason += messages.CUT_OFF
+        return self._said(reason)
 
     def _said(self, trouble):
         """ngspice's words about what went wrong, with the load's own names."""
@@ -419,12 +405,8 @@ class Session(NgSpiceShared):
         names = [ffi.string(data.vecs[k].vecname).decode().lower() for k in range(data.veccount)]
         place = {name: k for k, name in enumerate(names)}
         self.state["time_vector"] = place["time"]
-        for copy, prefix in enumerate(self._netlist.prefixes):
-            for column, node in enumerate(NODES):
-                name = prefix + (node or self._netlist.terminal)
-                if prefix and node == elements.LOAD_CURRENT:
-                    name = f"v.{name}"
-                self._vectors[copy, column] = place.get(name, -1)
+        for copy, wanted in enumerate(vectors(self._netlist)):
+            self._vectors[copy] = [place.get(name, -1) for name in wanted]
         return 0
 
     def _exited(self, status, immediate, quit_requested, identity, user):

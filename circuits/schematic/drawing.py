@@ -1,7 +1,10 @@
 """Schematics: the circuit that a scene really builds, read from its netlist and drawn."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from circuits import elements
 from circuits.loads.topology import GROUND, read_topology
@@ -22,16 +25,17 @@ from circuits.schematic.symbols import (
 from harvester.errors import OutputError
 from harvester.files.writing import whole_file
 
+if TYPE_CHECKING:
+    from harvester.scene.model import Scene
+
 FORMATS = (".svg", ".png")
 LOAD_SIDE = (elements.OUTPUT, elements.REFERENCE)
-TERMINALS = (elements.PIEZO, elements.COIL)
-INSIDE_COIL = ("induced", "winding")
-ELECTRICAL = {*TERMINALS, *INSIDE_COIL, elements.LOAD, *LOAD_SIDE}
 TITLE_SIZE, BOX_TITLE_SIZE = 12, 11
-# Between the parts of the drawing, around what is in a box, and of a lead out of it.
+# Distances in schemdraw's units: between parts of the drawing, from a box to what is in it, and the
+# length of a wire that leads out of a box.
 GAP, PADDING, LEAD = 1.8, 0.7, 0.8
-# Widest row of the mechanical side, in schemdraw's units.
-WIDEST = 17.0
+# The mechanical side is continued in a further row where it would be wider than this.
+WIDEST_ROW = 17.0
 
 
 @dataclass(frozen=True)
@@ -47,14 +51,14 @@ class Schematic:
     names: tuple
     _pen: Pen = field(repr=False)
 
-    def image(self, suffix=".svg"):
+    def image(self, suffix: str = ".svg") -> bytes:
         """The picture as bytes; `suffix` is .svg or .png."""
         return self._pen.image(suffix)
 
     def _repr_svg_(self):
         return self.image().decode()
 
-    def save(self, path):
+    def save(self, path: str | Path) -> None:
         """Write it, whole; the suffix chooses the format.
 
         Raises
@@ -70,7 +74,7 @@ class Schematic:
             file.write(image)
 
 
-def schematic(scene):
+def schematic(scene: Scene) -> Schematic:
     """Draw the circuit of a scene: all of its netlist's elements, and no others.
 
     Parameters
@@ -87,14 +91,16 @@ def schematic(scene):
         schemdraw is not installed.
     """
     schemdraw_library()
-    from circuits.assembly import assemble
+    from circuits.assembly import assemble, network
 
     circuit = read_topology(assemble(scene).text)
     pen = Pen()
-    right, low = _mechanics(pen, circuit, scene.name)
-    call, end, strays = _electronics(pen, circuit, right + GAP)
+    transducer = network(scene)
+    electrical = {*transducer.nodes, elements.behind_ammeter(transducer), *LOAD_SIDE}
+    right, low = _mechanics(pen, circuit, scene.name, electrical)
+    call, end, strays = _electronics(pen, circuit, right + GAP, transducer, electrical)
     inner = circuit.find(call.calls)
-    # One element fits beside the piezo; more have the width below.
+    # A load of one element is drawn beside the transducer, a larger one below everything else.
     leave = (end, 0.0)
     turn = [(end + 0.4 * LEAD, 0.0)]
     corner = (end + 2.0 * LEAD, 0.0)
@@ -107,14 +113,14 @@ def schematic(scene):
     return Schematic(tuple(pen.names), pen)
 
 
-def _mechanics(pen, circuit, name):
+def _mechanics(pen, circuit, name, electrical):
     """The side of displacement and velocity; returns its right and lower edge."""
     pen.text((0.0, 1.3), f"{name}: mechanical side", TITLE_SIZE)
     x = top = edge = low = 0.0
-    for group in _groups(circuit):
+    for group in _groups(circuit, electrical):
         ladder = lay_out(group, series=False)
         room = sum(_column_width(column) for column in ladder.columns) + COLUMN
-        if x and x + room > WIDEST:
+        if x and x + room > WIDEST_ROW:
             x, top = 0.0, low - GAP
         right, bottom = _ladder(pen, circuit, ladder, x, top)
         edge, low = max(edge, right), min(low, bottom)
@@ -122,12 +128,12 @@ def _mechanics(pen, circuit, name):
     return edge, low
 
 
-def _groups(circuit):
-    """Mechanical elements, those that wires join together, in the netlist's order."""
+def _groups(circuit, electrical):
+    """Elements without an electrical node, those that wires join, in the netlist's order."""
     groups = []
     for part in circuit.parts:
         nodes = set(part.nodes) - {GROUND}
-        if nodes & ELECTRICAL:
+        if nodes & electrical:
             continue
         joined = [group for group in groups if group[0] & nodes]
         for group in joined:
@@ -137,30 +143,29 @@ def _groups(circuit):
     return [parts for _, parts in groups]
 
 
-def _electronics(pen, circuit, left):
+def _electronics(pen, circuit, left, transducer, electrical):
     """Transducer and ammeter; returns the load's call, the point that it hangs on, the rest."""
     pen.text((left, 1.3), "electrical side", TITLE_SIZE)
-    parts = [part for part in circuit.parts if set(part.nodes) & ELECTRICAL]
+    parts = [part for part in circuit.parts if set(part.nodes) & electrical]
     call = next(part for part in parts if part.letter == "x")
-    nodes = {node for part in parts for node in part.nodes}
-    terminal = next(name for name in TERMINALS if name in nodes)
-    ammeter = [part for part in parts if set(part.nodes) == {terminal, elements.LOAD}]
-    own = {terminal, GROUND, *INSIDE_COIL}
-    transducer = [part for part in parts if part != call and own.issuperset(part.nodes)]
-    strays = [part for part in parts if part not in [call, *ammeter, *transducer]]
-    ladder = lay_out(transducer, right=(terminal,), series=terminal == elements.COIL)
+    terminal, behind = transducer.terminal, elements.behind_ammeter(transducer)
+    ammeter = [part for part in parts if set(part.nodes) == {terminal, behind}]
+    inside = {*transducer.nodes, GROUND}
+    own = [part for part in parts if part != call and inside.issuperset(part.nodes)]
+    strays = [part for part in parts if part not in [call, *ammeter, *own]]
+    ladder = lay_out(own, right=(terminal,), series=len(transducer.nodes) > 1)
     x, _ = _ladder(pen, circuit, ladder, left, 0.0, far=(terminal,))
     for part in ammeter:
         pen.part(part, circuit, (x, 0.0), (x + ROW, 0.0), part.nodes[0] != terminal)
         x += ROW
-        pen.text((x + 0.1, 0.25), elements.LOAD, VALUE_SIZE, NODE_COLOUR)
-        pen.wire((x, 0.0), (x + LETTER * len(elements.LOAD), 0.0))
-        x += LETTER * len(elements.LOAD)
+        pen.text((x + 0.1, 0.25), behind, VALUE_SIZE, NODE_COLOUR)
+        pen.wire((x, 0.0), (x + LETTER * len(behind), 0.0))
+        x += LETTER * len(behind)
     return call, x, strays
 
 
 def _load(pen, circuit, call, wire, corner, strays):
-    """The load in its box, with what hangs on its output; returns the right edge."""
+    """Draw the load in a box and what is connected to its output; returns the right edge."""
     inner = circuit.find(call.calls)
     outer = dict(zip(inner.pins, call.nodes, strict=True))
     near = [pin for pin in inner.pins if outer[pin] not in LOAD_SIDE]
@@ -187,7 +192,7 @@ def _load(pen, circuit, call, wire, corner, strays):
 
 
 def _definitions(pen, inner, corner):
-    """Sub-circuits that the load calls, each once, in boxes of their own."""
+    """Draw each sub-circuit that the load uses once, in a box of its own."""
     x, y = corner
     for called in _called(inner):
         half = (len(called.pins) + 1) // 2
@@ -197,7 +202,7 @@ def _definitions(pen, inner, corner):
 
 
 def _called(place):
-    """Sub-circuits called from here and from those, each once."""
+    """All sub-circuits used here, directly or within others, each once."""
     found = {}
     for part in place.parts:
         if part.letter == "x":
@@ -208,7 +213,7 @@ def _called(place):
 
 
 def _boxed(pen, place, corner, title, subtitle, near, far):
-    """A sub-circuit's elements in a frame; returns its right edge and the heights of its pins."""
+    """Draw a sub-circuit in a frame; returns the right edge and the height of every pin."""
     left, top = corner
     ladder = lay_out(place.parts, near, far)
     right, low = _ladder(pen, place, ladder, left, top, near, far)
@@ -228,9 +233,9 @@ def _boxed(pen, place, corner, title, subtitle, near, far):
 
 
 def _ladder(pen, place, ladder, left, top, near=(), far=(), named=True):
-    """Draw rails and columns from an upper left corner; returns right and lower edge.
+    """Draw a layout, given its upper left corner; returns its right and lower edge.
 
-    Rails of nodes in `near` begin at the left edge, those in `far` end at the right one.
+    The rails of nodes in `near` are drawn from the left edge, those in `far` up to the right edge.
     """
     highest = max(ladder.rows.values())
     y = {node: top - ROW * (highest - row) for node, row in ladder.rows.items()}
@@ -256,7 +261,7 @@ def _ladder(pen, place, ladder, left, top, near=(), far=(), named=True):
 
 
 def _column(pen, place, column, x, y, rows):
-    """One column's elements, in the middle of the rows that it spans, and its leads."""
+    """Draw the elements of a column, centred between its rails, and the wires to both."""
     upper = rows[column.ends[0]] >= rows[column.ends[1]]
     start, end = (y[node] for node in column.ends)
     step = -ROW if upper else ROW

@@ -1,26 +1,35 @@
-"""Layout of a schematic: nodes as horizontal rails, elements as columns between two of them.
+"""Where the elements of a schematic are placed.
 
-Elements in series, with nothing else at the node between them, share a column. Rails and columns
-are ordered so that wires are short and cross little.
+Every node of the circuit is drawn as a horizontal line, a rail, and every element as a vertical
+column that connects two rails, as the rungs of a ladder that lies on its side. Elements in series,
+with nothing else at the node between them, share one column. Rails and columns are ordered so that
+the wires are short and rarely cross.
 """
+
+from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 from circuits.loads.topology import GROUND
 
-# What a crossing of wires costs, in rows or columns of wire.
-CROSSING = 3.0
+if TYPE_CHECKING:
+    from circuits.loads.topology import Part
+
+# A crossing of two wires counts as much as this length of wire, in rows or columns.
+CROSSING_COST = 3.0
 
 
 @dataclass(frozen=True)
 class Column:
-    """Elements in series from one rail to another.
+    """One element, or several in series, between two rails.
 
     Attributes
     ----------
     nodes : tuple of str
-        From the first rail over the nodes between to the last; one more than parts.
+        The first rail, the nodes between the elements in their order, and the second rail: one
+        more than there are parts.
     parts : tuple of circuits.loads.topology.Part
     """
 
@@ -28,36 +37,39 @@ class Column:
     parts: tuple
 
     @property
-    def ends(self):
+    def ends(self) -> tuple[str, str]:
         """The two rails."""
         return self.nodes[0], self.nodes[-1]
 
 
 @dataclass(frozen=True)
 class Ladder:
-    """Columns from left to right and the rows of rails, 0 at the bottom.
+    """The layout: columns from left to right, and the height of every rail.
 
     Attributes
     ----------
     columns : tuple of Column
     rows : dict of str to int
-        A column of n parts reaches over n rows or more.
+        Row of each rail, 0 at the bottom; the rails of a column with n parts are at least n rows
+        apart.
     """
 
     columns: tuple
     rows: dict
 
 
-def lay_out(parts, left=(), right=(), series=True):
-    """Order rails and columns.
+def lay_out(
+    parts: list[Part], left: tuple[str, ...] = (), right: tuple[str, ...] = (), series: bool = True
+) -> Ladder:
+    """Choose the order of rails and columns that makes the wires short.
 
     Parameters
     ----------
     parts : iterable of circuits.loads.topology.Part
     left, right : sequence of str
-        Nodes that leave on either side: rails, even with one element.
+        Nodes that are connected to something outside on that side; each gets a rail.
     series : bool
-        Elements in series share a column; else every node is a rail.
+        Whether elements in series share a column; otherwise every node gets a rail.
 
     Returns
     -------
@@ -86,12 +98,12 @@ def lay_out(parts, left=(), right=(), series=True):
 
 
 def _columns(parts, kept):
-    """Elements in series joined: at the node between them nothing else ends."""
+    """Columns of all elements; those in series, with no third element between them, are joined."""
     ends = {}
     for part in parts:
         for node in part.nodes[:2]:
             ends.setdefault(node, []).append(part)
-    # A third terminal, a base or a gate, needs a rail to be named at.
+    # The third terminal of a transistor is written beside its rail, so that it needs one.
     kept = kept | {node for part in parts for node in part.nodes[2:]}
     inner = {n for n, at in ends.items() if n not in kept and len(at) == 2 and at[0] != at[1]}
     columns, used = [], set()
@@ -110,14 +122,14 @@ def _columns(parts, kept):
             chain.append(following)
         used.update(p.name for p in chain)
         half = len(chain) // 2
-        # A loop back to its own rail: the middle becomes a rail too.
+        # A chain that ends on the rail where it began is cut in two at its middle node.
         cuts = (0, half, len(chain)) if half and nodes[0] == nodes[-1] else (0, len(chain))
         columns += [Column(tuple(nodes[a : b + 1]), tuple(chain[a:b])) for a, b in pairwise(cuts)]
     return columns
 
 
 def _cost(rails, columns, left, right):
-    """Length of all wires and what their crossings cost."""
+    """Total length of the wires, to which every crossing adds `CROSSING_COST`."""
     row = {node: place for place, node in enumerate(rails)}
     reach = {node: [] for node in rails}
     for place, column in enumerate(columns):
@@ -133,12 +145,12 @@ def _cost(rails, columns, left, right):
         total += bottom - top
         for node in rails[top + 1 : bottom]:
             if reach[node] and min(reach[node]) < place < max(reach[node]):
-                total += CROSSING
+                total += CROSSING_COST
     return total
 
 
 def _improve(order, cost):
-    """The order with single entries moved while that makes it cheaper."""
+    """The order after single entries were moved for as long as a move lowers the cost."""
     best, least = list(order), cost(order)
     moved = True
     while moved:
@@ -154,7 +166,7 @@ def _improve(order, cost):
 
 
 def _rows(rails, columns):
-    """Heights of the rails: every column has room for its elements."""
+    """Rows of the rails from the bottom up, such that every column has room for its elements."""
     rows = dict.fromkeys(rails[-1:], 0)
     for below, rail in pairwise(reversed(rails)):
         needed = [rows[below] + 1]

@@ -1,15 +1,23 @@
 """Symbols, wires and words of a schematic, drawn by schemdraw into SVG or PNG."""
 
+from __future__ import annotations
+
 import io
 import math
 import re
+from collections.abc import Callable
 from itertools import pairwise
+from typing import TYPE_CHECKING, Any
 
 from circuits.loads.topology import GROUND
-from harvester.errors import MissingLibrary
+from harvester.files.libraries import optional_library
 from harvester.show.figure_settings import figure_settings, load_matplotlib
 
-# schemdraw's units: an element in its column, a column beside its words, one letter of a name.
+if TYPE_CHECKING:
+    from circuits.loads.topology import Part, Topology
+
+# Lengths in schemdraw's units: of an element along its column, of a column without its words, and
+# of one letter of a name.
 ROW, COLUMN, LETTER = 2.0, 1.25, 0.155
 NAME_SIZE, VALUE_SIZE = 10, 8
 LONGEST_VALUE = 18
@@ -26,20 +34,29 @@ GATES = {"q": "base", "j": "gate", "m": "gate"}
 
 
 class Pen:
-    """Collects what is to be drawn; `image` draws it.
+    """A drawing in progress: its methods note what is to be drawn, and `image` draws all of it.
+
+    Places are (x, y) in schemdraw's units, y upwards.
 
     Attributes
     ----------
     names : list of str
-        Elements drawn.
+        Names of the elements that were drawn.
     """
 
-    def __init__(self):
-        self.names = []
-        self._steps = []
+    def __init__(self) -> None:
+        self.names: list[str] = []
+        self._steps: list[Callable] = []
 
-    def text(self, at, words, size=VALUE_SIZE, colour=INK, align="left"):
-        """Words with their lower edge's middle at a place."""
+    def text(
+        self,
+        at: tuple[float, float],
+        words: str,
+        size: int = VALUE_SIZE,
+        colour: str = INK,
+        align: str = "left",
+    ) -> None:
+        """Write a line of text at a place."""
 
         def draw(library):
             label = library.Label().at(at).theta(0)
@@ -49,39 +66,47 @@ class Pen:
 
         self._steps.append(draw)
 
-    def wire(self, *points, colour=INK):
-        """A line over points."""
+    def wire(self, *points: Any, colour: str = INK) -> None:
+        """Draw a line from point to point."""
         for start, end in pairwise(points):
             if start != end:
                 self._add("Line", start, end, colour)
 
-    def dot(self, at, filled=True):
-        """A connection, or with `filled` false a terminal."""
+    def dot(self, at: tuple[float, float], filled: bool = True) -> None:
+        """Mark a connection of wires or, with `filled` false, a terminal."""
 
         def draw(library):
             return library.Dot(open=not filled, radius=0.07).at(at).theta(0).linewidth(LINE)
 
         self._steps.append(draw)
 
-    def ground(self, at):
-        """Node 0."""
+    def ground(self, at: tuple[float, float]) -> None:
+        """Draw the symbol of ground, node 0."""
         self._steps.append(lambda library: library.Ground().at(at).theta(0).linewidth(LINE))
 
-    def box(self, corner, other):
-        """A dashed frame."""
+    def box(self, corner: tuple[float, float], other: tuple[float, float]) -> None:
+        """Draw a dashed frame between two opposite corners."""
         (left, low), (right, high) = corner, other
         corners = [(left, low), (right, low), (right, high), (left, high), (left, low)]
         for start, end in pairwise(corners):
             self._add("Line", start, end, BOX_COLOUR, dashed=True)
 
-    def part(self, part, place, start, end, reverse=False):
-        """An element from its first node at `start` to its second at `end`, with its words.
+    def part(
+        self,
+        part: Part,
+        place: Topology,
+        start: tuple[float, float],
+        end: tuple[float, float],
+        reverse: bool = False,
+    ) -> None:
+        """Draw an element between two places, with its name and value beside it.
 
-        `place` is the Topology it stands in; `reverse` if `end` is the first node.
+        `place` is the circuit or sub-circuit that the element belongs to. Its first node is at
+        `start`, or with `reverse` at `end`.
         """
         self.names.append(part.name)
         symbol = _symbol(part, place)
-        # schemdraw has a voltage source's plus at its end.
+        # The plus sign of schemdraw's voltage sources is at the end, that of SPICE's at the start.
         turned = reverse != symbol.endswith("V")
         self._add(symbol, *((end, start) if turned else (start, end)))
         x, y = 0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1])
@@ -102,8 +127,8 @@ class Pen:
 
         self._steps.append(draw)
 
-    def image(self, suffix):
-        """The picture as bytes, `suffix` .svg or .png."""
+    def image(self, suffix: str) -> bytes:
+        """The drawing as bytes of a file with this suffix, .svg or .png."""
         schemdraw = schemdraw_library()
         from schemdraw import elements
 
@@ -140,7 +165,7 @@ class Pen:
             drawing.add(step(elements))
 
 
-def schemdraw_library():
+def schemdraw_library() -> Any:
     """The module.
 
     Raises
@@ -149,23 +174,17 @@ def schemdraw_library():
     """
     # Which imports it on its own.
     load_matplotlib()
-    try:
-        import schemdraw
-    except ImportError:
-        raise MissingLibrary(
-            "a schematic needs schemdraw; install it: pip install 'harvester[schematic]'"
-        ) from None
-    return schemdraw
+    return optional_library("schemdraw", "a schematic", "schematic")
 
 
-def width(part):
-    """How much room the element takes with its words."""
+def width(part: Part) -> float:
+    """Width of a column that has room for the element and the text beside it."""
     lines = words(part)
     letters = max([len(lines[0]), *(0.8 * len(line) for line in lines[1:])])
     return COLUMN + 0.2 + LETTER * letters
 
 
-def words(part):
+def words(part: Part) -> list[str]:
     """The element's name, its value, and what controls it."""
     value, control = _value(part), [node for node in part.control if node != GROUND]
     if part.letter in GATES:
@@ -183,7 +202,7 @@ def words(part):
     return [part.name, *filter(None, lines)]
 
 
-def plain(value):
+def plain(value: str) -> str:
     """A number with three digits, anything else as it is."""
     return f"{float(value):.3g}" if re.fullmatch(r"[-+.\de]+", value) else value
 
@@ -204,7 +223,7 @@ def _symbol(part, place):
     return SYMBOLS.get(part.letter, "RBox")
 
 
-def is_diode(inner):
+def is_diode(inner: Topology) -> bool:
     """Whether a sub-circuit is one diode from its first pin to its second, and leakage."""
     diodes = [part.nodes for part in inner.parts if part.letter == "d"]
     return diodes == [inner.pins] and all(part.letter in "drc" for part in inner.parts)

@@ -1,6 +1,6 @@
-"""Stationary means and densities without simulation, most by stochastic averaging of the energy."""
+"""Stationary means and densities without simulation: the Fokker–Planck equation, or averaging."""
 
 from harvester.averaging.averages import Averages
-from harvester.averaging.closures import AVERAGED, CLOSURES, TOLERANCES, average
+from harvester.averaging.closures import CLOSURES, TOLERANCES, average
 
-__all__ = ["AVERAGED", "CLOSURES", "TOLERANCES", "Averages", "average"]
+__all__ = ["CLOSURES", "TOLERANCES", "Averages", "average"]

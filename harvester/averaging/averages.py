@@ -1,6 +1,7 @@
 """What a closure of stochastic averaging gives."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -20,15 +21,20 @@ class Averages:
         `mean_power` / (`mechanical_loss` + `mean_power`) (Eq. 35).
     mean_square_velocity, mean_square_displacement : float
         E[X'²], E[X²].
+    mean_transducer_loss : float
+        In leak or winding, s⁻³.
     share_in_wells : float or None
         Probability of the orbits inside a well; 0 for a monostable device. None where nothing is
         averaged over orbits.
     numerical_error : dict of str to float
-        Of each mean above, from a coarser grid.
-    density : Density, SlowDensity or GridDensity
-        Densities of displacement, velocity and both; of the first two of energy as well.
-    validity : dict of str to float
-        Of `slow_load`: numbers that are small where its assumptions hold.
+        Of each mean above and of those of `between_wells`.
+    density : Density or GridDensity
+        Densities of displacement, velocity and both; of the first of energy as well, of the second
+        of the terminal voltage.
+    between_wells : dict of str to float
+        Of `fokker_planck` and several wells that motion joins: `well_crossing_rate`, if
+        asked for `slowest_decay_rate` (1/s), and, where symmetry does not tell them,
+        `share_of_time_in_well_1` and so on from the left.
     """
 
     closure: str
@@ -38,7 +44,8 @@ class Averages:
     power_conversion_efficiency: float
     mean_square_velocity: float
     mean_square_displacement: float
-    share_in_wells: float
     numerical_error: dict
-    density: object = field(repr=False)
-    validity: dict = field(default_factory=dict)
+    density: Any = field(repr=False)
+    mean_transducer_loss: float = 0.0
+    share_in_wells: float | None = None
+    between_wells: dict = field(default_factory=dict)

@@ -1,4 +1,8 @@
-"""Stationary means by the four closures: three of quasi-conservative averaging, one without."""
+"""Stationary means by three closures: two of quasi-conservative averaging, one without."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -8,30 +12,37 @@ from harvester.averaging.density import Branch, Density
 from harvester.averaging.edges import follow, outer_range, well_range
 from harvester.averaging.fokker_planck import fokker_planck
 from harvester.averaging.orbits import OuterEdge, Potential, WellEdge
-from harvester.averaging.slow_load import slow_load
+from harvester.averaging.symmetric import symmetric_device
 from harvester.errors import AveragingError
 from harvester.files.plain_text import nearest
 
-AVERAGED = ("paper", "consistent", "slow_load")  # over orbits: about a second
-CLOSURES = (*AVERAGED, "fokker_planck")
+if TYPE_CHECKING:
+    from harvester.device.system import System
+
+CLOSURES = ("paper", "consistent", "fokker_planck")
 LEVELS, NODES = 400, 24  # levels of each edge, quadrature nodes on each piece of an orbit
-# Product of what the stoppers take in a turn and of the noise that is kept to the next pass.
-LARGEST_LOSS_WITHIN_MEMORY = 0.03
 COARSE_LEVELS, COARSE_NODES = 200, 16  # the grid that tells the numerical error
 # Largest numerical error that is an answer, as a share of it, unless another is asked for.
-TOLERANCES = {"paper": 1e-3, "consistent": 1e-3, "slow_load": 1e-3, "fokker_planck": 2e-2}
+TOLERANCES = {"paper": 1e-3, "consistent": 1e-3, "fokker_planck": 1e-2}
 
 
-def average(parameters, closure, tolerance=None):
+def average(
+    device: System,
+    closure: str = "fokker_planck",
+    tolerance: float | None = None,
+    memory: bool = False,
+) -> Averages:
     """Means and densities of a device by stochastic averaging, or by what it approximates.
 
     Parameters
     ----------
-    parameters : harvester.averaging.symmetric.SymmetricDevice
-    closure : {"paper", "consistent", "slow_load", "fokker_planck"}
+    device : harvester.device.system.System
+    closure : {"paper", "consistent", "fokker_planck"}
     tolerance : float, optional
         Largest numerical error that is an answer, as a share of it; the closure's own of
-        `TOLERANCES` by default. The last two closures refine their grids until it is met.
+        `TOLERANCES` by default. `fokker_planck` refines its grid until it is met.
+    memory : bool
+        Of `fokker_planck`: also find the slowest decay rate between wells.
 
     Returns
     -------
@@ -40,9 +51,9 @@ def average(parameters, closure, tolerance=None):
     Raises
     ------
     AveragingError
-        Unknown closure; noise that outlasts the relaxation time; β ≥ ω0² of a bistable device
-        (the first two); motion that nothing confines or damps; stoppers that take much of the
-        energy within the noise's memory (`slow_load`); means that the grid does not resolve.
+        Unknown closure; motion that nothing confines or damps; means that the grid does not
+        resolve. Of the first two also a device other than the source paper's, noise that outlasts
+        the relaxation time, and β ≥ ω0² of a bistable device.
 
     Notes
     -----
@@ -65,15 +76,15 @@ def average(parameters, closure, tolerance=None):
     The densities of `paper` have a step at the separatrix; those of `consistent`, whose wells
     and outer orbits overlap in the phase plane, have one at the ends of each.
     """
-    _check(parameters, closure)
+    if closure not in CLOSURES:
+        known = ", ".join(CLOSURES)
+        raise AveragingError(f"{closure}: no such closure{nearest(closure, CLOSURES)}; use {known}")
     if tolerance is None:
         tolerance = TOLERANCES[closure]
     if closure == "fokker_planck":
-        return fokker_planck(parameters, tolerance)
-    if closure == "slow_load":
-        averages = slow_load(parameters, tolerance)
-        _check_memory(averages.validity)
-        return averages
+        return fokker_planck(device, tolerance, memory)
+    parameters = symmetric_device(device)
+    _check(parameters)
     edges = _edges(parameters, closure)
     means, _ = _solve(parameters, closure, edges, COARSE_LEVELS, COARSE_NODES)
     fine, density = _solve(parameters, closure, edges, LEVELS, NODES)
@@ -82,41 +93,23 @@ def average(parameters, closure, tolerance=None):
     return Averages(closure=closure, **fine, numerical_error=error, density=density)
 
 
-def _check(p, closure):
-    if closure not in CLOSURES:
-        known = ", ".join(CLOSURES)
-        raise AveragingError(f"{closure}: no such closure{nearest(closure, CLOSURES)}; use {known}")
-    if p.correlation_time > p.relaxation_time and closure != "fokker_planck":
-        raise AveragingError(
-            f"correlation_time={p.correlation_time:g} is above the relaxation time of "
-            f"{p.relaxation_time:.3g} s; averaging assumes noise that forgets before the energy "
-            "changes: shorten it, or simulate"
-        )
-    no_wells = p.linear_stiffness < 0.0 and p.coupling >= -p.linear_stiffness
-    if no_wells and closure in ("paper", "consistent"):
-        raise AveragingError(
-            f"coupling={p.coupling:g} leaves no double well against "
-            f"linear_stiffness={p.linear_stiffness:g}; averaging needs coupling below "
-            f"{-p.linear_stiffness:g}"
-        )
+def _check(p):
     if p.linear_stiffness <= 0.0 and p.cubic_stiffness <= 0.0 and not p.has_stoppers:
         raise AveragingError(
             f"linear_stiffness={p.linear_stiffness:g} without cubic_stiffness or stoppers does "
             "not confine the motion; give one of them"
         )
-
-
-def _check_memory(validity):
-    """Refuse stoppers that take much while the noise is still remembered.
-
-    By the closure alone: as a start for `fokker_planck` its density serves there too.
-    """
-    taken, kept = validity["contact_loss_in_a_turn"], validity["noise_kept_to_the_next_pass"]
-    if taken * kept > LARGEST_LOSS_WITHIN_MEMORY:
+    if p.correlation_time > p.relaxation_time:
         raise AveragingError(
-            f"the stoppers take {taken:.2g} of the mean square velocity in a turn and {kept:.2g} "
-            "of the noise is still there at the next pass of the separatrix, together more than "
-            "averaging bears: use the closure fokker_planck, or simulate"
+            f"correlation_time={p.correlation_time:g} is above the relaxation time of "
+            f"{p.relaxation_time:.3g} s; averaging assumes noise that forgets before the energy "
+            "changes: use the closure fokker_planck, or simulate"
+        )
+    if p.linear_stiffness < 0.0 and p.coupling >= -p.linear_stiffness:
+        raise AveragingError(
+            f"coupling={p.coupling:g} leaves no double well against "
+            f"linear_stiffness={p.linear_stiffness:g}; averaging needs coupling below "
+            f"{-p.linear_stiffness:g}: use the closure fokker_planck"
         )
 
 

@@ -1,14 +1,23 @@
 """Stationary densities of displacement and velocity (Eqs. 26 and 27)."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from harvester.averaging.symmetric import potential
 
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
 STRIDE = 3  # levels from one boundary of the marginals' quadrature to the next
 NODES = 6  # Gauss–Legendre nodes between boundaries
+# Points of half a table: evenly spaced, and where orbits crowd.
+EVEN, LANDMARKS = 100, 100
+NEGLIGIBLE = 1e-6  # share of the peak beyond which a density is not tabulated
 BATCH = 128  # points whose quadrature is held in memory together
 
 
@@ -40,7 +49,7 @@ class Branch:
         orbits_at = np.unique(np.append(np.arange(0, last, STRIDE), last))
         self._boundary_orbits = stretch.orbits.take(orbits_at)
 
-    def joint(self, x, v):
+    def joint(self, x: ArrayLike, v: ArrayLike) -> np.ndarray:
         """g at (x, v), x on the edge's own side; 0 where the edge has no orbit."""
         x, v = np.broadcast_arrays(x, v)
         orbits, u = self.orbits, self.edge.potential
@@ -65,7 +74,7 @@ class Branch:
             inside &= excess(0) <= 0.0
         return np.where(inside, density - self.floor, 0.0)
 
-    def over_velocity(self, x):
+    def over_velocity(self, x: np.ndarray) -> np.ndarray:
         """∫ g dX' at each x of a one-dimensional array."""
         orbits, u = self._boundary_orbits, self.edge.potential
         arm = 0.5 * (x - u.anchor)[:, None] ** 2
@@ -75,7 +84,7 @@ class Branch:
             speeds = np.insert(speeds, 0, 0.0, axis=1)
         return 2.0 * _quadrature(lambda v: self.joint(x[:, None, None], v), speeds)
 
-    def over_displacement(self, v):
+    def over_displacement(self, v: np.ndarray) -> np.ndarray:
         """∫ g dX over the edge's own side at each v of a one-dimensional array."""
         orbits = self._boundary_orbits
         height = orbits.energy - 0.5 * v[:, None] ** 2
@@ -120,7 +129,7 @@ class Density:
 
     names = ("displacement", "velocity")
 
-    def joint(self, x, v):
+    def joint(self, x: ArrayLike, v: ArrayLike) -> np.ndarray:
         """p(X, X') (Eq. 26): the sum of left well, right well and outer orbits.
 
         Parameters
@@ -129,7 +138,7 @@ class Density:
             Scaled displacement and velocity, of shapes that broadcast.
         """
         x, v = np.asarray(x, dtype=float), np.asarray(v, dtype=float)
-        total = 0.0
+        total: Any = 0.0
         for branch in self.branches:
             if branch.edge.lobes == 2:
                 total = total + branch.joint(x, v) + branch.joint(-x, v)
@@ -137,15 +146,30 @@ class Density:
                 total = total + branch.joint(np.abs(x), v)
         return total / self.norm
 
-    def displacement(self, x):
+    def displacement(self, x: ArrayLike) -> np.ndarray:
         """p(X), the integral of `joint` over velocity (Eq. 27)."""
         return self._marginal(x, self._displacement)
 
-    def velocity(self, v):
+    def velocity(self, v: ArrayLike) -> np.ndarray:
         """p(X'), the integral of `joint` over displacement (Eq. 27)."""
         return self._marginal(v, self._velocity)
 
-    def landmarks(self, name):
+    def tabulated(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """Places as far out as a density matters, finer where orbits crowd, and it there."""
+        density, landmarks = getattr(self, name), self._landmarks(name)
+        rough = landmarks[np.linspace(0, landmarks.size - 1, LANDMARKS).astype(int)]
+        values = density(rough)
+        matters = np.flatnonzero(values > NEGLIGIBLE * values.max())
+        # One point further to either side, where it no longer matters.
+        first, last = rough[max(matters[0] - 1, 0)], rough[min(matters[-1] + 1, LANDMARKS - 1)]
+        landmarks = landmarks[(landmarks >= first) & (landmarks <= last)]
+        landmarks = landmarks[np.linspace(0, landmarks.size - 1, LANDMARKS).astype(int)]
+        half = np.unique(np.concatenate([np.linspace(first, last, EVEN), landmarks]))
+        values = density(half)
+        mirrored = slice(None, 0 if half[0] == 0.0 else None, -1)
+        return np.append(-half[mirrored], half), np.append(values[mirrored], values)
+
+    def _landmarks(self, name):
         """Where orbits turn, or their greatest speeds: none is missed between them, how narrow
         its well may be."""
         points = []

@@ -6,13 +6,20 @@ neighbouring levels cross each other there. An edge is therefore followed from i
 (the well's bottom, high energy) only as far as its orbits lie inside one another.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from harvester.averaging.orbits import Orbits
 from harvester.errors import AveragingError
+
+if TYPE_CHECKING:
+    from harvester.averaging.orbits import OuterEdge, WellEdge
+    from harvester.averaging.symmetric import SymmetricDevice
 
 SCAN_STEP = 0.25  # of the level coordinate
 SCAN_NODES = 16
@@ -48,11 +55,11 @@ class Stretch:
     gain: np.ndarray
     loss: np.ndarray
 
-    def derivative(self, values):
+    def derivative(self, values: np.ndarray) -> np.ndarray:
         """d/d(level)."""
         return CubicSpline(self.level, values).derivative()(self.level)
 
-    def integral(self, rate):
+    def integral(self, rate: np.ndarray) -> np.ndarray:
         """∫ rate dH from the first level on, with dH = dJ/T.
 
         dJ/T is the energy from one orbit to the next; the constant of Eq. 15 and the saddle of
@@ -61,12 +68,14 @@ class Stretch:
         steps = rate * self.derivative(self.orbits.area) / self.orbits.period
         return CubicSpline(self.level, steps).antiderivative()(self.level)
 
-    def exponent(self, parameters):
+    def exponent(self, parameters: SymmetricDevice) -> np.ndarray:
         """∫ B/(πS J) dH from the first level on."""
         return self.integral(self.loss / (parameters.intensity * self.spectrum * self.orbits.area))
 
 
-def follow(edge, parameters, level, nodes):
+def follow(
+    edge: WellEdge | OuterEdge, parameters: SymmetricDevice, level: np.ndarray, nodes: int
+) -> Stretch:
     """The edge at these levels.
 
     Raises
@@ -93,7 +102,7 @@ def follow(edge, parameters, level, nodes):
     return Stretch(edge, level, orbits, pivot, frequency, spectrum, gain, loss)
 
 
-def well_range(edge, parameters, reach):
+def well_range(edge: WellEdge, parameters: SymmetricDevice, reach: float) -> tuple[float, float]:
     """First and last level of the wells, which end at the latest where they come to `reach`."""
     scan = follow(edge, parameters, _scan_levels(edge), SCAN_NODES)
     level, exponent = scan.level, scan.exponent(parameters)
@@ -103,7 +112,7 @@ def well_range(edge, parameters, reach):
     return min(first, last - 1.0), last
 
 
-def outer_range(edge, parameters):
+def outer_range(edge: OuterEdge, parameters: SymmetricDevice) -> tuple[float, float]:
     """First and last level of the outer edge.
 
     Raises

@@ -1,7 +1,23 @@
 """Stationary densities of the closure `fokker_planck`, between the nodes of its grid."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 from scipy.interpolate import CubicSpline, RectBivariateSpline
+
+from harvester.averaging.propagator import mirrored, shares
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from harvester.averaging.propagator import Grid
+
+VOLTAGES = 241  # at which that density is known
+COUNTS = 1e-6  # share of the greatest mass from which a place tells of Z
+SPREAD_OUT = 0.15  # standard deviation of Z at its X, as a share of its reach
+TAIL = 5.0  # standard deviations of a normal density
 
 
 class GridDensity:
@@ -9,25 +25,45 @@ class GridDensity:
 
     Parameters
     ----------
-    x, v : ndarray
-        Evenly spaced displacements and velocities.
+    x, v, voltage : ndarray
+        Evenly spaced displacements, velocities and terminal voltages.
     joint : ndarray
         Density at (x, v).
+    of_voltage : ndarray
     paired : bool
         The nodes hold one well alone, of two alike.
     """
 
-    names = ("displacement", "velocity")
+    names = ("displacement", "velocity", "voltage")
 
-    def __init__(self, x, v, joint, paired):
-        joint = np.maximum(joint, 0.0)
-        joint /= joint.sum() * (x[1] - x[0]) * (v[1] - v[0])
-        self._x, self._v, self._paired = x, v, paired
+    def __init__(self, x, v, voltage, joint, of_voltage, paired):
+        self.x, self.v, self.paired = x, v, paired
+        self.values, self.of_voltage = joint, of_voltage
         self._joint = RectBivariateSpline(x, v, joint)
-        self._displacement = CubicSpline(x, joint.sum(axis=1) * (v[1] - v[0]))
-        self._velocity = CubicSpline(v, joint.sum(axis=0) * (x[1] - x[0]))
+        marginals = {
+            "displacement": (x, joint.sum(axis=1) * (v[1] - v[0])),
+            "velocity": (v, joint.sum(axis=0) * (x[1] - x[0])),
+            "voltage": (voltage, of_voltage),
+        }
+        self._marginals = {name: CubicSpline(*each) for name, each in marginals.items()}
 
-    def joint(self, x, v):
+    @classmethod
+    def of_state(cls, transducer: Any, grid: Grid, state: np.ndarray, paired: bool) -> GridDensity:
+        """From the mass at each node."""
+        mass = state[..., 0]
+        if grid.mirrored:
+            mass = 0.5 * np.concatenate([mirrored(state)[..., 0], mass], axis=1)
+        step_x, step_v = grid.x[1] - grid.x[0], grid.v[1] - grid.v[0]
+        joint = mass.sum(axis=1) / (step_x * step_v)
+        if len(grid.z) == 1:
+            voltage = transducer.voltage(grid.v, 0.0)
+            of_voltage = joint.sum(axis=0) * step_x * step_v / (voltage[1] - voltage[0])
+            return cls(grid.x, grid.v, voltage, joint, of_voltage, paired)
+        charge, density = _of_charge(grid, mass.sum(axis=2))
+        share = transducer.voltage(0.0, 1.0)
+        return cls(grid.x, grid.v, share * charge, joint, density / share, paired)
+
+    def joint(self, x: ArrayLike, v: ArrayLike) -> np.ndarray:
         """p(X, X').
 
         Parameters
@@ -36,33 +72,69 @@ class GridDensity:
             Scaled displacement and velocity, of shapes that broadcast.
         """
         x, v = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(v, dtype=float))
-        inside = np.abs(v) <= self._v[-1]
-        return self._both(lambda side, sign: self._joint.ev(side, sign * v) * inside, x)
+        values = self._here(x, v)
+        return 0.5 * (values + self._here(-x, -v)) if self.paired else values
 
-    def displacement(self, x):
+    def displacement(self, x: ArrayLike) -> np.ndarray:
         """p(X), the integral of `joint` over velocity."""
-        return self._both(lambda side, _: self._displacement(side), np.asarray(x, dtype=float))
+        return self._marginal("displacement", x)
 
-    def velocity(self, v):
+    def velocity(self, v: ArrayLike) -> np.ndarray:
         """p(X'), the integral of `joint` over displacement."""
-        v = np.asarray(v, dtype=float)
-        inside = np.abs(v) <= self._v[-1]
-        values = self._velocity(v)
-        if self._paired:
-            values = 0.5 * (values + self._velocity(-v))
-        return np.where(inside, np.maximum(values, 0.0), 0.0)
+        return self._marginal("velocity", v)
 
-    def landmarks(self, name):
-        """Where the density is known, at or above 0."""
-        return np.unique(np.abs(self._x if name == "displacement" else self._v))
+    def voltage(self, voltage: ArrayLike) -> np.ndarray:
+        """p(V) of the terminal voltage."""
+        return self._marginal("voltage", voltage)
 
-    def _both(self, function, x):
-        """A function of X and the sign of X', over the well at X and, of two, that at −X."""
+    def below(self, x: float) -> float:
+        """Probability of a displacement below x."""
+        spline = self._marginals["displacement"]
+        return float(spline.integrate(self.x[0], np.clip(x, self.x[0], self.x[-1])))
 
-        def within(side, sign):
-            inside = (side >= self._x[0]) & (side <= self._x[-1])
-            return np.where(inside, np.maximum(function(side, sign), 0.0), 0.0)
+    def tabulated(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """Places where a density is known as far out as it reaches, and it there: two ndarrays."""
+        nodes = self._marginals[name].x
+        if self.paired:
+            far = np.abs(nodes).max()
+            count = int(np.ceil(2.0 * far / (nodes[1] - nodes[0]))) + 1
+            nodes = np.linspace(-far, far, count)
+        return nodes, self._marginal(name, nodes)
 
-        if not self._paired:
-            return within(x, 1.0)
-        return 0.5 * (within(x, 1.0) + within(-x, -1.0))
+    def _marginal(self, name, place):
+        spline, place = self._marginals[name], np.asarray(place, dtype=float)
+        values = np.nan_to_num(spline(place, extrapolate=False))
+        if self.paired:
+            values = 0.5 * (values + np.nan_to_num(spline(-place, extrapolate=False)))
+        # Between steep nodes the shares of a mass undershoot.
+        return np.maximum(values, 0.0)
+
+    def _here(self, x, v):
+        inside = (x >= self.x[0]) & (x <= self.x[-1]) & (np.abs(v) <= self.v[-1])
+        return np.where(inside, np.maximum(self._joint.ev(x, v), 0.0), 0.0)
+
+
+def _of_charge(grid, mass):
+    """Values of X − Z and their density, from the moments of Z that the nodes hold at each X.
+
+    Where Z is spread over its nodes, the polynomial through them; else a normal density.
+    """
+    held = mass.sum(axis=1)
+    counts = held > COUNTS * held.max()
+    x, mass, held = grid.x[counts], mass[counts], held[counts]
+    mean = mass @ grid.z / held
+    spread = np.sqrt(np.maximum(mass @ grid.z**2 / held - mean**2, (0.5 * (x[1] - x[0])) ** 2))
+    unit, weights = np.polynomial.legendre.leggauss(grid.z.size)
+    reach = (grid.z[-1] - grid.z[0]) / (unit[-1] - unit[0])
+    centre = 0.5 * (grid.z[0] + grid.z[-1])
+    if held @ spread > SPREAD_OUT * reach * held.sum():
+        charge = np.linspace(x[0] - centre - reach, x[-1] - centre + reach, VOLTAGES)
+        place = x[:, None] - charge
+        inside = np.abs(place - centre) <= reach
+        polynomial = shares(place, grid.z) * inside / (weights * reach)[:, None, None]
+        return charge, np.einsum("xj,jxq->q", mass, polynomial)
+    charge = np.linspace(
+        (x - mean - TAIL * spread).min(), (x - mean + TAIL * spread).max(), VOLTAGES
+    )
+    away = (charge - (x - mean)[:, None]) / spread[:, None]
+    return charge, (held / spread) @ np.exp(-0.5 * away**2) / np.sqrt(2.0 * np.pi)

@@ -5,8 +5,12 @@ right well stands for both wells, and of the symmetric outer orbits the quarter 
 followed; integrals are those of the whole closed orbit.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +20,7 @@ from harvester.averaging.symmetric import (
     potential,
     restoring_force,
 )
+from harvester.device.values import Values
 
 PIECES = 4  # of a path between its turning points
 SMALLEST = 1e-150  # a speed to divide by on pieces of no length
@@ -33,7 +38,7 @@ class Potential:
     parameters: SymmetricDevice
     anchor: float = 0.0
 
-    def energy(self, x, added_stiffness):
+    def energy(self, x: Values, added_stiffness: Values) -> Values:
         """U(x)."""
         return potential(self.parameters, x) + 0.5 * added_stiffness * (x - self._at(x)) ** 2
 
@@ -41,11 +46,11 @@ class Potential:
         """The anchor, for orbits' nodes as a column."""
         return self.anchor[:, None] if np.ndim(x) > np.ndim(self.anchor) > 0 else self.anchor
 
-    def slope(self, x, added_stiffness):
+    def slope(self, x: Values, added_stiffness: Values) -> Values:
         """dU/dx."""
         return restoring_force(self.parameters, x) + added_stiffness * (x - self._at(x))
 
-    def curvature(self, x, added_stiffness):
+    def curvature(self, x: Values, added_stiffness: Values) -> Values:
         """d²U/dx² at x ≥ 0."""
         p = self.parameters
         spring = p.linear_stiffness + added_stiffness + 3.0 * p.cubic_stiffness * x * x
@@ -53,7 +58,7 @@ class Potential:
             return spring
         return spring + 1.5 * p.contact_stiffness * np.sqrt(np.maximum(x - p.gap, 0.0))
 
-    def rise(self, x, step, added_stiffness):
+    def rise(self, x: Values, step: Values, added_stiffness: Values) -> Values:
         """U(x + step) − U(x) without cancellation."""
         p = self.parameters
         linear, cubic = p.linear_stiffness + added_stiffness, p.cubic_stiffness
@@ -74,7 +79,7 @@ class Potential:
         powers = before**2 + after**2 + a * b * (before + a * b + after)
         return 0.4 * self.parameters.contact_stiffness * change * powers / (a + b + SMALLEST)
 
-    def bottom(self, added_stiffness):
+    def bottom(self, added_stiffness: np.ndarray) -> np.ndarray:
         """Position of the minimum at X ≥ 0."""
         p = self.parameters
         if self.anchor > 0.0 or p.linear_stiffness >= 0.0:
@@ -89,7 +94,7 @@ class Potential:
         pressed = root_beyond(self.slope, self.curvature, start, 0.1 * start, added_stiffness)
         return np.where(free <= p.gap, free, pressed)
 
-    def well_end(self, added_stiffness):
+    def well_end(self, added_stiffness: np.ndarray) -> np.ndarray:
         """Where the well gives way: its saddle; without one, where the pull back is weakest.
 
         Middle root of κx³ − (ω0² − N2) x − N2 X* = 0. For N2 X* so large that it has gone, the
@@ -135,7 +140,7 @@ class Orbits:
     second_moment: np.ndarray
     speed_moment: np.ndarray
 
-    def take(self, selection):
+    def take(self, selection: slice | np.ndarray) -> Orbits:
         """The same for some of the levels (slice or index array)."""
         return Orbits(*(getattr(self, field.name)[selection] for field in fields(self)))
 
@@ -153,7 +158,7 @@ class WellEdge:
     def __init__(self, potential):
         self.potential = potential
 
-    def path(self, level, added_stiffness, nodes):
+    def path(self, level: np.ndarray, added_stiffness: np.ndarray, nodes: int) -> Path:
         """Nodes along the orbits, as `Path`."""
         u, n2 = self.potential, added_stiffness
         bottom, end = u.bottom(n2), u.well_end(n2)
@@ -163,11 +168,13 @@ class WellEdge:
         right = turning_point(u, left, zero, bottom, bottom - left, n2)
         return path_between(u, n2, left, zero, distance, bottom, right, nodes)
 
-    def period(self, level, added_stiffness, nodes):
+    def period(self, level: np.ndarray, added_stiffness: np.ndarray, nodes: int) -> np.ndarray:
         """T of the closed orbits (Eq. 16)."""
         return self.path(level, added_stiffness, nodes).half_period * 2.0
 
-    def orbits(self, level, added_stiffness, nodes, pivot):
+    def orbits(
+        self, level: np.ndarray, added_stiffness: np.ndarray, nodes: int, pivot: float
+    ) -> Orbits:
         """`Orbits` at these levels and N2, moments about `pivot`."""
         path = self.path(level, added_stiffness, nodes)
         energy = self.potential.energy(path.left, added_stiffness)
@@ -188,7 +195,7 @@ class OuterEdge:
         self.bistable = potential.parameters.linear_stiffness < 0.0
         self.widest = (np.log(energy_scale) - 32.0, np.log(energy_scale) + 32.0)
 
-    def path(self, level, added_stiffness, nodes):
+    def path(self, level: np.ndarray, added_stiffness: np.ndarray, nodes: int) -> Path:
         """Nodes along a quarter of the orbits, as `Path`."""
         u, n2 = self.potential, added_stiffness
         excess, zero = np.exp(level), np.zeros_like(level)
@@ -200,11 +207,13 @@ class OuterEdge:
             distance = 0.5 * np.sqrt(-2.0 * excess / (u.parameters.linear_stiffness + n2))
         return path_between(u, n2, zero, excess, distance, 0.5 * right, right, nodes)
 
-    def period(self, level, added_stiffness, nodes):
+    def period(self, level: np.ndarray, added_stiffness: np.ndarray, nodes: int) -> np.ndarray:
         """T of the closed orbits (Eq. 16)."""
         return self.path(level, added_stiffness, nodes).half_period * 4.0
 
-    def orbits(self, level, added_stiffness, nodes, pivot):
+    def orbits(
+        self, level: np.ndarray, added_stiffness: np.ndarray, nodes: int, pivot: float
+    ) -> Orbits:
         """`Orbits` at these levels and N2; the first moment is not that of the whole orbit."""
         path = self.path(level, added_stiffness, nodes)
         energy = np.exp(level) + self.potential.energy(0.0, added_stiffness)
@@ -229,19 +238,28 @@ class Path:
     right: np.ndarray
 
     @property
-    def half_period(self):
+    def half_period(self) -> np.ndarray:
         """Time from left to right."""
         return np.sum(self.weight / self.speed, axis=1)
 
 
 @cache
-def unit_nodes(nodes):
+def unit_nodes(nodes: int) -> tuple[np.ndarray, np.ndarray]:
     """Gauss–Legendre nodes and weights on [0, 1]."""
     points, weights = np.polynomial.legendre.leggauss(nodes)
     return 0.5 * (points + 1.0), 0.5 * weights
 
 
-def path_between(u, added_stiffness, left, excess, distance, middle, right, nodes):
+def path_between(
+    u: Potential,
+    added_stiffness: np.ndarray,
+    left: np.ndarray,
+    excess: np.ndarray,
+    distance: np.ndarray,
+    middle: np.ndarray,
+    right: np.ndarray,
+    nodes: int,
+) -> Path:
     """Nodes between left and right, split at the gap and at `middle`.
 
     Speeds left of the middle are measured from the energy U(left) + `excess`, those right of it
@@ -256,7 +274,7 @@ def path_between(u, added_stiffness, left, excess, distance, middle, right, node
 
     reach = np.arcsinh(np.sqrt(0.5 * (split - left) / distance))
     turn = reach[:, None] * points
-    from_left = [2.0 * distance[:, None] * np.sinh(turn) ** 2]
+    from_left: Any = [2.0 * distance[:, None] * np.sinh(turn) ** 2]
     weight = [2.0 * (distance * reach)[:, None] * np.sinh(2.0 * turn) * weights]
 
     sine, sine_weight = np.sin(0.5 * np.pi * points) ** 2, np.sin(np.pi * points) * weights
@@ -300,7 +318,7 @@ def _integrals(u, path, added_stiffness, energy, bottom, pivot):
     )
 
 
-def contact_damping_on(u, path, added_stiffness):
+def contact_damping_on(u: Potential, path: Path, added_stiffness: np.ndarray) -> np.ndarray:
     """Contact damping at the nodes; in `event` mode v0 is the orbit's speed at the gap."""
     p = u.parameters
     if not p.has_stoppers or p.damping_factor == 0.0:
@@ -313,7 +331,14 @@ def contact_damping_on(u, path, added_stiffness):
     return contact_damping(p, path.x, path.speed, held)
 
 
-def turning_point(u, left, excess, start, step, added_stiffness):
+def turning_point(
+    u: Potential,
+    left: np.ndarray,
+    excess: np.ndarray,
+    start: np.ndarray,
+    step: Values,
+    added_stiffness: np.ndarray,
+) -> np.ndarray:
     """Where U comes to U(left) + excess right of `start`, beyond which U is convex."""
 
     def height(x, n2):
@@ -322,7 +347,13 @@ def turning_point(u, left, excess, start, step, added_stiffness):
     return root_beyond(height, u.slope, start, step, added_stiffness)
 
 
-def root_beyond(function, derivative, start, step, added_stiffness):
+def root_beyond(
+    function: Callable,
+    derivative: Callable,
+    start: np.ndarray,
+    step: Values,
+    added_stiffness: np.ndarray,
+) -> np.ndarray:
     """Root right of `start` of a function convex there: Newton's method from beyond it."""
     x = start + step
     while np.any(short := function(x, added_stiffness) < 0.0):

@@ -4,6 +4,8 @@ A symmetric spring −ω0² X + κ X³, equal Hertz-damp stoppers on both sides 
 and a piezo without leak on a resistor.
 """
 
+from __future__ import annotations
+
 import math
 from typing import NamedTuple
 
@@ -14,9 +16,10 @@ from harvester.device import system, timescales
 from harvester.device.contact import Contact
 from harvester.device.damper import Damper, damper
 from harvester.device.hertz import HERTZ_EXPONENT, HertzDamp, hertz_damp
+from harvester.device.piezo import Piezo, piezo
 from harvester.device.spring import spring
 from harvester.device.system import Noise, System
-from harvester.device.transducer import Piezo, piezo
+from harvester.device.values import Values
 from harvester.errors import AveragingError
 
 
@@ -50,7 +53,7 @@ class SymmetricDevice(NamedTuple):
     correlation_time: float
 
     @property
-    def system(self):
+    def system(self) -> System:
         """The same as a sum of parts, `harvester.device.system.System`."""
         law = hertz_damp(self.contact_stiffness, self.restitution, event=self.held_impact_velocity)
         return System(
@@ -62,49 +65,49 @@ class SymmetricDevice(NamedTuple):
         )
 
     @property
-    def has_stoppers(self):
+    def has_stoppers(self) -> bool:
         """Whether a contact force can ever act."""
         return math.isfinite(self.gap) and self.contact_stiffness > 0.0
 
     @property
-    def damping_factor(self):
+    def damping_factor(self) -> float:
         """¾ (1 − e²): b·v0 of Eq. 5, without unit."""
         return 0.75 * (1.0 - self.restitution**2)
 
     @property
-    def rest(self):
+    def rest(self) -> float:
         """Stable rest position X ≥ 0 with the stoppers, without charge on the piezo."""
         if self.linear_stiffness < 0.0 and self.cubic_stiffness == 0.0 and not self.has_stoppers:
             return math.inf
         return timescales.rest(self.system)
 
     @property
-    def preloaded(self):
+    def preloaded(self) -> bool:
         """Whether the mass rests on the stopper, because the gap ends before the bare well."""
         return self.has_stoppers and self.rest > self.gap
 
     @property
-    def angular_frequency(self):
+    def angular_frequency(self) -> float:
         """Of small oscillations about `rest` with the piezo open (rad/s)."""
         return timescales.angular_frequency(self.system)
 
     @property
-    def relaxation_time(self):
+    def relaxation_time(self) -> float:
         """Time in which damper and load take the energy of small oscillations (s), Eq. 12."""
         return timescales.relaxation_time(self.system)
 
 
-def potential(p, x):
+def potential(p: SymmetricDevice, x: Values) -> Values:
     """U(X) of spring and stoppers of a `SymmetricDevice`; `x` a float or an array of any shape."""
     return system.potential(p.system, x)
 
 
-def restoring_force(p, x):
+def restoring_force(p: SymmetricDevice, x: Values) -> Values:
     """dU/dX; `x` a float or an array of any shape."""
     return system.elastic_force(p.system, x)
 
 
-def contact_damping(p, x, v, held_speed):
+def contact_damping(p: SymmetricDevice, x: Values, v: Values, held_speed: Values) -> Values:
     """Damping force of the stoppers over velocity (1/s); floats or arrays of any one shape.
 
     `held_speed` is v0 where it is held from the moment of contact.
@@ -118,13 +121,13 @@ def contact_damping(p, x, v, held_speed):
     return damping
 
 
-def contact_time(p, speed):
+def contact_time(p: SymmetricDevice, speed: float) -> float:
     """Duration of an elastic contact that begins with this speed (s)."""
     (each,) = p.system.contacts
     return each.law.duration(speed)
 
 
-def symmetric_device(whole):
+def symmetric_device(whole: System) -> SymmetricDevice:
     """A system in the form that the closures take.
 
     Parameters
@@ -151,7 +154,7 @@ def symmetric_device(whole):
         "the contact law is not Hertz's": any(
             not isinstance(law, HertzDamp) or law.exponent != HERTZ_EXPONENT for law in laws
         ),
-        "the transducer is a coil": not isinstance(transducer, Piezo),
+        "the transducer is not a piezo": not isinstance(transducer, Piezo),
         "the piezo leaks": isinstance(transducer, Piezo) and transducer.own_rate > 0.0,
     }
     for reason, holds in refusals.items():

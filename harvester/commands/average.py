@@ -1,5 +1,9 @@
 """`harvester average`: stochastic averaging of one scene."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
 from harvester.commands.options import (
     add_results,
     check_options,
@@ -9,29 +13,32 @@ from harvester.commands.options import (
 )
 from harvester.errors import HarvesterError
 
-CLOSURES = ("paper", "consistent", "slow_load", "fokker_planck")
+if TYPE_CHECKING:
+    from argparse import Namespace
+
+CLOSURES = ("fokker_planck", "paper", "consistent")
 
 
-def add(commands):
+def add(commands: Any) -> None:
     """The command's arguments."""
     command = scene_command(
         commands,
         "average",
         run,
         "stochastic averaging of one scene",
-        "harvester average paper --closure slow_load",
+        "harvester average paper --method consistent",
     )
     command.add_argument(
-        "--closure",
-        default="slow_load",
+        "--method",
+        default="fokker_planck",
         metavar="NAME",
-        help=f"{', '.join(CLOSURES)} (default: slow_load)",
+        help=f"{', '.join(CLOSURES)} (default: fokker_planck)",
     )
     command.add_argument(
         "--tolerance",
         type=float,
         metavar="SHARE",
-        help="largest numerical error that is an answer (default: 1e-3, fokker_planck 2e-2)",
+        help="largest numerical error that is an answer (default: 1e-2; paper, consistent 1e-3)",
     )
     command.add_argument(
         "--fit",
@@ -41,17 +48,17 @@ def add(commands):
     add_results(command)
 
 
-def run(options):
+def run(options: Namespace) -> None:
     """Carry it out; returns the exit code, or None for 0."""
     scene = read_scene(options)
-    name = f"{scene.name}-{options.closure}"
+    name = f"{scene.name}-{options.method}"
     check_options(options, name)
     if options.tolerance is not None and not 0.0 < options.tolerance < 1.0:
         raise HarvesterError(f"--tolerance {options.tolerance:g}: must be a number in (0, 1)")
     from harvester.averaging.of_scene import average
     from harvester.files.writing import is_standard_output
-    from harvester.show.console import show_result
+    from harvester.show.console import show_table
 
-    result = average(scene, options.closure, options.tolerance, options.fit)
-    show_result(result, to_stderr=is_standard_output(options.json))
-    write_result(options, name, result, "draw_result")
+    result = average(scene, method=options.method, tolerance=options.tolerance, fit=options.fit)
+    show_table(result, result.engine, to_stderr=is_standard_output(options.json))
+    write_result(options, name, result)

@@ -1,15 +1,22 @@
 """`harvester cite`: the sources of the methods, of all or of those that a result used."""
 
+from __future__ import annotations
+
 import json
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from harvester.errors import HarvesterError
+
+if TYPE_CHECKING:
+    from argparse import Namespace
 
 # Bytes: a device may never end.
 LARGEST_RESULT = 100_000_000
 
 
-def add(commands):
+def add(commands: Any) -> None:
     """The command's arguments."""
     command = commands.add_parser(
         "cite",
@@ -23,11 +30,11 @@ def add(commands):
     command.set_defaults(command=run, json=None, output=None)
 
 
-def run(options):
+def run(options: Namespace) -> None:
     """Carry it out; returns the exit code, or None for 0."""
     from harvester.show.citations import SOURCES, sources_of
 
-    found = SOURCES
+    found: Sequence = SOURCES
     if options.result:
         try:
             found = sources_of(_read(options.result))

@@ -1,34 +1,43 @@
 """`harvester claims`: the paper's statements, judged."""
 
-from harvester.commands.options import add_results, check_options, say, write_result
+from argparse import Namespace
+from typing import Any
+
+from harvester.commands.options import (
+    add_study_options,
+    check_options,
+    say,
+    study_runner,
+    tell_of,
+    write_result,
+)
 
 
-def add(commands):
+def add(commands: Any) -> None:
     """The command's arguments."""
     command = commands.add_parser(
         "claims",
         help="the paper's statements on trends, judged",
         description="judge every statement of the paper on trends by Monte Carlo, by the circuit "
-        "and by each closure",
+        "and by each closure; in the folder of `reproduce` its simulations are found",
         epilog="example: harvester claims --output results",
     )
     command.add_argument("--seed", type=int, help="of the noise (default: the scene's)")
-    command.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
     command.add_argument(
         "--thorough", action="store_true", help="longer runs, the circuit at every condition"
     )
-    add_results(command)
+    command.add_argument("--json", metavar="FILE", help="write JSON; - for standard output")
+    add_study_options(command)
     command.set_defaults(command=run)
 
 
-def run(options):
+def run(options: Namespace) -> None:
     """Carry it out; returns the exit code, or None for 0."""
     check_options(options, "claims")
     from harvester.files.writing import in_folder, is_standard_output, write_text
 
     if options.output:
         in_folder(options.output, "claims.md")
-    from harvester.engines.workers import WorkerPool
     from harvester.scene.model import Scene
     from harvester.show.console import progress, show_table
     from harvester.verification.paper.claims import claims
@@ -36,12 +45,11 @@ def run(options):
     scene = Scene.load("paper")
     if options.seed is not None:
         scene = scene.replace({"run.seed": options.seed})
-    with progress() as follow, WorkerPool(workers=options.workers) as pool:
-        judgement = claims(
-            scene, thorough=options.thorough, pool=pool, progress=follow("claims", None)
-        )
-    show_table(judgement, "the paper's statements", to_stderr=is_standard_output(options.json))
-    write_result(options, "claims", judgement)
-    if options.output:
-        write_text(in_folder(options.output, "claims.md"), judgement.markdown())
-        say(f"written to {options.output}: claims.md")
+    with progress() as follow, study_runner(options, follow("claims", None)) as runner:
+        judgement = claims(scene, thorough=options.thorough, runner=runner)
+        show_table(judgement, "the paper's statements", to_stderr=is_standard_output(options.json))
+        write_result(options, "claims", judgement)
+        if options.output:
+            write_text(in_folder(options.output, "claims.md"), judgement.markdown())
+            say(f"written to {options.output}: claims.md")
+        tell_of(runner)

@@ -1,11 +1,18 @@
 """`harvester completion`: the shell completes commands, options and built-in scenes."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
 from harvester.errors import HarvesterError
+
+if TYPE_CHECKING:
+    from argparse import Namespace
 
 SHELLS = ("bash", "zsh", "fish")
 
 
-def add(commands):
+def add(commands: Any) -> None:
     """The command's arguments."""
     command = commands.add_parser(
         "completion",
@@ -19,7 +26,7 @@ def add(commands):
     command.set_defaults(command=run, json=None, output=None)
 
 
-def run(options):
+def run(options: Namespace) -> None:
     """Carry it out; returns the exit code, or None for 0."""
     import shtab
 

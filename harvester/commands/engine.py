@@ -1,9 +1,15 @@
 """`harvester engine`: the ngspice that was found."""
 
+from __future__ import annotations
+
 from contextlib import closing
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from argparse import Namespace
 
 
-def add(commands):
+def add(commands: Any) -> None:
     """The command's arguments."""
     command = commands.add_parser(
         "engine",
@@ -15,7 +21,7 @@ def add(commands):
     command.set_defaults(command=run, output=None)
 
 
-def run(options):
+def run(options: Namespace) -> None:
     """Carry it out; returns the exit code, or None for 0."""
     from harvester.engines.circuit import describe
     from harvester.engines.workers import Worker

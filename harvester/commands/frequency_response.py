@@ -1,18 +1,23 @@
 """`harvester frequency-response`: amplitude and power over the frequency of a sine."""
 
+from argparse import Namespace
+from typing import Any
+
 from harvester.commands.options import (
     NUMBERS_HELP,
     add_engine_options,
-    add_results,
+    add_study_options,
     check_options,
     number_list,
     read_scene,
     scene_command,
+    study_runner,
+    tell_of,
     write_result,
 )
 
 
-def add(commands):
+def add(commands: Any) -> None:
     """The command's arguments."""
     command = scene_command(
         commands,
@@ -37,31 +42,34 @@ def add(commands):
         "--down", action="store_true", help="sweep down as well, to show hysteresis"
     )
     command.add_argument(
-        "--engine", default="monte-carlo", help="monte-carlo (default) or circuit", metavar="NAME"
+        "--method", default="monte-carlo", help="monte-carlo (default) or circuit", metavar="NAME"
     )
-    add_engine_options(command)
-    add_results(command)
+    add_engine_options(command, workers=False)
+    command.add_argument("--json", metavar="FILE", help="write JSON; - for standard output")
+    add_study_options(command)
 
 
-def run(options):
+def run(options: Namespace) -> None:
     """Carry it out; returns the exit code, or None for 0."""
     scene = read_scene(options)
     name = f"{scene.name}-frequency-response"
     check_options(options, name)
     frequencies = number_list(options.frequencies, "--frequencies")
     from harvester.files.writing import is_standard_output
-    from harvester.show.console import show_table
+    from harvester.show.console import progress, show_table
     from harvester.studies.frequency_response import frequency_response
 
-    response = frequency_response(
-        scene,
-        frequencies,
-        options.engine,
-        amplitude=options.amplitude,
-        down=options.down,
-        step=options.step,
-        workers=options.workers,
-        time_limit=options.time_limit,
-    )
-    show_table(response, "frequency response", to_stderr=is_standard_output(options.json))
-    write_result(options, name, response, "draw_frequency_response")
+    label = "frequency response"
+    with progress() as follow, study_runner(options, follow(label, None)) as runner:
+        response = frequency_response(
+            scene,
+            frequencies,
+            method=options.method,
+            amplitude=options.amplitude,
+            down=options.down,
+            step=options.step,
+            runner=runner,
+        )
+        show_table(response, label, to_stderr=is_standard_output(options.json))
+        write_result(options, name, response)
+        tell_of(runner)

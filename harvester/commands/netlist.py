@@ -1,14 +1,20 @@
 """`harvester netlist`: a stand-alone netlist of a scene."""
 
+from __future__ import annotations
+
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from harvester.commands.options import STEP_HELP, read_scene, scene_command
 from harvester.errors import HarvesterError
 
+if TYPE_CHECKING:
+    from argparse import Namespace
+
 DIALECTS = ("ngspice", "ltspice")
 
 
-def add(commands):
+def add(commands: Any) -> None:
     """The command's arguments."""
     command = scene_command(
         commands,
@@ -35,7 +41,7 @@ def add(commands):
     )
 
 
-def run(options):
+def run(options: Namespace) -> None:
     """Carry it out; returns the exit code, or None for 0."""
     scene = read_scene(options)
     from harvester.engines.circuit import for_ltspice, stand_alone

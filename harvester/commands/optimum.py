@@ -1,66 +1,155 @@
-"""`harvester optimum`: where one parameter makes power or efficiency largest."""
+"""`harvester optimum`: where one parameter, or several, make power or efficiency largest."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
 
 from harvester.commands.options import (
-    add_results,
+    add_study_options,
     check_options,
     read_scene,
     scene_command,
+    study_runner,
+    tell_of,
     write_result,
 )
+from harvester.errors import HarvesterError
+from harvester.files.plain_text import named
+
+if TYPE_CHECKING:
+    from argparse import Namespace
 
 
-def add(commands):
+def add(commands: Any) -> None:
     """The command's arguments."""
     command = scene_command(
         commands,
         "optimum",
         run,
-        "where one parameter makes the efficiency or the power largest (Eq. 37)",
-        "harvester optimum paper --over excitation.intensity",
-    )
-    command.add_argument("--over", required=True, metavar="TABLE.KEY", help="a number of the scene")
-    command.add_argument(
-        "--from",
-        dest="low",
-        type=float,
-        metavar="A",
-        help="range (default: a tenth of the scene's value)",
+        "where one parameter, or several, make the efficiency or the power largest (Eq. 37)",
+        "harvester optimum device --maximise mean_power --over load.resistance=1e4:1e7 "
+        "--over oscillator.linear_stiffness=-100:-20",
     )
     command.add_argument(
-        "--to", dest="high", type=float, metavar="B", help="range (default: ten times)"
+        "--over",
+        action="append",
+        default=[],
+        required=True,
+        metavar="TABLE.KEY[=LOW:HIGH]",
+        help="a number of the scene and its range (default: a tenth to ten times its value); "
+        "may be given again",
     )
+    command.add_argument(
+        "--from", dest="low", type=float, metavar="A", help="range of a single --over"
+    )
+    command.add_argument("--to", dest="high", type=float, metavar="B", help="its upper end")
     command.add_argument(
         "--maximise",
         default="power_conversion_efficiency",
         metavar="QUANTITY",
-        help="power_conversion_efficiency (default), mean_power or mean_square_voltage",
+        help="power_conversion_efficiency (default), mean_power or mean_square_voltage; over "
+        "several parameters any other, such as mean_output_power",
     )
     command.add_argument(
-        "--engine", default="monte-carlo", help="monte-carlo (default) or circuit", metavar="NAME"
+        "--method",
+        metavar="NAME",
+        help="monte-carlo or circuit, over several parameters also a closure (default: "
+        "monte-carlo, or circuit where the load needs it)",
     )
-    command.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
-    add_results(command)
+    command.add_argument(
+        "--closure",
+        metavar="NAME",
+        help="that stands beside simulation, over one parameter (default: the most accurate)",
+    )
+    command.add_argument(
+        "--evaluations",
+        type=int,
+        metavar="N",
+        help="places proposed, over several parameters (default: 60 for each)",
+    )
+    command.add_argument("--json", metavar="FILE", help="write JSON; - for standard output")
+    add_study_options(command, "the value at the optimum of several parameters")
 
 
-def run(options):
-    """Carry it out; returns the exit code, or None for 0."""
+def run(options: Namespace) -> None:
+    """Carry it out."""
     scene = read_scene(options)
     name = f"{scene.name}-optimum"
     check_options(options, name)
+    over = _ranges(options)
     from harvester.files.writing import is_standard_output
     from harvester.show.console import progress, show_table
+
+    with progress() as follow, study_runner(options) as runner:
+        find = _of_one if len(over) == 1 else _of_several
+        found = find(scene, over, options, runner, follow("optimum", None))
+        tell_of(runner)
+        title = f"optimum over {', '.join(over)}"
+        show_table(found, title, to_stderr=is_standard_output(options.json))
+        write_result(options, name, found)
+
+
+def _of_one(scene, over, options, runner, follow):
     from harvester.studies.optimum import optimum
 
-    with progress() as follow:
-        found = optimum(
-            scene,
-            options.over,
-            low=options.low,
-            high=options.high,
-            maximise=options.maximise,
-            engine=options.engine,
-            workers=options.workers,
-            progress=follow("optimum", None),
-        )
-    show_table(found, f"optimum over {options.over}", to_stderr=is_standard_output(options.json))
-    write_result(options, name, found)
+    for option in ("evaluations", "precision"):
+        if getattr(options, option) is not None:
+            raise HarvesterError(f"--{option}: is for several parameters, a second --over")
+    ((key, (low, high)),) = over.items()
+    return optimum(
+        scene,
+        key,
+        low=low,
+        high=high,
+        maximise=options.maximise,
+        method=options.method or "monte-carlo",
+        closure=options.closure,
+        runner=runner,
+        progress=follow,
+    )
+
+
+def _of_several(scene, over, options, runner, follow):
+    from harvester.studies.optimum_of_several import optimum_of_several
+
+    if options.closure is not None:
+        raise HarvesterError("--closure: is for one parameter; over several use --method")
+    return optimum_of_several(
+        scene,
+        over,
+        maximise=options.maximise,
+        method=options.method,
+        evaluations=options.evaluations,
+        precision=options.precision,
+        runner=runner,
+        progress=follow,
+    )
+
+
+def _ranges(options):
+    """Keys to ranges, ends that were not given None."""
+    over = {}
+    for text in options.over:
+        key, separator, ends = (part.strip() for part in text.partition("="))
+        if key in over:
+            raise HarvesterError(f"--over {named(key)}: is there twice")
+        over[key] = _ends(text, ends) if separator else (None, None)
+    if options.low is not None or options.high is not None:
+        ((key, ends),) = list(over.items())[:1]
+        if len(over) > 1 or ends != (None, None):
+            raise HarvesterError(
+                "--from and --to: are the range of a single --over TABLE.KEY; else write "
+                "--over TABLE.KEY=LOW:HIGH"
+            )
+        over[key] = options.low, options.high
+    return over
+
+
+def _ends(text, ends):
+    try:
+        low, high = (float(number) for number in ends.split(":"))
+    except ValueError:
+        raise HarvesterError(
+            f"--over {named(text)}: write it as TABLE.KEY=LOW:HIGH, such as load.resistance=1e4:1e7"
+        ) from None
+    return low, high

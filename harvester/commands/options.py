@@ -1,20 +1,40 @@
 """What several commands share: arguments, the scene they name, the files they write."""
 
+from __future__ import annotations
+
+import importlib.util
 import math
 import sys
+from argparse import ArgumentParser, Namespace
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 from harvester.errors import HarvesterError
 from harvester.files.plain_text import named, one_line
 from harvester.show.quiet import is_quiet
 
+if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
+    from harvester.running.runner import Runner
+    from harvester.scene.model import Scene
+    from harvester.show.shown import Shown
+
 STEP_HELP = "default, fine, finest, or the longest step in seconds"
 # Of a list given by its ends.
 MOST_NUMBERS = 100_000
-RESULT_FILES = (".json", "-densities.csv", ".png")
+RESULT_FILES = (".json", "-densities.csv", ".png", ".csv", ".nc")
 NUMBERS_HELP = "FIRST:LAST:log:NUMBER, FIRST:LAST:linear:NUMBER, or numbers between commas"
 
 
-def scene_command(commands, name, function, text, example, default_scene=None):
+def scene_command(
+    commands: Any,
+    name: str,
+    function: Callable,
+    text: str,
+    example: str,
+    default_scene: str | None = None,
+) -> ArgumentParser:
     """A command about one scene, with its overrides; returns its parser."""
     command = commands.add_parser(name, help=text, description=text, epilog=f"example: {example}")
     optional = {"nargs": "?", "default": default_scene} if default_scene else {}
@@ -36,10 +56,11 @@ def scene_command(commands, name, function, text, example, default_scene=None):
     return command
 
 
-def add_engine_options(command):
-    """Step, workers and time limit of a simulation."""
+def add_engine_options(command: ArgumentParser, workers: bool = True) -> None:
+    """Step, workers and time limit of a simulation; `add_study_options` has workers of its own."""
     command.add_argument("--step", default="default", help=STEP_HELP)
-    command.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
+    if workers:
+        _add_workers(command)
     command.add_argument(
         "--time-limit",
         type=float,
@@ -49,7 +70,89 @@ def add_engine_options(command):
     )
 
 
-def add_keep_going(command):
+def add_study_options(
+    command: ArgumentParser, of_precision: str | None = None, output: str | None = None
+) -> None:
+    """What runs a study and keeps its answers: what `study_runner` reads.
+
+    Parameters
+    ----------
+    command : argparse.ArgumentParser
+    of_precision : str or None
+        What --precision is the relative standard error of; None: there is no such option.
+    output : str or None
+        Default of --output.
+    """
+    if of_precision:
+        command.add_argument(
+            "--precision",
+            type=float,
+            metavar="SHARE",
+            help=f"relative standard error of {of_precision}",
+        )
+    command.add_argument(
+        "--time-budget",
+        type=float,
+        metavar="SECONDS",
+        help="begin nothing new after it; the same command goes on",
+    )
+    _add_workers(command)
+    command.add_argument(
+        "--scheduler", metavar="ADDRESS", help="of a Dask cluster, instead of processes here"
+    )
+    command.add_argument(
+        "--output",
+        default=output,
+        metavar="DIR",
+        help="folder for results, and for every finished piece: run the same command again to go "
+        "on after a kill" + (f" (default: {output})" if output else ""),
+    )
+
+
+def _add_workers(command):
+    command.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
+
+
+def study_runner(
+    options: Namespace,
+    progress: Callable[[float, str], object] | None = None,
+    time_budget: float | None = None,
+) -> AbstractContextManager[Runner]:
+    """The runner that a command's options say, open within a block.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Of a command with `add_study_options`.
+    progress : callable or None
+        Given the share done and a few words.
+    time_budget : float or None
+        Where the options have none.
+    """
+    from harvester.running import open_runner
+    from harvester.simulation import TIME_LIMIT
+
+    if options.output:
+        options.kept_when_interrupted = "what is finished is kept: the same command goes on"
+    return open_runner(
+        options.output,
+        workers=options.workers,
+        scheduler=options.scheduler,
+        time_budget=options.time_budget if options.time_budget is not None else time_budget,
+        time_limit=getattr(options, "time_limit", TIME_LIMIT),
+        progress=progress,
+    )
+
+
+def tell_of(runner: Runner) -> None:
+    """Say on standard error what a study should be asked again for, and what was reused."""
+    for line in runner.warnings:
+        complain(line)
+    if runner.out_of_time:
+        complain("the time budget was spent: the same command goes on where it ended")
+
+
+def add_keep_going(command: ArgumentParser) -> None:
     """Whether a failed realization ends the run."""
     command.add_argument(
         "--keep-going",
@@ -58,13 +161,13 @@ def add_keep_going(command):
     )
 
 
-def add_results(command):
+def add_results(command: ArgumentParser) -> None:
     """Where the result is written."""
     command.add_argument("--json", metavar="FILE", help="write JSON; - for standard output")
     command.add_argument("--output", metavar="DIR", help="folder for JSON and figure")
 
 
-def read_scene(options):
+def read_scene(options: Namespace) -> Scene:
     """The scene that the command line names, overrides and seed put in."""
     from harvester.scene.model import Scene
 
@@ -74,7 +177,7 @@ def read_scene(options):
     return Scene.load(options.scene, overrides)
 
 
-def number_list(text, where):
+def number_list(text: str, where: str) -> list[float]:
     """Numbers from their short form: 0.1:2:log:40, 0.1:2:linear:40 or 0.1,0.2,0.5.
 
     Raises
@@ -89,7 +192,7 @@ def number_list(text, where):
         if not rest:
             return [float(number) for number in text.split(",")]
         last, spacing, number = rest
-        grid = {"log": np.geomspace, "linear": np.linspace}[spacing]
+        grid: Any = {"log": np.geomspace, "linear": np.linspace}[spacing]
         low, high, count = float(first), float(last), int(number)
         if 0.0 < low < high < math.inf and 1 < count <= MOST_NUMBERS:
             return [float(number) for number in grid(low, high, count)]
@@ -100,7 +203,7 @@ def number_list(text, where):
     )
 
 
-def check_options(options, name=None):
+def check_options(options: Namespace, name: str | None = None) -> None:
     """Refuse numbers out of range, and places that cannot be written, before anything runs.
 
     `name` is that of the files which `write_result` will write.
@@ -112,7 +215,7 @@ def check_options(options, name=None):
     limit = getattr(options, "time_limit", 1.0)
     if not limit > 0.0:
         raise HarvesterError(f"--time-limit {limit:g}: must be a number > 0")
-    if options.json:
+    if getattr(options, "json", None):
         check_writable(options.json)
     if options.output:
         check_folder(options.output)
@@ -120,38 +223,49 @@ def check_options(options, name=None):
             in_folder(options.output, f"{name}{ending}")
 
 
-def write_result(options, name, result, draw=None):
-    """The files that were asked for; `draw` names the function of `figures`, if there is one."""
+def write_result(options: Namespace, name: str, content: Shown) -> None:
+    """The files that were asked for.
+
+    JSON, with `data()` of the content CSV, with its `to_xarray()` beside that NetCDF, its figure.
+    """
     from harvester.files.writing import write_json
 
     # Where one place turns out to be full, the other still gets the result.
     try:
         if options.json:
-            write_json(options.json, result.to_dict())
+            write_json(options.json, content.to_dict())
     finally:
         if options.output:
-            _write_folder(options.output, name, result, draw)
+            _write_folder(options.output, name, content)
 
 
-def _write_folder(folder, name, result, draw):
+def _write_folder(folder: str, name: str, content: Shown) -> None:
+    from harvester.files.tables import write_csv, write_netcdf
     from harvester.files.writing import in_folder, write_json, write_text
     from harvester.show import figures
 
-    json_file, table, picture = (in_folder(folder, f"{name}{e}") for e in RESULT_FILES)
-    write_json(json_file, result.to_dict())
-    if hasattr(result, "density_table"):
-        write_text(table, result.density_table())
-    if draw:
-        figures.save(getattr(figures, draw), result, picture)
-    say(f"written to {folder}: {name}.{'*' if draw else 'json'}")
+    places = [in_folder(folder, f"{name}{ending}") for ending in RESULT_FILES]
+    json_file, densities, picture, table, grid = places
+    write_json(json_file, content.to_dict())
+    if hasattr(content, "density_table"):
+        write_text(densities, content.density_table())
+    if hasattr(content, "data"):
+        write_csv(table, *content.data())
+        # An extra: what is in it is in the others too.
+        if hasattr(content, "to_xarray") and importlib.util.find_spec("xarray"):
+            write_netcdf(grid, content.to_xarray())
+    figure = content.figure()
+    if figure is not None:
+        figures.write(figure, picture)
+    say(f"written to {folder}: {name}.{'json' if figure is None else '*'}")
 
 
-def say(text):
+def say(text: object) -> None:
     """One line on standard error, unless the command line is quiet."""
     if not is_quiet():
         print(one_line(text), file=sys.stderr)
 
 
-def complain(text):
+def complain(text: HarvesterError | str) -> None:
     """One line on standard error on what went wrong."""
     print(f"harvester: {one_line(text)}", file=sys.stderr)

@@ -1,10 +1,19 @@
 """`harvester reproduce`: the paper's figures by closures, Monte Carlo and circuit."""
 
-from harvester.commands.options import check_options, say
+from argparse import Namespace
+from typing import Any
+
+from harvester.commands.options import (
+    add_study_options,
+    check_options,
+    say,
+    study_runner,
+    tell_of,
+)
 from harvester.errors import HarvesterError
 
 
-def add(commands):
+def add(commands: Any) -> None:
     """The command's arguments."""
     command = commands.add_parser(
         "reproduce",
@@ -22,14 +31,11 @@ def add(commands):
         help="all figures in minutes: fewer points, error bars up to 5 %% (circuit: more)",
     )
     command.add_argument("--seed", type=int, help="of the noise (default: the scene's)")
-    command.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
-    command.add_argument(
-        "--output", default="results", metavar="DIR", help="folder (default: results)"
-    )
+    add_study_options(command, "E[V²] and PCE that simulations are run for", output="results")
     command.set_defaults(command=run, json=None)
 
 
-def run(options):
+def run(options: Namespace) -> int:
     """Carry it out; returns the exit code, or None for 0."""
     from harvester.verification.paper.figures_list import FIGURES
 
@@ -48,7 +54,7 @@ def run(options):
         _write(content, options.output)
         finished[content.name] = content
         kept = f"finished figures are in {options.output}: {', '.join(finished)}"
-        options.kept_when_interrupted = kept
+        options.kept_when_interrupted = f"{kept}; the same command goes on"
 
     try:
         failed_runs = _compute(scene, names, options, keep)
@@ -60,23 +66,24 @@ def run(options):
 
 def _compute(scene, names, options, keep):
     """Give `keep` each figure as soon as it is done; the number of runs that failed."""
-    from harvester.engines.workers import WorkerPool
     from harvester.show.console import progress
     from harvester.verification.paper import orbit_maps
     from harvester.verification.paper.figures_list import FIGURES
     from harvester.verification.paper.reproduce import reproduce
 
     without_noise = {"fig2": orbit_maps.surfaces, "fig3": orbit_maps.frequency_response}
-    for name in (name for name in names if name in without_noise):
-        keep(without_noise[name](scene))
-    swept = [name for name in names if name in FIGURES]
-    if not swept:
-        return 0
-    with progress() as follow, WorkerPool(workers=options.workers) as pool:
-        share = follow("figures", None)
+    with progress() as follow, study_runner(options, follow("figures", None)) as runner:
+        for name in (name for name in names if name in without_noise):
+            keep(without_noise[name](scene))
         contents = reproduce(
-            scene, swept, quick=options.quick, pool=pool, progress=share, on_figure=keep
+            scene,
+            [name for name in names if name in FIGURES],
+            quick=options.quick,
+            precision=options.precision,
+            runner=runner,
+            on_figure=keep,
         )
+        tell_of(runner)
     return sum(content.failed_runs for content in contents)
 
 
@@ -93,10 +100,13 @@ def _chosen(wanted, known):
 
 
 def _write(content, folder):
+    from harvester.files.tables import write_csv
     from harvester.files.writing import in_folder, write_json
     from harvester.show import figures
     from harvester.verification.paper.drawing import draw
 
     write_json(in_folder(folder, f"{content.name}.json"), content.to_dict())
+    if hasattr(content, "data"):
+        write_csv(in_folder(folder, f"{content.name}.csv"), *content.data())
     figures.save(draw, content, in_folder(folder, f"{content.name}.png"))
     say(f"written to {folder}: {content.name}.*")

@@ -1,11 +1,17 @@
 """`harvester schematic`: a drawing of the circuit that a scene builds."""
 
+from __future__ import annotations
+
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from harvester.commands.options import read_scene, say, scene_command
 
+if TYPE_CHECKING:
+    from argparse import Namespace
 
-def add(commands):
+
+def add(commands: Any) -> None:
     """The command's arguments."""
     command = scene_command(
         commands,
@@ -23,7 +29,7 @@ def add(commands):
     )
 
 
-def run(options):
+def run(options: Namespace) -> None:
     """Carry it out; returns the exit code, or None for 0."""
     scene = read_scene(options)
     from harvester.engines.circuit import schematic

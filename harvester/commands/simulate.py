@@ -1,5 +1,9 @@
 """`harvester simulate`: one scene through one engine."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
 from harvester.commands.options import (
     add_engine_options,
     add_keep_going,
@@ -10,18 +14,21 @@ from harvester.commands.options import (
     write_result,
 )
 
+if TYPE_CHECKING:
+    from argparse import Namespace
 
-def add(commands):
+
+def add(commands: Any) -> None:
     """The command's arguments."""
     command = scene_command(
         commands,
         "simulate",
         run,
         "run one scene through one engine",
-        "harvester simulate paper --engine circuit --set excitation.intensity=0.1 --json -",
+        "harvester simulate paper --method circuit --set excitation.intensity=0.1 --json -",
     )
     command.add_argument(
-        "--engine", default="circuit", help="circuit (default) or monte-carlo", metavar="NAME"
+        "--method", default="circuit", help="circuit (default) or monte-carlo", metavar="NAME"
     )
     command.add_argument(
         "--source",
@@ -48,19 +55,19 @@ def add(commands):
     add_results(command)
 
 
-def run(options):
+def run(options: Namespace) -> int:
     """Carry it out; returns the exit code, or None for 0."""
     scene = read_scene(options)
-    name = f"{scene.name}-{options.engine}"
+    name = f"{scene.name}-{options.method}"
     check_options(options, name)
     from harvester.files.writing import is_standard_output
-    from harvester.show.console import progress, show_result
+    from harvester.show.console import progress, show_table
     from harvester.simulation import simulate
 
     with progress() as follow:
         result = simulate(
             scene,
-            options.engine,
+            method=options.method,
             step=options.step,
             source=options.source,
             device=options.device,
@@ -68,8 +75,8 @@ def run(options):
             keep_going=options.keep_going,
             workers=options.workers,
             time_limit=options.time_limit,
-            progress=follow(options.engine, scene),
+            progress=follow(options.method, scene),
         )
-    show_result(result, to_stderr=is_standard_output(options.json))
-    write_result(options, name, result, "draw_result")
+    show_table(result, result.engine, to_stderr=is_standard_output(options.json))
+    write_result(options, name, result)
     return 0 if result.outcome == "complete" else 1

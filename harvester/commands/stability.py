@@ -1,16 +1,22 @@
 """`harvester stability`: stiff and extreme variations of one scene, judged."""
 
+from argparse import Namespace
+from typing import Any
+
 from harvester.commands.options import (
     STEP_HELP,
-    add_results,
+    add_study_options,
     check_options,
     read_scene,
     scene_command,
+    study_runner,
+    tell_of,
     write_result,
 )
+from harvester.verification.stability import TIME_LIMIT
 
 
-def add(commands):
+def add(commands: Any) -> None:
     """The command's arguments."""
     command = scene_command(
         commands,
@@ -21,11 +27,18 @@ def add(commands):
         default_scene="paper",
     )
     command.add_argument("--step", default="default", help=STEP_HELP)
-    command.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
-    add_results(command)
+    command.add_argument("--json", metavar="FILE", help="write JSON; - for standard output")
+    command.add_argument(
+        "--time-limit",
+        type=float,
+        default=TIME_LIMIT,
+        metavar="SECONDS",
+        help=f"wall-clock limit of one case by one method (default: {TIME_LIMIT:g})",
+    )
+    add_study_options(command)
 
 
-def run(options):
+def run(options: Namespace) -> int:
     """Carry it out; returns the exit code, or None for 0."""
     scene = read_scene(options)
     name = f"{scene.name}-stability"
@@ -34,13 +47,9 @@ def run(options):
     from harvester.show.console import progress, show_table
     from harvester.verification.stability.matrix import stability
 
-    with progress() as follow:
-        matrix = stability(
-            scene,
-            step=options.step,
-            workers=options.workers,
-            progress=follow("stability", None),
-        )
-    show_table(matrix, "stiff and extreme cases", to_stderr=is_standard_output(options.json))
-    write_result(options, name, matrix, "draw_stability")
+    with progress() as follow, study_runner(options, follow("stability", None)) as runner:
+        matrix = stability(scene, step=options.step, runner=runner)
+        tell_of(runner)
+        show_table(matrix, "stiff and extreme cases", to_stderr=is_standard_output(options.json))
+        write_result(options, name, matrix)
     return 1 if matrix.wrong else 0

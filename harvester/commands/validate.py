@@ -1,5 +1,9 @@
 """`harvester validate`: circuit, Monte Carlo and averaging on one scene."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
 from harvester.commands.options import (
     add_engine_options,
     add_results,
@@ -10,8 +14,11 @@ from harvester.commands.options import (
     write_result,
 )
 
+if TYPE_CHECKING:
+    from argparse import Namespace
 
-def add(commands):
+
+def add(commands: Any) -> None:
     """The command's arguments."""
     command = scene_command(
         commands,
@@ -27,7 +34,7 @@ def add(commands):
     )
 
 
-def run(options):
+def run(options: Namespace) -> None:
     """Carry it out; returns the exit code, or None for 0."""
     scene = read_scene(options)
     name = f"{scene.name}-validate"
@@ -44,11 +51,11 @@ def run(options):
             step=options.step,
             workers=options.workers,
             time_limit=options.time_limit,
-            progress=follow,
+            progress=follow("validate", None),
         )
     show_table(comparison, "one scene, the same noise", to_stderr=is_standard_output(options.json))
     try:
-        write_result(options, name, comparison, "draw_comparison")
+        write_result(options, name, comparison)
     finally:
         if options.report:
             from harvester.show.page import report

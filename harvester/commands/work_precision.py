@@ -1,5 +1,8 @@
 """`harvester work-precision`: error against run time of every method."""
 
+from argparse import Namespace
+from typing import Any
+
 from harvester.commands.options import (
     add_results,
     check_options,
@@ -9,7 +12,7 @@ from harvester.commands.options import (
 )
 
 
-def add(commands):
+def add(commands: Any) -> None:
     """The command's arguments."""
     command = scene_command(
         commands,
@@ -25,7 +28,7 @@ def add(commands):
     add_results(command)
 
 
-def run(options):
+def run(options: Namespace) -> None:
     """Carry it out; returns the exit code, or None for 0."""
     scene = read_scene(options)
     name = f"{scene.name}-work-precision"
@@ -39,4 +42,4 @@ def run(options):
             scene, thorough=options.thorough, workers=options.workers, progress=follow
         )
     show_table(diagram, "error against run time", to_stderr=is_standard_output(options.json))
-    write_result(options, name, diagram, "draw_work_precision")
+    write_result(options, name, diagram)

@@ -5,8 +5,11 @@ A contact on the side s = ±1 acts while its depth d = s x − gap is positive; 
 a zone. Integrators step from zone to zone, so that every force is smooth within a step.
 """
 
+from __future__ import annotations
+
 import math
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +17,10 @@ from harvester.compilation import overload, register_jitable, types
 from harvester.device import spring as springs
 from harvester.device.dispatch import equation
 from harvester.device.hertz import hertz_damp
+
+if TYPE_CHECKING:
+    from harvester.device.spring import Spring
+    from harvester.device.values import Values
 
 # Contact laws by the word of `law` in a scene, each made from a contact's scaled values.
 LAWS = {"hertz-damp": hertz_damp}
@@ -37,17 +44,19 @@ class Contact(NamedTuple):
 
     side: float
     gap: float
-    law: tuple
+    law: Any
 
 
 @register_jitable
-def direction(contact, x):
+def direction(contact: Contact, x: Values) -> Values:
     """The side s on which x may touch: ±1."""
     return contact.side if contact.side != 0.0 else np.sign(x)
 
 
 @register_jitable
-def one_force(contact, spring, x, v, held_speed, low, high):
+def one_force(
+    contact: Contact, spring: Spring, x: float, v: float, held_speed: float, low: float, high: float
+) -> float:
     """Force of one contact against X' if it acts throughout the zone from `low` to `high`."""
     s = contact.side
     if s == 0.0:
@@ -67,7 +76,15 @@ def _of_one_sort(contacts):
     return isinstance(contacts, types.UniTuple) and len(contacts) > 2
 
 
-def force(contacts, spring, x, v, held_speed, low, high):
+def force(
+    contacts: tuple[Contact, ...],
+    spring: Spring,
+    x: float,
+    v: float,
+    held_speed: float,
+    low: float,
+    high: float,
+) -> float:
     """Sum of the forces of the contacts that act in the zone from `low` to `high`."""
     return sum(one_force(each, spring, x, v, held_speed, low, high) for each in contacts)
 
@@ -91,7 +108,7 @@ def _force(contacts, spring, x, v, held_speed, low, high):
 
 
 @register_jitable
-def one_loss_rate(contact, spring, x, v, held_speed):
+def one_loss_rate(contact: Contact, spring: Spring, x: float, v: float, held_speed: float) -> float:
     """Damping force over velocity of one contact at a displacement (1/s)."""
     s = direction(contact, x)
     depth = s * x - contact.gap
@@ -101,7 +118,9 @@ def one_loss_rate(contact, spring, x, v, held_speed):
     return damping(contact.law, depth, v, gain, held_speed)
 
 
-def loss_rate(contacts, spring, x, v, held_speed):
+def loss_rate(
+    contacts: tuple[Contact, ...], spring: Spring, x: float, v: float, held_speed: float
+) -> float:
     """Damping force over velocity of all contacts at one displacement (1/s)."""
     return sum(one_loss_rate(each, spring, x, v, held_speed) for each in contacts)
 
@@ -125,13 +144,13 @@ def _loss_rate(contacts, spring, x, v, held_speed):
 
 
 @register_jitable
-def one_energy(contact, x):
+def one_energy(contact: Contact, x: Values) -> Values:
     """Elastic energy in one contact; `x` a float or an array of any shape."""
     depth = np.maximum(direction(contact, x) * x - contact.gap, 0.0)
     return elastic_energy(contact.law, depth)
 
 
-def energy(contacts, x):
+def energy(contacts: tuple[Contact, ...], x: Values) -> Values:
     """Elastic energy in all contacts; `x` a float or an array of any shape."""
     return sum((one_energy(each, x) for each in contacts), 0.0 * x)
 
@@ -154,14 +173,16 @@ def _energy(contacts, x):
 
 
 @register_jitable
-def one_step(contact, x, square_speed, longest, steps):
+def one_step(contact: Contact, x: float, square_speed: float, longest: float, steps: int) -> float:
     """Step that takes so many steps for a contact with this speed² at its gap, ≤ `longest` (s)."""
     depth = np.maximum(direction(contact, x) * x - contact.gap, 0.0)
     square = square_speed + 2.0 * elastic_energy(contact.law, depth)
     return shortened(contact.law, square, steps, longest)
 
 
-def step(contacts, x, square_speed, longest, steps):
+def step(
+    contacts: tuple[Contact, ...], x: float, square_speed: float, longest: float, steps: int
+) -> float:
     """The shortest of `one_step` over all contacts (s)."""
     return min(
         (one_step(each, x, square_speed, longest, steps) for each in contacts), default=longest
@@ -186,7 +207,7 @@ def _step(contacts, x, square_speed, longest, steps):
     return in_turn if _of_one_sort(contacts) else shortest
 
 
-def elastic_push(contacts, x):
+def elastic_push(contacts: tuple[Contact, ...], x: Values) -> Values:
     """Elastic force of all contacts on x, as Python calls it: float or array of any shape."""
     total = 0.0 * np.asarray(x, dtype=float)
     for each in contacts:
@@ -196,7 +217,7 @@ def elastic_push(contacts, x):
     return total
 
 
-def edges(contacts):
+def edges(contacts: tuple[Contact, ...]) -> tuple[float, ...]:
     """Displacements at which a contact begins, ascending, between −inf and inf: tuple of float."""
     places = set()
     for each in contacts:
@@ -207,7 +228,7 @@ def edges(contacts):
     return (-math.inf, *sorted(places), math.inf)
 
 
-def pulled_back(contact, spring):
+def pulled_back(contact: Contact, spring: Spring) -> bool:
     """Whether the spring holds the mass away from this contact at every depth.
 
     Then U(x) − U(gap) is never negative in contact, and v0 needs no bound.
@@ -220,12 +241,16 @@ def pulled_back(contact, spring):
     return True
 
 
-def arrival_formula(each, s, spring, x, rate, number):
+def arrival_formula(
+    each: Contact, s: float, spring: Spring, x: str, rate: float, number: Callable
+) -> str:
     """2 [U(x) − U(s gap)]/rate² as an expression: what brings the mass to one stopper or back."""
     return springs.gain_formula(spring, x, s * each.gap, rate, number)
 
 
-def formulas(each, spring, x, u, rate, number, held=""):
+def formulas(
+    each: Contact, spring: Spring, x: str, u: str, rate: float, number: Callable, held: str = ""
+) -> tuple[str, str]:
     """(condition, force over rate²) of one contact as expressions of circuits and Verilog-A.
 
     The force is meant where the condition holds. See `HertzDamp.force_formula` for the arguments;

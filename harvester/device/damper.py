@@ -1,5 +1,8 @@
 """Dampers: c x' and air drag C2 |x'| x'. Scaled: c = C/M, C2 l/M, forces per mass."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -15,11 +18,11 @@ class Damper(NamedTuple):
 
     damping: float
 
-    def rate(self, v):
+    def rate(self, v: float) -> float:
         """Damping force over velocity (1/s); its product with v² is the loss."""
         return self.damping
 
-    def force(self, v):
+    def force(self, v: float) -> float:
         """Force against the velocity."""
         return self.damping * v
 
@@ -36,23 +39,23 @@ class QuadraticDamper(NamedTuple):
     damping: float
     quadratic_damping: float
 
-    def rate(self, v):
+    def rate(self, v: float) -> float:
         """Damping force over velocity (1/s); its product with v² is the loss."""
         return self.damping + self.quadratic_damping * np.abs(v)
 
-    def force(self, v):
+    def force(self, v: float) -> float:
         """Force against the velocity."""
         return (self.damping + self.quadratic_damping * np.abs(v)) * v
 
 
-def damper(damping, quadratic_damping=0.0):
+def damper(damping: float, quadratic_damping: float = 0.0) -> Damper | QuadraticDamper:
     """The damper that has these coefficients, the drag only where it is not zero."""
     if quadratic_damping:
         return QuadraticDamper(float(damping), float(quadratic_damping))
     return Damper(float(damping))
 
 
-def drag_formula(part, u, number):
+def drag_formula(part: Damper | QuadraticDamper, u: str, number: Callable) -> str:
     """The drag as an expression of circuits and Verilog-A; empty without it.
 
     `u` is the text of X'/rate and `number` turns (name, value, meaning, range of Verilog-A) into

@@ -5,10 +5,14 @@ whose first argument is any part: it calls that part's `force`. Compiled code fi
 the part's type, so that what a device lacks is not compiled.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
+
 from harvester.compilation import overload, register_jitable, types
 
 
-def equation(name):
+def equation(name: str) -> Callable:
     """The function that calls the method `name` of its first argument.
 
     Parameters

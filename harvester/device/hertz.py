@@ -6,12 +6,16 @@ contact's: |d'|/v0 ≤ 1 always, also where the stopper holds the mass short of 
 Or it is held from the moment of contact (`event`).
 """
 
+from __future__ import annotations
+
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from harvester.device.dispatch import equation
+from harvester.device.values import Values
 
 # An elastic Hertz contact lasts so many times its greatest depth over the approach speed.
 HERTZ_EXPONENT, HERTZ_DURATION = 1.5, 2.9432752
@@ -39,35 +43,41 @@ class HertzDamp(NamedTuple):
     holds: float
     duration_factor: float
 
-    def elastic_force(self, depth):
+    def elastic_force(self, depth: Values) -> Values:
         """K d^n; `depth` ≥ 0, a float or an array of any shape."""
         if self.exponent == HERTZ_EXPONENT:
             return self.stiffness * depth * np.sqrt(depth)
         return self.stiffness * depth**self.exponent
 
-    def elastic_energy(self, depth):
+    def elastic_energy(self, depth: Values) -> Values:
         """K d^(n+1)/(n+1) (Eq. 15)."""
         if self.exponent == HERTZ_EXPONENT:
             return 0.4 * self.stiffness * depth * depth * np.sqrt(depth)
         return self.stiffness * depth ** (self.exponent + 1.0) / (self.exponent + 1.0)
 
-    def elastic_stiffness(self, depth):
+    def elastic_stiffness(self, depth: float) -> float:
         """n K d^(n−1), the slope of the elastic force."""
         if self.exponent == HERTZ_EXPONENT:
             return 1.5 * self.stiffness * np.sqrt(depth)
         return self.exponent * self.stiffness * depth ** (self.exponent - 1.0)
 
-    def greatest_depth(self, energy):
+    def greatest_depth(self, energy: float) -> float:
         """Depth at which the contact holds this energy per mass."""
         order = self.exponent + 1.0
         return (order * energy / self.stiffness) ** (1.0 / order)
 
-    def impact_speed(self, depth, v, spring_energy):
+    def impact_speed(self, depth: Values, v: Values, spring_energy: Values) -> Values:
         """v0 read from the state; `spring_energy` is U(x) − U(gap)."""
         energy = elastic_energy(self, depth) + np.maximum(spring_energy, 0.0)
         return np.sqrt(v * v + 2.0 * energy)
 
-    def damping(self, depth, v, spring_energy, held_speed):
+    def damping(
+        self,
+        depth: Values,
+        v: Values,
+        spring_energy: Values,
+        held_speed: Values,
+    ) -> Values:
         """Damping force over velocity (1/s).
 
         `held_speed` is v0 where it is held, raised to |v| where it lies below.
@@ -81,7 +91,9 @@ class HertzDamp(NamedTuple):
             return factor * depth * np.sqrt(depth) / np.maximum(speed, 1e-300)
         return factor * depth**self.exponent / np.maximum(speed, 1e-300)
 
-    def force_formula(self, depth, sign, u, gain, number, held, rate):
+    def force_formula(
+        self, depth: str, sign: str, u: str, gain: str, number: Callable, held: str, rate: float
+    ) -> str:
         """The force over rate² as an expression of circuits and Verilog-A, in contact only.
 
         Parameters
@@ -113,13 +125,13 @@ class HertzDamp(NamedTuple):
         factor = number("damping_factor", self.damping_factor, "3 (1 - e^2)/4", "[0:0.75]")
         return f"{push}*({sign}+{factor}*{share})"
 
-    def duration(self, speed):
+    def duration(self, speed: float) -> float:
         """Duration of an elastic contact that starts with this speed (s)."""
         order = self.exponent + 1.0
         greatest = (0.5 * order * speed * speed / self.stiffness) ** (1.0 / order)
         return self.duration_factor * greatest / speed
 
-    def shortened(self, square_speed, steps, longest):
+    def shortened(self, square_speed: float, steps: int, longest: float) -> float:
         """`longest`, or the step that takes so many steps for a contact of this speed² (s)."""
         if self.exponent == HERTZ_EXPONENT:
             # The same comparison without a power, for the usual case of a soft contact.
@@ -133,7 +145,9 @@ class HertzDamp(NamedTuple):
         return min(longest, duration(self, np.sqrt(square_speed)) / steps)
 
 
-def hertz_damp(stiffness, restitution, exponent=HERTZ_EXPONENT, event=False):
+def hertz_damp(
+    stiffness: float, restitution: float, exponent: float = HERTZ_EXPONENT, event: bool = False
+) -> HertzDamp:
     """The law with this stiffness (scaled), restitution e and exponent n ≥ 1."""
     factor = HERTZ_DURATION
     if exponent != HERTZ_EXPONENT:

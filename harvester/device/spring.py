@@ -3,11 +3,15 @@
 Scaled: F is a force per mass over the length unit l, so k_n = (SI coefficient) l^(n−1)/M.
 """
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from harvester.compilation import overload, register_jitable
+from harvester.device.values import Values
 
 
 class Spring(NamedTuple):
@@ -33,7 +37,7 @@ class Spring(NamedTuple):
     odd_slope: tuple
 
     @property
-    def coefficients(self):
+    def coefficients(self) -> tuple[float, ...]:
         """(F0, k1, k2, …) without trailing zeros, as a tuple of float."""
         whole = [0.0] * 8
         whole[0 : 2 * len(self.even) : 2] = self.even
@@ -41,12 +45,12 @@ class Spring(NamedTuple):
         return _trimmed(whole)
 
     @property
-    def symmetric(self):
+    def symmetric(self) -> bool:
         """Whether F(−x) = −F(x)."""
         return not self.even
 
 
-def spring(coefficients):
+def spring(coefficients: list[float] | tuple[float, ...]) -> Spring:
     """The spring of F(x) = Σ coefficients[n] x^n.
 
     Parameters
@@ -77,7 +81,7 @@ def _trimmed(coefficients):
     return tuple(kept)
 
 
-def in_squares(coefficients, square):
+def in_squares(coefficients: tuple[float, ...], square: Values) -> Values:
     """Σ coefficients[m] square^m by Horner's rule; `square` a float or an array of any shape."""
     total = 0.0 * square
     for coefficient in reversed(coefficients):
@@ -96,7 +100,7 @@ def _in_squares(coefficients, square):
     )
 
 
-def in_powers(coefficients, x):
+def in_powers(coefficients: list[Any] | tuple[float, ...], x: Values) -> Values:
     """Σ coefficients[m] x^2m, each power by two products: what the force and its slope use."""
     total = 0.0 * x
     for coefficient in reversed(coefficients):
@@ -114,7 +118,7 @@ def _in_powers(coefficients, x):
 
 
 @register_jitable
-def force(part, x):
+def force(part: Spring, x: Values) -> Values:
     """F(x); `x` a float or an array of any shape."""
     if len(part.even) == 0:
         return in_powers(part.odd, x) * x
@@ -122,7 +126,7 @@ def force(part, x):
 
 
 @register_jitable
-def energy(part, x):
+def energy(part: Spring, x: Values) -> Values:
     """U(x) = ∫F dx from 0; `x` a float or an array of any shape."""
     square = x * x
     if len(part.even) == 0:
@@ -131,14 +135,14 @@ def energy(part, x):
 
 
 @register_jitable
-def greatest_stiffness(part, x):
+def greatest_stiffness(part: Spring, x: np.ndarray) -> np.ndarray:
     """A bound of |F'| at all displacements up to |x|."""
     if len(part.even) == 0:
         return in_powers(part.odd_slope, x)
     return in_powers(part.odd_slope, x) + np.abs(x) * in_powers(part.even_slope, x)
 
 
-def slope(part, x):
+def slope(part: Spring, x: float) -> float:
     """F'(x), the stiffness; `x` a float or an array of any shape."""
     odd = in_powers([(2 * m + 1) * k for m, k in enumerate(part.odd)], x)
     if not part.even:
@@ -146,7 +150,7 @@ def slope(part, x):
     return odd + x * in_powers([2 * m * k for m, k in enumerate(part.even)][1:], x)
 
 
-def roots(part):
+def roots(part: Spring) -> np.ndarray:
     """Displacements without a force, ascending: ndarray of float."""
     coefficients = part.coefficients
     if len(coefficients) < 2:
@@ -156,7 +160,7 @@ def roots(part):
     return np.unique(real)
 
 
-def nonlinear_formula(part, x, number):
+def nonlinear_formula(part: Spring, x: str, number: Callable) -> str:
     """F(x) − F0 − k1 x as an expression of circuits and Verilog-A; empty where it is zero.
 
     Parameters
@@ -178,12 +182,12 @@ def nonlinear_formula(part, x, number):
     return f"({x}*{x})*({inner})"
 
 
-def gain_is_product(part):
+def gain_is_product(part: Spring) -> bool:
     """Whether rounding leaves `gain_formula` its sign: that of a product, not of a difference."""
     return part.symmetric and len(part.odd) <= 2
 
 
-def gain_formula(part, x, place, rate, number):
+def gain_formula(part: Spring, x: str, place: float, rate: float, number: Callable) -> str:
     """2 [U(x) − U(place)]/rate² as an expression of circuits and Verilog-A.
 
     For a spring of first and third power a product, because simulators differentiate term by term.

@@ -4,7 +4,9 @@ Pure functions of a `System` s, displacement x and velocity v; they take floats,
 code. Compiled code is made for the parts that a system has: what it lacks leaves nothing behind.
 """
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -12,6 +14,12 @@ from harvester.compilation import register_jitable
 from harvester.device import contact as contacts
 from harvester.device import spring as springs
 from harvester.device.dispatch import equation
+
+if TYPE_CHECKING:
+    from harvester.device.contact import Contact
+    from harvester.device.damper import Damper, QuadraticDamper
+    from harvester.device.spring import Spring
+    from harvester.device.values import Values
 
 # Share of the earliest way to a contact that one step takes: the approach then ends in a few ever
 # shorter steps, none of which jumps into the stopper.
@@ -23,7 +31,7 @@ state_rate = equation("state_rate")
 decay_rate = equation("decay_rate")
 own_damping = equation("damping")
 terminal_voltage = equation("voltage")
-own_current = equation("current")
+load_current = equation("current")
 load_power = equation("load_power")
 own_loss = equation("loss")
 transducer_energy = equation("stored_energy")
@@ -51,43 +59,45 @@ class System(NamedTuple):
     spring : harvester.device.spring.Spring
     damper : harvester.device.damper.Damper or QuadraticDamper
     contacts : tuple of harvester.device.contact.Contact
-    transducer : one of harvester.device.transducer
+    transducer : the equations of one of harvester.device.transducer
     noise : Noise
     """
 
-    spring: tuple
-    damper: tuple
-    contacts: tuple
-    transducer: tuple
+    spring: Spring
+    damper: Damper | QuadraticDamper
+    contacts: tuple[Contact, ...]
+    transducer: Any
     noise: Noise
 
     @property
-    def symmetric(self):
+    def symmetric(self) -> bool:
         """Whether the device turned left to right is the same."""
         mirrored = sorted(each._replace(side=0.0 - each.side) for each in self.contacts)
         return self.spring.symmetric and mirrored == sorted(self.contacts)
 
     @property
-    def lossy_transducer(self):
+    def lossy_transducer(self) -> bool:
         """Whether leak or winding take power of their own."""
-        return getattr(self.transducer, "own_rate", 1.0) > 0.0
+        return not self.transducer.lossless
 
 
 @register_jitable
-def push(s, x, v, state, noise):
+def push(s: System, x: float, v: float, state: float, noise: float) -> float:
     """Acceleration by all but the contacts, η − damper − transducer − F(x)."""
     damping = part_force(s.damper, v)
     return noise - damping - part_force(s.transducer, v, state) - springs.force(s.spring, x)
 
 
 @register_jitable
-def contact_force(s, x, v, held_speed, low, high):
+def contact_force(
+    s: System, x: float, v: float, held_speed: float, low: float, high: float
+) -> float:
     """f of Eq. 5, the contacts that act in the zone from `low` to `high`."""
     return contacts.force(s.contacts, s.spring, x, v, held_speed, low, high)
 
 
 @register_jitable
-def loss_power(s, x, v, held_speed, touching):
+def loss_power(s: System, x: float, v: float, held_speed: float, touching: bool) -> float:
     """What damper and, if `touching` one, contacts take, [c + contact damping] X'² (Eq. 36)."""
     rate = damping_rate(s.damper, v)
     if touching:
@@ -96,19 +106,19 @@ def loss_power(s, x, v, held_speed, touching):
 
 
 @register_jitable
-def potential(s, x):
+def potential(s: System, x: Values) -> Values:
     """Spring and contact energy, without the transducer's."""
     return springs.energy(s.spring, x) + contacts.energy(s.contacts, x)
 
 
 @register_jitable
-def stored_energy(s, x, v, voltage, own_loss_power):
+def stored_energy(s: System, x: float, v: float, state: float) -> float:
     """½ X'² + U(X) + the transducer's energy (physics of Eq. 33)."""
     mechanical = 0.5 * v * v + potential(s, x)
-    return mechanical + transducer_energy(s.transducer, voltage, own_loss_power)
+    return mechanical + transducer_energy(s.transducer, state)
 
 
-def speed_held(s, x, v):
+def speed_held(s: System, x: float, v: float) -> float:
     """Impact speed that a state at the beginning of a run holds (`event`).
 
     That with which the mass would have come into the contact it begins in.
@@ -116,13 +126,15 @@ def speed_held(s, x, v):
     return float(np.sqrt(v * v + 2.0 * contacts.energy(s.contacts, x)))
 
 
-def elastic_force(s, x):
+def elastic_force(s: System, x: Values) -> Values:
     """dU/dx of spring and contacts; `x` a float or an array of any shape."""
     return springs.force(s.spring, x) + contacts.elastic_push(s.contacts, x)
 
 
 @register_jitable
-def earliest_contact(low, high, x, v, acceleration, margin):
+def earliest_contact(
+    low: float, high: float, x: float, v: float, acceleration: float, margin: float
+) -> float:
     """Time before which a free mass cannot reach `low` or `high` (s).
 
     Its acceleration towards either one is at most `acceleration` towards it plus `margin`.
@@ -140,7 +152,18 @@ def earliest_contact(low, high, x, v, acceleration, margin):
 
 
 @register_jitable
-def resolving_step(s, low, high, x, v, acceleration, margin, longest, steps):
+def resolving_step(
+    s: System,
+    low: float,
+    high: float,
+    x: float,
+    v: float,
+    acceleration: float,
+    margin: float,
+    longest: float,
+    steps: int,
+    landing: float = 1.0,
+) -> float:
     """Step that resolves a contact and, before it, ends short of it, ≤ `longest` (s).
 
     Parameters
@@ -157,11 +180,13 @@ def resolving_step(s, low, high, x, v, acceleration, margin, longest, steps):
         Step away from the contacts (s).
     steps : int
         Per contact.
+    landing : float
+        Share of such a step in which the contact may begin unforeseen.
     """
     # A mass pressed or drawn onto the stopper meets it with what it gains on the way.
     speed = abs(v) + (abs(acceleration) + margin) * longest
     step = contacts.step(s.contacts, x, speed * speed, longest, steps)
-    if step == longest or x < low or x > high:
+    if x < low or x > high or (step == longest and landing == 1.0):
         return step
     free = APPROACH_SHARE * earliest_contact(low, high, x, v, acceleration, margin)
-    return min(longest, max(step, free))
+    return min(longest, max(landing * step, free))

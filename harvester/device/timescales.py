@@ -3,14 +3,20 @@
 Functions of a `System`, in its scaled units; each answer is kept, a system being immutable.
 """
 
+from __future__ import annotations
+
 import functools
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from harvester.device import contact as contacts
 from harvester.device import spring as springs
 from harvester.device.system import elastic_force, potential
+
+if TYPE_CHECKING:
+    from harvester.device.system import System
 
 # Energy up to which the default step resolves the motion, in units of the mean-square velocity:
 # the density of the energy falls as exp(−H/E[X'²]), so it is beyond for under 1 % of the time.
@@ -23,7 +29,7 @@ kept = functools.lru_cache(maxsize=256)
 
 
 @kept
-def equilibria(system):
+def equilibria(system: System) -> tuple[tuple[float, bool], ...]:
     """Displacements without a force, ascending, and whether each is stable.
 
     Spring and contacts together, without charge or current in the transducer.
@@ -46,12 +52,13 @@ def equilibria(system):
             continue
         inside = [x for x in exact if left <= x <= right]
         root = inside[0] if len(inside) == 1 else _balance(system, left, right)
-        found.append((_polished(system, root), bool(values[k + 1] > values[k])))
+        # A zero without a sign.
+        found.append((_polished(system, root) + 0.0, bool(values[k + 1] > values[k])))
     return tuple(found)
 
 
 @kept
-def wells(system):
+def wells(system: System) -> tuple[float, ...]:
     """Stable rest positions, from the right to the left: tuple of float."""
     well = _double_well(system)
     if well is not None:
@@ -60,7 +67,7 @@ def wells(system):
 
 
 @kept
-def saddles(system):
+def saddles(system: System) -> tuple[float, ...]:
     """Unstable equilibria that part the wells, from the right to the left: tuple of float."""
     well = _double_well(system)
     if well is not None:
@@ -68,12 +75,12 @@ def saddles(system):
     return tuple(x for x, stable in reversed(equilibria(system)) if not stable)
 
 
-def bistable(system):
+def bistable(system: System) -> bool:
     """Whether there is more than one well."""
     return len(wells(system)) > 1
 
 
-def rest(system):
+def rest(system: System) -> float:
     """The rest position on the right, where the first realization starts."""
     return wells(system)[0]
 
@@ -113,7 +120,7 @@ def _balance(system, left, right):
     return brentq(force, left, right, xtol=1e-15, rtol=1e-15)
 
 
-def free_zone(system):
+def free_zone(system: System) -> tuple[float, float]:
     """(low, high) between which no contact acts."""
     edges = contacts.edges(system.contacts)
     low = max(edge for edge in edges if edge <= 0.0)
@@ -148,7 +155,7 @@ def _polished(system, x):
 
 
 @kept
-def stiffness(system, x):
+def stiffness(system: System, x: float) -> float:
     """U''(x) of spring and contacts (1/s²); of a contact on the side into which it is pressed."""
     total = float(springs.slope(system.spring, x))
     for each in system.contacts:
@@ -159,7 +166,7 @@ def stiffness(system, x):
     return total
 
 
-def well_frequency(system, well):
+def well_frequency(system: System, well: float) -> float:
     """Of small oscillations about a well with the transducer open (rad/s).
 
     A vanishing one is replaced by the noise's own rate.
@@ -170,17 +177,17 @@ def well_frequency(system, well):
 
 
 @kept
-def angular_frequency(system):
+def angular_frequency(system: System) -> float:
     """Of small oscillations about the stiffest well with the transducer open (rad/s)."""
     return max(well_frequency(system, well) for well in wells(system))
 
 
-def loss_rate(system, frequency):
+def loss_rate(system: System, frequency: float) -> float:
     """c + N1 of Eq. 12: the rate at which damper and transducer take energy (1/s)."""
     return system.damper.damping + system.transducer.loss_rate(frequency)
 
 
-def relaxation_time(system):
+def relaxation_time(system: System) -> float:
     """Time in which damper and load take the energy of small oscillations (s).
 
     1/(c + βλ/(λ² + ω²)), Eq. 12; infinite without either.
@@ -189,7 +196,7 @@ def relaxation_time(system):
     return 1.0 / rate if rate > 0.0 else math.inf
 
 
-def driven_square_velocity(system, frequency):
+def driven_square_velocity(system: System, frequency: float) -> float:
     """E[X'²] of motion at this frequency, D/(1 + ω²τ1²) over the rate of loss (Eqs. 12, 20)."""
     loss = loss_rate(system, frequency)
     colour = 1.0 + (frequency * system.noise.correlation_time) ** 2
@@ -203,7 +210,7 @@ def driven_square_velocity(system, frequency):
 
 
 @kept
-def contact_time(system):
+def contact_time(system: System) -> float:
     """Duration of the shortest contact at the rms speed of small oscillations (s); inf without."""
     speed = math.sqrt(driven_square_velocity(system, angular_frequency(system)))
     if not system.contacts:
@@ -214,7 +221,7 @@ def contact_time(system):
 
 
 @kept
-def fastest_angular_frequency(system):
+def fastest_angular_frequency(system: System) -> float:
     """Of small oscillations or of the greatest that the noise drives, whichever is faster (rad/s).
 
     The greatest has the energy `RESOLVED_ENERGY` E[X'²] at the frequency ω of that motion itself;
@@ -267,14 +274,14 @@ def _harmonic_stiffness(spring, centre, amplitude):
     return 2.0 * float(np.mean(forces * np.cos(angle))) / amplitude
 
 
-def barrier(system, well):
+def barrier(system: System, well: float) -> float:
     """Energy per mass from a well to the lower of the saddles beside it; inf without any."""
     bottom = float(potential(system, well))
     above = [float(potential(system, x)) - bottom for x in beside(system, well)]
     return min(above, default=math.inf)
 
 
-def beside(system, well):
+def beside(system: System, well: float) -> tuple[float, ...]:
     """The saddles beside a well: tuple of float."""
     return tuple(x for x in saddles(system) if _neighbours(system, well, x))
 

@@ -3,36 +3,49 @@
 `circuits` is imported when something is asked of it, so that what needs no SPICE loads none.
 """
 
+from __future__ import annotations
 
-def prepare(scene):
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from circuits.assembly import Netlist
+    from circuits.schematic.drawing import Schematic
+    from harvester.calling import SceneOrName
+    from harvester.scene.model import Scene
+
+
+def prepare(scene: Scene) -> None:
     """Load ngspice and the compiled code that a scene needs."""
     from circuits.ngspice import engine
 
     engine.prepare(scene)
 
 
-def run_realizations(*arguments, **options):
+def run_realizations(*arguments: Any, **options: Any) -> dict[str, str]:
     """See `circuits.ngspice.engine.run_realizations`."""
     from circuits.ngspice import engine
 
     return engine.run_realizations(*arguments, **options)
 
 
-def best_copies(scene, device, report):
+def best_copies(scene: Scene, device: str, report: Callable) -> int:
     """Copies of a device in one netlist beyond which more are no faster; called in a worker."""
     from circuits.ngspice import engine
 
     return engine.best_copies(scene, device, report)
 
 
-def describe(report):
+def describe(report: Callable) -> dict[str, Any]:
     """What ngspice was found, as a dictionary; called in a worker."""
     from circuits.ngspice import engine
 
     return engine.describe(report)
 
 
-def read_load(name, folders, subcircuit, parameters):
+def read_load(
+    name: str, folders: Sequence[str], subcircuit: str | None, parameters: dict[str, Any] | None
+) -> Any:
     """A load's netlist, vetted: `circuits.loads.subcircuits.LoadCircuit`.
 
     Parameters
@@ -55,29 +68,46 @@ def read_load(name, folders, subcircuit, parameters):
     return read_load(find_netlist(name, folders), subcircuit, parameters)
 
 
-def netlist_of(scene):
+def netlist_of(scene: Scene) -> Any:
     """The netlist that a scene builds, `circuits.assembly.Netlist`."""
     from circuits.assembly import assemble
 
     return assemble(scene)
 
 
-def stand_alone(*arguments, **options):
+def stand_alone(*arguments: Any, **options: Any) -> Netlist:
     """See `circuits.export.stand_alone`."""
     from circuits.export import stand_alone as write
 
     return write(*arguments, **options)
 
 
-def for_ltspice(*arguments, **options):
+def for_ltspice(*arguments: Any, **options: Any) -> tuple[str, str]:
     """See `circuits.export.for_ltspice`."""
     from circuits.export import for_ltspice as write
 
     return write(*arguments, **options)
 
 
-def schematic(scene):
-    """The circuit that a scene builds, as a drawing: see `circuits.schematic.drawing`."""
-    from circuits.schematic.drawing import schematic as draw
+def schematic(scene: SceneOrName) -> Schematic:
+    """The circuit that a scene builds, as a drawing.
 
-    return draw(scene)
+    Parameters
+    ----------
+    scene : Scene, str or Path
+        Itself, its file or its built-in name.
+
+    Returns
+    -------
+    circuits.schematic.drawing.Schematic
+        A notebook shows it; `save(path)` writes it as SVG or PNG.
+
+    Raises
+    ------
+    MissingLibrary
+        schemdraw, of the extra `schematic`.
+    """
+    from circuits.schematic.drawing import schematic as draw
+    from harvester.calling import scene_of
+
+    return draw(scene_of(scene))

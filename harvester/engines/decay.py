@@ -1,17 +1,21 @@
 """Linear decay with a drive, exactly: what a step needs where a rate of decay is faster than it."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from harvester.compilation import compiled
 
 # Exponent below which the recursion for the drive's shares runs downwards from the last one:
 # upwards it would cancel.
-SMALL = 0.5
-LAST = 14
+SMALL_EXPONENT = 0.5
+LAST_TERM = 14
 
 
 @compiled
-def decayed(value, rate, time, start, middle, end):
+def decayed(
+    value: float, rate: float, time: float, start: float, middle: float, end: float
+) -> float:
     """y after a time, y' = −rate y + drive, the drive a parabola through three values.
 
     Exact for any rate; for a great one it tends to end/rate, what the drive holds.
@@ -35,12 +39,12 @@ def decayed(value, rate, time, start, middle, end):
 @compiled
 def _shares(z):
     """I_k = ∫₀¹ exp(−z (1 − u)) uᵏ du for k = 0, 1, 2; z I_k = 1 − k I_{k−1}."""
-    if z >= SMALL:
+    if z >= SMALL_EXPONENT:
         constant = -np.expm1(-z) / z
         linear = (1.0 - constant) / z
         return constant, linear, (1.0 - 2.0 * linear) / z
-    share = 1.0 / (LAST + 1.0)
-    for k in range(LAST, 3, -1):
+    share = 1.0 / (LAST_TERM + 1.0)
+    for k in range(LAST_TERM, 3, -1):
         share = (1.0 - z * share) / k
     square = (1.0 - z * share) / 3.0
     linear = 0.5 * (1.0 - z * square)

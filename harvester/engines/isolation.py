@@ -4,10 +4,13 @@ It runs in an empty folder of its own, imports nothing from the working folder o
 environment variables, and sees only those variables that say where this machine keeps its things.
 """
 
+from __future__ import annotations
+
 import contextlib
 import json
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 # What the worker needs beside harvester itself.
@@ -37,7 +40,7 @@ main()
 """
 
 
-def check_memory():
+def check_memory() -> None:
     """Raise MemoryError where the address space is limited below what the libraries load into.
 
     They do not all fail there: one tries again without end.
@@ -50,7 +53,7 @@ def check_memory():
             raise MemoryError(f"it needs {LEAST_MEMORY >> 20} MB of address space (ulimit -v)")
 
 
-def command(folders=()):
+def command(folders: Sequence[str | Path] = ()) -> list[str]:
     """The worker's command line; `folders`: to import from, after all others."""
     own = str(Path(__file__).parents[2])
     here = _working_folder()
@@ -59,7 +62,7 @@ def command(folders=()):
     return [sys.executable, "-E", "-P", "-c", _START, settings]
 
 
-def environment():
+def environment() -> dict[str, str]:
     """The worker's environment variables."""
     kept = dict(FIXED)
     for name, value in os.environ.items():

@@ -8,6 +8,11 @@ A damper or a load that decays within a step takes a scheme of third order with 
 Heun's scheme of second order takes the same steps; it is there for work-precision diagrams.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from harvester.compilation import compiled, inlined, numba
@@ -17,6 +22,14 @@ from harvester.engines.steps import STEPS_PER_CONTACT, steps_per_knot, stop_time
 from harvester.errors import SolutionDiverged
 from harvester.record.record import empty_record, fill, part
 from harvester.scene.units import scale
+
+if TYPE_CHECKING:
+    from harvester.device.system import System
+    from harvester.engines.realization import Reporter
+    from harvester.excitation.ornstein_uhlenbeck import NoisePath
+    from harvester.record.moments import Moments
+    from harvester.record.record import Record
+    from harvester.scene.model import Scene
 
 CHUNK = 4096
 # Decay of V or X' by load or damper, as an exponent, in a step of an explicit scheme: those are
@@ -29,7 +42,7 @@ EXACT_DECAY = "exact decay, order 3"
 TIME, DISPLACEMENT, VELOCITY, TRANSDUCER, HELD_SPEED, ZONE, PHASE = range(7)
 
 
-def prepare(scene):
+def prepare(scene: Scene) -> None:
     """Load the compiled code for a scene's parts, so that it does not count as simulation."""
     s, _ = scale(scene)
     record = empty_record(1)
@@ -39,8 +52,16 @@ def prepare(scene):
 
 
 def run_realizations(
-    scene, paths, starts, observers, step, source, scheme="runge-kutta", tolerance=None, device=None
-):
+    scene: Scene,
+    paths: list[NoisePath],
+    starts: list[tuple[float, float, float]],
+    observers: list[list[Reporter | Moments]],
+    step: str | float,
+    source: str,
+    scheme: str = "runge-kutta",
+    tolerance: float | None = None,
+    device: str | None = None,
+) -> dict[str, str | None]:
     """Integrate realizations one by one; see `circuits.ngspice.engine.run_realizations`.
 
     `scheme` is "runge-kutta" or "heun". `source`, `tolerance` and `device` are not used: the
@@ -74,7 +95,7 @@ def run_realizations(
     }
 
 
-def initial_state(s, start):
+def initial_state(s: System, start: tuple[float, float, float]) -> np.ndarray:
     """The state of the integrator at the beginning: float64 of shape (7,).
 
     Parameters
@@ -92,7 +113,14 @@ def initial_state(s, start):
     return state
 
 
-def integrate(s, path, state, stop, steps_per_knot=1, scheme="runge-kutta"):
+def integrate(
+    s: System,
+    path: NoisePath,
+    state: np.ndarray,
+    stop: float,
+    steps_per_knot: int = 1,
+    scheme: str = "runge-kutta",
+) -> Iterator[Record]:
     """Integrate Eq. 4 along a noise path.
 
     Parameters
@@ -203,9 +231,10 @@ def _advance(
         time = (first_knot + segment) * spacing + phase
         loss = system.loss_power(s, x, v, held, x < left or x > right)
         terminal = system.terminal_voltage(s.transducer, v, voltage)
-        own = system.own_loss(s.transducer, terminal, system.own_current(s.transducer, v, voltage))
+        current = system.load_current(s.transducer, v, voltage)
+        own = system.own_loss(s.transducer, v, voltage, current)
         power = system.load_power(s.transducer, v, voltage)
-        fill(record, points, time, x, v, terminal, power, noise * v, loss, own)
+        fill(record, points, time, x, v, terminal, power, noise * v, loss, own, voltage)
         points += 1
     state[TIME] = (first_knot + segment) * spacing + phase
     state[DISPLACEMENT], state[VELOCITY], state[TRANSDUCER] = x, v, voltage

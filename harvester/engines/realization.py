@@ -1,7 +1,11 @@
 """Realizations by a named engine, inside a worker process."""
 
+from __future__ import annotations
+
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,7 +18,11 @@ from harvester.record.moments import Moments
 from harvester.record.moments import prepare as prepare_moments
 from harvester.record.output_side import OutputMoments
 from harvester.record.record import Record
-from harvester.scene.units import scale
+from harvester.scene.units import scale, setting
+
+if TYPE_CHECKING:
+    from harvester.excitation.ornstein_uhlenbeck import NoisePath
+    from harvester.scene.model import Scene
 
 REPORT_SECONDS = 0.25
 
@@ -48,18 +56,18 @@ class Realization:
 class Waveform:
     """Keeps the points of a record between two times."""
 
-    def __init__(self, start, stop):
+    def __init__(self, start: float, stop: float) -> None:
         self.start, self.stop = start, stop
-        self._parts = []
+        self._parts: list[np.ndarray] = []
 
-    def add(self, record):
+    def add(self, record: Record) -> None:
         """Keep what lies in the window."""
         if record.time.size == 0 or record.time[0] > self.stop or record.time[-1] < self.start:
             return
         inside = (record.time >= self.start) & (record.time <= self.stop)
         self._parts.append(np.array([column[inside] for column in record]))
 
-    def record(self):
+    def record(self) -> Record:
         """The stretch as one record."""
         if not self._parts:
             return Record(*np.empty((len(Record._fields), 0)))
@@ -69,11 +77,11 @@ class Waveform:
 class Reporter:
     """Sends the moments of all realizations so far, several times a second."""
 
-    def __init__(self, moments, report):
+    def __init__(self, moments: list[Moments], report: Callable) -> None:
         self._moments, self._report = moments, report
         self._next = time.monotonic() + REPORT_SECONDS
 
-    def add(self, record):
+    def add(self, record: Record) -> None:
         """Report when it is time."""
         now = time.monotonic()
         if now >= self._next:
@@ -81,23 +89,24 @@ class Reporter:
             self._next = now + REPORT_SECONDS
 
 
-def start_state(scene, index):
+def start_state(scene: Scene, index: int) -> tuple[float, float, float]:
     """(X, X', transducer's state) in which a realization starts, scaled.
 
     At rest in the wells in turn, beginning on the right, unless the scene says where.
     """
     parameters, scales = scale(scene)
     wells = timescales.wells(parameters)
-    displacement, velocity, voltage = wells[index % len(wells)], 0.0, 0.0
+    displacement, velocity, state = wells[index % len(wells)], 0.0, 0.0
     start = scene.start
     if start:
         if start.displacement is not None:
             displacement = start.displacement / scales.displacement
-        velocity, voltage = start.velocity / scales.displacement, start.voltage / scales.voltage
-    return displacement, velocity, voltage
+        velocity = start.velocity / scales.displacement
+        state = start.voltage / scene.transducer.state_unit(setting(scene))
+    return displacement, velocity, state
 
 
-def noise_path(scene, index):
+def noise_path(scene: Scene, index: int) -> NoisePath:
     """The excitation of one realization, at its beginning; the same for every engine."""
     _, scales = scale(scene)
     seed = realization_seed(scene.run.seed, index)
@@ -105,17 +114,17 @@ def noise_path(scene, index):
 
 
 def run(
-    scene,
-    engine,
-    indices,
-    step,
-    source,
-    window,
-    report,
-    scheme=None,
-    tolerance=None,
-    device="automatic",
-):
+    scene: Scene,
+    engine: str,
+    indices: list[int],
+    step: str | float,
+    source: str,
+    window: tuple[float, float] | None,
+    report: Callable,
+    scheme: str | None = None,
+    tolerance: float | None = None,
+    device: str = "automatic",
+) -> list[Realization]:
     """Simulate realizations of a scene; the circuit engine takes them side by side.
 
     Parameters
@@ -143,12 +152,12 @@ def run(
     moments = [empty_moments(scene) for _ in indices]
     # Only a load in the circuit has an output side.
     output = {}
-    load = scene.electrical_load.circuit
+    load = scene.load.circuit
     if load and load.has_output:
         output["outputs"] = [OutputMoments.beside(each) for each in moments]
         for each, its_output in zip(moments, output["outputs"], strict=True):
             each.output = its_output
-    observers = [[each] for each in moments]
+    observers: list[list] = [[each] for each in moments]
     observers[-1].append(Reporter(moments, report))
     waveforms = [Waveform(*window) if window else None for _ in indices]
     for watching, waveform in zip(observers, waveforms, strict=True):
@@ -179,7 +188,7 @@ def run(
     ]
 
 
-def empty_moments(scene):
+def empty_moments(scene: Scene) -> Moments:
     """Nothing accumulated yet, in the batches that the scene's run is cut into."""
     parameters, _ = scale(scene)
     spacing = knot_spacing(scene)

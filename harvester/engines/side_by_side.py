@@ -1,8 +1,16 @@
 """How many realizations the circuit engine takes side by side in one netlist."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
 from harvester.device import timescales
 from harvester.engines.steps import STEPS_PER_CONTACT, knot_spacing, steps_per_knot
 from harvester.scene.units import scale
+
+if TYPE_CHECKING:
+    from harvester.scene.model import Scene
 
 # More copies in one netlist are no faster, as `work-precision` measures: behavioural elements soon
 # fill the processor's cache.
@@ -12,8 +20,13 @@ FEWEST_NETLISTS = 8
 
 
 def copies(
-    scene, most, step="default", source="external", tolerance=None, netlists=FEWEST_NETLISTS
-):
+    scene: Scene,
+    most: Callable,
+    step: str | float = "default",
+    source: str = "external",
+    tolerance: float | None = None,
+    netlists: int = FEWEST_NETLISTS,
+) -> int:
     """Copies of the device in one netlist: as many as pay.
 
     They share their steps. So a stiff contact, which shortens those of one copy after another,
@@ -31,17 +44,17 @@ def copies(
         That the realizations are split into at least.
     """
     if (
-        not scene.electrical_load.is_resistor
+        not scene.load.is_resistor
         or source != "external"
         or tolerance is not None
-        or _contacts_shorten_steps(scene, step)
+        or contacts_shorten_steps(scene, step)
     ):
         return 1
     share = max(1, scene.run.realizations // netlists)
     return share if share <= min(MOST_COPIES.values()) else min(share, most())
 
 
-def _contacts_shorten_steps(scene, step):
+def contacts_shorten_steps(scene: Scene, step: str | float) -> bool:
     """Whether the longest step does not resolve a contact at the rms speed."""
     system, _ = scale(scene)
     longest = knot_spacing(scene) / steps_per_knot(scene, step)

@@ -1,10 +1,20 @@
 """Steps and knots: how finely an engine resolves a scene's motion, noise and contacts."""
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 from harvester.device import timescales
 from harvester.errors import SceneError
+from harvester.excitation.ornstein_uhlenbeck import (
+    KNOTS_PER_CORRELATION_TIME,
+    OrnsteinUhlenbeck,
+)
 from harvester.scene.units import longest_spacing, scale
+
+if TYPE_CHECKING:
+    from harvester.scene.model import Scene
 
 # Steps per period of the fastest oscillation. The trapezoidal rule is of order two, Runge–Kutta of
 # order four; as `work-precision` shows, each then biases the means by less than 1 %.
@@ -23,7 +33,7 @@ STEPS_OF_FAST_LOADS = 2
 STEPS_OF_SLAVED_VELOCITY = 4
 
 
-def knot_spacing(scene):
+def knot_spacing(scene: Scene) -> float:
     """Spacing of the excitation's knots (s): the scene's, else what its kind chooses.
 
     Raises
@@ -41,7 +51,23 @@ def knot_spacing(scene):
     return min(spacing, duration)
 
 
-def steps_per_knot(scene, step="default", engine="circuit"):
+def with_knots(scene: Scene) -> Scene:
+    """The scene with its spacing of knots written out: what changes keep, and so their noise."""
+    return scene.replace({"excitation.knot_spacing": knot_spacing(scene)})
+
+
+def resolving(scene: Scene) -> Scene:
+    """The scene with knots close enough for its noise.
+
+    A sweep over τ1 would else leave the scene's own spacing behind.
+    """
+    spacing = getattr(scene.excitation, "knot_spacing", None) or knot_spacing(scene)
+    if isinstance(scene.excitation, OrnsteinUhlenbeck):
+        spacing = min(spacing, scene.excitation.correlation_time / KNOTS_PER_CORRELATION_TIME)
+    return scene.replace({"excitation.knot_spacing": spacing})
+
+
+def steps_per_knot(scene: Scene, step: str | float = "default", engine: str = "circuit") -> int:
     """Steps of an engine between two knots of the noise, away from the stoppers.
 
     Parameters
@@ -61,7 +87,7 @@ def steps_per_knot(scene, step="default", engine="circuit"):
     longest = (
         2.0 * math.pi / timescales.fastest_angular_frequency(system) / STEPS_PER_PERIOD[engine]
     )
-    load = scene.electrical_load.circuit
+    load = scene.load.circuit
     finer = SWITCHING_STEPS if load and load.switches else 1
     if engine == "monte-carlo" and system.transducer.decay_rate() * spacing > 1.0:
         finer *= STEPS_OF_FAST_LOADS
@@ -70,7 +96,7 @@ def steps_per_knot(scene, step="default", engine="circuit"):
     return max(1, math.ceil(spacing / longest - 1e-9)) * STEP_LEVELS[step] * finer
 
 
-def stop_time(scene):
+def stop_time(scene: Scene) -> float:
     """End of a realization: settle and duration, in whole knots (s)."""
     spacing = knot_spacing(scene)
     total = scene.run.settle + scene.run.duration

@@ -6,6 +6,8 @@ progress. Answers are pickled pairs: ("progress", …), ("done", result), ("fail
 ("gone", error) from a process that ends itself.
 """
 
+from __future__ import annotations
+
 import contextlib
 import os
 import pickle
@@ -20,14 +22,14 @@ from harvester.errors import HarvesterError, SimulationError
 _give_up = None
 
 
-def give_up(error):
+def give_up(error: BaseException) -> None:
     """End this process with an error as the answer to its call: what it runs cannot be left."""
     if _give_up:
         _give_up("gone", error)
     os._exit(71)
 
 
-def as_answer(error):
+def as_answer(error: BaseException) -> HarvesterError:
     """An exception as the caller is to get it."""
     if isinstance(error, HarvesterError):
         return error
@@ -37,14 +39,14 @@ def as_answer(error):
     return HarvesterError(f"{type(error).__name__}: {error}")
 
 
-def main():
+def main() -> None:
     """Serve calls until standard input closes."""
     global _give_up
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # Libraries that print must not write between the answers.
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
-    calls = queue.SimpleQueue()
+    calls: queue.SimpleQueue = queue.SimpleQueue()
     threading.Thread(target=_read_calls, args=(calls,), daemon=True).start()
 
     def send(kind, content):

@@ -1,7 +1,10 @@
 """Worker processes: one call at a time each, with a wall-clock limit, killed when they hang."""
 
+from __future__ import annotations
+
 import atexit
 import contextlib
+import math
 import os
 import pickle
 import queue
@@ -10,13 +13,35 @@ import subprocess
 import tempfile
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
 
 from harvester.engines import isolation
 from harvester.errors import SimulationError, SimulatorCrashed, SimulatorTimeout
 
+if TYPE_CHECKING:
+    from concurrent.futures import Executor, Future
+
 # What a process prints just before it dies of its own, in the order of interest.
 LAST_LINES = 3
+# Between looks at what else there is (s).
+LOOK_AROUND = 0.5
+
+
+class Workers(Protocol):
+    """What carries out calls: a `WorkerPool`, an `ExecutorPool`, or one's own."""
+
+    def map(
+        self,
+        function: Callable,
+        calls: Sequence[dict],
+        time_limit: float | None = None,
+        on_progress: Callable | None = None,
+        keep_going: bool = False,
+    ) -> list:
+        """See `WorkerPool.map`."""
 
 
 class Worker:
@@ -28,7 +53,7 @@ class Worker:
         For the process to import from, after all others.
     """
 
-    def __init__(self, folders=()):
+    def __init__(self, folders: Sequence[str | Path] = ()) -> None:
         self._folders = folders
         self._process = None
         self._answers = None
@@ -37,11 +62,17 @@ class Worker:
         self._closed = False
 
     @property
-    def process_id(self):
+    def process_id(self) -> int | None:
         """Of the running process, or None."""
         return self._process.pid if self._process else None
 
-    def call(self, function, arguments, time_limit=None, on_progress=None):
+    def call(
+        self,
+        function: Callable,
+        arguments: dict[str, Any],
+        time_limit: float | None = None,
+        on_progress: Callable | None = None,
+    ) -> Any:
         """Call a function in the process and return its result.
 
         Parameters
@@ -96,12 +127,12 @@ class Worker:
             else:
                 raise self._crashed(process, latest)
 
-    def close(self):
+    def close(self) -> None:
         """End the process and start no other."""
         self._closed = True
         self.kill()
 
-    def kill(self):
+    def kill(self) -> None:
         """End the process at once, whatever it does."""
         process, self._process = self._process, None
         if process is not None:
@@ -196,32 +227,41 @@ class WorkerPool:
         Processes; None: one per core.
     folders : sequence of str or Path
         See `Worker`.
+
+    Attributes
+    ----------
+    size : int
+        Calls that are made at a time.
     """
 
-    def __init__(self, calls=None, workers=None, folders=()):
+    def __init__(
+        self,
+        calls: int | None = None,
+        workers: int | None = None,
+        folders: Sequence[str | Path] = (),
+    ) -> None:
         size = workers or os.cpu_count() or 1
-        self._threads = ThreadPoolExecutor(min(size, calls or size))
-        self._idle = queue.SimpleQueue()
-        self._workers = [Worker(folders) for _ in range(min(size, calls or size))]
+        self.size = min(size, calls or size)
+        self._threads = ThreadPoolExecutor(self.size)
+        self._idle: queue.SimpleQueue[Worker] = queue.SimpleQueue()
+        self._workers = [Worker(folders) for _ in range(self.size)]
         for worker in self._workers:
             self._idle.put(worker)
 
-    def __enter__(self):
+    def __enter__(self) -> WorkerPool:
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def map(
         self,
-        function,
-        calls,
-        time_limit=None,
-        on_progress=None,
-        keep_going=False,
-        on_result=None,
-        stop=None,
-    ):
+        function: Callable,
+        calls: Sequence[dict[str, Any]],
+        time_limit: float | None = None,
+        on_progress: Callable | None = None,
+        keep_going: bool = False,
+    ) -> list[Any]:
         """Outcomes of one function over several argument sets, in their order.
 
         Parameters
@@ -238,37 +278,38 @@ class WorkerPool:
             Make a call whose process crashed or ran out of time once more, and let a
             SimulationError that stays stand in the place of its result. Without it the first
             error ends the other calls and is raised, as any other error and an interrupt do.
-        on_result : callable or None
-            Given (index, outcome) as soon as there is one.
-        stop : callable or None
-            Asked now and then; once it says so, calls that have not begun are left out.
 
         Returns
         -------
         list
-            Results, or SimulationError where a call failed; None where it was left out.
+            Results, or SimulationError where a call failed.
         """
         call = call_twice if keep_going else Worker.call
         futures = [
             self._threads.submit(
-                self._run, call, function, index, arguments, time_limit, on_progress
+                self._run, call, function, arguments, time_limit, _of_one(on_progress, index)
             )
             for index, arguments in enumerate(calls)
         ]
         try:
-            return gather(futures, on_result, stop)
+            return gather(futures)
         except BaseException:
             self.close()
             raise
 
-    def close(self):
+    def submit(
+        self, function: Callable, arguments: dict[str, Any], time_limit: float | None = None
+    ) -> Future:
+        """One call as with `keep_going` in `map`; returns its Future."""
+        return self._threads.submit(self._run, call_twice, function, arguments, time_limit, None)
+
+    def close(self) -> None:
         """End every process."""
         for worker in self._workers:
             worker.close()
         self._threads.shutdown(cancel_futures=True)
 
-    def _run(self, call, function, index, arguments, time_limit, on_progress):
-        report = (lambda content: on_progress(index, content)) if on_progress else None
+    def _run(self, call, function, arguments, time_limit, report):
         worker = self._idle.get()
         try:
             return call(worker, function, arguments, time_limit, report)
@@ -283,66 +324,62 @@ class ExecutorPool:
     hang of the simulator never reaches the executor. There is no progress.
     """
 
-    def __init__(self, executor):
+    # It queues them itself, and knows how many processes there are.
+    size = math.inf
+
+    def __init__(self, executor: Executor) -> None:
         self._executor = executor
 
     def map(
         self,
-        function,
-        calls,
-        time_limit=None,
-        on_progress=None,
-        keep_going=False,
-        on_result=None,
-        stop=None,
-    ):
+        function: Callable,
+        calls: Sequence[dict[str, Any]],
+        time_limit: float | None = None,
+        on_progress: Callable | None = None,
+        keep_going: bool = False,
+    ) -> list[Any]:
         """See `WorkerPool.map`."""
         futures = [
             self._executor.submit(call_here, function, arguments, time_limit, keep_going)
             for arguments in calls
         ]
-        return gather(futures, on_result, stop)
+        return gather(futures)
+
+    def submit(
+        self, function: Callable, arguments: dict[str, Any], time_limit: float | None = None
+    ) -> Future:
+        """See `WorkerPool.submit`."""
+        return self._executor.submit(call_here, function, arguments, time_limit, True)
 
 
-def gather(futures, on_result=None, stop=None):
-    """Outcomes in order; the first unexpected error cancels the rest and is raised.
+def _of_one(on_progress, index):
+    """A report of one of several calls."""
+    return (lambda content: on_progress(index, content)) if on_progress else None
 
-    `on_result` and `stop` as in `WorkerPool.map`.
-    """
-    place = {future: index for index, future in enumerate(futures)}
-    # Each tells once that it is done: to ask all that are left would cost their number squared.
-    done = queue.SimpleQueue()
-    for future in futures:
-        future.add_done_callback(done.put)
-    left = len(futures)
+
+def gather(futures: Sequence[Future]) -> list[Any]:
+    """Outcomes in order; the first unexpected error cancels the rest and is raised."""
+    left = set(futures)
     try:
         while left:
-            future = _next(done)
-            if future is not None:
-                left -= 1
-                outcome = None if future.cancelled() else future.result()
-                if on_result and not future.cancelled():
-                    on_result(place[future], outcome)
-            if stop and stop():
-                stop = None
-                for each in futures:
-                    each.cancel()
+            # A finite wait lets an interrupt through anywhere.
+            done, left = wait(left, LOOK_AROUND, FIRST_EXCEPTION)
+            for future in done:
+                future.result()
     except BaseException:
         for future in futures:
             future.cancel()
         raise
-    return [None if future.cancelled() else future.result() for future in futures]
+    return [future.result() for future in futures]
 
 
-def _next(done):
-    """The next future of the queue, or None: a finite wait lets an interrupt through anywhere."""
-    try:
-        return done.get(timeout=0.5)
-    except queue.Empty:
-        return None
-
-
-def call_twice(worker, function, arguments, time_limit=None, report=None):
+def call_twice(
+    worker: Worker,
+    function: Callable,
+    arguments: dict[str, Any],
+    time_limit: float | None = None,
+    report: Callable | None = None,
+) -> Any:
     """One call, repeated once after a crash or a time-out; a SimulationError is returned."""
     try:
         return worker.call(function, arguments, time_limit, report)
@@ -359,7 +396,9 @@ def call_twice(worker, function, arguments, time_limit=None, report=None):
 _own = threading.local()
 
 
-def call_here(function, arguments, time_limit, keep_going):
+def call_here(
+    function: Callable, arguments: dict[str, Any], time_limit: float | None, keep_going: bool
+) -> Any:
     """A call in this thread's own worker, which is kept for the next one."""
     if not hasattr(_own, "worker"):
         _own.worker = Worker()

@@ -1,12 +1,22 @@
 """The energy balance of a run (Eq. 33)."""
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 from harvester.device import system
 from harvester.record.moments import QUANTITIES
+from harvester.record.record import Record
+
+STATE = Record._fields.index("transducer_state")
+
+if TYPE_CHECKING:
+    from harvester.device.system import System
+    from harvester.record.moments import Moments
 
 
-def energy_balance_residual(moments, parameters):
+def energy_balance_residual(moments: list[Moments], parameters: System) -> float:
     """Energy put in that is not found again, as a share of the energy that flows.
 
     ∫ηX'dt − Δ(½X'² + U + ½βV²) − ∫loss dt − ∫load dt, over the measured time of all
@@ -23,10 +33,10 @@ def energy_balance_residual(moments, parameters):
     return float((put_in - load - loss - stored) / scale) if scale > 0.0 else math.nan
 
 
-def stored_change(moments, parameters):
+def stored_change(moments: Moments, parameters: System) -> float:
     """Change of ½X'² + U + ½βV² over the measured time of one realization (scaled)."""
     last, first = (
-        system.stored_energy(parameters, *point[1:4], point[7])
+        system.stored_energy(parameters, point[1], point[2], point[STATE])
         for point in (moments.last, moments.first)
     )
     return last - first

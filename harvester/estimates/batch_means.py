@@ -6,9 +6,16 @@ J. Chem. Phys. 91, 461 (1989), stopped early). Ratios are linearised batch by ba
 Where too few batches are left, there is no error bar.
 """
 
+from __future__ import annotations
+
 import math
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from harvester.record.moments import Moments
 
 # Fewest batches that give a standard error (good to about 1/√(2·16) = 18 % of itself), and the
 # correlation between neighbours up to which its first-order correction is trusted.
@@ -19,13 +26,13 @@ TOTAL_GROUPS = 32
 # Batches of each of many realizations: a drift shows between their halves.
 FEWEST_TO_DRIFT = 4
 KNOTS_PER_BATCH = 8
-# Standard error as a share of its ratio that is nothing but rounding in the sums.
-ROUNDING = 1e-12
+# A standard error of at most this share of its ratio is rounding in the sums, and taken for zero.
+ROUNDING_SHARE = 1e-12
 # Between the samples of a histogram: some ten samples per period of the motion.
 KNOTS_PER_SAMPLE = 4
 
 
-def batch_counts(realizations, knots):
+def batch_counts(realizations: int, knots: float) -> tuple[int, int]:
     """Batches and histogram groups per realization.
 
     Parameters
@@ -39,7 +46,7 @@ def batch_counts(realizations, knots):
     return batches, min(-(-TOTAL_GROUPS // realizations), batches)
 
 
-def standard_error(series):
+def standard_error(series: np.ndarray) -> float | None:
     """Standard error of the mean of correlated batch means.
 
     Parameters
@@ -67,7 +74,7 @@ def standard_error(series):
     return None
 
 
-def standard_error_of_drift(series):
+def standard_error_of_drift(series: np.ndarray) -> float | None:
     """Standard error of the mean where the strength of the excitation drifts, as in one record.
 
     From the differences of neighbouring batches (von Neumann, Ann. Math. Stat. 12, 367 (1941)),
@@ -98,7 +105,7 @@ def _joined(series):
     return 0.5 * (series[:, odd::2] + series[:, odd + 1 :: 2])
 
 
-def complete_batches(moments):
+def complete_batches(moments: Sequence[Moments]) -> np.ndarray | None:
     """Batches that every realization completed, shape (realizations, batches, quantities)."""
     complete = min(
         int((m.time_reached - m.start) / m.batch_length + 1e-6) if m.time_reached > m.start else -1
@@ -111,9 +118,11 @@ def complete_batches(moments):
     return np.stack([m.integrals[:complete] for m in moments])
 
 
-def ratio_of_sums(upper, lower, error_of=standard_error):
+def ratio_of_sums(
+    upper: np.ndarray, lower: np.ndarray, error_of: Callable = standard_error
+) -> tuple[float, float | None]:
     """Ratio of two sums over batches and its standard error (None when too short)."""
     ratio = float(upper.sum() / lower.sum())
     error = error_of((upper - ratio * lower) / lower.mean())
     # Of a ratio that is the same in every batch only rounding is left.
-    return ratio, 0.0 if error is not None and error <= ROUNDING * abs(ratio) else error
+    return ratio, 0.0 if error is not None and error <= ROUNDING_SHARE * abs(ratio) else error

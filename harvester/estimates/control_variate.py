@@ -6,6 +6,8 @@ the best b (Owen, Monte Carlo theory, methods and examples, section 8.9). Each r
 the b of all others, so that it is unbiased however few there are.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 
@@ -13,10 +15,11 @@ import numpy as np
 
 from harvester.estimates.batch_means import standard_error
 
-# Below it the smaller error bar may be chance, and nothing is gained by the trouble.
+# A control variate is used when it saves at least this factor in samples: a smaller gain may be
+# chance.
 LEAST_GAIN = 1.1
-# Correlation over its standard error without any, from which on it counts.
-SIGNIFICANT = 3.0
+# A correlation counts when it exceeds so many of the standard errors that uncorrelated series have.
+SIGNIFICANT_STANDARD_ERRORS = 3.0
 
 
 @dataclass(frozen=True)
@@ -42,7 +45,12 @@ class Controlled:
     gain: float
 
 
-def controlled_mean(series, control, known_mean=None, known_error=0.0):
+def controlled_mean(
+    series: np.ndarray,
+    control: np.ndarray,
+    known_mean: float | None = None,
+    known_error: float = 0.0,
+) -> Controlled:
     """Mean of a series of batches, with a control variate where that narrows the error bar.
 
     Parameters
@@ -75,7 +83,7 @@ def controlled_mean(series, control, known_mean=None, known_error=0.0):
     return Controlled(float(adjusted.mean()), error, coefficient, correlation, gain)
 
 
-def significant_correlation(series, control):
+def significant_correlation(series: np.ndarray, control: np.ndarray) -> float | None:
     """Correlation of the batches of both, or None where it could be chance or gains too little."""
     if len(series) < 3 or series.shape != control.shape:
         return None
@@ -84,7 +92,7 @@ def significant_correlation(series, control):
         return None
     deviations = (series - series.mean()) * (control - control.mean())
     correlation = float(deviations.mean() / both)
-    if abs(correlation) * math.sqrt(series.size) <= SIGNIFICANT:
+    if abs(correlation) * math.sqrt(series.size) <= SIGNIFICANT_STANDARD_ERRORS:
         return None
     return correlation if LEAST_GAIN * (1.0 - correlation**2) <= 1.0 else None
 

@@ -1,6 +1,9 @@
 """Densities of displacement, velocity and voltage from histograms."""
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -8,8 +11,11 @@ from harvester.estimates.batch_means import FEWEST_BATCHES
 from harvester.estimates.estimate import Density
 from harvester.record.moments import HISTOGRAMS
 
+if TYPE_CHECKING:
+    from harvester.record.moments import Moments
 
-def densities(moments, symmetric=True):
+
+def densities(moments: list[Moments], symmetric: bool = True) -> dict[str, Density]:
     """Densities of displacement, velocity and voltage, {name: Density}, scaled units.
 
     `symmetric` says that −η is as likely as η. Eq. 4 is then the same for (−X, −V, −η), so each

@@ -1,9 +1,14 @@
 """What an estimate and a density are, with their evidence."""
 
+from __future__ import annotations
+
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+
+from harvester.files.writing import finite
 
 NONE_SEEN = "none seen: no error bar tells how rare they are"
 TOO_SHORT = "too short for an error bar: raise run.duration or run.realizations"
@@ -32,6 +37,24 @@ class Estimate:
     dimension: str
     note: str = ""
 
+    def times(self, factor: float) -> Estimate:
+        """The same in other units, each so many times smaller."""
+        error = self.standard_error
+        return replace(
+            self,
+            estimate=self.estimate * factor,
+            standard_error=None if error is None else error * factor,
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON; nan and missing errors become null."""
+        content = {
+            "estimate": finite(self.estimate),
+            "standard_error": finite(self.standard_error),
+            "effective_sample_size": finite(self.effective_sample_size),
+        }
+        return {**content, "note": self.note} if self.note else content
+
 
 @dataclass(frozen=True)
 class Density:
@@ -43,7 +66,7 @@ class Density:
     dimension: str
 
 
-def root(square):
+def root(square: Estimate) -> Estimate:
     """RMS voltage from the mean-square one, with its error."""
     root = math.sqrt(square.estimate)
     error = square.standard_error

@@ -1,11 +1,19 @@
 """Every quantity of a set of realizations, from their moments."""
 
+from __future__ import annotations
+
 import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from harvester.device import timescales
 from harvester.estimates.batch_means import complete_batches, ratio_of_sums, standard_error
 from harvester.estimates.estimate import NONE_SEEN, TOO_SHORT, Estimate, root
 from harvester.record.moments import PRODUCTS, QUANTITIES, WELLS
+
+if TYPE_CHECKING:
+    from harvester.device.system import System
+    from harvester.record.moments import Moments
 
 # Means over time: the integral each is made from, and its dimension.
 MEANS = {
@@ -21,7 +29,9 @@ MEANS = {
 }
 
 
-def estimate_all(moments, parameters, error_of=standard_error):
+def estimate_all(
+    moments: list[Moments], parameters: System, error_of: Callable = standard_error
+) -> dict[str, Estimate]:
     """Every quantity of a set of realizations.
 
     Parameters

@@ -1,6 +1,10 @@
 """Quantities of a load's output side, with the error bars of `harvester.estimates.means`."""
 
+from __future__ import annotations
+
 import math
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -9,12 +13,21 @@ from harvester.estimates.estimate import TOO_SHORT, Estimate
 from harvester.record.moments import QUANTITIES as PIEZO_QUANTITIES
 from harvester.record.output_side import QUANTITIES
 
-# Share of the final mean voltage at which the output counts as started.
-STARTED = 0.9
-ONE_VALUE = "one value a realization: no error bar"
+# The output counts as started once its voltage has reached this share of the final mean voltage.
+STARTED_SHARE = 0.9
+ONE_VALUE_NOTE = "one value a realization: no error bar"
+# Quantities that are one sum over batches by another, and their dimensions.
+RATIOS = {
+    "mean_output_power": "power",
+    "mean_storage_power": "power",
+    "mean_converter_loss": "power",
+    "converter_efficiency": "1",
+    "end_to_end_efficiency": "1",
+    "output_voltage": "voltage",
+}
 
 
-def estimate_output(moments):
+def estimate_output(moments: Sequence[Any]) -> dict[str, Estimate]:
     """Quantities of the output side of a set of realizations.
 
     Parameters
@@ -31,21 +44,13 @@ def estimate_output(moments):
     batches = complete_batches(moments)
     if batches is None or any(m.output is None for m in moments):
         return {}
-    series = {name: batches[:, :, row] for row, name in enumerate(PIEZO_QUANTITIES)}
-    load, put_in, time = series["load_power"], series["input_power"], series["time"]
-    own = np.stack([m.output.integrals[: batches.shape[1]] for m in moments])
-    output = {name: own[:, :, row] for row, name in enumerate(QUANTITIES)}
+    output = _output_series(moments, batches)
+    time = batches[:, :, PIEZO_QUANTITIES.index("time")]
     half = 0.5 * moments[0].output.capacitance
-    used = moments[0].output.conductance * output["square_voltage"]
-    stored = half * output["change_of_square_voltage"]
-    harvested = used + stored
     estimates = {
-        "mean_output_power": _mean(used, time, "power"),
-        "mean_storage_power": _mean(stored, time, "power"),
-        "mean_converter_loss": _mean(load - harvested, time, "power"),
-        "converter_efficiency": _mean(harvested, load, "1"),
-        "end_to_end_efficiency": _mean(harvested, put_in, "1"),
-        "output_voltage": _mean(output["voltage"], time, "voltage"),
+        name: _mean(*output_ratio(moments, name), dimension) for name, dimension in RATIOS.items()
+    }
+    estimates |= {
         "output_ripple": _ripple(output, time),
         "output_peak_to_peak": _single([m.output.highest - m.output.lowest for m in moments]),
         "start_up_time": _start_up(moments, output["voltage"], time),
@@ -55,6 +60,44 @@ def estimate_output(moments):
         final = [half * m.output.voltage**2 for m in moments]
         estimates["final_stored_energy"] = _single(final, "energy")
     return estimates
+
+
+def output_ratio(moments: Sequence[Any], name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Batches of the two sums that a quantity of `RATIOS` is the ratio of.
+
+    Parameters
+    ----------
+    moments : sequence of harvester.record.moments.Moments
+        Of a load with an output.
+    name : str
+
+    Returns
+    -------
+    ndarray, ndarray
+        Numerator and denominator, each of shape (realizations, batches).
+    """
+    batches = complete_batches(moments)
+    if batches is None:
+        raise ValueError("moments without a whole batch have no ratio")
+    series = {each: batches[:, :, row] for row, each in enumerate(PIEZO_QUANTITIES)}
+    load, put_in, time = series["load_power"], series["input_power"], series["time"]
+    output = _output_series(moments, batches)
+    used = moments[0].output.conductance * output["square_voltage"]
+    stored = 0.5 * moments[0].output.capacitance * output["change_of_square_voltage"]
+    harvested = used + stored
+    return {
+        "mean_output_power": (used, time),
+        "mean_storage_power": (stored, time),
+        "mean_converter_loss": (load - harvested, time),
+        "converter_efficiency": (harvested, load),
+        "end_to_end_efficiency": (harvested, put_in),
+        "output_voltage": (output["voltage"], time),
+    }[name]
+
+
+def _output_series(moments, batches):
+    own = np.stack([m.output.integrals[: batches.shape[1]] for m in moments])
+    return {name: own[:, :, row] for row, name in enumerate(QUANTITIES)}
 
 
 def _mean(upper, lower, dimension):
@@ -83,13 +126,13 @@ def _start_up(moments, voltage, time):
     """
     half = voltage.shape[1] // 2
     final = abs(float(voltage[:, half:].sum() / time[:, half:].sum()))
-    return _single([m.output.passage(STARTED * final) for m in moments], "time")
+    return _single([m.output.passage(STARTED_SHARE * final) for m in moments], "time")
 
 
 def _single(values, dimension="voltage"):
     """Mean over realizations of what each gives once."""
     mean = float(np.mean(values))
     if len(values) < FEWEST_BATCHES:
-        return Estimate(mean, None, None, dimension, ONE_VALUE)
+        return Estimate(mean, None, None, dimension, ONE_VALUE_NOTE)
     error = float(np.std(values, ddof=1)) / math.sqrt(len(values))
     return Estimate(mean, error, len(values), dimension)

@@ -1,12 +1,22 @@
 """Paired differences of results on common noise."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
 from harvester.estimates.batch_means import complete_batches, ratio_of_sums, standard_error
 from harvester.estimates.estimate import TOO_SHORT, Estimate
 from harvester.estimates.means import MEANS
+from harvester.estimates.output_side import RATIOS, output_ratio
 from harvester.record.moments import QUANTITIES
 
+if TYPE_CHECKING:
+    from harvester.record.moments import Moments
+    from harvester.results import Result
 
-def paired_difference(result, reference):
+
+def paired_difference(result: Result, reference: Result) -> dict[str, Estimate]:
     """Relative differences of two results on the same noise paths, with paired errors.
 
     Batch by batch the common noise cancels as far as the two follow the same path, so that the
@@ -15,7 +25,7 @@ def paired_difference(result, reference):
 
     Parameters
     ----------
-    result, reference : harvester.results.Result
+    result, reference : harvester.results.Result or harvester.running.Answer
         Each with its moments; of the same scene, or of scenes with the same seed, knots and
         length of run.
 
@@ -57,7 +67,12 @@ def _paired_efficiency(ours, theirs):
     return Estimate(ratio - 1.0, None if error is None else ratio * error, None, "1", note)
 
 
-def deviations(moments, name):
+def has_deviations(name: str) -> bool:
+    """Whether a quantity is a ratio of sums over batches, which `deviations` takes apart."""
+    return name in MEANS or name in RATIOS or name == "power_conversion_efficiency"
+
+
+def deviations(moments: Sequence[Moments], name: str) -> Any:
     """How far an estimate lies off its mean in each batch, to first order.
 
     Combinations of several results on common noise get their error from the same combination of
@@ -67,17 +82,19 @@ def deviations(moments, name):
     ----------
     moments : sequence of harvester.record.moments.Moments
     name : str
-        A mean over time, or "power_conversion_efficiency".
+        One that `has_deviations` knows: a mean over time, an efficiency, the output's power.
 
     Returns
     -------
     ndarray, shape (realizations, batches)
         Mean 0, in the estimate's scaled units.
     """
-    batches = complete_batches(moments)
+    batches: Any = complete_batches(moments)
     load, loss = QUANTITIES.index("load_power"), QUANTITIES.index("loss_power")
     if name == "power_conversion_efficiency":
         upper, lower = batches[:, :, load], batches[:, :, load] + batches[:, :, loss]
+    elif name in RATIOS:
+        upper, lower = output_ratio(moments, name)
     else:
         upper = batches[:, :, QUANTITIES.index(MEANS[name][0])]
         lower = batches[:, :, QUANTITIES.index("time")]

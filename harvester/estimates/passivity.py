@@ -1,10 +1,19 @@
 """What a load gives against what it takes, and what to say of efficiencies that are none."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from harvester.estimates.estimate import Estimate
+
 # Share of the load's power up to which an excess may be the steps' own error.
 SMALL_EXCESS = 0.01
 
 
-def efficiency_notes(estimates, power_scale, unit):
+def efficiency_notes(
+    estimates: dict[str, Estimate], power_scale: float, unit: str
+) -> tuple[str, ...]:
     """Notes on a load that delivers energy, and on every efficiency outside 0 … 1.
 
     What goes into the output's resistors and storage comes through the piezo's terminals, unless
@@ -56,7 +65,7 @@ def efficiency_notes(estimates, power_scale, unit):
     return ()
 
 
-def source_notes(load):
+def source_notes(load: Any) -> tuple[str, ...]:
     """A note on a load with sources of its own: what they deliver cannot be told from the rest.
 
     Parameters

@@ -1,5 +1,9 @@
 """What an energy balance that does not close is suspected of, by the run's own evidence."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from harvester.device import timescales
@@ -8,17 +12,21 @@ from harvester.estimates.balance import stored_change
 from harvester.record.moments import QUANTITIES
 from harvester.scene.units import scale
 
-# A residual is taken for the step's when it is within so many times of (ω h)²/12, the error of a
-# trapezoid over the fastest motion.
-OF_THE_STEP = 10.0
-# Change of the stored energy, as a share of what flows, from which on the ends of a run count.
-SHORT = 0.5
-# Fewest realizations whose residuals are laid against what they dissipate, and how closely the two
-# must go together.
-FEWEST, TOGETHER = 4, 0.98
+if TYPE_CHECKING:
+    from harvester.results import Result
+
+# The step is suspected when the residual is at most so many times (ω h)²/12, the error of the
+# trapezoidal rule over one step h of the fastest motion, which has the angular frequency ω.
+STEP_ERROR_FACTOR = 10.0
+# A run counts as short when the energy stored in the device changes by at least this share of the
+# energy that flows through it.
+STORED_SHARE_OF_SHORT_RUNS = 0.5
+# A residual is ascribed to load or damper when, over at least so many realizations, it has at least
+# this correlation with what that part dissipates.
+FEWEST_REALIZATIONS, LEAST_CORRELATION = 4, 0.98
 
 
-def suspected_cause(result):
+def suspected_cause(result: Result) -> str:
     """One clause that names the likeliest cause of the residual, with its evidence.
 
     Parameters
@@ -66,7 +74,7 @@ def _active_load(result, p, totals, stored):
 def _short_run(result, p, totals, stored):
     flow = max(abs(totals["input_power"].sum()), totals["load_power"].sum())
     share = np.abs(stored).sum() / flow if flow > 0.0 else np.inf
-    if share < SHORT:
+    if share < STORED_SHARE_OF_SHORT_RUNS:
         return ""
     return (
         f"the run is too short: the stored energy changes by {share:.2g} of what is put in, and "
@@ -75,17 +83,25 @@ def _short_run(result, p, totals, stored):
 
 
 def _load(result, p, totals, stored):
-    """Residuals of the realizations that go with what the load takes and nothing else."""
-    if len(stored) < FEWEST:
+    """Residuals of the realizations that go with what load or transducer take and nothing else."""
+    if len(stored) < FEWEST_REALIZATIONS:
         return ""
     left = totals["input_power"] - totals["load_power"] - totals["loss_power"] - stored
-    load, loss = (_together(left, totals[name]) for name in ("load_power", "loss_power"))
-    if load < TOGETHER or load < loss or abs(result.energy_balance_residual) < _of_the_step(result):
+    loss = totals["loss_power"] - totals["transducer_loss"]
+    takers = {"load": totals["load_power"], "transducer": totals["transducer_loss"]}
+    going = {name: _together(left, taken) for name, taken in takers.items()}
+    found = [
+        name
+        for name, share in going.items()
+        if share >= max(LEAST_CORRELATION, _together(left, loss))
+    ]
+    if not found or abs(result.energy_balance_residual) < _of_the_step(result):
         return ""
-    share = left.sum() / totals["load_power"].sum()
+    share = left.sum() / takers[found[0]].sum()
+    names = " or the ".join(found)
     return (
-        f"the load: what is missing goes with what it takes, {share:+.2g} of it in every "
-        "realization; the circuit's load is not the one that the power is reckoned with (its "
+        f"the {names}: what is missing goes with what it takes, {share:+.2g} of it in every "
+        f"realization; the circuit's {names} is not the one that the power is reckoned with (its "
         "value, its parameters, a temperature or a multiplier)"
     )
 
@@ -97,7 +113,7 @@ def _together(left, taken):
 
 
 def _switching(result, p, totals, stored):
-    load = result.scene.electrical_load.circuit
+    load = result.scene.load.circuit
     if not (load and load.switches) or abs(result.energy_balance_residual) < _of_the_step(result):
         return ""
     return "the load switches, and each time takes a step of first order; choose a shorter --step"
@@ -125,4 +141,4 @@ def _step(result, p, totals, stored):
 
 def _of_the_step(result):
     p, _ = scale(result.scene)
-    return OF_THE_STEP * (timescales.fastest_angular_frequency(p) * result.step) ** 2 / 12.0
+    return STEP_ERROR_FACTOR * (timescales.fastest_angular_frequency(p) * result.step) ** 2 / 12.0

@@ -5,9 +5,12 @@ Realizations start at rest. What is left of that start in a mean over the measur
 withheld, and a note names the time that was too long.
 """
 
+from __future__ import annotations
+
 import math
 import warnings
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,14 +20,20 @@ from harvester.estimates.batch_means import FEWEST_BATCHES, complete_batches, st
 from harvester.excitation import PrescribedDisplacement, Sine
 from harvester.record.moments import QUANTITIES
 
-# Relaxation times after which a start is forgotten to 3e-4 of itself.
-FORGOTTEN = 8.0
-# Least share of a mean that is called a drift, and how many of its own standard errors it spans.
-SMALLEST_DRIFT, SURE = 2e-3, 4.5
-# Jumps between the wells up to which one more or less counts for itself, and the expected number
-# of them below which none is missed.
-FEW_JUMPS, UNLIKELY = 16, 0.05
-OF_THE_CHARGE = (
+if TYPE_CHECKING:
+    from harvester.device.system import System
+    from harvester.estimates.estimate import Estimate
+    from harvester.record.moments import Moments
+    from harvester.scene.model import Scene
+
+# The start of a run counts as forgotten after so many relaxation times: 3e-4 of it are left.
+FORGETTING_TIMES = 8.0
+# A drift is reported when it exceeds this share of the mean and so many of its standard errors.
+SMALLEST_DRIFT, DRIFT_IN_STANDARD_ERRORS = 2e-3, 4.5
+# With fewer jumps between the wells than the first, one more or less changes the means visibly.
+# Where fewer than the second are expected, a run without any jump is no shortfall.
+FEW_JUMPS, UNLIKELY_JUMPS = 16, 0.05
+QUANTITIES_OF_THE_CHARGE = (
     "mean_square_voltage",
     "rms_voltage",
     "mean_power",
@@ -33,7 +42,7 @@ OF_THE_CHARGE = (
     # Of a study.
     "output_power",
 )
-DRIFTING = {
+DRIFTING_QUANTITIES = {
     "E[V²]": "square_voltage",
     "E[X²]": "square_displacement",
     "E[X'²]": "square_velocity",
@@ -59,12 +68,14 @@ class Shortfall:
     names: tuple | None = None
 
     @property
-    def note(self):
+    def note(self) -> str:
         """The whole sentence."""
         return f"{self.reason}: {self.advice}"
 
 
-def shortfalls(scene, p, moments, estimates):
+def shortfalls(
+    scene: Scene, p: System, moments: list[Moments], estimates: dict[str, Estimate]
+) -> list[Shortfall]:
     """What a run was too short for, if anything.
 
     Parameters
@@ -91,7 +102,7 @@ def shortfalls(scene, p, moments, estimates):
     return found or _drift(moments)
 
 
-def withheld(estimates, found):
+def withheld(estimates: dict[str, Estimate], found: list[Shortfall]) -> dict[str, Estimate]:
     """The estimates without the error bars that would lie."""
     result = dict(estimates)
     for shortfall in reversed(found):
@@ -106,13 +117,13 @@ def withheld(estimates, found):
     return result
 
 
-def left_of_start(time, settle, duration):
+def left_of_start(time: float, settle: float, duration: float) -> float:
     """Mean of exp(−t/time) over the measured time: what is left of a start."""
     share = time / duration
     return share * math.exp(-settle / time) * -math.expm1(-1.0 / share)
 
 
-def unseen_jump(p, square_voltage, measured):
+def unseen_jump(p: System, square_voltage: Any, measured: float) -> float:
     """What one more jump between the wells would add to E[V²], as a share.
 
     The charge is then off by the wells' distance, and follows within 1/λ.
@@ -141,7 +152,7 @@ def _too_short(run, time, what, share, names=None):
     return Shortfall(
         f"{_lengths(run)} are short against {what} of {time:.3g} s",
         f"about {100.0 * share:.2g} % of the way from rest to the stationary means is missing "
-        f"in them; set run.settle = {FORGOTTEN * time:.2g} or more",
+        f"in them; set run.settle = {FORGETTING_TIMES * time:.2g} or more",
         names,
     )
 
@@ -191,7 +202,9 @@ def _motion(p, run, estimates):
                 return None
             # The slowest may hardly move what is measured: the first whose end is enough.
             times = sorted(1.0 / rates)
-            slow = next((time for time in times if left(FORGOTTEN * time) <= bound), times[-1])
+            slow = next(
+                (time for time in times if left(FORGETTING_TIMES * time) <= bound), times[-1]
+            )
     except (RuntimeWarning, ValueError):
         # Rates too far apart for their equations to be solved.
         return None
@@ -249,10 +262,10 @@ def _charge(scene, p, moments, estimates):
     decay = p.transducer.decay_rate()
     if not timescales.bistable(p) or not decay:
         return None
-    if not _crossings(moments) and _expected_jumps(p, moments, estimates) < UNLIKELY:
+    if not _crossings(moments) and _expected_jumps(p, moments, estimates) < UNLIKELY_JUMPS:
         return None
     error = _relative_error(estimates["mean_square_voltage"])
-    return _slow(scene, 1.0 / decay, "the load's 1/λ", error, OF_THE_CHARGE)
+    return _slow(scene, 1.0 / decay, "the load's 1/λ", error, QUANTITIES_OF_THE_CHARGE)
 
 
 def _storage(scene, moments, estimates):
@@ -277,14 +290,14 @@ def _jumps(p, moments, estimates):
     one = unseen_jump(p, square.estimate, measured)
     if one <= max(_relative_error(square), SMALLEST_DRIFT):
         return None
-    if not crossings and _expected_jumps(p, moments, estimates) < UNLIKELY:
+    if not crossings and _expected_jumps(p, moments, estimates) < UNLIKELY_JUMPS:
         return None
     seen = f"{crossings:.0f} passes" if crossings else "no pass"
     return Shortfall(
         f"{seen} between the wells in {measured:.3g} s",
         f"one jump more would add {one:.2g} of itself to E[V²]; raise run.duration or "
         "run.realizations",
-        OF_THE_CHARGE,
+        QUANTITIES_OF_THE_CHARGE,
     )
 
 
@@ -320,7 +333,9 @@ def _drift(moments):
     batches = complete_batches(moments)
     if batches is None or batches.shape[1] < 2:
         return []
-    series = {name: batches[:, :, QUANTITIES.index(row)] for name, row in DRIFTING.items()}
+    series = {
+        name: batches[:, :, QUANTITIES.index(row)] for name, row in DRIFTING_QUANTITIES.items()
+    }
     time = batches[:, :, QUANTITIES.index("time")]
     if all(m.output is not None for m in moments):
         own = np.stack([m.output.integrals[: batches.shape[1]] for m in moments])
@@ -354,4 +369,4 @@ def _change(values):
         return 0.0
     else:
         error = math.hypot(*errors)
-    return change / abs(mean) if abs(change) > SURE * error else 0.0
+    return change / abs(mean) if abs(change) > DRIFT_IN_STANDARD_ERRORS * error else 0.0

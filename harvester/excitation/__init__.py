@@ -1,5 +1,10 @@
 """Excitations: each kind is one class in one module and one entry in `KINDS`."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
 from harvester.excitation.base import Excitation, kernel_loss, realization_seed
 from harvester.excitation.ornstein_uhlenbeck import (
     NoisePath,
@@ -39,7 +44,9 @@ __all__ = [
 ]
 
 
-def build(kind="ornstein-uhlenbeck", parts=(), **values):
+def build(
+    kind: str = "ornstein-uhlenbeck", parts: Sequence[dict[str, Any]] = (), **values: Any
+) -> Excitation:
     """An excitation from the checked values of its table."""
     if parts:
         values["parts"] = tuple(build(**part) for part in parts)

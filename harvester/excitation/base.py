@@ -1,12 +1,19 @@
 """What every kind of excitation offers to scenes and engines."""
 
+from __future__ import annotations
+
 from abc import ABC, abstractmethod
-from typing import ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+if TYPE_CHECKING:
+    from numpy.random.bit_generator import SeedSequence
 
-def realization_seed(seed, index):
+    from harvester.scene.model import Run
+
+
+def realization_seed(seed: int, index: int) -> SeedSequence:
     """The independent `SeedSequence` of one realization, the same whatever runs it.
 
     It is the child that `SeedSequence(seed).spawn` gives at this place, without its siblings.
@@ -14,7 +21,7 @@ def realization_seed(seed, index):
     return np.random.SeedSequence(seed, spawn_key=(index,))
 
 
-def kernel_loss(spacing, angular_frequency):
+def kernel_loss(spacing: float, angular_frequency: float) -> float:
     """Share of the spectral density that linear interpolation between knots takes away.
 
     A straight line between samples is their convolution with a triangle, whose power gain at
@@ -31,33 +38,39 @@ class Excitation(ABC):
 
     Attributes
     ----------
-    KEYS : dict of str to harvester.scene.schema.Key
+    KEYS : dict of str to harvester.scene.keys.Key
         What the table may hold besides `kind`.
     """
 
     KEYS: ClassVar[dict] = {}
+    kind: str
 
     @property
-    def symmetric(self):
+    def symmetric(self) -> bool:
         """Whether the path turned upside down is as likely."""
         return True
 
     @property
-    def drifts(self):
+    def random(self) -> bool:
+        """Whether the path differs from realization to realization."""
+        return True
+
+    @property
+    def drifts(self) -> bool:
         """Whether its strength changes along the run, as in one record of an event."""
         return False
 
     @property
-    def kept_samples(self):
+    def kept_samples(self) -> int:
         """Samples that a path holds in memory all along."""
         return 0
 
     @property
-    def prescribes_displacement(self):
+    def prescribes_displacement(self) -> bool:
         """Whether the displacement is given and nothing moves by forces."""
         return False
 
-    def check(self, units, run, origin):  # noqa: B027
+    def check(self, units: str, run: Run, origin: str) -> None:  # noqa: B027
         """Refuse what no single value shows.
 
         Parameters
@@ -74,7 +87,7 @@ class Excitation(ABC):
         """
 
     @abstractmethod
-    def spacing(self, longest):
+    def spacing(self, longest: float) -> float:
         """Spacing of the knots (s).
 
         Parameters
@@ -84,7 +97,7 @@ class Excitation(ABC):
         """
 
     @abstractmethod
-    def equivalent_noise(self, relaxation_time, longest):
+    def equivalent_noise(self, relaxation_time: float, longest: float) -> tuple[float, float]:
         """(D, τ1) of the Ornstein–Uhlenbeck noise that drives about as strongly.
 
         It sizes steps. Averaging uses it where `averaging_refusal` is empty.
@@ -96,7 +109,7 @@ class Excitation(ABC):
         """
 
     @abstractmethod
-    def path(self, spacing, length, seed):
+    def path(self, spacing: float, length: float, seed: Any) -> Any:
         """The path of one realization: an object with `.spacing` and `.read(count)`.
 
         `read` returns the next samples of η, float64 of shape (count,): the same seed gives
@@ -113,9 +126,9 @@ class Excitation(ABC):
         """
 
     @abstractmethod
-    def notes(self, spacing, angular_frequency, run):
+    def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
         """What a reader must know before citing a number, as a tuple of lines."""
 
-    def averaging_refusal(self):
+    def averaging_refusal(self) -> str:
         """Why stochastic averaging does not apply; empty where it does."""
         return "averaging assumes stationary noise with a smooth spectrum: simulate"

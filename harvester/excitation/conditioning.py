@@ -1,8 +1,16 @@
 """From a file's columns to evenly spaced samples: faults refused or mended, filters."""
 
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
 from harvester.errors import SceneError
+
+if TYPE_CHECKING:
+    from harvester.excitation.motion_file import Columns
 
 # To m/s².
 UNITS = {
@@ -34,7 +42,7 @@ SMALLEST_BAND_SHARE = 1e-6
 CROSS_FADE_SHARE = 0.05
 
 
-def refuse_size(values, factor, unit, file):
+def refuse_size(values: np.ndarray, factor: float, unit: str, file: str) -> None:
     """Refuse a record whose samples are no accelerations, whatever the unit.
 
     Parameters
@@ -60,7 +68,9 @@ def refuse_size(values, factor, unit, file):
         )
 
 
-def even_samples(columns, mend, file, most):
+def even_samples(
+    columns: Columns, mend: Collection[str], file: str, most: int
+) -> tuple[np.ndarray, float]:
     """Evenly spaced finite samples, and their rate.
 
     Parameters
@@ -85,7 +95,9 @@ def even_samples(columns, mend, file, most):
     SceneError
         A fault that was not to be mended, or cannot be.
     """
-    values, rate = np.array(columns.values), columns.sampling_rate
+    values = np.array(columns.values)
+    # A record without times has one.
+    rate: Any = columns.sampling_rate
     if values.size < FEWEST_SAMPLES:
         raise SceneError(
             f"{file}: the record is too short: {values.size} samples, and {FEWEST_SAMPLES} are "
@@ -111,7 +123,9 @@ def even_samples(columns, mend, file, most):
     return (values, rate) if columns.times is None else _even(values, times, rate, mend, file, most)
 
 
-def conditioned(values, rate, detrend, band, file):
+def conditioned(
+    values: np.ndarray, rate: float, detrend: str, band: tuple[float, float] | None, file: str
+) -> np.ndarray:
     """Samples without trend, within a band.
 
     Parameters
@@ -157,7 +171,7 @@ def _filter(low, high, rate, file):
     return signal.butter(FILTER_ORDER, edges, kind, fs=rate, output="sos")
 
 
-def refined(values, factor):
+def refined(values: np.ndarray, factor: int) -> np.ndarray:
     """Band-limited interpolation to `factor` times as many samples (windowed sinc)."""
     from scipy import signal
 
@@ -167,7 +181,7 @@ def refined(values, factor):
     return finer[: (values.size - 1) * factor + 1]
 
 
-def closed(values):
+def closed(values: np.ndarray) -> np.ndarray:
     """A record that continues at its beginning: its ends are faded into each other.
 
     The cross-fade keeps the power of two stretches that are not correlated.

@@ -1,5 +1,7 @@
 """Columns of recorded motion from CSV, .npy and .wav files."""
 
+from __future__ import annotations
+
 import hashlib
 from pathlib import Path
 from typing import NamedTuple
@@ -51,7 +53,7 @@ class Columns(NamedTuple):
     sampling_rate: float | None
 
 
-def read_record(file):
+def read_record(file: str) -> tuple[bytes, str]:
     """(content, SHA-256) of a record's file.
 
     Raises
@@ -64,12 +66,14 @@ def read_record(file):
     return content, hashlib.sha256(content).hexdigest()
 
 
-def most_samples():
+def most_samples() -> int:
     """That a record may have, by the memory they take."""
     return memory_limit() // BYTES_PER_SAMPLE
 
 
-def read_columns(file, content, column=None, time_column=None):
+def read_columns(
+    file: str, content: bytes, column: int | None = None, time_column: str | int | None = None
+) -> Columns:
     """The column of motion, and that of time where one is named.
 
     Parameters

@@ -1,5 +1,7 @@
 """Columns of a .npy file: one array of real numbers, or of records with named fields."""
 
+from __future__ import annotations
+
 import io
 import warnings
 
@@ -33,7 +35,7 @@ class NpyTable:
 
     rate = None
 
-    def __init__(self, content):
+    def __init__(self, content: bytes) -> None:
         table = _array(content)
         self.names = list(table.dtype.names or ())
         if table.ndim not in ((1,) if self.names else (1, 2)):
@@ -42,7 +44,7 @@ class NpyTable:
         self.rows = len(table)
         self.width = len(self.names) or self._table.shape[1]
 
-    def take(self, places):
+    def take(self, places: list[int]) -> list[np.ndarray]:
         """The columns at `places`, each float64 of shape (rows,)."""
         return [self._column(place) for place in places]
 

@@ -1,15 +1,22 @@
 """Ornstein–Uhlenbeck noise sampled exactly at knots (Eq. 6)."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from harvester.compilation import compiled
 from harvester.errors import SceneError
 from harvester.excitation.base import Excitation
-from harvester.scene.schema import positive
+from harvester.scene.keys import positive
+
+if TYPE_CHECKING:
+    from numpy.random.bit_generator import SeedSequence
+
+    from harvester.scene.model import Run
 
 # The linear interpolation between knots lowers the noise's variance by spacing/(3 τ1) of
 # itself, 4 % here.
@@ -35,7 +42,7 @@ class OrnsteinUhlenbeck(Excitation):
         "knot_spacing": positive(),
     }
 
-    def spacing(self, longest):
+    def spacing(self, longest: float) -> float:
         if self.knot_spacing is None:
             return min(self.correlation_time / KNOTS_PER_CORRELATION_TIME, longest)
         # Only here: averaging needs the noise and no knots.
@@ -47,17 +54,17 @@ class OrnsteinUhlenbeck(Excitation):
             )
         return self.knot_spacing
 
-    def equivalent_noise(self, relaxation_time, longest):
+    def equivalent_noise(self, relaxation_time: float, longest: float) -> tuple[float, float]:
         return self.intensity, self.correlation_time
 
-    def path(self, spacing, length, seed):
+    def path(self, spacing: float, length: float, seed: SeedSequence) -> Any:
         return NoisePath(self.intensity / length**2, self.correlation_time, spacing, seed)
 
-    def notes(self, spacing, angular_frequency, run):
+    def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
         loss = interpolation_loss(spacing, self.correlation_time)
         return (f"noise linear between knots: its variance is {loss:.1%} below D/τ1",)
 
-    def averaging_refusal(self):
+    def averaging_refusal(self) -> str:
         return ""
 
 
@@ -78,7 +85,9 @@ class NoisePath:
         Of this realization; the same seed gives the same bytes in blocks of any size.
     """
 
-    def __init__(self, intensity, correlation_time, spacing, seed):
+    def __init__(
+        self, intensity: float, correlation_time: float, spacing: float, seed: SeedSequence
+    ) -> None:
         self.spacing = spacing
         self._deviation = math.sqrt(intensity / correlation_time)
         self._memory = math.exp(-spacing / correlation_time)
@@ -86,7 +95,7 @@ class NoisePath:
         self._generator = np.random.default_rng(seed)
         self._last = math.nan
 
-    def read(self, count):
+    def read(self, count: int) -> np.ndarray:
         """The next `count` samples, float64 of shape (count,)."""
         samples = self._generator.standard_normal(count)
         if count:
@@ -95,7 +104,7 @@ class NoisePath:
         return samples
 
 
-def interpolation_loss(spacing, correlation_time):
+def interpolation_loss(spacing: float, correlation_time: float) -> float:
     """Share of the noise's variance that linear interpolation between knots takes away.
 
     The mean over a segment of ((1−u) η0 + u η1)² is D/τ1 (2 + a)/3 with a = exp(−spacing/τ1).

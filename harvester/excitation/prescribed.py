@@ -1,13 +1,18 @@
 """A displacement that is prescribed: a test bench for loads, without mechanics."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from harvester.excitation.base import Excitation
-from harvester.scene.schema import positive
+from harvester.scene.keys import positive
+
+if TYPE_CHECKING:
+    from harvester.scene.model import Run
 
 # A rectifier's switching is resolved, not only the sine.
 KNOTS_PER_CYCLE = 200
@@ -33,23 +38,27 @@ class PrescribedDisplacement(Excitation):
     }
 
     @property
-    def prescribes_displacement(self):
+    def prescribes_displacement(self) -> bool:
         return True
 
     @property
-    def symmetric(self):
+    def symmetric(self) -> bool:
         return False
 
-    def spacing(self, longest):
+    @property
+    def random(self) -> bool:
+        return False
+
+    def spacing(self, longest: float) -> float:
         return self.knot_spacing or 1.0 / (KNOTS_PER_CYCLE * self.frequency)
 
-    def equivalent_noise(self, relaxation_time, longest):
+    def equivalent_noise(self, relaxation_time: float, longest: float) -> tuple[float, float]:
         return 0.0, 1.0 / (2.0 * math.pi * self.frequency)
 
-    def path(self, spacing, length, seed):
+    def path(self, spacing: float, length: float, seed: Any) -> Any:
         return _Nothing(spacing)
 
-    def notes(self, spacing, angular_frequency, run):
+    def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
         return (
             "the displacement is prescribed: error bars tell how the means vary from stretch to "
             "stretch of the run, nothing else",

@@ -1,10 +1,12 @@
 """Recorded base acceleration: a file's samples as knots."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -14,7 +16,12 @@ from harvester.excitation.base import Excitation, kernel_loss
 from harvester.excitation.motion_file import most_samples, read_columns, read_record
 from harvester.files import plain_text
 from harvester.files.plain_text import named
-from harvester.scene.schema import Key, not_negative, positive
+from harvester.scene.keys import Key, not_negative, positive
+
+if TYPE_CHECKING:
+    from numpy.random.bit_generator import SeedSequence
+
+    from harvester.scene.model import Run
 
 # Offset over the rms from which on the result carries a note.
 NOTED_OFFSET = 0.1
@@ -85,33 +92,37 @@ class RecordedMotion(Excitation):
         "knot_spacing": positive(),
     }
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "file", str(Path(self.file).absolute()))
         object.__setattr__(self, "sha256", read_record(self.file)[1])
 
     @property
-    def interval(self):
+    def interval(self) -> float:
         """Between knots (s)."""
         return _knots(self)[1]
 
     @property
-    def samples(self):
+    def samples(self) -> np.ndarray:
         """Base acceleration at the knots (m/s², or η in a scaled scene), shape (n,)."""
         return _knots(self)[0]
 
     @property
-    def kept_samples(self):
+    def kept_samples(self) -> int:
         return self.samples.size
 
     @property
-    def symmetric(self):
+    def symmetric(self) -> bool:
         return False
 
     @property
-    def drifts(self):
+    def random(self) -> bool:
+        return self.repetition == "periodic"
+
+    @property
+    def drifts(self) -> bool:
         return self.repetition == "none"
 
-    def check(self, units, run, origin):
+    def check(self, units: str, run: Run, origin: str) -> None:
         if (self.unit == "scaled") != (units == "scaled"):
             fitting = [unit for unit in conditioning.UNITS if unit != "scaled"]
             known = '"scaled"' if units == "scaled" else ", ".join(fitting)
@@ -141,13 +152,13 @@ class RecordedMotion(Excitation):
                 'or repetition = "periodic" for starts at other offsets'
             )
 
-    def spacing(self, longest):
+    def spacing(self, longest: float) -> float:
         return self.interval
 
-    def equivalent_noise(self, relaxation_time, longest):
+    def equivalent_noise(self, relaxation_time: float, longest: float) -> tuple[float, float]:
         return _equivalent_noise(self)
 
-    def path(self, spacing, length, seed):
+    def path(self, spacing: float, length: float, seed: SeedSequence) -> Any:
         sign = 1.0 if self.unit == "scaled" else -1.0
         start = 0
         if self.repetition == "periodic":
@@ -155,7 +166,7 @@ class RecordedMotion(Excitation):
         eta = sign * self.samples / length
         return RecordPath(eta, spacing, self.interval, start, self.repetition == "periodic")
 
-    def notes(self, spacing, angular_frequency, run):
+    def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
         values, name = self.samples, plain_text.name(Path(self.file).name)
         repeats = self.repetition == "periodic"
         length = (values.size if repeats else values.size - 1) * self.interval
@@ -187,7 +198,7 @@ class RecordedMotion(Excitation):
             )
         return tuple(lines)
 
-    def averaging_refusal(self):
+    def averaging_refusal(self) -> str:
         return (
             "averaging takes Ornstein–Uhlenbeck noise: ask for a fit to the record's spectrum "
             "(--fit), or simulate"
@@ -209,14 +220,21 @@ class RecordPath:
         Continue at the beginning; else nothing acts after the end.
     """
 
-    def __init__(self, samples, spacing, interval, start=0, periodic=False):
+    def __init__(
+        self,
+        samples: np.ndarray,
+        spacing: float,
+        interval: float,
+        start: int = 0,
+        periodic: bool = False,
+    ) -> None:
         self.spacing = spacing
         self._samples = samples
         self._ratio = spacing / interval
         self._start, self._periodic = start, periodic
         self._next = 0
 
-    def read(self, count):
+    def read(self, count: int) -> np.ndarray:
         """The next `count` samples, float64 of shape (count,)."""
         places = np.arange(self._next, self._next + count) * self._ratio
         self._next += count
@@ -288,7 +306,7 @@ def _columns_with_rate(record, name):
     return columns
 
 
-def one_pass(record):
+def one_pass(record: RecordedMotion) -> tuple[np.ndarray, float]:
     """The record's own samples, neither refined nor closed, and their interval (s)."""
     return _knots(replace(record, repetition="none", knot_spacing=None))
 

@@ -1,14 +1,20 @@
 """Harmonic base acceleration: one frequency, or several one after another."""
 
+from __future__ import annotations
+
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from harvester.errors import SceneError
 from harvester.excitation.base import Excitation
-from harvester.scene.schema import Key, not_negative, positive
+from harvester.scene.keys import Key, not_negative, positive
+
+if TYPE_CHECKING:
+    from harvester.scene.model import Run
 
 KNOTS_PER_PERIOD = 40
 # Straight lines through fewer points a period are no sine.
@@ -39,10 +45,14 @@ class Sine(Excitation):
     }
 
     @property
-    def symmetric(self):
+    def symmetric(self) -> bool:
         return False
 
-    def check(self, units, run, origin):
+    @property
+    def random(self) -> bool:
+        return False
+
+    def check(self, units: str, run: Run, origin: str) -> None:
         longest = 1.0 / (FEWEST_KNOTS_PER_PERIOD * self.frequency)
         if self.knot_spacing is not None and self.knot_spacing > longest:
             raise SceneError(
@@ -50,13 +60,13 @@ class Sine(Excitation):
                 f"(0, {longest:g}], an eighth of the sine's period"
             )
 
-    def spacing(self, longest):
+    def spacing(self, longest: float) -> float:
         if self.knot_spacing is not None:
             return self.knot_spacing
         knots = math.ceil(max(KNOTS_PER_PERIOD, 1.0 / (self.frequency * longest)) - 1e-9)
         return 1.0 / (self.frequency * knots)
 
-    def equivalent_noise(self, relaxation_time, longest):
+    def equivalent_noise(self, relaxation_time: float, longest: float) -> tuple[float, float]:
         # In resonance 2 E[X'²] = (amplitude · relaxation time)², which is D/(1 + ω²τ1²) times
         # the relaxation time for noise.
         return (
@@ -64,10 +74,10 @@ class Sine(Excitation):
             1.0 / (2.0 * math.pi * self.frequency),
         )
 
-    def path(self, spacing, length, seed):
+    def path(self, spacing: float, length: float, seed: Any) -> Any:
         return SinePath(self.amplitude / length, (self.frequency,), math.inf, spacing, self.phase)
 
-    def notes(self, spacing, angular_frequency, run):
+    def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
         return (
             "the excitation is periodic and without chance: error bars tell how the means vary "
             "from stretch to stretch of the run, nothing else",
@@ -89,17 +99,17 @@ class SteppedSine(Excitation):
     knot_spacing: float
     kind: str = "stepped sine"
 
-    def spacing(self, longest):
+    def spacing(self, longest: float) -> float:
         return self.knot_spacing
 
-    def equivalent_noise(self, relaxation_time, longest):
+    def equivalent_noise(self, relaxation_time: float, longest: float) -> tuple[float, float]:
         sines = [Sine(self.amplitude, frequency) for frequency in self.frequencies]
         return max(sine.equivalent_noise(relaxation_time, longest) for sine in sines)
 
-    def path(self, spacing, length, seed):
+    def path(self, spacing: float, length: float, seed: Any) -> Any:
         return SinePath(self.amplitude / length, self.frequencies, self.dwell, spacing)
 
-    def notes(self, spacing, angular_frequency, run):
+    def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
         return ()
 
 
@@ -120,16 +130,23 @@ class SinePath:
         At the beginning (rad).
     """
 
-    def __init__(self, amplitude, frequencies, dwell, spacing, phase=0.0):
+    def __init__(
+        self,
+        amplitude: float,
+        frequencies: Sequence[float],
+        dwell: float,
+        spacing: float,
+        phase: float = 0.0,
+    ) -> None:
         self.spacing = spacing
         self._frequencies = np.array(frequencies)
         self._dwell = dwell
         self._heights = amplitude / np.sinc(self._frequencies * spacing) ** 2
-        turns = np.cumsum(self._frequencies[:-1]) * dwell if len(frequencies) > 1 else []
+        turns: Any = np.cumsum(self._frequencies[:-1]) * dwell if len(frequencies) > 1 else []
         self._turns = phase / (2.0 * math.pi) + np.concatenate([[0.0], turns])
         self._next = 0
 
-    def read(self, count):
+    def read(self, count: int) -> np.ndarray:
         """The next `count` samples, float64 of shape (count,)."""
         times = np.arange(self._next, self._next + count) * self.spacing
         self._next += count

@@ -1,13 +1,19 @@
 """Ornstein–Uhlenbeck noise fitted to a record's spectrum, and how far the record is from it."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from harvester.errors import AveragingError
 from harvester.excitation.recorded import one_pass
 from harvester.files.writing import finite
+
+if TYPE_CHECKING:
+    from harvester.excitation.recorded import RecordedMotion
 
 # Stretches of the record whose periodograms are averaged, without the half-overlapping ones.
 STRETCHES = 16
@@ -19,7 +25,7 @@ FITTED_SHARE, COMPARED_SHARE = 0.25, 0.5
 LEFT_OUT_SHARE = 0.01
 FEWEST_FREQUENCIES = 8
 # ω τ1 at the lowest frequency, beyond which only D/τ1² is seen.
-FALLING = 10.0
+FALLING_CORNER_RATIO = 10.0
 # From which on the record is called far from Ornstein–Uhlenbeck.
 FAR_DECIBELS = 1.0
 FAR_SHARE = 0.25
@@ -67,7 +73,7 @@ class SpectrumFit:
     excess_kurtosis: float
 
     @property
-    def reasons(self):
+    def reasons(self) -> tuple[str, ...]:
         """Why the record is far from Ornstein–Uhlenbeck noise; empty where it is not."""
         found = []
         if math.isnan(self.decibels):
@@ -85,7 +91,7 @@ class SpectrumFit:
             found.append(f"its excess kurtosis is {self.excess_kurtosis:.1f}, and noise has 0")
         return tuple(found)
 
-    def notes(self):
+    def notes(self) -> tuple[str, ...]:
         """The fit and its distance, one line each."""
         fit = (
             "noise fitted to the record's spectrum from "
@@ -102,7 +108,7 @@ class SpectrumFit:
             )
         return (fit, f"the record is FAR from Ornstein–Uhlenbeck: {'; '.join(self.reasons)}")
 
-    def to_dict(self):
+    def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
         return {
             "intensity": {
@@ -113,14 +119,42 @@ class SpectrumFit:
                 "estimate": self.correlation_time,
                 "standard_error": finite(self.correlation_time_error),
             },
+            "lowest_frequency": self.lowest,
+            "highest_frequency": self.highest,
+            "device_frequency": self.device_frequency,
             "decibels_at_device_frequency": finite(self.decibels),
             "unexplained_share_of_variance": self.unexplained,
             "excess_kurtosis": self.excess_kurtosis,
             "far": bool(self.reasons),
         }
 
+    @classmethod
+    def from_dict(cls, content: dict[str, Any]) -> SpectrumFit:
+        """The fit that `to_dict` made plain values of, without its spectra."""
 
-def fit_spectrum(record, device_frequency):
+        def error(name: str) -> float:
+            value = content[name]["standard_error"]
+            return math.inf if value is None else value
+
+        decibels = content["decibels_at_device_frequency"]
+        return cls(
+            intensity=content["intensity"]["estimate"],
+            correlation_time=content["correlation_time"]["estimate"],
+            intensity_error=error("intensity"),
+            correlation_time_error=error("correlation_time"),
+            frequency=np.empty(0),
+            density=np.empty(0),
+            fitted=np.empty(0),
+            lowest=content["lowest_frequency"],
+            highest=content["highest_frequency"],
+            device_frequency=content["device_frequency"],
+            decibels=math.nan if decibels is None else decibels,
+            unexplained=content["unexplained_share_of_variance"],
+            excess_kurtosis=content["excess_kurtosis"],
+        )
+
+
+def fit_spectrum(record: RecordedMotion, device_frequency: float) -> SpectrumFit:
     """Fit D and τ1 by Whittle's likelihood to an averaged periodogram.
 
     Parameters
@@ -173,7 +207,7 @@ def fit_spectrum(record, device_frequency):
     found = optimize.minimize(misfit, start, method="Nelder-Mead", options=options)
     intensity, time = np.exp(found.x)
     fitted = _model(frequency, intensity, time)
-    if 2.0 * np.pi * frequency[used][0] * time > FALLING:
+    if 2.0 * np.pi * frequency[used][0] * time > FALLING_CORNER_RATIO:
         raise AveragingError(
             "the record's density falls over its whole band and shows no D: a longer record is "
             "needed, or it is no Ornstein–Uhlenbeck noise; simulate"

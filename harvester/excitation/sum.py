@@ -1,14 +1,22 @@
 """The sum of several excitations on a common grid of knots."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from harvester.errors import SceneError
 from harvester.excitation.base import Excitation
 from harvester.excitation.motion_file import most_samples
-from harvester.scene.schema import Key, positive
+from harvester.scene.keys import Key, positive
+
+if TYPE_CHECKING:
+    from numpy.random.bit_generator import SeedSequence
+
+    from harvester.scene.model import Run
 
 
 @dataclass(frozen=True)
@@ -29,18 +37,22 @@ class Sum(Excitation):
     }
 
     @property
-    def kept_samples(self):
+    def kept_samples(self) -> int:
         return sum(part.kept_samples for part in self.parts)
 
     @property
-    def symmetric(self):
+    def symmetric(self) -> bool:
         return all(part.symmetric for part in self.parts)
 
     @property
-    def drifts(self):
+    def random(self) -> bool:
+        return any(part.random for part in self.parts)
+
+    @property
+    def drifts(self) -> bool:
         return any(part.drifts for part in self.parts)
 
-    def check(self, units, run, origin):
+    def check(self, units: str, run: Run, origin: str) -> None:
         for place, part in enumerate(self._on_common_knots()):
             if part.prescribes_displacement:
                 raise SceneError(
@@ -54,7 +66,7 @@ class Sum(Excitation):
                 f"and this machine's memory allows {most_samples()}: take fewer or shorter ones"
             )
 
-    def spacing(self, longest):
+    def spacing(self, longest: float) -> float:
         closest = min(part.spacing(longest) for part in self._on_common_knots())
         return self.knot_spacing or closest
 
@@ -64,12 +76,12 @@ class Sum(Excitation):
             return self.parts
         return [replace(part, knot_spacing=self.knot_spacing) for part in self.parts]
 
-    def equivalent_noise(self, relaxation_time, longest):
+    def equivalent_noise(self, relaxation_time: float, longest: float) -> tuple[float, float]:
         pairs = [part.equivalent_noise(relaxation_time, longest) for part in self.parts]
         intensity = sum(d for d, _ in pairs)
         return intensity, intensity / sum(d / time for d, time in pairs)
 
-    def path(self, spacing, length, seed):
+    def path(self, spacing: float, length: float, seed: SeedSequence) -> Any:
         # The children that `seed.spawn` would give, without changing the seed.
         return SumPath(
             [
@@ -82,7 +94,7 @@ class Sum(Excitation):
             ]
         )
 
-    def notes(self, spacing, angular_frequency, run):
+    def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
         lines = [part.notes(spacing, angular_frequency, run) for part in self.parts]
         return tuple(dict.fromkeys(line for part in lines for line in part))
 
@@ -90,10 +102,10 @@ class Sum(Excitation):
 class SumPath:
     """The sum of paths with the same knots."""
 
-    def __init__(self, paths):
+    def __init__(self, paths: Sequence[Any]) -> None:
         self.spacing = paths[0].spacing
         self._paths = paths
 
-    def read(self, count):
+    def read(self, count: int) -> np.ndarray:
         """The next `count` samples, float64 of shape (count,)."""
         return np.sum([path.read(count) for path in self._paths], axis=0)

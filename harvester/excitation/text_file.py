@@ -1,7 +1,10 @@
 """Columns of a text file with one line per sample."""
 
+from __future__ import annotations
+
 import io
 from array import array
+from typing import Any
 
 import numpy as np
 
@@ -39,7 +42,7 @@ class TextTable:
 
     rate = None
 
-    def __init__(self, content):
+    def __init__(self, content: Any) -> None:
         if b"\0" in content:
             raise ValueError(
                 "it holds NUL bytes, as text in UTF-16 or no text does: save it as UTF-8"
@@ -68,7 +71,7 @@ class TextTable:
         names = [name.strip().strip('"') for name in header]
         self.names = names if len(names) == self.width else []
 
-    def take(self, places):
+    def take(self, places: list[int]) -> list[np.ndarray]:
         """The columns at `places`, each float64 of shape (rows,); NaN where there is no number."""
         columns = [array("d") for _ in places]
         appends = [(column.append, place) for column, place in zip(columns, places, strict=True)]

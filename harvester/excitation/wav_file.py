@@ -1,6 +1,10 @@
 """Columns of a .wav file: PCM of 1 to 8 bytes a sample, and floats."""
 
+from __future__ import annotations
+
 import struct
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -33,8 +37,8 @@ class WavTable:
         A part is missing, is cut short or contradicts another.
     """
 
-    def __init__(self, content):
-        self.names = []
+    def __init__(self, content: bytes) -> None:
+        self.names: list[str] = []
         order, form, start, size = _parts(content)
         channels, rate, stride, dtype = _layout(order, form)
         if size > len(content) - start:
@@ -48,7 +52,7 @@ class WavTable:
         self._bytes = np.frombuffer(content, np.uint8, count, start if count else 0)
         self._bytes = self._bytes.reshape(self.rows, channels, stride // channels)
 
-    def take(self, places):
+    def take(self, places: Sequence[int]) -> Any:
         """The columns at `places`, each float64 of shape (rows,)."""
         return [self._column(self._bytes[:, place]) for place in places]
 

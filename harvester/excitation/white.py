@@ -1,14 +1,21 @@
 """White noise, band-limited by its knots: independent values, linear between them."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from harvester.errors import SceneError
 from harvester.excitation.base import Excitation, kernel_loss
-from harvester.scene.schema import positive
+from harvester.scene.keys import positive
+
+if TYPE_CHECKING:
+    from numpy.random.bit_generator import SeedSequence
+
+    from harvester.scene.model import Run
 
 
 @dataclass(frozen=True)
@@ -29,7 +36,7 @@ class White(Excitation):
 
     KEYS: ClassVar[dict] = {"intensity": positive(required=True), "knot_spacing": positive()}
 
-    def spacing(self, longest):
+    def spacing(self, longest: float) -> float:
         if self.knot_spacing is not None:
             return self.knot_spacing
         if not math.isfinite(longest):
@@ -39,21 +46,21 @@ class White(Excitation):
             )
         return longest
 
-    def equivalent_noise(self, relaxation_time, longest):
+    def equivalent_noise(self, relaxation_time: float, longest: float) -> tuple[float, float]:
         # 1/(1 + ω²τ1²) and sinc⁴(ω spacing/2) agree to second order for this τ1.
         return self.intensity, self.spacing(longest) / math.sqrt(6.0)
 
-    def path(self, spacing, length, seed):
+    def path(self, spacing: float, length: float, seed: SeedSequence) -> Any:
         return WhitePath(self.intensity / length**2, spacing, seed)
 
-    def notes(self, spacing, angular_frequency, run):
+    def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
         loss = kernel_loss(spacing, angular_frequency)
         return (
             f"white noise linear between knots {spacing:.3g} s apart: its density is {loss:.1%} "
             f"below D/π at the device's frequency and half of it at {0.3189 / spacing:.3g} Hz",
         )
 
-    def averaging_refusal(self):
+    def averaging_refusal(self) -> str:
         return ""
 
 
@@ -69,11 +76,11 @@ class WhitePath:
     seed : numpy.random.SeedSequence
     """
 
-    def __init__(self, intensity, spacing, seed):
+    def __init__(self, intensity: float, spacing: float, seed: SeedSequence) -> None:
         self.spacing = spacing
         self._deviation = math.sqrt(2.0 * intensity / spacing)
         self._generator = np.random.default_rng(seed)
 
-    def read(self, count):
+    def read(self, count: int) -> np.ndarray:
         """The next `count` samples, float64 of shape (count,)."""
         return self._deviation * self._generator.standard_normal(count)

@@ -5,11 +5,15 @@ becomes part of netlists, figures, tables and names of files is made a name by `
 enters; JSON keeps every character, by `json_text`.
 """
 
+from __future__ import annotations
+
 import difflib
 import json
 import math
 import re
 import reprlib
+from collections.abc import Iterable
+from typing import Any
 
 # What ngspice, LTspice, shells, TeX or file systems read as more than a letter.
 _MEANT = re.compile(r"""[$\\{}"'`<>|*?:;/!^]""")
@@ -22,11 +26,11 @@ LONGEST_SHOWN = 80
 LONGEST_NUMBER_BITS = 128
 # Comparing words takes the product of their lengths.
 LONGEST_MISSPELT, MOST_COMPARED = 100, 1000
-# Share of its letters that a word has in common with the one that may be meant.
-CLOSE = 0.5
+# A known word is suggested when it shares at least this part of its letters with what was written.
+LEAST_COMMON_SHARE = 0.5
 
 
-def one_line(text):
+def one_line(text: object) -> str:
     """Printable text on one line.
 
     Blanks of every kind become a space, and what cannot be printed (control characters, marks that
@@ -47,7 +51,7 @@ def _shown(letter):
     return " " if letter.isspace() else letter.encode("unicode_escape").decode()
 
 
-def name(text):
+def name(text: object) -> str:
     """A name for netlists, figures, tables and files; `_` stands for what has a meaning there.
 
     Examples
@@ -62,7 +66,7 @@ def name(text):
     return kept.encode()[:LONGEST_NAME].decode(errors="ignore") or "_"
 
 
-def json_text(content, indent=None):
+def json_text(content: Any, indent: int | None = None) -> str:
     """JSON whose text is printable; no character is lost.
 
     Raises
@@ -93,7 +97,7 @@ class _Short(reprlib.Repr):
 _SHORT = _Short()
 
 
-def shown(value):
+def shown(value: Any) -> str:
     """A value as Python writes it, shortened to one printable line.
 
     >>> shown(10**400), shown([1, "a\\nb"])
@@ -103,7 +107,7 @@ def shown(value):
     return text if text.isprintable() else ascii(text)
 
 
-def named(name):
+def named(name: object) -> str:
     """A key, a file's name or a reason without quotes where it is short and printable.
 
     >>> named("run.seed"), named("run.\\x1b[31m")
@@ -113,7 +117,7 @@ def named(name):
     return text if text.isprintable() and 0 < len(text) <= LONGEST_NAMED else shown(text)
 
 
-def nearest(word, known):
+def nearest(word: object, known: Iterable[str]) -> str:
     """Say " (did you mean …?)" with a space in front where a known word is close, else nothing.
 
     >>> nearest("resistanze", ["resistance", "decay_rate"])
@@ -122,5 +126,5 @@ def nearest(word, known):
     if not isinstance(word, str) or len(word) > LONGEST_MISSPELT:
         return ""
     near = [each for each in known if len(each) <= 2 * LONGEST_MISSPELT]
-    close = difflib.get_close_matches(word, near[:MOST_COMPARED], n=1, cutoff=CLOSE)
+    close = difflib.get_close_matches(word, near[:MOST_COMPARED], n=1, cutoff=LEAST_COMMON_SHARE)
     return f" (did you mean {named(close[0][:LONGEST_SHOWN])}?)" if close else ""

@@ -1,7 +1,10 @@
 """Files that a user names are read whole, if they are plain files of a sane size."""
 
+from __future__ import annotations
+
 import os
 import stat
+from pathlib import Path
 
 from harvester.errors import SceneError
 from harvester.files.plain_text import named
@@ -19,13 +22,13 @@ _SORTS = (
 )
 
 
-def memory_limit():
+def memory_limit() -> int:
     """Bytes that one record may take while it is read and conditioned, in each process."""
     physical = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     return int(min(MEMORY_SHARE * physical, LARGEST_MEMORY))
 
 
-def read_input(file, noun, largest):
+def read_input(file: Path | str, noun: str, largest: int) -> bytes:
     """The bytes of a plain file.
 
     Parameters

@@ -1,11 +1,18 @@
 """Standard output and error that may be full, closed or ASCII only: a run goes on without them."""
 
+from __future__ import annotations
+
 import codecs
 import contextlib
 import errno
 import io
 import os
 import sys
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any, TextIO
+
+if TYPE_CHECKING:
+    pass
 
 OUTPUT_LOST = 2
 # What a terminal without these letters is shown; of all others their escape.
@@ -41,8 +48,8 @@ class GuardedStream:
     failure : OSError or None
     """
 
-    def __init__(self, stream):
-        self.failure = None
+    def __init__(self, stream: TextIO) -> None:
+        self.failure: OSError | None = None
         self._stream = stream or _Closed()
         if hasattr(self._stream, "reconfigure"):
             self._stream.reconfigure(errors="harvester.plain")
@@ -50,21 +57,21 @@ class GuardedStream:
     def __getattr__(self, name):
         return getattr(self._stream, name)
 
-    def write(self, text):
+    def write(self, text: str) -> int:
         """Write, or not."""
         self.attempt(lambda: self._stream.write(text))
         return len(text)
 
-    def flush(self):
+    def flush(self) -> None:
         """Flush, or not."""
         self.attempt(self._stream.flush)
 
     @property
-    def buffer(self):
+    def buffer(self) -> Any:
         """The stream beneath, guarded alike."""
         return _GuardedBuffer(self, self._stream.buffer)
 
-    def attempt(self, action):
+    def attempt(self, action: Callable) -> None:
         """Do it if nothing has failed yet."""
         if self.failure is None:
             try:
@@ -106,7 +113,7 @@ class _Closed(io.TextIOBase):
 
 
 @contextlib.contextmanager
-def guarded_streams():
+def guarded_streams() -> Iterator[Callable]:
     """Standard output and error guarded within the block.
 
     Yields

@@ -1,15 +1,18 @@
 """What lies around the program: the working folder, and folders that others may write to."""
 
+from __future__ import annotations
+
 import contextlib
 import os
 import stat
+from collections.abc import Iterator
 from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1]
 
 
 @contextlib.contextmanager
-def away_from_working_folder():
+def away_from_working_folder() -> Iterator[None]:
     """The package's own folder as the working folder within the block.
 
     For the imports of libraries that read a file of their settings from wherever they are.
@@ -28,7 +31,7 @@ def away_from_working_folder():
         os.close(before)
 
 
-def who_else_writes(path):
+def who_else_writes(path: str | Path) -> str:
     """Who besides this user and the program's owner may change what lies at a path.
 
     Parameters

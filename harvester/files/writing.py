@@ -1,5 +1,7 @@
 """The one way to write: files whole or not at all, through their real path; streams as streams."""
 
+from __future__ import annotations
+
 import contextlib
 import io
 import math
@@ -8,10 +10,15 @@ import secrets
 import stat
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from harvester.errors import OutputError
 from harvester.files.plain_text import json_text
+
+if TYPE_CHECKING:
+    from _io import BytesIO
 
 STANDARD_OUTPUT = 1
 # Folders whose entries are this process's own open files.
@@ -24,7 +31,7 @@ UNWRITABLE = {stat.S_IFDIR: "a folder", stat.S_IFSOCK: "a socket", stat.S_IFBLK:
 
 
 @contextlib.contextmanager
-def whole_file(path):
+def whole_file(path: Path | str) -> Iterator[BytesIO]:
     """Binary file in memory whose content goes to `path` when the block succeeds.
 
     A regular file is replaced at once, where links lead, and keeps its permissions; a new one
@@ -42,29 +49,29 @@ def whole_file(path):
         _write(path, content.getbuffer())
 
 
-def write_text(path, text):
+def write_text(path: str | Path, text: str) -> None:
     """Write text as UTF-8, see `whole_file`."""
     with whole_file(path) as file:
         # Undecodable bytes in the names of files have no UTF-8.
         file.write(text.encode("utf-8", "backslashreplace"))
 
 
-def write_json(path, content):
+def write_json(path: str | Path, content: Any) -> None:
     """Write JSON, see `whole_file`."""
     write_text(path, json_text(content, indent=2) + "\n")
 
 
-def finite(value):
+def finite(value: float | None) -> float | None:
     """A number for JSON: None for None and for what is not finite."""
     return None if value is None or not math.isfinite(value) else float(value)
 
 
-def is_standard_output(path):
+def is_standard_output(path: str | Path | None) -> bool:
     """Whether what is written there goes to standard output."""
     return path is not None and _open_file(path) == STANDARD_OUTPUT
 
 
-def is_stream(path):
+def is_stream(path: str | Path) -> bool:
     """Whether no file is there after writing: standard output, a device, a FIFO."""
     path = Path(path)
     return _open_file(path) is not None or (
@@ -72,7 +79,7 @@ def is_stream(path):
     )
 
 
-def check_writable(path):
+def check_writable(path: str | Path) -> None:
     """Refuse early what could not be written after a long run."""
     if path is None:
         return
@@ -87,14 +94,14 @@ def check_writable(path):
             check_folder(_real_path(path, status).parent)
 
 
-def check_folder(folder):
+def check_folder(folder: str | Path) -> None:
     """Refuse early a folder that cannot be made or written."""
     with _named(folder):
         Path(folder).mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()
 
 
-def in_folder(folder, file):
+def in_folder(folder: str | Path, file: str) -> Path:
     """Path of a file that the program, not the user, names in a folder.
 
     Raises

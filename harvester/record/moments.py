@@ -4,6 +4,9 @@ One `Moments` per realization, of fixed size whatever the run's length. `harvest
 turns several of them into means with error bars.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,7 +67,7 @@ class Moments:
         own points crowd where contact begins.
     bin_widths : ndarray, shape (3,)
         Powers of two, doubled whenever a value falls outside.
-    first, last : ndarray, shape (8,)
+    first, last : ndarray, shape (9,)
         The first measured and the latest point, in `Record`'s order.
     points : int
         Accepted points, those before `start` included.
@@ -87,7 +90,17 @@ class Moments:
     output: OutputMoments | None = None
 
     @classmethod
-    def empty(cls, start, stop, free, saddles, shares, batches, groups, sample_interval):
+    def empty(
+        cls,
+        start: float,
+        stop: float,
+        free: tuple[float, float],
+        saddles: Sequence[float] | np.ndarray,
+        shares: bool,
+        batches: int,
+        groups: int,
+        sample_interval: float,
+    ) -> Moments:
         """Nothing accumulated yet, for the time from `start` to `stop` (s).
 
         `shares` says whether the time in each well is wanted.
@@ -110,11 +123,11 @@ class Moments:
         )
 
     @property
-    def time_reached(self):
+    def time_reached(self) -> float:
         """Time of the latest point (s); nan before the first."""
         return float(self.last[0])
 
-    def add(self, record):
+    def add(self, record: Record) -> None:
         """Accumulate one chunk that follows the ones before."""
         if record.time.size == 0:
             return
@@ -150,7 +163,7 @@ class Moments:
         )
 
 
-def prepare():
+def prepare() -> None:
     """Load the compiled code, so that it does not count as simulation."""
     points = np.zeros(2)
     Moments.empty(0.0, 1.0, (-1.0, 1.0), (), False, 1, 1, 1.0).add(

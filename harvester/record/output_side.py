@@ -1,8 +1,14 @@
 """Streaming accumulation of a load's output side, in the batches of `harvester.record.moments`."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from harvester.record.moments import Moments
 
 # Columns of `OutputMoments.integrals`: time integrals of the first three, change of the last.
 QUANTITIES = ("time", "voltage", "square_voltage", "change_of_square_voltage")
@@ -47,12 +53,12 @@ class OutputMoments:
     voltage: float = np.nan
 
     @classmethod
-    def beside(cls, moments):
+    def beside(cls, moments: Moments) -> OutputMoments:
         """Nothing accumulated yet, in the batches of these `Moments`."""
         batches = len(moments.integrals)
         return cls(moments.start, moments.batch_length, np.zeros((batches, len(QUANTITIES))))
 
-    def add(self, time, voltage):
+    def add(self, time: np.ndarray, voltage: np.ndarray) -> None:
         """Accumulate consecutive points that follow the ones before; arrays of shape (n,)."""
         if time.size == 0:
             return
@@ -81,11 +87,11 @@ class OutputMoments:
             self.integrals[:, row] += np.bincount(batch, piece, minlength=batches)
 
     @property
-    def has_started(self):
+    def has_started(self) -> bool:
         """Whether there ever was a voltage."""
         return bool(np.isfinite(self.passages).any())
 
-    def passage(self, voltage):
+    def passage(self, voltage: float) -> float:
         """When the output's size first reached a voltage (s); nan: never."""
         reached = np.isfinite(self.passages)
         if not reached.any() or not 0.0 < voltage <= LEVELS[reached][-1]:

@@ -1,5 +1,8 @@
 """The record that every engine hands to the same estimators, in chunks."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -14,11 +17,12 @@ class Record(NamedTuple):
     ----------
     time : s, increasing; the spacing may vary.
     displacement, velocity, voltage : X, X', V of Eq. 4.
-    load_power : power leaving the piezo, β λ V² for a resistor (Eq. 30).
+    load_power : power leaving the transducer, β λ V² for a resistor (Eq. 30).
     input_power : η X', what the base puts in (Eq. 33).
     loss_power : what damper, contacts and the transducer's own resistance take, for a piezo
         without leak [c + contact damping] X'² (Eq. 36).
     transducer_loss : the part of it in leak or winding.
+    transducer_state : what the transducer stores its energy in, V of a piezo.
     """
 
     time: np.ndarray
@@ -29,20 +33,33 @@ class Record(NamedTuple):
     input_power: np.ndarray
     loss_power: np.ndarray
     transducer_loss: np.ndarray
+    transducer_state: np.ndarray
 
 
-def empty_record(count):
+def empty_record(count: int) -> Record:
     """A record of `count` points to be filled."""
     return Record(*(np.empty(count) for _ in Record._fields))
 
 
-def part(record, start, stop):
+def part(record: Record, start: int, stop: Callable) -> Record:
     """Points start … stop − 1 of a record, as views."""
     return Record(*(column[start:stop] for column in record))
 
 
 @compiled
-def fill(record, index, time, x, v, voltage, load_power, input_power, loss, own_loss):
+def fill(
+    record: Record,
+    index: int,
+    time: float,
+    x: float,
+    v: float,
+    voltage: float,
+    load_power: float,
+    input_power: float,
+    loss: float,
+    own_loss: float,
+    state: float,
+) -> None:
     """Write one point; `loss` is that of damper and contacts, `own_loss` the transducer's."""
     record.time[index] = time
     record.displacement[index] = x
@@ -52,3 +69,4 @@ def fill(record, index, time, x, v, voltage, load_power, input_power, loss, own_
     record.input_power[index] = input_power
     record.loss_power[index] = loss + own_loss
     record.transducer_loss[index] = own_loss
+    record.transducer_state[index] = state

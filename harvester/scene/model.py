@@ -1,12 +1,19 @@
 """Scenes: what is simulated, read from TOML and checked before anything runs."""
 
+from __future__ import annotations
+
 import dataclasses
 import hashlib
 import json
 import os
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MethodType
+from typing import Any, Protocol, overload
 
+from harvester.device.terminals import TransducerTable
+from harvester.device.transducer import TRANSDUCERS
 from harvester.engines import circuit
 from harvester.errors import SceneError
 from harvester.excitation import KINDS, Excitation, build
@@ -40,7 +47,7 @@ class Oscillator:
     quadratic_damping: float = 0.0
 
     @property
-    def coefficients(self):
+    def coefficients(self) -> tuple[float | None, ...]:
         """(F0, k1, k2, …) whichever form the scene has."""
         if self.restoring_force is not None:
             return self.restoring_force
@@ -64,29 +71,6 @@ class Stopper:
 
 
 @dataclass(frozen=True)
-class Piezo:
-    """A piezoelectric transducer.
-
-    SI: θ in N/V, the clamped capacitance in F, the resistance of its dielectric loss in Ω.
-    Scaled: β, and 1/(R_leak Cp) as `leakage_rate`.
-    """
-
-    coupling: float
-    capacitance: float | None = None
-    leakage_resistance: float | None = None
-    leakage_rate: float | None = None
-
-
-@dataclass(frozen=True)
-class Coil:
-    """An electromagnetic transducer, SI: N/A, Ω, H."""
-
-    coupling: float
-    resistance: float
-    inductance: float = 0.0
-
-
-@dataclass(frozen=True)
 class Start:
     """The state in which every realization starts, at rest in the wells in turn without it.
 
@@ -100,7 +84,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Load:
-    """What hangs on the piezo: the built-in resistor, or a netlist.
+    """What hangs on the transducer: the built-in resistor, or a netlist.
 
     `kind`, `resistance` (SI, Ω), `decay_rate` (scaled, λ = 1/(R Cp)) are the built-in resistor's.
     `netlist` is a name in netlists/ or a path, `subcircuit` the one meant of its file,
@@ -114,10 +98,10 @@ class Load:
     netlist: str | None = None
     subcircuit: str | None = None
     parameters: NamedValues | None = None
-    circuit: object | None = field(default=None, repr=False)
+    circuit: Any = field(default=None, repr=False)
 
     @property
-    def is_resistor(self):
+    def is_resistor(self) -> bool:
         """Whether λ describes it: the built-in resistor, or a netlist that holds only one."""
         return self.circuit is None or self.circuit.resistance is not None
 
@@ -132,24 +116,82 @@ class Run:
     realizations: int = 1
 
 
-# Table in the file → attribute of Scene, what builds it. `load` is the reader `Scene.load`.
-TABLES = {
-    "oscillator": ("oscillator", Oscillator),
-    "stoppers": ("stoppers", Stopper),
-    "piezo": ("piezo", Piezo),
-    "coil": ("coil", Coil),
-    "load": ("electrical_load", Load),
-    "start": ("start", Start),
-    "excitation": ("excitation", build),
-    "run": ("run", Run),
-}
+def _tables() -> dict[str, tuple[str, Any]]:
+    """Table in the file → attribute of Scene, what builds it."""
+    return {
+        "oscillator": ("oscillator", Oscillator),
+        "stoppers": ("stoppers", Stopper),
+        **{name: ("transducer", table) for name, table in TRANSDUCERS.items()},
+        "load": ("load", Load),
+        "start": ("start", Start),
+        "excitation": ("excitation", build),
+        "run": ("run", Run),
+    }
+
+
+class Reader(Protocol):
+    """What `Scene.load` is: see `read_scene`."""
+
+    def __call__(self, source: str | Path, overrides: Iterable[str] = ()) -> Scene:
+        """Read a scene."""
+
+
+def read_scene(cls: type[Scene], source: str | Path, overrides: Iterable[str] = ()) -> Scene:
+    """Read a scene from a TOML file or by the name of a built-in one.
+
+    Parameters
+    ----------
+    source : str or Path
+        Built-in name, or path of a TOML file.
+    overrides : iterable of str
+        `table.key=value` as on the command line; `table=none` removes a table.
+
+    Raises
+    ------
+    SceneError
+        The file, a key or a value is not usable.
+    """
+    path = _find(source)
+    where = named(str(path))
+    try:
+        text = read_input(path, "scene", LARGEST_SCENE).decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise SceneError(f"{where}: not a TOML file: {error}") from None
+    tables = read_toml(text, where)
+    name = path.stem
+    _locate_files(tables.get("excitation"), path.parent)
+    for override in texts(overrides):
+        key, value = parsed(override)
+        put(tables, key, value, "--set")
+    folder = None if path.parent == BUILT_IN else str(path.parent.absolute())
+    return cls.from_tables(tables, name=name, origin=named(str(source)), folder=folder)
+
+
+class ReaderOrTable:
+    """Two meanings of `load`: the class reads a scene, a scene has its table [load]."""
+
+    @overload
+    def __get__(self, scene: None, owner: type[Scene]) -> Reader: ...
+
+    @overload
+    def __get__(self, scene: Scene, owner: type[Scene]) -> Load: ...
+
+    def __get__(self, scene: Scene | None, owner: type[Scene]) -> Reader | Load:
+        return MethodType(read_scene, owner) if scene is None else vars(scene)["load"]
+
+    def __set__(self, scene: Scene, load: Load) -> None:
+        if not isinstance(load, Load):
+            raise TypeError(f"a scene needs its table load, which is a Load, and this is {load!r}")
+        vars(scene)["load"] = load
 
 
 @dataclass(frozen=True)
 class Scene:
     """One device, its load, its excitation and its run: the input of every engine.
 
-    `Scene.load` reads one, `replace` gives a changed copy; both raise `SceneError`.
+    `Scene.load(source)` reads one, `replace` gives a changed copy; both raise `SceneError`.
+    Each table is an attribute: `scene.oscillator`, `scene.load`, `scene.run`, …; [piezo], [coil] or
+    another transducer is `scene.transducer`.
 
     >>> Scene.load("paper").replace({"excitation.intensity": 0.1}).excitation.intensity
     0.1
@@ -158,11 +200,10 @@ class Scene:
     name: str
     units: str
     oscillator: Oscillator
-    electrical_load: Load
+    transducer: TransducerTable
     excitation: Excitation
     run: Run
-    piezo: Piezo | None = None
-    coil: Coil | None = None
+    load: ReaderOrTable = ReaderOrTable()
     stoppers: tuple[Stopper, ...] = ()
     start: Start | None = None
     length_scale: float | None = None
@@ -170,43 +211,18 @@ class Scene:
     folder: str | tuple | None = field(default=None, compare=False, repr=False)
 
     @staticmethod
-    def names():
+    def names() -> list[str]:
         """Names of the built-in scenes, sorted."""
         return sorted(path.stem for path in BUILT_IN.glob("*.toml"))
 
     @classmethod
-    def load(cls, source, overrides=()):
-        """Read a scene from a TOML file or by the name of a built-in one.
-
-        Parameters
-        ----------
-        source : str or Path
-            Built-in name, or path of a TOML file.
-        overrides : iterable of str
-            `table.key=value` as on the command line; `table=none` removes a table.
-
-        Raises
-        ------
-        SceneError
-            The file, a key or a value is not usable.
-        """
-        path = _find(source)
-        where = named(str(path))
-        try:
-            text = read_input(path, "scene", LARGEST_SCENE).decode("utf-8")
-        except UnicodeDecodeError as error:
-            raise SceneError(f"{where}: not a TOML file: {error}") from None
-        tables = read_toml(text, where)
-        name = path.stem
-        _locate_files(tables.get("excitation"), path.parent)
-        for override in texts(overrides):
-            key, value = parsed(override)
-            put(tables, key, value, "--set")
-        folder = None if path.parent == BUILT_IN else str(path.parent.absolute())
-        return cls.from_tables(tables, name=name, origin=named(str(source)), folder=folder)
-
-    @classmethod
-    def from_tables(cls, tables, name="scene", origin="scene", folder=None):
+    def from_tables(
+        cls,
+        tables: dict[str, Any],
+        name: object = "scene",
+        origin: str = "scene",
+        folder: str | tuple[str, ...] | None = None,
+    ) -> Scene:
         """Build a scene from nested dictionaries of the TOML file's form, checked.
 
         A load's netlist is looked for in `folder`, then in the current one, and read here: the
@@ -222,7 +238,7 @@ class Scene:
         top = {key: checked[key] for key in ("units", "length_scale") if key in checked}
         parts = {
             attribute: _made(make, checked[table])
-            for table, (attribute, make) in TABLES.items()
+            for table, (attribute, make) in _tables().items()
             if table in checked
         }
         if "stoppers" in parts and isinstance(parts["stoppers"], Stopper):
@@ -231,7 +247,7 @@ class Scene:
         scene.excitation.check(scene.units, scene.run, origin)
         return scene
 
-    def replace(self, changes=None, /, **tables):
+    def replace(self, changes: dict[str, Any] | None = None, /, **tables: Any) -> Scene:
         """A checked copy with other values.
 
         Parameters
@@ -257,7 +273,7 @@ class Scene:
                 put(new, table, values, "replace")
         return self.from_tables(new, name=self.name, origin=self.name, folder=self.folder)
 
-    def to_tables(self):
+    def to_tables(self) -> dict[str, Any]:
         """Nested dictionaries of the TOML file's form, without what is left out."""
         return self._tables(lambda field: field.init)
 
@@ -266,8 +282,10 @@ class Scene:
         tables = {"units": self.units}
         if self.length_scale is not None:
             tables["length_scale"] = self.length_scale
-        for table, (attribute, _) in TABLES.items():
+        for table, (attribute, make) in _tables().items():
             part = getattr(self, attribute)
+            if attribute == "transducer" and not isinstance(part, make):
+                continue
             if isinstance(part, tuple):
                 plain = [_plain(each, kept) for each in part]
                 # One pair of stoppers is the table [stoppers], any others are [[stoppers]].
@@ -277,19 +295,53 @@ class Scene:
                 tables[table] = _plain(part, kept)
         return tables
 
-    def to_dict(self):
+    def to_dict(self) -> dict[str, Any]:
         """Plain values for a result's JSON: name, digests and tables."""
         return {"name": self.name, "sha256": self.digest(), **self._tables(lambda field: True)}
 
-    def digest(self):
+    @classmethod
+    def from_dict(cls, content: dict[str, Any], folder: str | None = None) -> Scene:
+        """The scene that `to_dict` made plain values of.
+
+        Its files (a record, a load's netlist) are read again, the netlist from `folder` or the
+        current one.
+
+        Raises
+        ------
+        SceneError
+            A value is not usable, a file is missing or holds something else than then.
+        """
+        tables = {key: value for key, value in content.items() if key not in ("name", "sha256")}
+        if isinstance(tables.get("excitation"), dict):
+            tables["excitation"] = _without_computed(tables["excitation"])
+        name = str(content.get("name", "scene"))
+        scene = cls.from_tables(tables, name=name, origin=name, folder=folder)
+        if scene.digest() != content.get("sha256"):
+            raise SceneError(
+                f"{scene.name}: its digest is no longer sha256 = {shown(content.get('sha256'))}: "
+                "a value or a file that it names has changed since"
+            )
+        return scene
+
+    def digest(self) -> str:
         """SHA-256 of the scene's values: the same device and run give the same digest.
 
         A record and a load's netlist count by their content, wherever they lie.
         """
         text = json.dumps(self._tables(lambda field: field.name != "file"), sort_keys=True)
-        if self.electrical_load.circuit:
-            text += self.electrical_load.circuit.text
+        if self.load.circuit:
+            text += self.load.circuit.text
         return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _without_computed(table: dict[str, Any]) -> dict[str, Any]:
+    """An excitation's table without what it found in its files."""
+    kinds: Iterable[Any] = KINDS.values()
+    computed = {each.name for kind in kinds for each in dataclasses.fields(kind) if not each.init}
+    kept = {key: value for key, value in table.items() if key not in computed}
+    if "parts" in kept:
+        kept["parts"] = [_without_computed(part) for part in kept["parts"]]
+    return kept
 
 
 def _made(make, table):

@@ -1,5 +1,9 @@
 """A table of values that stays as it is, so that what holds it can be compared and hashed."""
 
+from __future__ import annotations
+
+from typing import Any
+
 
 class NamedValues(dict):
     """A dictionary that cannot be changed; equal to any with the same names and values.
@@ -8,10 +12,10 @@ class NamedValues(dict):
     'a load'
     """
 
-    def __hash__(self):
+    def __hash__(self) -> int:  # type: ignore[override]
         return hash(frozenset(self.items()))
 
-    def __reduce__(self):
+    def __reduce__(self) -> tuple[Any, ...]:
         return NamedValues, (dict(self),)
 
     def _refuse(self, *_, **__):

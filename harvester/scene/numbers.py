@@ -1,10 +1,20 @@
 """The numbers of a scene that a study may vary, by their dotted keys."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from harvester.errors import HarvesterError
 from harvester.excitation import KINDS
-from harvester.scene.schema import KEYS
+from harvester.files.plain_text import named, nearest
+from harvester.scene.keys import Key
+from harvester.scene.schema import table_keys
+
+if TYPE_CHECKING:
+    from harvester.scene.model import Scene
 
 
-def numbers(scene):
+def numbers(scene: Scene) -> dict[str, Any]:
     """Those of its device, load and excitation, not those of its run.
 
     One of several tables is named by its place, as in `stoppers[1].gap`.
@@ -15,13 +25,45 @@ def numbers(scene):
 
     Returns
     -------
-    dict of str to (float, harvester.scene.schema.Key)
+    dict of str to (float, harvester.scene.keys.Key)
     """
-    tables, found = scene.to_tables(), {}
-    for name, keys in {**KEYS, "excitation": scene.excitation.KEYS}.items():
+    tables = scene.to_tables()
+    found: dict[str, Any] = {}
+    for name, keys in {**table_keys(), "excitation": scene.excitation.KEYS}.items():
         if name != "run":
             _collect(found, name, tables.get(name, {}), lambda _, keys=keys: keys)
+    circuit = scene.load.circuit
+    if circuit:
+        for name, value in {**dict(circuit.defaults), **dict(circuit.parameters)}.items():
+            found[f"load.parameters.{name}"] = value, Key()
     return found
+
+
+def number(scene: Scene, key: str, option: str) -> tuple[float, Key]:
+    """One of them, or a refusal with the nearest key.
+
+    Parameters
+    ----------
+    scene : harvester.scene.model.Scene
+    key : str
+    option : str
+        Of the command line, for the message.
+
+    Returns
+    -------
+    float, harvester.scene.keys.Key
+
+    Raises
+    ------
+    HarvesterError
+    """
+    known = numbers(scene)
+    if key not in known:
+        raise HarvesterError(
+            f"{option} {named(key)}: no number of this scene{nearest(key, known)}; there are "
+            f"{', '.join(known)}"
+        )
+    return known[key]
 
 
 def _collect(found, name, values, keys_of):

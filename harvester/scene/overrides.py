@@ -1,18 +1,27 @@
 """Values of a scene by dotted keys: `table.key`, or `table[k].key` of one of several tables."""
 
+from __future__ import annotations
+
 import math
 import re
+from typing import Any
 
 from harvester.errors import SceneError
 from harvester.files.plain_text import named, nearest, shown
-from harvester.scene.schema import KEYS, NESTED_TABLES, REPLACED_KEYS, SEVERAL
+from harvester.scene.schema import NESTED_TABLES, REPLACED_KEYS, SEVERAL, table_keys
 from harvester.scene.toml import NotToml, read_toml
 
 # A table's name, perhaps with the place of one of several.
 PLACED = re.compile(r"([^\[\]]+)\[(\d{1,6})\]")
+# Texts in quotes, and numbers that begin or end with their point.
+QUOTED = re.compile(r"""("[^"]*"|'[^']*')""")
+NO_DIGIT_BEFORE, NO_DIGIT_AFTER = (
+    re.compile(r"(?<![\w.])\.(?=\d)"),
+    re.compile(r"(?<=\d)\.(?![\w.])"),
+)
 
 
-def texts(overrides):
+def texts(overrides: Any) -> list[str]:
     """A list of `table.key=value`, checked to be texts."""
     try:
         found = [overrides] if isinstance(overrides, str) else list(overrides)
@@ -24,7 +33,7 @@ def texts(overrides):
     return found
 
 
-def parsed(text):
+def parsed(text: str) -> tuple[str, Any]:
     """(key, value) of one override; None stands for "take it out"."""
     key, separator, value = text.partition("=")
     key, value = key.strip(), value.strip()
@@ -32,16 +41,26 @@ def parsed(text):
         raise SceneError(f"--set {named(text)}: write it as table.key=value")
     if value.lower() == "none":
         return key, None
-    try:
-        read = read_toml(f"value = {value}", f"--set {named(key)}")
-    except NotToml:
-        return key, _number(value)
-    # A value of several lines would bring keys of its own.
-    return key, read["value"] if len(read) == 1 else value
+    for spelling in (value, _with_digits(value)):
+        try:
+            read = read_toml(f"value = {spelling}", f"--set {named(key)}")
+        except NotToml:
+            continue
+        # A value of several lines would bring keys of its own.
+        return key, read["value"] if len(read) == 1 else value
+    return key, _number(value)
+
+
+def _with_digits(text):
+    """The text with 0.1 for .1 and 1.0 for 1. outside its quotes, as TOML writes them."""
+    parts = QUOTED.split(text)
+    for place in range(0, len(parts), 2):
+        parts[place] = NO_DIGIT_AFTER.sub(".0", NO_DIGIT_BEFORE.sub("0.", parts[place]))
+    return "".join(parts)
 
 
 def _number(text):
-    """A number in a form that TOML does not know, such as .1 or 1.; other words as they are."""
+    """A number in a form that TOML does not know, such as 007 or 1.e3; other words as they are."""
     for kind in (int, float):
         try:
             number = kind(text)
@@ -52,7 +71,7 @@ def _number(text):
     return text
 
 
-def put(tables, dotted, value, origin):
+def put(tables: dict[str, Any], dotted: str, value: Any, origin: str) -> None:
     """Set one dotted key in nested dictionaries; None removes it. `name[k]` is one of several."""
     if not isinstance(dotted, str):
         raise SceneError(f"{origin} {shown(dotted)}: a key is a text, table.key")
@@ -88,7 +107,7 @@ def _table(place, part, where):
             f"{where}: {named(part)} is several tables, {_listed(part, len(found))}; say which"
         )
     if not isinstance(found, dict):
-        raise SceneError(f"{where}: {named(part)} is not a table{nearest(part, KEYS)}")
+        raise SceneError(f"{where}: {named(part)} is not a table{nearest(part, table_keys())}")
     return found
 
 

@@ -1,81 +1,35 @@
 """The keys a scene may hold, their ranges, and the check that refuses all others."""
 
-import math
-from dataclasses import dataclass
+from __future__ import annotations
+
+from typing import Any
 
 from harvester.device.contact import LAWS, SIDES
+from harvester.device.transducer import TRANSDUCERS
 from harvester.errors import SceneError
 from harvester.files.plain_text import named, nearest, shown
+from harvester.scene.keys import (
+    BOTH,
+    NAMED_VALUES,
+    SCALED,
+    SI,
+    Key,
+    check_value,
+    is_word,
+    not_negative,
+    positive,
+)
 
-SCALED, SI = "scaled", "SI"
-BOTH = (SCALED, SI)
-NAMED_VALUES = "named values"
-# Numbers beyond these, zero aside, overflow or vanish in products of a few of them.
-SMALLEST, LARGEST = 1e-30, 1e30
 # As wide as what numpy draws one from.
 LARGEST_SEED = 2**128 - 1
-
-
-@dataclass(frozen=True)
-class Key:
-    """What one key accepts: a number in a range, a text, one of a few words, a list, named values.
-
-    `kind` is float, int, str, (str, int), `NAMED_VALUES` for a table of numbers or texts, or dict
-    for a table with a `kind` of its own. With `each`, a list of `count` (fewest, most) values of
-    that key's sort.
-    """
-
-    kind: type | tuple | str = float
-    low: float = -math.inf
-    high: float = math.inf
-    low_allowed: bool = True
-    words: tuple = ()
-    units: tuple = BOTH
-    required: bool = False
-    each: "Key | None" = None
-    count: tuple = (0, 0)
-
-    def allowed(self):
-        """The accepted values, in words."""
-        if self.each:
-            few, many = self.count
-            return f"a list of {few if few == many else f'{few} to {many}'}: {self.each.allowed()}"
-        if self.words:
-            return "one of " + ", ".join(f'"{word}"' for word in self.words)
-        if self.kind in _NOUNS:
-            return _NOUNS[self.kind]
-        noun = "a whole number" if self.kind is int else "a number"
-        if self.low == -math.inf:
-            return noun
-        if self.high == math.inf:
-            return f"{noun} {'≥' if self.low_allowed else '>'} {self.low:g}"
-        return f"{noun} in {'[' if self.low_allowed else '('}{self.low:g}, {self.high:g}]"
-
-
-_NOUNS = {
-    str: "a text",
-    (str, int): "a name or a whole number ≥ 0",
-    dict: "a table",
-    NAMED_VALUES: 'a table of numbers, or of texts like "100k"',
-}
-
-
-def positive(**more):
-    """A key for a number > 0."""
-    return Key(low=0.0, low_allowed=False, **more)
-
-
-def not_negative(**more):
-    """A key for a number ≥ 0."""
-    return Key(low=0.0, **more)
-
 
 TOP = {
     "units": Key(kind=str, words=BOTH, required=True),
     "length_scale": positive(units=(SI,)),
 }
 
-KEYS = {
+# Those of a transducer's table are its own.
+OTHER_KEYS: dict[str, Any] = {
     "oscillator": {
         "mass": positive(units=(SI,), required=True),
         "damping": not_negative(required=True),
@@ -92,17 +46,6 @@ KEYS = {
         "side": Key(kind=str, words=tuple(SIDES)),
         "exponent": Key(low=1.0, high=5.0),
         "law": Key(kind=str, words=LAWS),
-    },
-    "piezo": {
-        "coupling": not_negative(required=True),
-        "capacitance": positive(units=(SI,), required=True),
-        "leakage_resistance": positive(units=(SI,)),
-        "leakage_rate": not_negative(units=(SCALED,)),
-    },
-    "coil": {
-        "coupling": positive(required=True, units=(SI,)),
-        "resistance": positive(required=True, units=(SI,)),
-        "inductance": not_negative(units=(SI,)),
     },
     "start": {"displacement": Key(), "velocity": Key(), "voltage": Key()},
     "load": {
@@ -123,13 +66,12 @@ KEYS = {
     },
 }
 
-# Keys of an excitation of another kind.
-OPTIONAL_TABLES = ("stoppers", "piezo", "coil", "start")
+OPTIONAL_TABLES = ("stoppers", "start")
 # Tables that may be there several times, and how often.
 SEVERAL = {"stoppers": 16}
 NESTED_TABLES = {
     f"{table}.{name}"
-    for table, keys in KEYS.items()
+    for table, keys in OTHER_KEYS.items()
     for name, key in (keys or {}).items()
     if key.kind is NAMED_VALUES
 }
@@ -148,7 +90,14 @@ REPLACED_KEYS = {
 }
 
 
-def check_tables(tables, origin, kinds):
+def table_keys() -> dict[str, Any]:
+    """The keys of every table a scene may have: {table: {name: Key}}."""
+    return {**OTHER_KEYS, **{name: table.KEYS for name, table in TRANSDUCERS.items()}}
+
+
+def check_tables(
+    tables: dict[str, Any], origin: str, kinds: dict[str, dict[str, Any]]
+) -> dict[str, Any]:
     """Checked copy of a scene's nested dictionaries.
 
     Parameters
@@ -170,19 +119,20 @@ def check_tables(tables, origin, kinds):
     SceneError
         Unknown, missing or misplaced key, wrong type, value out of range.
     """
-    known = [*TOP, *KEYS]
+    every_table = table_keys()
+    known = [*TOP, *every_table]
     for name, value in tables.items():
         if name not in known:
             raise SceneError(f"{origin}: unknown key {named(name)}{nearest(name, known)}")
         if name in SEVERAL and isinstance(value, (list, tuple)):
             _check_several(name, value, origin)
-        elif (name in KEYS) != isinstance(value, dict):
-            noun = "a table" if name in KEYS else "a value, not a table"
+        elif (name in every_table) != isinstance(value, dict):
+            noun = "a table" if name in every_table else "a value, not a table"
             raise SceneError(f"{origin}: {name} must be {noun}")
     top = {name: value for name, value in tables.items() if name in TOP}
     units = tables.get("units", SCALED)
-    checked = _check_table("", top, TOP, units if _is_word(units, BOTH) else SCALED, origin)
-    for table, keys in KEYS.items():
+    checked = _check_table("", top, TOP, units if is_word(units, BOTH) else SCALED, origin)
+    for table, keys in every_table.items():
         if isinstance(tables.get(table), (list, tuple)):
             checked[table] = tuple(
                 _check_table(f"{table}[{place}]", values, keys, units, origin)
@@ -192,7 +142,7 @@ def check_tables(tables, origin, kinds):
             values = tables[table]
             keys = keys or _keys_of_kind(table, values, kinds[table], origin)
             checked[table] = _check_table(table, values, keys, units, origin, kinds.get(table))
-        elif table not in OPTIONAL_TABLES:
+        elif table not in OPTIONAL_TABLES and table not in TRANSDUCERS:
             raise SceneError(f"{origin}: table [{table}] is missing")
     _check_load(checked["load"], units, origin)
     _check_oscillator(checked["oscillator"], origin)
@@ -226,26 +176,35 @@ def _check_oscillator(oscillator, origin):
             )
 
 
+def _transducer_of(scene):
+    """The name of the one transducer's table."""
+    return next(name for name in TRANSDUCERS if name in scene)
+
+
 def _check_transducer(scene, origin):
-    """A piezo or a coil, one of them; and what a start says of it."""
-    found = [name for name in ("piezo", "coil") if name in scene]
+    """One transducer and no other; and what a start says of it."""
+    found = [f"[{name}]" for name in TRANSDUCERS if name in scene]
+    first, *others = (f"[{name}]" for name in TRANSDUCERS)
     if not found:
-        raise SceneError(f"{origin}: table [piezo] is missing (or [coil], in a scene in SI units)")
-    if len(found) == 2:
+        raise SceneError(f"{origin}: table {first} is missing (or {', '.join(others)})")
+    if len(found) > 1:
         raise SceneError(
-            f"{origin}: [piezo] and [coil]: a device has one of them; take the other out "
-            "(--set piezo=none)"
+            f"{origin}: {' and '.join(found)}: a device has one of them; take the other out "
+            f"(--set {found[0][1:-1]}=none)"
         )
-    if "coil" in scene and scene.get("start", {}).get("voltage", 0.0) != 0.0:
+    name = _transducer_of(scene)
+    voltage = scene.get("start", {}).get("voltage", 0.0)
+    if voltage != 0.0 and not TRANSDUCERS[name].takes_voltage:
         raise SceneError(
-            f"{origin}: start.voltage belongs to a piezo, whose capacitance holds it; take it out"
+            f"{origin}: start.voltage belongs to a transducer whose capacitance holds it, such as "
+            f"a piezo, and this is a {name}; take it out"
         )
 
 
 def _keys_of_kind(table, values, kinds, origin):
     """The keys of a table by its `kind`, the first of them where it is left out."""
     spec = Key(kind=str, words=tuple(kinds))
-    word = _check_value(f"{table}.kind", values.get("kind", spec.words[0]), spec, origin)
+    word = check_value(f"{table}.kind", values.get("kind", spec.words[0]), spec, origin)
     return {"kind": spec, **kinds[word].KEYS}
 
 
@@ -263,7 +222,7 @@ def _check_table(table, values, keys, units, origin, kinds=None):
                 f'and this one has "{units}"'
             )
         where = f"{prefix}{name}"
-        checked[name] = _check_value(where, value, spec, origin)
+        checked[name] = check_value(where, value, spec, origin)
         if spec.each and spec.each.kind is dict:
             checked[name] = tuple(
                 _check_table(
@@ -282,55 +241,6 @@ def _check_table(table, values, keys, units, origin, kinds=None):
     return checked
 
 
-def _check_value(where, value, spec, origin):
-    def refuse():
-        hint = nearest(value, spec.words) if isinstance(value, str) else ""
-        raise SceneError(f"{origin}: {where} = {shown(value)}: must be {spec.allowed()}{hint}")
-
-    if spec.each:
-        few, many = spec.count
-        if not isinstance(value, (list, tuple)) or not few <= len(value) <= many:
-            refuse()
-        return tuple(
-            _check_value(f"{where}[{place}]", part, spec.each, origin)
-            for place, part in enumerate(value)
-        )
-    if spec.kind is NAMED_VALUES:
-        return dict(value) if isinstance(value, dict) and _named_values(value) else refuse()
-    if spec.words:
-        return value if _is_word(value, spec.words) else refuse()
-    if spec.kind in _NOUNS:
-        fits = isinstance(value, spec.kind) and value is not True and value is not False
-        return value if fits else refuse()
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        refuse()
-    if spec.kind is int and not isinstance(value, int):
-        refuse()
-    too_low = value < spec.low or (value == spec.low and not spec.low_allowed)
-    if not value <= spec.high or too_low:
-        refuse()
-    if spec.kind is float and value != 0.0 and not SMALLEST <= abs(value) <= LARGEST:
-        raise SceneError(
-            f"{origin}: {where} = {shown(value)}: must be {spec.allowed()}, and of a size that "
-            f"can be computed with: {SMALLEST:g} to {LARGEST:g}"
-        )
-    return spec.kind(value)
-
-
-def _is_word(value, words):
-    # An array of numpy is compared item by item.
-    return isinstance(value, str) and value in words
-
-
-def _named_values(table):
-    """Whether all values are numbers of a sane size, or texts; the load refuses others of them."""
-    return all(
-        isinstance(v, str)
-        or (isinstance(v, (int, float)) and not isinstance(v, bool) and not abs(v) > LARGEST)
-        for v in table.values()
-    )
-
-
 def _check_load(load, units, origin):
     """Either the built-in resistor with its value, or a netlist."""
     if "netlist" in load:
@@ -346,7 +256,7 @@ def _check_load(load, units, origin):
             raise SceneError(f"{origin}: load.{name} needs load.netlist")
     needed = "resistance" if units == SI else "decay_rate"
     if needed not in load:
-        allowed = KEYS["load"][needed].allowed()
+        allowed = OTHER_KEYS["load"][needed].allowed()
         raise SceneError(f"{origin}: load.{needed} is missing; it takes {allowed}")
     load.setdefault("kind", "resistor")
 
@@ -357,16 +267,17 @@ def _check_physics(scene, origin):
     stoppers = [stoppers] if isinstance(stoppers, dict) else stoppers
     _check_bounded(oscillator, stoppers, origin)
     _check_held(stoppers, origin)
-    transducer = scene.get("piezo") or scene["coil"]
+    name = _transducer_of(scene)
+    uncoupled = scene[name].get("coupling") == 0.0
     damped = oscillator["damping"] > 0.0 or oscillator.get("quadratic_damping", 0.0) > 0.0
-    if not damped and transducer["coupling"] == 0.0:
+    if not damped and uncoupled:
         raise SceneError(
-            f"{origin}: oscillator.damping = 0 with piezo.coupling = 0: nothing takes the energy "
+            f"{origin}: oscillator.damping = 0 with {name}.coupling = 0: nothing takes the energy "
             "out, so there is no stationary state; give one of them a value > 0"
         )
-    if scene["units"] == SI and transducer["coupling"] == 0.0:
+    if scene["units"] == SI and uncoupled:
         raise SceneError(
-            f"{origin}: piezo.coupling = 0.0: must be a number > 0 in SI, where it sets the "
+            f"{origin}: {name}.coupling = 0.0: must be a number > 0 in SI, where it sets the "
             "voltage scale (Eq. 3); a scaled scene can be without coupling"
         )
 

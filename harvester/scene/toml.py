@@ -1,7 +1,10 @@
 """The tables of a scene as plain Python values, within limits, before anything is looked up."""
 
+from __future__ import annotations
+
 import numbers
 import tomllib
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +26,7 @@ class NotToml(SceneError):
     """A text does not follow TOML's rules."""
 
 
-def read_toml(text, origin):
+def read_toml(text: str, origin: str) -> dict[str, Any]:
     """Nested dictionaries of a TOML text.
 
     Raises
@@ -45,7 +48,7 @@ def read_toml(text, origin):
         raise SceneError(f"{origin}: a number has too many digits") from None
 
 
-def plain_tables(tables, origin):
+def plain_tables(tables: dict[str, Any], origin: str) -> dict[str, Any]:
     """Copy of nested dictionaries with numpy's numbers as Python's.
 
     What a key does not accept is left for the check of that key.

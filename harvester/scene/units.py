@@ -1,7 +1,10 @@
 """The scaled form of a scene (Eqs. 3–6) and the scales that lead back to its units."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 from harvester.device import timescales
 from harvester.device.contact import LAWS, SIDES, Contact
@@ -9,28 +12,29 @@ from harvester.device.damper import damper
 from harvester.device.hertz import HERTZ_EXPONENT
 from harvester.device.spring import roots, slope, spring
 from harvester.device.system import Noise, System
-from harvester.device.transducer import coil, piezo
+from harvester.device.terminals import Setting
 from harvester.errors import LoadError
+
+if TYPE_CHECKING:
+    from harvester.scene.model import Scene
 
 # Knots per period of small oscillations.
 KNOTS_PER_PERIOD = 40
-# λ (1/s) whose square is still a number.
-FASTEST_DECAY = 1e150
 
 
 @dataclass(frozen=True)
 class Scales:
     """One scaled unit of each quantity, in the scene's units (all 1 for a scaled scene).
 
-    displacement l, voltage θ l/Cp, power M l² (s⁻³); acceleration and velocity go with l,
-    energy with power.
+    displacement l, voltage that of the transducer, power M l² (s⁻³); acceleration and velocity go
+    with l, energy with power.
     """
 
     displacement: float = 1.0
     voltage: float = 1.0
     power: float = 1.0
 
-    def of(self, dimension):
+    def of(self, dimension: str) -> float:
         """Factor for "displacement^2", "voltage", "power", "1" and the like."""
         base, _, exponent = dimension.partition("^")
         if base in ("1", "rate", "time"):
@@ -39,7 +43,7 @@ class Scales:
         return getattr(self, name) ** int(exponent or 1)
 
 
-def scale(scene):
+def scale(scene: Scene) -> tuple[System, Scales]:
     """The device in scaled form and the scales that lead back (Eq. 3; time is not rescaled).
 
     Parameters
@@ -50,11 +54,11 @@ def scale(scene):
     -------
     harvester.device.system.System, Scales
     """
-    length = length_scale(scene) if scene.units == "SI" else 1.0
-    mass = scene.oscillator.mass if scene.units == "SI" else 1.0
+    place = setting(scene)
+    mass, length = place.mass, place.length
     if scene.excitation.prescribes_displacement:
         # Only the transducer is left: what drives a mass without spring and damper is its η.
-        parts = {"spring": spring(()), "damper": damper(0.0), "contacts": ()}
+        parts: dict[str, Any] = {"spring": spring(()), "damper": damper(0.0), "contacts": ()}
     else:
         made = spring(_scaled_force(scene.oscillator, mass, length))
         parts = {
@@ -70,8 +74,10 @@ def scale(scene):
                 for side in _sides(each, made)
             ),
         }
-    transducer, scales = _transducer(scene, mass, length)
+    transducer = scene.transducer.equations(place)
+    volts = scene.transducer.voltage_unit(place)
     system = System(**parts, transducer=transducer, noise=Noise(math.nan, math.inf))
+    scales = Scales(displacement=length, voltage=volts, power=mass * length**2)
     return _with_noise(system, scene.excitation, length), scales
 
 
@@ -99,24 +105,6 @@ def _contact(stopper, side, mass, length):
     return Contact(SIDES[side], stopper.gap / length, law)
 
 
-def _transducer(scene, mass, length):
-    """The transducer with its load in scaled form, and the scales."""
-    if scene.coil:
-        coil_ = scene.coil
-        load = load_resistance(scene)
-        made = coil(mass, coil_.coupling, coil_.resistance, coil_.inductance, load)
-        volts = coil_.coupling * length
-        return made, Scales(displacement=length, voltage=volts, power=mass * length**2)
-    part = scene.piezo
-    rate = _decay_rate(scene, part.capacitance or 1.0)
-    if scene.units != "SI":
-        return piezo(part.coupling, rate, part.leakage_rate or 0.0), Scales()
-    theta, cp = part.coupling, part.capacitance
-    leak = 1.0 / (part.leakage_resistance * cp) if part.leakage_resistance else 0.0
-    made = piezo(theta**2 / (mass * cp), rate, leak)
-    return made, Scales(displacement=length, voltage=theta * length / cp, power=mass * length**2)
-
-
 def _with_noise(system, excitation, length):
     """The system with the D and τ1 of the excitation, or of its equivalent."""
     longest = longest_spacing(system)
@@ -124,48 +112,43 @@ def _with_noise(system, excitation, length):
     return system._replace(noise=Noise(intensity / length**2, time))
 
 
-def longest_spacing(system):
+def longest_spacing(system: System) -> float:
     """What resolves small oscillations (s); infinite where there are none."""
     frequency = timescales.angular_frequency(system)
     return 2.0 * math.pi / frequency / KNOTS_PER_PERIOD if frequency > 0.0 else math.inf
 
 
-def load_resistance(scene):
+def load_resistance(scene: Scene) -> float | None:
     """Resistance of a load that is a resistor (Ω), else None."""
-    load = scene.electrical_load
+    load = scene.load
     return load.circuit.resistance if load.circuit else load.resistance
 
 
-def _decay_rate(scene, capacitance):
-    """λ of Eq. 4b; 0, an open circuit, where the load is no resistor.
-
-    Steps are then chosen for the motion that the damper alone bounds, the greatest there is,
-    and the load's power is measured in the circuit.
-    """
-    if scene.electrical_load.decay_rate is not None:
-        return scene.electrical_load.decay_rate
-    resistance = load_resistance(scene)
-    if not resistance:
-        return 0.0
-    if resistance * capacitance * FASTEST_DECAY < 1.0:
-        raise LoadError(
-            f"{scene.name}: the load's resistance of {resistance:g} Ω discharges the piezo's "
-            f"{capacitance:g} F faster than {FASTEST_DECAY:g} times a second: choose a greater one"
-        )
-    return 1.0 / (resistance * capacitance)
+def setting(scene: Scene) -> Setting:
+    """What a scene's transducer is built into: `harvester.device.terminals.Setting`."""
+    scaled = scene.units != "SI"
+    mass: Any = 1.0 if scaled else scene.oscillator.mass
+    return Setting(
+        scene.units,
+        mass,
+        1.0 if scaled else length_scale(scene),
+        load_resistance(scene),
+        scene.load.decay_rate,
+        scene.name,
+    )
 
 
-def require_resistor(scene, method):
+def require_resistor(scene: Scene, method: str) -> None:
     """Refuse a load that λ does not describe.
 
     Raises
     ------
     LoadError
     """
-    if not scene.electrical_load.is_resistor:
+    if not scene.load.is_resistor:
         raise LoadError(
             f"{scene.name}: {method} knows a resistor as load, and load.netlist is "
-            f"{scene.electrical_load.netlist!r}; use the circuit engine"
+            f"{scene.load.netlist!r}; use the circuit engine"
         )
     if scene.excitation.prescribes_displacement:
         raise LoadError(
@@ -174,7 +157,7 @@ def require_resistor(scene, method):
         )
 
 
-def length_scale(scene):
+def length_scale(scene: Scene) -> float:
     """The scene's length unit l in metres: as given, else the farthest well's distance, else a gap.
 
     A monostable device without stoppers has neither: its rms displacement under white noise
@@ -182,15 +165,18 @@ def length_scale(scene):
     """
     if scene.length_scale is not None:
         return scene.length_scale
-    if scene.excitation.prescribes_displacement:
-        return scene.excitation.amplitude
+    excitation: Any = scene.excitation
+    if excitation.prescribes_displacement:
+        return excitation.amplitude
     farthest = _farthest_well(scene.oscillator)
     if farthest > 0.0:
         return farthest
     if scene.stoppers:
         return min(each.gap for each in scene.stoppers)
-    mass, damping = scene.oscillator.mass, scene.oscillator.damping
-    stiffness = scene.oscillator.coefficients[1] / mass
+    damping = scene.oscillator.damping
+    mass: Any = scene.oscillator.mass
+    stiffness: Any = scene.oscillator.coefficients[1]
+    stiffness /= mass
     longest = 2.0 * math.pi / math.sqrt(stiffness) / KNOTS_PER_PERIOD if stiffness else math.inf
     relaxation_time = mass / damping if damping else 1.0
     intensity, time = scene.excitation.equivalent_noise(relaxation_time, longest)

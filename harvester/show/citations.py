@@ -1,6 +1,9 @@
 """Where the methods come from: one list, and which of it a result used."""
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 from harvester.errors import HarvesterError
 
@@ -19,7 +22,7 @@ class Source(NamedTuple):
 
     method: str
     reference: str
-    used: object
+    used: Callable
 
 
 class Used(NamedTuple):
@@ -28,20 +31,20 @@ class Used(NamedTuple):
     scene: dict
     engines: tuple
 
-    def engine(self, name):
+    def engine(self, name: str) -> bool:
         """Whether an engine or closure of this name took part."""
         return any(name in engine for engine in self.engines)
 
     @property
-    def simulated(self):
+    def simulated(self) -> bool:
         """Whether a number has a statistical error."""
         return self.engine("circuit") or self.engine("monte-carlo")
 
-    def value(self, table, key):
+    def value(self, table: str, key: str) -> str | None:
         """A value of the scene, or None."""
         return self.scene.get(table, {}).get(key)
 
-    def load(self, *names):
+    def load(self, *names: Any) -> bool:
         """Whether the load is one of these netlists."""
         return self.value("load", "netlist") in names
 
@@ -68,12 +71,6 @@ SOURCES = (
         "stochastic averaging",
         "R. L. Stratonovich, Topics in the Theory of Random Noise, Gordon and Breach (1963)",
         lambda used: used.engine("averaging"),
-    ),
-    Source(
-        "the step at the separatrix in the closure slow_load",
-        "V. I. Mel'nikov, The Kramers problem: fifty years of development, Phys. Rep. 209, 1-71 "
-        "(1991)",
-        lambda used: used.engine("slow_load"),
     ),
     Source(
         "the stationary Fokker-Planck equation",
@@ -186,7 +183,7 @@ SOURCES = (
 )
 
 
-def sources_of(content):
+def sources_of(content: Any) -> list[Source]:
     """Sources of the methods that a result used.
 
     Parameters
@@ -209,5 +206,5 @@ def sources_of(content):
         raise HarvesterError(
             "holds no scene and engine; give the JSON of simulate, average or validate"
         )
-    used = Used(scene, tuple(engines))
+    used = Used(content["scene"], tuple(engines))
     return [source for source in SOURCES if source.used(used)]

@@ -1,9 +1,13 @@
 """What the command line shows: tables, and a progress bar on a terminal."""
 
+from __future__ import annotations
+
 import contextlib
 import sys
 import threading
 import time
+from collections.abc import Callable, Iterator
+from typing import Any
 
 from rich import box
 from rich.console import Console
@@ -12,17 +16,19 @@ from rich.table import Table
 
 from harvester.files.plain_text import one_line
 from harvester.show.quiet import is_quiet
+from harvester.show.shown import Tabled
 
-# A bar for less is a flicker.
+# A progress bar that lasts less than this would only flicker.
 SHOW_AFTER_SECONDS = 2.0
 SAY_AFTER_SECONDS = 5.0
-WIDEST = 1000
-# Of what a run still takes (s).
-LONGEST_TOLD = 1e10
+# Letters in a line: tables are never folded.
+TABLE_WIDTH = 1000
+# A remaining time beyond it is not told in numbers.
+LONGEST_TOLD_SECONDS = 1e10
 
 
 @contextlib.contextmanager
-def progress():
+def progress() -> Iterator[Callable]:
     """A function (label, scene) → callback for the share done; silent when quiet.
 
     With None for the scene the bar shows no simulated time, but the callback's own words. Off a
@@ -45,7 +51,7 @@ def progress():
         console=console,
         transient=True,
     )
-    opened = time.monotonic()
+    began = time.monotonic()
 
     def follow(label, scene):
         total = scene and (scene.run.settle + scene.run.duration) * scene.run.realizations
@@ -54,7 +60,7 @@ def progress():
 
         def update(share, words=""):
             elapsed = time.monotonic() - started
-            if time.monotonic() - opened > SHOW_AFTER_SECONDS:
+            if time.monotonic() - began > SHOW_AFTER_SECONDS:
                 bar.start()
             rate = f"{share * total / elapsed:,.0f} s/s" if total and elapsed > 0.0 else words
             bar.update(task, completed=share, rate=rate)
@@ -104,7 +110,7 @@ class _Lines:
 
 def _duration(seconds):
     """In seconds, minutes, hours or days."""
-    if seconds > LONGEST_TOLD:
+    if seconds > LONGEST_TOLD_SECONDS:
         return "centuries"
     for size, unit in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
         if seconds >= 2.0 * size:
@@ -112,34 +118,12 @@ def _duration(seconds):
     return f"{seconds:.0f} s"
 
 
-def show_result(result, to_stderr=False):
-    """One result as a table with its evidence."""
-    table = Table(
-        title=f"{result.scene.name}: {result.engine}", box=box.SIMPLE_HEAD, title_justify="left"
-    )
-    bar = "estimate ± standard error"
-    if result.error_kind == "numerical":
-        bar = "value ± numerical error"
-    table.add_column("quantity")
-    table.add_column(bar, justify="right")
-    if result.error_kind == "statistical":
-        table.add_column("effective samples", justify="right")
-    table.add_column("unit")
-    for name, value, size, unit in result.rows():
-        cells = (
-            [name, value, unit] if result.error_kind == "numerical" else [name, value, size, unit]
-        )
-        table.add_row(*map(one_line, cells))
-    _print(table, [*result.evidence(), *result.notes], to_stderr)
-
-
-def show_table(content, title, to_stderr=False):
-    """A comparison, a work-precision diagram or a stability matrix, with its sentences.
+def show_table(content: Tabled, title: str, to_stderr: bool = False) -> None:
+    """A result, a comparison or a study as a table with its sentences.
 
     Parameters
     ----------
-    content : object with `scene`, `table()` and `sentences()`
-        The table's header and rows as text; the first two columns are words.
+    content : Tabled
     title : str
         Shown after the scene's name.
     to_stderr : bool
@@ -148,14 +132,14 @@ def show_table(content, title, to_stderr=False):
     header, rows = content.table()
     table = Table(title=f"{content.scene.name}: {title}", box=box.SIMPLE_HEAD, title_justify="left")
     for place, name in enumerate(header):
-        justify = "left" if place < 2 else "right"
-        table.add_column(one_line(name), justify=justify, no_wrap=True)
+        words = place < 2
+        table.add_column(one_line(name), justify="left" if words else "right", no_wrap=True)
     for row in rows:
         table.add_row(*map(one_line, row))
     _print(table, content.sentences(), to_stderr)
 
 
-def show_engine(found, to_stderr=False):
+def show_engine(found: dict[str, Any], to_stderr: bool = False) -> None:
     """The library that was found, its features, and whether the compiled device is on."""
     features = [name for name in ("xspice", "cider", "osdi", "klu") if found[name]]
     lines = [
@@ -172,7 +156,7 @@ def _print(table, lines, to_stderr):
     stream = sys.stderr if to_stderr else sys.stdout
     # As wide as the table needs: a number cut off at a terminal's edge would be worse than a
     # line that runs on.
-    console = Console(file=stream, highlight=False, markup=False, emoji=False, width=WIDEST)
+    console = Console(file=stream, highlight=False, markup=False, emoji=False, width=TABLE_WIDTH)
     if table is not None:
         console.print(table)
     for line in lines:

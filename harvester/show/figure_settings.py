@@ -1,14 +1,18 @@
 """matplotlib with its own settings and the house's, whatever settings files lie about."""
 
+from __future__ import annotations
+
 import contextlib
 import os
 import sys
 import warnings
+from collections.abc import Iterator
+from pathlib import Path
 
 from harvester.files.surroundings import away_from_working_folder
 
 
-def load_matplotlib():
+def load_matplotlib() -> None:
     """Import matplotlib without what lies in the working folder, whatever MPLBACKEND names.
 
     It reads a file `matplotlibrc` from there as it is imported, and fails at a backend it does
@@ -29,7 +33,7 @@ def load_matplotlib():
 
 
 @contextlib.contextmanager
-def figure_settings(*styles):
+def figure_settings(*styles: str | Path) -> Iterator[None]:
     """Draw within the block by matplotlib's defaults and these styles, nothing else.
 
     A `matplotlibrc` could have TeX run; a glyph that no font has is a box, and no warning.

@@ -1,35 +1,37 @@
 """Figures, drawn with matplotlib when asked for."""
 
+from __future__ import annotations
+
 import io
-from itertools import cycle
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from harvester.files.writing import whole_file
 from harvester.show.figure_settings import figure_settings
+from harvester.show.palette import CIRCUIT, LINES, MONTE_CARLO, styles
 from harvester.verification.work_precision.diagram import MEANS
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from harvester.results import Result
+    from harvester.studies.comparison import Comparison
+    from harvester.studies.frequency_response import FrequencyResponse
+    from harvester.verification.stability.matrix import StabilityMatrix
+    from harvester.verification.work_precision.accuracy_table import TimeToAccuracy
+    from harvester.verification.work_precision.diagram import WorkPrecision
+
 STYLE = Path(__file__).parent / "house.mplstyle"
-LINES = {
-    "paper": ("0.55", "--"),
-    "consistent": ("#009E73", "-"),
-    "slow_load": ("#7B3FA0", "-."),
-    "fokker_planck": ("#A50026", ":"),
-}
 # Share of its peak down to which a density is drawn.
 WORTH_DRAWING = 1e-3
-CIRCUIT, MONTE_CARLO = "#0072B2", "#D55E00"
-# Of the families of `work_precision.methods` in turn, as many of both as there are families; green,
-# grey and violet are the closures'.
-FAMILY_COLOURS = ("#E69F00", "#CC79A7", CIRCUIT, "#8C564B", "#56B4E9", MONTE_CARLO, "0.2")
-FAMILY_COLOURS += ("#117733", "#882255")
-FAMILY_MARKERS = "vdoDsP^<>"
 # Smallest bias that is drawn (%).
 LEAST_BIAS = 1e-3
 
 
-def save(draw, result, path):
+def save(draw: Callable, result: Any, path: str | Path) -> None:
     """Draw a result into a file, whole; the suffix chooses the format.
 
     Parameters
@@ -47,27 +49,50 @@ def save(draw, result, path):
         _render(draw, result, file, format=Path(path).suffix[1:])
 
 
-def picture(draw, result, format="svg"):
+def picture(draw: Callable, result: Any, format: str = "svg") -> bytes:
     """Draw a result into bytes; see `save`."""
     file = io.BytesIO()
     _render(draw, result, file, format=format)
     return file.getvalue()
 
 
+def drawn(draw: Callable, result: Any) -> Any:
+    """What `draw` makes of a result in the project's style, whatever settings are in force."""
+    with figure_settings(STYLE):
+        return draw(result)
+
+
+def write(figure: Figure, path: str | Path) -> None:
+    """Write a figure into a file, whole; the suffix chooses the format.
+
+    Raises
+    ------
+    OutputError
+    """
+    with whole_file(path) as file, figure_settings(STYLE):
+        _print(figure, file, format=Path(path).suffix[1:])
+
+
 def _render(draw, result, target, **options):
     with figure_settings(STYLE):
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-        figure = draw(result)
-        FigureCanvasAgg(figure)
-        figure.savefig(target, **options)
+        _print(draw(result), target, **options)
 
 
-def draw_result(result):
+def _print(figure, target, **options):
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    FigureCanvasAgg(figure)
+    figure.savefig(target, **options)
+
+
+def draw_result(result: Result) -> Figure | None:
     """Densities of displacement, velocity and voltage of one result; the fit to a record."""
     from matplotlib.figure import Figure
 
-    panels = len(result.densities) + (result.spectrum_fit is not None)
+    fitted = result.spectrum_fit is not None and result.spectrum_fit.frequency.size > 0
+    panels = len(result.densities) + fitted
+    if not panels:
+        return None
     figure = Figure(figsize=(3.0 * panels, 2.6))
     for place, name in enumerate(result.densities):
         axes = figure.add_subplot(1, panels, place + 1)
@@ -76,7 +101,7 @@ def draw_result(result):
         axes.set_ylabel("probability density" if place == 0 else "")
         axes.set_ylim(bottom=0.0)
         axes.set_xlim(-_reach(result, name), _reach(result, name))
-    if result.spectrum_fit is not None:
+    if fitted:
         _draw_fit(figure.add_subplot(1, panels, panels), result)
     figure.suptitle(f"{result.scene.name}: {result.engine}", x=0.01, ha="left", fontsize=9)
     return figure
@@ -95,7 +120,7 @@ def _draw_fit(axes, result):
     axes.legend(fontsize=6)
 
 
-def draw_comparison(comparison):
+def draw_comparison(comparison: Comparison) -> Figure:
     """Density of X by every engine and closure; waveforms on one path; their difference."""
     from matplotlib.figure import Figure
 
@@ -149,17 +174,16 @@ def _draw_waveforms(top, bottom, comparison):
     bottom.set_xlabel("time [s]")
 
 
-def draw_work_precision(diagram):
+def draw_work_precision(diagram: WorkPrecision) -> Figure:
     """Strong error and bias of every method over its seconds per simulated unit."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.0, 5.6))
     grid = figure.add_gridspec(3, 2, width_ratios=(1.0, 1.15))
     left = figure.add_subplot(grid[:, 0])
-    families = dict.fromkeys(row.method.family for row in diagram.rows)
-    marks = dict(zip(families, zip(cycle(FAMILY_COLOURS), cycle(FAMILY_MARKERS)), strict=False))
+    marks = styles(row.method.family for row in diagram.rows)
     _draw_strong_errors(left, diagram, marks)
-    right = None
+    right: Any = None
     for place, name in enumerate(MEANS):
         right = figure.add_subplot(grid[place, 1], sharex=right)
         _draw_biases(right, diagram, name, marks)
@@ -271,15 +295,22 @@ def _axis(result, name):
     return f"{name} [{'scaled' if unit.startswith('scaled') else unit}]"
 
 
-def draw_frequency_response(response):
+def draw_frequency_response(response: FrequencyResponse) -> Figure:
     """Amplitude, voltage and power over frequency."""
     from harvester.show.frequency_figure import draw
 
     return draw(response)
 
 
-def draw_stability(matrix):
+def draw_stability(matrix: StabilityMatrix) -> Figure:
     """The coloured grid of `harvester stability`."""
     from harvester.verification.stability.figure import draw
 
     return draw(matrix)
+
+
+def draw_time_to_accuracy(results: Sequence[TimeToAccuracy]) -> Figure:
+    """Total error over wall time, a row for each scene."""
+    from harvester.show.accuracy_figure import draw
+
+    return draw(results)

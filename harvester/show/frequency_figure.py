@@ -1,9 +1,18 @@
 """The figure of `harvester frequency-response`."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from harvester.studies.frequency_response import FrequencyResponse
+
 UP, DOWN = ("#0072B2", "-", ">"), ("#D55E00", "--", "<")
 
 
-def draw(response):
+def draw(response: FrequencyResponse) -> Figure:
     """Amplitude, rms voltage and mean power over frequency, up and down."""
     from matplotlib.figure import Figure
 

@@ -1,5 +1,7 @@
 """`validate --report`: one page that holds all of a comparison and loads nothing from elsewhere."""
 
+from __future__ import annotations
+
 import base64
 import html
 import json
@@ -7,11 +9,15 @@ import platform
 from datetime import datetime
 from importlib import metadata, resources
 from string import Template
+from typing import TYPE_CHECKING
 
 from harvester import __version__
 from harvester.errors import MissingLibrary
 from harvester.files.plain_text import one_line
 from harvester.show.verdicts import verdicts
+
+if TYPE_CHECKING:
+    from harvester.studies.comparison import Comparison
 
 # Below these widths a picture scrolls in its frame instead of becoming unreadable.
 NARROWEST_FIGURE, NARROWEST_SCHEMATIC = "36rem", "64rem"
@@ -23,7 +29,7 @@ LEGEND = (
 LIBRARIES = ("numpy", "scipy", "numba", "PySpice")
 
 
-def report(comparison):
+def report(comparison: Comparison) -> str:
     """A comparison as a page of HTML.
 
     Parameters

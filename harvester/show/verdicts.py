@@ -1,9 +1,16 @@
 """Sentences on a comparison, made from its numbers: who agrees, who lies off, and what is known."""
 
-import math
-from typing import NamedTuple
+from __future__ import annotations
 
-AGREEMENT = 3.0  # standard errors up to which two methods agree
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from harvester.studies.comparison import Comparison
+
+# Joint standard errors up to which two methods agree.
+AGREEING_STANDARD_ERRORS = 3.0
+# The quantity by which closures and the step are judged.
 JUDGED = "mean_square_voltage"
 # A closure is judged off only from here: every one is an approximation.
 NEGLIGIBLE_SHARE = 0.01
@@ -22,7 +29,7 @@ class Verdict(NamedTuple):
     good: bool | None = None
 
 
-def verdicts(comparison):
+def verdicts(comparison: Comparison) -> list[Verdict]:
     """What a comparison says, one sentence each.
 
     Parameters
@@ -51,7 +58,7 @@ def _engines(comparison):
     worst = max(known, key=known.get)
     short = len(apart) - len(known)
     tail = f"; {short} of {len(apart)} quantities have no error bar" if short else ""
-    if known[worst] <= AGREEMENT:
+    if known[worst] <= AGREEING_STANDARD_ERRORS:
         return Verdict(
             f"Circuit and Monte Carlo agree within {known[worst]:.1f} standard errors{tail}.", True
         )
@@ -66,7 +73,7 @@ def _step(comparison):
     bias = comparison.paired.get(JUDGED)
     if bias is None or not bias.standard_error or not math.isfinite(bias.estimate):
         return []
-    seen = abs(bias.estimate) > AGREEMENT * bias.standard_error
+    seen = abs(bias.estimate) > AGREEING_STANDARD_ERRORS * bias.standard_error
     judged = "more than its error explains" if seen else "within its error"
     return [
         Verdict(
@@ -113,7 +120,7 @@ def _closure(comparison, name):
 
 
 def _off(share, sigma):
-    return abs(sigma) > AGREEMENT and abs(share) >= NEGLIGIBLE_SHARE
+    return abs(sigma) > AGREEING_STANDARD_ERRORS and abs(share) >= NEGLIGIBLE_SHARE
 
 
 def _farthest(comparison, name):

@@ -1,20 +1,31 @@
 """`validate`: one scene by circuit, Monte Carlo and averaging, side by side."""
 
+from __future__ import annotations
+
 import math
+from collections.abc import Callable
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from harvester.averaging import CLOSURES
 from harvester.averaging.of_scene import average
+from harvester.calling import takes_scene
 from harvester.device import timescales
-from harvester.engines.workers import WorkerPool
+from harvester.engines.workers import Workers
 from harvester.errors import AveragingError
+from harvester.estimates.estimate import Estimate
 from harvester.estimates.paired import paired_difference
 from harvester.files.writing import finite
 from harvester.results import Result, with_error
+from harvester.scene.model import Scene
 from harvester.scene.units import scale
-from harvester.simulation import simulate
+from harvester.simulation import TIME_LIMIT, running, simulate
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 COMPARED = (
     "mean_square_voltage",
@@ -26,6 +37,8 @@ COMPARED = (
 )
 # Difference as a share that is rounding, where neither has an error.
 SAME = 1e-9
+# From which to which share of the work a method lasts: Monte Carlo takes little of it.
+SHARES = {"circuit": (0.0, 0.95), "monte-carlo": (0.95, 1.0)}
 # Length of the waveform that is shown, in periods of small oscillations.
 SHOWN_PERIODS = 20
 
@@ -49,16 +62,16 @@ class Comparison:
 
     circuit: Result
     monte_carlo: Result
-    closures: dict
-    refused: dict
-    paired: dict
+    closures: dict[str, Result]
+    refused: dict[str, str]
+    paired: dict[str, Estimate]
 
     @property
-    def scene(self):
+    def scene(self) -> Scene:
         """The scene that all of them share."""
         return self.circuit.scene
 
-    def difference(self, name):
+    def difference(self, name: str) -> float:
         """Circuit minus Monte Carlo in joint standard errors; nan without error bars.
 
         The joint error takes the two as independent: the same noise makes it conservative.
@@ -72,7 +85,7 @@ class Comparison:
             return 0.0 if math.isclose(a.estimate, b.estimate, rel_tol=SAME) else math.inf
         return (a.estimate - b.estimate) / joint
 
-    def deviation(self, closure, name):
+    def deviation(self, closure: str, name: str) -> tuple[float, float]:
         """A closure's deviation from Monte Carlo as a share, and in standard errors."""
         value = self.closures[closure].scaled_quantities[name].estimate
         reference = self.monte_carlo.scaled_quantities[name]
@@ -80,7 +93,7 @@ class Comparison:
         error = reference.standard_error
         return share, (value - reference.estimate) / error if error else math.nan
 
-    def table(self):
+    def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows of the table, as text."""
         header = ["quantity", "unit", "circuit", "Monte Carlo", "difference", "paired bias"]
         header += [name for name in self.closures]
@@ -106,7 +119,7 @@ class Comparison:
             row.append(f"{value:.4g} ({share:+.1%}, {_sigmas(sigma, 0)})")
         return row
 
-    def sentences(self):
+    def sentences(self) -> list[str]:
         """What the numbers say, one line each."""
         lines = [f"{engine.engine}: {'; '.join(engine.evidence())}" for engine in self._engines()]
         differences = {name: abs(self.difference(name)) for name in COMPARED}
@@ -127,7 +140,13 @@ class Comparison:
     def _engines(self):
         return (self.circuit, self.monte_carlo)
 
-    def to_dict(self):
+    def figure(self) -> Figure:
+        """Densities by every method, and circuit and Monte Carlo on one path of noise."""
+        from harvester.show import figures
+
+        return figures.drawn(figures.draw_comparison, self)
+
+    def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
         results = [*self._engines(), *self.closures.values()]
         return {
@@ -152,16 +171,27 @@ class Comparison:
         }
 
 
-def validate(scene, *, step="default", workers=None, time_limit=3600.0, progress=None):
+@takes_scene
+def validate(
+    scene: Scene,
+    *,
+    step: str | float = "default",
+    time_limit: float = TIME_LIMIT,
+    workers: int | None = None,
+    executor: Executor | None = None,
+    runner: Workers | None = None,
+    progress: Callable[[float, str], object] | None = None,
+) -> Comparison:
     """Compute a scene's quantities by circuit, Monte Carlo and every closure.
 
     Parameters
     ----------
-    scene : Scene
-    step, workers, time_limit
+    scene : Scene, str or Path
+        Itself, its file or its built-in name.
+    step, time_limit, workers, executor, runner
         See `harvester.simulate`.
     progress : callable or None
-        Given (label, scene), returns the callback for the share done.
+        Given the share done, 0 … 1, and the method at work.
 
     Returns
     -------
@@ -176,23 +206,32 @@ def validate(scene, *, step="default", workers=None, time_limit=3600.0, progress
     closures, refused = {}, {}
     for closure in CLOSURES:
         try:
-            closures[closure] = average(scene, closure)
+            closures[closure] = average(scene, method=closure)
         except AveragingError as error:
             refused[closure] = str(error)
-    with WorkerPool(scene.run.realizations, workers) as pool:
-        results = [
-            simulate(
+    results = []
+    with running(runner, executor, scene.run.realizations, workers) as pool:
+        for method, (begin, end) in SHARES.items():
+            result = simulate(
                 scene,
-                engine,
+                method=method,
                 step=step,
                 time_limit=time_limit,
                 window=(0.0, shown),
-                progress=progress(engine, scene) if progress else None,
-                pool=pool,
+                runner=pool,
+                progress=progress and _part(progress, begin, end),
             )
-            for engine in ("circuit", "monte-carlo")
-        ]
-    return Comparison(*results, closures, refused, paired_difference(*results))
+            results.append(result)
+    circuit, monte_carlo = results
+    paired = paired_difference(circuit, monte_carlo)
+    return Comparison(circuit, monte_carlo, closures, refused, paired)
+
+
+def _part(
+    progress: Callable[[float, str], object], begin: float, end: float
+) -> Callable[[float, str], object]:
+    """Progress of one part of the work, told as that of the whole."""
+    return lambda share, words: progress(begin + (end - begin) * share, words)
 
 
 def _sigmas(number, places):

@@ -5,6 +5,7 @@ Both from differences on common noise, whose errors are paired.
 
 import itertools
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,7 +49,9 @@ class Difference:
     standard_error: float
 
 
-def optimum_of(places, powers, series):
+def optimum_of(
+    places: Sequence[float], powers: Sequence[float], series: Sequence[np.ndarray | None]
+) -> CurveOptimum:
     """The maximum of a curve, from the parabola through ln P at its highest point and neighbours.
 
     The interval is two paired standard errors to either side, widened by how far the parabola
@@ -68,21 +71,21 @@ def optimum_of(places, powers, series):
     -------
     CurveOptimum
     """
-    powers = np.asarray(powers, dtype=float)
-    if not np.isfinite(powers).any():
+    heights = np.asarray(powers, dtype=float)
+    if not np.isfinite(heights).any():
         return CurveOptimum(None, note="no point has a value")
-    best = int(np.nanargmax(powers))
+    best = int(np.nanargmax(heights))
     if len(places) < 3:
         return CurveOptimum(best, note="" if len(places) == 1 else EDGE)
     if best in (0, len(places) - 1):
         return CurveOptimum(best, note=EDGE)
     near = [best - 1, best, best + 1]
-    if not (powers[near] > 0.0).all():
+    if not (heights[near] > 0.0).all():
         return CurveOptimum(best, note="a neighbour has no value: no interval")
     logarithmic = min(places) > 0.0
     axis = np.log(places) if logarithmic else np.asarray(places, dtype=float)
-    vertex, gradient = _vertex(axis[near], np.log(powers[near]))
-    shape = abs(vertex - _vertex(axis[near], powers[near])[0])
+    vertex, gradient = _vertex(axis[near], np.log(heights[near]))
+    shape = abs(vertex - _vertex(axis[near], heights[near])[0])
     error = _error_of(gradient, [series[k] for k in near])
     if error is None:
         return CurveOptimum(best, note="too few realizations for an interval")
@@ -97,10 +100,13 @@ def optimum_of(places, powers, series):
         note = "flat within the noise to the edge of the sweep"
     low, high = max(low, axis[0]), min(high, axis[-1])
     convert = np.exp if logarithmic else float
-    return CurveOptimum(best, *(float(convert(v)) for v in (vertex, low, high)), note=note)
+    vertex, low, high = (float(convert(each)) for each in (vertex, low, high))
+    return CurveOptimum(best, vertex, low, high, note)
 
 
-def rank(powers, series):
+def rank(
+    powers: Mapping[str, float], series: Mapping[str, np.ndarray | None]
+) -> tuple[list[str], list[Difference]]:
     """Loads from the best to the worst, with every difference between two of them.
 
     Parameters
@@ -119,16 +125,16 @@ def rank(powers, series):
     for place, better in enumerate(order):
         for worse in order[place + 1 :]:
             ratio = powers[better] / powers[worse]
-            error = 0.0
-            if series[better] is not None:
-                shares = [series[k] / powers[k] for k in (better, worse)]
+            error: float | None = 0.0
+            shares = [each / powers[k] for k in (better, worse) if (each := series[k]) is not None]
+            if shares:
                 error = error_of_sum((ratio, -ratio), shares)
-            error = math.nan if error is None else error
-            differences.append(Difference(better, worse, ratio - 1.0, error))
+            known = math.nan if error is None else error
+            differences.append(Difference(better, worse, ratio - 1.0, known))
     return order, differences
 
 
-def error_of_sum(weights, series):
+def error_of_sum(weights: Sequence[float], series: Sequence[np.ndarray]) -> float | None:
     """Standard error of a weighted sum of means on common noise.
 
     The first realizations of all series are on the same noise; where one has more than another,
@@ -149,15 +155,16 @@ def error_of_sum(weights, series):
     together = _error_of_prefix(weights, series, min(counts))
     if min(counts) == max(counts) or together is None:
         return together
-    errors = [standard_error(each) for each in series]
-    if None in errors:
+    errors = [error for each in series if (error := standard_error(each)) is not None]
+    if len(errors) < len(series):
         return None
     variance = sum((w * error) ** 2 for w, error in zip(weights, errors, strict=True))
     for i, j in itertools.combinations(range(len(series)), 2):
         count = min(counts[i], counts[j])
         pair = [series[i], series[j]]
-        parts = [_error_of_prefix(w, pair, count) for w in ((1.0, 0.0), (0.0, 1.0), (1.0, -1.0))]
-        if None in parts:
+        found = [_error_of_prefix(w, pair, count) for w in ((1.0, 0.0), (0.0, 1.0), (1.0, -1.0))]
+        parts = [error for error in found if error is not None]
+        if len(parts) < len(found):
             return None
         covariance = 0.5 * (parts[0] ** 2 + parts[1] ** 2 - parts[2] ** 2)
         shared = count**2 / (counts[i] * counts[j])

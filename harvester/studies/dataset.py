@@ -1,37 +1,25 @@
-"""A study as an xarray Dataset, NetCDF and CSV: the same study gives the same content."""
+"""A study as an xarray Dataset and as a table: the same study gives the same content."""
 
-import csv
-import io
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.errors import HarvesterError
-from harvester.files.plain_text import json_text, one_line
-from harvester.files.writing import whole_file, write_text
+from harvester.files.plain_text import json_text
+from harvester.files.tables import xarray_or_say
 from harvester.record.record import Record
 from harvester.results import unit_of
 from harvester.studies.evaluation import WAVEFORM
 
+if TYPE_CHECKING:
+    from xarray import Dataset
 
-def xarray_or_say():
-    """xarray, or one line on how to get it.
-
-    Raises
-    ------
-    HarvesterError
-    """
-    try:
-        import xarray
-
-        return xarray
-    except ImportError:
-        raise HarvesterError(
-            "a study's NetCDF needs xarray: pip install 'harvester[study]'"
-        ) from None
+    from harvester.studies.outcome import Report
 
 
-def to_dataset(report):
+def to_dataset(report: Report) -> Dataset:
     """The study as an xarray Dataset in the scene's units.
 
     Parameters
@@ -50,7 +38,7 @@ def to_dataset(report):
     grid = study.grid
     dimensions = ("load", *grid.sweeps)
     coordinates = {"load": list(grid.loads), **{k: list(v) for k, v in grid.sweeps.items()}}
-    variables = {
+    variables: dict[str, tuple] = {
         name: (dimensions, values, {"unit": unit}) for name, values, unit in _quantities(report)
     }
     variables |= {
@@ -71,28 +59,19 @@ def to_dataset(report):
     return xarray.Dataset(variables, coordinates, attributes)
 
 
-def save_netcdf(dataset, path):
-    """Write NetCDF (classic, 64-bit offsets), whole or not at all."""
-    with whole_file(path) as file:
-        file.write(dataset.to_netcdf(engine="scipy", format="NETCDF3_64BIT"))
-
-
-def save_csv(report, path):
-    """One line a point: load, swept values, every quantity with its standard error."""
+def table_of(report: Report) -> tuple[list[str], list[list[Any]]]:
+    """Header and rows, one a point: load, swept values, every quantity with its standard error."""
     grid = report.study.grid
     quantities = list(_quantities(report))
     header = ["load", *grid.sweeps, *(f"{name} [{unit}]" for name, _, unit in quantities)]
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([*header, "realizations", "control_variate_gain", "outcome"])
+    rows = []
     for place in np.ndindex(report.evaluations.shape):
-        evaluation = report.evaluations[place]
-        swept = [f"{v[k]:.9g}" for v, k in zip(grid.sweeps.values(), place[1:], strict=True)]
+        evaluation: Any = report.evaluations[place]
+        swept = [v[k] for v, k in zip(grid.sweeps.values(), place[1:], strict=True)]
         values = [values[place] for _, values, _ in quantities]
-        cells = ["" if math.isnan(value) else f"{value:.9g}" for value in values]
-        row = [grid.loads[place[0]], *swept, *cells, evaluation.realizations]
-        writer.writerow([*row, f"{evaluation.gain:.4g}", one_line(evaluation.outcome)])
-    write_text(path, text.getvalue())
+        row = [grid.loads[place[0]], *swept, *values, evaluation.realizations]
+        rows.append([*row, evaluation.gain, evaluation.outcome])
+    return [*header, "realizations", "control_variate_gain", "outcome"], rows
 
 
 def _each(report, value, kind):

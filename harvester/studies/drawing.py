@@ -1,12 +1,20 @@
 """Figures of a load study: power, efficiency, waveforms at the optimum."""
 
+from __future__ import annotations
+
 import math
 from itertools import cycle
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from harvester.record.record import Record
 from harvester.results import unit_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from harvester.studies.outcome import Report
 
 MARKERS = "osD^vP*X"
 # Panels in one row, and cycles of small oscillations in a waveform.
@@ -23,7 +31,7 @@ LABELS = {
 EFFICIENCIES = ("end_to_end_efficiency", "power_conversion_efficiency_of_input")
 
 
-def draw_power(report):
+def draw_power(report: Report) -> Figure:
     """Output power over the swept value, one curve a load; its optimum's interval below."""
     top = max((e.power for e in report.study.evaluations if math.isfinite(e.power)), default=1.0)
     factor, prefix = _prefix(top) if report.scene.units == "SI" else (1.0, "")
@@ -39,7 +47,7 @@ def draw_power(report):
     return figure
 
 
-def draw_efficiency(report):
+def draw_efficiency(report: Report) -> Figure:
     """Harvested power over the mechanical input."""
 
     def value(evaluation):
@@ -51,7 +59,7 @@ def draw_efficiency(report):
     return _panels(report, "power harvested of that put in [%]", value, 0.01)[0]
 
 
-def draw_waveforms(report):
+def draw_waveforms(report: Report) -> Figure:
     """Displacement and piezo voltage at each load's highest point, all on the same noise."""
     from matplotlib.figure import Figure
 

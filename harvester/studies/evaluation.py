@@ -1,10 +1,12 @@
-"""From the pieces of one point to its quantities with error bars."""
+"""From the realizations of one point to its quantities with error bars."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from harvester.errors import HarvesterError
 from harvester.estimates.balance import energy_balance_residual
 from harvester.estimates.batch_means import complete_batches
 from harvester.estimates.control_variate import controlled_mean
@@ -13,14 +15,15 @@ from harvester.estimates.means import estimate_all
 from harvester.estimates.output_side import estimate_output
 from harvester.estimates.passivity import efficiency_notes
 from harvester.estimates.settling import shortfalls, withheld
-from harvester.record.moments import QUANTITIES
+from harvester.record.moments import QUANTITIES, Moments
 from harvester.record.output_side import QUANTITIES as OUTPUT_QUANTITIES
 from harvester.record.record import Record
 from harvester.results import unit_of
+from harvester.running.request import COMPLETE, in_units, told
+from harvester.scene.model import Scene
 from harvester.scene.units import scale
 from harvester.simulation import LARGEST_RESIDUAL, NOTED_RESIDUAL
 
-COMPLETE = "complete"
 # Dimensions of a record's columns; the others are powers.
 WAVEFORM = {
     "time": "time",
@@ -53,11 +56,11 @@ class Evaluation:
     power_error : float
         The same with it, also where `estimates` withholds it for a run too short for what is slow.
     waveform : ndarray or None
-        As in `Piece`, in the scene's units.
+        Beginning of the first realization, rows as in `Record`, in the scene's units.
     """
 
     outcome: str
-    estimates: dict = field(default_factory=dict)
+    estimates: dict[str, Estimate] = field(default_factory=dict)
     series: np.ndarray | None = field(default=None, repr=False)
     realizations: int = 0
     gain: float = 1.0
@@ -66,30 +69,37 @@ class Evaluation:
     waveform: np.ndarray | None = field(default=None, repr=False)
 
     @property
-    def power(self):
+    def power(self) -> float:
         """Output power, nan where there is none."""
         return self.estimates[POWER].estimate if POWER in self.estimates else math.nan
 
     @property
-    def plain_power(self):
+    def plain_power(self) -> float:
         """The same without the control variate: what paired differences are taken of."""
         return self.power if self.series is None else float(self.series.mean())
 
     @property
-    def relative_error(self):
+    def relative_error(self) -> float:
         """Of the output power; infinite without an error bar."""
         share = self.power_error / abs(self.power) if self.power else math.nan
         return math.inf if math.isnan(share) else share
 
 
-def evaluate(scene, pieces, control=None):
+def evaluate(
+    scene: Scene,
+    good: Sequence[dict],
+    ended: HarvesterError | str,
+    control: tuple[np.ndarray, float | None, float] | None = None,
+) -> Evaluation:
     """Quantities of one point.
 
     Parameters
     ----------
     scene : Scene
-    pieces : sequence of Piece
-        In the order of their realizations; those after a failure are not looked at.
+    good : sequence of dict
+        Answers of its tasks, in the order of their realizations.
+    ended : HarvesterError or str
+        What came instead of the next ones; "" where all came.
     control : (ndarray, float or None, float), optional
         Power of the control on the same realizations, its known mean and that one's error.
 
@@ -98,20 +108,15 @@ def evaluate(scene, pieces, control=None):
     Evaluation
     """
     parameters, scales = scale(scene)
-    good, failure = [], ""
-    for piece in pieces:
-        if piece.failure:
-            failure = piece.failure
-            break
-        good.append(piece)
     if not good:
-        return Evaluation(failure or "nothing was run: the time budget was spent")
-    if good[0].quantities:
-        estimates = _in_units(good[0].quantities, scales)
-        power = estimates["mean_power"]
-        error = _or_nan(power.standard_error)
-        return Evaluation(COMPLETE, {**estimates, POWER: power}, power_error=error)
-    moments = [each for piece in good for each in piece.moments]
+        words = told(ended) if isinstance(ended, HarvesterError) else f"nothing was run: {ended}"
+        return Evaluation(words)
+    if "quantities" in good[0]:
+        estimates = in_units(good[0]["quantities"], scales)
+        mean = estimates["mean_power"]
+        error = _or_nan(mean.standard_error)
+        return Evaluation(COMPLETE, {**estimates, POWER: mean}, power_error=error)
+    moments = [each for part in good for each in part["moments"]]
     scaled = estimate_all(moments, parameters) | estimate_output(moments)
     residual = abs(energy_balance_residual(moments, parameters))
     if not residual <= LARGEST_RESIDUAL:
@@ -124,13 +129,13 @@ def evaluate(scene, pieces, control=None):
     if residual > NOTED_RESIDUAL:
         notes.append(f"energy balance residual {residual:.1%}: choose a shorter --step")
     outcome = "; ".join([COMPLETE, *notes])
-    if failure:
-        outcome = f"ended after {len(moments)} realizations: {failure}"
+    if isinstance(ended, HarvesterError):
+        outcome = f"ended after {len(moments)} realizations: {told(ended)}"
     series = power_series(moments, scales.power)
     known = (control[0][: len(series)], *control[1:]) if control else (np.empty((0, 0)),)
     power = controlled_mean(series, *known)
     plain = controlled_mean(series, np.empty((0, 0))).standard_error
-    estimates = _in_units(scaled, scales)
+    estimates = in_units(scaled, scales)
     estimates[POWER] = Estimate(power.mean, power.standard_error, None, "power")
     return Evaluation(
         outcome=outcome,
@@ -140,17 +145,26 @@ def evaluate(scene, pieces, control=None):
         gain=power.gain,
         plain_error=_or_nan(plain),
         power_error=_or_nan(power.standard_error),
-        waveform=_waveform_in_units(good[0].waveform, scales),
+        waveform=_waveform_in_units(good[0]["waveform"], scales),
     )
 
 
-def power_series(moments, unit):
+def series_of(scene: Scene, good: Sequence[dict]) -> np.ndarray | None:
+    """Output power of a point's tasks batch by batch, in the scene's units, or None."""
+    moments = [each for part in good for each in part["moments"]]
+    return power_series(moments, scale(scene)[1].power) if moments else None
+
+
+def power_series(moments: Sequence[Moments], unit: float) -> np.ndarray:
     """Output power batch by batch, shape (realizations, batches), whose mean is the estimate."""
     batches = complete_batches(moments)
+    if batches is None:
+        raise HarvesterError("no realization has a complete batch: raise run.duration")
     time = batches[:, :, QUANTITIES.index("time")]
-    if moments[0].output is not None:
+    outputs = [each.output for each in moments if each.output is not None]
+    if outputs:
         row, count = OUTPUT_QUANTITIES.index("square_voltage"), batches.shape[1]
-        energy = np.stack([m.output.conductance * m.output.integrals[:count, row] for m in moments])
+        energy = np.stack([each.conductance * each.integrals[:count, row] for each in outputs])
     else:
         energy = batches[:, :, QUANTITIES.index("load_power")]
     mean = energy.sum() / time.sum()
@@ -166,16 +180,3 @@ def _waveform_in_units(waveform, scales):
         return None
     factors = [scales.of(WAVEFORM.get(name, "power")) for name in Record._fields]
     return waveform * np.array(factors)[:, None]
-
-
-def _in_units(estimates, scales):
-    return {
-        name: Estimate(
-            e.estimate * scales.of(e.dimension),
-            None if e.standard_error is None else e.standard_error * scales.of(e.dimension),
-            e.effective_sample_size,
-            e.dimension,
-            e.note,
-        )
-        for name, e in estimates.items()
-    }

@@ -1,10 +1,14 @@
 """The files of a study: NetCDF, CSV, figures."""
 
+from pathlib import Path
+
+from harvester.files.tables import write_csv, write_netcdf
 from harvester.files.writing import in_folder
+from harvester.running.folder import StudyFolder, held
 from harvester.show import figures
 from harvester.studies import drawing
-from harvester.studies.dataset import save_csv, save_netcdf, to_dataset
-from harvester.studies.folder import held
+from harvester.studies.dataset import table_of, to_dataset
+from harvester.studies.outcome import Report
 
 FIGURES = {
     "power.png": drawing.draw_power,
@@ -14,7 +18,7 @@ FIGURES = {
 FILES = ("load-study.nc", "load-study.csv", *FIGURES)
 
 
-def save(report, folder):
+def save(report: Report, folder: str | Path | StudyFolder) -> list[str]:
     """Write a study's files, each whole or not at all; returns their names.
 
     Parameters
@@ -29,9 +33,10 @@ def save(report, folder):
     OutputError
         `FolderInUse` where another run is at work there.
     """
-    with held(folder):
-        save_netcdf(to_dataset(report), in_folder(folder, "load-study.nc"))
-        save_csv(report, in_folder(folder, "load-study.csv"))
+    with held(folder) as own:
+        place = Path(own)
+        write_netcdf(in_folder(place, "load-study.nc"), to_dataset(report))
+        write_csv(in_folder(place, "load-study.csv"), *table_of(report))
         for name, draw in FIGURES.items():
-            figures.save(draw, report, in_folder(folder, name))
+            figures.save(draw, report, in_folder(place, name))
     return list(FILES)

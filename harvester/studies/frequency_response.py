@@ -4,25 +4,35 @@ One run per direction goes through the frequencies one after another without a j
 that the device keeps its branch: what differs between up and down is hysteresis.
 """
 
+from __future__ import annotations
+
 import math
 import time
-from contextlib import nullcontext
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
+from harvester.calling import takes_scene
 from harvester.device import timescales
 from harvester.engines.protocol import ENGINES
 from harvester.engines.realization import Waveform, start_state
 from harvester.engines.steps import knot_spacing
-from harvester.engines.workers import WorkerPool
 from harvester.errors import HarvesterError
 from harvester.excitation.sine import KNOTS_PER_PERIOD, Sine, SteppedSine
+from harvester.files.plain_text import json_text
+from harvester.files.tables import xarray_or_say
 from harvester.files.writing import finite
 from harvester.results import SI_UNITS
+from harvester.running import RunnerOptions, Task, open_runner
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
-from harvester.simulation import TIME_LIMIT, check_name, check_step
+from harvester.scene.units import Scales, scale
+from harvester.simulation import check_name, check_step
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from xarray import Dataset
 
 # At each frequency a transient falls to this share before the measurement.
 SETTLED_SHARE = 1e-4
@@ -83,21 +93,21 @@ class FrequencyResponse:
     scene: Scene
     engine: str
     frequencies: np.ndarray
-    sweeps: list
-    scales: object
+    sweeps: list[Sweep]
+    scales: Scales
     engine_version: str
     dwell: float
     seconds: float
 
-    def values(self, name, sweep):
+    def values(self, name: str, sweep: Sweep) -> np.ndarray:
         """A quantity of a sweep in the scene's units, shape (n,)."""
         return getattr(sweep, name) * self.scales.of(QUANTITIES[name])
 
-    def unit(self, dimension):
+    def unit(self, dimension: str) -> str:
         """Unit of a dimension in this scene."""
         return SI_UNITS[dimension] if self.scene.units == "SI" else "scaled"
 
-    def table(self):
+    def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows of the table, as text."""
         header = ["sweep", "frequency (Hz)"]
         header += [
@@ -114,7 +124,30 @@ class FrequencyResponse:
                 )
         return [*header, "residual"], rows
 
-    def sentences(self):
+    def data(self) -> tuple[list[str], list[list[Any]]]:
+        """Header and rows of numbers, in the scene's units."""
+        header = ["sweep", "frequency [Hz]"]
+        header += [f"{name} [{self.unit(each)}]" for name, each in QUANTITIES.items()]
+        rows = []
+        for sweep in self.sweeps:
+            columns = [self.frequencies, *(self.values(name, sweep) for name in QUANTITIES)]
+            rows += [[sweep.direction, *row] for row in zip(*columns, sweep.residual, strict=True)]
+        return [*header, "residual"], rows
+
+    def to_xarray(self) -> Dataset:
+        """An xarray Dataset over sweep and frequency, in the scene's units."""
+        units = {name: {"unit": self.unit(each)} for name, each in QUANTITIES.items()}
+        variables: dict[str, tuple] = {
+            name: (("sweep", "frequency"), [self.values(name, s) for s in self.sweeps], units[name])
+            for name in QUANTITIES
+        }
+        variables["residual"] = (("sweep", "frequency"), [s.residual for s in self.sweeps])
+        sweeps = [sweep.direction for sweep in self.sweeps]
+        coordinates = {"sweep": sweeps, "frequency": self.frequencies}
+        attributes = {"scene": json_text(self.scene.to_dict()), "method": self.engine}
+        return xarray_or_say().Dataset(variables, coordinates, attributes)
+
+    def sentences(self) -> list[str]:
         """What the numbers say, one line each."""
         lines = [
             f"{self.engine}: {self.engine_version}; {self.dwell:.4g} s at each frequency, "
@@ -134,7 +167,13 @@ class FrequencyResponse:
                 )
         return lines
 
-    def to_dict(self):
+    def figure(self) -> Figure:
+        """Amplitude, voltage and power over frequency."""
+        from harvester.show import figures
+
+        return figures.drawn(figures.draw_frequency_response, self)
+
+    def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, in the scene's units."""
         return {
             "engine": self.engine,
@@ -157,34 +196,36 @@ class FrequencyResponse:
         }
 
 
+@takes_scene
 def frequency_response(
-    scene,
-    frequencies,
-    engine="monte-carlo",
+    scene: Scene,
+    frequencies: Sequence[float],
     *,
-    amplitude=None,
-    down=False,
-    step="default",
-    workers=None,
-    time_limit=TIME_LIMIT,
-    pool=None,
-):
+    method: str = "monte-carlo",
+    amplitude: float | None = None,
+    down: bool = False,
+    step: str | float = "default",
+    **running: Unpack[RunnerOptions],
+) -> FrequencyResponse:
     """Amplitude, rms voltage and mean power over the frequency of a sine.
 
     Parameters
     ----------
-    scene : Scene
-        With `excitation.kind = "sine"`, whose amplitude is kept, or any other with `amplitude`.
+    scene : Scene, str or Path
+        Itself, its file or its built-in name;
+        with `excitation.kind = "sine"`, whose amplitude is kept, or any other with `amplitude`.
     frequencies : sequence of float
         Hz.
-    engine : str
+    method : str
         "monte-carlo" (Runge–Kutta) or "circuit" (ngspice), on the same path.
     amplitude : float or None
         Of the base acceleration, m/s² in SI; None: the scene's own.
     down : bool
         Sweep down as well: hysteresis is where the two differ.
-    step, workers, time_limit, pool
+    step
         See `harvester.simulate`.
+    **running
+        See `harvester.running.open_runner`.
 
     Returns
     -------
@@ -200,36 +241,42 @@ def frequency_response(
     how far the motion is from a settled, periodic one; the step's own error, of second order in
     the circuit, shows when `step` is halved.
     """
-    engine = check_name("engine", engine, ENGINES)
+    check_name("method", method, ENGINES)
     step = check_step(step)
-    frequencies = np.unique(np.asarray(frequencies, dtype=float))
+    rising = np.unique(np.asarray(frequencies, dtype=float))
     scene = _with_sine(scene, amplitude)
-    if frequencies.size == 0 or not (np.isfinite(frequencies).all() and frequencies[0] > 0.0):
+    if rising.size == 0 or not (np.isfinite(rising).all() and rising[0] > 0.0):
         raise HarvesterError("frequencies: must be one or more numbers > 0, in Hz")
-    directions = {"up": frequencies, "down": frequencies[::-1]} if down else {"up": frequencies}
-    calls = [
-        {"scene": _stepped(scene, order), "engine": engine, "step": step}
-        for order in directions.values()
-    ]
-    with nullcontext(pool) if pool else WorkerPool(len(calls), workers) as running:
-        outcomes = running.map(run, calls, time_limit)
+    directions = {"up": rising, "down": rising[::-1]} if down else {"up": rising}
+    scenes = [_stepped(scene, order) for order in directions.values()]
+    with open_runner(**running) as runner:
+        version = runner.version(method)
+        arguments = [{"scene": each, "engine": method, "step": step} for each in scenes]
+        outcomes = runner.run([Task(run, each, version, method) for each in arguments])
+    for outcome in outcomes:
+        if isinstance(outcome, HarvesterError):
+            raise outcome
+    if None in outcomes:
+        raise HarvesterError("the time budget was spent: the same command goes on where it ended")
     sweeps = []
     for direction, (rows, _, _) in zip(directions, outcomes, strict=True):
         ordered = rows if direction == "up" else rows[::-1]
         sweeps.append(Sweep(direction, *np.array(ordered).T))
     return FrequencyResponse(
         scene=scene,
-        engine=engine,
-        frequencies=frequencies,
+        engine=method,
+        frequencies=rising,
         sweeps=sweeps,
         scales=scale(scene)[1],
         engine_version=outcomes[0][1],
-        dwell=calls[0]["scene"].excitation.dwell,
+        dwell=scenes[0].excitation.dwell,
         seconds=sum(seconds for _, _, seconds in outcomes),
     )
 
 
-def run(scene, engine, step, report):
+def run(
+    scene: Scene, engine: str, step: str | float, report: Callable
+) -> tuple[list[tuple[float, float, float, float]], str, float]:
     """One direction, in a worker process.
 
     Returns
@@ -239,7 +286,7 @@ def run(scene, engine, step, report):
         version; seconds.
     """
     chosen = ENGINES[engine]
-    excitation = scene.excitation
+    excitation: Any = scene.excitation
     path = excitation.path(knot_spacing(scene), scale(scene)[1].displacement, None)
     windows = []
     for place, frequency in enumerate(excitation.frequencies):

@@ -1,6 +1,7 @@
 """The points of a load study: every load at every place of the swept values."""
 
 import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,7 +32,7 @@ class Point:
     """
 
     load: str
-    place: tuple
+    place: tuple[float, ...]
     scene: Scene
 
 
@@ -53,19 +54,19 @@ class Grid:
     """
 
     scene: Scene
-    loads: tuple
-    sweeps: dict
-    points: tuple
-    notes: tuple
+    loads: tuple[str, ...]
+    sweeps: dict[str, tuple[float, ...]]
+    points: tuple[Point, ...]
+    notes: tuple[str, ...]
 
     @property
-    def curve(self):
+    def curve(self) -> int | None:
         """Place among the sweeps of the one that optima are sought along: the longest."""
         lengths = [len(values) for values in self.sweeps.values()]
         return lengths.index(max(lengths)) if lengths else None
 
 
-def make_grid(scene, loads, sweeps):
+def make_grid(scene: Scene, loads: Sequence[str], sweeps: Mapping[str, Sequence[float]]) -> Grid:
     """Every point of a study, its scene checked.
 
     Parameters
@@ -100,8 +101,8 @@ def make_grid(scene, loads, sweeps):
     ]
     points, notes = _with_storage(points, sweeps)
     points = _on_common_knots(points)
-    sweeps = {key: tuple(float(v) for v in values) for key, values in sweeps.items()}
-    return Grid(points[0].scene, labels, sweeps, tuple(points), notes)
+    swept = {key: tuple(float(v) for v in values) for key, values in sweeps.items()}
+    return Grid(points[0].scene, labels, swept, tuple(points), notes)
 
 
 def _is_path(load):
@@ -109,7 +110,7 @@ def _is_path(load):
 
 
 def _with_load(scene, load):
-    if load in (OWN_LOAD, scene.electrical_load.netlist):
+    if load in (OWN_LOAD, scene.load.netlist):
         return scene
     tables = scene.to_tables()
     tables["load"] = {"netlist": load}
@@ -132,8 +133,8 @@ def _at(scene, values):
     changes = {}
     for key, value in values.items():
         if key in RESISTANCES:
-            key = RESISTANCES[0 if scene.electrical_load.netlist else 1]
-            if scene.electrical_load.decay_rate is not None:
+            key = RESISTANCES[0 if scene.load.netlist else 1]
+            if scene.load.decay_rate is not None:
                 # Of the scaled resistor, whose λ is 1/R.
                 key, value = "load.decay_rate", 1.0 / value
         changes[key] = value
@@ -147,7 +148,7 @@ def _with_storage(points, sweeps):
     """
     changed = []
     for k, point in enumerate(points):
-        load, settle = point.scene.electrical_load, point.scene.run.settle
+        load, settle = point.scene.load, point.scene.run.settle
         if not load.netlist or _is_path(load.netlist) or settle == 0.0:
             continue
         values = dict(load.circuit.defaults) | dict(load.circuit.parameters)

@@ -5,27 +5,27 @@ noise, moves on while the slope asks for it, and fits a cubic to several places:
 the maximum's place is what the paired errors of the values make of it.
 """
 
+import math
 import time
 from dataclasses import dataclass
+from typing import Any, Unpack
 
+from harvester.averaging import CLOSURES
+from harvester.calling import takes_scene
 from harvester.engines.protocol import ENGINES
-from harvester.engines.steps import knot_spacing
-from harvester.engines.workers import WorkerPool
 from harvester.errors import HarvesterError
 from harvester.estimates.estimate import Estimate
-from harvester.files.plain_text import nearest
 from harvester.files.writing import finite
 from harvester.results import with_error
+from harvester.running import Request, RunnerOptions, open_runner
 from harvester.scene.model import Scene
-from harvester.scene.numbers import numbers
 from harvester.scene.units import require_resistor
 from harvester.simulation import check_name
-from harvester.studies.optimum_search import Axis, Search, amount, averaged, in_units
-from harvester.studies.sweep import Request, failed, resolving, sweep
+from harvester.studies.axis import Axis
+from harvester.studies.objective import answers_in_time, on_common_knots
+from harvester.studies.optimum_search import Search, amount, averaged
 
 MAXIMISED = ("power_conversion_efficiency", "mean_power", "mean_square_voltage")
-# A range that was not given: the scene's value over and times this.
-SPAN = 10.0
 # Standard errors to either side of the place that make its interval.
 INTERVAL = 2.0
 
@@ -45,7 +45,7 @@ class Optimum:
     averaged_reason : str
     averaged_there : float or None
         By averaging at the place that simulation found.
-    engine : str
+    method : str
     place, value : Estimate
         By simulation; `place` from the fit, `value` from a run there.
     fitted : list of (float, Estimate)
@@ -61,30 +61,31 @@ class Optimum:
     averaged_value: float | None
     averaged_reason: str
     averaged_there: float | None
-    engine: str
+    method: str
     place: Estimate
     value: Estimate
-    fitted: list
+    fitted: list[tuple[float, Estimate]]
     wall_seconds: float
 
     @property
-    def interval(self):
+    def interval(self) -> tuple[float, float]:
         """Of the place: two standard errors to either side."""
-        reach = INTERVAL * self.place.standard_error
+        error = self.place.standard_error
+        reach = INTERVAL * (math.nan if error is None else error)
         return self.place.estimate - reach, self.place.estimate + reach
 
-    def table(self):
+    def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows of the table, as text."""
         header = ["method", "parameter", "optimum at", "interval", self.quantity.replace("_", " ")]
         low, high = self.interval
-        rows = [[self.engine, self.axis.key, f"{self.place.estimate:.4g}"]]
+        rows = [[self.method, self.axis.key, f"{self.place.estimate:.4g}"]]
         rows[0] += [f"{low:.4g} … {high:.4g}", with_error(self.value)]
         if self.averaged_place is not None:
             place, value = f"{self.averaged_place:.4g}", f"{self.averaged_value:.4g}"
             rows.insert(0, [f"averaging, {self.closure}", self.axis.key, place, "", value])
         return header, rows
 
-    def sentences(self):
+    def sentences(self) -> list[str]:
         """How far averaging is off, and what was run."""
         lines = []
         if self.averaged_place is None:
@@ -93,19 +94,22 @@ class Optimum:
             place, value = self._off()
             lines.append(
                 f"averaging, {self.closure}: place {place:+.1%}, value {value:+.1%} off "
-                f"{self.engine}"
+                f"{self.method}"
             )
         if self.averaged_there is not None:
             off = self.averaged_there / self.value.estimate - 1.0
-            lines.append(f"averaging, {self.closure}, at {self.engine}'s optimum: {off:+.1%}")
+            lines.append(f"averaging, {self.closure}, at {self.method}'s optimum: {off:+.1%}")
         low, high = self.fitted[0][0], self.fitted[-1][0]
         lines.append(
-            f"{self.engine}: cubic through {len(self.fitted)} places in {low:.4g} … {high:.4g} on "
+            f"{self.method}: cubic through {len(self.fitted)} places in {low:.4g} … {high:.4g} on "
             f"common noise, seed {self.scene.run.seed}; interval: two standard errors"
         )
         return [*lines, f"{self.wall_seconds:.1f} s"]
 
-    def to_dict(self):
+    def figure(self) -> None:
+        """A single place has none."""
+
+    def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
         off = self._off() if self.averaged_place is not None else (None, None)
         return {
@@ -123,7 +127,7 @@ class Optimum:
                 "value_deviation": finite(off[1]),
             },
             "simulation": {
-                "engine": self.engine,
+                "method": self.method,
                 "place": _entry(self.place),
                 "interval": list(self.interval),
                 "value": _entry(self.value),
@@ -139,19 +143,21 @@ class Optimum:
         return place, self.averaged_value / self.value.estimate - 1.0
 
 
+@takes_scene
 def optimum(
-    scene,
-    over,
+    scene: Scene,
+    over: str,
     *,
-    low=None,
-    high=None,
-    maximise=MAXIMISED[0],
-    engine="monte-carlo",
-    closure="slow_load",
-    workers=None,
-    progress=None,
-):
+    low: float | None = None,
+    high: float | None = None,
+    maximise: str = MAXIMISED[0],
+    method: str = "monte-carlo",
+    closure: str | None = None,
+    **running: Unpack[RunnerOptions],
+) -> Optimum:
     """Find where a mean is largest over one parameter, by averaging and by simulation.
+
+    `harvester.studies.optimum_of_several` takes several.
 
     Parameters
     ----------
@@ -163,18 +169,16 @@ def optimum(
         Range; None: a tenth and ten times the scene's value, within what the key allows.
     maximise : str
         A name in `MAXIMISED`.
-    engine : str
-        "monte-carlo", or "circuit" for runs of the scene's own length.
-    closure : str
-    workers : int or None
-        Processes; None: one per core.
-    progress : callable or None
-        Given the share done, 0 … 1.
+    method : str
+        "monte-carlo", or "circuit" for the scene's own realizations.
+    closure : str or None
+        None: the most accurate, the last of `harvester.averaging.CLOSURES`.
+    **running
+        See `harvester.running.open_runner`.
 
     Returns
     -------
     Optimum
-        In the scene's units.
 
     Raises
     ------
@@ -183,28 +187,29 @@ def optimum(
     OptimumError
         The largest value lies at an end of the range, or no maximum can be told from noise.
     SimulationError
+        A run failed; `OutOfTime` where the time is spent.
     """
     clock = time.perf_counter()
     check_name("quantity", maximise, MAXIMISED)
-    check_name("engine", engine, ENGINES)
-    if engine == "monte-carlo":
+    check_name("method", method, ENGINES)
+    if method == "monte-carlo":
         require_resistor(scene, "Monte Carlo")
-    axis = _axis(scene, over, low, high)
+    closure = check_name("closure", closure or CLOSURES[-1], CLOSURES)
+    axis = Axis.of(scene, over, low, high)
     device = _common_knots(scene, axis)
-    follow = progress or (lambda share: None)
-    with WorkerPool(workers=workers) as pool:
-        place, value, reason = averaged(device, axis, maximise, closure, pool)
-        follow(0.3)
-        search = Search(device, axis, maximise, engine, pool)
+    follow = running.pop("progress", None) or (lambda share, words: None)
+    with open_runner(**running) as opened:
+        place, value, reason = averaged(device, axis, maximise, closure, opened)
+        follow(0.3, "simulation")
+        search = Search(device, axis, maximise, method, opened)
         found, fitted = search.find(None if place is None else axis.coordinate(place))
-        follow(0.9)
+        follow(0.9, "comparison")
         there = device.replace({axis.key: found.estimate})
-        run = search.scene_at(axis.coordinate(found.estimate))
-        wanted = [Request(run, engine), Request(there, closure)]
-        outcomes = sweep(wanted, pool)
-        simulated, closure_there = (outcomes[request] for request in wanted)
-    if failed(simulated):
+        wanted = [search.request(axis.coordinate(found.estimate)), Request(there, closure)]
+        simulated, by_closure = answers_in_time(opened, wanted)
+    if isinstance(simulated, HarvesterError):
         raise simulated
+    refused = isinstance(by_closure, HarvesterError)
     return Optimum(
         scene=scene,
         axis=axis,
@@ -213,38 +218,19 @@ def optimum(
         averaged_place=place,
         averaged_value=value,
         averaged_reason=reason,
-        averaged_there=None if failed(closure_there) else amount(closure_there, maximise),
-        engine=engine,
+        averaged_there=None if refused else amount(by_closure, maximise),
+        method=method,
         place=found,
-        value=in_units(simulated, maximise),
+        value=simulated.in_units()[maximise],
         fitted=fitted,
         wall_seconds=time.perf_counter() - clock,
     )
 
 
-def _axis(scene, over, low, high):
-    """The key and its range, checked."""
-    known = numbers(scene)
-    if over not in known:
-        raise HarvesterError(
-            f"{over}: no number of this scene{nearest(over, known)}; there are {', '.join(known)}"
-        )
-    value, spec = known[over]
-    ends = sorted((value / SPAN, value * SPAN))
-    low = max(ends[0], spec.low) if low is None else low
-    high = min(ends[1], spec.high) if high is None else high
-    if not low < high:
-        raise HarvesterError(f"{over}: no range from {low:g} to {high:g}; give --from below --to")
-    for end in (low, high):
-        scene.replace({over: end})
-    return Axis(over, low, high)
-
-
 def _common_knots(scene, axis):
     """The scene with one spacing for the whole range: else places would not share their noise."""
     ends = [scene.replace({axis.key: end}) for end in (axis.low, axis.high)]
-    spacing = min(knot_spacing(resolving(end)) for end in ends)
-    return scene.replace({"excitation.knot_spacing": spacing})
+    return on_common_knots([scene], ends)[0]
 
 
 def _entry(estimate):

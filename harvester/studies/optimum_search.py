@@ -1,32 +1,30 @@
 """How `studies.optimum` looks for a maximum: by averaging, then by simulation on common noise."""
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.optimize import minimize_scalar
 
-from harvester.averaging.of_scene import DIMENSIONS
-from harvester.errors import OptimumError
+from harvester.errors import HarvesterError, OptimumError
 from harvester.estimates.batch_means import standard_error
 from harvester.estimates.estimate import Estimate
-from harvester.estimates.paired import deviations
-from harvester.scene.units import scale
-from harvester.studies.sweep import Request, failed, sweep
+from harvester.running import Answer, Request, Runner
+from harvester.scene.model import Scene
+from harvester.studies.axis import Axis
+from harvester.studies.objective import answers_in_time, series_in_units
 
-# Ranges wider than this ratio are scanned and fitted over ln of the parameter.
-LOGARITHMIC = 3.0
-# Places of averaging's scan, and of a fit.
-SCANNED, PLACES = 17, 7
+# Places of averaging's scan, those between the neighbours of its highest, and the degree of the
+# polynomial through them; places of a fit to simulations.
+SCANNED, REFINED, DEGREE, PLACES = 17, 7, 4, 7
 # Half of the fitted window as a share of the range, at first and at least; it is halved while the
 # fit falls by more than `DROP` of its maximum within it.
 WINDOW, NARROWEST, DROP = 0.25, 0.02, 0.15
 MOVES = 16
-# Share of the window's half that two standard errors of the place may be; how much longer runs
-# are made for it at a time, and at most.
-WANTED, LENGTHENING = 0.15, 4
-LONGEST = {"monte-carlo": 16, "circuit": 1}
+# Share of the window's half that two standard errors of the place may be; how many times as many
+# realizations are asked for at a time, and at most.
+WANTED, MORE = 0.15, 4
+MOST = {"monte-carlo": 16, "circuit": 1}
 # Standard errors from which on a curvature, a slope or a fall is one.
 SURE = 3.0
 # Standard errors of a value off the cubic, and its share of the fall within the window, from both
@@ -39,76 +37,26 @@ STANDS_OUT, NARROWED = 1e-3, 1e-2
 RECENTRED = 0.2
 
 
-@dataclass(frozen=True)
-class Axis:
-    """The parameter, its range, and whether it goes by its logarithm.
-
-    Attributes
-    ----------
-    key : str
-        "table.key" of the scene.
-    low, high : float
-    """
-
-    key: str
-    low: float
-    high: float
-
-    @property
-    def logarithmic(self):
-        """Whether equal ratios count as equal steps."""
-        return self.low > 0.0 and self.high / self.low >= LOGARITHMIC
-
-    def coordinate(self, value):
-        """0 at the lower end of the range, 1 at the upper one."""
-        if self.logarithmic:
-            return math.log(value / self.low) / math.log(self.high / self.low)
-        return (value - self.low) / (self.high - self.low)
-
-    def value(self, coordinate):
-        """The parameter at a coordinate."""
-        if self.logarithmic:
-            return float(self.low * (self.high / self.low) ** coordinate)
-        return float(self.low + coordinate * (self.high - self.low))
-
-    def slope(self, coordinate):
-        """d(value)/d(coordinate)."""
-        if self.logarithmic:
-            return self.value(coordinate) * math.log(self.high / self.low)
-        return self.high - self.low
-
-
-def unit(scene, quantity):
-    """One scaled unit in the scene's: a sweep of an SI device can change it along the way."""
-    return scale(scene)[1].of(DIMENSIONS[quantity])
-
-
-def amount(answer, quantity):
+def amount(answer: Answer, quantity: str) -> float:
     """An answer's mean in the scene's units."""
-    return answer.quantities[quantity].estimate * unit(answer.scene, quantity)
+    return answer.in_units()[quantity].estimate
 
 
-def in_units(answer, quantity):
-    """The same as an estimate with its error."""
-    estimate, factor = answer.quantities[quantity], unit(answer.scene, quantity)
-    error = estimate.standard_error
-    return replace(
-        estimate,
-        estimate=estimate.estimate * factor,
-        standard_error=None if error is None else error * factor,
-    )
-
-
-def averaged(scene, axis, quantity, closure, pool):
+def averaged(
+    scene: Scene, axis: Axis, quantity: str, closure: str, runner: Runner
+) -> tuple[float | None, float | None, str]:
     """(place, value, reason) of the maximum by averaging; place and value None with a reason."""
 
     def values(coordinates):
         places = [axis.value(c) for c in coordinates]
         requests = [Request(scene.replace({axis.key: place}), closure) for place in places]
-        outcomes = sweep(requests, pool)
-        return [
-            -math.inf if failed(outcomes[r]) else amount(outcomes[r], quantity) for r in requests
-        ], [str(outcomes[r]) for r in requests if failed(outcomes[r])]
+        outcomes = answers_in_time(runner, requests)
+        refusals = [str(each) for each in outcomes if isinstance(each, HarvesterError)]
+        amounts = [
+            -math.inf if isinstance(each, HarvesterError) else amount(each, quantity)
+            for each in outcomes
+        ]
+        return amounts, refusals
 
     grid = np.linspace(0.0, 1.0, SCANNED)
     scanned, refusals = values(grid)
@@ -124,13 +72,14 @@ def averaged(scene, axis, quantity, closure, pool):
         lowest = min(value for value in values_there if math.isfinite(value))
         if not scanned[top] - lowest > STANDS_OUT * abs(scanned[top]):
             return None, None, f"flat {side} {axis.key} = {axis.value(grid[top]):.4g}"
-    best = minimize_scalar(
-        lambda c: -values([c])[0][0],
-        bounds=(grid[top - 1], grid[top + 1]),
-        method="bounded",
-        options={"xatol": 1e-4},
-    )
-    return axis.value(best.x), -best.fun, ""
+    closer = np.linspace(grid[top - 1], grid[top + 1], REFINED)
+    around, refusals = values(closer)
+    if refusals:
+        return None, None, f"largest beside where it is refused: {refusals[0]}"
+    fit = np.polynomial.Polynomial.fit(closer, around, DEGREE)
+    fine = np.linspace(closer[0], closer[-1], 2001)
+    best = int(np.argmax(fit(fine)))
+    return axis.value(fine[best]), float(fit(fine[best])), ""
 
 
 class Search:
@@ -141,16 +90,16 @@ class Search:
     scene : Scene
         With one spacing of knots for all places.
     axis : Axis
-    quantity, engine : str
-    pool : harvester.engines.workers.WorkerPool
+    quantity, method : str
+    runner : harvester.running.Runner
     """
 
-    def __init__(self, scene, axis, quantity, engine, pool):
+    def __init__(self, scene: Scene, axis: Axis, quantity: str, method: str, runner: Runner):
         self.scene, self.axis, self.quantity = scene, axis, quantity
-        self.engine, self._pool = engine, pool
-        self._longer = 1
+        self.method, self._runner = method, runner
+        self._more = 1
 
-    def find(self, start):
+    def find(self, start: float | None) -> tuple[Estimate, list[tuple[float, Estimate]]]:
         """Place with its standard error, and the values that it was fitted to.
 
         Parameters
@@ -185,21 +134,19 @@ class Search:
             "raise run.duration or give a range around it with --from and --to"
         )
 
-    def scene_at(self, coordinate):
-        """The scene at one place, with the run as long as it had to be made."""
-        changes = {
-            self.axis.key: self.axis.value(coordinate),
-            "run.duration": self._longer * self.scene.run.duration,
-        }
-        return self.scene.replace(changes)
+    def request(self, coordinate: float, moments: bool = False) -> Request:
+        """What to ask for at one place, with as many realizations as there had to be."""
+        scene = self.scene.replace({self.axis.key: self.axis.value(coordinate)})
+        more = None if self._more == 1 else self._more * self.scene.run.realizations
+        return Request(scene, self.method, realizations=more, moments=moments)
 
     def _answers(self, coordinates):
-        requests = [Request(self.scene_at(c), self.engine, moments=True) for c in coordinates]
-        outcomes = sweep(requests, self._pool)
-        for request in requests:
-            if failed(outcomes[request]):
-                raise outcomes[request]
-        return [outcomes[request] for request in requests]
+        requests = [self.request(coordinate, moments=True) for coordinate in coordinates]
+        answers = answers_in_time(self._runner, requests)
+        for each in answers:
+            if isinstance(each, HarvesterError):
+                raise each
+        return answers
 
     def _highest(self):
         """Coordinate of the highest of some places over the range."""
@@ -235,14 +182,14 @@ class Search:
         end = self.axis.value(centre + half * fit.flat_to)
         raise OptimumError(
             f"{self.axis.key}: {self._name()} is flat from {place:.4g} to {end:.4g} by "
-            f"{self.engine}, within errors or {STANDS_OUT:.1%}: a plateau, or a range too narrow"
+            f"{self.method}, within errors or {STANDS_OUT:.1%}: a plateau, or a range too narrow"
         )
 
     def _lengthen(self):
-        """Whether the runs could be made longer."""
-        if self._longer * LENGTHENING > LONGEST[self.engine]:
+        """Whether there could be more realizations."""
+        if self._more * MORE > MOST[self.method]:
             return False
-        self._longer *= LENGTHENING
+        self._more *= MORE
         return True
 
     def _found(self, centre, half, fit, coordinates, answers):
@@ -253,7 +200,7 @@ class Search:
         coordinate = centre + half * fit.place
         error = half * math.hypot(fit.error, fit.bias) * self.axis.slope(coordinate)
         fitted = [
-            (self.axis.value(c), in_units(answer, self.quantity))
+            (self.axis.value(c), answer.in_units()[self.quantity])
             for c, answer in zip(coordinates, answers, strict=True)
         ]
         return Estimate(self.axis.value(coordinate), error, None, "1"), fitted
@@ -261,7 +208,7 @@ class Search:
     def _refuse_end(self, coordinate):
         raise OptimumError(
             f"{self.axis.key}: {self._name()} is largest at the end of the range, "
-            f"{self.axis.value(coordinate):.4g}, by {self.engine}: no optimum inside; widen it "
+            f"{self.axis.value(coordinate):.4g}, by {self.method}: no optimum inside; widen it "
             "with --from and --to"
         )
 
@@ -294,13 +241,11 @@ class Fit:
         Whether longer runs could tell more of that.
     """
 
-    def __init__(self, places, answers, quantity):
+    def __init__(self, places: np.ndarray, answers: Sequence[Answer], quantity: str):
         powers = np.vander(places, 4, increasing=True)
         solve = np.linalg.pinv(powers)
         values = np.array([amount(answer, quantity) for answer in answers])
-        series = np.array(
-            [deviations(a.result.moments, quantity) * unit(a.scene, quantity) for a in answers]
-        )
+        series = np.array([series_in_units(a, quantity) for a in answers])
         c0, c1, c2, c3 = solve @ values
         noise = np.tensordot(solve, series, 1)
         slope_error, curve_error = standard_error(noise[1]), standard_error(noise[2])

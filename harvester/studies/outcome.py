@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -9,8 +10,10 @@ import numpy as np
 
 from harvester.estimates.estimate import Estimate
 from harvester.results import with_error
-from harvester.studies.curves import optimum_of, rank
-from harvester.studies.evaluation import COMPLETE
+from harvester.running.request import COMPLETE
+from harvester.scene.model import Scene
+from harvester.studies.curves import Difference, optimum_of, rank
+from harvester.studies.evaluation import Evaluation
 from harvester.studies.study import Study
 
 
@@ -21,17 +24,17 @@ class Report:
     study: Study
 
     @property
-    def scene(self):
+    def scene(self) -> Scene:
         """For the table's title."""
         return self.study.grid.scene
 
     @property
-    def unit(self):
+    def unit(self) -> str:
         """Of power."""
         return "W" if self.scene.units == "SI" else "scaled power"
 
     @cached_property
-    def evaluations(self):
+    def evaluations(self) -> np.ndarray:
         """Array of the grid's shape: loads, then the sweeps."""
         grid = self.study.grid
         shape = (len(grid.loads), *(len(values) for values in grid.sweeps.values()))
@@ -41,7 +44,7 @@ class Report:
         return array
 
     @cached_property
-    def curve_keys(self):
+    def curve_keys(self) -> tuple[str | None, list[str]]:
         """Keys of the sweep that optima are sought along, and of the others."""
         keys, curve = list(self.study.grid.sweeps), self.study.grid.curve
         if curve is None:
@@ -49,15 +52,15 @@ class Report:
         return keys[curve], keys[:curve] + keys[curve + 1 :]
 
     @cached_property
-    def curves(self):
+    def curves(self) -> np.ndarray:
         """Evaluations with the optimum's sweep last: loads, other sweeps, places."""
         if self.study.grid.curve is None:
             return self.evaluations[..., None]
         return np.moveaxis(self.evaluations, self.study.grid.curve + 1, -1)
 
     @cached_property
-    def optima(self):
-        """CurveOptimum of each curve: loads, other sweeps."""
+    def optima(self) -> np.ndarray:
+        """(CurveOptimum, its place or None) of each curve: loads, other sweeps."""
         key, _ = self.curve_keys
         places = self.study.grid.sweeps[key] if key else (0.0,)
         order = np.argsort(places)
@@ -69,24 +72,24 @@ class Report:
             found[where] = optimum, None if optimum.best is None else int(order[optimum.best])
         return found
 
-    def best(self, where):
+    def best(self, where: tuple[int, ...]) -> Evaluation | None:
         """Evaluation at the highest point of a curve, or None."""
         place = self.optima[where][1]
         return None if place is None else self.curves[where][place]
 
     @cached_property
-    def rankings(self):
+    def rankings(self) -> dict[tuple[int, ...], tuple[list[str], list[Difference]]]:
         """(order, differences) at each place of the other sweeps."""
         loads = self.study.grid.loads
         found = {}
         for other in np.ndindex(self.optima.shape[1:]):
-            best = {load: self.best((k, *other)) for k, load in enumerate(loads)}
-            best = {load: e for load, e in best.items() if e}
+            places = ((load, self.best((k, *other))) for k, load in enumerate(loads))
+            best = {load: e for load, e in places if e}
             powers = {load: e.plain_power for load, e in best.items()}
             found[other] = rank(powers, {load: e.series for load, e in best.items()})
         return found
 
-    def others(self):
+    def others(self) -> Iterator[tuple[tuple[int, ...], str]]:
         """Places of the other sweeps with their values as text, "" where there are none."""
         _, keys = self.curve_keys
         values = [self.study.grid.sweeps[key] for key in keys]
@@ -96,7 +99,7 @@ class Report:
             ]
             yield other, ", ".join(words)
 
-    def table(self):
+    def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows: each load's optimum."""
         key = self.curve_keys[0]
         header = ["load", "at", f"highest at {key or 'the scene'}", "optimum", "interval"]
@@ -134,7 +137,7 @@ class Report:
         said = f"{reached:.1%}" if math.isfinite(reached) else "no error bar"
         return said if reached <= asked else f"{said}, not the {asked:.1%} asked for"
 
-    def sentences(self):
+    def sentences(self) -> list[str]:
         """The ranking, what precision was reached, how it ended, what was run."""
         lines = [line for other, words in self.others() for line in self._ranking(other, words)]
         lines += self._failures()
@@ -158,7 +161,7 @@ class Report:
                 f"seed {run.seed}, the same noise for all points"
             )
         lines.append(
-            f"{study.computed} pieces computed, {study.reused} taken from before; "
+            f"{study.computed} tasks computed, {study.reused} taken from before; "
             f"{study.wall_seconds:.0f} s"
         )
         return lines

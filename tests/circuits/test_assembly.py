@@ -9,6 +9,7 @@ from harvester.scene.model import Scene
 MECHANICS = {"Cdisplacement", "Gvelocity", "Cmass", "Gspring", "Rdamper", "Inoise"}
 ELECTRICS = {"Cpiezo", "Gcharge", "Xload"}
 BACK = {"Gback_action"}
+HOLD = {"Cheld_speed", "Bheld_speed", "Clagging_speed", "Blagging_speed"}
 ASYMMETRIC = MECHANICS | ELECTRICS | BACK | {"Itilt", "Bnonlinear_spring"}
 COIL = {"Einduced", "Rwinding", "Fback_action", "Vload", "Xload"}
 
@@ -42,7 +43,7 @@ def elements(netlist):
         (
             "paper_si",
             ["stoppers.impact_velocity=event"],
-            MECHANICS | ELECTRICS | BACK | {"Bcubic", "Bstoppers", "Cheld_speed", "Bheld_speed"},
+            MECHANICS | ELECTRICS | BACK | {"Bcubic", "Bstoppers"} | HOLD,
         ),
         (
             "paper",

@@ -45,7 +45,7 @@ def quake(tmp_path):
 def test_a_record_gives_power_with_error_bars_that_agree(pool, quake):
     """The mean power at three joint standard errors: 0.3 % false alarms at most."""
     circuit, reference = (
-        simulate(quake, engine, pool=pool) for engine in ("circuit", "monte-carlo")
+        simulate(quake, method=engine, runner=pool) for engine in ("circuit", "monte-carlo")
     )
     comparison = Comparison(circuit, reference, {}, {}, {})
     for result in (circuit, reference):
@@ -60,8 +60,10 @@ def test_circuit_and_monte_carlo_follow_the_record_point_by_point(pool, quake):
     """Until the two steps let the paths separate: the first seconds, from rest."""
     short = quake.replace({"run.duration": 3.0, "run.settle": 0.0})
     window = (0.0, 3.0)
-    circuit = simulate(short, "circuit", step="finest", window=window, pool=pool).waveform
-    reference = simulate(short, "monte-carlo", step="fine", window=window, pool=pool).waveform
+    circuit = simulate(short, method="circuit", step="finest", window=window, runner=pool).waveform
+    reference = simulate(
+        short, method="monte-carlo", step="fine", window=window, runner=pool
+    ).waveform
     at = np.interp(circuit.time, reference.time, reference.displacement)
     np.testing.assert_allclose(circuit.displacement, at, atol=2e-3)
     assert np.ptp(at) > 0.1

@@ -32,13 +32,17 @@ def test_plain_ngspice_runs_the_export_and_agrees_with_the_process(tmp_path, poo
         capture_output=True,
     )
     raw = read_raw(tmp_path / "scene.raw")
-    result = simulate(scene, "circuit", step=step, source="pwl", window=(0.0, 1e9), pool=pool)
+    result = simulate(
+        scene, method="circuit", step=step, source="pwl", window=(0.0, 1e9), runner=pool
+    )
     record = result.waveform
     assert raw["time"][-1] == pytest.approx(400 * spacing)
     inside = np.interp(record.time, raw["time"], raw["v(displacement)"])
     np.testing.assert_allclose(record.displacement, inside, atol=1e-6)
     # Against the external source: two step controls, one path.
-    external = simulate(scene, "circuit", step="finest", window=(0.0, 1e9), pool=pool).waveform
+    external = simulate(
+        scene, method="circuit", step="finest", window=(0.0, 1e9), runner=pool
+    ).waveform
     at = np.interp(external.time, raw["time"], raw["v(displacement)"])
     np.testing.assert_allclose(external.displacement, at, atol=0.05)
     noise = np.interp(external.time, raw["time"], raw["i(@inoise[current])"]) * netlist.rate**2

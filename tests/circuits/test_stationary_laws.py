@@ -70,7 +70,7 @@ def check_density(result):
 
 def test_shares_and_density_are_gibbs_roughly(pool):
     """The other tests' quick sister."""
-    result = simulate(uncoupled("uneven", realizations=16), "monte-carlo", pool=pool)
+    result = simulate(uncoupled("uneven", realizations=16), method="monte-carlo", runner=pool)
     check_shares(result, 0.03)
     check_density(result)
 
@@ -79,7 +79,7 @@ def test_shares_and_density_are_gibbs_roughly(pool):
 @pytest.mark.parametrize("name", DEVICES)
 def test_shares_and_density_are_gibbs_to_one_percent(pool, name):
     """False alarm of one share under 0.3 %; the seed is fixed."""
-    result = simulate(uncoupled(name, realizations=128), "monte-carlo", pool=pool)
+    result = simulate(uncoupled(name, realizations=128), method="monte-carlo", runner=pool)
     check_shares(result, 0.015 if name == "tristable" else 0.01)
     check_density(result)
 
@@ -106,7 +106,7 @@ def test_the_mass_law_holds_with_every_load(pool, load, duration, realizations):
         "seed": 11,
         "realizations": realizations,
     }
-    result = simulate(Scene.from_tables(tables, name="mass law"), pool=pool)
+    result = simulate(Scene.from_tables(tables, name="mass law"), runner=pool)
     truth = tables["oscillator"]["mass"] * 2.0
     found = result.quantity("mean_input_power")
     assert found.standard_error < 0.012 * truth

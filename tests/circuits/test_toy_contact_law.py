@@ -43,10 +43,8 @@ def test_a_law_is_known_by_its_entry_alone(scene):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("engine", "largest"), [("monte-carlo", 1e-5), ("circuit", 1e-3)])
-def test_both_engines_follow_scipys_path(scene, worker, monkeypatch, tmp_path, engine, largest):
+def test_both_engines_follow_scipys_path(scene, worker, monkeypatch, engine, largest):
     """A dashpot's force jumps where it begins: the circuit then keeps one order less."""
-    # What is compiled for a law of the tests has no place in the user's cache.
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
 
     def force(self, s, stopper, x, v, held):
         depth = s * x - stopper["gap"]

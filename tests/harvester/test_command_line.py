@@ -32,10 +32,10 @@ EVIDENCE = {
 @pytest.mark.parametrize(
     "command",
     [
-        ["simulate", "paper", "--engine", "circuit", *BRIEF],
-        ["simulate", "paper_si", "--engine", "monte-carlo", *BRIEF],
-        ["average", "paper", "--closure", "paper"],
-        ["average", "device", "--closure", "consistent"],
+        ["simulate", "paper", "--method", "circuit", *BRIEF],
+        ["simulate", "paper_si", "--method", "monte-carlo", *BRIEF],
+        ["average", "paper", "--method", "paper"],
+        ["average", "device", "--method", "consistent"],
     ],
 )
 def test_json_alone_on_standard_output(capsys, command):
@@ -80,7 +80,8 @@ def test_validate_shows_three_ways_and_writes_one_figure(tmp_path, capsys):
     ]
     assert main(["validate", "paper", *options]) == 0
     shown = capsys.readouterr().out
-    for word in ("circuit", "Monte Carlo", "paper", "consistent", "slow_load", "σ", "wall time"):
+    closures = ("paper", "consistent", "fokker_planck")
+    for word in ("circuit", "Monte Carlo", *closures, "σ", "wall time"):
         assert word in shown
     content = json.loads((tmp_path / "paper-validate.json").read_text())
     assert set(content["results"]) == {
@@ -88,7 +89,6 @@ def test_validate_shows_three_ways_and_writes_one_figure(tmp_path, capsys):
         "monte-carlo",
         "averaging paper",
         "averaging consistent",
-        "averaging slow_load",
         "averaging fokker_planck",
     }
     assert (tmp_path / "paper-validate.png").exists()
@@ -119,12 +119,12 @@ def test_engine_tells_what_was_found(capsys):
     [
         (["simulate", "papr"], "did you mean paper"),
         (["simulate", "paper", "--set", "stoppers.gap=-1"], "stoppers.gap"),
-        (["simulate", "paper", "--engine", "spice"], "unknown engine"),
+        (["simulate", "paper", "--method", "spice"], "unknown method"),
         (["simulate", "paper", "--step", "0"], "step"),
         (["simulate", "paper", "--workers", "0"], "--workers 0"),
         (["simulate", "paper", "--time-limit", "-1"], "--time-limit"),
         (["simulate", "paper", "--time-limit", "nan"], "--time-limit"),
-        (["average", "paper", "--closure", "papre"], "paper"),
+        (["average", "paper", "--method", "papre"], "paper"),
         (["netlist", "paper", "--realization", "64"], "--realization 64"),
         (["simulate", "paper", "--json", "/dev/null/x.json"], "cannot be written"),
         (["simulate", "paper", "--json", "/"], "name a file"),
@@ -212,7 +212,7 @@ def test_si_and_scaled_scenes_average_to_the_same_scaled_results():
     from harvester.averaging.of_scene import average
 
     for closure in ("paper", "consistent"):
-        scaled = average(Scene.load("paper"), closure).scaled_quantities
-        si = average(Scene.load("paper_si"), closure).scaled_quantities
+        scaled = average(Scene.load("paper"), method=closure).scaled_quantities
+        si = average(Scene.load("paper_si"), method=closure).scaled_quantities
         for name, estimate in scaled.items():
             assert si[name].estimate == pytest.approx(estimate.estimate, rel=1e-9), name

@@ -45,7 +45,7 @@ def test_exit_codes_are_told():
 
 
 def test_quiet_shows_what_was_asked_for_and_errors_only(tmp_path, capsys):
-    average = ["average", "linear", "--closure", "paper"]
+    average = ["average", "linear", "--method", "paper"]
     assert main([*average, "--quiet", "--output", str(tmp_path), "--json", "-"]) == 0
     streams = capsys.readouterr()
     assert (tmp_path / "linear-paper.png").exists()
@@ -99,7 +99,12 @@ def completed(script, line):
 def test_bash_completes_commands_scenes_and_options(capsys):
     assert main(["completion", "bash"]) == 0
     script = capsys.readouterr().out
-    assert set(completed(script, "harvester s")) == {"schematic", "simulate", "stability"}
+    assert set(completed(script, "harvester s")) == {
+        "schematic",
+        "sensitivity",
+        "simulate",
+        "stability",
+    }
     assert {"paper", "paper_si"} <= set(completed(script, "harvester validate pap"))
     assert "--report" in completed(script, "harvester validate paper --re")
 

@@ -12,7 +12,11 @@ from harvester import averaging
 from harvester.engines.workers import Worker, WorkerPool
 from harvester.verification.stability import matrix
 from harvester.verification.stability.cases import Case
-from harvester.verification.work_precision import measurement, throughput
+from harvester.verification.work_precision import (
+    measurement,
+    throughput,
+    time_to_accuracy,
+)
 from harvester.verification.work_precision.methods import Method
 
 # Words of Python about a fault of ours.
@@ -20,7 +24,6 @@ FAULT = re.compile(r"Traceback|\b(?!Memory)[A-Z]\w*(?:Error|Exception|Warning)\b
 OURS = ("Simulat", "SolutionDiverged", "EnergyNotBalanced")
 FEW_CASES = (
     Case("scene", "as it is", {}),
-    Case("structure", "no stoppers", {"stoppers": None}),
     Case("corner", "all", {"stiffness": 100.0, "gap_in_wells": 1.2, "decay_rate": 0.1}),
 )
 FEW_METHODS = (Method("circuit", "circuit", 2), Method("Monte Carlo", "monte-carlo", 4))
@@ -41,13 +44,19 @@ def briefly():
     with pytest.MonkeyPatch.context() as patch:
 
         def start(pool, calls=None, workers=None, folders=()):
+            pool.size = 1
             pool._threads, pool._workers = ThreadPoolExecutor(1), []
             pool._idle = queue.SimpleQueue()
             pool._idle.put(worker)
 
         patch.setattr(WorkerPool, "__init__", start)
         patch.setattr("harvester.studies.frequency_response.SETTLED_SHARE", 0.9)
+        patch.setattr("harvester.studies.sensitivity.FEWEST_ROWS", 2)
         patch.setattr(matrix, "default_cases", lambda: FEW_CASES)
+        patch.setattr(matrix, "METHODS", ("circuit", "monte-carlo", "consistent"))
+        patch.setattr(time_to_accuracy, "TIMED_METHODS", FEW_METHODS)
+        patch.setattr(time_to_accuracy, "MOST_REALIZATIONS", 1)
+        patch.setattr(time_to_accuracy, "CLOSURES", ("consistent",))
         patch.setattr("harvester.verification.stability.cases.STEP_BUDGET", 4000)
         patch.setattr(measurement, "METHODS", FEW_METHODS)
         patch.setattr(measurement, "PERIODS", 1)

@@ -45,7 +45,7 @@ def test_a_scene_with_a_record_is_one_key(tmp_path):
 
 def test_a_loads_values_cannot_be_changed():
     values = Scene.load("device", ["load.netlist=bridge", "load.parameters.resistance=1e5"])
-    values = values.electrical_load.parameters
+    values = values.load.parameters
     assert values == {"resistance": 1e5} == NamedValues(resistance=1e5)
     for change in (values.clear, lambda: values.update(a=1.0), lambda: values.pop("resistance")):
         with pytest.raises(TypeError, match="fixed"):

@@ -36,7 +36,7 @@ MEANS = (
 def test_a_linear_scene_meets_the_lyapunov_equation(pool, engine, overrides):
     """False-alarm rate 1.3 % per case: five means at three of their own standard errors."""
     scene = Scene.load("linear", ["run.realizations=2", "run.duration=10000", *overrides])
-    result = simulate(scene, engine, pool=pool)
+    result = simulate(scene, method=engine, runner=pool)
     exact = interpolated_linear_means(flat(scene), knot_spacing(scene))
     for name in MEANS:
         found = result.scaled_quantities[name]
@@ -48,8 +48,8 @@ def test_a_linear_scene_meets_the_lyapunov_equation(pool, engine, overrides):
 def test_one_and_two_workers_give_the_same_numbers(pool):
     scene = Scene.load("paper", ["run.duration=200", "run.realizations=4"])
     for engine in ("circuit", "monte-carlo"):
-        two = simulate(scene, engine, pool=pool).to_dict()
-        one = simulate(scene, engine, workers=1).to_dict()
+        two = simulate(scene, method=engine, runner=pool).to_dict()
+        one = simulate(scene, method=engine, workers=1).to_dict()
         assert one["quantities"] == two["quantities"]
         assert one["netlist_sha256"] == two["netlist_sha256"]
 
@@ -57,9 +57,9 @@ def test_one_and_two_workers_give_the_same_numbers(pool):
 @pytest.mark.parametrize("kind", ["processes", "dask"])
 def test_any_executor_gives_the_same_numbers(pool, kind):
     scene = Scene.load("paper", ["run.duration=100", "run.realizations=3"])
-    expected = simulate(scene, "circuit", pool=pool).to_dict()["quantities"]
+    expected = simulate(scene, method="circuit", runner=pool).to_dict()["quantities"]
     with _executor(kind) as executor:
-        result = simulate(scene, "circuit", executor=executor)
+        result = simulate(scene, method="circuit", executor=executor)
     assert result.to_dict()["quantities"] == expected
 
 
@@ -81,14 +81,14 @@ def _executor(kind):
 
 def test_a_realization_that_fails_for_good_is_named_in_the_result(pool):
     scene = Scene.load("paper", ["run.duration=100", "run.realizations=3"])
-    whole = simulate(scene, "monte-carlo", pool=pool)
+    whole = simulate(scene, method="monte-carlo", runner=pool)
 
     class Failing:
         def map(self, *arguments):
             outcomes = pool.map(*arguments)
             return [outcomes[0], SimulatorTimeout("the limit"), outcomes[2]]
 
-    result = simulate(scene, "monte-carlo", keep_going=True, pool=Failing())
+    result = simulate(scene, method="monte-carlo", keep_going=True, runner=Failing())
     assert result.outcome == "incomplete"
     assert result.failures == {1: "SimulatorTimeout: the limit"}
     assert any("1 of 3 realizations failed" in note for note in result.notes)
@@ -98,8 +98,8 @@ def test_a_realization_that_fails_for_good_is_named_in_the_result(pool):
 
 def test_the_seed_decides_the_noise(pool):
     scene = Scene.load("paper", ["run.realizations=2", "run.duration=100"])
-    one = simulate(scene, "monte-carlo", pool=pool)
-    other = simulate(scene.replace({"run.seed": 2}), "monte-carlo", pool=pool)
+    one = simulate(scene, method="monte-carlo", runner=pool)
+    other = simulate(scene.replace({"run.seed": 2}), method="monte-carlo", runner=pool)
     assert one.scaled_quantities != other.scaled_quantities
 
 
@@ -113,8 +113,8 @@ def test_circuit_and_monte_carlo_follow_the_same_path(pool):
         scene = Scene.load("paper", [f"excitation.intensity={intensity}"]).replace(
             run={"realizations": realizations, "duration": float(duration), "settle": float(settle)}
         )
-        circuit = simulate(scene, "circuit", pool=pool)
-        reference = simulate(scene, "monte-carlo", step="fine", pool=pool)
+        circuit = simulate(scene, method="circuit", runner=pool)
+        reference = simulate(scene, method="monte-carlo", step="fine", runner=pool)
         assert abs(circuit.energy_balance_residual) < 0.01
         bias = paired_difference(circuit, reference)["mean_square_velocity"]
         assert abs(bias.estimate) < 0.01 + 3 * bias.standard_error
@@ -127,17 +127,17 @@ def test_the_energy_balance_closes_for_every_built_in_scene(pool, name):
     short = scene.replace(
         {"run.realizations": 2, "run.duration": 2000 * knot_spacing(scene), "run.settle": 0.0}
     )
-    assert abs(simulate(short, "circuit", pool=pool).energy_balance_residual) < 0.01
+    assert abs(simulate(short, method="circuit", runner=pool).energy_balance_residual) < 0.01
     brief = scene.replace(
         {"run.realizations": 2, "run.duration": 400 * knot_spacing(scene), "run.settle": 0.0}
     )
-    finest = simulate(brief, "circuit", step="finest", pool=pool)
+    finest = simulate(brief, method="circuit", step="finest", runner=pool)
     assert abs(finest.energy_balance_residual) < 0.001
 
 
 def test_a_result_carries_its_evidence_and_shows_itself(pool):
     scene = Scene.load("paper_si", ["run.realizations=2", "run.duration=400"])
-    result = simulate(scene, "circuit", pool=pool)
+    result = simulate(scene, method="circuit", runner=pool)
     content = result.to_dict()
     assert content["quantities"]["mean_square_voltage"]["unit"] == "V^2"
     assert content["quantities"]["mean_square_velocity"]["unit"] == "(m/s)^2"
@@ -154,8 +154,8 @@ def test_a_result_carries_its_evidence_and_shows_itself(pool):
 
 def test_si_and_scaled_scenes_give_the_same_circuit_results(pool):
     options = ["run.realizations=2", "run.duration=200", "run.settle=0"]
-    si = simulate(Scene.load("paper_si", options), "circuit", pool=pool)
-    scaled = simulate(Scene.load("paper", options), "circuit", pool=pool)
+    si = simulate(Scene.load("paper_si", options), method="circuit", runner=pool)
+    scaled = simulate(Scene.load("paper", options), method="circuit", runner=pool)
     for name, estimate in scaled.scaled_quantities.items():
         if np.isfinite(estimate.estimate):
             other = si.scaled_quantities[name].estimate
@@ -165,7 +165,7 @@ def test_si_and_scaled_scenes_give_the_same_circuit_results(pool):
 def test_the_time_limit_keeps_what_the_run_had():
     scene = Scene.load("paper", ["run.duration=1e6", "run.realizations=1", "run.settle=10"])
     with pytest.raises(SimulatorTimeout) as caught:
-        simulate(scene, "circuit", time_limit=8.0)
+        simulate(scene, method="circuit", time_limit=8.0)
     partial = caught.value.partial
     assert partial.outcome == "SimulatorTimeout"
     assert 10.0 < partial.simulated_time < 1e6
@@ -177,13 +177,13 @@ def test_an_energy_balance_that_does_not_close_is_an_error(pool):
         "linear", ["oscillator.linear_stiffness=1e5", "run.realizations=2", "run.duration=400"]
     )
     with pytest.raises(EnergyNotBalanced, match="--step"):
-        simulate(scene, "monte-carlo", step=0.004, pool=pool)
+        simulate(scene, method="monte-carlo", step=0.004, runner=pool)
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"engine": "circus"}, "did you mean circuit"),
+        ({"method": "circus"}, "did you mean circuit"),
         ({"step": "finer"}, "did you mean fine"),
         ({"step": -1.0}, "seconds > 0"),
         ({"step": "nan"}, "seconds > 0"),

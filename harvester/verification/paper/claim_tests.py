@@ -8,13 +8,20 @@ valid whether or not the paths stay together: the error is that of the differenc
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
 from harvester.estimates.paired import paired_difference
+from harvester.running import Answer
+from harvester.scene.model import Scene
 from harvester.verification.paper.density_features import FEATURES, middle_of, peak_of
-from harvester.verification.paper.figures_list import SYMBOLS
+from harvester.verification.paper.figures_list import SYMBOLS, Changes
+
+# A method's answer under some changes, None where there is none.
+Read: TypeAlias = Callable[[Changes], Answer | None]
 
 
 @dataclass(frozen=True)
@@ -44,13 +51,13 @@ class Finding:
     margin: float | None = None
 
     @property
-    def sigmas(self):
+    def sigmas(self) -> float:
         """For the statement (> 0) or against it, in standard errors."""
         signed = self.favours * (self.effect if self.margin is None else self.margin)
         return signed / self.error if self.error > 0.0 else math.copysign(math.inf, signed)
 
 
-def name_of(changes):
+def name_of(changes: Changes) -> str:
     """ "δr = 1.1, D = 0.02"; "as it is" without changes."""
     return ", ".join(f"{SYMBOLS[k]} = {v:g}" for k, v in changes) or "defaults"
 
@@ -64,11 +71,11 @@ class Trend:
     values: tuple
     rises: bool = True
 
-    def scenes(self, condition):
+    def scenes(self, condition: Changes) -> list[Changes]:
         """Changes of the scene."""
         return [with_value(condition, self.swept, value) for value in self.values]
 
-    def findings(self, condition, read):
+    def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """Every step between neighbours, and the whole."""
         known = _known(self, condition, read)
         favours = 1 if self.rises else -1
@@ -101,11 +108,11 @@ class InteriorMaximum:
     swept: str
     values: tuple
 
-    def scenes(self, condition):
+    def scenes(self, condition: Changes) -> list[Changes]:
         """Changes of the scene."""
         return [with_value(condition, self.swept, value) for value in self.values]
 
-    def findings(self, condition, read):
+    def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """The best interior point against either end."""
         known = _known(self, condition, read)
         if len(known) < 3:
@@ -125,7 +132,7 @@ class InteriorMaximum:
 class SingleHump(InteriorMaximum):
     """A quantity rises from the first value on to one maximum and falls after it."""
 
-    def findings(self, condition, read):
+    def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """Every step, in the direction it should have."""
         known = _known(self, condition, read)
         if len(known) < 3:
@@ -160,12 +167,12 @@ class Stronger(_Pairs):
     strong: tuple
     weak: tuple
 
-    def scenes(self, condition):
+    def scenes(self, condition: Changes) -> list[Changes]:
         """Changes of the scene."""
         ranges = (*self.strong, *self.weak)
         return [with_value(condition, key, v) for key, ends in ranges for v in ends]
 
-    def findings(self, condition, read):
+    def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """Every strong one against every weak one: difference of the sizes of their changes."""
         found = []
         for strong, ends in self.strong:
@@ -196,14 +203,14 @@ class Unchanged(_Ranges):
     ranges: tuple
     limit: float
 
-    def findings(self, condition, read):
+    def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """Each key's change, by how far it stays below the limit."""
         found = []
         for key, ends in self.ranges:
             change = self._change(condition, read, self.quantity, key, ends)
             if change:
-                where, margin = _range(condition, key, *ends), self.limit - abs(change[0])
-                found.append(Finding(where, *change, margin=margin))
+                where, (effect, error) = _range(condition, key, *ends), change
+                found.append(Finding(where, effect, error, margin=self.limit - abs(effect)))
         return found
 
 
@@ -211,7 +218,7 @@ class Unchanged(_Ranges):
 class Changed(Unchanged):
     """A quantity changes by more than a share over the ranges of some keys."""
 
-    def findings(self, condition, read):
+    def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """The same, in which staying below the limit speaks against the statement."""
         return [replace(finding, favours=-1) for finding in super().findings(condition, read)]
 
@@ -224,7 +231,7 @@ class Opposed(_Ranges):
     other: str
     ranges: tuple
 
-    def findings(self, condition, read):
+    def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """The other's change, for the statement when it is against the first one's.
 
         As sure as the less sure of the two signs.
@@ -247,14 +254,14 @@ class Bimodal:
 
     quantity = "peak"
 
-    def scenes(self, condition):
+    def scenes(self, condition: Changes) -> list[Changes]:
         """Changes of the scene."""
         return [condition]
 
-    def findings(self, condition, read):
+    def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """What the density lacks at 0, as a share of its peak."""
         answer = read(condition)
-        if answer is None:
+        if answer is None or answer.density is None:
             return []
         (peak, error), (middle, its_error) = peak_of(answer.density), middle_of(answer.density)
         return [
@@ -270,18 +277,21 @@ class Agreement:
     limit: float
     compares = True
 
-    def scenes(self, condition):
+    def scenes(self, condition: Changes) -> list[Changes]:
         """Changes of the scene."""
         return [condition]
 
-    def findings(self, condition, read, reference):
+    def findings(self, condition: Changes, read: Read, reference: Read) -> list[Finding]:
         """The deviations, by how far they stay below the limit."""
         ours, theirs = read(condition), reference(condition)
         if ours is None or theirs is None:
             return []
         found = []
         for name in self.quantities:
-            share, error = independent_change(theirs, ours, name)
+            change = independent_change(theirs, ours, name)
+            if change is None:
+                continue
+            share, error = change
             where = f"{name.replace('_', ' ')} at {name_of(condition)}"
             found.append(Finding(where, share, error, margin=self.limit - abs(share)))
         return found
@@ -293,11 +303,11 @@ class WiderBand:
 
     of_orbits = True
 
-    def scenes(self, condition):
+    def scenes(self, condition: Changes) -> list[Changes]:
         """None: no noise enters."""
         return []
 
-    def findings_of_orbits(self, scene):
+    def findings_of_orbits(self, scene: Scene) -> list[Finding]:
         """Highest frequency of the orbits around both wells."""
         from harvester.verification.paper.orbit_maps import frequency_response
 
@@ -306,21 +316,27 @@ class WiderBand:
         return [Finding("outer orbits", highest[0] / highest[1] - 1.0, 0.0)]
 
 
-def with_value(condition, key, value):
+def with_value(condition: Changes, key: str, value: float) -> Changes:
     """The condition with one key set, sorted: equal changes are equal."""
     return tuple(sorted({**dict(condition), key: value}.items()))
 
 
-def relative_change(first, second, quantity):
+def relative_change(first: Answer, second: Answer, quantity: str) -> tuple[float, float] | None:
     """(change from the first answer to the second as a share of the first, its error), or None."""
-    if first.result is not None and second.result is not None:
-        paired = paired_difference(second.result, first.result).get(quantity)
-        if paired is not None and paired.standard_error is not None:
-            return paired.estimate, paired.standard_error
-    return independent_change(first, second, quantity)
+    return _paired_change(first, second, quantity) or independent_change(first, second, quantity)
 
 
-def independent_change(first, second, quantity):
+def _paired_change(first, second, quantity):
+    """The same on the common noise, or None without moments or an error bar."""
+    if not (first.moments and second.moments):
+        return None
+    paired = paired_difference(second, first).get(quantity)
+    if paired is None or paired.standard_error is None:
+        return None
+    return paired.estimate, paired.standard_error
+
+
+def independent_change(first: Answer, second: Answer, quantity: str) -> tuple[float, float] | None:
     """The same with the two errors taken as independent."""
     (a, error_a), (b, error_b) = _value(first, quantity), _value(second, quantity)
     if not a:

@@ -1,32 +1,33 @@
 """`claims`: the paper's statements, judged by Monte Carlo, by the circuit and by each closure."""
 
+import os
 import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from typing import Any
 
 from harvester.averaging import CLOSURES
-from harvester.engines.protocol import ENGINES
+from harvester.calling import takes_scene
+from harvester.engines.steps import with_knots
+from harvester.engines.workers import ExecutorPool, WorkerPool
 from harvester.files.writing import finite
+from harvester.running import Runner, open_runner
 from harvester.scene.model import Scene
-from harvester.studies.sweep import (
-    REALIZATIONS,
-    Request,
-    costly_first,
-    failed,
-    resolving,
-    sweep,
-    with_knots,
-)
-from harvester.verification.paper.claim_tests import name_of
-from harvester.verification.paper.claims_list import CLAIMS, JUMPING
+from harvester.simulation import TIME_LIMIT
+from harvester.verification.paper.claim_tests import Finding, name_of
+from harvester.verification.paper.claims_list import CLAIMS, JUMPING, Claim
 from harvester.verification.paper.density_features import FEATURES
+from harvester.verification.paper.reproduce import answered, reason
+from harvester.verification.paper.runs import costly_first, request
 
 # Standard errors from which on a finding counts; by chance alone one in 370 does.
 SURE = 3.0
 HOLDS, IN_PART, FAILS = "holds", "holds in part", "does not hold"
 UNDECIDED, UNTESTED = "not significant", "not tested"
-# Measured time of one realization (s).
-DURATIONS = {"monte-carlo": 15_000.0, "circuit": 1_200.0}
-THOROUGH = {"monte-carlo": 200_000.0, "circuit": 8_000.0}
+# Realizations of each scene: of one number, for their batches are paired.
+REALIZATIONS = {"monte-carlo": 48, "circuit": 16}
+THOROUGH = {"monte-carlo": 640, "circuit": 104}
 METHODS = ("monte-carlo", "circuit", *CLOSURES)
 
 
@@ -47,14 +48,14 @@ class Verdict:
     reason: str = ""
 
     @property
-    def speaking(self):
+    def speaking(self) -> tuple[list[Finding], list[Finding], list[Finding]]:
         """(for, against, undecided): of those that the statement needs, what is undecided."""
         pro = [f for f in self.findings if f.sigmas >= SURE]
         contra = [f for f in self.findings if f.sigmas <= -SURE]
         open_ = [f for f in self.findings if f.decisive and abs(f.sigmas) < SURE]
         return pro, contra, open_
 
-    def text(self):
+    def text(self) -> str:
         """Cell of the table: the verdict, and the significance of its weakest finding."""
         pro, contra, open_ = self.speaking
         pro = [f for f in pro if f.decisive]
@@ -69,7 +70,7 @@ class Verdict:
             words.append(f"{len(open_)} of {len(pro) + len(open_)} undecided")
         return f"{self.word} ({', '.join(words)})" if words else self.word
 
-    def where(self):
+    def where(self) -> str:
         """Where it holds, where not, and where nothing can be said, in words."""
         pro, contra, open_ = self.speaking
         pro = [f for f in pro if f.decisive] or pro
@@ -81,7 +82,7 @@ class Verdict:
         )
 
 
-def judge(findings):
+def judge(findings: Sequence[Finding]) -> Verdict:
     """The verdict that some findings add up to."""
     verdict = Verdict("", tuple(findings))
     pro, contra, open_ = verdict.speaking
@@ -107,7 +108,7 @@ class Judgement:
     thorough: bool
     wall_seconds: float
 
-    def table(self):
+    def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows of the table, as text."""
         header = ["section", "statement", *METHODS]
         rows = [
@@ -116,7 +117,7 @@ class Judgement:
         ]
         return header, rows
 
-    def sentences(self):
+    def sentences(self) -> list[str]:
         """Details of everything that does not simply hold."""
         lines = []
         for claim, verdicts in zip(self.claims, self.verdicts, strict=True):
@@ -133,9 +134,9 @@ class Judgement:
                     f"equations (monte-carlo) disagree: {'; '.join(pairs)}"
                 )
         lines += [
-            f"{method} refused at {name_of(changes)}: {outcome}"
+            f"{method} refused at {name_of(changes)}: {reason(outcome)}"
             for (method, changes), outcome in self.answers.items()
-            if failed(outcome)
+            if not answered(outcome)
         ]
         if not self.thorough:
             lines.append(
@@ -148,7 +149,7 @@ class Judgement:
         )
         return lines
 
-    def markdown(self):
+    def markdown(self) -> str:
         """The table with the sentences quoted, and the details, as Markdown."""
         header = ["section", "sentence", "tested", *METHODS]
         rows = [
@@ -159,7 +160,10 @@ class Judgement:
         table = "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
         return table + "\n\n" + "".join(f"- {line}\n" for line in self.sentences())
 
-    def to_dict(self):
+    def figure(self) -> None:
+        """Statements have none."""
+
+    def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
         return {
             "scene": self.scene.to_dict(),
@@ -183,13 +187,13 @@ class Judgement:
             ],
             "points": [
                 {"method": method, "changes": dict(changes)}
-                | ({"refused": str(a)} if failed(a) else a.to_dict())
+                | (a.to_dict() if answered(a) else {"refused": reason(a)})
                 for (method, changes), a in self.answers.items()
             ],
         }
 
 
-def disagreements(verdicts):
+def disagreements(verdicts: dict[str, Verdict]) -> list[tuple[str, float, float]]:
     """(where, effect by `paper`, effect by Monte Carlo) where one is for and one against it."""
     simulated = {f.where: f for f in verdicts["monte-carlo"].findings}
     pairs = [(f, simulated[f.where]) for f in verdicts["paper"].findings if f.where in simulated]
@@ -201,18 +205,31 @@ def disagreements(verdicts):
     ]
 
 
-def claims(scene, *, thorough=False, pool, chosen=CLAIMS, progress=None):
+@takes_scene
+def claims(
+    scene: Scene,
+    *,
+    thorough: bool = False,
+    chosen: Sequence[Claim] = CLAIMS,
+    output: str | os.PathLike | None = None,
+    workers: int | None = None,
+    executor: Executor | WorkerPool | ExecutorPool | None = None,
+    scheduler: str | None = None,
+    time_budget: float | None = None,
+    time_limit: float = TIME_LIMIT,
+    progress: Callable[[float, str], object] | None = None,
+    runner: Runner | None = None,
+) -> Judgement:
     """Judge the paper's statements on its device.
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene, str or Path
     thorough : bool
         Longer runs, and the circuit at every condition.
-    pool : harvester.engines.workers.WorkerPool
     chosen : sequence of Claim
-    progress : callable or None
-        Given the share done, 0 … 1.
+    output, workers, executor, scheduler, time_budget, time_limit, progress, runner
+        See `harvester.running.open_runner`; in the folder of `reproduce` its answers are found.
 
     Returns
     -------
@@ -220,7 +237,19 @@ def claims(scene, *, thorough=False, pool, chosen=CLAIMS, progress=None):
     """
     clock = time.perf_counter()
     wanted = _wanted(with_knots(scene), chosen, thorough)
-    outcomes = sweep(costly_first(wanted.values()), pool, progress)
+    requests = costly_first(dict.fromkeys(wanted.values()))
+    opened = open_runner(
+        output,
+        workers=workers,
+        executor=executor,
+        scheduler=scheduler,
+        time_budget=time_budget,
+        time_limit=time_limit,
+        progress=progress,
+        runner=runner,
+    )
+    with opened as running:
+        outcomes = dict(zip(requests, running.answer(requests), strict=True))
     answers = {key: outcomes[request] for key, request in wanted.items()}
     verdicts = [{m: _verdict(scene, claim, m, answers) for m in METHODS} for claim in chosen]
     return Judgement(scene, tuple(chosen), verdicts, answers, thorough, time.perf_counter() - clock)
@@ -236,9 +265,9 @@ def _wanted(scene, chosen, thorough):
                 needed[method, changes] = changed
                 if getattr(claim.test, "quantity", None) in FEATURES:
                     dense.add((method, changed))
-    durations = THOROUGH if thorough else DURATIONS
+    count = THOROUGH if thorough else REALIZATIONS
     return {
-        (method, changes): _request(changed, method, (method, changed) in dense, durations)
+        (method, changes): _request(changed, method, (method, changed) in dense, count)
         for (method, changes), changed in needed.items()
     }
 
@@ -255,14 +284,9 @@ def _needed(claim, method, thorough):
     return [tuple(sorted(changes)) for values in scenes for changes in values]
 
 
-def _request(scene, method, density, durations):
-    if method not in ENGINES:
-        return Request(scene, method, density=density)
-    # Runs of one length: their batches are paired.
-    run = resolving(scene).replace(
-        {"run.duration": durations[method], "run.realizations": REALIZATIONS}
-    )
-    return Request(run, method, density=density, moments=True)
+def _request(scene, method, density, count):
+    options = {"moments": True} if method in count else {}
+    return request(scene, method, count, density, **options)
 
 
 def _verdict(scene, claim, method, answers):
@@ -275,7 +299,7 @@ def _verdict(scene, claim, method, answers):
 
     def read(changes, of=method):
         answer = answers.get((of, tuple(sorted(changes))))
-        return None if failed(answer) else answer
+        return answer if answered(answer) else None
 
     arguments = []
     if getattr(claim.test, "compares", False):

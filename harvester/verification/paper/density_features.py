@@ -5,20 +5,22 @@ Bins that are summed count as fully correlated, which is cautious.
 
 import numpy as np
 
+from harvester.estimates.estimate import Density
+
 # Width of X over which the peak of a density is averaged.
 PEAK_WIDTH = 0.1
 # Probability beyond the reach of a motion.
 BEYOND = 0.01
 
 
-def peak_of(density):
+def peak_of(density: Density) -> tuple[float, float]:
     """(highest average of p(X) over a width of X, its error), whatever the grid."""
     centre, values, errors = _smooth(density)
     top = int(np.argmax(np.where(centre >= 0.0, values, 0.0)))
     return values[top], errors[top]
 
 
-def middle_of(density):
+def middle_of(density: Density) -> tuple[float, float]:
     """(average of p(X) about X = 0, its error)."""
     centre, values, errors = _smooth(density)
     middle = int(np.argmin(np.abs(centre)))
@@ -38,7 +40,7 @@ def _smooth(density):
     )
 
 
-def reach_of(density):
+def reach_of(density: Density) -> tuple[float, float]:
     """(distance from X = 0 that the motion exceeds for `BEYOND` of the time, its error)."""
     centre = density.centre
     order = np.argsort(-np.abs(centre))

@@ -1,11 +1,19 @@
 """The paper's figures, drawn as the paper draws them: lines for theory, symbols for simulation."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from harvester.averaging import AVERAGED
+from harvester.averaging import CLOSURES
 from harvester.show.figures import WORTH_DRAWING
-from harvester.studies.sweep import failed
 from harvester.verification.paper.figures_list import SYMBOLS
+from harvester.verification.paper.orbit_maps import FrequencyResponse, Surfaces
+from harvester.verification.paper.reproduce import Reproduction, answered
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # Of a panel's curves in turn: blue and red as in the paper, then green.
 COLOURS = ("#0077BB", "#CC3311", "#009988")
@@ -33,11 +41,12 @@ TRENCH = 1.0
 HEADROOM = 2.2
 
 
-def draw(content):
+def draw(content: Reproduction | Surfaces | FrequencyResponse) -> Figure:
     """Figure of a Reproduction, Surfaces or FrequencyResponse."""
-    by_name = {"fig2": _draw_surfaces, "fig3": _draw_frequency_response}
-    if content.name in by_name:
-        return by_name[content.name](content)
+    if isinstance(content, Surfaces):
+        return _draw_surfaces(content)
+    if isinstance(content, FrequencyResponse):
+        return _draw_frequency_response(content)
     return _draw_densities(content) if content.figure.kind == "density" else _draw_sweeps(content)
 
 
@@ -51,7 +60,7 @@ def _figure(content, title, width, height):
 
 
 def _style(closure):
-    return STYLES[(len(AVERAGED) - 1 - AVERAGED.index(closure)) % len(STYLES)]
+    return STYLES[(len(CLOSURES) - 1 - CLOSURES.index(closure)) % len(STYLES)]
 
 
 def _draw_sweeps(content):
@@ -79,13 +88,13 @@ def _draw_curves(axes, panel, lines, quantity):
             if method not in MARKS:
                 # What was refused is a gap, never a line drawn past it.
                 y = [
-                    np.nan if failed(outcome) else factor * outcome.quantities[quantity].estimate
+                    factor * outcome.quantities[quantity].estimate if answered(outcome) else np.nan
                     for _, outcome in points
                 ]
                 axes.plot([value for value, _ in points], y, _style(method), color=colour)
                 continue
             for value, answer in points:
-                if failed(answer):
+                if not answered(answer):
                     continue
                 estimate = answer.quantities[quantity]
                 bar = 2.0 * factor * (estimate.standard_error or np.nan)
@@ -121,7 +130,7 @@ def _draw_densities(content):
         highest, reach = 0.0, 0.0
         for colour, line in zip(COLOURS, lines, strict=False):
             for method, ((_, outcome),) in line.items():
-                if failed(outcome):
+                if not answered(outcome):
                     continue
                 density = outcome.density
                 if method in MARKS:

@@ -5,8 +5,12 @@ Values are those of the captions and of Sect. 4; whatever a curve does not chang
 """
 
 from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 import numpy as np
+
+# Keys of a scene with the values that are put in.
+Changes: TypeAlias = tuple[tuple[str, Any], ...]
 
 GAP, RESTITUTION, STIFFNESS = "stoppers.gap", "stoppers.restitution", "stoppers.stiffness"
 COUPLING, DECAY_RATE = "piezo.coupling", "load.decay_rate"
@@ -34,7 +38,7 @@ class Curve:
     changes: tuple
 
     @property
-    def label(self):
+    def label(self) -> str:
         """ "τ1 = 0.4"."""
         return ", ".join(f"{SYMBOLS[key]} = {value:g}" for key, value in self.changes)
 
@@ -62,7 +66,7 @@ class Panel:
     quick: int = 4
     full: int = 7
 
-    def values(self, quick):
+    def values(self, quick: bool) -> tuple[list[float], list[float]]:
         """(of the closures, of Monte Carlo): the second are among the first."""
         number = self.quick if quick else self.full
         simulated = np.linspace(self.first, self.last, number)

@@ -9,6 +9,7 @@ along the same orbits, which Eq. 10 replaces by one harmonic.
 
 import time
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -44,7 +45,7 @@ class Surfaces:
 
     name = "fig2"
 
-    def table(self):
+    def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and one row."""
         fastest, highest = np.nanmax(self.frequency), np.nanmax(self.energy)
         return ["figure", "what", "greatest"], [
@@ -52,11 +53,11 @@ class Surfaces:
             [self.name, "ω", f"{fastest:.3g} rad/s"],
         ]
 
-    def sentences(self):
+    def sentences(self) -> list[str]:
         """What was computed."""
         return [f"{self.name}: orbits of Eq. 13 up to H − U(0) = {HIGHEST:g}; no noise enters"]
 
-    def to_dict(self):
+    def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON; beyond the outermost orbit null."""
         return {
             "figure": self.name,
@@ -84,7 +85,7 @@ class Response:
     highest: np.ndarray
     checked: np.ndarray
 
-    def worst(self):
+    def worst(self) -> list[float]:
         """Largest deviation of Eq. 10 from Eq. 4b: of the swing, and of its middle in swings."""
         order = np.argsort(self.frequency)
         low, high = (
@@ -107,7 +108,7 @@ class FrequencyResponse:
 
     name = "fig3"
 
-    def table(self):
+    def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows: the range of frequencies of each kind of orbit."""
         header = ["figure", "device", "orbits", "lowest ω", "highest ω", "greatest |V|"]
         header += ["Eq. 10 against Eq. 4b: swing", "middle, in swings"]
@@ -120,7 +121,7 @@ class FrequencyResponse:
                 rows[-1] += [f"{worst:+.1%}" for worst in r.worst()]
         return header, rows
 
-    def sentences(self):
+    def sentences(self) -> list[str]:
         """What was computed."""
         return [
             f"{self.name}: extremes of V (Eq. 10) along the orbits of Eq. 13 up to H − U(0) = "
@@ -129,7 +130,7 @@ class FrequencyResponse:
             "position (a periodic V has no mean), so the middles differ inside the wells",
         ]
 
-    def to_dict(self):
+    def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
         return {
             "figure": self.name,
@@ -153,7 +154,7 @@ class FrequencyResponse:
         }
 
 
-def surfaces(scene):
+def surfaces(scene: Scene) -> Surfaces:
     """Fig. 2 of a bistable scene."""
     clock = time.perf_counter()
     parameters = symmetric_device(scale(scene)[0])
@@ -176,7 +177,7 @@ def surfaces(scene):
     )
 
 
-def frequency_response(scene):
+def frequency_response(scene: Scene) -> FrequencyResponse:
     """Fig. 3 of a bistable scene with stoppers."""
     clock = time.perf_counter()
     devices = {"with stoppers": scene, "without": scene.replace(stoppers=None)}

@@ -1,46 +1,43 @@
 """`reproduce`: the paper's Figs. 4 to 10 by closures, Monte Carlo and circuit."""
 
+import os
 import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from typing import Any, TypeAlias, TypeGuard
 
 import numpy as np
 
-from harvester.averaging import AVERAGED
-from harvester.engines.protocol import ENGINES
-from harvester.errors import SimulationError
+from harvester.averaging import CLOSURES
+from harvester.calling import takes_scene
+from harvester.engines.steps import with_knots
+from harvester.engines.workers import ExecutorPool, WorkerPool
+from harvester.errors import HarvesterError, SimulationError
 from harvester.files.writing import finite
+from harvester.running import Answer, Runner, open_runner
+from harvester.running.request import relative_error
 from harvester.scene.model import Scene
-from harvester.studies.sweep import (
-    REALIZATIONS,
-    Request,
-    costly_first,
-    failed,
-    relative_error,
-    resolving,
-    sweep,
-    with_knots,
-)
-from harvester.verification.paper.figures_list import FIGURES, SYMBOLS, Figure
+from harvester.simulation import TIME_LIMIT
+from harvester.verification.paper.figures_list import FIGURES, SYMBOLS, Curve, Figure, Panel
+from harvester.verification.paper.runs import costly_first, request
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is computed: the first measured time of one realization (s), the relative
-    standard error that runs are made longer for, and the longest they may become (s)."""
+    """How much is computed: realizations at first, the relative standard error that more are
+    added for, and how many there may be."""
 
-    duration: float
-    error: float
-    longest: float
+    realizations: int
+    precision: float
+    most: int
 
 
-QUICK = {
-    "monte-carlo": Effort(5_000.0, 0.05, 10_000.0),
-    "circuit": Effort(600.0, 0.10, 600.0),
-}
-DEFAULT = {
-    "monte-carlo": Effort(12_000.0, 0.02, 500_000.0),
-    "circuit": Effort(4_000.0, 0.02, 25_000.0),
-}
+QUICK = {"monte-carlo": Effort(16, 0.05, 32), "circuit": Effort(8, 0.10, 8)}
+DEFAULT = {"monte-carlo": Effort(40, 0.02, 1600), "circuit": Effort(48, 0.02, 336)}
+NOT_RUN = "not run: the time budget was spent"
+# Of one point: its answer, why there is none, or nothing yet.
+Outcome: TypeAlias = Answer | HarvesterError | None
 
 
 @dataclass(frozen=True)
@@ -68,7 +65,7 @@ class Reproduction:
     quick: bool
     wall_seconds: float
 
-    def points(self):
+    def points(self) -> Iterator[tuple[Panel, Curve, str, float, Outcome]]:
         """(panel, curve, method, value, outcome) of every point."""
         for panel, lines in zip(self.figure.panels, self.lines, strict=True):
             for curve, line in zip(panel.curves, lines, strict=True):
@@ -77,20 +74,20 @@ class Reproduction:
                         yield panel, curve, method, value, outcome
 
     @property
-    def refused(self):
+    def refused(self) -> list[tuple[str, str, str]]:
         """Of every point without an answer: (method, where, reason)."""
         return [
-            (method, place(panel, curve, value), str(outcome))
+            (method, place(panel, curve, value), reason(outcome))
             for panel, curve, method, value, outcome in self.points()
-            if failed(outcome)
+            if not answered(outcome)
         ]
 
     @property
-    def failed_runs(self):
+    def failed_runs(self) -> int:
         """Number of simulations that did not come to their end."""
         return sum(isinstance(outcome, SimulationError) for *_, outcome in self.points())
 
-    def table(self):
+    def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows: how far each method is from Monte Carlo, and its error bars."""
         header = ["figure", "panel", "method", "points", "refused", "largest error bar"]
         what = "∫|p − p'| dX to" if self.figure.kind == "density" else "deviation from"
@@ -103,12 +100,12 @@ class Reproduction:
                 rows[-1] += _summary(points, self._deviations(method, lines))
         return header, rows
 
-    def sentences(self):
+    def sentences(self) -> list[str]:
         """What a reader must know beside the figure."""
         lines = [f"{self.name}: refused by {m} at {where}: {why}" for m, where, why in self.refused]
-        short = {}
+        short: dict[tuple[str, str], list[str]] = {}
         for panel, curve, method, value, outcome in self.points():
-            for note in () if failed(outcome) else outcome.notes:
+            for note in outcome.notes if answered(outcome) else ():
                 # The noise's interpolation is said once, in the caption's JSON.
                 if not note.startswith("noise linear"):
                     short.setdefault((method, note), []).append(place(panel, curve, value))
@@ -117,7 +114,7 @@ class Reproduction:
             for (method, note), places in short.items()
         ]
 
-    def to_dict(self):
+    def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
         return {
             "figure": self.name,
@@ -140,6 +137,17 @@ class Reproduction:
             ],
         }
 
+    def data(self) -> tuple[list[str], list[list[Any]]]:
+        """Header and rows of numbers, one a point and quantity."""
+        header = ["panel", "curve", "method", "value", "quantity", "estimate", "standard_error"]
+        rows = [
+            [panel.swept, curve.label, method, value, name, each.estimate, each.standard_error]
+            for panel, curve, method, value, outcome in self.points()
+            if answered(outcome)
+            for name, each in outcome.quantities.items()
+        ]
+        return header, rows
+
     def _deviations(self, method, lines):
         """Relative to Monte Carlo, at each value that both have; of densities the L1 distance."""
         shares = []
@@ -147,7 +155,7 @@ class Reproduction:
             simulated = dict(line["monte-carlo"])
             for value, outcome in line.get(method, ()):
                 reference = simulated.get(value)
-                if reference is None or failed(reference) or failed(outcome):
+                if not (answered(reference) and answered(outcome)):
                     continue
                 if outcome.density is not None:
                     shares.append(_distance(outcome.density, reference.density))
@@ -157,62 +165,104 @@ class Reproduction:
         return np.array(shares)
 
 
-def reproduce(scene, names, *, quick=False, pool, progress=None, on_figure=None):
+@takes_scene
+def reproduce(
+    scene: Scene,
+    names: Sequence[str],
+    *,
+    quick: bool = False,
+    precision: float | None = None,
+    on_figure: Callable[[Reproduction], object] | None = None,
+    output: str | os.PathLike | None = None,
+    workers: int | None = None,
+    executor: Executor | WorkerPool | ExecutorPool | None = None,
+    scheduler: str | None = None,
+    time_budget: float | None = None,
+    time_limit: float = TIME_LIMIT,
+    progress: Callable[[float, str], object] | None = None,
+    runner: Runner | None = None,
+) -> list[Reproduction]:
     """Compute figures; scenes that several share are computed once.
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene, str or Path
         The paper's device.
     names : sequence of str
         Keys of `FIGURES`.
     quick : bool
         Fewer points and shorter runs.
-    pool : harvester.engines.workers.WorkerPool
-    progress : callable or None
-        Given the share done, 0 … 1.
+    precision : float or None
+        Relative standard error of E[V²] and PCE that simulations are run for, instead of that of
+        `QUICK` or `DEFAULT`.
+    output, workers, executor, scheduler, time_budget, time_limit, progress, runner
+        See `harvester.running.open_runner`.
     on_figure : callable or None
         Given each Reproduction as soon as its last point is there.
 
     Returns
     -------
     list of Reproduction
+        Where the time budget was spent, points that are not there yet are None.
     """
     clock = time.perf_counter()
-    plans = {name: _plan(scene, FIGURES[name], quick) for name in names}
+    plans = {name: _plan(scene, FIGURES[name], quick, precision) for name in names}
     requests = {name: costly_first(_requests(plan)) for name, plan in plans.items()}
     missing = {name: set(wanted) for name, wanted in requests.items()}
+    ordered = list(dict.fromkeys(r for wanted in requests.values() for r in wanted))
     answers, contents = {}, {}
 
-    def collect(request, outcome):
-        answers[request] = outcome
-        for name in [name for name, wanted in missing.items() if request in wanted]:
-            missing[name].remove(request)
+    def collect(index, outcome):
+        one = ordered[index]
+        answers[one] = outcome
+        for name in [name for name, wanted in missing.items() if one in wanted]:
+            missing[name].remove(one)
             if not missing[name]:
                 lines, seconds = _answered(plans[name], answers), time.perf_counter() - clock
                 contents[name] = Reproduction(name, FIGURES[name], scene, lines, quick, seconds)
                 if on_figure:
                     on_figure(contents[name])
 
-    sweep([r for wanted in requests.values() for r in wanted], pool, progress, collect)
+    opened = open_runner(
+        output,
+        workers=workers,
+        executor=executor,
+        scheduler=scheduler,
+        time_budget=time_budget,
+        time_limit=time_limit,
+        progress=progress,
+        runner=runner,
+    )
+    with opened as running:
+        running.answer(ordered, collect, in_turn=True)
     return [contents[name] for name in names]
 
 
-def place(panel, curve, value):
+def answered(outcome: Outcome) -> TypeGuard[Answer]:
+    """Whether a point has an answer, and neither a reason nor nothing."""
+    return outcome is not None and not isinstance(outcome, HarvesterError)
+
+
+def reason(outcome: Outcome) -> str:
+    """Why a point has no answer."""
+    return NOT_RUN if outcome is None else str(outcome)
+
+
+def place(panel: Panel, curve: Curve, value: float) -> str:
     """ "δr = 1.1, D = 0.02": where a point lies."""
     swept = f"{SYMBOLS[panel.swept]} = {value:g}"
     return swept if dict(curve.changes).get(panel.swept) == value else f"{curve.label}, {swept}"
 
 
-def _plan(scene, figure, quick):
+def _plan(scene, figure, quick, precision=None):
     """Per panel and curve {method: [(value, Request), …]}."""
     scene = with_knots(scene)
     plan = []
     for panel in figure.panels:
         if figure.kind == "density":
-            plan.append(_density_plan(scene, panel, quick))
+            plan.append(_density_plan(scene, panel, quick, precision))
         else:
-            plan.append(_sweep_plan(scene, panel, quick))
+            plan.append(_sweep_plan(scene, panel, quick, precision))
     return plan
 
 
@@ -227,30 +277,35 @@ def _requests(plan):
     ]
 
 
-def _density_plan(scene, panel, quick):
+def _density_plan(scene, panel, quick, precision):
     lines = []
     for place_, curve in enumerate(panel.curves):
         changed = scene.replace(dict(curve.changes))
         value = dict(curve.changes)[panel.swept]
         # The circuit takes a hundred times as long: one curve of each panel.
-        methods = [*AVERAGED, "monte-carlo"] + ["circuit"] * (place_ == 0)
-        lines.append({m: [(value, _request(changed, m, quick, density=True))] for m in methods})
+        methods = [*CLOSURES, "monte-carlo"] + ["circuit"] * (place_ == 0)
+        lines.append(
+            {m: [(value, _request(changed, m, quick, precision, density=True))] for m in methods}
+        )
     return lines
 
 
-def _sweep_plan(scene, panel, quick):
+def _sweep_plan(scene, panel, quick, precision):
     fine, coarse = panel.values(quick)
     middle = coarse[len(coarse) // 2]
     lines = []
     for place_, curve in enumerate(panel.curves):
         device = scene.replace(dict(curve.changes))
-        wanted = {closure: fine for closure in AVERAGED}
+        wanted = {closure: fine for closure in CLOSURES}
         wanted["monte-carlo"] = coarse
         wanted["circuit"] = [middle] if place_ == 0 or not quick else []
         lines.append(
             {
                 method: [
-                    (value, _request(device.replace({panel.swept: value}), method, quick))
+                    (
+                        value,
+                        _request(device.replace({panel.swept: value}), method, quick, precision),
+                    )
                     for value in values
                 ]
                 for method, values in wanted.items()
@@ -259,15 +314,15 @@ def _sweep_plan(scene, panel, quick):
     return lines
 
 
-def _request(scene, method, quick, density=False):
-    """With the run that the effort asks for; a closure's answer does not depend on it."""
-    effort = (QUICK if quick else DEFAULT).get(method)
-    if method not in ENGINES:
-        return Request(scene, method, density=density)
-    run = resolving(scene).replace(
-        {"run.duration": effort.duration, "run.realizations": REALIZATIONS}
-    )
-    return Request(run, method, effort.error, effort.longest, density)
+def _request(scene, method, quick, precision, density=False):
+    """With as many realizations as the effort asks for."""
+    efforts = QUICK if quick else DEFAULT
+    first = {engine: effort.realizations for engine, effort in efforts.items()}
+    options = {}
+    if method in efforts:
+        effort = efforts[method]
+        options = {"precision": precision or effort.precision, "most": effort.most}
+    return request(scene, method, first, density, **options)
 
 
 def _answered(plan, answers):
@@ -278,7 +333,7 @@ def _answered(plan, answers):
 
 
 def _summary(points, deviations):
-    outcomes = [outcome for _, outcome in points if not failed(outcome)]
+    outcomes = [outcome for _, outcome in points if answered(outcome)]
     bars = [
         relative_error(outcome.quantities["mean_square_voltage"])
         for outcome in outcomes
@@ -301,8 +356,8 @@ def _distance(density, reference):
 
 def _points_to_dict(points):
     return [
-        {"value": finite(value), "refused": str(outcome)}
-        if failed(outcome)
-        else {"value": finite(value), **outcome.to_dict()}
+        {"value": finite(value), **outcome.to_dict()}
+        if answered(outcome)
+        else {"value": finite(value), "refused": reason(outcome)}
         for value, outcome in points
     ]

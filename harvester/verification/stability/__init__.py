@@ -1,1 +1,4 @@
-"""Stiff and extreme cases of a scene, each judged: right, refused or wrong."""
+"""Stiff and extreme cases of a scene, each judged by what has power there."""
+
+# Wall-clock limit of one case by one engine or closure (s).
+TIME_LIMIT = 120.0

@@ -10,15 +10,16 @@ from dataclasses import dataclass
 from harvester.device import spring as springs
 from harvester.device import timescales
 from harvester.device.hertz import HERTZ_EXPONENT
+from harvester.device.piezo import PiezoTable
 from harvester.engines.steps import knot_spacing, steps_per_knot
 from harvester.errors import SceneError
+from harvester.scene.model import Scene
 from harvester.scene.units import length_scale, scale
 
-# Realizations of a case: independent, so that there is an error bar however short they are.
-REALIZATIONS = 16
-# Steps of all of them together, and how many slow times each measures and lets pass first.
-STEP_BUDGET = 200_000
-MEASURED_TIMES = 50.0
+# Realizations of Monte Carlo's run: few, so that the slowest time passes in each.
+REALIZATIONS = 4
+# Steps of all of them together, and the slow times that each lets pass first.
+STEP_BUDGET = 12_000_000
 SETTLED_TIMES = 5.0
 LARGEST_SETTLED_SHARE = 0.2
 # Stoppers of a scene that has none: gap in well distances, K, e.
@@ -45,12 +46,12 @@ class Case:
     values: dict
 
     @property
-    def title(self):
+    def title(self) -> str:
         """Family and name."""
         return f"{self.family}: {self.name}" if self.family != "corner" else self.name
 
 
-def default_cases():
+def default_cases() -> list[Case]:
     """The whole matrix, a list of `Case`."""
     cases = [Case("scene", "as it is", {})]
     cases += _decades("stiffness", "K", 2, 8)
@@ -72,7 +73,7 @@ def default_cases():
     return cases + [Case("corner", name, values) for name, values in _CORNERS.items()]
 
 
-_CORNERS = {
+_CORNERS: dict[str, dict] = {
     "K = 1e8, D = 1, e = 0.05": {"stiffness": 1e8, "intensity": 1.0, "restitution": 0.05},
     "K = 1e8, D = 100": {"stiffness": 1e8, "intensity": 100.0},
     "K = 1e6, δ = 0.5 wells": {"stiffness": 1e6, "gap_in_wells": 0.5},
@@ -89,10 +90,17 @@ _CORNERS = {
     "D = 100, no stoppers": {"intensity": 100.0, "stoppers": None},
     "D = 100, τ1 = 1e-3": {"intensity": 100.0, "correlation_time": 1e-3},
     "D = 100, λ = 1e4, e = 1": {"intensity": 100.0, "decay_rate": 1e4, "restitution": 1.0},
+    "β = 0, e = 1, c = 1, τ1 = 0.01": {
+        "coupling": 0.0,
+        "restitution": 1.0,
+        "damping": 1.0,
+        "correlation_time": 0.01,
+        "intensity": 0.1,
+    },
 }
 
 
-def changed(scene, case):
+def changed(scene: Scene, case: Case) -> Scene:
     """The scene of one case, with its run length chosen.
 
     Raises
@@ -181,6 +189,10 @@ def _intensity(scene, intensity):
     return "excitation.intensity", intensity * _units(scene)[0] ** 2
 
 
+def _damping(scene, rate):
+    return "oscillator.damping", rate * _units(scene)[1]
+
+
 def _correlation_time(scene, time):
     return "excitation.correlation_time", time
 
@@ -199,15 +211,16 @@ def _coupling(scene, coupling):
 
 
 def _capacitance(scene, symbol):
-    if scene.piezo is None:
-        raise SceneError(f"{scene.name}: cases of {symbol} want a piezo, and this is a coil")
-    return scene.piezo.capacitance
+    if not isinstance(scene.transducer, PiezoTable):
+        raise SceneError(f"{scene.name}: cases of {symbol} want a [piezo]; this device has none")
+    return scene.transducer.capacitance
 
 
 _OF_STOPPERS = ("stiffness", "gap_in_wells", "restitution", "impact_velocity")
 # Name in a case → what makes (key of a scene, value in its units) of the scaled value (Eq. 3).
 _CHANGES = {
     "monostable": _monostable,
+    "damping": _damping,
     "intensity": _intensity,
     "correlation_time": _correlation_time,
     "decay_rate": _decay_rate,
@@ -215,19 +228,20 @@ _CHANGES = {
 }
 
 
-def run_length(scene):
-    """Settling and measured time (s) from the scene's own times, within the budget of steps.
+def run_length(scene: Scene) -> tuple[float, float]:
+    """Settling and measured time (s) of Monte Carlo's realizations within the budget of steps."""
+    step = knot_spacing(scene) / steps_per_knot(scene, engine="monte-carlo")
+    affordable = STEP_BUDGET * step / scene.run.realizations
+    settle = min(SETTLED_TIMES * slowest_time(scene), LARGEST_SETTLED_SHARE * affordable)
+    return settle, affordable - settle
 
-    The slowest of relaxation time, period, correlation time and 1/λ is to be seen many times.
-    """
+
+def slowest_time(scene: Scene) -> float:
+    """Of the relaxation time, the period, the noise's correlation time and 1/λ (s)."""
     system, _ = scale(scene)
     period = 2.0 * math.pi / timescales.angular_frequency(system)
     relaxation, decay = timescales.relaxation_time(system), system.transducer.decay_rate()
-    slowest = max(relaxation, period, system.noise.correlation_time, 1.0 / decay if decay else 0.0)
-    step = knot_spacing(scene) / steps_per_knot(scene)
-    affordable = STEP_BUDGET * step / scene.run.realizations
-    settle = min(SETTLED_TIMES * slowest, LARGEST_SETTLED_SHARE * affordable)
-    return settle, min(MEASURED_TIMES * slowest, affordable - settle)
+    return max(relaxation, period, system.noise.correlation_time, 1.0 / decay if decay else 0.0)
 
 
 def _decades(key, symbol, first, last):

@@ -1,47 +1,50 @@
 """`stability`: stiff and extreme cases of a scene, each judged by what was computed.
 
-Every case of `cases` is run by circuit and Monte Carlo on the same noise and
-by every averaging closure. A verdict is *right*, *refused* (with a reason before anything was
-computed) or *wrong*: numbers that do not hold, a run that did not end, a warning.
+Every case of `cases` is run by every engine and every closure; `verdicts` says what judges them.
 """
 
-import math
-import time
-import warnings
-from dataclasses import dataclass
+from __future__ import annotations
 
-from harvester.averaging import AVERAGED, average
-from harvester.averaging.of_scene import averaged_device
-from harvester.engines.protocol import ENGINES
-from harvester.engines.realization import run
-from harvester.engines.steps import STEPS_PER_PERIOD, knot_spacing, steps_per_knot
-from harvester.engines.workers import WorkerPool
-from harvester.errors import HarvesterError, SceneError
-from harvester.estimates.balance import energy_balance_residual
-from harvester.estimates.estimate import Estimate
-from harvester.estimates.means import estimate_all
+import os
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from harvester.calling import takes_scene
+from harvester.engines.workers import ExecutorPool, WorkerPool
+from harvester.errors import SceneError
 from harvester.files.writing import finite
+from harvester.running import Runner, Task, open_runner
 from harvester.scene.model import Scene
-from harvester.scene.units import require_resistor, scale
 from harvester.simulation import check_step, require_noise
-from harvester.verification.stability.cases import STEP_BUDGET, changed, default_cases
+from harvester.verification.stability import TIME_LIMIT
+from harvester.verification.stability.answers import METHODS, answer
+from harvester.verification.stability.cases import Case, changed, default_cases
 from harvester.verification.stability.verdicts import (
-    JUDGED,
-    LARGEST_NUMERICAL_ERROR,
     LARGEST_RESIDUAL,
     LARGEST_SIGMAS,
+    LARGEST_STEP_BIAS,
+    NOT_JUDGED,
     REFUSED,
     RIGHT,
-    SAME_PATH,
+    SHARP_ENOUGH,
+    UNFINISHED,
+    WORDS,
     WRONG,
-    Answer,
+    Verdict,
     judged,
 )
 
-# Realizations of Monte Carlo over those of the circuit, of which they are the first.
-MONTE_CARLO_FACTOR = 4
-# Wall-clock limit of one case by one engine or closure (s).
-TIME_LIMIT = 120.0
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SHORT_NAMES = {
+    "coarser grid": "grid",
+    "fokker_planck": "stationary",
+    "the mass under the recorded voltage": "mass",
+}
 
 
 @dataclass(frozen=True)
@@ -53,90 +56,109 @@ class StabilityMatrix:
     wall_seconds: float
 
     @property
-    def wrong(self):
-        """(case title, what, reason) of every wrong cell."""
-        return self._cells(WRONG)
+    def methods(self) -> list[str]:
+        """Names of the engines and closures."""
+        return list(self.rows[0].verdicts)
+
+    def cells(self, word: str) -> list[tuple[str, str, Verdict]]:
+        """(case title, method, verdict) of every cell with this word."""
+        return [
+            (row.case.title, method, verdict)
+            for row in self.rows
+            for method, verdict in row.verdicts.items()
+            if verdict.word == word
+        ]
 
     @property
-    def refused(self):
-        """(case title, what, reason) of every refused cell."""
-        return self._cells(REFUSED)
+    def wrong(self) -> list[tuple[str, str, str]]:
+        """(case title, method, reason) of every wrong cell."""
+        return [(title, method, verdict.reason) for title, method, verdict in self.cells(WRONG)]
 
-    def table(self):
+    def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows of the table, as text."""
-        header = ["case", "simulation", "circuit residual", "Monte Carlo residual"]
-        header += ["circuit s", "Monte Carlo s", "worst difference", "error bar of E[V²]"]
-        header += [f"closure {closure}" for closure in AVERAGED]
+        header = ["case", *self.methods, "residuals", "seconds"]
         return header, [self._cells_of(row) for row in self.rows]
 
-    def sentences(self):
-        """What the verdicts are, one line each; reasons once for all cells that share them."""
-        counts = {word: len(self._cells(word)) for word in (RIGHT, REFUSED, WRONG)}
-        lines = [
-            f"{', '.join(f'{count} {word}' for word, count in counts.items())} "
-            f"in {self.wall_seconds:.0f} s"
-        ]
-        lines += [f"WRONG {title}, {what}: {reason}" for title, what, reason in self.wrong]
-        shared = {}
-        for title, what, reason in self.refused:
-            shared.setdefault((what, reason), []).append(title)
-        return lines + [
-            f"refused by {what} for {'; '.join(titles)}: {reason}"
-            for (what, reason), titles in shared.items()
+    def _cells_of(self, row):
+        answers = [row.answer(method) for method in self.methods]
+        residuals = [each.residual for each in answers if each and each.residual is not None]
+        return [
+            row.case.title,
+            *(cell_text(row.verdicts[method]) for method in self.methods),
+            " | ".join(f"{residual:+.2%}" for residual in residuals) or "—",
+            f"{sum(each.seconds for each in answers if each):.1f}",
         ]
 
-    def to_dict(self):
+    def sentences(self) -> list[str]:
+        """What the verdicts are, one line each; reasons once for all cells that share them."""
+        counts = ", ".join(f"{len(self.cells(word))} {word}" for word in WORDS)
+        lines = [
+            f"{counts} in {self.wall_seconds:.0f} s",
+            "a cell names its judges and how sharply they judge: path: against a fine one on the "
+            "same noise; a method or a closed form: E[V²] against its own; grid: a closure against "
+            "its coarser grid",
+        ]
+        lines += [f"WRONG {title}, {method}: {reason}" for title, method, reason in self.wrong]
+        for word in (UNFINISHED, NOT_JUDGED, REFUSED):
+            shared: dict[tuple[str, str], list[str]] = {}
+            for title, method, verdict in self.cells(word):
+                shared.setdefault((method, verdict.reason), []).append(title)
+            lines += [
+                f"{word}: {method} for {'; '.join(titles)}: {reason}"
+                for (method, reason), titles in shared.items()
+            ]
+        return lines
+
+    def figure(self) -> Figure:
+        """The coloured grid of all cases."""
+        from harvester.show import figures
+
+        return figures.drawn(figures.draw_stability, self)
+
+    def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
         return {
             "scene": self.scene.to_dict(),
             "seed": self.scene.run.seed,
             "wall_seconds": self.wall_seconds,
             "limits": {
-                "difference_in_standard_errors": LARGEST_SIGMAS,
-                "same_path_share": SAME_PATH,
+                "deviation_in_standard_errors": LARGEST_SIGMAS,
+                "sharpness": SHARP_ENOUGH,
+                "mean_squares_along_the_path": LARGEST_STEP_BIAS,
                 "energy_balance_residual": LARGEST_RESIDUAL,
-                "closure_numerical_error": LARGEST_NUMERICAL_ERROR,
             },
-            "wrong": len(self.wrong),
+            "counts": {word: len(self.cells(word)) for word in WORDS},
             "cases": [_row_to_dict(row) for row in self.rows],
         }
 
-    def _cells(self, word):
-        return [
-            (row.case.title, what, verdict.reason)
-            for row in self.rows
-            for what, verdict in {"simulation": row.simulation, **row.closures}.items()
-            if verdict.word == word
-        ]
 
-    def _cells_of(self, row):
-        engines = list(ENGINES)
-        return [
-            row.case.title,
-            row.simulation.word,
-            *(_text(row.residual(engine), "{:+.2%}") for engine in engines),
-            *(_text(row.seconds(engine), "{:.2f}") for engine in engines),
-            _text(row.worst_difference, "{:.1f} σ"),
-            _text(row.resolution("mean_square_voltage"), "{:.1%}"),
-            *(verdict.word for verdict in row.closures.values()),
-        ]
-
-
-def stability(scene, *, cases=None, step="default", workers=None, progress=None):
+@takes_scene
+def stability(
+    scene: Scene,
+    *,
+    cases: Sequence[Case] | None = None,
+    step: str | float = "default",
+    output: str | os.PathLike | None = None,
+    workers: int | None = None,
+    executor: Executor | WorkerPool | ExecutorPool | None = None,
+    scheduler: str | None = None,
+    time_budget: float | None = None,
+    time_limit: float = TIME_LIMIT,
+    progress: Callable[[float, str], object] | None = None,
+    runner: Runner | None = None,
+) -> StabilityMatrix:
     """Run and judge the matrix of one scene.
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene, str or Path
         Device that the cases are variations of; its seed is kept, its run length is not.
     cases : sequence of Case or None
         None: `default_cases`.
     step : str or float
         See `harvester.simulate`.
-    workers : int or None
-        Processes; None: one per core.
-    progress : callable or None
-        Given the share done, 0 … 1.
+    output, workers, executor, scheduler, time_budget, time_limit, progress, runner
+        See `harvester.running.open_runner`; the limit is that of one case by one method.
 
     Returns
     -------
@@ -145,52 +167,56 @@ def stability(scene, *, cases=None, step="default", workers=None, progress=None)
     Raises
     ------
     HarvesterError
-        The excitation is no noise, or the load no resistor.
+        The excitation is no noise.
     """
     step = check_step(step)
     require_noise(scene, "stability")
-    require_resistor(scene, "stability")
     clock = time.perf_counter()
     cases = default_cases() if cases is None else cases
     scenes = [_changed_or_refused(scene, case) for case in cases]
-    methods = [*ENGINES, *AVERAGED]
-    calls = [
-        {"scene": changed_scene, "method": method, "step": step}
-        for changed_scene in scenes
-        if isinstance(changed_scene, Scene)
-        for method in methods
-    ]
-    with WorkerPool(len(calls), workers) as pool:
-        follow = _Follower(len(calls), progress) if progress else None
-        outcomes = iter(pool.map(answer, calls, TIME_LIMIT, follow, keep_going=True))
+    possible = [each for each in scenes if isinstance(each, Scene)]
+    opened = open_runner(
+        output,
+        workers=workers,
+        executor=executor,
+        scheduler=scheduler,
+        time_budget=time_budget,
+        time_limit=time_limit,
+        progress=progress,
+        runner=runner,
+    )
+    with opened as running:
+        tasks = [_task(each, method, step, running) for each in possible for method in METHODS]
+        outcomes = iter(running.run(tasks))
     rows = []
     for case, changed_scene in zip(cases, scenes, strict=True):
         if isinstance(changed_scene, Scene):
-            answers = {method: next(outcomes) for method in methods}
+            answers = {method: next(outcomes) for method in METHODS}
             rows.append(judged(case, changed_scene, answers))
         else:
-            rows.append(judged(case, None, dict.fromkeys(methods, changed_scene)))
+            rows.append(judged(case, None, dict.fromkeys(METHODS, changed_scene)))
     return StabilityMatrix(scene, rows, time.perf_counter() - clock)
 
 
-def answer(scene, method, step, report):
-    """One case by one engine or closure, in a worker process.
+def _task(scene, method, step, runner):
+    arguments = {"scene": scene, "method": method, "step": step}
+    return Task(answer, arguments, runner.version(method), method)
 
-    Returns
-    -------
-    Answer or HarvesterError
-        What went wrong is an outcome here, not the end of the matrix.
-    """
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            if method in ENGINES:
-                return _simulated(scene, method, step, report)
-            return _averaged(scene, method, report)
-    except HarvesterError as error:
-        return error
-    except Exception as error:
-        return HarvesterError(f"{type(error).__name__}: {error}")
+
+def cell_text(verdict: Verdict) -> str:
+    """The verdict's word, or who judged and how sharply."""
+    if verdict.word != RIGHT:
+        return verdict.word
+    return ", ".join(f"{_short(each.judge)} {_percent(each.sharpness)}" for each in verdict.judges)
+
+
+def _short(judge):
+    return "path" if judge.endswith("path") else SHORT_NAMES.get(judge, judge)
+
+
+def _percent(share):
+    """With one digit, or two of what begins with 1."""
+    return f"{100.0 * share:.2g} %" if share >= 1e-4 else "<0.01 %"
 
 
 def _changed_or_refused(scene, case):
@@ -200,114 +226,56 @@ def _changed_or_refused(scene, case):
         return error
 
 
-def _simulated(scene, engine, step, report):
-    scene = _affordable(scene, step)
-    if engine == "monte-carlo":
-        count = MONTE_CARLO_FACTOR * scene.run.realizations
-        scene = scene.replace({"run.realizations": count})
-    parameters, _ = scale(scene)
-    count = scene.run.realizations
-    realizations = []
-    for index in range(count):
-        realizations += run(scene, engine, [index], step, "external", None, _ignore)
-        report((index + 1) / count)
-    moments = [realization.moments for realization in realizations]
-    estimates = estimate_all(moments, parameters)
-    return Answer(
-        {name: estimates[name] for name in JUDGED},
-        energy_balance_residual(moments, parameters),
-        sum(realization.seconds for realization in realizations),
-        sum(each.points for each in moments),
-        count,
-        scene.run.duration,
-        scene.run.settle,
-        knot_spacing(scene) / steps_per_knot(scene, step, engine),
-    )
-
-
-def _affordable(scene, step):
-    """The scene with a run so short that its contacts, too, keep to the budget of steps.
-
-    A Monte Carlo run counts them; the circuit takes more in proportion.
-    """
-    [first] = run(scene, "monte-carlo", [0], step, "external", None, _ignore)
-    steps = first.moments.points * STEPS_PER_PERIOD["circuit"] / STEPS_PER_PERIOD["monte-carlo"]
-    share = STEP_BUDGET / (steps * scene.run.realizations)
-    if share >= 1.0:
-        return scene
-    times = {"run.duration": scene.run.duration, "run.settle": scene.run.settle}
-    return scene.replace({key: share * time for key, time in times.items()})
-
-
-def _ignore(moments):
-    """A report that nobody reads."""
-
-
-def _averaged(scene, closure, report):
-    clock = time.perf_counter()
-    averages = average(averaged_device(scene), closure)
-    estimates = {
-        name: Estimate(getattr(averages, name), averages.numerical_error[name], None, "")
-        for name in JUDGED
-    }
-    report(1.0)
-    return Answer(estimates, None, time.perf_counter() - clock)
-
-
-class _Follower:
-    """Adds up how far the calls are."""
-
-    def __init__(self, calls, progress):
-        self._shares, self._progress = [0.0] * calls, progress
-
-    def __call__(self, index, share):
-        self._shares[index] = share
-        self._progress(sum(self._shares) / len(self._shares))
-
-
 def _row_to_dict(row):
     return {
         "family": row.case.family,
         "case": row.case.name,
         "changes": dict(row.case.values),
-        "verdict": row.simulation.word,
-        "reason": row.simulation.reason,
-        "difference_in_standard_errors": {
-            name: finite(value) for name, value in row.differences.items()
-        },
-        "closures": {
-            name: {"verdict": verdict.word, "reason": verdict.reason}
-            for name, verdict in row.closures.items()
-        },
+        "verdicts": {method: _verdict_to_dict(each) for method, each in row.verdicts.items()},
         "answers": {
-            method: _answer_to_dict(outcome)
-            for method, outcome in row.answers.items()
-            if isinstance(outcome, Answer)
+            method: _answer_to_dict(row.answer(method))
+            for method in row.answers
+            if row.answer(method)
         },
     }
 
 
-def _answer_to_dict(outcome):
+def _verdict_to_dict(verdict):
     return {
-        "energy_balance_residual": finite(outcome.residual),
-        "seconds": outcome.seconds,
-        "steps": outcome.steps,
-        "realizations": outcome.realizations,
-        "duration": outcome.duration,
-        "settle": outcome.settle,
-        "longest_step": outcome.step,
+        "verdict": verdict.word,
+        "reason": verdict.reason,
+        "evidence": [
+            {
+                "judge": each.judge,
+                "of": each.of,
+                "deviation": finite(each.deviation),
+                "sharpness": finite(each.sharpness),
+                "limit": finite(each.largest),
+            }
+            for each in verdict.evidence
+        ],
+    }
+
+
+def _answer_to_dict(found):
+    path = asdict(found.path) if found.path else {}
+    return {
+        "energy_balance_residual": finite(found.residual),
+        "seconds": found.seconds,
+        "steps": found.steps,
+        "realizations": found.realizations,
+        "duration": found.duration,
+        "settle": found.settle,
+        "longest_step": found.step,
+        "settled": found.settled,
+        "path": {
+            name: value if isinstance(value, str) else finite(value) for name, value in path.items()
+        },
         "scaled_quantities": {
-            name: _estimate_to_dict(estimate) for name, estimate in outcome.estimates.items()
+            name: {
+                "estimate": finite(estimate.estimate),
+                "standard_error": finite(estimate.standard_error),
+            }
+            for name, estimate in found.estimates.items()
         },
     }
-
-
-def _estimate_to_dict(estimate: Estimate):
-    return {
-        "estimate": finite(estimate.estimate),
-        "standard_error": finite(estimate.standard_error),
-    }
-
-
-def _text(value, form):
-    return form.format(value) if math.isfinite(value) else "—"

@@ -1,205 +1,270 @@
-"""Verdicts of `harvester stability`: *right*, *refused* or *wrong*, from what was computed."""
+"""Verdicts of `harvester stability`, each from what has the power to judge its cell.
+
+A judge compares one answer with something that does not share its faults: the path with a fine one,
+Monte Carlo's means with the stationary solution or a closed form, a closure with its coarser grid.
+Each says how sharply it judges. A cell is *right* where none of its judges objects and one at least
+judges to 2 % or better; else it is *not judged*.
+"""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Any
 
-from harvester.averaging import AVERAGED
 from harvester.engines.protocol import ENGINES
-from harvester.errors import AveragingError, SceneError
+from harvester.errors import AveragingError, LoadError, SceneError, SimulatorTimeout
 from harvester.scene.model import Scene
+from harvester.scene.units import require_resistor
+from harvester.verification.stability.answers import CaseAnswer
 from harvester.verification.stability.cases import Case
+from harvester.verification.stability.closed_forms import closed_forms
 
 RIGHT, REFUSED, WRONG = "right", "refused", "wrong"
-REFUSALS = (SceneError, AveragingError)
-JUDGED = ("mean_square_voltage", "mean_square_velocity", "power_conversion_efficiency")
-# Largest difference of the engines in joint standard errors, or as a share where they follow the
-# same path; largest share of the energy that is not found again. Three means of some sixty cases,
-# were they all independent, would give one false alarm in ten matrices.
-LARGEST_SIGMAS = 3.5
-SAME_PATH = 2e-3
-SAME_VALUE = 1e-9
+NOT_JUDGED, UNFINISHED = "not judged", "unfinished"
+WORDS = (RIGHT, REFUSED, NOT_JUDGED, UNFINISHED, WRONG)
+REFUSALS = (SceneError, LoadError, AveragingError)
+COMPARED = ("mean_square_voltage", "mean_square_velocity", "power_conversion_efficiency")
+# Largest share of the energy that is not found again.
 LARGEST_RESIDUAL = 0.01
-# Of a closure's answer against its own coarser grid.
-LARGEST_NUMERICAL_ERROR = 1e-3
+# A judge counts as one up to this sharpness.
+SHARP_ENOUGH = 0.02
+# Largest deviation of means in joint standard errors: were all of some 200 comparisons independent
+# and normal, one matrix in eighty would have a false alarm.
+LARGEST_SIGMAS = 4.0
+# Share of a mean by which the stationary solution may be off beside its own numerical error, as
+# long simulations elsewhere showed (one standard deviation).
+SOLVER_ERROR = 5e-3
+# Largest deviation of the mean squares along comparable paths, at the step asked for.
+LARGEST_STEP_BIAS = 0.03
+# Periods that paths have to be comparable for; of comparable ones an engine may leave so many.
+FEWEST_PERIODS = 1.0
+LEAST_FOLLOWED = 0.1
+# Of a closure's answer against its own coarser grid; the stationary solution has its tolerance.
+LARGEST_NUMERICAL_ERROR = {"fokker_planck": 2e-2}
+USUAL_NUMERICAL_ERROR = 1e-3
+SOLVER = "fokker_planck"
 
 
 @dataclass(frozen=True)
-class Answer:
-    """What one engine or closure says of one case, in scaled units.
+class Evidence:
+    """What one judge found.
 
     Attributes
     ----------
-    estimates : dict of str to Estimate
-    residual : float or None
-        Of the energy balance; None for a closure.
-    seconds : float
-        Wall time.
-    steps, realizations : int
-        0 for a closure.
-    duration, settle, step : float or None
-        Of each realization, as it was run, and its longest step (s); None for a closure.
+    judge : str
+    of : str
+        What was compared, in words.
+    deviation : float
+        As a share.
+    sharpness : float
+        Of means their joint standard error, of a path the deviation that its step explains; as a
+        share.
+    largest : float
+        Deviation up to which the judge agrees, as a share.
     """
 
-    estimates: dict
-    residual: float | None
-    seconds: float
-    steps: int = 0
-    realizations: int = 0
-    duration: float | None = None
-    settle: float | None = None
-    step: float | None = None
+    judge: str
+    of: str
+    deviation: float
+    sharpness: float
+    largest: float
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the deviation is no objection; an undefined one is."""
+        return abs(self.deviation) <= self.largest
+
+    @property
+    def sharp(self) -> bool:
+        """Whether the judge is good enough to call a cell right."""
+        return self.sharpness <= SHARP_ENOUGH
+
+    def __str__(self):
+        return f"{self.of} is {self.deviation:+.2%} off {self.judge} (limit {self.largest:.2%})"
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """`RIGHT`, `REFUSED` or `WRONG`, and why."""
+    """One of `WORDS`, why, and what it rests on."""
 
     word: str
     reason: str = ""
+    evidence: tuple = ()
+
+    @property
+    def judges(self) -> list[Evidence]:
+        """The first evidence of each judge, on E[V²] if there is any, as far as it is sharp."""
+        first: dict[str, Evidence] = {}
+        for each in self.evidence:
+            first.setdefault(each.judge, each)
+        return sorted((e for e in first.values() if e.sharp), key=lambda each: each.sharpness)
 
 
 @dataclass(frozen=True)
 class Row:
-    """One case: verdicts on the simulation and on each closure, and what they rest on.
+    """One case: what every engine and closure said of it, and the verdict on each.
 
     Attributes
     ----------
     case : Case
     scene : Scene or None
         None where the case is none for the scene.
-    answers : dict of str to Answer or HarvesterError
-        By engine and closure.
-    simulation : Verdict
-    closures : dict of str to Verdict
-    differences : dict of str to float
-        Circuit minus Monte Carlo in joint standard errors, by quantity.
+    answers : dict of str to CaseAnswer, HarvesterError or None
+        By engine and closure; None: nothing yet when time ran out.
+    verdicts : dict of str to Verdict
     """
 
     case: Case
     scene: Scene | None
     answers: dict
-    simulation: Verdict
-    closures: dict
-    differences: dict = field(default_factory=dict)
+    verdicts: dict
 
-    def residual(self, engine):
-        """Energy balance residual, nan without one."""
-        answer = self.answers[engine]
-        return answer.residual if isinstance(answer, Answer) else math.nan
-
-    def seconds(self, method):
-        """Wall time of one engine or closure, nan without an answer."""
-        answer = self.answers[method]
-        return answer.seconds if isinstance(answer, Answer) else math.nan
-
-    def numerical_error(self, closure):
-        """Largest error of a closure against its coarser grid, as a share; nan without any."""
-        answer = self.answers[closure]
-        if not isinstance(answer, Answer):
-            return math.nan
-        return max(_share(estimate) for estimate in answer.estimates.values())
-
-    @property
-    def worst_difference(self):
-        """Largest difference in size, in joint standard errors; nan without any."""
-        sizes = [abs(d) for d in self.differences.values() if not math.isnan(d)]
-        return max(sizes, default=math.nan)
-
-    def resolution(self, name):
-        """Joint standard error as a share of Monte Carlo's mean; nan without answers."""
-        pair = [self.answers[engine] for engine in ENGINES]
-        if not all(isinstance(answer, Answer) for answer in pair):
-            return math.nan
-        mean = pair[1].estimates[name].estimate
-        return _joint_error(*pair, name) / abs(mean) if mean else math.nan
+    def answer(self, method: str) -> CaseAnswer | None:
+        """What a method said, None without an answer."""
+        found = self.answers[method]
+        return found if isinstance(found, CaseAnswer) else None
 
 
-def judged(case, scene, answers):
+def judged(case: Case, scene: Scene | None, answers: dict[str, Any]) -> Row:
     """The row of one case from what engines and closures said.
 
     Parameters
     ----------
     case : Case
     scene : Scene or None
-    answers : dict of str to Answer or HarvesterError
-        By engine and closure.
+    answers : dict of str to CaseAnswer, HarvesterError or None
     """
-    circuit, monte_carlo = (answers[engine] for engine in ENGINES)
-    closures = {name: _judge_closure(answers[name]) for name in AVERAGED if name in answers}
-    failed = _judge_failures({engine: answers[engine] for engine in ENGINES})
-    if failed:
-        return Row(case, scene, answers, failed, closures)
-    differences = {name: _difference(circuit, monte_carlo, name) for name in JUDGED}
-    verdict = _judge_simulation(circuit, monte_carlo, differences)
-    return Row(case, scene, answers, verdict, closures, differences)
+    verdicts = {method: _without_answer(outcome) for method, outcome in answers.items()}
+    given = {method: answers[method] for method, verdict in verdicts.items() if verdict is None}
+    for method, found in given.items():
+        evidence = _of_engine(found) if method in ENGINES else _of_closure(method, found)
+        verdicts[method] = _weighed(found, (*evidence, *_of_means(method, scene, given)))
+    return Row(case, scene, answers, verdicts)
 
 
-def _judge_failures(answers):
-    """Verdict where an engine gave no answer; None where both did."""
-    for word, refusal in ((WRONG, False), (REFUSED, True)):
-        for engine, outcome in answers.items():
-            if isinstance(outcome, Answer) or isinstance(outcome, REFUSALS) != refusal:
-                continue
-            name = type(outcome).__name__
-            return Verdict(word, str(outcome) if refusal else f"{engine}: {name}: {outcome}")
-    return None
-
-
-def _judge_simulation(circuit, monte_carlo, differences):
-    for engine, outcome in zip(ENGINES, (circuit, monte_carlo), strict=True):
-        if not abs(outcome.residual) < LARGEST_RESIDUAL:
-            return Verdict(WRONG, f"{engine}: energy balance residual {outcome.residual:.2%}")
-    for name, sigmas in differences.items():
-        ours, theirs = circuit.estimates[name].estimate, monte_carlo.estimates[name].estimate
-        same_path = abs(ours - theirs) <= SAME_PATH * abs(theirs)
-        if not (same_path or abs(sigmas) <= LARGEST_SIGMAS):
-            label = name.replace("_", " ")
-            return Verdict(
-                WRONG, f"{label}: circuit {ours:.4g}, Monte Carlo {theirs:.4g}, {sigmas:+.1f} σ"
-            )
-    return Verdict(RIGHT)
-
-
-def _judge_closure(outcome):
+def _without_answer(outcome):
+    """The verdict where there is no answer; None where there is one."""
+    if isinstance(outcome, CaseAnswer):
+        return None
+    if outcome is None:
+        return Verdict(UNFINISHED, "the time budget ended before it")
+    if isinstance(outcome, SimulatorTimeout):
+        return Verdict(UNFINISHED, str(outcome))
     if isinstance(outcome, REFUSALS):
         return Verdict(REFUSED, str(outcome))
-    if not isinstance(outcome, Answer):
-        return Verdict(WRONG, f"{type(outcome).__name__}: {outcome}")
-    for name, estimate in outcome.estimates.items():
-        if not (math.isfinite(estimate.estimate) and _share(estimate) <= LARGEST_NUMERICAL_ERROR):
-            label = name.replace("_", " ")
-            return Verdict(
-                WRONG, f"{label}: {estimate.estimate:.4g} ± {estimate.standard_error:.2g}"
-            )
-    return Verdict(RIGHT)
+    return Verdict(WRONG, f"{type(outcome).__name__}: {outcome}")
 
 
-def _share(estimate):
-    """Error as a share of the estimate; 0 where both vanish."""
-    if estimate.standard_error == 0.0:
-        return 0.0
-    return abs(estimate.standard_error / estimate.estimate) if estimate.estimate else math.inf
+def _weighed(found, evidence):
+    if found.residual is not None and not abs(found.residual) < LARGEST_RESIDUAL:
+        return Verdict(WRONG, f"energy balance residual {found.residual:.2%}", evidence)
+    objections = [str(each) for each in evidence if not each.agrees]
+    if objections:
+        return Verdict(WRONG, "; ".join(objections), evidence)
+    verdict = Verdict(RIGHT, "", evidence)
+    return verdict if verdict.judges else Verdict(NOT_JUDGED, _why_not(found, evidence), evidence)
 
 
-def _difference(circuit, monte_carlo, name):
-    """Circuit minus Monte Carlo in joint standard errors; nan without an error bar."""
-    difference = circuit.estimates[name].estimate - monte_carlo.estimates[name].estimate
-    error = _joint_error(circuit, monte_carlo, name)
-    if error == 0.0:
-        share = abs(difference) / (abs(monte_carlo.estimates[name].estimate) or 1.0)
-        return 0.0 if share <= SAME_VALUE else math.inf
-    return difference / error
+def _why_not(found, evidence):
+    if evidence:
+        return f"known to {min(each.sharpness for each in evidence):.0%} only"
+    if found.path and found.path.comparable_periods < FEWEST_PERIODS:
+        return f"paths can be compared for {found.path.comparable_periods:.1f} periods only"
+    if found.path:
+        return f"its path can be compared for {found.path.compared_periods:.1f} periods only"
+    return "nothing to compare it with"
 
 
-def _joint_error(circuit, monte_carlo, name):
-    """As of independent means: the same noise makes it conservative.
+def _of_engine(found):
+    """Evidence from the path."""
+    path = found.path
+    if not path.comparable_periods >= FEWEST_PERIODS:
+        return ()
+    judge = f"fine {path.reference} path"
+    followed = path.compared_periods / path.comparable_periods
+    if followed < LEAST_FOLLOWED:
+        left = Evidence(judge, "length of the path followed", followed - 1.0, 1.0, 0.0)
+        return (left,)
+    if path.compared_periods < FEWEST_PERIODS:
+        return ()
+    limits = {judge: path.of_limit}
+    if not math.isnan(path.of_mechanics):
+        limits["the mass under the recorded voltage"] = path.of_mechanics
+    words, allowed = "limit for short steps", path.resolution
+    evidence = [Evidence(name, words, of, allowed, allowed) for name, of in limits.items()]
+    squares = "mean squares along the path"
+    bias = Evidence(judge, squares, path.of_mean_squares, LARGEST_STEP_BIAS, LARGEST_STEP_BIAS)
+    return (*evidence, bias)
 
-    Monte Carlo has more realizations, so that it knows of rare events, jumps between wells above
-    all, which the circuit's own few may not hold: its error bar, at their number, is the least
-    that the circuit's can be.
+
+def _of_closure(closure, found):
+    """Evidence from the coarser grid: how well the closure solves its own equations."""
+    largest = LARGEST_NUMERICAL_ERROR.get(closure, USUAL_NUMERICAL_ERROR)
+    evidence = []
+    for name in COMPARED:
+        each = found.estimates[name]
+        share = _share(each.standard_error, each.estimate)
+        evidence.append(Evidence("coarser grid", _words(name), share, share, largest))
+    return evidence
+
+
+def _of_means(method, scene, given):
+    """Evidence on means: Monte Carlo's and the stationary solution's against each other, and forms.
+
+    Only these two claim to solve the equations themselves.
     """
-    ours, theirs = (a.estimates[name].standard_error for a in (circuit, monte_carlo))
-    if ours is None or theirs is None:
-        return math.nan
-    least = theirs * math.sqrt(monte_carlo.realizations / circuit.realizations)
-    return math.hypot(max(ours, least), theirs)
+    if method == "monte-carlo":
+        if not given[method].settled:
+            return ()
+        evidence = list(_of_forms(scene, given[method]))
+        if SOLVER in given:
+            solved = list(_of_pair(given[method], given[SOLVER], SOLVER))
+            # Two programs that follow one path are not both wrong: then the solution is.
+            evidence += [each for each in solved if each.agrees or not _same_path(given)]
+        return evidence
+    simulated = given.get("monte-carlo")
+    if method == SOLVER and simulated and simulated.settled:
+        return _of_pair(simulated, given[SOLVER], "Monte Carlo")
+    return ()
+
+
+def _same_path(given):
+    """Whether the circuit follows Monte Carlo's path."""
+    evidence = _of_engine(given["circuit"]) if "circuit" in given else ()
+    return bool(evidence) and all(each.agrees for each in evidence)
+
+
+def _of_pair(simulated, solved, judge):
+    for name in COMPARED:
+        ours, theirs = simulated.estimates[name], solved.estimates[name]
+        error = max(theirs.standard_error, SOLVER_ERROR * abs(theirs.estimate))
+        yield from _of_mean(judge, name, ours, theirs.estimate, error)
+
+
+def _of_forms(scene, simulated):
+    try:
+        require_resistor(scene, "closed forms")
+    except LoadError:
+        return
+    for form, means in closed_forms(scene, simulated.realizations).items():
+        for name, (value, error) in means.items():
+            yield from _of_mean(form, name, simulated.estimates[name], value, error)
+
+
+def _of_mean(judge, name, ours, value, error):
+    """Evidence on one mean, none without an error bar or where nothing is harvested."""
+    if ours.standard_error is None or ours.estimate == value == 0.0:
+        return
+    joint = _share(math.hypot(ours.standard_error, error), value)
+    deviation = _share(ours.estimate - value, value)
+    yield Evidence(judge, _words(name), deviation, joint, LARGEST_SIGMAS * joint)
+
+
+def _share(part, whole):
+    """As a share of the whole; 0 of nothing where both vanish."""
+    if part == 0.0:
+        return 0.0
+    return part / abs(whole) if whole else math.inf
+
+
+def _words(name):
+    return name.replace("_", " ")

@@ -1,7 +1,10 @@
 """A work-precision diagram: what was measured of each method, and how it is shown."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 from harvester.estimates.estimate import Estimate
 from harvester.files.writing import finite
@@ -10,6 +13,9 @@ from harvester.scene.model import Scene
 from harvester.verification.work_precision.methods import Method
 from harvester.verification.work_precision.throughput import ratios
 from harvester.verification.work_precision.throughput import to_dict as throughput_to_dict
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 STATES = ("displacement", "velocity", "voltage")
 MEANS = ("mean_square_voltage", "mean_square_velocity", "power_conversion_efficiency")
@@ -87,24 +93,24 @@ class WorkPrecision:
     machine: dict
     throughput: list
 
-    def needed_time(self):
+    def needed_time(self) -> float:
         """Simulated time to a standard error of 1 % of E[V²] (s); nan without an error bar."""
         share = relative_error(self.reference, "mean_square_voltage")
         return self.reference.simulated_time * (share / WANTED_ERROR) ** 2
 
-    def deviation(self, closure, name):
+    def deviation(self, closure: str, name: str) -> Estimate:
         """A closure's deviation from the reference as a share, with the reference's error."""
         value = self.closures[closure].scaled_quantities[name].estimate
         mean = self.reference.scaled_quantities[name].estimate
-        error = relative_error(self.reference, name)
-        error = None if math.isnan(error) else error * value / mean
+        share = relative_error(self.reference, name)
+        error = None if math.isnan(share) else share * value / mean
         return Estimate(value / mean - 1.0, error, None, "1")
 
-    def answer_seconds(self, row):
+    def answer_seconds(self, row: Row) -> float:
         """Seconds of one core to a standard error of 1 % of E[V²]."""
         return row.seconds_per_unit * self.needed_time()
 
-    def table(self):
+    def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows of the table, as text."""
         header = ["method", "setting"]
         header += [f"error {SYMBOLS[name]}" for name in STATES]
@@ -131,7 +137,7 @@ class WorkPrecision:
         seconds = _number(self.closures[closure].wall_seconds, ".3g")
         return [f"averaging, {closure}", "", "", "", "", "", *biases, "", seconds]
 
-    def sentences(self):
+    def sentences(self) -> list[str]:
         """What the numbers say, one line each."""
         reference, machine = self.reference, self.machine
         sampling = ", ".join(
@@ -156,7 +162,7 @@ class WorkPrecision:
         lines += [f"{row.method.family}: {row.note}" for row in self.rows if row.note]
         return [*lines, *(f"closure {name} refused: {why}" for name, why in self.refused.items())]
 
-    def verdicts(self):
+    def verdicts(self) -> list[str]:
         """Whether the circuit's default step keeps every bias below 1 %, and which step does."""
         fixed = [
             row
@@ -192,7 +198,13 @@ class WorkPrecision:
                 families.setdefault(name, []).append(row.method.setting(self.scene))
         return [f"{name} at {', '.join(settings)}" for name, settings in families.items()]
 
-    def to_dict(self):
+    def figure(self) -> Figure:
+        """Error against run time."""
+        from harvester.show import figures
+
+        return figures.drawn(figures.draw_work_precision, self)
+
+    def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON; NaN becomes null."""
         return {
             "scene": self.reference.to_dict()["scene"],
@@ -244,7 +256,7 @@ class WorkPrecision:
         }
 
 
-def relative_error(result, name):
+def relative_error(result: Result, name: str) -> float:
     """Standard error of a mean as a share of it; nan without an error bar."""
     estimate = result.scaled_quantities[name]
     if estimate.standard_error is None or not estimate.estimate:
@@ -252,7 +264,7 @@ def relative_error(result, name):
     return estimate.standard_error / abs(estimate.estimate)
 
 
-def judged(row):
+def judged(row: Row) -> str:
     """Each bias of a row with its verdict against 1 %, as text."""
     return ", ".join(
         f"{SYMBOLS[name]} {_percent(row.bias[name])} ({verdict})"

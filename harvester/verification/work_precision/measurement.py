@@ -9,11 +9,13 @@ import datetime
 import math
 import os
 import platform
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from harvester.averaging import CLOSURES
 from harvester.averaging.of_scene import average
+from harvester.calling import takes_scene
 from harvester.device import timescales
 from harvester.engines.circuit import describe
 from harvester.engines.realization import run as simulate_realizations
@@ -21,6 +23,7 @@ from harvester.engines.steps import knot_spacing
 from harvester.engines.workers import WorkerPool
 from harvester.errors import AveragingError, EnergyNotBalanced, SimulationError
 from harvester.estimates.paired import paired_difference
+from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor, scale
 from harvester.simulation import require_noise, simulate
 from harvester.verification.work_precision import throughput
@@ -35,6 +38,7 @@ from harvester.verification.work_precision.methods import (
     COMPILED_METHODS,
     METHODS,
     THOROUGH_METHODS,
+    Method,
 )
 from harvester.verification.work_precision.reference_path import run as follow_exactly
 
@@ -55,12 +59,20 @@ REFERENCE_STEP = "fine"
 THOROUGH = 8
 
 
-def work_precision(scene, *, thorough=False, workers=None, methods=None, progress=None):
+@takes_scene
+def work_precision(
+    scene: Scene,
+    *,
+    thorough: bool = False,
+    workers: int | None = None,
+    methods: Sequence[Method] | None = None,
+    progress: Callable | None = None,
+) -> WorkPrecision:
     """Measure the error and the run time of every method on a scene.
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene, str or Path
         Its run is the one whose means are compared.
     thorough : bool
         More paths, steps and realizations.
@@ -188,7 +200,7 @@ def _strong_error(scene, outcomes, exact):
 def _simulate(scene, pool, follow, engine="monte-carlo", **options):
     """A complete result, also when its energy balance does not close."""
     try:
-        return simulate(scene, engine, pool=pool, progress=follow, **options)
+        return simulate(scene, method=engine, runner=pool, progress=follow, **options)
     except EnergyNotBalanced as error:
         return error.partial
 
@@ -243,7 +255,7 @@ def _closures(scene):
     results, refused = {}, {}
     for closure in CLOSURES:
         try:
-            results[closure] = average(scene, closure)
+            results[closure] = average(scene, method=closure)
         except AveragingError as error:
             refused[closure] = str(error)
     return results, refused

@@ -1,8 +1,10 @@
 """The methods that `work-precision` compares: a new one is one more entry in `METHODS`."""
 
 from dataclasses import dataclass
+from typing import Any
 
 from harvester.engines.steps import knot_spacing, steps_per_knot
+from harvester.scene.model import Scene
 
 
 @dataclass(frozen=True)
@@ -35,17 +37,22 @@ class Method:
     copies: int | None = 1
     brief: bool = False
 
-    def step(self, scene):
+    @property
+    def takes_loads(self) -> bool:
+        """Whether it runs any netlist as load, and in reasonable time: a PWL is slow there."""
+        return self.engine == "circuit" and self.copies == 1 and self.source == "external"
+
+    def step(self, scene: Scene) -> float:
         """Longest step (s)."""
         return knot_spacing(scene) / (steps_per_knot(scene, engine=self.engine) * self.refinement)
 
-    def setting(self, scene):
+    def setting(self, scene: Scene) -> str:
         """What tells it from others of its family, as text."""
         if self.tolerance is not None:
             return f"tolerance {self.tolerance:.0e}".replace("e-0", "e-")
         return f"step {self.step(scene):.4g}"
 
-    def options(self, scene):
+    def options(self, scene: Scene) -> dict[str, Any]:
         """Arguments that `harvester.engines.realization.run` and `harvester.simulate` share."""
         return {
             "engine": self.engine,
@@ -91,6 +98,22 @@ METHODS = (
 )
 # Where the compiled device is on.
 COMPILED_METHODS = (_batched("compiled device, trapezoidal", "compiled"),)
+# What `time-to-accuracy` times, one setting of each family: ngspice's own tolerance, default steps.
+TIMED_METHODS = (
+    _own_steps("trapezoidal", 1e-3),
+    _own_steps("gear", 1e-3),
+    _fixed_steps("trapezoidal", 1),
+    _fixed_steps("gear", 1),
+    _local_error(1e-4),
+    _batched("side by side, trapezoidal", "behavioural"),
+    Method("Monte Carlo, Runge–Kutta", "monte-carlo", 4),
+    Method("Monte Carlo, Heun", "monte-carlo", 2, scheme="heun"),
+)
+# What biases are reckoned against: a quarter of the default step.
+REFERENCE = Method("Monte Carlo, Runge–Kutta, a quarter of the step", "monte-carlo", 4, 4)
+LOAD_REFERENCE = Method(
+    "external source, trapezoidal, a quarter of the step", "circuit", 2, 4, scheme="trapezoidal"
+)
 THOROUGH_METHODS = (
     *METHODS,
     _fixed_steps("trapezoidal", 8, brief=True),

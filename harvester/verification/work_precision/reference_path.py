@@ -7,21 +7,24 @@ engines share shows as their error.
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from harvester.device.coil import Coil, ResistiveCoil
 from harvester.device.hertz import HertzDamp
-from harvester.device.transducer import Coil, Piezo, ResistiveCoil
+from harvester.device.piezo import Piezo
 from harvester.engines.realization import noise_path, start_state
 from harvester.engines.steps import knot_spacing, stop_time
 from harvester.errors import SceneError
+from harvester.scene.model import Scene
 from harvester.scene.units import scale
 
 RELATIVE_TOLERANCE, ABSOLUTE_TOLERANCE = 3e-14, 1e-15
 
 
-def run(scene, index, report):
+def run(scene: Scene, index: int, report: Callable) -> np.ndarray:
     """States of one realization at the knots, in a worker process.
 
     Parameters
@@ -77,7 +80,7 @@ class Equations:
         self._held = [0.0] * len(self._stoppers)
         self._touching = [False] * len(self._stoppers)
 
-    def begin(self, state):
+    def begin(self, state: np.ndarray) -> None:
         """Take up the contacts of a run's first state, each with the speed it stands for."""
         x, v, _ = state
         for k, (side, gap, law) in enumerate(self._stoppers):
@@ -85,7 +88,7 @@ class Equations:
             self._touching[k] = depth > 0.0
             self._held[k] = math.sqrt(v * v + 2.0 * _stored(law, max(depth, 0.0)))
 
-    def segment(self, state, noise, slope, spacing):
+    def segment(self, state: np.ndarray, noise: float, slope: float, spacing: float) -> np.ndarray:
         """State at the end of one segment of the noise."""
         time = 0.0
         while time < spacing:
@@ -188,5 +191,5 @@ def _electrical_equations(transducer):
 def _not_written_out(part):
     return SceneError(
         f"work-precision: the reference path has no equation of {type(part).__name__}: write it "
-        "out in harvester/work_precision/reference_path.py"
+        "out in harvester/verification/work_precision/reference_path.py"
     )

@@ -2,11 +2,14 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 from harvester.engines.realization import run
 from harvester.engines.side_by_side import MOST_COPIES
 from harvester.engines.steps import knot_spacing
+from harvester.engines.workers import Workers
 from harvester.files.writing import finite
+from harvester.scene.model import Scene
 
 # Knots of a realization: a source in the netlist is scanned point by point, so its cost depends
 # on how many it has.
@@ -35,7 +38,7 @@ class Throughput:
     rate: float
 
 
-def measure(scene, pool, compiled):
+def measure(scene: Scene, pool: Workers, compiled: bool) -> list[Throughput]:
     """Measure every way to run a scene's circuit, at its default step where none is named.
 
     Parameters
@@ -66,14 +69,17 @@ def measure(scene, pool, compiled):
     rounds = [
         [
             _measure(scene, pool, "external source, a step a knot", 1, **knot),
-            *(_measure(scene, pool, *way, device=device) for *way, device in ways),
+            *(
+                _measure(scene, pool, name, copies, processes, device=device)
+                for name, copies, processes, device in ways
+            ),
         ]
         for _ in range(REPEATS)
     ]
     return [pwl, *(max(rows, key=lambda row: row.rate) for rows in zip(*rounds, strict=True))]
 
 
-def ratios(rows):
+def ratios(rows: list[Throughput]) -> dict[str, float]:
     """External source over PWL, and every way over one realization, {name: ratio}."""
     pwl, external, single = rows[:3]
     found = {f"{external.name} / {pwl.name}": external.rate / pwl.rate}
@@ -83,7 +89,7 @@ def ratios(rows):
     return found
 
 
-def to_dict(rows):
+def to_dict(rows: list[Throughput]) -> dict[str, Any]:
     """Plain values for JSON."""
     return {
         "rows": [{**vars(row), "rate": finite(row.rate)} for row in rows],

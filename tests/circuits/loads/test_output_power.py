@@ -19,7 +19,7 @@ def run(tmp_path, pool, text):
     path = tmp_path / "load.lib"
     path.write_text(text)
     scene = Scene.load("device", [*SHORT, f"load.netlist={path}"])
-    return simulate(scene, "circuit", workers=1, pool=pool)
+    return simulate(scene, method="circuit", workers=1, runner=pool)
 
 
 def estimate(result, name):

@@ -70,6 +70,7 @@ def test_one_name_in_several_places(tmp_path, header, inner, outer, given):
         ".model rm r(r=50)\n.subckt load p n\n.model rm r(r=70)\nR1 p n rm\n.ends",
         ".param pi=100\n.subckt load p n\nR1 p n {pi}\n.ends",
         ".subckt load p n m=2\nR1 p n 300\n.ends",
+        ".param q=3 , r={max(100,q)}\n.subckt load p n\nR1 p n {r}\n.ends",
         ".subckt load p n\nR1 p n 3a\n.ends",
         ".subckt load p n\nR1 p n 3mil\n.ends",
         ".subckt load p n\nR1 p n 300 r=100\n.ends",
@@ -82,6 +83,13 @@ def test_what_is_run_is_what_plain_ngspice_runs(tmp_path, text):
     plain = resistance(tmp_path, text)
     assert resistance(tmp_path, load.text) == pytest.approx(plain)
     assert load.resistance in (None, pytest.approx(plain))
+
+
+@pytest.mark.parametrize("pairs", ["q=3,r=300", "q={min(1,3)}, r=300", "q=3 ,r=300 , s=1"])
+def test_a_comma_parts_parameters_wherever_blanks_stand(tmp_path, pairs):
+    """ngspice 39 itself hangs where none stands before it."""
+    text = f".param {pairs}\n.subckt load p n\nR1 p n {{r+q-q}}\n.ends\n"
+    assert resistance(tmp_path, read(tmp_path, text).text) == pytest.approx(300.0)
 
 
 def test_a_thousandth_of_an_inch_is_one_everywhere(tmp_path):

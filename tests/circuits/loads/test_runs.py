@@ -64,12 +64,14 @@ def test_the_resistors_netlist_is_the_built_in_resistor(pool, name, key, value, 
         {"load.netlist": "resistor", "load.parameters.resistance": resistance}
     )
     assert flat(netlist) == flat(built_in)
-    ours, theirs = (simulate(scene, "circuit", pool=pool) for scene in (netlist, built_in))
+    ours, theirs = (simulate(scene, method="circuit", runner=pool) for scene in (netlist, built_in))
     assert ours.steps == theirs.steps
     for quantity in ("mean_square_voltage", "mean_power", "mean_square_velocity"):
         value = theirs.quantity(quantity).estimate
         assert ours.quantity(quantity).estimate == pytest.approx(value, rel=1e-6)
-    ours, theirs = (simulate(scene, "monte-carlo", pool=pool) for scene in (netlist, built_in))
+    ours, theirs = (
+        simulate(scene, method="monte-carlo", runner=pool) for scene in (netlist, built_in)
+    )
     assert ours.quantity("mean_power") == theirs.quantity("mean_power")
 
 
@@ -84,10 +86,12 @@ def test_the_ammeter_measures_the_power_of_a_resistor(
     scene = with_load(tmp_path, halves, *overrides, scene=name)
     value = resistance if key == "resistance" else 1.0 / resistance
     built_in = scene.replace({f"load.{key}": value})
-    assert built_in.electrical_load.netlist is None
+    assert built_in.load.netlist is None
     # Both with the same steps: without a resistor known, they are chosen for an open circuit.
     step = 1e-3
-    ours, theirs = (simulate(s, "circuit", step=step, pool=pool) for s in (scene, built_in))
+    ours, theirs = (
+        simulate(s, method="circuit", step=step, runner=pool) for s in (scene, built_in)
+    )
     for quantity in ("mean_power", "mean_square_voltage", "power_conversion_efficiency"):
         value = theirs.quantity(quantity).estimate
         assert ours.quantity(quantity).estimate == pytest.approx(value, rel=1e-6)
@@ -103,7 +107,7 @@ def diode_equation(scene, resistance, storage):
     path = noise_path(scene, 0)
     knots = round(scene.run.duration / path.spacing)
     noise = path.read(knots + 1)
-    capacitance = scene.piezo.capacitance
+    capacitance = scene.transducer.capacitance
     swing = 2.0 * EMISSION * THERMAL
 
     def currents(volts, output):
@@ -145,7 +149,7 @@ def test_a_bridge_follows_the_diode_equation(tmp_path, pool):
     stored = 0.5 * storage * output**2
     errors = {}
     for step in ("default", "fine"):
-        result = simulate(scene, "circuit", step=step, window=(0.0, 1e9), pool=pool)
+        result = simulate(scene, method="circuit", step=step, window=(0.0, 1e9), runner=pool)
         assert abs(result.energy_balance_residual) < 1e-3
         power = result.quantity("mean_power").estimate
         errors[step] = power / energy - 1.0
@@ -180,7 +184,7 @@ def prescribed(*changes):
     }
     run = {"run.duration": 1.0, "run.settle": 1.0, "run.realizations": 1}
     scene = scene.replace({"excitation": excitation, **run, **dict(changes)})
-    theta, capacitance = scene.piezo.coupling, scene.piezo.capacitance
+    theta, capacitance = scene.transducer.coupling, scene.transducer.capacitance
     return scene, theta**2 * AMPLITUDE**2 * 2.0 * np.pi * FREQUENCY / capacitance
 
 
@@ -189,13 +193,13 @@ def test_a_resistor_on_a_prescribed_sine_has_the_closed_form(pool, share):
     """P = θ²u²ω/2C · r/(1 + r²), r = ωCR; its greatest is θ²u²ω/4C at r = 1."""
     resistance = share / (2.0 * np.pi * FREQUENCY * 4.3e-8)
     scene, unit = prescribed(("load.resistance", resistance))
-    result = simulate(scene, "circuit", pool=pool)
+    result = simulate(scene, method="circuit", runner=pool)
     power = 0.5 * unit * share / (1.0 + share**2)
     assert result.quantity("mean_power").estimate == pytest.approx(power, rel=1e-3)
     # All that is put in leaves by the load, but for what the capacitance holds at the end.
     assert abs(result.energy_balance_residual) < 1e-6
     with pytest.raises(LoadError, match="circuit"):
-        simulate(scene, "monte-carlo")
+        simulate(scene, method="monte-carlo")
 
 
 def test_a_near_ideal_bridge_on_a_prescribed_sine_has_the_closed_form(tmp_path, pool):
@@ -207,17 +211,17 @@ def test_a_near_ideal_bridge_on_a_prescribed_sine_has_the_closed_form(tmp_path, 
     scene, unit = prescribed(
         ("load.netlist", str(path)), ("load.parameters", parameters), ("run.settle", 8.0)
     )
-    result = simulate(scene, "circuit", pool=pool)
+    result = simulate(scene, method="circuit", runner=pool)
     power = result.quantity("mean_output_power").estimate
     assert power == pytest.approx(unit / (2.0 * np.pi), rel=0.03)
-    volts = scene.piezo.coupling * AMPLITUDE / (2.0 * scene.piezo.capacitance)
+    volts = scene.transducer.coupling * AMPLITUDE / (2.0 * scene.transducer.capacitance)
     assert result.quantity("output_voltage").estimate == pytest.approx(volts, rel=0.015)
     assert abs(result.energy_balance_residual) < 1e-3
 
 
 def test_a_pump_written_for_ltspice_runs_as_it_is(tmp_path, pool):
     scene = with_load(tmp_path, DOUBLER, "load.parameters.cpump=100n", "run.duration=10")
-    result = simulate(scene, "circuit", pool=pool)
+    result = simulate(scene, method="circuit", runner=pool)
     assert abs(result.energy_balance_residual) < 0.01
     assert result.quantity("output_voltage").estimate > 1.0
     loss = result.quantity("mean_converter_loss")
@@ -231,10 +235,10 @@ def test_a_pump_written_for_ltspice_runs_as_it_is(tmp_path, pool):
 
 def test_a_switching_load_balances_its_energy_by_default(tmp_path, pool):
     scene = with_load(tmp_path, SWITCH, "run.duration=5")
-    result = simulate(scene, "circuit", pool=pool)
+    result = simulate(scene, method="circuit", runner=pool)
     assert result.steps > 4 * 4000
     assert abs(result.energy_balance_residual) < 0.01
-    fine = simulate(scene, "circuit", step="fine", pool=pool)
+    fine = simulate(scene, method="circuit", step="fine", runner=pool)
     assert abs(fine.energy_balance_residual) < 0.001
 
 
@@ -247,7 +251,7 @@ def test_scaled_scenes_take_a_netlist_too(tmp_path, pool):
         "run.duration=200",
         scene="linear",
     )
-    result = simulate(scene, "circuit", pool=pool)
+    result = simulate(scene, method="circuit", runner=pool)
     assert abs(result.energy_balance_residual) < 0.01
     p = flat(scene)
     square = result.quantity("output_voltage").estimate ** 2
@@ -259,13 +263,13 @@ def test_scaled_scenes_take_a_netlist_too(tmp_path, pool):
 def test_what_ngspice_does_not_know_is_no_result(tmp_path):
     text = BRIDGE.replace("n=0.5", "n=0.5 emission=2")
     with pytest.raises(SimulatorAborted, match="emission"):
-        simulate(with_load(tmp_path, text), "circuit")
+        simulate(with_load(tmp_path, text), method="circuit")
 
 
 def test_other_methods_refuse_a_load_that_is_no_resistor(tmp_path):
     scene = with_load(tmp_path, BRIDGE)
     with pytest.raises(LoadError, match="Monte Carlo"):
-        simulate(scene, "monte-carlo")
+        simulate(scene, method="monte-carlo")
     with pytest.raises(LoadError, match="averaging"):
         average(scene)
 
@@ -276,7 +280,7 @@ def test_plain_ngspice_runs_an_exported_load(tmp_path, pool):
     command = [ngspice_program(), "-b", "-r", "scene.raw", "scene.cir"]
     subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
     raw = read_raw(tmp_path / "scene.raw")
-    result = simulate(scene, "circuit", pool=pool)
+    result = simulate(scene, method="circuit", runner=pool)
     output = raw["v(load_out)"] - raw["v(load_ref)"]
     steps = np.diff(raw["time"])
     mean = np.sum(0.5 * (output[1:] + output[:-1]) * steps) / np.sum(steps)

@@ -46,6 +46,6 @@ def test_one_file_in_netlists_is_a_load_by_its_name(tmp_path, monkeypatch):
     (tmp_path / "toy.lib").write_text(TOY)
     monkeypatch.setattr("circuits.loads.subcircuits.resources.files", lambda package: tmp_path)
     scene = harvester.Scene.load("device", ["load.netlist=toy", "load.parameters.resistance=50k"])
-    assert scene.electrical_load.parameters == {"resistance": "50k"}
+    assert scene.load.parameters == {"resistance": "50k"}
     with pytest.raises(NetlistError, match="did you mean toy"):
         harvester.Scene.load("device", ["load.netlist=toyy"])

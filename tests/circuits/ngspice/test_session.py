@@ -13,7 +13,7 @@ from harvester.simulation import simulate
 
 def knots_of(pool, scene, step, index=0):
     """(X, X', V) at the knots from the circuit, shape (knots, 3)."""
-    result = simulate(scene, "circuit", step=step, window=(0.0, 1e9), pool=pool)
+    result = simulate(scene, method="circuit", step=step, window=(0.0, 1e9), runner=pool)
     waveform = np.array(result.waveform)
     knots = np.round(waveform[0] / 0.05)
     on_knot = np.abs(waveform[0] - knots * 0.05) < 1e-7
@@ -62,7 +62,7 @@ def test_other_scenes_follow_scipys_path_too(pool, overrides):
 def test_the_held_impact_speed_follows_monte_carlo(pool):
     scene = short("paper", "stoppers.impact_velocity=event", "run.duration=30")
     states = knots_of(pool, scene, 0.001)
-    reference = simulate(scene, "monte-carlo", step="finest", window=(0.0, 1e9), pool=pool)
+    reference = simulate(scene, method="monte-carlo", step="finest", window=(0.0, 1e9), runner=pool)
     record = np.array(reference.waveform)
     at = np.interp(0.05 * np.arange(1, 601), record[0], record[1])
     np.testing.assert_allclose(states[:, 0], at, atol=2e-3)
@@ -73,7 +73,7 @@ def test_the_held_impact_speed_follows_monte_carlo(pool):
 def test_a_stiff_contact_is_resolved_by_shorter_steps(pool):
     scene = short("paper", "stoppers.stiffness=1e6", "run.duration=10")
     reference = reference_path(scene, 200)[1:]
-    result = simulate(scene, "circuit", pool=pool)
+    result = simulate(scene, method="circuit", runner=pool)
     # One impact, and the approach to it.
     assert result.steps >= 200 + STEPS_PER_CONTACT
     states = knots_of(pool, scene, 0.0025)
@@ -141,8 +141,8 @@ INSIDE = ("stoppers.impact_velocity=event", "stoppers.gap=0.9", "stoppers.restit
 def test_contacts_inside_the_wells_finish_with_the_held_impact_speed(pool):
     """The mass rests on a stopper: held at zero, its impact speed would make friction of it."""
     scene = short("paper", *INSIDE, "run.duration=30")
-    circuit = simulate(scene, "circuit", pool=pool, step=0.0025, window=(0.0, 1e9))
-    reference = simulate(scene, "monte-carlo", pool=pool, step="finest", window=(0.0, 1e9))
+    circuit = simulate(scene, method="circuit", runner=pool, step=0.0025, window=(0.0, 1e9))
+    reference = simulate(scene, method="monte-carlo", runner=pool, step="finest", window=(0.0, 1e9))
     states, other = np.array(circuit.waveform), np.array(reference.waveform)
     at = np.interp(states[0], other[0], other[1])
     assert np.abs(states[1] - at).max() < 0.02

@@ -4,9 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from truths import flat, well
+from truths import averaged, flat, well
 
-from harvester.averaging import average
 from harvester.errors import AveragingError
 from harvester.scene.model import Scene
 
@@ -35,7 +34,7 @@ MEANS = (
 def test_in_well_simulation(intensity, correlation_time, voltage, efficiency, deviation):
     """Deviations of E[V²] from Monte Carlo as the notes of `average` tell them, to 0.1 %."""
     p = PAPER._replace(intensity=intensity, correlation_time=correlation_time)
-    result = average(p, "consistent")
+    result = averaged(p, "consistent")
     assert result.mean_square_voltage == pytest.approx((1.0 + deviation) * voltage, rel=1e-3)
     assert result.power_conversion_efficiency == pytest.approx(efficiency, abs=0.004)
     assert result.share_in_wells > 0.99
@@ -58,7 +57,7 @@ def test_linear_device_at_small_damping(closure):
         / (2 * ratio + (4 * ratio**2 + square) * alpha + 2 * ratio * (1 + square) * alpha**2)
     )
     expected = p.intensity * white * (t + alpha + 2 * ratio * alpha * t) / common
-    assert average(p, closure).mean_power == pytest.approx(expected, rel=1e-3)
+    assert averaged(p, closure).mean_power == pytest.approx(expected, rel=1e-3)
 
 
 @pytest.mark.parametrize("closure", CLOSURES)
@@ -79,17 +78,17 @@ def test_white_noise_power(changes, excess, tolerance, closure):
     As far as Eq. 10 holds: `excess` is what it makes of the paper's device.
     """
     p = PAPER._replace(correlation_time=1e-6, **changes)
-    result = average(p, closure)
+    result = averaged(p, closure)
     out = result.mechanical_loss + result.mean_power
     assert out == pytest.approx((1.0 + excess.get(closure, 0.0)) * p.intensity, rel=tolerance)
 
 
 @pytest.mark.parametrize("closure", CLOSURES)
 def test_numerical_error_covers_a_finer_grid(closure, monkeypatch):
-    result = average(PAPER, closure)
+    result = averaged(PAPER, closure)
     monkeypatch.setattr("harvester.averaging.closures.LEVELS", 900)
     monkeypatch.setattr("harvester.averaging.closures.NODES", 48)
-    finer = average(PAPER, closure)
+    finer = averaged(PAPER, closure)
     for name in MEANS:
         error = result.numerical_error[name]
         assert error < 1e-4 * getattr(result, name)
@@ -118,7 +117,7 @@ EDGE_CASES = [
 @pytest.mark.parametrize("changes", EDGE_CASES, ids=str)
 def test_edge_cases_are_finite(changes, closure):
     p = PAPER._replace(**changes)
-    result = average(p, closure)
+    result = averaged(p, closure)
     values = [getattr(result, name) for name in MEANS]
     assert np.all(np.isfinite(values))
     assert min(values) >= 0.0
@@ -135,7 +134,7 @@ def test_edge_cases_are_finite(changes, closure):
 def test_wells_of_simulation_and_print(closure):
     """The offset left out of the potential moves the wells from 1.013 to about 0.91."""
     x = np.linspace(0.7, 1.2, 501)
-    density = average(PAPER._replace(intensity=1e-3), closure).density.displacement(x)
+    density = averaged(PAPER._replace(intensity=1e-3), closure).density.displacement(x)
     lowest = {"consistent": well(PAPER), "paper": 0.906}[closure]
     assert x[np.argmax(density)] == pytest.approx(lowest, abs=0.01)
 
@@ -152,13 +151,13 @@ def test_wells_of_simulation_and_print(closure):
 @pytest.mark.parametrize("closure", CLOSURES)
 def test_refusals(changes, message, closure):
     with pytest.raises(AveragingError, match=message) as caught:
-        average(PAPER._replace(**changes), closure)
+        averaged(PAPER._replace(**changes), closure)
     assert "\n" not in str(caught.value)
 
 
 def test_unknown_closure():
     with pytest.raises(AveragingError, match="did you mean paper"):
-        average(PAPER, "papers")
+        averaged(PAPER, "papers")
 
 
 @pytest.mark.parametrize("closure", CLOSURES)
@@ -176,7 +175,7 @@ def test_other_units_of_time_and_length_change_nothing(closure):
         intensity=p.intensity * rate**3 * length**2,
         correlation_time=p.correlation_time / rate,
     )
-    one, other = average(p, closure), average(q, closure)
+    one, other = averaged(p, closure), averaged(q, closure)
     scaled = other.mean_square_voltage / length**2
     assert scaled == pytest.approx(one.mean_square_voltage, rel=1e-9)
     assert other.power_conversion_efficiency == pytest.approx(

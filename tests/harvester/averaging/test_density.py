@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from truths import flat, well
+from truths import averaged, flat, well
 
-from harvester.averaging import average
 from harvester.averaging.symmetric import potential
 from harvester.scene.model import Scene
 
@@ -34,7 +33,7 @@ def composite_nodes(low, high, pieces, order=4):
     ids=["elastic", "strong", "preloaded", "harmonic", "hardening"],
 )
 def test_gibbs(p, closure):
-    result = average(p, closure)
+    result = averaged(p, closure)
     reach = max(2.5 * well(p), 6.0 * np.sqrt(result.mean_square_displacement))
     x, weights = composite_nodes(-reach, reach, 100)
     rate = p.damping / p.intensity
@@ -60,7 +59,7 @@ CASES = [{"gap": 0.95}, {"intensity": 0.1}, {"linear_stiffness": 2.0}]
 @pytest.mark.parametrize("closure", ["paper", "consistent"])
 @pytest.mark.parametrize("changes", CASES, ids=str)
 def test_normalisation_and_marginals(changes, closure):
-    result = average(PAPER._replace(**changes), closure)
+    result = averaged(PAPER._replace(**changes), closure)
     density = result.density
     x, x_weights = composite_nodes(-3.0, 3.0, 150)
     v, v_weights = composite_nodes(0.0, 5.0, 200)
@@ -79,7 +78,7 @@ def test_normalisation_and_marginals(changes, closure):
 
 
 def test_normalisation_to_six_digits():
-    density = average(PAPER._replace(intensity=0.005), "consistent").density
+    density = averaged(PAPER._replace(intensity=0.005), "consistent").density
     x, x_weights = composite_nodes(-2.0, 2.0, 120)
     v, v_weights = composite_nodes(0.0, 2.5, 80)
     joint = density.joint(x[:, None], v[None, :])
@@ -89,7 +88,7 @@ def test_normalisation_to_six_digits():
 
 @pytest.mark.parametrize("closure", ["paper", "consistent"])
 def test_energy_density_holds_the_share_in_wells(closure):
-    result = average(PAPER._replace(intensity=0.05), closure)
+    result = averaged(PAPER._replace(intensity=0.05), closure)
     shares = {
         name: np.trapezoid(density, energy)
         for name, (energy, density) in result.density.energy.items()
@@ -101,7 +100,7 @@ def test_energy_density_holds_the_share_in_wells(closure):
 
 
 def test_shapes():
-    density = average(LINEAR, "paper").density
+    density = averaged(LINEAR, "paper").density
     assert density.displacement(0.1).shape == ()
     assert density.velocity(np.zeros((2, 3))).shape == (2, 3)
     assert density.joint(np.zeros((4, 1)), np.zeros(5)).shape == (4, 5)

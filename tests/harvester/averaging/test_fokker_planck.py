@@ -5,15 +5,18 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from truths import flat, interpolated_linear_means, well
+from device_scenes import device as device_scene
+from truths import averaged, flat, interpolated_linear_means, well
 
 from harvester.averaging import average
-from harvester.averaging.fokker_planck import LEVELS
 from harvester.averaging.of_scene import average as average_scene
 from harvester.averaging.propagator import Grid, Propagator, mirrored, shares
 from harvester.averaging.symmetric import potential
+from harvester.device import system as systems
+from harvester.device import timescales
 from harvester.errors import AveragingError
 from harvester.scene.model import Scene
+from harvester.scene.units import scale
 from harvester.simulation import simulate
 
 PAPER = flat(Scene.load("paper"))
@@ -39,7 +42,7 @@ def within(result, name, truth, floor=2e-3):
 )
 def test_gibbs(p):
     """White noise, no coupling, elastic stoppers: p(X) ∝ exp(−(c/D) U), Hertz energy in U."""
-    result = average(p, "fokker_planck")
+    result = averaged(p, "fokker_planck")
     reach = well(p) + 8.0 * math.sqrt(p.intensity / p.damping)
     x = np.linspace(-reach, reach, 8001)
     shape = np.exp(-p.damping / p.intensity * (potential(p, x) - potential(p, p.rest)))
@@ -65,7 +68,7 @@ def test_gibbs(p):
 def test_linear_device(changes):
     """Covariances of the linear equations: any damping, memory of the noise, rate of the load."""
     p = LINEAR._replace(coupling=0.5, **changes)
-    result, exact = average(p, "fokker_planck"), interpolated_linear_means(p, 1e-3)
+    result, exact = averaged(p, "fokker_planck"), interpolated_linear_means(p, 1e-3)
     for name in (*NAMES, "mean_power", "power_conversion_efficiency"):
         assert within(result, name, exact[name])
 
@@ -75,9 +78,9 @@ def test_linear_device(changes):
 def test_a_slow_load_leaves_the_charge_at_its_mean(rate):
     """λ → 0: Z = 0, V = X, in a spring stiffer by the coupling: a device that has no charge."""
     p = flat(Scene.load("duffing", ["excitation.intensity=0.5"]))
-    slow = average(p._replace(decay_rate=rate), "fokker_planck")
+    slow = averaged(p._replace(decay_rate=rate), "fokker_planck")
     stiff = p._replace(coupling=1e-9, linear_stiffness=p.linear_stiffness + p.coupling)
-    limit = average(stiff, "fokker_planck")
+    limit = averaged(stiff, "fokker_planck")
     error = slow.numerical_error["mean_square_voltage"]
     error += limit.numerical_error["mean_square_displacement"] + 3.0 * rate
     assert slow.mean_square_voltage == pytest.approx(limit.mean_square_displacement, abs=error)
@@ -87,15 +90,15 @@ def test_a_slow_load_leaves_the_charge_at_its_mean(rate):
 @pytest.mark.slow
 def test_a_load_as_slow_as_jumps_is_answered_well_or_refused():
     p = flat(Scene.load("duffing", ["load.decay_rate=1e-4"]))
-    with pytest.raises(AveragingError, match="use slow_load"):
-        average(p, "fokker_planck")
+    with pytest.raises(AveragingError, match="simulate"):
+        averaged(p, "fokker_planck")
 
 
 @pytest.mark.slow
 def test_white_noise_gives_its_power_whatever_takes_it():
     p = PAPER._replace(correlation_time=1e-6, intensity=0.1, decay_rate=0.5)
-    result = average(p, "fokker_planck")
-    assert result.mechanical_loss + result.mean_power == pytest.approx(p.intensity, rel=5e-3)
+    result = averaged(p, "fokker_planck")
+    assert result.mechanical_loss + result.mean_power == pytest.approx(p.intensity, rel=3e-3)
 
 
 @pytest.mark.slow
@@ -115,7 +118,10 @@ def test_simulation(overrides):
     """
     run = ["run.duration=4000", "run.realizations=64", "run.seed=11"]
     scene = Scene.load("paper", overrides + run)
-    simulated, found = simulate(scene, "monte-carlo"), average_scene(scene, "fokker_planck")
+    simulated, found = (
+        simulate(scene, method="monte-carlo"),
+        average_scene(scene, method="fokker_planck"),
+    )
     for name in ("mean_square_voltage", "power_conversion_efficiency"):
         truth, answer = simulated.quantity(name), found.quantity(name)
         error = 4.0 * truth.standard_error + answer.standard_error
@@ -126,7 +132,7 @@ def test_simulation(overrides):
 def test_densities():
     """Nowhere negative, symmetric, of integral 1, and with the means of the result."""
     p = PAPER._replace(intensity=0.005)
-    result = average(p, "fokker_planck")
+    result = averaged(p, "fokker_planck")
     x, v = np.linspace(-1.6, 1.6, 1601), np.linspace(-2.0, 2.0, 801)
     for place, function, name in (
         (x, result.density.displacement, "mean_square_displacement"),
@@ -145,8 +151,9 @@ def test_densities():
 @pytest.mark.slow
 def test_numerical_error_covers_a_finer_grid():
     p = PAPER._replace(intensity=0.1)
-    rough, fine = (average(p, "fokker_planck", tolerance) for tolerance in (2e-2, 1e-3))
-    for name, error in rough.numerical_error.items():
+    rough, fine = (averaged(p, "fokker_planck", tolerance) for tolerance in (2e-2, 1e-3))
+    for name in NAMES:
+        error = rough.numerical_error[name]
         assert getattr(rough, name) == pytest.approx(getattr(fine, name), abs=2.0 * error)
 
 
@@ -155,20 +162,19 @@ def test_numerical_error_covers_a_finer_grid():
     [
         ({"held_impact_velocity": True}, "impact_velocity"),
         ({"decay_rate": 100.0}, "decay_rate=100"),
-        ({"coupling": 40.0}, "coupling=40"),
         ({"contact_stiffness": 1e9}, "stiffness=1e+09"),
     ],
 )
 def test_refusals(changes, words):
     with pytest.raises(AveragingError) as caught:
-        average(PAPER._replace(**changes, intensity=0.1), "fokker_planck")
+        averaged(PAPER._replace(**changes, intensity=0.1), "fokker_planck")
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 def test_a_tolerance_out_of_reach_is_refused():
     with pytest.raises(AveragingError, match="tolerance of 1e-09"):
-        average(LINEAR._replace(damping=1.5), "fokker_planck", 1e-9)
+        averaged(LINEAR._replace(damping=1.5), "fokker_planck", 1e-9)
 
 
 def test_shares_keep_moments():
@@ -190,10 +196,10 @@ def test_steps_of_a_free_mass(memory):
         damping=0.0, linear_stiffness=1e-12, coupling=0.0, intensity=0.05, correlation_time=memory
     )
     x, v = np.linspace(-40.0, 40.0, 401), np.linspace(-4.0, 4.0, 160)
-    propagator = Propagator(p, Grid(x, v, np.array([-0.5, 0.5]), True, 8, 0.5))
+    propagator = Propagator(p.system, Grid(x, v, np.array([-0.5, 0.5]), True, 8, 0.5))
     state = np.zeros(propagator.grid.shape)
     width = 0.3
-    state[0, :, :, 0] = np.exp(-0.5 * (x[:, None] / 4.0) ** 2 - 0.5 * (v / width) ** 2)
+    state[:, 0, :, 0] = np.exp(-0.5 * (x[:, None] / 4.0) ** 2 - 0.5 * (v / width) ** 2)
     state /= state[..., 0].sum()
     for _ in range(4):
         state = propagator.step(state)
@@ -208,16 +214,87 @@ def test_mirrored_twice_is_the_same():
     assert np.array_equal(mirrored(mirrored(state)), state)
 
 
-def test_levels_refine():
-    for coarse, fine in pairwise(LEVELS):
-        assert all(b > a for a, b in zip(coarse, fine, strict=True))
+SKEW = (-0.15, -2.0, 0.5, 2.2)
+TRISTABLE = (0.05, 1.3, 0.0, -3.0, 0.0, 1.2)
 
 
 @pytest.mark.slow
-def test_it_answers_where_slow_load_refers_to_it():
-    """Stiff, lossy stoppers within the noise's memory; Monte Carlo: 0.525 ± 0.005."""
-    p = PAPER._replace(restitution=0.0, contact_stiffness=1e3, decay_rate=1e-3, intensity=1.0)
-    p = p._replace(correlation_time=1.0, coupling=0.95)
-    with pytest.raises(AveragingError, match="use the closure fokker_planck"):
-        average(p, "slow_load", 2e-2)
-    assert average(p, "fokker_planck", 0.05).mean_square_voltage == pytest.approx(0.525, rel=0.06)
+@pytest.mark.parametrize(
+    ("force", "loss"), [(SKEW, 0.2), (TRISTABLE, 0.25)], ids=["skew", "tristable"]
+)
+def test_gibbs_of_uneven_wells(force, loss):
+    """White noise and no coupling: shares of time and rate of crossings by quadrature."""
+    scene = Scene.from_tables(
+        {
+            "units": "scaled",
+            "oscillator": {"damping": loss, "restoring_force": list(force)},
+            "piezo": {"coupling": 1e-9},
+            "load": {"decay_rate": 1.0},
+            "excitation": {"kind": "white", "intensity": 0.1},
+            "run": {"duration": 10.0, "seed": 1},
+        }
+    )
+    s, _ = scale(scene)
+    result = average(s)
+    temperature = 0.1 / loss
+    x = np.linspace(-4.0, 4.0, 16001)
+    weight = np.exp(-systems.potential(s, x) / temperature)
+    weight /= np.trapezoid(weight, x)
+    saddles = sorted(timescales.saddles(s))
+    edges = [-4.0, *saddles, 4.0]
+    for number, (low, high) in enumerate(pairwise(edges), start=1):
+        inside = (x >= low) & (x <= high)
+        share = np.trapezoid(weight[inside], x[inside])
+        found = result.between_wells[f"share_of_time_in_well_{number}"]
+        assert found == pytest.approx(share, abs=3e-3)
+    speed = math.sqrt(2.0 * temperature / math.pi)
+    crossings = speed * sum(np.interp(place, x, weight) for place in saddles)
+    assert result.between_wells["well_crossing_rate"] == pytest.approx(crossings, rel=0.01)
+    assert np.trapezoid(abs(result.density.displacement(x) - weight), x) < 0.01
+
+
+@pytest.mark.slow
+def test_kramers():
+    """Rate out of a well of a damped, weakly shaken device: within 15 % of the formula."""
+    damping, intensity = 0.8, 0.16
+    p = PAPER._replace(
+        **WHITE | {"damping": damping, "intensity": intensity, "contact_stiffness": 0.0},
+        decay_rate=3.0,
+    )
+    s = p.system
+    found = average(s, memory=True).between_wells["slowest_decay_rate"]
+    barrier = math.sqrt(-p.linear_stiffness)
+    slowed = math.sqrt(0.25 * damping**2 + barrier**2) - 0.5 * damping
+    attempt = timescales.stiffness(s, p.rest) ** 0.5 / (2.0 * math.pi)
+    height = timescales.barrier(s, p.rest) * damping / intensity
+    expected = slowed / barrier * attempt * math.exp(-height)
+    # From either well into the other: twice the rate out of one.
+    assert found == pytest.approx(2.0 * expected, rel=0.15)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["uneven stoppers", "coil with inductance"])
+def test_simulation_of_other_devices(name):
+    """Within four standard errors and the numerical error: one failure in 4000 choices of seed."""
+    scene = device_scene(name)
+    duration = 1500.0 if scene.units == "scaled" else 100.0
+    changes = {"run.duration": duration, "run.settle": 0.05 * duration, "run.realizations": 16}
+    scene = scene.replace({**changes, "excitation.knot_spacing": None})
+    simulated, found = simulate(scene, method="monte-carlo"), average_scene(scene)
+    for quantity in ("mean_square_voltage", "mean_power", "mean_square_displacement"):
+        truth, answer = simulated.quantity(quantity), found.quantity(quantity)
+        error = 4.0 * truth.standard_error + answer.standard_error
+        assert answer.estimate == pytest.approx(truth.estimate, abs=error)
+
+
+@pytest.mark.slow
+def test_a_coil_without_inductance():
+    """Linear spring, white noise: E[P] = Φ²R/(R_coil + R)² · D/c."""
+    scene = Scene.load("electromagnetic", ["oscillator.restoring_force=[0, 15.393]"])
+    s, _ = scale(scene)
+    s = s._replace(noise=s.noise._replace(correlation_time=0.0))
+    result = average(s)
+    total = s.damper.damping + s.transducer.damping()
+    share = s.transducer.winding_damping * s.transducer.current_share
+    expected = share * (1.0 - s.transducer.current_share) * s.noise.intensity / total
+    assert result.mean_power == pytest.approx(expected, rel=5e-3)

@@ -14,9 +14,8 @@ import pytest
 from scipy.integrate import quad_vec
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
-from truths import flat
+from truths import averaged, flat
 
-from harvester.averaging import average
 from harvester.scene.model import Scene
 
 # c, ω0², κ, K, δ, e, β, λ from the SI values of Table 1, lengths in mm.
@@ -197,6 +196,6 @@ def printed(edges, intensity, memory):
 )
 def test_the_printed_closure_is_that_of_a_separate_quadrature(edges, intensity, memory):
     parameters = flat(Scene.load("paper"))
-    found = average(parameters._replace(intensity=intensity, correlation_time=memory), "paper")
+    found = averaged(parameters._replace(intensity=intensity, correlation_time=memory), "paper")
     for name, expected in printed(edges, intensity, memory).items():
         assert getattr(found, name) == pytest.approx(expected, rel=5e-4), name

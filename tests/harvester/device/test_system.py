@@ -178,7 +178,7 @@ def test_what_flows_in_is_stored_or_lost():
         rate = system.state_rate(s.transducer, v, voltage)
 
         def stored(t, x=x, v=v, voltage=voltage, a=a, rate=rate):
-            return system.stored_energy(s, x + v * t, v + a * t, voltage + rate * t, 0.0)
+            return system.stored_energy(s, x + v * t, v + a * t, voltage + rate * t)
 
         lost = system.loss_power(s, x, v, 0.0, True)
         lost += system.load_power(s.transducer, v, voltage)

@@ -115,7 +115,7 @@ def test_a_worker_finds_what_a_relative_name_meant(tmp_path, monkeypatch):
     (tmp_path / "my.lib").write_text(LOAD)
     scene = Scene.load("device", ["load.resistance=none", "load.netlist=my.lib"])
     monkeypatch.chdir("/")
-    assert scene.replace({"run.seed": 7}).electrical_load == scene.electrical_load
+    assert scene.replace({"run.seed": 7}).load == scene.load
 
 
 def test_a_worker_keeps_what_says_where_things_are(monkeypatch, tmp_path):

@@ -68,7 +68,7 @@ def test_white_noise_without_coupling_follows_gibbs_and_rice():
             "run.realizations=1",
         ],
     )
-    result = simulate(scene, "monte-carlo")
+    result = simulate(scene, method="monte-carlo")
     p = flat(scene)
     square = result.scaled_quantities["mean_square_velocity"]
     assert abs(square.estimate - p.intensity / p.damping) < 3 * square.standard_error + 2e-3

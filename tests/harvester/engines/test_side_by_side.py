@@ -31,8 +31,8 @@ def test_copies_with_equal_steps_are_the_single_runs(pool):
     options = ["run.realizations=5", "run.duration=20", "run.settle=5"]
     for name in ("duffing", "paper_si"):
         scene = Scene.load(name, ["stoppers=none", *options])
-        single = simulate(scene, "circuit", copies=1, device="behavioural", pool=pool)
-        batched = simulate(scene, "circuit", copies=3, device="behavioural", pool=pool)
+        single = simulate(scene, method="circuit", copies=1, device="behavioural", runner=pool)
+        batched = simulate(scene, method="circuit", copies=3, device="behavioural", runner=pool)
         for one, other in zip(single.moments, batched.moments, strict=True):
             assert one.points == other.points
             np.testing.assert_allclose(one.integrals, other.integrals, rtol=1e-6, atol=1e-9)
@@ -41,8 +41,8 @@ def test_copies_with_equal_steps_are_the_single_runs(pool):
 def test_copies_with_contacts_follow_the_same_paths_to_the_step_error(pool):
     options = ["run.realizations=6", "run.duration=30", "run.settle=0"]
     scene = Scene.load("paper", ["excitation.intensity=0.05", *options])
-    single = simulate(scene, "circuit", step="fine", copies=1, pool=pool)
-    batched = simulate(scene, "circuit", step="fine", copies=6, pool=pool)
+    single = simulate(scene, method="circuit", step="fine", copies=1, runner=pool)
+    batched = simulate(scene, method="circuit", step="fine", copies=6, runner=pool)
     assert abs(batched.energy_balance_residual) < 1e-3
     for name in MEANS:
         one, other = (r.scaled_quantities[name].estimate for r in (single, batched))
@@ -53,8 +53,8 @@ def test_the_batch_is_not_biased(pool):
     """Paired with Monte Carlo; false-alarm rate 0.3 % for each of two means."""
     options = ["excitation.intensity=0.005", "run.realizations=32", "run.duration=100"]
     scene = Scene.load("paper", options)
-    circuit = simulate(scene, "circuit", copies=16, pool=pool)
-    reference = simulate(scene, "monte-carlo", step="fine", pool=pool)
+    circuit = simulate(scene, method="circuit", copies=16, runner=pool)
+    reference = simulate(scene, method="monte-carlo", step="fine", runner=pool)
     difference = paired_difference(circuit, reference)
     for name in ("mean_square_voltage", "mean_square_velocity"):
         bias = difference[name]
@@ -64,8 +64,8 @@ def test_the_batch_is_not_biased(pool):
 
 def test_whatever_the_number_of_workers(pool):
     scene = Scene.load("paper", ["run.realizations=16", "run.duration=20", "run.settle=0"])
-    two = simulate(scene, "circuit", pool=pool).to_dict()["quantities"]
-    assert simulate(scene, "circuit", workers=1).to_dict()["quantities"] == two
+    two = simulate(scene, method="circuit", runner=pool).to_dict()["quantities"]
+    assert simulate(scene, method="circuit", workers=1).to_dict()["quantities"] == two
 
 
 def test_what_failed_together_is_tried_one_by_one(pool):
@@ -81,9 +81,9 @@ def test_what_failed_together_is_tried_one_by_one(pool):
                     outcomes[place] = SimulatorCrashed("gone")
             return outcomes
 
-    result = simulate(scene, "circuit", copies=2, keep_going=True, pool=Failing())
+    result = simulate(scene, method="circuit", copies=2, keep_going=True, runner=Failing())
     assert result.failures == {2: "SimulatorCrashed: gone"}
-    alone = simulate(scene, "circuit", copies=1, pool=pool)
+    alone = simulate(scene, method="circuit", copies=1, runner=pool)
     expected = [m.integrals for k, m in enumerate(alone.moments) if k != 2]
     for found, wanted in zip(result.moments, expected, strict=True):
         np.testing.assert_array_equal(found.integrals, wanted)
@@ -92,6 +92,6 @@ def test_what_failed_together_is_tried_one_by_one(pool):
 @pytest.mark.parametrize("bad", [0, -1, 1.5])
 def test_a_number_of_copies_that_is_none_is_refused(bad):
     with pytest.raises(HarvesterError, match="whole number"):
-        simulate(Scene.load("paper"), "circuit", copies=bad)
+        simulate(Scene.load("paper"), method="circuit", copies=bad)
     with pytest.raises(HarvesterError, match="only the circuit"):
-        simulate(Scene.load("paper"), "monte-carlo", copies=2)
+        simulate(Scene.load("paper"), method="monte-carlo", copies=2)

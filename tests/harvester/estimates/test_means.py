@@ -181,7 +181,7 @@ def test_the_error_of_a_drifting_record_is_the_scatter_among_records_that_drift_
 )
 def test_deviations_have_the_estimate_s_own_error_and_no_mean(pool, name):
     scene = Scene.load("linear", ["run.realizations=2", "run.duration=2000", "run.settle=20"])
-    result = simulate(scene, "monte-carlo", pool=pool)
+    result = simulate(scene, method="monte-carlo", runner=pool)
     series = deviations(result.moments, name)
     estimate = result.scaled_quantities[name]
     assert series.mean() == pytest.approx(0.0, abs=1e-12 * estimate.estimate)

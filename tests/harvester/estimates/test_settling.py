@@ -5,7 +5,6 @@ import warnings
 
 import numpy as np
 import pytest
-from truths import flat
 
 from harvester.averaging import average
 from harvester.engines.protocol import ENGINES
@@ -25,7 +24,7 @@ def notes_of(result):
 
 @pytest.mark.parametrize("name", Scene.names())
 def test_built_in_scenes_are_long_enough(pool, name):
-    result = simulate(Scene.load(name), "monte-carlo", pool=pool)
+    result = simulate(Scene.load(name), method="monte-carlo", runner=pool)
     assert notes_of(result) == []
     assert result.scaled_quantities["mean_square_voltage"].standard_error > 0.0
 
@@ -33,7 +32,7 @@ def test_built_in_scenes_are_long_enough(pool, name):
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_run_short_against_the_load_has_no_error_bar_and_names_the_time(pool, engine):
     scene = Scene.load("paper", [*SLOW_LOAD, "run.realizations=16", "run.duration=300"])
-    result = simulate(scene, engine, pool=pool)
+    result = simulate(scene, method=engine, runner=pool)
     found = result.scaled_quantities["mean_square_voltage"]
     assert found.standard_error is None
     assert found.estimate > 0.0
@@ -45,10 +44,10 @@ def test_a_run_short_against_the_load_has_no_error_bar_and_names_the_time(pool, 
 def test_long_enough_after_the_advice_it_has_one_that_holds(pool):
     """Within four standard errors of averaging, whose own error is 1 % here."""
     scene = Scene.load("paper", SLOW_LOAD).replace(LONG)
-    result = simulate(scene, "monte-carlo", pool=pool)
+    result = simulate(scene, method="monte-carlo", runner=pool)
     assert notes_of(result) == []
     found = result.scaled_quantities["mean_square_voltage"]
-    truth = average(flat(scene), "slow_load").mean_square_voltage
+    truth = average(scale(scene)[0]).mean_square_voltage
     assert abs(found.estimate - truth) < 4.0 * found.standard_error + 0.01 * truth
 
 
@@ -57,7 +56,7 @@ def test_a_run_from_rest_shorter_than_the_relaxation_is_noted(pool):
         "linear",
         ["oscillator.damping=0.01", "run.settle=0", "run.duration=20", "load.decay_rate=9"],
     )
-    result = simulate(scene, "monte-carlo", pool=pool)
+    result = simulate(scene, method="monte-carlo", runner=pool)
     assert result.scaled_quantities["mean_square_velocity"].standard_error is None
     assert any("relaxation of device and load" in note for note in result.notes)
     assert result.densities["velocity"].standard_error is None
@@ -65,7 +64,9 @@ def test_a_run_from_rest_shorter_than_the_relaxation_is_noted(pool):
 
 def test_a_slow_load_of_a_linear_device_is_no_shortfall(pool):
     """Without wells the charge begins at its mean: a long 1/λ alone is no reason for a note."""
-    result = simulate(Scene.load("linear", ["load.decay_rate=1e-4"]), "monte-carlo", pool=pool)
+    result = simulate(
+        Scene.load("linear", ["load.decay_rate=1e-4"]), method="monte-carlo", runner=pool
+    )
     assert notes_of(result) == []
 
 
@@ -76,7 +77,7 @@ def test_jumps_that_may_be_missed_are_named_and_impossible_ones_are_not(pool, in
     scene = Scene.load(
         "paper", [f"excitation.intensity={intensity}", "run.realizations=8", "run.duration=1000"]
     )
-    result = simulate(scene, "monte-carlo", pool=pool)
+    result = simulate(scene, method="monte-carlo", runner=pool)
     assert result.scaled_quantities["well_crossing_rate"].estimate == 0.0
     assert result.scaled_quantities["well_crossing_rate"].standard_error is None
     assert [words in note for note in notes_of(result)] == ([True] if words else [])
@@ -131,7 +132,7 @@ def test_what_is_left_of_a_start():
 def test_a_storage_that_is_still_charging_is_named(pool):
     load = "load={netlist='bridge', parameters={storage=1e-4}}"
     run = ["run.realizations=2", "run.duration=2", "run.settle=0.5"]
-    result = simulate(Scene.load("device", [load, *run]), "circuit", pool=pool)
+    result = simulate(Scene.load("device", [load, *run]), method="circuit", runner=pool)
     assert any("the storage's R·C of 10 s" in note for note in result.notes)
     for name in ("output_voltage", "mean_output_power", "mean_square_voltage"):
         assert result.scaled_quantities[name].standard_error is None
@@ -144,4 +145,4 @@ def test_rates_too_far_apart_to_be_compared_are_no_trouble(pool):
     )
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert simulate(scene, "monte-carlo", pool=pool).steps > 0
+        assert simulate(scene, method="monte-carlo", runner=pool).steps > 0

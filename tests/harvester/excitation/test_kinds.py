@@ -12,8 +12,8 @@ from harvester.engines.steps import knot_spacing
 from harvester.errors import AveragingError, HarvesterError, SceneError
 from harvester.excitation import KINDS, Excitation, White, realization_seed
 from harvester.excitation.white import WhitePath
+from harvester.scene.keys import positive
 from harvester.scene.model import Scene
-from harvester.scene.schema import positive
 from harvester.simulation import simulate
 
 OU = {"kind": "ornstein-uhlenbeck", "intensity": 0.02, "correlation_time": 0.4}
@@ -63,9 +63,9 @@ def test_the_number_of_workers_does_not_change_the_numbers(pool, record):
         settle=0.0,
         realizations=3,
     )
-    two = simulate(scene, "monte-carlo", pool=pool).to_dict()["quantities"]
+    two = simulate(scene, method="monte-carlo", runner=pool).to_dict()["quantities"]
     with ThreadPoolExecutor(1) as executor:
-        one = simulate(scene, "monte-carlo", executor=executor).to_dict()["quantities"]
+        one = simulate(scene, method="monte-carlo", executor=executor).to_dict()["quantities"]
     assert one == two
 
 
@@ -73,7 +73,9 @@ def test_white_noise_puts_in_d_whatever_the_spring(pool):
     """E[ηX'] = D per unit mass, less 0.46 c spacing of it; 3 standard errors: 0.3 % each."""
     for name in ("linear", "paper"):
         scene = with_excitation(name, {**WHITE, "intensity": 0.05}, duration=100000.0)
-        power = simulate(scene, "monte-carlo", pool=pool).scaled_quantities["mean_input_power"]
+        power = simulate(scene, method="monte-carlo", runner=pool).scaled_quantities[
+            "mean_input_power"
+        ]
         assert power.standard_error < 0.015 * 0.05
         assert abs(power.estimate - 0.05) < 3 * power.standard_error
 

@@ -245,7 +245,7 @@ def test_the_record_counts_by_its_content(tmp_path):
     assert moved.replace({"run.seed": 0}).digest() != scene.digest()
     recorded(moved.excitation.file, detrend="mean")
     with pytest.raises(SceneError, match="changed since"):
-        simulate(moved, "monte-carlo", workers=1)
+        simulate(moved, method="monte-carlo", workers=1)
 
 
 def test_the_file_is_looked_for_beside_its_scene(tmp_path, monkeypatch):
@@ -270,11 +270,11 @@ def test_the_file_is_looked_for_beside_its_scene(tmp_path, monkeypatch):
 def test_notes_tell_what_a_reader_must_know(tmp_path, pool):
     envelope = np.exp(-(np.linspace(-2.0, 2.0, 4001) ** 2))
     path = saved(tmp_path, motion() * envelope + 0.05)
-    notes = " ".join(simulate(recorded(path), "monte-carlo", pool=pool).notes)
+    notes = " ".join(simulate(recorded(path), method="monte-carlo", runner=pool).notes)
     for word in ("motion.npy", "linear between knots", "quarters", 'detrend = "mean"'):
         assert word in notes
     again = recorded(path, repetition="periodic", run={"duration": 100.0})
-    assert "2.6 times over" in " ".join(simulate(again, "monte-carlo", pool=pool).notes)
+    assert "2.6 times over" in " ".join(simulate(again, method="monte-carlo", runner=pool).notes)
 
 
 def test_the_cross_fade_goes_all_the_way_and_keeps_the_power():

@@ -76,7 +76,7 @@ def test_names_reach_terminal_files_and_figures_as_they_are(tmp_path, capsys, re
         file = tmp_path / f"{hostile}.toml"
         file.write_text(LINEAR)
         folder = tmp_path / str(place)
-        call = ["average", str(file), "--closure", "paper", "--output", str(folder)]
+        call = ["average", str(file), "--method", "paper", "--output", str(folder)]
         assert main(call) == 0
         assert len(list(folder.iterdir())) == 3
     streams = capsys.readouterr()
@@ -105,7 +105,7 @@ def test_schematics_and_studies_take_names(tmp_path):
 
 
 def test_figures_believe_no_matplotlibrc(tmp_path, monkeypatch):
-    result = average(Scene.load("linear"), "paper")
+    result = average(Scene.load("linear"), method="paper")
     plain = figures.picture(figures.draw_result, result, "png")
     import matplotlib
 

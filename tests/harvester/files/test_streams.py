@@ -7,7 +7,7 @@ import pytest
 
 from harvester.command_line import main
 
-AVERAGE = ["average", "linear", "--closure", "paper"]
+AVERAGE = ["average", "linear", "--method", "paper"]
 FILES = ["linear-paper-densities.csv", "linear-paper.json", "linear-paper.png"]
 
 

@@ -12,7 +12,7 @@ DRAW = """
 import hashlib
 from harvester import Scene, average
 from harvester.show import figures
-result = average(Scene.load("linear"), "consistent")
+result = average(Scene.load("linear"), method="consistent")
 print(hashlib.sha256(figures.picture(figures.draw_result, result, format="png")).hexdigest())
 """
 
@@ -52,7 +52,7 @@ def test_a_figure_is_not_the_users_settings(monkeypatch):
     from harvester.scene.model import Scene
     from harvester.show import figures
 
-    result = average(Scene.load("linear"), "consistent")
+    result = average(Scene.load("linear"), method="consistent")
 
     def picture():
         drawn = figures.picture(figures.draw_result, result, format="png")

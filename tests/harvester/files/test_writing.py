@@ -195,7 +195,7 @@ def test_files_that_the_program_names_are_no_way_out_of_a_folder(near, capsys):
     os.symlink("results", "elsewhere")
     with pytest.raises(OutputError, match="out of the folder"):
         in_folder("elsewhere", "linear-paper.json")
-    assert main(["average", "linear", "--closure", "paper", "--output", "results"]) == 2
+    assert main(["average", "linear", "--method", "paper", "--output", "results"]) == 2
     assert (near / "foreign").read_text() == "old"
     os.mkfifo("results/load-study.nc")
     assert main(["load-study", "linear", "--output", "results"]) == 2
@@ -204,7 +204,7 @@ def test_files_that_the_program_names_are_no_way_out_of_a_folder(near, capsys):
 
 
 def test_a_result_reaches_one_place_where_the_other_is_full(near, capsys):
-    call = ["average", "linear", "--closure", "paper", "--quiet"]
+    call = ["average", "linear", "--method", "paper", "--quiet"]
     assert main([*call, "--json", "/dev/full", "--output", "results"]) == 2
     assert (
         capsys.readouterr().err

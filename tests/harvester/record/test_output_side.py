@@ -18,7 +18,7 @@ def charging(chunk, settle=0.0):
     time = np.linspace(1e-3, 16.0, 16_000)
     voltage = 1.0 - np.exp(-time)
     one = np.ones_like(time)
-    record = np.array([time, one, one, one, one, 2.0 * one, one, 0.0 * one])
+    record = np.array([time, one, one, one, one, 2.0 * one, one, 0.0 * one, voltage])
     for start in range(0, time.size, chunk):
         moments.add(Record(*record[:, start : start + chunk]))
         moments.output.add(time[start : start + chunk], voltage[start : start + chunk])

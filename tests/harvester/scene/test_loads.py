@@ -16,13 +16,13 @@ def test_overrides_reach_the_loads_parameters():
     scene = Scene.load(
         "device", ["load.netlist=resistor", "load.parameters.resistance=1e5", "run.seed=3"]
     )
-    assert scene.electrical_load.parameters == {"resistance": 1e5}
+    assert scene.load.parameters == {"resistance": 1e5}
     p = flat(scene)
     assert p.decay_rate == pytest.approx(1.0 / (1e5 * 4.3e-8))
     changed = scene.replace({"load.parameters.resistance": "2Meg"})
-    assert changed.electrical_load.circuit.resistance == 2e6
+    assert changed.load.circuit.resistance == 2e6
     assert changed.digest() != scene.digest()
-    assert changed.replace({"load.parameters.resistance": None}).electrical_load.parameters == {}
+    assert changed.replace({"load.parameters.resistance": None}).load.parameters == {}
     with pytest.raises(SceneError, match="too many dots"):
         scene.replace({"load.parameters.resistance.deep": 1.0})
     with pytest.raises(SceneError, match="too many dots"):
@@ -32,8 +32,8 @@ def test_overrides_reach_the_loads_parameters():
 def test_the_netlist_and_the_built_in_resistor_take_each_others_place():
     built_in = Scene.load("device")
     netlist = built_in.replace({"load.netlist": "resistor"})
-    assert netlist.electrical_load.resistance is None
-    assert netlist.electrical_load.kind is None
+    assert netlist.load.resistance is None
+    assert netlist.load.kind is None
     back = netlist.replace({"load.resistance": 306e3})
     assert back == built_in
     assert back.digest() == built_in.digest()
@@ -59,12 +59,12 @@ def test_a_file_is_found_beside_the_scene_and_then_here(tmp_path, monkeypatch):
     with pytest.raises(NetlistError, match=r"mine\.lib.*study and "):
         Scene.load("study/scene.toml")
     (tmp_path / "mine.lib").write_text(RESISTOR)
-    assert Scene.load("study/scene.toml").electrical_load.circuit.resistance == 5e4
+    assert Scene.load("study/scene.toml").load.circuit.resistance == 5e4
     (folder / "mine.lib").write_text(RESISTOR.replace("R1 p n", "R1 n x 1k\nR2 p x"))
     scene = Scene.load("study/scene.toml")
-    assert scene.electrical_load.circuit.resistance is None
+    assert scene.load.circuit.resistance is None
     monkeypatch.chdir(folder.parent.parent)
-    assert scene.replace({"run.seed": 5}).electrical_load == scene.electrical_load
+    assert scene.replace({"run.seed": 5}).load == scene.load
 
 
 @pytest.mark.parametrize(

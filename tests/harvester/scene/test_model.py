@@ -144,12 +144,12 @@ def test_knots_that_do_not_fit_are_refused_by_what_needs_them_and_not_by_averagi
 ):
     scene = Scene.load("paper", overrides)
     with pytest.raises(SceneError) as caught:
-        simulate(scene, "monte-carlo")
+        simulate(scene, method="monte-carlo")
     assert "\n" not in str(caught.value)
     for word in words:
         assert word in str(caught.value)
     plain = scene.replace({"excitation.knot_spacing": None})
-    one, other = (average(each, "consistent").scaled_quantities for each in (scene, plain))
+    one, other = (average(each, method="consistent").scaled_quantities for each in (scene, plain))
     assert one == other
 
 

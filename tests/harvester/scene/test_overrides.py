@@ -5,6 +5,7 @@ import pytest
 from harvester.errors import SceneError
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
+from harvester.scene.overrides import parsed
 
 ONE = '{{side = "{}", gap = {}, stiffness = 10.0, restitution = 0.7}}'
 TWO = f"stoppers=[{ONE.format('right', 1.1)}, {ONE.format('left', 0.7)}]"
@@ -28,6 +29,18 @@ def test_one_table_is_the_first_of_its_kind_too():
     assert Scene.load("paper", ["stoppers[0].gap=1.2"]).stoppers[0].gap == 1.2
     assert Scene.load("one_sided", ["stoppers.gap=0.002"]).stoppers[0].gap == 0.002
     assert Scene.load("one_sided", ["stoppers[0]=none"]).stoppers == ()
+
+
+def test_a_number_may_begin_or_end_with_its_point_in_a_list_and_in_a_table():
+    tables = "stoppers=[{gap = .5, stiffness = 10., restitution = -.0, side = 'left'}]"
+    (stopper,) = Scene.load("duffing", [tables]).stoppers
+    assert (stopper.gap, stopper.stiffness, stopper.restitution) == (0.5, 10.0, 0.0)
+    force = Scene.load("duffing", ["oscillator.restoring_force=[-.25, 1.,.5, 2]"])
+    assert force.oscillator.restoring_force == (-0.25, 1.0, 0.5, 2.0)
+    # What stands in quotes is a text.
+    assert parsed("load.parameters={value = '.5', more = .5}")[1] == {"value": ".5", "more": 0.5}
+    assert parsed("load.netlist=../.5/1.cir")[1] == "../.5/1.cir"
+    assert [parsed(f"a.b={text}")[1] for text in (".1", "1.", "-.1", "1.e3")] == [0.1, 1, -0.1, 1e3]
 
 
 @pytest.mark.parametrize(

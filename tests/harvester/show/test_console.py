@@ -2,6 +2,7 @@
 
 import pytest
 
+import harvester
 from harvester.show import console
 
 
@@ -53,3 +54,12 @@ def test_a_short_run_says_nothing(monkeypatch, capsys):
             clock[0] = 100.0 + second
             update(second / 4.0)
     assert capsys.readouterr().err == ""
+
+
+def test_a_result_is_shown_by_its_table_and_its_sentences(capsys):
+    result = harvester.average("linear", method="consistent")
+    console.show_table(result, "power")
+    shown = capsys.readouterr().out
+    header, rows = result.table()
+    assert shown.startswith("linear: power ")
+    assert all(cell in shown for cell in [*header, *rows[0], *result.sentences()])

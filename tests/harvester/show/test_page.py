@@ -41,11 +41,11 @@ class Page(HTMLParser):
 def comparison(pool):
     scene = Scene.load("duffing", ["run.realizations=2", "run.duration=300", "run.settle=10"])
     results = [
-        simulate(scene, engine, pool=pool, window=(0.0, 20.0))
+        simulate(scene, method=engine, runner=pool, window=(0.0, 20.0))
         for engine in ("circuit", "monte-carlo")
     ]
-    closures = {"consistent": average(scene, "consistent")}
-    refused = {"slow_load": "noise <script>that</script> outlasts"}
+    closures = {"consistent": average(scene, method="consistent")}
+    refused = {"consistent": "noise <script>that</script> outlasts"}
     return Comparison(*results, closures, refused, paired_difference(*results))
 
 

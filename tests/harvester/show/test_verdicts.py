@@ -58,7 +58,7 @@ def test_a_closure_that_lies_off_gives_only_the_reasons_it_has(value, side):
     assert f"The closure consistent lies {side} in mean-square voltage, 6 standard" in said[-1]
     assert "What is known: the load is fast; it is for motion inside a well" in said[-1]
     assert "20% of the time outside the wells" in said[-1]
-    said, _ = texts(result(), {"slow_load": result(value)})
+    said, _ = texts(result(), {"fokker_planck": result(value)})
     assert said[-1].endswith("It does not say why.")
 
 
@@ -76,9 +76,9 @@ def test_the_paired_difference_and_a_refusal_are_told():
 
 
 def test_agreement_in_the_voltage_alone_is_not_called_agreement():
-    said, judged = texts(result(), {"slow_load": result(1.01, mean_square_velocity=1.4)})
+    said, judged = texts(result(), {"fokker_planck": result(1.01, mean_square_velocity=1.4)})
     assert "agrees with Monte Carlo's mean-square voltage" in said[-1]
     assert "but its mean-square velocity is off by +40.0%, +40 standard errors" in said[-1]
     assert judged[-1].good is False
-    _, judged = texts(result(), {"slow_load": result(1.01)})
+    _, judged = texts(result(), {"fokker_planck": result(1.01)})
     assert judged[-1].good

@@ -29,16 +29,18 @@ def transfer(p, frequency, amplitude):
 
 
 @pytest.mark.parametrize(
-    ("engine", "step", "frequencies", "tolerance"),
+    ("method", "step", "frequencies", "tolerance"),
     # The trapezoidal rule of the circuit: (2π/80)²/12 of the frequency, times Q.
     [
         ("monte-carlo", "default", [0.1, 0.3, 0.37, 0.5, 1.0], 3e-4),
         ("circuit", "fine", [0.3, 0.5], 1e-3),
     ],
 )
-def test_a_linear_device_has_its_transfer_function(pool, engine, step, frequencies, tolerance):
+def test_a_linear_device_has_its_transfer_function(pool, method, step, frequencies, tolerance):
     scene = sine("linear", 0.3)
-    response = harvester.frequency_response(scene, frequencies, engine, step=step, pool=pool)
+    response = harvester.frequency_response(
+        scene, frequencies, method=method, step=step, executor=pool
+    )
     p = flat(scene)
     amplitude, voltage = transfer(p, np.array(frequencies), 0.3)
     for sweep in response.sweeps:
@@ -52,7 +54,7 @@ def test_a_linear_device_has_its_transfer_function(pool, engine, step, frequenci
 def test_si_units_are_those_of_the_scene(pool):
     oscillator = {"linear_stiffness": 126.9, "cubic_stiffness": 0.0}
     scene = Scene.load("device").replace(oscillator=oscillator)
-    response = harvester.frequency_response(scene, [12.0], amplitude=2.0, pool=pool)
+    response = harvester.frequency_response(scene, [12.0], amplitude=2.0, executor=pool)
     mass, theta, cp, load = 0.022, 3.69e-4, 4.3e-8, 306e3
     s = 2j * np.pi * 12.0
     ratio = theta * s / (s * cp + 1 / load)
@@ -68,7 +70,9 @@ def test_a_hardening_spring_shows_hysteresis(pool):
     changes = {"oscillator": {"damping": 0.1, "cubic_stiffness": 1.0}}
     changes["piezo"], changes["load"] = {"coupling": 0.2}, {"decay_rate": 0.5}
     scene = sine("linear", 0.5, **changes)
-    response = harvester.frequency_response(scene, np.linspace(0.3, 0.45, 7), down=True, pool=pool)
+    response = harvester.frequency_response(
+        scene, np.linspace(0.3, 0.45, 7), down=True, executor=pool
+    )
     up, down = (sweep.displacement_amplitude for sweep in response.sweeps)
     # Both branches at 0.375 Hz, one below and above.
     assert up[3] > 3 * down[3]
@@ -108,6 +112,14 @@ def test_the_command_writes_table_json_and_figure(tmp_path, capsys):
     content = json.loads((tmp_path / "sine-frequency-response.json").read_text())
     assert len(content["sweeps"]["down"]["mean_power"]) == 3
     assert (tmp_path / "sine-frequency-response.png").exists()
+    rows = (tmp_path / "sine-frequency-response.csv").read_text().splitlines()
+    assert rows[0].startswith("sweep,frequency [Hz],displacement_amplitude [scaled],")
+    powers = [float(row.split(",")[4]) for row in rows[1:] if row.startswith("down")]
+    assert powers == pytest.approx(content["sweeps"]["down"]["mean_power"], rel=1e-8)
+    xarray = pytest.importorskip("xarray")
+    grid = xarray.load_dataset(tmp_path / "sine-frequency-response.nc", engine="scipy")
+    down = grid["mean_power"].sel(sweep="down").values.tolist()
+    assert down == content["sweeps"]["down"]["mean_power"]
     assert main(["frequency-response", "paper", "--frequencies", "1"]) == 2
     assert '"sine"' in capsys.readouterr().err
     short = ["--frequencies", "1", "--amplitude"]

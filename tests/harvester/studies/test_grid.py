@@ -19,7 +19,7 @@ def test_several_sweeps_make_a_grid(device):
     assert len(grid.points) == 12
     last = grid.points[-1]
     assert (last.load, last.place) == ("resistor", (1e6, 0.3))
-    assert last.scene.electrical_load.circuit.resistance == 1e6
+    assert last.scene.load.circuit.resistance == 1e6
     assert last.scene.excitation.intensity == 0.3
     assert list(grid.sweeps)[grid.curve] == "excitation.intensity"
 
@@ -28,8 +28,8 @@ def test_several_sweeps_make_a_grid(device):
 def test_either_name_means_the_loads_resistor(device, key):
     own = make_grid(device, [], {key: [2e5]}).points[0].scene
     netlist = make_grid(device, ["bridge"], {key: [2e5]}).points[0].scene
-    assert own.electrical_load.resistance == 2e5
-    assert netlist.electrical_load.parameters["resistance"] == 2e5
+    assert own.load.resistance == 2e5
+    assert netlist.load.parameters["resistance"] == 2e5
 
 
 def test_all_points_share_the_finest_knots(device):
@@ -41,12 +41,12 @@ def test_all_points_share_the_finest_knots(device):
 
 def test_storage_charges_while_the_run_settles(device):
     grid = make_grid(device, ["bridge"], {RESISTANCE: [1e3, 1e7]})
-    quick, slow = (p.scene.electrical_load.parameters for p in grid.points)
+    quick, slow = (p.scene.load.parameters for p in grid.points)
     assert "storage" not in quick
     assert slow["storage"] * 1e7 == pytest.approx(device.run.settle / 5.0)
     assert "storage" in grid.notes[0]
     own = make_grid(device, ["bridge"], {RESISTANCE: [1e7], "load.parameters.storage": [1e-5]})
-    assert own.points[0].scene.electrical_load.parameters["storage"] == 1e-5
+    assert own.points[0].scene.load.parameters["storage"] == 1e-5
     assert own.notes == ()
 
 

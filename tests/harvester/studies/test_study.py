@@ -35,7 +35,12 @@ def study(pool):
     scene = Scene.load("linear").replace({"run.settle": 50.0})
     places = np.geomspace(0.05, 5.0, 9)
     return load_study(
-        scene, ["resistor"], {RESISTANCE: places}, engine="monte-carlo", precision=0.03, pool=pool
+        scene,
+        loads=["resistor"],
+        sweeps={RESISTANCE: places},
+        method="monte-carlo",
+        precision=0.03,
+        executor=pool,
     )
 
 
@@ -63,7 +68,13 @@ def test_every_point_has_the_power_of_the_closed_form(study):
 
 
 def test_loads_are_compared_on_the_same_noise(linear, pool):
-    study = load_study(linear, ["resistor", "scene"], {RESISTANCE: [0.4]}, precision=0.5, pool=pool)
+    study = load_study(
+        linear,
+        loads=["resistor", "scene"],
+        sweeps={RESISTANCE: [0.4]},
+        precision=0.5,
+        executor=pool,
+    )
     _, (difference,) = Report(study).rankings[()]
     # The same resistor twice.
     assert difference.standard_error < 1e-5
@@ -72,7 +83,7 @@ def test_loads_are_compared_on_the_same_noise(linear, pool):
 
 
 def test_the_control_variate_narrows_the_circuits_error_bar(linear, pool):
-    study = load_study(linear, [], {"load.decay_rate": [1.0, 2.0]}, precision=0.4, pool=pool)
+    study = load_study(linear, sweeps={"load.decay_rate": [1.0, 2.0]}, precision=0.4, executor=pool)
     for point, evaluation in zip(study.grid.points, study.evaluations, strict=True):
         assert evaluation.gain > 3.0
         error = evaluation.estimates["output_power"].standard_error
@@ -86,14 +97,14 @@ def test_a_load_that_fails_is_the_outcome_of_its_point(linear, tmp_path, pool):
     (tmp_path / "two.lib").write_text(LOAD)
     sweeps = {RESISTANCE: [-0.02, 1.0]}
     short = linear.replace({"run.realizations": 1})
-    options = {"output": tmp_path, "pool": pool}
-    study = load_study(short, [str(tmp_path / "two.lib")], sweeps, **options)
+    options = {"output": tmp_path, "executor": pool}
+    study = load_study(short, loads=[str(tmp_path / "two.lib")], sweeps=sweeps, **options)
     broken, whole = study.evaluations
     assert math.isnan(broken.power)
     assert broken.outcome.split(":")[0] in ("SolutionDiverged", "SimulatorAborted")
     assert whole.outcome == "complete"
     assert whole.power > 0.0
-    again = load_study(short, [str(tmp_path / "two.lib")], sweeps, **options)
+    again = load_study(short, loads=[str(tmp_path / "two.lib")], sweeps=sweeps, **options)
     assert (again.computed, again.reused) == (0, 2)
     assert again.evaluations[0].outcome == broken.outcome
 
@@ -101,15 +112,15 @@ def test_a_load_that_fails_is_the_outcome_of_its_point(linear, tmp_path, pool):
 def test_closures_make_a_study_too(pool):
     scene = Scene.load("device")
     sweeps = {"load.resistance": [1e6]}
-    study = load_study(scene, ["resistor"], sweeps, engine="consistent", pool=pool)
+    study = load_study(scene, loads=["resistor"], sweeps=sweeps, method="consistent", executor=pool)
     expected = scene.replace({"load.resistance": 1e6})
-    value = average(expected, "consistent").quantity("mean_power").estimate
+    value = average(expected, method="consistent").quantity("mean_power").estimate
     assert study.evaluations[0].power == pytest.approx(value, rel=1e-12)
     with pytest.raises(HarvesterError, match="bridge"):
-        load_study(scene, ["bridge"], engine="consistent")
+        load_study(scene, loads=["bridge"], method="consistent")
 
 
-COMMAND = ["linear", "--load", "resistor", "--engine", "monte-carlo", "--precision", "0.03"]
+COMMAND = ["linear", "--load", "resistor", "--method", "monte-carlo", "--precision", "0.03"]
 COMMAND += ["--sweep", f"{RESISTANCE}=0.1:2:log:4", "--set", "run.settle=60", "--workers", "1"]
 
 
@@ -148,33 +159,33 @@ def test_killed_and_run_again_it_comes_to_the_same_file(tmp_path):
 
 
 def test_the_time_budget_ends_a_study_and_the_next_call_goes_on(linear, tmp_path, pool):
-    options = {"engine": "monte-carlo", "precision": 0.05, "output": tmp_path, "pool": pool}
+    options = {"method": "monte-carlo", "precision": 0.05, "output": tmp_path, "executor": pool}
     sweeps = {RESISTANCE: [0.3, 0.5, 1.0]}
-    first = load_study(linear, ["resistor"], sweeps, time_budget=1e-3, **options)
+    first = load_study(linear, loads=["resistor"], sweeps=sweeps, time_budget=1e-3, **options)
     assert first.out_of_time
     assert first.computed == 0
-    last = load_study(linear, ["resistor"], sweeps, **options)
+    last = load_study(linear, loads=["resistor"], sweeps=sweeps, **options)
     assert not last.out_of_time
 
 
 def test_a_time_limit_raised_later_runs_the_point_again(linear, tmp_path):
     short = linear.replace({"run.realizations": 1})
-    options = {"engine": "monte-carlo", "output": tmp_path, "workers": 1}
-    first = load_study(short, ["resistor"], time_limit=1e-3, **options)
+    options = {"method": "monte-carlo", "output": tmp_path, "workers": 1}
+    first = load_study(short, loads=["resistor"], time_limit=1e-3, **options)
     assert first.evaluations[0].outcome.startswith("SimulatorTimeout")
     assert "the same command computes them again" in first.warnings[-1]
-    last = load_study(short, ["resistor"], **options)
+    last = load_study(short, loads=["resistor"], **options)
     assert last.evaluations[0].outcome.startswith("complete")
     assert (last.computed, last.reused, last.warnings) == (1, 0, ())
 
 
 def test_a_piece_of_another_study_under_this_ones_name_is_named(linear, tmp_path, pool):
-    options = {"engine": "consistent", "output": tmp_path, "pool": pool}
-    first = load_study(linear, ["resistor"], {RESISTANCE: [1.0, 2.0]}, **options)
+    options = {"method": "consistent", "output": tmp_path, "executor": pool}
+    first = load_study(linear, loads=["resistor"], sweeps={RESISTANCE: [1.0, 2.0]}, **options)
     one, two = (tmp_path / "points").iterdir()
     two.write_bytes(one.read_bytes())
-    last = load_study(linear, ["resistor"], {RESISTANCE: [1.0, 2.0]}, **options)
-    assert last.warnings == (f"{two}: is the piece of another key: computed again",)
+    last = load_study(linear, loads=["resistor"], sweeps={RESISTANCE: [1.0, 2.0]}, **options)
+    assert last.warnings == (f"{two}: is the answer of another key: computed again",)
     assert [e.power for e in last.evaluations] == [e.power for e in first.evaluations]
     assert (last.computed, last.reused) == (1, 1)
 
@@ -183,16 +194,16 @@ def test_a_piece_of_another_study_under_this_ones_name_is_named(linear, tmp_path
 def test_a_dask_cluster_gives_identical_numbers(linear, tmp_path):
     distributed = pytest.importorskip("distributed")
     pytest.importorskip("xarray")
-    loads, sweeps = ["resistor", "bridge_ideal"], {RESISTANCE: [0.2, 1.0]}
-    options = {"precision": 0.2, "time_budget": 600.0}
-    expected = to_dataset(Report(load_study(linear, loads, sweeps, **options)))
+    options = {"loads": ["resistor", "bridge_ideal"], "sweeps": {RESISTANCE: [0.2, 1.0]}}
+    options |= {"precision": 0.2, "time_budget": 600.0}
+    expected = to_dataset(Report(load_study(linear, **options)))
     with (
         distributed.LocalCluster(
             n_workers=2, threads_per_worker=1, dashboard_address=None
         ) as cluster,
         distributed.Client(cluster) as client,
     ):
-        found = load_study(linear, loads, sweeps, executor=client.get_executor(), **options)
+        found = load_study(linear, executor=client.get_executor(), **options)
     assert to_dataset(Report(found)).identical(expected)
 
 
@@ -201,7 +212,7 @@ def test_a_dask_cluster_gives_identical_numbers(linear, tmp_path):
     [
         (["--sweep", "excitation.intensity"], "write it as table.key=LIST"),
         (["--sweep", "excitation.intensity=1:2:log"], "write it as 0.1:2:log:40"),
-        (["--engine", "circuitt"], "did you mean circuit"),
+        (["--method", "circuitt"], "did you mean circuit"),
         (["--precision", "3"], "must be a number in"),
         (["--load", "nothing"], "no such load"),
     ],
@@ -217,7 +228,7 @@ def test_a_storage_that_charges_for_longer_than_the_settling_is_told(pool):
     scene = Scene.load("device").replace({"run.duration": 4.0, "run.settle": 11.0})
     scene = scene.replace({"run.realizations": 1, "load.netlist": "bridge"})
     sweeps = {RESISTANCE: [1e6], "load.parameters.storage": [1e-7, 1e-5]}
-    quick, slow = load_study(scene, [], sweeps, pool=pool).evaluations
+    quick, slow = load_study(scene, sweeps=sweeps, executor=pool).evaluations
     assert quick.outcome == "complete"
     assert "the storage's R·C of 10 s" in slow.outcome
     assert slow.estimates["output_power"].standard_error is None
@@ -228,7 +239,7 @@ def test_a_storage_that_charges_for_longer_than_the_settling_is_told(pool):
 def test_the_control_variate_helps_inside_a_well_and_is_refused_between_them(pool):
     scene = Scene.load("device").replace({"load.netlist": "bridge", RESISTANCE: 1e6})
     sweeps = {"excitation.intensity": [0.01, 0.36]}
-    inside, between = load_study(scene, [], sweeps, precision=0.5, pool=pool).evaluations
+    inside, between = load_study(scene, sweeps=sweeps, precision=0.5, executor=pool).evaluations
     assert inside.gain > 2.0
     assert between.gain == 1.0
 

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from statistics import NormalDist
 
 import numpy as np
@@ -11,9 +12,11 @@ from truths import flat, interpolated_linear_means
 from harvester.command_line import main
 from harvester.engines.steps import knot_spacing
 from harvester.estimates.estimate import Density, Estimate
+from harvester.running import Answer, Request, open_runner
 from harvester.scene.model import Scene
-from harvester.studies.sweep import Answer, Request, sweep
 from harvester.verification.paper import claims as module
+from harvester.verification.paper import reproduce as figures
+from harvester.verification.paper import runs
 from harvester.verification.paper.claim_tests import (
     Bimodal,
     Changed,
@@ -38,6 +41,8 @@ from harvester.verification.paper.claims import (
 )
 from harvester.verification.paper.claims_list import CLAIMS, Claim
 from harvester.verification.paper.density_features import BEYOND, peak_of, reach_of
+from harvester.verification.paper.figures_list import FIGURES
+from harvester.verification.paper.reproduce import Effort
 
 D, E = "excitation.intensity", "stoppers.restitution"
 SCENE = Scene.load("paper")
@@ -55,7 +60,7 @@ def answers(function, error=0.01, noise=None):
             name: Estimate(sign * (value + shift) + offset, error, None, "1")
             for name, sign, offset in (("mean_power", 1.0, 0.0), ("other", -1.0, 100.0))
         }
-        return Answer(SCENE, estimates, None, 0.0)
+        return Answer(SCENE, "monte-carlo", estimates, 0.0)
 
     return read
 
@@ -173,7 +178,7 @@ def test_peaks_of_a_density():
     assert peak == pytest.approx(exact * (1 - (0.1 / 0.3) ** 2 / 24), rel=2e-3)
     assert error == pytest.approx(1e-3)
     for half, word in ((1.0, HOLDS), (0.1, UNDECIDED)):
-        answer = Answer(SCENE, {}, density(half), 0.0)
+        answer = Answer(SCENE, "monte-carlo", {}, 0.0, density=density(half))
         assert judge(Bimodal().findings((), lambda c, a=answer: a)).word == word
 
 
@@ -195,13 +200,14 @@ def test_differences_on_common_noise_are_right_and_surer(pool):
     scene = Scene.load("linear", ["run.realizations=2", "run.duration=20000"])
     loads = [scene.replace({"load.decay_rate": rate}) for rate in (1.5, 2.0)]
     requests = [Request(load, "monte-carlo", moments=True) for load in loads]
-    outcomes = sweep(requests, pool)
-    change, error = relative_change(*(outcomes[r] for r in requests), "mean_power")
+    with open_runner(executor=pool) as runner:
+        outcomes = runner.answer(requests)
+    change, error = relative_change(*outcomes, "mean_power")
     exact = [
         interpolated_linear_means(flat(load), knot_spacing(load))["mean_power"] for load in loads
     ]
     assert abs(change - (exact[1] / exact[0] - 1.0)) < 4.0 * error
-    estimate = outcomes[requests[0]].quantities["mean_power"]
+    estimate = outcomes[0].quantities["mean_power"]
     assert error < 0.3 * estimate.standard_error / estimate.estimate
 
 
@@ -220,13 +226,21 @@ def test_every_statement_is_quoted_and_asks_for_devices_that_there_are(claim):
             SCENE.replace(dict(changes))
 
 
-def test_the_command_judges_and_writes(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(module, "DURATIONS", {"monte-carlo": 4000.0, "circuit": 200.0})
-    rise = Trend("mean_square_voltage", D, (0.02, 0.1))
-    claim = Claim("4", "“quoted”", "E[V²] rises with D", rise)
+RISING = Claim("4", "“quoted”", "E[V²] rises with D", Trend("mean_square_voltage", D, (0.02, 0.1)))
+
+
+@pytest.fixture
+def brief(monkeypatch):
+    """One statement by the quick methods, on a few short realizations."""
+    monkeypatch.setattr(module, "METHODS", ("monte-carlo", "circuit", "paper", "consistent"))
+    monkeypatch.setattr(runs, "DURATIONS", {"monte-carlo": 1000.0, "circuit": 50.0})
+    monkeypatch.setattr(module, "REALIZATIONS", {"monte-carlo": 8, "circuit": 8})
     monkeypatch.setattr(
-        module, "claims", lambda scene, **options: claims(scene, chosen=[claim], **options)
+        module, "claims", lambda scene, **options: claims(scene, chosen=[RISING], **options)
     )
+
+
+def test_the_command_judges_and_writes(tmp_path, capsys, brief):
     assert main(["claims", "--output", str(tmp_path)]) == 0
     shown = capsys.readouterr().out
     for word in ("statement", "E[V²] rises with D", "monte-carlo", "circuit", "consistent"):
@@ -234,3 +248,29 @@ def test_the_command_judges_and_writes(tmp_path, capsys, monkeypatch):
     (told,) = json.loads((tmp_path / "claims.json").read_text())["claims"]
     assert told["verdicts"]["monte-carlo"]["verdict"] == HOLDS
     assert "| 4 | “quoted” | E[V²] rises with D | holds" in (tmp_path / "claims.md").read_text()
+
+
+def test_it_finds_what_a_figure_left_in_the_folder(tmp_path, brief, pool, monkeypatch):
+    """Fig. 9's ends are among the points of the statement, and not computed again."""
+    efforts = {"monte-carlo": Effort(8, 0.5, 8), "circuit": Effort(8, 0.5, 8)}
+    monkeypatch.setattr(figures, "QUICK", efforts)
+    panel = FIGURES["fig7"].panels[0]
+    panel = replace(panel, first=0.02, last=0.1, quick=2, curves=panel.curves[:1])
+    monkeypatch.setitem(figures.FIGURES, "fig7", replace(FIGURES["fig7"], panels=(panel,)))
+    with open_runner(tmp_path, executor=pool) as runner:
+        figures.reproduce(SCENE, ["fig7"], quick=True, runner=runner)
+    with open_runner(tmp_path, executor=pool) as runner:
+        found = claims(SCENE, chosen=[RISING], runner=runner)
+    # Each method at two places, of which the figure had one by the circuit.
+    assert (runner.computed, runner.reused) == (1, 2 * 4 - 1)
+    alone = claims(SCENE, chosen=[RISING], executor=pool)
+    assert told_of(found) == told_of(alone)
+
+
+def told_of(judgement):
+    """What it says, without how long it took."""
+    told = judgement.to_dict()
+    for each in (told, *told["points"]):
+        each.pop("wall_seconds", None)
+        each.pop("seconds", None)
+    return told

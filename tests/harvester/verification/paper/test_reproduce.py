@@ -8,19 +8,19 @@ import pytest
 from matplotlib import style
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from harvester.averaging import AVERAGED
+from harvester.averaging import CLOSURES
 from harvester.command_line import main
 from harvester.errors import AveragingError, SimulationError
 from harvester.estimates.estimate import Density, Estimate
+from harvester.running import Answer, Runner
 from harvester.scene.model import Scene
 from harvester.show import figures
-from harvester.studies.sweep import Answer
-from harvester.verification.paper import drawing, figures_list
+from harvester.verification.paper import drawing, figures_list, runs
 from harvester.verification.paper import reproduce as module
 from harvester.verification.paper.figures_list import FIGURES
 from harvester.verification.paper.reproduce import Effort, Reproduction, reproduce
 
-TINY = {"monte-carlo": Effort(400.0, 0.5, 800.0), "circuit": Effort(100.0, 0.5, 100.0)}
+TINY = {"monte-carlo": Effort(8, 0.5, 16), "circuit": Effort(8, 0.5, 8)}
 SCENE = Scene.load("paper", ["run.settle=20"])
 
 
@@ -28,6 +28,7 @@ SCENE = Scene.load("paper", ["run.settle=20"])
 def tiny(monkeypatch):
     """One curve over two couplings, of which one is refused, and one density."""
     monkeypatch.setattr(module, "QUICK", TINY)
+    monkeypatch.setattr(runs, "DURATIONS", {"monte-carlo": 400.0, "circuit": 50.0})
     sweep, density = FIGURES["fig8"], FIGURES["fig5"]
     panel = replace(
         sweep.panels[1], first=0.3, last=4.5, quick=2, curves=sweep.panels[1].curves[:1]
@@ -38,10 +39,10 @@ def tiny(monkeypatch):
 
 
 def test_a_figure_holds_every_method_and_lists_what_was_refused(tiny, pool, tmp_path):
-    contents = reproduce(SCENE, ["fig5", "fig8"], quick=True, pool=pool)
+    contents = reproduce(SCENE, ["fig5", "fig8"], quick=True, executor=pool)
     density, sweep = contents
     (line,) = sweep.lines[0]
-    assert list(line) == [*AVERAGED, "monte-carlo", "circuit"]
+    assert list(line) == [*CLOSURES, "monte-carlo", "circuit"]
     assert [value for value, _ in line["monte-carlo"]] == [0.3, 4.5]
     # β = 4.5 ≥ ω0² leaves no double well to the first two closures.
     assert {(m, where) for m, where, _ in sweep.refused} >= {
@@ -91,7 +92,7 @@ def constant(value, simulated_time=0.0):
     density = Density(centre, values, None, "displacement")
     names = ("mean_square_voltage", "mean_power", "power_conversion_efficiency")
     estimates = {name: Estimate(value, 0.01 * value, None, "1") for name in names}
-    return Answer(SCENE, estimates, density, 0.0, simulated_time)
+    return Answer(SCENE, "", estimates, 0.0, simulated_time=simulated_time, density=density)
 
 
 def synthetic(name, outcome=lambda method, value: constant(0.2)):
@@ -118,9 +119,9 @@ def test_a_refused_point_is_a_gap_in_its_line_and_named():
     with style.context(figures.STYLE):
         axes = drawing.draw(content).axes[0]
     lines = [line for line in axes.lines if len(line.get_xdata()) == 9]
-    assert len(lines) == 2 * len(AVERAGED)
+    assert len(lines) == 2 * len(CLOSURES)
     gaps = [np.flatnonzero(np.isnan(line.get_ydata())).tolist() for line in lines]
-    assert gaps == [[4] if method == "consistent" else [] for method in 2 * AVERAGED]
+    assert gaps == [[4] if method == "consistent" else [] for method in 2 * CLOSURES]
     where = "τ1 = 0.4, D = 0.065"
     assert ("consistent", where, "does not hold here") in content.refused
     assert f"fig7: refused by consistent at {where}: does not hold here" in content.sentences()
@@ -158,20 +159,20 @@ def test_an_interrupt_leaves_the_figures_that_were_done(tiny, tmp_path, capsys, 
 
     first = set(module._requests(module._plan(SCENE, FIGURES["fig5"], quick=True)))
 
-    def interrupted(requests, pool, progress, on_answer):
-        for request in requests:
+    def interrupted(self, requests, on_answer, in_turn):
+        for index, request in enumerate(requests):
             if request not in first:
                 raise KeyboardInterrupt
-            on_answer(request, constant(0.2, float(request.simulated)))
+            on_answer(index, constant(0.2, float(not request.is_averaged)))
 
-    monkeypatch.setattr(module, "sweep", interrupted)
+    monkeypatch.setattr(Runner, "answer", interrupted)
     monkeypatch.setattr(Scene, "load", lambda name: SCENE)
     wanted = ["fig8", "fig5", "fig2", "--quick", "--workers", "1", "--output", str(tmp_path)]
     assert main(["reproduce", *wanted]) == 130
     written = {"fig2.png", "fig2.json", "fig5.png", "fig5.json"}
-    assert {path.name for path in tmp_path.iterdir()} == written
+    assert {path.name for path in tmp_path.glob("[!.]*")} == {*written, "fig5.csv", "points"}
     told = json.loads((tmp_path / "fig5.json").read_text())
-    assert set(told["panels"][0]["curves"][0]["methods"]) == {*AVERAGED, "monte-carlo", "circuit"}
+    assert set(told["panels"][0]["curves"][0]["methods"]) == {*CLOSURES, "monte-carlo", "circuit"}
     shown = capsys.readouterr()
     assert f"interrupted; finished figures are in {tmp_path}: fig2, fig5" in shown.err
     assert "the paper's fig5" in shown.out
@@ -195,5 +196,7 @@ def test_a_folder_that_cannot_be_is_refused_before_anything_runs(tmp_path, capsy
 def test_the_command_writes_one_png_and_one_json_each(tiny, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(Scene, "load", lambda name: SCENE)
     assert main(["reproduce", "fig5", "--quick", "--output", str(tmp_path)]) == 0
-    assert {path.name for path in tmp_path.iterdir()} == {"fig5.png", "fig5.json"}
+    assert {path.name for path in tmp_path.glob("[!.]*")} == {
+        *("fig5.png", "fig5.json", "fig5.csv", "points")
+    }
     assert "∫|p − p'| dX" in capsys.readouterr().out

@@ -110,7 +110,9 @@ def test_the_held_speed_of_the_reference_agrees_with_monte_carlo(pool):
         ],
     )
     states = reference_path.run(scene, 0, report=None)
-    path = simulate(scene, "monte-carlo", step="finest", window=(0.0, 20.0), pool=pool).waveform
+    path = simulate(
+        scene, method="monte-carlo", step="finest", window=(0.0, 20.0), runner=pool
+    ).waveform
     times = 0.05 * np.arange(1, 201)
     np.testing.assert_allclose(
         np.interp(times, path.time, path.displacement), states[:, 0], atol=1e-7
@@ -148,7 +150,9 @@ def test_local_error_control_lands_on_knots_and_follows_its_tolerance(pool):
     scene = Scene.load("paper", ["run.duration=20", "run.settle=0", "run.realizations=1"])
     steps = []
     for tolerance in (1e-4, 1e-6):
-        result = simulate(scene, "circuit", tolerance=tolerance, window=(0.0, 40.0), pool=pool)
+        result = simulate(
+            scene, method="circuit", tolerance=tolerance, window=(0.0, 40.0), runner=pool
+        )
         knots = 0.05 * np.arange(1, 401)
         times = result.waveform.time
         nearest = np.abs(times[np.searchsorted(times, knots - 1e-9)] - knots)
@@ -161,7 +165,7 @@ def test_the_paired_difference_of_efficiency_is_that_of_the_two_estimates(pool):
     """Its error lies far below that of either efficiency, whose noise is common."""
     scene = Scene.load("linear", ["run.realizations=2", "run.duration=2000", "run.settle=20"])
     fine, coarse = (
-        simulate(scene, "monte-carlo", step=step, scheme=scheme, pool=pool)
+        simulate(scene, method="monte-carlo", step=step, scheme=scheme, runner=pool)
         for step, scheme in (("fine", None), ("default", "heun"))
     )
     name = "power_conversion_efficiency"
@@ -174,10 +178,10 @@ def test_the_paired_difference_of_efficiency_is_that_of_the_two_estimates(pool):
 def test_a_method_that_fails_leaves_the_others_and_says_why(monkeypatch):
     from harvester.verification.work_precision import measurement as module
 
-    def failing(scene, engine, **options):
-        if engine == "circuit":
+    def failing(scene, method, **options):
+        if method == "circuit":
             raise SimulatorAborted("timestep too small")
-        return simulate(scene, engine, **options)
+        return simulate(scene, method=method, **options)
 
     monkeypatch.setattr(module, "simulate", failing)
     diagram = work_precision(Scene.load("paper", SHORT), methods=[FEW[0], FEW[-1]], workers=2)

@@ -1,0 +1,96 @@
+"""What is read from ngspice's solution: the vectors of a netlist, and their values as a record."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from circuits import elements
+from circuits.ngspice import callbacks
+from harvester.compilation import compiled
+from harvester.device import system as systems
+from harvester.record.record import fill
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import numpy as np
+
+    from circuits.assembly import Netlist
+    from harvester.device.system import System
+    from harvester.record.record import Record
+
+
+def vectors(netlist: Netlist) -> Iterator[tuple[str, ...]]:
+    """ngspice's names of the buffer's columns, for each copy of the device.
+
+    Parameters
+    ----------
+    netlist : circuits.assembly.Netlist
+
+    Yields
+    ------
+    tuple of str
+        In the order of `circuits.ngspice.callbacks`; what the netlist lacks is no vector.
+    """
+    columns = (
+        elements.DISPLACEMENT,
+        elements.VELOCITY,
+        netlist.terminal,
+        elements.NOISE,
+        elements.HELD,
+        elements.LOAD_CURRENT,
+        elements.OUTPUT,
+        elements.REFERENCE,
+        netlist.state,
+    )
+    for prefix in netlist.prefixes:
+        yield tuple(_in_copy(name, prefix) for name in columns)
+
+
+def _in_copy(name, prefix):
+    """A vector of one copy; the letter of an element stands in front of its path."""
+    letter = f"{name[0]}." if prefix and name.endswith("#branch") else ""
+    return f"{letter}{prefix}{name}"
+
+
+def units_of(netlist: Netlist) -> tuple[float, float, float, float]:
+    """Scaled values of a volt, of the state's volt or ampere, of an ampere and of a watt."""
+    return (
+        1.0 / netlist.voltage_scale,
+        1.0 / netlist.state_unit,
+        netlist.current_per_ampere,
+        netlist.per_power,
+    )
+
+
+@compiled
+def convert(
+    s: System,
+    free: np.ndarray,
+    times: np.ndarray,
+    nodes: np.ndarray,
+    record: Record,
+    rate: float,
+    units: tuple[float, float, float, float],
+) -> None:
+    """Times, shape (n,), and node values, shape (n, COLUMNS), to a record in scaled units.
+
+    `free` are the displacements between which no contact acts. `units` are those of `units_of`,
+    that of a watt 0 where no ammeter measures the load's current: a resistor's power then follows
+    from the state.
+    """
+    per_volt, per_state, per_ampere, per_power = units
+    for row in range(times.size):
+        x, v = nodes[row, callbacks.DISPLACEMENT], nodes[row, callbacks.VELOCITY] * rate
+        voltage, noise = nodes[row, callbacks.TERMINAL] * per_volt, nodes[row, callbacks.NOISE]
+        held = nodes[row, callbacks.HELD_SPEED] * rate
+        loss = systems.loss_power(s, x, v, held, x < free[0] or x > free[1])
+        current = nodes[row, callbacks.LOAD_CURRENT]
+        state = nodes[row, callbacks.TRANSDUCER] * per_state
+        own = systems.own_loss(s.transducer, v, state, current * per_ampere)
+        if per_power > 0.0:
+            power = nodes[row, callbacks.TERMINAL] * current * per_power
+        else:
+            power = systems.load_power(s.transducer, v, state)
+        put_in = noise * (rate * rate) * v
+        fill(record, row, times[row], x, v, voltage, power, put_in, loss, own, state)

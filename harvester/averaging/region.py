@@ -1,0 +1,251 @@
+"""Where the stationary density is, and how narrow: what a grid must cover and resolve."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.optimize import brentq
+
+from harvester.averaging.propagator import Grid
+from harvester.device import timescales
+from harvester.device.system import potential
+from harvester.errors import AveragingError
+
+if TYPE_CHECKING:
+    from harvester.averaging.fokker_planck import Solution
+    from harvester.device.system import System
+
+FEWEST = 20  # cores that the range of X and of X' has at least
+# More nodes of Z for each core of the density by which the greatest Z displaces it.
+NODES_PER_CORE = 4.0
+GREATEST_DISPLACEMENT = 2.0  # in cores: the charge decides there whether there is a well
+WIDEST = 5.3  # standard deviations of a Gibbs density at 1e-6 of its peak
+SEEN, BEYOND = 1e-3, 1.42  # share of the peak that a coarse grid tells; from there to 1e-6
+SECOND_PEAK = 0.2  # share of the greatest one from which a peak counts
+BARRIERS = 1.44  # of the highest saddle: least energy of the grid's edge
+HELD = 4.0  # standard deviations of what the noise holds
+MARGIN = 1.05
+FINER = 4.0 / 3.0  # from level to level
+STEADY = FINER ** (1.0 / 6.0)  # of the nodes, by which their error stays, of order six in a step
+NARROWER = 0.4  # ratio by which a region shrinks at most from one attempt to the next
+ALIKE = (0.7, 1.25)  # ratios of what describes two regions that are alike
+WHITE = 1e-4  # τ1, in steps, below which noise is white
+
+
+class Level(NamedTuple):
+    """How fine a grid is.
+
+    Attributes
+    ----------
+    steps : steps in a period of small oscillations.
+    fine, fine_speed : nodes within the core of the density in X and in X'.
+    nodes : nodes of Z that are kept, where the charge displaces the mass by little.
+    modes : Hermite functions of η.
+    most : cores that are told apart at most.
+    """
+
+    steps: float
+    fine: float
+    fine_speed: float
+    nodes: int
+    modes: int
+    most: float = np.inf
+
+    def more_steps(self) -> Level:
+        """The next finer one in time, a little in space too: each step shares mass anew."""
+        return self._replace(
+            steps=FINER * self.steps,
+            fine=STEADY * self.fine,
+            fine_speed=STEADY * self.fine_speed,
+            modes=self.modes + 1,
+        )
+
+    def more_nodes(self) -> Level:
+        """The next finer one in X, X' and Z."""
+        return self._replace(
+            fine=FINER * self.fine, fine_speed=FINER * self.fine_speed, nodes=self.nodes + 1
+        )
+
+
+class Region(NamedTuple):
+    """Range and widths of a density.
+
+    Attributes
+    ----------
+    left, right : float
+        Least and greatest X.
+    speed : float
+        Greatest |X'|.
+    core, core_speed : float
+        Half widths of the densities of X and of X' about their peaks.
+    well : float or None
+        The only well in it; None for all.
+    """
+
+    left: float
+    right: float
+    speed: float
+    core: float
+    core_speed: float
+    well: float | None
+
+    @classmethod
+    def guessed(
+        cls, device: System, well: float | None = None, speed: float | None = None
+    ) -> Region:
+        """About a Gibbs density, its rms speed by default that of small oscillations."""
+        frequency = timescales.angular_frequency(device)
+        if speed is None:
+            speed = np.sqrt(timescales.driven_square_velocity(device, frequency))
+        if not 0.0 < speed < np.inf:
+            raise AveragingError("nothing damps the motion: there is no stationary density")
+        return cls.of_speed(device, WIDEST * speed, speed / frequency, speed, well)
+
+    @classmethod
+    def fitted(cls, device: System, solution: Solution) -> Region:
+        """About a density on a coarse grid."""
+        p, v = solution.density.velocity, solution.grid.v
+        x, before = solution.grid.x, solution.region
+        # A grid much too wide tells little but that.
+        speed = max(_outermost(v, p(v)), NARROWER * before.speed)
+        core_speed = max(_core(v, p(v)), NARROWER * before.core_speed)
+        core = max(_core(x, solution.density.displacement(x)), NARROWER * before.core)
+        return cls.of_speed(device, speed, core, core_speed, before.well)
+
+    def alike(self, other: Region) -> bool:
+        """Whether another one is about as wide and needs about as many nodes."""
+        low, high = ALIKE
+        return low < self.speed / other.speed < high and low < self.core / other.core < high
+
+    @classmethod
+    def of_speed(
+        cls, device: System, speed: float, core: float, core_speed: float, well: float | None
+    ) -> Region:
+        """The range in X that motion of this greatest speed has."""
+        wells = timescales.wells(device)
+        deepest = min(float(potential(device, x)) for x in wells)
+        if well is None:
+            tops: Any = [float(potential(device, x)) - deepest for x in timescales.saddles(device)]
+            speed = max(speed, np.sqrt(2.0 * BARRIERS * max(tops, default=0.0)))
+            places = (wells[-1], wells[0])
+        else:
+            places = (well, well)
+        left, right = (
+            _turning(device, at, side, 0.5 * speed**2 + deepest)
+            for at, side in zip(places, (-1.0, 1.0), strict=True)
+        )
+        if well is not None:
+            tops = timescales.beside(device, well)
+            left = max([left, *(x for x in tops if x < well)])
+            right = min([right, *(x for x in tops if x > well)])
+        spare = (MARGIN - 1.0) * 0.5 * (right - left)
+        return cls(left - spare, right + spare, MARGIN * speed, core, core_speed, well)
+
+    def mirrored(self, device: System) -> bool:
+        """Whether half of it tells the other."""
+        return self.well is None and device.symmetric and device.transducer.decay_rate() > 0.0
+
+    def grid(self, device: System, level: Level, step: float) -> Grid:
+        """Its nodes on a level."""
+        mirrored = self.mirrored(device)
+        noise = device.noise.correlation_time
+        return Grid(
+            x=_nodes(self.left, self.right, self.core, level.fine, level.most),
+            v=_nodes(-self.speed, self.speed, self.core_speed, level.fine_speed, level.most),
+            z=self._charges(device, level.nodes, mirrored),
+            mirrored=mirrored,
+            modes=level.modes if noise > WHITE * step else 1,
+            step=step,
+        )
+
+    def displaced(self, device: System) -> float:
+        """By how many cores the greatest Z displaces the mass."""
+        if device.transducer.decay_rate() == 0.0:
+            return 0.0
+        _, reach = self._charge(device)
+        frequency = timescales.angular_frequency(device)
+        return device.transducer.coupling * reach / frequency**2 / self.core
+
+    def check(self, device: System) -> None:
+        """Refuse a charge that Z's nodes cannot follow."""
+        displaced = self.displaced(device)
+        if displaced > GREATEST_DISPLACEMENT:
+            raise AveragingError(
+                f"coupling={device.transducer.coupling:g}: the charge displaces the mass by "
+                f"{displaced:.2g} times the width of its density, too far for fokker_planck: "
+                "simulate"
+            )
+
+    def _charges(self, device, nodes, mirrored):
+        """Nodes of Z."""
+        if device.transducer.decay_rate() == 0.0:
+            return np.zeros(1)
+        centre, reach = self._charge(device)
+        displaced = min(self.displaced(device), GREATEST_DISPLACEMENT)
+        nodes += int(np.ceil(NODES_PER_CORE * displaced))
+        unit = np.polynomial.legendre.leggauss(2 * nodes if mirrored else nodes)[0]
+        return centre + reach * unit
+
+    def _charge(self, device):
+        """Centre and reach of Z."""
+        half = 0.5 * (self.right - self.left)
+        if self.well is not None:
+            return self.well, half
+        wells = timescales.wells(device)
+        apart = 0.5 * (wells[0] - wells[-1])
+        return 0.5 * (wells[0] + wells[-1]), max(MARGIN * apart, _following(device, half))
+
+
+def _nodes(low, high, core, fine, most):
+    halves = min(max((high - low) / core, FEWEST), most) * fine / 2.0
+    return np.linspace(low, high, 2 * int(np.ceil(halves)))
+
+
+def _following(device, half):
+    """How far Z follows X: what goes round at the orbits' frequency and what the noise holds."""
+    rate, frequency = device.transducer.decay_rate(), timescales.angular_frequency(device)
+    intensity, memory = device.noise
+    turning = half * rate / np.hypot(rate, frequency)
+    held = np.sqrt(intensity / max(memory, 1e-300)) / frequency**2
+    share = rate * memory
+    return min(half, turning + HELD * held * np.sqrt(share / (1.0 + share)))
+
+
+def _turning(device, start, side, energy):
+    """Where motion of this energy turns on one side of a well, its charge kept there."""
+    coupling = getattr(device.transducer, "coupling", 0.0)
+
+    def spare(away):
+        level = float(potential(device, start + side * away)) + 0.5 * coupling * away**2
+        return level - energy
+
+    far = np.sqrt(energy - float(potential(device, start))) / timescales.angular_frequency(device)
+    while spare(far) < 0.0:
+        far *= 1.3
+    return start + side * brentq(spare, 0.0, far)
+
+
+def _outermost(v, density):
+    """Where the density ends to matter, from where a coarse grid still tells it."""
+    seen = np.abs(v)[density > SEEN * density.max()].max()
+    return BEYOND * seen
+
+
+def _core(nodes, density):
+    """Half width, at exp(−½) of its peak, of the narrowest peak that counts."""
+    place = np.linspace(nodes[0], nodes[-1], 2000)
+    values = CubicSpline(nodes, density)(place)
+    peaks = [
+        k
+        for k in range(1, place.size - 1)
+        if values[k - 1] < values[k] >= values[k + 1] and values[k] > SECOND_PEAK * values.max()
+    ]
+    widths = []
+    for k in peaks or [int(values.argmax())]:
+        below = values <= np.exp(-0.5) * values[k]
+        right = np.argmax(below[k:]) if below[k:].any() else place.size - 1 - k
+        left = np.argmax(below[k::-1]) if below[: k + 1].any() else k
+        widths.append(0.5 * (right + left) * (place[1] - place[0]))
+    return min(widths)

@@ -1,0 +1,190 @@
+"""The coil: a voltage that the velocity induces, behind winding and inductance.
+
+M x'' + … + Φ i = …, L i' = Φ x' − R_coil i − v, with v at the load. Scaled, with e = L i/(Φ l):
+e' = X' − λ e. Without inductance the current follows the velocity and nothing is left to
+integrate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+from harvester.device.linear_transducer import LinearTransducer, Rates
+from harvester.device.terminals import (
+    GROUND,
+    LOAD_AMMETER,
+    Element,
+    Network,
+    Setting,
+    TransducerTable,
+)
+from harvester.device.values import Values
+from harvester.scene.keys import SI, not_negative, positive
+
+TERMINAL = "coil"
+
+
+class Coil(LinearTransducer, Rates):
+    """With inductance; β = Φ²/(M L), λ = (R_coil + R)/L. Voltages in units of Φ l (1/s)."""
+
+    __slots__ = ()
+
+    def voltage(self, v: Values, state: Values) -> Values:
+        """Terminal voltage of a resistor as load, R i."""
+        return self.load_rate * state
+
+    def current(self, v: Values, state: Values) -> Values:
+        """The coil's current, as its state."""
+        return state
+
+    def loss(self, v: Values, state: Values, current: Values) -> Values:
+        """Power in the winding, R_coil i²."""
+        return self.coupling * self.own_rate * current * current
+
+
+class ResistiveCoil(NamedTuple):
+    """Without inductance: R_coil i = Φ x' − v, so that i follows X' at once.
+
+    Currents are in units of Φ l/R_coil (1/s), voltages in Φ l (1/s).
+
+    Attributes
+    ----------
+    winding_damping : Φ²/(M R_coil), the damping of a shorted coil (1/s).
+    current_share : R_coil/(R_coil + R), the current over that of the shorted coil.
+    """
+
+    winding_damping: float
+    current_share: float
+
+    @property
+    def lossless(self) -> bool:
+        """A winding always takes power."""
+        return False
+
+    def decay_rate(self) -> float:
+        """0: the state stays 0."""
+        return 0.0
+
+    def damping(self) -> float:
+        """What damps the velocity at once, Φ²/(M (R_coil + R)) (1/s)."""
+        return self.winding_damping * self.current_share
+
+    def force(self, v: Values, state: Values) -> Values:
+        """Force on the mass, Φ i."""
+        return self.winding_damping * self.current_share * v
+
+    def state_rate(self, v: Values, state: Values) -> Values:
+        """The state stays 0."""
+        return 0.0
+
+    def voltage(self, v: Values, state: Values) -> Values:
+        """Terminal voltage, Φ x' − R_coil i."""
+        return (1.0 - self.current_share) * v
+
+    def current(self, v: Values, state: Values) -> Values:
+        """The coil's current."""
+        return self.current_share * v
+
+    def load_power(self, v: Values, state: Values) -> Values:
+        """Power into a resistor, v i."""
+        share = self.current_share * (1.0 - self.current_share)
+        return self.winding_damping * share * v * v
+
+    def loss(self, v: Values, state: Values, current: Values) -> Values:
+        """Power in the winding, R_coil i²."""
+        return self.winding_damping * current * current
+
+    def stored_energy(self, state: Values) -> Values:
+        """Nothing is stored."""
+        return 0.0
+
+    def stiffness(self, mechanical: float) -> float:
+        """None."""
+        return 0.0
+
+    def loss_rate(self, frequency: float) -> float:
+        """Rate at which load and coil damp the motion, Φ²/(M (R_coil + R)) (1/s)."""
+        return self.winding_damping * self.current_share
+
+
+def coil(
+    mass: float,
+    constant: float,
+    resistance: float,
+    inductance: float,
+    load_resistance: float | None,
+) -> Coil | ResistiveCoil:
+    """The coil with these SI values.
+
+    Parameters
+    ----------
+    mass : kg.
+    constant : Φ (N/A).
+    resistance, inductance : R_coil > 0 (Ω) and L ≥ 0 (H).
+    load_resistance : R (Ω); None where a netlist is the load, taken as an open circuit.
+    """
+    if inductance == 0.0:
+        share = 0.0 if load_resistance is None else resistance / (resistance + load_resistance)
+        return ResistiveCoil(constant**2 / (mass * resistance), share)
+    load = 0.0 if load_resistance is None else load_resistance / inductance
+    return Coil(constant**2 / (mass * inductance), load, resistance / inductance)
+
+
+@dataclass(frozen=True)
+class CoilTable(TransducerTable):
+    """An electromagnetic transducer, SI: N/A, Ω, H."""
+
+    coupling: float
+    resistance: float
+    inductance: float = 0.0
+
+    KEYS: ClassVar[dict] = {
+        "coupling": positive(required=True, units=(SI,)),
+        "resistance": positive(required=True, units=(SI,)),
+        "inductance": not_negative(units=(SI,)),
+    }
+
+    def voltage_unit(self, setting: Setting) -> float:
+        """Φ l."""
+        return self.coupling * setting.length
+
+    def state_unit(self, setting: Setting) -> float:
+        """Amperes: Φ l/L, or without inductance Φ l/R_coil."""
+        return self.coupling * setting.length / (self.inductance or self.resistance)
+
+    def equations(self, setting: Setting) -> Coil | ResistiveCoil:
+        """The coil; a load that is no resistor leaves it open."""
+        return coil(
+            setting.mass, self.coupling, self.resistance, self.inductance, setting.resistance
+        )
+
+    def network(self, setting: Setting, equations: Coil | ResistiveCoil, rate: float) -> Network:
+        """Induced voltage, winding, inductance; the coil's current is the load's ammeter's."""
+        volts = self.voltage_unit(setting)
+        inside = "winding" if self.inductance > 0.0 else TERMINAL
+        elements = [
+            Element("moving voltage", "induced", "induced", GROUND, volts),
+            Element("resistor", "winding", "induced", inside, self.resistance),
+        ]
+        if self.inductance > 0.0:
+            inductance = self.inductance
+            elements.append(
+                Element("inductor", "coil", inside, TERMINAL, inductance, holds_state=True)
+            )
+        force = self.coupling / (setting.mass * setting.length)
+        elements.append(Element("force of current", "back_action", LOAD_AMMETER, GROUND, force))
+        return Network(
+            terminal=TERMINAL,
+            elements=tuple(elements),
+            power_unit=1.0 / (setting.mass * setting.length**2),
+            # One that passes as little as the winding at the motion's own frequency.
+            reference_capacitance=1.0 / (rate * self.resistance),
+            state_current=LOAD_AMMETER if self.inductance > 0.0 else "",
+            state_unit=self.state_unit(setting),
+            current_per_ampere=(self.inductance or self.resistance) / volts,
+        )
+
+    def matched_resistance(self, rate: float) -> float:
+        """That of the winding."""
+        return self.resistance

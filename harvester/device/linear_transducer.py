@@ -1,0 +1,84 @@
+"""The equations of a transducer with one state, and the numbers of the simplest ones.
+
+The state e obeys e' = X' − λ e, scaled so that X' drives it with the factor 1; the force on the
+mass against X' is d X' + β e. Every linear network with one capacitance or one inductance does so.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from harvester.device.values import Values
+
+
+class LinearTransducer:
+    """Base of the named tuples of such equations; without fields of its own.
+
+    Methods take and return floats and are compiled as they stand. A subclass has at least
+    `coupling`, `load_rate` and `own_rate` as in `Rates`, and `voltage` and `loss`.
+    """
+
+    __slots__ = ()
+
+    coupling: float
+    load_rate: float
+    own_rate: float
+
+    @property
+    def lossless(self) -> bool:
+        """Whether the transducer itself takes no power."""
+        return self.own_rate == 0.0
+
+    def decay_rate(self) -> float:
+        """λ of e' = X' − λ e (1/s)."""
+        return self.load_rate + self.own_rate
+
+    def damping(self) -> float:
+        """d, what damps the velocity at once (1/s)."""
+        return 0.0
+
+    def force(self, v: Values, state: Values) -> Values:
+        """Force on the mass, d X' + β e."""
+        return self.coupling * state
+
+    def state_rate(self, v: Values, state: Values) -> Values:
+        """e' = X' − λ e."""
+        return v - (self.load_rate + self.own_rate) * state
+
+    def current(self, v: Values, state: Values) -> Values:
+        """The current into a resistor as load, where `loss` asks for it."""
+        return 0.0
+
+    def load_power(self, v: Values, state: Values) -> Values:
+        """Power into a resistor."""
+        return self.coupling * self.load_rate * state * state
+
+    def stored_energy(self, state: Values) -> Values:
+        """½ β e²."""
+        return 0.5 * self.coupling * state * state
+
+    def stiffness(self, mechanical: float) -> float:
+        """What it adds to a stiffness per mass at the frequency of that stiffness (1/s²)."""
+        square = abs(mechanical) + self.coupling
+        return self.coupling * square / ((self.load_rate + self.own_rate) ** 2 + square)
+
+    def loss_rate(self, frequency: float) -> float:
+        """Rate at which load and transducer damp motion at a frequency, βλ/(λ² + ω²) (1/s)."""
+        rate = self.load_rate + self.own_rate
+        return self.coupling * rate / (rate**2 + frequency**2)
+
+
+class Rates(NamedTuple):
+    """The numbers of a transducer whose loss and load both discharge the state.
+
+    Attributes
+    ----------
+    coupling : β, force per state (1/s²).
+    load_rate : the load resistor's part of λ (1/s); 0 where a netlist is the load, which only a
+        circuit knows.
+    own_rate : the transducer's own part of λ (1/s).
+    """
+
+    coupling: float
+    load_rate: float
+    own_rate: float = 0.0

@@ -1,0 +1,162 @@
+"""What every transducer says of itself: its table in a scene, and its network in neutral terms.
+
+A transducer is one module with two classes: the named tuple of its scaled equations, which are
+those of `harvester.device.linear_transducer`, and its table, derived from `TransducerTable`. It
+joins the others by an entry in `harvester.device.transducer.TRANSDUCERS`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, NamedTuple
+
+# The node against which the terminal's voltage counts.
+GROUND = "0"
+# The ammeter (0 V) between terminal and load; its current leaves the transducer.
+LOAD_AMMETER = "load"
+
+
+class Setting(NamedTuple):
+    """What a transducer is built into, in the scene's units.
+
+    Attributes
+    ----------
+    units : "SI" or "scaled".
+    mass, length : kg and m per scaled length; 1 in scaled scenes.
+    resistance : of a load that is a resistor (Ω); None for others, taken as an open circuit.
+    decay_rate : λ of a scaled scene's built-in resistor (1/s), else None.
+    name : of the scene, for messages.
+    """
+
+    units: str
+    mass: float
+    length: float
+    resistance: float | None
+    decay_rate: float | None
+    name: str
+
+
+class Element(NamedTuple):
+    """One element of a network, between two nodes.
+
+    Attributes
+    ----------
+    kind : what it is, and so what `value` says:
+        "resistor" (Ω), "capacitor" (F), "inductor" (H), "ammeter" (0 V);
+        "moving voltage", "moving current": a source in proportion to X' (V or A for one scaled
+        unit; the current flows from `minus` to `plus`, and out of it);
+        "force of voltage", "force of current": what acts on the mass against X', by the voltage
+        between the nodes (scaled acceleration per scaled volt) or by the current of the ammeter
+        whose name is `plus` (scaled acceleration per ampere).
+    name : its own, without blanks.
+    plus, minus : nodes.
+    value : float.
+    holds_state : whether the voltage of this capacitor, or the current of this inductor, is the
+        transducer's state, in which it begins.
+    """
+
+    kind: str
+    name: str
+    plus: str
+    minus: str
+    value: float = 0.0
+    holds_state: bool = False
+
+
+class Network(NamedTuple):
+    """The electrical side of a transducer up to its terminal, as elements.
+
+    Attributes
+    ----------
+    terminal : node on which the load hangs.
+    elements : tuple of Element
+    power_unit : scaled power per watt.
+    reference_capacitance : F, of which stray capacitances of a load are a small share.
+    state_voltage, state_current : node whose voltage, or name of the ammeter whose current, is the
+        state; both empty where there is none.
+    state_unit : volts or amperes of one scaled state.
+    current_per_ampere : what `current` of the equations is at one ampere into the load; 0 where
+        nothing asks for it, else the load's ammeter is there for every load.
+    """
+
+    terminal: str
+    elements: tuple
+    power_unit: float
+    reference_capacitance: float
+    state_voltage: str = ""
+    state_current: str = ""
+    state_unit: float = 1.0
+    current_per_ampere: float = 0.0
+
+    @property
+    def nodes(self) -> set[str]:
+        """Names of all nodes but the ground: set of str."""
+        ends = {
+            node
+            for each in self.elements
+            if each.kind != "force of current"
+            for node in (each.plus, each.minus)
+        }
+        return (ends | {self.terminal}) - {GROUND}
+
+    @property
+    def drives_current(self) -> bool:
+        """Whether an inductance drives the load's current on, whatever the load does."""
+        return self.state_current == LOAD_AMMETER
+
+    def value(self, name: str) -> float:
+        """The value of the element with this name."""
+        return next(each.value for each in self.elements if each.name == name)
+
+
+class TransducerTable:
+    """Base of the tables: frozen dataclasses with a field for each key.
+
+    Attributes
+    ----------
+    KEYS : dict of str to harvester.scene.keys.Key
+        What the table may hold.
+    takes_voltage : bool
+        Whether `start.voltage` is a state in which it can begin.
+    """
+
+    KEYS: ClassVar[dict] = {}
+    takes_voltage: ClassVar[bool] = False
+
+    def voltage_unit(self, setting: Setting) -> float:
+        """Volts of one scaled volt, in which `voltage` of the equations counts."""
+        raise NotImplementedError
+
+    def state_unit(self, setting: Setting) -> float:
+        """Volts or amperes of one scaled state."""
+        return self.voltage_unit(setting)
+
+    def equations(self, setting: Setting) -> Any:
+        """The transducer with its load, scaled; see `harvester.device.linear_transducer`.
+
+        Raises
+        ------
+        LoadError
+            The load does not go with it.
+        """
+        raise NotImplementedError
+
+    def network(self, setting: Setting, equations: Any, rate: float) -> Network:
+        """Its elements up to the terminal.
+
+        Parameters
+        ----------
+        setting : Setting
+        equations : named tuple
+            What `equations` gave.
+        rate : float
+            The device's angular frequency (rad/s).
+
+        Returns
+        -------
+        Network
+        """
+        raise NotImplementedError
+
+    def matched_resistance(self, rate: float) -> float:
+        """A resistance that takes power well at an angular frequency (Ω), to compare loads with."""
+        raise NotImplementedError

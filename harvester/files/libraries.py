@@ -1,0 +1,29 @@
+"""Libraries that only some commands need, imported when they are."""
+
+import importlib
+from types import ModuleType
+
+from harvester.errors import MissingLibrary
+
+
+def optional_library(name: str, purpose: str, extra: str) -> ModuleType:
+    """A library of an extra of this project.
+
+    Parameters
+    ----------
+    name : str
+        Of the module.
+    purpose : str
+        What needs it, for the message.
+    extra : str
+        Of pyproject.toml.
+
+    Raises
+    ------
+    MissingLibrary
+        It is not installed.
+    """
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise MissingLibrary(f"{purpose} needs {name}: pip install 'harvester[{extra}]'") from None

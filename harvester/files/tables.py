@@ -1,0 +1,56 @@
+"""Files of numbers: CSV, and NetCDF through xarray."""
+
+import csv
+import io
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from harvester.files.libraries import optional_library
+from harvester.files.plain_text import one_line
+from harvester.files.writing import whole_file, write_text
+
+
+def write_csv(path: str | Path, header: Sequence[str], rows: Iterable[Sequence]) -> None:
+    """Write a table, whole or not at all; an empty cell stands for what is not a number.
+
+    Raises
+    ------
+    OutputError
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows([_cell(value) for value in row] for row in rows)
+    write_text(path, text.getvalue())
+
+
+def write_netcdf(path: str | Path, dataset: Any) -> None:
+    """Write an xarray Dataset as NetCDF (classic, 64-bit offsets), whole or not at all.
+
+    Raises
+    ------
+    OutputError
+    """
+    with whole_file(path) as file:
+        file.write(dataset.to_netcdf(engine="scipy", format="NETCDF3_64BIT"))
+
+
+def xarray_or_say() -> ModuleType:
+    """xarray, or one line on how to get it.
+
+    Raises
+    ------
+    MissingLibrary
+    """
+    return optional_library("xarray", "NetCDF", "study")
+
+
+def _cell(value):
+    if isinstance(value, str):
+        return one_line(value)
+    if value is None or math.isnan(value):
+        return ""
+    return value if isinstance(value, int) else f"{value:.9g}"

@@ -1,0 +1,228 @@
+"""An answer as bytes and back: nothing is unpickled, and nothing is believed that does not add up.
+
+An answer's file is a zip of plain arrays (.npz): a tree in JSON, the arrays that it names, and a
+digest of all content. The digest finds damage and edits; it is no signature: who may write the
+folder may forge one.
+"""
+
+import dataclasses
+import hashlib
+import io
+import json
+import math
+import os
+import re
+import stat
+import zipfile
+from typing import Any
+
+import numpy as np
+
+from harvester import errors
+from harvester.estimates.estimate import Density, Estimate
+from harvester.record.moments import Moments
+from harvester.record.output_side import OutputMoments
+
+# An answer is some hundred kilobytes; more than this, packed or unpacked, is none (bytes).
+MOST_BYTES = 32_000_000
+# What a scene and a method decide by themselves; all else may end differently another time.
+LASTING = {
+    each.__name__: each
+    for each in (
+        errors.AveragingError,
+        errors.EnergyNotBalanced,
+        errors.LoadError,
+        errors.SimulatorAborted,
+        errors.SolutionDiverged,
+    )
+}
+# Reasons that ngspice names and another hour or machine may not have.
+PASSING_REASON = re.compile(r"memory|alloc|disk|no space|too many open files", re.IGNORECASE)
+TREE, DIGEST = "tree", "digest"
+# Dataclasses that an answer may hold, by their names.
+_KNOWN: dict[str, type] = {
+    each.__name__: each for each in (Density, Estimate, Moments, OutputMoments)
+}
+
+
+class NotAnAnswer(Exception):
+    """What lies under a task's name is not its answer; the message says why."""
+
+
+def register(kind: type) -> type:
+    """Let answers hold instances of a dataclass; also as its decorator."""
+    _KNOWN[kind.__name__] = kind
+    return kind
+
+
+def is_final(answer: object) -> bool:
+    """Whether another run would come to the same; a limit or the machine's trouble is not."""
+    if not isinstance(answer, BaseException):
+        return True
+    return type(answer).__name__ in LASTING and not PASSING_REASON.search(str(answer))
+
+
+def packed(key: str, answer: object) -> bytes:
+    """The bytes of an answer's file.
+
+    Raises
+    ------
+    TypeError
+        It holds something that cannot be kept.
+    NotAnAnswer
+        It is too large to be read back.
+    """
+    arrays: dict[str, Any] = {}
+    tree = {"key": key, "answer": _encoded(answer, arrays)}
+    arrays[TREE] = np.frombuffer(json.dumps(tree).encode(), dtype=np.uint8)
+    if sum(each.nbytes for each in arrays.values()) > MOST_BYTES // 2:
+        raise NotAnAnswer(f"is larger than {MOST_BYTES // 2} bytes")
+    file = io.BytesIO()
+    arrays[DIGEST] = np.array(digest_of(arrays))
+    np.savez_compressed(file, **arrays)
+    return file.getvalue()
+
+
+def unpacked(content: bytes, key: str) -> object:
+    """The answer of a file's bytes.
+
+    Raises
+    ------
+    NotAnAnswer
+    """
+    try:
+        arrays = _arrays(content)
+        found = str(arrays.pop(DIGEST))
+    # Whatever foreign bytes make the readers raise, memory and recursion included: no answer.
+    except Exception as error:
+        raise NotAnAnswer("not a whole answer: damaged, cut off or of another kind") from error
+    if found != digest_of(arrays):
+        raise NotAnAnswer("its content has been changed: it does not match its digest")
+    try:
+        tree = json.loads(arrays[TREE].tobytes())
+        if tree["key"] != key:
+            raise NotAnAnswer("is the answer of another key")
+        return _decoded(tree["answer"], arrays)
+    except NotAnAnswer:
+        raise
+    except Exception as error:
+        raise NotAnAnswer("its fields are not those of an answer") from error
+
+
+def read(path: os.PathLike, key: str) -> object:
+    """The answer at a path.
+
+    Raises
+    ------
+    FileNotFoundError
+    NotAnAnswer
+    """
+    try:
+        # Neither through a link, nor waiting for whoever writes into a pipe.
+        handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        raise NotAnAnswer(f"cannot be read: {error.strerror}") from None
+    try:
+        about = os.fstat(handle)
+        if not stat.S_ISREG(about.st_mode):
+            raise NotAnAnswer("is not a file")
+        if about.st_size > MOST_BYTES:
+            raise NotAnAnswer(f"has {about.st_size} bytes, an answer at most {MOST_BYTES}")
+        with open(handle, "rb", closefd=False) as file:
+            content = file.read(MOST_BYTES + 1)
+    finally:
+        os.close(handle)
+    return unpacked(content, key)
+
+
+def digest_of(arrays: dict) -> str:
+    """SHA-256 of named arrays."""
+    digest = hashlib.sha256()
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        digest.update(f"{name} {array.dtype.str} {arrays[name].shape}\n".encode())
+        digest.update(array.tobytes())
+    return digest.hexdigest()
+
+
+def _encoded(value, arrays):
+    """A value as JSON: plain ones as themselves, all others as a list that begins with a word."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    if isinstance(value, np.ndarray):
+        if value.dtype.kind not in "biuf":
+            raise TypeError(f"an array of {value.dtype} cannot be kept")
+        arrays[f"a{len(arrays)}"] = value
+        return ["array", f"a{len(arrays) - 1}"]
+    if isinstance(value, errors.HarvesterError):
+        text = "".join(each if each.isprintable() else " " for each in str(value))
+        return ["error", type(value).__name__, text]
+    if isinstance(value, dict):
+        return ["dict", *([_encoded(k, arrays), _encoded(v, arrays)] for k, v in value.items())]
+    if type(value) in (list, tuple):
+        return [type(value).__name__, *(_encoded(each, arrays) for each in value)]
+    if _KNOWN.get(type(value).__name__) is type(value):
+        fields = (getattr(value, each.name) for each in dataclasses.fields(value))
+        return ["object", type(value).__name__, *(_encoded(each, arrays) for each in fields)]
+    raise TypeError(f"{type(value).__name__} cannot be kept")
+
+
+def _decoded(tree, arrays):
+    if isinstance(tree, str) and not all(line.isprintable() for line in tree.split("\n")):
+        raise NotAnAnswer("holds text that cannot be printed")
+    if not isinstance(tree, list):
+        return tree
+    kind, *content = tree
+    if kind == "array":
+        return arrays[content[0]]
+    if kind == "error":
+        return _error(*content)
+    if kind == "dict":
+        return {_decoded(k, arrays): _decoded(v, arrays) for k, v in content}
+    if kind in ("list", "tuple"):
+        values = [_decoded(each, arrays) for each in content]
+        return values if kind == "list" else tuple(values)
+    if kind == "object":
+        made = _KNOWN[content[0]]
+        names = [each.name for each in dataclasses.fields(made)]
+        values = [_decoded(each, arrays) for each in content[1:]]
+        return made(**dict(zip(names, values, strict=True)))
+    raise NotAnAnswer("holds something unknown")
+
+
+def _error(name, text):
+    if name not in LASTING or PASSING_REASON.search(text):
+        raise NotAnAnswer("is an outcome of its machine or of a limit, which is not kept")
+    if not text.isprintable():
+        raise NotAnAnswer("holds text that cannot be printed")
+    return LASTING[name](text)
+
+
+def _arrays(content):
+    """The arrays of a zip by name: numbers and text, no larger than they say and may be."""
+    arrays = {}
+    with zipfile.ZipFile(io.BytesIO(content)) as file:
+        members = file.infolist()
+        plain = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+        if sum(each.file_size for each in members) > MOST_BYTES:
+            raise ValueError("too large")
+        if any(each.compress_type not in plain for each in members):
+            raise ValueError("packed in another way")
+        for each in members:
+            arrays[each.filename.removesuffix(".npy")] = _array(file.read(each))
+    return arrays
+
+
+def _array(content):
+    file = io.BytesIO(content)
+    np.lib.format.read_magic(file)
+    shape, _, kind = np.lib.format.read_array_header_1_0(file)
+    # A shape is believed, and memory taken for it, only where so many bytes follow.
+    if kind.kind not in "biufU" or math.prod(shape) * kind.itemsize != len(content) - file.tell():
+        raise ValueError("absurd shape")
+    file.seek(0)
+    return np.lib.format.read_array(file, allow_pickle=False)

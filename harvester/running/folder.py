@@ -1,0 +1,149 @@
+"""A study's folder: one run at a time, and what a killed run left aside taken away."""
+
+import contextlib
+import os
+import re
+import socket
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+
+from harvester.errors import FolderInUse, OutputError
+from harvester.files.writing import ASIDE, ASIDE_BYTES, check_writable
+
+LOCK = ".harvester-lock"
+_LEFT_ASIDE = re.compile(re.escape(ASIDE.format("")) + f"[0-9a-f]{{{2 * ASIDE_BYTES}}}")
+_HOLDER = re.compile(r"process \d{1,10} on [\w.-]{1,64}")
+_HANDLES: set[int] = set()
+
+
+class StudyFolder(os.PathLike):
+    """A folder that one run at a time holds.
+
+    The lock is the system's, on an open file: it ends with the process, however that ends.
+
+    Attributes
+    ----------
+    notes : list of str
+        What a user should know once it is held: that this file system cannot lock.
+    """
+
+    def __init__(self, path: str | os.PathLike):
+        self._path = Path(path)
+        self._handle: int | None = None
+        self.notes: list[str] = []
+
+    def __fspath__(self) -> str:
+        return str(self._path)
+
+    def hold(self) -> None:
+        """Hold it until `close`, and take away what a killed run left aside; again is free.
+
+        Raises
+        ------
+        FolderInUse
+        OutputError
+            The folder cannot be used.
+        """
+        if self._handle is not None:
+            return
+        _check(self._path)
+        handle = _open(self._path / LOCK)
+        try:
+            self.notes = _lock(handle, self._path)
+        except BaseException:
+            os.close(handle)
+            raise
+        self._handle = handle
+        _HANDLES.add(handle)
+        if not self.notes:
+            _clean(self._path)
+
+    def close(self) -> None:
+        """Let the next run in."""
+        handle, self._handle = self._handle, None
+        if handle is not None:
+            _HANDLES.discard(handle)
+            os.close(handle)
+
+
+@contextlib.contextmanager
+def held(folder: str | os.PathLike) -> Iterator[StudyFolder]:
+    """A `StudyFolder` held within the block, or for longer where one is handed in."""
+    if isinstance(folder, StudyFolder):
+        folder.hold()
+        yield folder
+        return
+    with contextlib.closing(StudyFolder(folder)) as own:
+        own.hold()
+        yield own
+
+
+def _check(folder):
+    for place in (folder, folder / "points"):
+        if os.path.lexists(place) and not os.path.isdir(place):
+            raise OutputError(f"{place}: is not a folder; choose another --output")
+        try:
+            os.makedirs(place, exist_ok=True)
+        except OSError as error:
+            raise OutputError(f"{place}: cannot be made: {error.strerror}") from None
+        check_writable(place / "file")
+
+
+def _open(path):
+    flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
+    try:
+        handle = os.open(path, flags, 0o666)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be opened: {error.strerror}; remove it") from None
+    if not stat.S_ISREG(os.fstat(handle).st_mode):
+        os.close(handle)
+        raise OutputError(f"{path}: is not a file; remove it")
+    return handle
+
+
+def _lock(handle, folder):
+    try:
+        import fcntl
+
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        said = os.pread(handle, 100, 0).decode(errors="replace").strip()
+        holder = said if _HOLDER.fullmatch(said) else "another process"
+        raise FolderInUse(
+            f"{folder}: another run is at work in this folder ({holder}); wait for its end, or "
+            "choose another --output"
+        ) from None
+    except (ImportError, OSError):
+        return [f"{folder}: this file system cannot lock: see that no other run writes there"]
+    # A second name may be that of somebody's file.
+    if os.fstat(handle).st_nlink == 1:
+        with contextlib.suppress(OSError):
+            os.ftruncate(handle, 0)
+            os.pwrite(handle, f"process {os.getpid()} on {socket.gethostname()}\n".encode(), 0)
+    return []
+
+
+def _clean(folder):
+    """Take away what killed runs had not renamed yet; files of other names stay."""
+    for place in (folder, folder / "points"):
+        with os.scandir(place) as entries:
+            names = [
+                each.path
+                for each in entries
+                if _LEFT_ASIDE.fullmatch(each.name) and each.is_file(follow_symlinks=False)
+            ]
+        for name in names:
+            with contextlib.suppress(OSError):
+                os.unlink(name)
+
+
+def _let_go():
+    """In a forked process: the lock is the parent's alone, and ends with it."""
+    for handle in _HANDLES:
+        os.close(handle)
+    _HANDLES.clear()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_let_go)

@@ -1,0 +1,64 @@
+"""How far a list of tasks is, by the time that tasks of each label have taken so far."""
+
+from collections import Counter, defaultdict
+from collections.abc import Callable
+
+
+class Progress:
+    """Adds up what is done and what is left, in seconds of one core.
+
+    Parameters
+    ----------
+    report : callable
+        Given the share done, 0 … 1, never falling, and a few words.
+    """
+
+    def __init__(self, report: Callable[[float, str], object]):
+        self._report = report
+        self._seconds: dict[str, float] = defaultdict(float)
+        self._count: Counter[str] = Counter()
+        self._waiting: Counter[str] = Counter()
+        self._ahead: dict[object, tuple[str, float]] = {}
+        self._plans, self._ended = 0, 0
+        self._share = 0.0
+
+    def begin(self, plans: int) -> None:
+        """So many plans more."""
+        self._plans += plans
+
+    def ask(self, plan: object, label: str, ahead: float) -> None:
+        """A plan will ask for about so many tasks after those it has asked for."""
+        self._ahead[plan] = label, ahead
+
+    def wait(self, label: str) -> None:
+        """One task more is to be computed."""
+        self._waiting[label] += 1
+
+    def done(self, label: str, seconds: float) -> None:
+        """One task has been computed."""
+        self._waiting[label] -= 1
+        self._seconds[label] += seconds
+        self._count[label] += 1
+        self._say()
+
+    def end(self, plan: object) -> None:
+        """A plan has come to its end."""
+        self._ahead.pop(plan, None)
+        self._ended += 1
+        self._say()
+
+    def _say(self):
+        left = sum(count * self._mean(label) for label, count in self._waiting.items())
+        left += sum(count * self._mean(label) for label, count in self._ahead.values())
+        spent = sum(self._seconds.values())
+        if spent > 0.0:
+            self._share = max(self._share, spent / (spent + left))
+        elif not left:
+            self._share = 1.0
+        self._report(self._share, f"{self._ended} of {self._plans}")
+
+    def _mean(self, label):
+        """Seconds that a task takes; of a label not met yet, as those that were."""
+        if self._count[label]:
+            return self._seconds[label] / self._count[label]
+        return sum(self._seconds.values()) / max(self._count.total(), 1)

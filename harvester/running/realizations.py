@@ -1,0 +1,250 @@
+"""A scene by a method, cut into tasks of a few realizations each."""
+
+import dataclasses
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from harvester.averaging import CLOSURES
+from harvester.averaging import average as average_parameters
+from harvester.averaging.of_scene import average, averaged_device, estimates_of
+from harvester.device import timescales
+from harvester.engines import side_by_side
+from harvester.engines.realization import empty_moments, run
+from harvester.estimates.batch_means import FEWEST_TO_DRIFT, TOTAL_BATCHES
+from harvester.estimates.estimate import Estimate
+from harvester.record.moments import QUANTITIES
+from harvester.record.output_side import OutputMoments
+from harvester.record.record import Record
+from harvester.running.task import Task
+from harvester.scene.model import Scene
+from harvester.scene.units import Scales, scale
+
+# Realizations in one task where they run side by side or fast.
+TOGETHER = 8
+# Periods of small oscillations in a waveform, and its points, evenly spaced.
+PERIODS, WAVEFORM_POINTS = 6.0, 1000
+# From so many realizations on, each has the fewest batches: a run's length is then no part of its
+# realizations' names, and a longer one goes on from a shorter one.
+MANY = TOTAL_BATCHES // FEWEST_TO_DRIFT
+
+
+def realizations(
+    scene: Scene,
+    method: str,
+    indices: list[int],
+    step: str | float,
+    density: bool,
+    waveform: bool,
+    report: Callable,
+) -> dict[str, Any]:
+    """A few realizations, in a worker process.
+
+    Returns
+    -------
+    dict
+        `moments`, a list with one of each, without histograms unless `density`; `waveform` of the
+        first, shape (len(Record._fields), WAVEFORM_POINTS), scaled, or None; `seconds` of one core.
+    """
+    clock = time.perf_counter()
+    window = _window(scene) if waveform else None
+    found = run(scene, method, indices, step, "external", window, report)
+    moments = [each.moments for each in found]
+    if not density:
+        # By far the largest part.
+        moments = [dataclasses.replace(m, histograms=np.zeros((1, 0, 0))) for m in moments]
+    return {
+        "moments": moments,
+        "waveform": _even(found[0].waveform) if waveform else None,
+        "seconds": time.perf_counter() - clock,
+    }
+
+
+def averages(
+    scene: Scene, closure: str, tolerance: float | None, density: bool, report: Callable
+) -> dict[str, Any]:
+    """A scene by a closure, in a worker process.
+
+    Returns
+    -------
+    dict
+        `quantities`, scaled; `density` of the displacement, or None; `seconds` of one core.
+    """
+    clock = time.perf_counter()
+    if density:
+        result = average(scene, method=closure, tolerance=tolerance)
+        quantities, shape = result.scaled_quantities, result.densities["displacement"]
+    else:
+        # A table of the density takes as long as all means.
+        found = average_parameters(averaged_device(scene), closure, tolerance)
+        quantities, shape = estimates_of(found), None
+    seconds = time.perf_counter() - clock
+    return {"quantities": quantities, "density": shape, "seconds": seconds}
+
+
+@dataclass(frozen=True)
+class Realizations:
+    """What the tasks of a scene by an engine are cut from.
+
+    Attributes
+    ----------
+    scene : Scene
+        Its number of realizations decides the batches of each, and no more.
+    method : str
+    step : str or float
+        As `harvester.simulate` takes it.
+    size : int
+        Of a task.
+    version : str
+        Of what computes, see `Runner.version`.
+    density, waveform : bool
+        Whether histograms, and the beginning of the first realization, are kept.
+    """
+
+    scene: Scene
+    method: str
+    step: str | float
+    size: int
+    version: str = ""
+    density: bool = False
+    waveform: bool = False
+
+    @classmethod
+    def of(
+        cls,
+        scene: Scene,
+        method: str,
+        step: str | float = "default",
+        version: str = "",
+        density: bool = False,
+        waveform: bool = False,
+    ) -> "Realizations":
+        """Those of a scene, several in a task where they cost less so."""
+        size = min(_together(scene, method, step), scene.run.realizations)
+        many = scene.replace({"run.realizations": min(scene.run.realizations, MANY)})
+        return cls(many, method, step, size, version, density, waveform)
+
+    def tasks(self, start: int, stop: int, most: float = math.inf) -> list[Task]:
+        """Of the realizations from one to before another; none from `most` on.
+
+        `start` is a multiple of `size`; the last task may go beyond `stop`, not beyond `most`.
+        """
+        return [self._task(first, most) for first in range(start, stop, self.size)]
+
+    def whole(self, count: int) -> int:
+        """The smallest number of realizations in whole tasks that holds so many."""
+        return -(-count // self.size) * self.size
+
+    def misfit(self, found: dict, indices: Sequence[int], waveform: bool) -> str:
+        """What of an answer that was read cannot come from here; "" where all may."""
+        moments = found["moments"]
+        if len(moments) != len(indices):
+            return "has another number of realizations"
+        shape = (len(Record._fields), WAVEFORM_POINTS)
+        if waveform and found["waveform"].shape != shape:
+            return "its waveform has another shape"
+        if waveform and not np.isfinite(found["waveform"]).all():
+            return "its waveform is none"
+        load = self.scene.load.circuit
+        has_output = bool(load and load.has_output)
+        fit = all(_fits(m, self._template, has_output, self.density) for m in moments)
+        return "" if fit else "its numbers are not those of this scene"
+
+    def _task(self, start, most):
+        indices = range(start, int(min(start + self.size, most)))
+        waveform = self.waveform and start == 0
+
+        def misfit(found):
+            return self.misfit(found, indices, waveform)
+
+        arguments = {
+            "scene": self.scene,
+            "method": self.method,
+            "indices": list(indices),
+            "step": self.step,
+            "density": self.density,
+            "waveform": waveform,
+        }
+        return Task(realizations, arguments, self.version, self.method, len(indices), misfit)
+
+    @cached_property
+    def _template(self):
+        return empty_moments(self.scene)
+
+
+def averaging(
+    scene: Scene, closure: str, tolerance: float | None = None, density: bool = True
+) -> Task:
+    """The task of a scene by a closure; `tolerance` as in `harvester.average`."""
+    # A closure's answer does not depend on the run: scenes that differ in it alone are one.
+    run = dataclasses.replace(scene.run, seed=1, realizations=1)
+    arguments = {
+        "scene": dataclasses.replace(scene, run=run),
+        "closure": closure,
+        "tolerance": tolerance,
+        "density": density,
+    }
+    return Task(averages, arguments, label=closure, misfit=_misfit_of_averages)
+
+
+def is_closure(method: str) -> bool:
+    """Whether a method is a closure, and no engine."""
+    return method in CLOSURES
+
+
+def _misfit_of_averages(found):
+    quantities = found["quantities"].values()
+    if not all(isinstance(each, Estimate) for each in quantities):
+        return "its quantities are none"
+    for each in quantities:
+        Scales().of(each.dimension)
+    return ""
+
+
+def _together(scene, method, step):
+    """Realizations in one task: several only where they cost less so."""
+    if method != "circuit":
+        return TOGETHER
+    many = scene.replace({"run.realizations": TOGETHER * side_by_side.FEWEST_NETLISTS})
+    return side_by_side.copies(many, lambda: TOGETHER, step)
+
+
+def _window(scene):
+    parameters, _ = scale(scene)
+    start = scene.run.settle
+    stop = start + PERIODS * 2.0 * math.pi / timescales.angular_frequency(parameters)
+    return start, min(stop, start + scene.run.duration)
+
+
+def _even(waveform):
+    time_points = np.linspace(waveform.time[0], waveform.time[-1], WAVEFORM_POINTS)
+    return np.array([np.interp(time_points, waveform.time, column) for column in waveform])
+
+
+def _fits(moments, template, has_output, density):
+    """Whether moments have the shapes and times that the scene gives them, and finite sums."""
+    same = ("start", "batch_length", "free", "saddles", "sample_interval")
+    shaped = ("integrals", "products", "bin_widths", "first", "last")
+    if not all(np.array_equal(getattr(moments, name), getattr(template, name)) for name in same):
+        return False
+    for name in (*shaped, "histograms") if density else shaped:
+        array = getattr(moments, name)
+        if np.shape(array) != np.shape(getattr(template, name)) or not np.isfinite(array).all():
+            return False
+    output, integrals = moments.output, moments.integrals
+    if has_output != (output is not None):
+        return False
+    if has_output:
+        expected = OutputMoments.beside(moments)
+        for name in ("integrals", "passages"):
+            if np.shape(getattr(output, name)) != np.shape(getattr(expected, name)):
+                return False
+        if not np.isfinite(output.integrals).all():
+            return False
+    squares = QUANTITIES.index("square_velocity") + 1
+    return bool((integrals[:, :squares] >= 0.0).all() and integrals[:, 0].sum() > 0.0)

@@ -1,0 +1,354 @@
+"""A scene by a method until its error bars are small enough, and what it comes to."""
+
+import math
+from collections.abc import Generator, Sequence
+from dataclasses import KW_ONLY, dataclass, field, replace
+
+import numpy as np
+
+from harvester.averaging import CLOSURES
+from harvester.engines.protocol import ENGINES
+from harvester.engines.steps import knot_spacing
+from harvester.errors import EnergyNotBalanced, HarvesterError
+from harvester.estimates.balance import energy_balance_residual
+from harvester.estimates.densities import densities
+from harvester.estimates.estimate import Density, Estimate
+from harvester.estimates.means import estimate_all
+from harvester.estimates.output_side import estimate_output
+from harvester.estimates.passivity import efficiency_notes, source_notes
+from harvester.estimates.settling import shortfalls, unseen_jump, withheld
+from harvester.files.plain_text import nearest
+from harvester.files.writing import finite
+from harvester.results import unit_of
+from harvester.running.realizations import MANY, Realizations, averaging, is_closure
+from harvester.running.task import Wanted
+from harvester.scene.model import Scene
+from harvester.scene.units import Scales, require_resistor, scale
+from harvester.simulation import (
+    LARGEST_RESIDUAL,
+    NOTED_RESIDUAL,
+    check_name,
+    check_step,
+    is_symmetric,
+    notes_on_excitation,
+    require_noise,
+)
+
+JUDGED = ("mean_square_voltage", "power_conversion_efficiency")
+COMPLETE = "complete"
+OUT_OF_TIME = "the time budget was spent"
+# With a precision: realizations of the first round, and most of all.
+FIRST, MOST = 8, 80
+# A round asks for what the error bar needs and a little more, at most this many times what there
+# is: the first error bars are rough.
+MARGIN, GROWTH = 1.1, 2.0
+
+
+@dataclass(frozen=True)
+class Request:
+    """One scene by one method.
+
+    Attributes
+    ----------
+    scene : Scene
+        The length of each realization, their seed and, unless told otherwise, their number.
+    method : str
+        An engine or a closure.
+    precision : float or None
+        Relative standard error of each of the quantities that realizations are added for.
+    quantities : tuple of str
+        Those that decide; names that this scene does not have do not.
+    step : str or float
+        As `harvester.simulate` takes it.
+    realizations : int or None
+        At first, and in all without a precision; None: `FIRST` with one, else the scene's own.
+    most : int
+        Most realizations that a precision is worth.
+    tolerance : float or None
+        Of a closure, as in `harvester.average`.
+    density, moments, waveform : bool
+        Whether the answer is to hold them.
+    """
+
+    scene: Scene
+    method: str
+    _: KW_ONLY
+    precision: float | None = None
+    quantities: tuple[str, ...] = JUDGED
+    step: str | float = "default"
+    realizations: int | None = None
+    most: int = MOST
+    tolerance: float | None = None
+    density: bool = False
+    moments: bool = False
+    waveform: bool = False
+
+    def __post_init__(self):
+        check_name("method", self.method, (*ENGINES, *CLOSURES))
+        check_step(self.step)
+        if self.precision is not None and not 0.0 < self.precision < 1.0:
+            raise HarvesterError(f"precision {self.precision}: must be a number in (0, 1)")
+        if self.precision and not self.is_averaged:
+            require_noise(self.scene, "a precision")
+
+    @property
+    def is_averaged(self) -> bool:
+        """Whether a closure answers it, and no engine."""
+        return is_closure(self.method)
+
+    @property
+    def cut_from(self) -> Scene:
+        """The scene of its tasks: alike for all requests that share their realizations.
+
+        Only where the scene's own number of them is asked for do few have more batches each.
+        """
+        own = self.realizations is None and self.precision is None
+        count = min(self.scene.run.realizations, MANY) if own else MANY
+        return replace(self.scene, run=replace(self.scene.run, realizations=count))
+
+    @property
+    def first(self) -> int:
+        """Realizations to begin with."""
+        return self.realizations or (FIRST if self.precision else self.scene.run.realizations)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a method says of a scene.
+
+    Attributes
+    ----------
+    scene : Scene
+        With as many realizations as were run.
+    method : str
+    quantities : dict of str to Estimate
+        Scaled units; `standard_error` is the numerical error for a closure.
+    seconds : float
+        Of one core.
+    outcome : str
+        "complete", or what ended it early.
+    realizations : int
+    simulated_time : float
+        Of all realizations (s); 0 for a closure.
+    energy_balance_residual : float or None
+    misses_jumps : bool
+        One jump between the wells more would change E[V²] by more than the precision asked for:
+        the error bar knows nothing of jumps that no realization saw.
+    notes : tuple of str
+    density : Density or None
+        Of the displacement.
+    moments : tuple of harvester.record.moments.Moments
+        One per realization, for paired differences.
+    waveform : ndarray or None
+        Beginning of the first realization, rows as in `Record`, scaled.
+    """
+
+    scene: Scene
+    method: str
+    quantities: dict[str, Estimate]
+    seconds: float
+    outcome: str = COMPLETE
+    realizations: int = 0
+    simulated_time: float = 0.0
+    energy_balance_residual: float | None = None
+    misses_jumps: bool = False
+    notes: tuple[str, ...] = ()
+    density: Density | None = field(default=None, repr=False)
+    moments: tuple = field(default=(), repr=False)
+    waveform: np.ndarray | None = field(default=None, repr=False)
+
+    def in_units(self) -> dict[str, Estimate]:
+        """The quantities in the scene's units."""
+        _, scales = scale(self.scene)
+        return in_units(self.quantities, scales)
+
+    def to_dict(self) -> dict:
+        """Plain values for JSON."""
+        content = {
+            "quantities": {name: each.to_dict() for name, each in self.quantities.items()},
+            "seconds": self.seconds,
+            "outcome": self.outcome,
+            "notes": list(self.notes),
+        }
+        if self.simulated_time > 0.0:
+            content |= {
+                "simulated_time": self.simulated_time,
+                "seed": self.scene.run.seed,
+                "realizations": self.realizations,
+                "knot_spacing": knot_spacing(self.scene),
+                "energy_balance_residual": finite(self.energy_balance_residual),
+                "misses_jumps": self.misses_jumps,
+            }
+        if self.density is not None:
+            error = self.density.standard_error
+            content["density"] = {
+                "displacement": self.density.centre.tolist(),
+                "density": self.density.density.tolist(),
+                "standard_error": None if error is None else error.tolist(),
+            }
+        return content
+
+
+def answering(
+    request: Request, version: str, density: bool = False
+) -> Generator[Wanted, list, Answer | HarvesterError | None]:
+    """A plan for `Runner.follow` that returns the answer to a request.
+
+    Parameters
+    ----------
+    request : Request
+    version : str
+        Of what computes, see `Runner.version`.
+    density : bool
+        Whether histograms are kept even where this request does not ask for them.
+
+    Returns
+    -------
+    generator
+        Of the Answer; the HarvesterError that its first task ended with; None where the time was
+        spent before that.
+    """
+    if request.is_averaged:
+        return (yield from _averaged(request, density or request.density))
+    if request.method == "monte-carlo":
+        try:
+            require_resistor(request.scene, "Monte Carlo")
+        except HarvesterError as error:
+            return error
+    return (yield from _simulated(request, version, density or request.density))
+
+
+def next_count(had: int, reached: float, precision: float, cut: Realizations, most: int) -> int:
+    """Realizations of the next round, from the error that so many have reached."""
+    needed = had * min(MARGIN * (reached / precision) ** 2, GROWTH)
+    return min(max(cut.whole(math.ceil(needed)), had + cut.size), most)
+
+
+def relative_error(estimate: Estimate | None) -> float:
+    """Standard error as a share of the estimate; infinite without one."""
+    if estimate is None or estimate.standard_error is None or not estimate.estimate:
+        return math.inf
+    share = abs(estimate.standard_error / estimate.estimate)
+    return math.inf if math.isnan(share) else share
+
+
+def in_units(quantities: dict[str, Estimate], scales: Scales) -> dict[str, Estimate]:
+    """Scaled estimates in the units of a scene."""
+    return {name: each.times(scales.of(each.dimension)) for name, each in quantities.items()}
+
+
+def told(error: HarvesterError) -> str:
+    """An error's kind and reason in one line."""
+    text = f"{type(error).__name__}: {error}"
+    return "".join(each if each.isprintable() else " " for each in text)
+
+
+def good_ones(found: Sequence) -> tuple[list, HarvesterError | str]:
+    """Answers of tasks up to the first that failed or is not there, and what ended them."""
+    good: list = []
+    for each in found:
+        if each is None:
+            return good, OUT_OF_TIME
+        if isinstance(each, HarvesterError):
+            return good, each
+        good.append(each)
+    return good, ""
+
+
+def _averaged(request, density):
+    task = averaging(request.scene, request.method, request.tolerance, density)
+    (found,) = yield Wanted([task])
+    if found is None or isinstance(found, HarvesterError):
+        return found
+    return Answer(
+        scene=request.scene,
+        method=request.method,
+        quantities=found["quantities"],
+        seconds=found["seconds"],
+        density=found["density"] if request.density else None,
+    )
+
+
+def _simulated(request, version, density):
+    """Rounds of realizations until they are precise enough."""
+    cut = Realizations.of(
+        request.cut_from, request.method, request.step, version, density, request.waveform
+    )
+    most = cut.whole(request.most) if request.precision else request.first
+    count, had, found, ahead = min(cut.whole(request.first), most), 0, [], 0.0
+    while True:
+        found += yield Wanted(cut.tasks(had, count, most), ahead)
+        good, ended = good_ones(found)
+        if not good:
+            return None if ended == OUT_OF_TIME else ended
+        answer, reached = _answer(request, good, ended)
+        precise = request.precision is None or reached <= request.precision
+        if ended or precise or count >= most or isinstance(answer, HarvesterError):
+            return answer
+        had, count = count, next_count(count, reached, request.precision, cut, most)
+        needed = min(had * (reached / request.precision) ** 2, most)
+        ahead = max(needed - count, 0.0) / cut.size
+
+
+def _answer(request, good, ended):
+    """The answer from some tasks' answers, and the relative error that decides."""
+    moments = [each for part in good for each in part["moments"]]
+    scene = replace(request.scene, run=replace(request.scene.run, realizations=len(moments)))
+    parameters, scales = scale(scene)
+    scaled = estimate_all(moments, parameters) | estimate_output(moments)
+    residual = energy_balance_residual(moments, parameters)
+    if not abs(residual) <= LARGEST_RESIDUAL:
+        return EnergyNotBalanced(f"the energy balance leaves {abs(residual):.0%}; --step"), math.inf
+    found = shortfalls(scene, parameters, moments, scaled)
+    reached, unseen = _reached(request, scene, parameters, scaled)
+    shape = densities(moments, is_symmetric(scene, parameters)) if request.density else {}
+    shape = shape.get("displacement")
+    if found and shape:
+        shape = replace(shape, standard_error=None)
+    notes = [
+        *notes_on_excitation(scene),
+        *source_notes(scene.load.circuit),
+        *efficiency_notes(scaled, scales.of("power"), unit_of(scene, "power")),
+        *(shortfall.note for shortfall in found),
+    ]
+    if abs(residual) > NOTED_RESIDUAL:
+        notes.append(f"energy balance residual {residual:.1%}: choose a shorter --step")
+    if request.precision and reached > request.precision:
+        said = f"{reached:.1%}" if math.isfinite(reached) else "unknown"
+        notes.append(f"relative standard error {said}, not the {request.precision:.1%} asked for")
+    if isinstance(ended, HarvesterError):
+        ended = told(ended)
+    answer = Answer(
+        scene=scene,
+        method=request.method,
+        quantities=withheld(scaled, found),
+        seconds=sum(part["seconds"] for part in good),
+        outcome=f"ended after {len(moments)} realizations: {ended}" if ended else COMPLETE,
+        realizations=len(moments),
+        simulated_time=sum(each.time_reached for each in moments),
+        energy_balance_residual=residual,
+        misses_jumps=bool(request.precision and unseen > request.precision),
+        notes=tuple(notes),
+        density=shape,
+        moments=tuple(moments) if request.moments else (),
+        waveform=good[0]["waveform"],
+    )
+    return answer, reached
+
+
+def _reached(request, scene, parameters, scaled):
+    """Largest relative error of what decides, and what one jump more would add to E[V²]."""
+    unknown = [name for name in request.quantities if name not in scaled]
+    if len(unknown) == len(request.quantities):
+        known = ", ".join(scaled)
+        raise HarvesterError(
+            f"unknown quantity {unknown[0]}{nearest(unknown[0], scaled)}; there are {known}"
+        )
+    reached = max(relative_error(scaled.get(n)) for n in request.quantities if n not in unknown)
+    square = scaled["mean_square_voltage"].estimate
+    measured = scene.run.duration * scene.run.realizations
+    unseen = unseen_jump(parameters, square, measured)
+    # A jump's share falls as one over the time, an error as one over its root.
+    if request.precision and unseen > request.precision:
+        reached = max(reached, math.sqrt(unseen * request.precision))
+    return reached, unseen

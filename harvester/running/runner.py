@@ -1,0 +1,407 @@
+"""The one loop over tasks: reused from a store, else computed by processes and kept at once."""
+
+import contextlib
+import heapq
+import itertools
+import math
+import os
+import queue
+import time
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures import CancelledError, Executor
+from typing import TypedDict
+
+from harvester.engines.circuit import describe
+from harvester.engines.workers import LOOK_AROUND, ExecutorPool, WorkerPool
+from harvester.errors import HarvesterError
+from harvester.running.folder import StudyFolder, held
+from harvester.running.progress import Progress
+from harvester.running.request import Answer, Request, answering
+from harvester.running.store import MISSING, Store
+from harvester.running.task import Task, Wanted, compute
+from harvester.simulation import TIME_LIMIT
+
+# Answers that are named when they are not believed.
+MOST_NAMED = 10
+
+Plan = Generator[Wanted, list, object]
+
+
+class RunnerOptions(TypedDict, total=False):
+    """Keyword arguments of every study: see `open_runner`."""
+
+    output: str | os.PathLike | None
+    workers: int | None
+    executor: Executor | WorkerPool | ExecutorPool | None
+    scheduler: str | None
+    time_budget: float | None
+    time_limit: float
+    progress: Callable[[float, str], object] | None
+    runner: "Runner | None"
+
+
+class Runner:
+    """Answers tasks; get one from `open_runner`.
+
+    What a plan asks for next follows from earlier answers alone, and a task's answer from its
+    arguments: so a study that was interrupted ends in the numbers of one that was not, and any
+    processes give the same.
+
+    Attributes
+    ----------
+    folder : StudyFolder or None
+        Where answers outlast this process.
+    out_of_time : bool
+        Something was left out because the time budget was spent.
+    computed, reused : int
+        Tasks of this runner that were computed, and that were there before.
+    """
+
+    def __init__(
+        self,
+        pool: WorkerPool | ExecutorPool,
+        folder: StudyFolder | None = None,
+        deadline: float = math.inf,
+        time_limit: float = TIME_LIMIT,
+        progress: Callable[[float, str], object] | None = None,
+    ):
+        self.pool, self.folder, self.time_limit = pool, folder, time_limit
+        self.out_of_time = False
+        self._store, self._deadline = Store(folder), deadline
+        self._progress = Progress(progress or (lambda share, words: None))
+        self._computed: set[str] = set()
+        self._reused: set[str] = set()
+        self._circuit = ""
+
+    @property
+    def computed(self) -> int:
+        """Tasks that were computed."""
+        return len(self._computed)
+
+    @property
+    def reused(self) -> int:
+        """Tasks whose answers were there before."""
+        return len(self._reused)
+
+    @property
+    def warnings(self) -> list[str]:
+        """Answers that were not believed, outcomes not kept, a folder that cannot be locked."""
+        lines = list(self._store.refused.values())
+        if len(lines) > MOST_NAMED:
+            lines[MOST_NAMED:] = [f"and {len(lines) - MOST_NAMED} more of this kind"]
+        if self._store.passing and self._store.on_disk:
+            lines.append(
+                f"{self._store.passing} tasks ended by a limit or by the machine and are not kept: "
+                "the same command computes them again"
+            )
+        return [*(self.folder.notes if self.folder else ()), *lines]
+
+    def run(
+        self, tasks: Sequence[Task], on_result: Callable[[int, object], None] | None = None
+    ) -> list:
+        """Answers of some tasks, in their order.
+
+        Parameters
+        ----------
+        tasks : sequence of Task
+            Begun in the order given; equal ones once.
+        on_result : callable or None
+            Given (index, result) as soon as there is one.
+
+        Returns
+        -------
+        list
+            Answers; the HarvesterError that a task ended with; None where the time was spent.
+        """
+        return self.follow([_alone(task) for task in tasks], on_result)
+
+    def answer(
+        self,
+        requests: Sequence[Request],
+        on_answer: Callable[[int, object], None] | None = None,
+        in_turn: bool = False,
+    ) -> list[Answer | HarvesterError | None]:
+        """Answers to requests, in their order; see `harvester.running.request.answering`.
+
+        Parameters
+        ----------
+        requests : sequence of Request
+            Begun in the order given; equal ones once.
+        on_answer : callable or None
+            Given (index, answer) as soon as there is one.
+        in_turn : bool
+            See `follow`.
+        """
+        # What is kept for one of them is computed for all: their tasks are the same.
+        shapes = {_cut(request) for request in requests if request.density}
+        plans = [
+            answering(request, self.version(request.method), _cut(request) in shapes)
+            for request in requests
+        ]
+        return self.follow(plans, on_answer, in_turn)
+
+    def version(self, method: str) -> str:
+        """Of what computes by an engine or a closure, besides this package."""
+        if method != "circuit":
+            return ""
+        if not self._circuit:
+            found = self.pool.map(describe, [{}])[0]
+            device = "behavioural" if found["compiled_device_off"] else "compiled"
+            self._circuit = f"{found['version']}, {device} device"
+        return self._circuit
+
+    def follow(
+        self,
+        plans: Iterable[Plan],
+        on_end: Callable[[int, object], None] | None = None,
+        in_turn: bool = False,
+    ) -> list:
+        """What plans return; all of them go on at once.
+
+        Parameters
+        ----------
+        plans : iterable of generator
+            Each yields `Wanted` and is sent the results of its tasks, as `run` gives them, as
+            soon as all are there. Once a result is None the time is spent: it should return what
+            it has.
+        on_end : callable or None
+            Given (index, returned value).
+        in_turn : bool
+            Whether an earlier plan's later tasks go before a later plan's first ones: results
+            then come one after another, else all plans get further a step at a time.
+        """
+        return _Following(self, list(plans), on_end, in_turn).to_the_end()
+
+    def _is_time_spent(self):
+        return time.monotonic() > self._deadline
+
+
+class _Following:
+    """One call of `Runner.follow`."""
+
+    def __init__(self, runner, plans, on_end, in_turn):
+        self._runner, self._plans, self._on_end = runner, plans, on_end
+        self._in_turn = in_turn
+        self._store, self._progress = runner._store, runner._progress
+        self._returned = [None] * len(plans)
+        # Of a plan: its tasks and their results; of a task's key: the plans that wait for it.
+        self._wanted, self._results, self._waiting = {}, {}, {}
+        # Tasks that have not been handed over yet, with what goes before what.
+        self._ready, self._number = [], itertools.count()
+        self._futures, self._done = {}, queue.SimpleQueue()
+
+    def to_the_end(self):
+        self._progress.begin(len(self._plans))
+        try:
+            for plan in range(len(self._plans)):
+                self._advance(plan, None)
+            while self._waiting:
+                if self._runner._is_time_spent():
+                    self._leave_out()
+                self._hand_over()
+                self._collect()
+        except BaseException:
+            for future in self._futures:
+                future.cancel()
+            raise
+        return self._returned
+
+    def _advance(self, plan, results):
+        """Go on with a plan for as long as everything that it asks for is there."""
+        while True:
+            try:
+                wanted = self._plans[plan].send(results)
+            except StopIteration as end:
+                self._returned[plan] = end.value
+                self._progress.end(plan)
+                if self._on_end:
+                    self._on_end(plan, end.value)
+                return
+            label = wanted.tasks[0].label if wanted.tasks else ""
+            self._progress.ask(plan, label, wanted.ahead)
+            self._wanted[plan] = [task.key for task in wanted.tasks]
+            self._results[plan] = {}
+            for task in wanted.tasks:
+                self._ask(plan, task)
+            if len(self._results[plan]) < len(set(self._wanted[plan])):
+                return
+            results = self._of(plan)
+
+    def _of(self, plan):
+        results = self._results.pop(plan)
+        return [results[key] for key in self._wanted.pop(plan)]
+
+    def _ask(self, plan, task):
+        """Note what is known of a task, or wait for it."""
+        runner, key = self._runner, task.key
+        if key in self._waiting:
+            self._waiting[key].add(plan)
+            return
+        found = self._store.get(task)
+        if found is not MISSING:
+            runner._reused |= {key} - runner._computed
+        elif runner._is_time_spent():
+            runner.out_of_time = True
+            found = None
+        else:
+            self._waiting[key] = {plan}
+            self._progress.wait(task.label)
+            place = plan if self._in_turn else 0
+            heapq.heappush(self._ready, (place, next(self._number), task))
+            return
+        self._results[plan][key] = found
+
+    def _hand_over(self):
+        """Keep the processes busy: two tasks each, so that none waits for this one."""
+        pool = self._runner.pool
+        while self._ready and len(self._futures) < 2 * pool.size:
+            *_, task = heapq.heappop(self._ready)
+            limit = self._runner.time_limit * task.time_limits
+            arguments = {"function": task.function, "arguments": task.arguments}
+            future = pool.submit(compute, arguments, limit)
+            self._futures[future] = task
+            future.add_done_callback(self._done.put)
+
+    def _leave_out(self):
+        """Begin nothing more: what was asked for and has not begun is answered by None."""
+        for future in self._futures:
+            future.cancel()
+        ready, self._ready = self._ready, []
+        for *_, task in ready:
+            self._runner.out_of_time = True
+            self._settle(task, None, 0.0)
+
+    def _collect(self):
+        """Wait for one task and keep its answer."""
+        try:
+            future = self._done.get(timeout=LOOK_AROUND if self._futures else 0.0)
+        except queue.Empty:
+            return
+        task = self._futures.pop(future)
+        outcome, seconds = _outcome(future)
+        if future.cancelled():
+            self._runner.out_of_time = True
+        else:
+            self._store.put(task, outcome)
+            self._runner._computed.add(task.key)
+        self._settle(task, outcome, seconds)
+
+    def _settle(self, task, outcome, seconds):
+        """Go on with the plans that waited for a task."""
+        self._progress.done(task.label, seconds)
+        for plan in sorted(self._waiting.pop(task.key)):
+            self._results[plan][task.key] = outcome
+            if len(self._results[plan]) == len(set(self._wanted[plan])):
+                self._advance(plan, self._of(plan))
+
+
+def _outcome(future):
+    """(answer or error, seconds) of a task that has ended; (None, 0) of one that never began."""
+    if future.cancelled():
+        return None, 0.0
+    try:
+        found = future.result()
+    except HarvesterError:
+        raise
+    except (Exception, CancelledError) as error:
+        raise HarvesterError(
+            f"the executor lost a task: {type(error).__name__}: {error}; what is finished is kept "
+            "where there is an --output"
+        ) from error
+    # What ended the process itself stands there alone.
+    return found if isinstance(found, tuple) else (found, 0.0)
+
+
+def _cut(request):
+    """What decides the realizations of a request."""
+    return request.cut_from, request.method, request.step
+
+
+def _alone(task):
+    """A plan of one task."""
+    (result,) = yield Wanted([task])
+    return result
+
+
+@contextlib.contextmanager
+def open_runner(
+    output: str | os.PathLike | None = None,
+    *,
+    workers: int | None = None,
+    executor: Executor | WorkerPool | ExecutorPool | None = None,
+    scheduler: str | None = None,
+    time_budget: float | None = None,
+    time_limit: float = TIME_LIMIT,
+    progress: Callable[[float, str], object] | None = None,
+    runner: Runner | None = None,
+) -> Iterator[Runner]:
+    """Make a runner for the block.
+
+    Parameters
+    ----------
+    output : str or Path or StudyFolder or None
+        Folder whose `points/` keeps every answer, and is read first; no other run may use it
+        meanwhile. None: answers are kept in memory.
+    workers : int or None
+        Processes of our own; None: one per core.
+    executor : concurrent.futures.Executor, WorkerPool, ExecutorPool or None
+        Instead of them; the numbers are the same.
+    scheduler : str or None
+        Address of a Dask scheduler, instead of them.
+    time_budget : float or None
+        Wall-clock seconds after which nothing is begun.
+    time_limit : float
+        Wall-clock seconds of one realization.
+    progress : callable or None
+        Given the share done, 0 … 1, and a few words.
+    runner : Runner or None
+        One that is open already: it is handed on, and all else must be left out.
+
+    Raises
+    ------
+    HarvesterError
+        A number out of range, no such scheduler.
+    FolderInUse
+        Another run is at work in the folder.
+    """
+    if runner is not None:
+        yield runner
+        return
+    if workers is not None and workers < 1:
+        raise HarvesterError(f"--workers {workers}: must be a whole number ≥ 1")
+    for name, seconds in (("time-budget", time_budget), ("time-limit", time_limit)):
+        if seconds is not None and not seconds > 0.0:
+            raise HarvesterError(f"--{name} {seconds}: must be a number > 0")
+    deadline = time.monotonic() + time_budget if time_budget else math.inf
+    with (
+        held(output) if output else contextlib.nullcontext() as folder,
+        _processes(workers, executor, scheduler) as pool,
+    ):
+        yield Runner(pool, folder, deadline, time_limit, progress)
+
+
+@contextlib.contextmanager
+def _processes(workers, executor, scheduler):
+    """The pool that was handed in or one around the executor, else workers that end with it."""
+    if isinstance(executor, (WorkerPool, ExecutorPool)):
+        yield executor
+    elif executor is not None:
+        yield ExecutorPool(executor)
+    elif scheduler is not None:
+        with _dask(scheduler) as client:
+            yield ExecutorPool(client.get_executor(pure=False))
+    else:
+        with WorkerPool(None, workers) as own:
+            yield own
+
+
+def _dask(address):
+    """A client of a Dask scheduler."""
+    try:
+        from distributed import Client
+    except ImportError:
+        raise HarvesterError("--scheduler needs Dask: pip install 'harvester[cluster]'") from None
+    try:
+        return Client(address, timeout="10s")
+    except (OSError, ValueError) as error:
+        raise HarvesterError(f"--scheduler {address}: {error}") from None

@@ -1,0 +1,138 @@
+"""What one key of a scene accepts: its kind, its range, its units; and the check of a value."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Any
+
+from harvester.errors import SceneError
+from harvester.files.plain_text import nearest, shown
+
+SCALED, SI = "scaled", "SI"
+BOTH = (SCALED, SI)
+NAMED_VALUES = "named values"
+# Numbers beyond these, zero aside, overflow or vanish in products of a few of them.
+SMALLEST, LARGEST = 1e-30, 1e30
+
+
+@dataclass(frozen=True)
+class Key:
+    """What one key accepts: a number in a range, a text, one of a few words, a list, named values.
+
+    `kind` is float, int, str, (str, int), `NAMED_VALUES` for a table of numbers or texts, or dict
+    for a table with a `kind` of its own. With `each`, a list of `count` (fewest, most) values of
+    that key's sort.
+    """
+
+    kind: Any = float
+    low: float = -math.inf
+    high: float = math.inf
+    low_allowed: bool = True
+    words: Collection[str] = ()
+    units: tuple = BOTH
+    required: bool = False
+    each: Key | None = None
+    count: tuple = (0, 0)
+
+    def allowed(self) -> str:
+        """The accepted values, in words."""
+        if self.each:
+            few, many = self.count
+            return f"a list of {few if few == many else f'{few} to {many}'}: {self.each.allowed()}"
+        if self.words:
+            return "one of " + ", ".join(f'"{word}"' for word in self.words)
+        if self.kind in _NOUNS:
+            return _NOUNS[self.kind]
+        noun = "a whole number" if self.kind is int else "a number"
+        if self.low == -math.inf:
+            return noun
+        if self.high == math.inf:
+            return f"{noun} {'≥' if self.low_allowed else '>'} {self.low:g}"
+        return f"{noun} in {'[' if self.low_allowed else '('}{self.low:g}, {self.high:g}]"
+
+
+_NOUNS = {
+    str: "a text",
+    (str, int): "a name or a whole number ≥ 0",
+    dict: "a table",
+    NAMED_VALUES: 'a table of numbers, or of texts like "100k"',
+}
+
+
+def positive(**more: Any) -> Key:
+    """A key for a number > 0."""
+    return Key(low=0.0, low_allowed=False, **more)
+
+
+def not_negative(**more: Any) -> Key:
+    """A key for a number ≥ 0."""
+    return Key(low=0.0, **more)
+
+
+def check_value(where: str, value: Any, spec: Key, origin: str) -> Any:
+    """The value of one key, numbers as float or int.
+
+    Parameters
+    ----------
+    where : str
+        The key's full name, for the message.
+    value : object
+    spec : Key
+    origin : str
+        File or scene name, for the message.
+
+    Raises
+    ------
+    SceneError
+        It is not what the key accepts.
+    """
+
+    def refuse():
+        hint = nearest(value, spec.words) if isinstance(value, str) else ""
+        raise SceneError(f"{origin}: {where} = {shown(value)}: must be {spec.allowed()}{hint}")
+
+    if spec.each:
+        few, many = spec.count
+        if not isinstance(value, (list, tuple)) or not few <= len(value) <= many:
+            refuse()
+        return tuple(
+            check_value(f"{where}[{place}]", part, spec.each, origin)
+            for place, part in enumerate(value)
+        )
+    if spec.kind is NAMED_VALUES:
+        return dict(value) if isinstance(value, dict) and _named_values(value) else refuse()
+    if spec.words:
+        return value if is_word(value, spec.words) else refuse()
+    if spec.kind in _NOUNS:
+        fits = isinstance(value, spec.kind) and value is not True and value is not False
+        return value if fits else refuse()
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        refuse()
+    if spec.kind is int and not isinstance(value, int):
+        refuse()
+    too_low = value < spec.low or (value == spec.low and not spec.low_allowed)
+    if not value <= spec.high or too_low:
+        refuse()
+    if spec.kind is float and value != 0.0 and not SMALLEST <= abs(value) <= LARGEST:
+        raise SceneError(
+            f"{origin}: {where} = {shown(value)}: must be {spec.allowed()}, and of a size that "
+            f"can be computed with: {SMALLEST:g} to {LARGEST:g}"
+        )
+    return spec.kind(value)
+
+
+def is_word(value: object, words: Collection[str]) -> bool:
+    """Whether a value is one of some words."""
+    # An array of numpy is compared item by item.
+    return isinstance(value, str) and value in words
+
+
+def _named_values(table):
+    """Whether all values are numbers of a sane size, or texts; the load refuses others of them."""
+    return all(
+        isinstance(v, str)
+        or (isinstance(v, (int, float)) and not isinstance(v, bool) and not abs(v) > LARGEST)
+        for v in table.values()
+    )

@@ -1,0 +1,34 @@
+"""What every result, comparison and study offers to be shown and written."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Protocol
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from harvester.scene.model import Scene
+
+
+class Tabled(Protocol):
+    """What a command shows on the terminal."""
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that it is about."""
+
+    def table(self) -> tuple[list[str], list[list[str]]]:
+        """Header and rows as text; the first two columns are words."""
+
+    def sentences(self) -> list[str]:
+        """What the numbers say and how they came about, one line each."""
+
+
+class Shown(Tabled, Protocol):
+    """What it writes as JSON and as a figure too."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+
+    def figure(self) -> Figure | None:
+        """A drawing in the project's style; None where there is nothing to draw."""

@@ -1,0 +1,55 @@
+"""Requests for the paper's scenes.
+
+`reproduce` and `claims` cut the same realizations, so that either finds those of the other.
+"""
+
+from collections.abc import Iterable
+from typing import Any
+
+from harvester.averaging import TOLERANCES
+from harvester.engines.protocol import ENGINES
+from harvester.engines.steps import resolving
+from harvester.running import Request
+from harvester.scene.model import Scene
+
+# Measured time of one realization (s).
+DURATIONS = {"monte-carlo": 5_000.0, "circuit": 1_200.0}
+# Largest numerical error of a closure: finer grids would show in no figure.
+CLOSURE_ERROR = 5e-3
+# Rough cost of a request in closure points.
+COSTS = {"circuit": 20.0, "monte-carlo": 2.0, "fokker_planck": 5.0}
+
+
+def request(
+    scene: Scene,
+    method: str,
+    realizations: dict[str, int],
+    density: bool = False,
+    **options: Any,
+) -> Request:
+    """One scene by one method.
+
+    Parameters
+    ----------
+    scene : Scene
+    method : str
+    realizations : dict of str to int
+        Of each engine, at first.
+    density : bool
+    **options
+        Of `harvester.running.Request`, for simulations alone.
+    """
+    if method not in ENGINES:
+        tolerance = max(CLOSURE_ERROR, TOLERANCES[method])
+        return Request(scene, method, tolerance=tolerance, density=density)
+    run = resolving(scene).replace({"run.duration": DURATIONS[method]})
+    return Request(run, method, realizations=realizations[method], density=density, **options)
+
+
+def costly_first(requests: Iterable[Request]) -> list[Request]:
+    """The requests with the long ones in front: no process is left alone with one at the end."""
+    return sorted(requests, key=_cost, reverse=True)
+
+
+def _cost(one):
+    return COSTS.get(one.method, 1.0) + 2.0 * (one.density and one.is_averaged)

@@ -1,0 +1,126 @@
+"""What one engine or closure says of one case, computed in a worker process.
+
+Errors are outcomes of the task, which the runner hands on.
+"""
+
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from harvester.averaging import CLOSURES, average
+from harvester.averaging.of_scene import averaged_device, estimates_of
+from harvester.engines.protocol import ENGINES
+from harvester.engines.realization import run
+from harvester.engines.steps import knot_spacing, steps_per_knot
+from harvester.estimates.balance import energy_balance_residual
+from harvester.estimates.means import estimate_all
+from harvester.running.codec import register
+from harvester.scene.model import Scene
+from harvester.scene.units import require_resistor, scale
+from harvester.verification.stability.cases import SETTLED_TIMES, STEP_BUDGET, slowest_time
+from harvester.verification.stability.paths import PathDeviation, ignore, path_deviation
+
+METHODS = (*ENGINES, *CLOSURES)
+# Of the slow times that a run lets pass first, the share without which its means do not count.
+LEAST_SETTLED_SHARE = 0.5
+# Steps in which the number of them a second is found out.
+TRIAL_STEPS = 100_000
+
+
+@register
+@dataclass(frozen=True)
+class CaseAnswer:
+    """What one engine or closure says of one case, in scaled units.
+
+    Attributes
+    ----------
+    estimates : dict of str to Estimate
+        Means: Monte Carlo's with their standard errors, a closure's with its numerical ones; none
+        of the circuit, whose run is too short for them.
+    residual : float or None
+        Of the energy balance; None for a closure.
+    seconds : float
+        Wall time of the simulation or of the closure.
+    steps, realizations : int
+        0 for a closure.
+    duration, settle, step : float or None
+        Of each realization, as it was run, and its longest step (s); None for a closure.
+    settled : bool
+        The transient had passed before the means were taken.
+    path : PathDeviation or None
+        None for a closure.
+    """
+
+    estimates: dict
+    residual: float | None
+    seconds: float
+    steps: int = 0
+    realizations: int = 0
+    duration: float | None = None
+    settle: float | None = None
+    step: float | None = None
+    settled: bool = True
+    path: PathDeviation | None = None
+
+
+def answer(scene: Scene, method: str, step: str | float, report: Callable) -> CaseAnswer:
+    """One case by one engine or closure; a warning counts as an error.
+
+    Returns
+    -------
+    CaseAnswer
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = _simulated(scene, method, step) if method in ENGINES else _averaged(scene, method)
+    report(1.0)
+    return found
+
+
+def _simulated(scene, engine, step):
+    if engine == "monte-carlo":
+        require_resistor(scene, "Monte Carlo")
+    path, realizations = path_deviation(scene, engine, step)
+    estimates, settled = {}, True
+    if engine == "monte-carlo":
+        scene = _affordable(scene, step)
+        indices = range(scene.run.realizations)
+        realizations = [
+            run(scene, engine, [index], step, "external", None, ignore)[0] for index in indices
+        ]
+        settled = scene.run.settle > LEAST_SETTLED_SHARE * SETTLED_TIMES * slowest_time(scene)
+    moments = [realization.moments for realization in realizations]
+    parameters, _ = scale(scene)
+    if engine == "monte-carlo":
+        estimates = estimate_all(moments, parameters)
+    return CaseAnswer(
+        estimates=estimates,
+        residual=energy_balance_residual(moments, parameters),
+        seconds=sum(realization.seconds for realization in realizations),
+        steps=sum(each.points for each in moments),
+        realizations=len(moments),
+        duration=moments[0].time_reached - moments[0].start,
+        settle=moments[0].start,
+        step=knot_spacing(scene) / steps_per_knot(scene, step, engine),
+        settled=settled,
+        path=path,
+    )
+
+
+def _affordable(scene, step):
+    """The scene with a run so short that its contacts, too, keep to the budget of steps."""
+    length = scene.run.settle + scene.run.duration
+    own = knot_spacing(scene) / steps_per_knot(scene, step, "monte-carlo")
+    trial = scene.replace({"run.settle": 0.0, "run.duration": min(TRIAL_STEPS * own, length)})
+    [first] = run(trial, "monte-carlo", [0], step, "external", None, ignore)
+    points = first.moments.points * length / trial.run.duration * scene.run.realizations
+    share = min(STEP_BUDGET / points, 1.0)
+    times = {"run.duration": scene.run.duration, "run.settle": scene.run.settle}
+    return scene.replace({key: share * value for key, value in times.items()})
+
+
+def _averaged(scene, closure):
+    clock = time.perf_counter()
+    averages = average(averaged_device(scene), closure)
+    return CaseAnswer(estimates_of(averages), None, time.perf_counter() - clock)

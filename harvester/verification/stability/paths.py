@@ -1,0 +1,283 @@
+"""The path of an engine against a fine one on the same noise, for as long as paths can be compared.
+
+Two motions on the same noise part in time: a contact or a pass of a saddle makes a small difference
+a large one. A second fine path from a slightly other start tells when, and so does the engine
+itself at half its step. Up to there the engine's limit for short steps, extrapolated from the two,
+has to be the fine path: a wrong equation shows there far below what the step itself costs. What
+the step costs is the difference of the mean squares at the step asked for.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from harvester.device import timescales
+from harvester.device.piezo import PiezoTable
+from harvester.engines import side_by_side
+from harvester.engines.realization import Realization, run
+from harvester.engines.steps import knot_spacing, steps_per_knot
+from harvester.errors import LoadError
+from harvester.running.codec import register
+from harvester.scene.model import Scene
+from harvester.scene.units import require_resistor, scale
+from harvester.verification.stability.replay import can_replay, replayed
+
+# Steps of the circuit along all paths together, away from contacts; greatest and smallest number
+# of paths, and the length of each where the noise's knots crowd (periods).
+PATH_STEPS = 20_000
+MOST_PATHS, FEWEST_PATHS = 8, 2
+FEWEST_PERIODS = 3.0
+MOST_PERIODS = 30.0
+# Steps that a mass takes from rest to a state that is typical of it.
+SETTLING_STEPS = 200_000
+# Divisions of the step asked for, in the second look that tells a wrong model from a long step.
+FINER = 2
+# Initial difference of the second fine path, as a share of the rms velocity, and the growth of it
+# up to which paths are compared.
+DISPLACED = 1e-4
+LARGEST_GROWTH = 5.0
+# Difference of the paths at the step and at half of it, as a share of the rms, up to which its
+# order can be relied on.
+LARGEST_STEP_ERROR = 0.05
+STATES = ("displacement", "velocity", "voltage")
+# Deviations are those of X and V: X' changes its sign in a contact, where a knot in time finds it
+# far off though the paths are close.
+SMOOTH = (0, 2)
+# Least deviation of the limit that is taken for one; that of contacts which are resolved by steps
+# of their own, whatever the longest step; the share of the step's error that extrapolation leaves.
+LEAST_DEVIATION = 3e-3
+LEAST_OF_STIFF_CONTACTS = 2e-2
+LEFT_OF_STEP_ERROR = 0.25
+
+
+@register
+@dataclass(frozen=True)
+class PathDeviation:
+    """How far an engine's paths lie from fine ones over the stretch in which they are comparable.
+
+    Attributes
+    ----------
+    reference : str
+        Engine of the fine paths.
+    of_limit : float
+        Root mean square deviation of the limit for short steps, as a share of the state's rms,
+        of X or V, whichever is larger; nan where no stretch can be compared.
+    of_mechanics : float
+        The same of X against the mass under the recorded voltage (`replay`), where the circuit is
+        its own reference; nan elsewhere.
+    resolution : float
+        What both may be in an engine that solves the same equations.
+    of_mean_squares : float
+        Largest deviation of the mean squares of X' and V at the step asked for, as a share.
+    compared_periods, comparable_periods : float
+        Mean length of the stretch in periods of small oscillations, and that of the fine paths
+        alone, whatever the engine does.
+    compared_time : float
+        The former (s).
+    paths : int
+    """
+
+    reference: str
+    of_limit: float
+    of_mechanics: float
+    resolution: float
+    of_mean_squares: float
+    compared_periods: float
+    comparable_periods: float
+    compared_time: float
+    paths: int
+
+
+def path_deviation(
+    scene: Scene, engine: str, step: str | float
+) -> tuple[PathDeviation, list[Realization]]:
+    """Compare an engine's paths with fine ones (in a worker).
+
+    Parameters
+    ----------
+    scene : Scene
+        Its run gives the seed.
+    engine, step : str, str or float
+        See `harvester.simulate`.
+
+    Returns
+    -------
+    PathDeviation
+    list of harvester.engines.realization.Realization
+        Those at the step asked for.
+    """
+    brief = path_scene(scene)
+    reference = reference_engine(scene)
+    fine = _states(brief, _paths(brief, reference, "fine"))
+    start = fine[:, :1] * (1.0, 0.0, 0.0)
+    sizes = _root_mean_square(fine - start)
+    comparable = _comparable(brief, reference, fine, sizes)
+    own_step = knot_spacing(brief) / steps_per_knot(brief, step, engine)
+    realizations = _paths(brief, engine, step)
+    at_step = _states(brief, realizations)
+    finer = _paths(brief, engine, own_step / FINER)
+    at_finer = _states(brief, finer)
+    step_errors = (at_step - at_finer) / sizes
+    compared = comparable & _close(step_errors, LARGEST_STEP_ERROR)
+    left = LEFT_OF_STEP_ERROR * _largest(step_errors, compared)
+    spacing, period = knot_spacing(brief), _period(brief)
+    lengths = [spacing * float(each.sum(axis=1).mean()) for each in (compared, comparable)]
+    deviation = PathDeviation(
+        reference=reference,
+        of_limit=_largest((_limit(at_step, at_finer) - fine) / sizes, compared),
+        of_mechanics=_of_mechanics(brief, (realizations, finer), (at_step, at_finer), compared),
+        resolution=max(_least_deviation(brief, step), left),
+        of_mean_squares=_mean_squares(at_step, fine, compared),
+        compared_periods=lengths[0] / period,
+        comparable_periods=lengths[1] / period,
+        compared_time=lengths[0],
+        paths=len(fine),
+    )
+    return deviation, realizations
+
+
+def _limit(at_step, at_finer):
+    """Extrapolation of second order to short steps."""
+    return at_finer + (at_finer - at_step) / (FINER**2 - 1.0)
+
+
+def _of_mechanics(scene, realizations, states, compared):
+    """Deviation of X from the replayed mass in the limit for short steps; nan where not needed."""
+    if reference_engine(scene) != "circuit" or not can_replay(scene) or not compared.any():
+        return np.nan
+    apart = [
+        place[..., 0] - replayed(scene, [each.waveform for each in ours])
+        for ours, place in zip(realizations, states, strict=True)
+    ]
+    size = np.sqrt(np.mean(np.square(states[1][..., 0] - states[1][:, :1, 0])))
+    return float(np.sqrt(np.mean(np.square(_limit(*apart)[compared]))) / size)
+
+
+def path_scene(scene: Scene) -> Scene:
+    """The scene for so many steps, from a typical state."""
+    spacing, period = knot_spacing(scene), _period(scene)
+    step = spacing / steps_per_knot(scene)
+    periods = PATH_STEPS * step / (MOST_PATHS * period)
+    length = min(max(periods, FEWEST_PERIODS), MOST_PERIODS) * period
+    paths = int(PATH_STEPS * step / length)
+    changes = {
+        "run.duration": max(round(length / spacing), 1) * spacing,
+        "run.settle": 0.0,
+        "run.realizations": min(max(paths, FEWEST_PATHS), MOST_PATHS),
+        "excitation.knot_spacing": spacing,
+    }
+    return scene.replace(changes | _typical_start(scene))
+
+
+def reference_engine(scene: Scene) -> str:
+    """Monte Carlo, whose scheme is of higher order; the circuit where only it knows the load."""
+    try:
+        require_resistor(scene, "Monte Carlo")
+    except LoadError:
+        return "circuit"
+    return "monte-carlo"
+
+
+def _period(scene):
+    """Of small oscillations (s)."""
+    return 2.0 * np.pi / timescales.angular_frequency(scale(scene)[0])
+
+
+def _typical_start(scene):
+    """A state in which Monte Carlo is after many steps, in no contact, as keys of the scene."""
+    if scene.start or reference_engine(scene) != "monte-carlo":
+        return {}
+    spacing = knot_spacing(scene)
+    knots = max(round(SETTLING_STEPS / steps_per_knot(scene)), 1)
+    settling = scene.replace(
+        {
+            "run.duration": knots * spacing,
+            "run.settle": 0.0,
+            "run.realizations": 1,
+            "excitation.knot_spacing": spacing,
+        }
+    )
+    stop = knots * spacing
+    window = (stop - _period(scene), 2.0 * stop)
+    [settled] = run(settling, "monte-carlo", [0], "default", "external", window, ignore)
+    parameters, scales = scale(scene)
+    last = settled.waveform
+    low, high = timescales.free_zone(parameters)
+    # A mass that is pressed against a stopper is never out of contact: then the last point.
+    free = np.flatnonzero((last.displacement > low) & (last.displacement < high))
+    place = free[-1] if free.size else -1
+    start = {
+        "start.displacement": float(last.displacement[place] * scales.displacement),
+        "start.velocity": float(last.velocity[place] * scales.displacement),
+    }
+    # A coil holds its current, which no scene starts with.
+    charge = {"start.voltage": float(last.voltage[place] * scales.voltage)}
+    return start | charge if isinstance(scene.transducer, PiezoTable) else start
+
+
+def _paths(scene, engine, step):
+    """Realizations with their whole waveforms."""
+    together, count = 1, scene.run.realizations
+    if engine == "circuit":
+        together = side_by_side.copies(scene, lambda: count, step, netlists=1)
+    window = (0.0, 2.0 * scene.run.duration)
+    paths = []
+    for first in range(0, count, together):
+        indices = list(range(first, min(first + together, count)))
+        paths += run(scene, engine, indices, step, "external", window, ignore)
+    return paths
+
+
+def _states(scene, paths):
+    """States at the knots, which every engine has among its points: (paths, knots, states)."""
+    spacing = knot_spacing(scene)
+    times = spacing * np.arange(1, round(scene.run.duration / spacing) + 1)
+    columns = [
+        [np.interp(times, each.waveform.time, getattr(each.waveform, name)) for name in STATES]
+        for each in paths
+    ]
+    return np.array(columns).transpose(0, 2, 1)
+
+
+def _comparable(scene, engine, fine, sizes):
+    """Knots up to which a small difference has not grown much, bool of shape (paths, knots)."""
+    shift = DISPLACED * sizes[STATES.index("velocity")]
+    start = scene.start.velocity if scene.start else 0.0
+    moved = scene.replace({"start.velocity": start + shift * scale(scene)[1].displacement})
+    other = _states(scene, _paths(moved, engine, "fine"))
+    return _close((other - fine) / sizes, LARGEST_GROWTH * DISPLACED)
+
+
+def _close(shares, largest):
+    """Knots of each path before X or V differs by more than this share of its size."""
+    shares = np.abs(shares[..., SMOOTH]).max(axis=2)
+    return np.maximum.accumulate(shares, axis=1) <= largest
+
+
+def _least_deviation(scene, step):
+    stiff = side_by_side.contacts_shorten_steps(scene, step)
+    return LEAST_OF_STIFF_CONTACTS if stiff else LEAST_DEVIATION
+
+
+def _root_mean_square(states):
+    """Of each state over paths and knots; 1 where it stays 0."""
+    sizes = np.sqrt(np.mean(np.square(states), axis=(0, 1)))
+    return np.where(sizes > 0.0, sizes, 1.0)
+
+
+def _largest(shares, compared):
+    """Root mean square over the compared knots of X or V, whichever is larger."""
+    inside = shares[compared][:, SMOOTH]
+    return float(np.sqrt(np.mean(np.square(inside), axis=0)).max()) if inside.size else np.nan
+
+
+def _mean_squares(paths, fine, compared):
+    """Largest deviation of the mean squares of X' and V over the compared knots, as a share."""
+    if not compared.any():
+        return np.nan
+    ours, theirs = (np.mean(np.square(each[compared][:, 1:]), axis=0) for each in (paths, fine))
+    return float(np.abs(ours / np.where(theirs > 0.0, theirs, 1.0) - 1.0)[theirs > 0.0].max())
+
+
+def ignore(moments: object) -> None:
+    """A report that nobody reads."""

@@ -1,0 +1,99 @@
+"""The mass driven by a circuit's own terminal voltage: what judges it where no other engine can.
+
+Any load answers the piezo with a voltage V(t). With that of the circuit's own record put into
+Eq. 4a, the motion is that of a mass under two known forces, which an integrator without a circuit
+follows: a wrong spring, damper, contact or coupling in the circuit shows. Whether the load itself
+is right is left to the energy balance.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from harvester.device import spring as springs
+from harvester.device.piezo import Piezo
+from harvester.device.system import elastic_force
+from harvester.engines.realization import noise_path, start_state
+from harvester.engines.steps import knot_spacing, steps_per_knot
+from harvester.record.record import Record
+from harvester.scene.model import Scene
+from harvester.scene.units import scale
+
+# Steps of the integrator for each of the engine's.
+FINER = 2
+
+
+def can_replay(scene: Scene) -> bool:
+    """Whether the state and the voltage say what acts on the mass: a piezo, no held speeds."""
+    system, _ = scale(scene)
+    held = any(getattr(each.law, "holds", 0.0) for each in system.contacts)
+    return isinstance(system.transducer, Piezo) and not held
+
+
+def replayed(scene: Scene, waveforms: Sequence[Record]) -> np.ndarray:
+    """Displacements at the knots under recorded terminal voltages.
+
+    Runge–Kutta of fourth order, all realizations at once.
+
+    Parameters
+    ----------
+    scene : Scene
+    waveforms : sequence of Record
+        From the beginning of the realizations 0, 1, ….
+
+    Returns
+    -------
+    ndarray, shape (realizations, knots)
+    """
+    system, _ = scale(scene)
+    spacing, count = knot_spacing(scene), len(waveforms)
+    knots = round(scene.run.duration / spacing)
+    steps = FINER * steps_per_knot(scene, "default")
+    halves = 2 * steps * knots
+    times = np.linspace(0.0, knots * spacing, halves + 1)
+    starts = np.array([start_state(scene, index) for index in range(count)])
+    noise = [noise_path(scene, index).read(knots + 1) for index in range(count)]
+    knot_times = spacing * np.arange(knots + 1)
+    drive = np.array(
+        [
+            np.interp(times, knot_times, path)
+            - system.transducer.coupling
+            * np.interp(times, np.append(0.0, w.time), np.append(start[2], w.voltage))
+            for path, w, start in zip(noise, waveforms, starts, strict=True)
+        ]
+    ).T
+    x, v = starts[:, 0], starts[:, 1]
+    h = spacing / steps
+    places = np.empty((count, knots))
+    for step in range(steps * knots):
+        a, b, c = drive[2 * step : 2 * step + 3]
+        x, v = _runge_kutta(system, x, v, a, b, c, h)
+        if (step + 1) % steps == 0:
+            places[:, (step + 1) // steps - 1] = x
+    return places
+
+
+def _runge_kutta(system, x, v, first, middle, last, h):
+    """One step under a drive given at its beginning, middle and end."""
+    half = 0.5 * h
+    a1 = first - _resistance(system, x, v)
+    v2 = v + half * a1
+    a2 = middle - _resistance(system, x + half * v, v2)
+    v3 = v + half * a2
+    a3 = middle - _resistance(system, x + half * v2, v3)
+    v4 = v + h * a3
+    a4 = last - _resistance(system, x + h * v3, v4)
+    x = x + h / 6.0 * (v + 2.0 * (v2 + v3) + v4)
+    return x, v + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
+
+
+def _resistance(system, x, v):
+    """What spring, damper and contacts oppose to the drive; arrays of one shape."""
+    force = elastic_force(system, x) + system.damper.force(v)
+    for each in system.contacts:
+        side = np.sign(x) if each.side == 0.0 else each.side
+        depth = np.maximum(side * x - each.gap, 0.0)
+        if depth.any():
+            gain = springs.energy(system.spring, x) - springs.energy(system.spring, side * each.gap)
+            force = force + np.where(depth > 0.0, each.law.damping(depth, v, gain, 0.0), 0.0) * v
+    return force

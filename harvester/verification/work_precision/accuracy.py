@@ -1,0 +1,138 @@
+"""Total error against wall time: what a method's bias and its sampling error make together.
+
+After a wall time t a mean is off by √(b² + s² c/t): b the method's bias, s²/T the sampling variance
+of a run of T simulated seconds, c the wall seconds that one of them costs.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from harvester.estimates.batch_means import complete_batches, standard_error
+from harvester.estimates.estimate import TOO_SHORT, Estimate
+from harvester.estimates.paired import deviations
+from harvester.record.moments import Moments
+from harvester.record.output_side import QUANTITIES as OUTPUT_QUANTITIES
+
+# Errors whose times are read off, as shares.
+LIMITS = (0.1, 0.03, 0.01)
+# Standard errors of a bias within which it may be nought, and by which it may be larger.
+SURE = 2.0
+OUTPUT_POWER = "mean_output_power"
+
+
+@dataclass(frozen=True)
+class TotalError:
+    """One method's error in one quantity over wall time.
+
+    Attributes
+    ----------
+    bias : Estimate
+        As a share of the reference's mean; no standard error where the runs are too short.
+    scatter : float
+        Relative standard error of the mean times the root of the simulated time (√s).
+    cost : float
+        Wall seconds of one core for one measured second, settling included.
+    """
+
+    bias: Estimate
+    scatter: float
+    cost: float
+
+    @property
+    def resolved_bias(self) -> float:
+        """|bias| without what its own error bar explains: √(b² − σ²), 0 where that is all.
+
+        nan without an error bar.
+        """
+        error = self.bias.standard_error
+        if error is None:
+            return math.nan
+        return math.sqrt(max(self.bias.estimate**2 - error**2, 0.0))
+
+    @property
+    def largest_bias(self) -> float:
+        """What |bias| may be at most, two standard errors up; infinite without an error bar."""
+        error = self.bias.standard_error
+        return math.inf if error is None else abs(self.bias.estimate) + SURE * error
+
+    def after(self, seconds: float | np.ndarray) -> float | np.ndarray:
+        """Total error after a wall time; `seconds` a float or an array of any shape."""
+        return np.sqrt(self.resolved_bias**2 + self.scatter**2 * self.cost / seconds)
+
+    def seconds_to(self, limit: float) -> float:
+        """Wall time to a total error; infinite where the bias alone is larger, nan if unknown."""
+        left = limit**2 - self.resolved_bias**2
+        if math.isnan(left):
+            return math.nan
+        return self.scatter**2 * self.cost / left if left > 0.0 else math.inf
+
+    def is_shown(self, limit: float) -> bool:
+        """Whether the bias is known well enough to say that this error is reached."""
+        return self.largest_bias <= limit
+
+
+def scatter_of(quantities: dict[str, Estimate], name: str, simulated_time: float) -> float:
+    """Relative standard error times the root of the simulated time; nan without an error bar."""
+    each = quantities[name]
+    if each.standard_error is None or not each.estimate:
+        return math.nan
+    return abs(each.standard_error / each.estimate) * math.sqrt(simulated_time)
+
+
+def bias_of(
+    name: str,
+    ours: list[Moments],
+    theirs: list[Moments],
+    quantities: tuple[dict[str, Estimate], ...],
+) -> Estimate:
+    """A method's bias, from its own run and the reference's longer one on the same noise.
+
+    The reference's realizations on the noise of the method's own serve as control variate: with α
+    the slope of the batches of one on the other's, m − α m' + (α − 1) M estimates the bias, m' the
+    reference's mean over these realizations and M that over all of its own. α is 1 while paths
+    stay together, and 0 where they part at once.
+
+    Parameters
+    ----------
+    name : str
+        Of the quantity.
+    ours : sequence of Moments
+        Of the method's first realizations.
+    theirs : sequence of Moments
+        Of the reference, in the same order, at least as many.
+    quantities : tuple of dict of str to Estimate
+        Of `ours`, of the first of `theirs`, as many, and of all of `theirs`.
+
+    Returns
+    -------
+    Estimate
+        As a share of the reference's mean.
+    """
+    mean, paired, whole = (each[name] for each in quantities)
+    own, common = deviations_of(ours, name), deviations_of(theirs[: len(ours)], name)
+    square = float(np.sum(common**2))
+    slope = float(np.sum(own * common)) / square if square > 0.0 else 0.0
+    slope = min(max(slope, 0.0), 1.0)
+    bias = mean.estimate - slope * paired.estimate - (1.0 - slope) * whole.estimate
+    error, far = standard_error(own - slope * common), whole.standard_error
+    if error is None or far is None:
+        return Estimate(bias / whole.estimate, None, None, "1", TOO_SHORT)
+    error = math.hypot(error, (1.0 - slope) * far)
+    return Estimate(bias / whole.estimate, error / abs(whole.estimate), None, "1")
+
+
+def deviations_of(moments: list[Moments], name: str) -> np.ndarray:
+    """`harvester.estimates.paired.deviations`, also of the output power."""
+    if name != OUTPUT_POWER:
+        return deviations(moments, name)
+    return _deviations_of_output(moments)
+
+
+def _deviations_of_output(moments):
+    batches = complete_batches(moments).shape[1]
+    own = np.stack([each.output.integrals[:batches] for each in moments])
+    columns = [own[:, :, OUTPUT_QUANTITIES.index(each)] for each in ("square_voltage", "time")]
+    upper, lower = moments[0].output.conductance * columns[0], columns[1]
+    return (upper - upper.sum() / lower.sum() * lower) / lower.mean()

@@ -1,0 +1,110 @@
+"""Every study of the runner in little: what it says, without how long it took."""
+
+import json
+import sys
+from dataclasses import replace
+
+from harvester.running import open_runner
+from harvester.scene.model import Scene
+from harvester.studies import Report, load_study
+from harvester.studies.frequency_response import frequency_response
+from harvester.studies.optimum import optimum
+from harvester.studies.optimum_of_several import optimum_of_several
+from harvester.studies.sensitivity import sensitivity
+from harvester.verification.paper import claims, reproduce, runs
+from harvester.verification.paper.claim_tests import Trend
+from harvester.verification.paper.claims_list import Claim
+from harvester.verification.paper.figures_list import FIGURES
+
+PAPER = Scene.load("paper", ["run.settle=20"])
+BRIEF = Scene.load("linear", ["run.realizations=4", "run.duration=600", "run.settle=50"])
+CLAIM = Claim(
+    "4", "“q”", "rises", Trend("mean_square_voltage", "excitation.intensity", (0.02, 0.1))
+)
+
+
+def loads(**options):
+    """Two resistances of the linear device, by Monte Carlo and by the circuit with its control."""
+    scene = Scene.load("linear").replace({"run.duration": 100.0, "run.settle": 25.0})
+    sweeps = {"load.parameters.resistance": [0.3, 1.0]}
+    found = []
+    for engine, precision in (("monte-carlo", 0.05), ("circuit", 0.2)):
+        options["method"], options["precision"] = engine, precision
+        study = load_study(scene, loads=["resistor"], sweeps=sweeps, time_budget=600.0, **options)
+        found += [(e.outcome, e.realizations, e.power, e.power_error) for e in study.evaluations]
+        assert Report(study).table()
+    return found
+
+
+def figure(**options):
+    """Two points of Fig. 7, and what the claims say of them, in one folder."""
+    brief()
+    contents = reproduce.reproduce(PAPER, ["fig7"], quick=True, **options)
+    judgement = claims.claims(PAPER, chosen=[CLAIM], **options)
+    return [each.to_dict() for each in (*contents, judgement)]
+
+
+def response(**options):
+    """A linear device, both ways."""
+    scene = Scene.load("linear")
+    return frequency_response(scene, [0.3, 0.5], amplitude=0.3, down=True, **options).to_dict()
+
+
+def tolerances(**options):
+    """Two tolerances of a linear device."""
+    vary = {"load.decay_rate": "±60%", "piezo.coupling": "normal:20%"}
+    return sensitivity(BRIEF, vary, rows=16, above=0.01, **options).to_dict()
+
+
+def maximum(**options):
+    """The best load of a linear device, and the best load and noise."""
+    one = optimum(
+        BRIEF, "load.decay_rate", maximise="mean_power", closure="consistent", **options
+    ).to_dict()
+    over = {"load.decay_rate": (0.5, 10.0), "excitation.correlation_time": (0.1, 1.0)}
+    both = optimum_of_several(
+        BRIEF, over, maximise="mean_power", evaluations=24, **options
+    ).to_dict()
+    return [one, both]
+
+
+STUDIES = {
+    "load-study": loads,
+    "reproduce and claims": figure,
+    "frequency-response": response,
+    "sensitivity": tolerances,
+    "optimum": maximum,
+}
+
+
+def brief():
+    """Short realizations, one curve, and the quick methods."""
+    runs.DURATIONS = {"monte-carlo": 800.0, "circuit": 40.0}
+    reproduce.QUICK = {
+        "monte-carlo": reproduce.Effort(8, 0.05, 32),
+        "circuit": reproduce.Effort(8, 0.3, 16),
+    }
+    claims.REALIZATIONS = {"monte-carlo": 24, "circuit": 8}
+    claims.METHODS = ("monte-carlo", "circuit", "paper", "consistent")
+    panel = FIGURES["fig7"].panels[0]
+    panel = replace(panel, first=0.02, last=0.1, quick=2, curves=panel.curves[:1])
+    FIGURES["fig7"] = replace(FIGURES["fig7"], panels=(panel,))
+
+
+def timeless(told):
+    """Nested plain values without times on the wall."""
+    if isinstance(told, dict):
+        timed = ("seconds", "wall_seconds")
+        return {key: timeless(value) for key, value in told.items() if key not in timed}
+    return [timeless(each) for each in told] if isinstance(told, (list, tuple)) else told
+
+
+def told(kind, **options):
+    """What one of `STUDIES` says, as text."""
+    return json.dumps(timeless(STUDIES[kind](**options)))
+
+
+def main():
+    """Print what the study of the first argument says; its folder is the second."""
+    with open_runner(sys.argv[2], workers=2) as runner:
+        print(told(sys.argv[1], runner=runner))
