@@ -13,10 +13,10 @@ from harvester.calling import takes_scene
 from harvester.device import timescales
 from harvester.engines import side_by_side
 from harvester.engines.circuit import best_copies
+from harvester.engines.pools import ExecutorPool, WorkerPool, Workers
 from harvester.engines.protocol import ENGINES
 from harvester.engines.realization import Realization, run
 from harvester.engines.steps import STEP_LEVELS, knot_spacing, steps_per_knot
-from harvester.engines.workers import ExecutorPool, WorkerPool, Workers
 from harvester.errors import EnergyNotBalanced, HarvesterError, SimulationError
 from harvester.estimates.balance import energy_balance_residual
 from harvester.estimates.batch_means import standard_error, standard_error_of_drift
@@ -103,7 +103,7 @@ def simulate(
         Spreads the realizations instead of worker processes of our own: a process pool, Dask's
         `client.get_executor()`, mpi4py's.
     runner : WorkerPool or what has one as its `pool`, or None
-        Running processes to use again (`harvester.engines.workers`).
+        Running processes to use again (`harvester.engines.pools`).
     progress : callable or None
         Given the share done, 0 … 1, and the method at work.
 

@@ -4,7 +4,8 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
-from harvester.engines.workers import Worker, WorkerPool
+from harvester.engines.pools import WorkerPool
+from harvester.engines.workers import Worker
 
 HERE = Path(__file__).parent
 # Fuzz tests: the same few seconds every time, or `--hypothesis-profile=long` by hand.

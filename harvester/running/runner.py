@@ -12,7 +12,7 @@ from concurrent.futures import CancelledError, Executor
 from typing import TypedDict
 
 from harvester.engines.circuit import describe
-from harvester.engines.workers import LOOK_AROUND, ExecutorPool, WorkerPool
+from harvester.engines.pools import LOOK_AROUND, ExecutorPool, WorkerPool
 from harvester.errors import HarvesterError
 from harvester.running.folder import StudyFolder, held
 from harvester.running.progress import Progress

@@ -14,7 +14,7 @@ from harvester.averaging import CLOSURES
 from harvester.averaging.of_scene import average
 from harvester.calling import takes_scene
 from harvester.device import timescales
-from harvester.engines.workers import Workers
+from harvester.engines.pools import Workers
 from harvester.errors import AveragingError
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.paired import paired_difference

@@ -9,7 +9,8 @@ import every_command
 import pytest
 
 from harvester import averaging
-from harvester.engines.workers import Worker, WorkerPool
+from harvester.engines.pools import WorkerPool
+from harvester.engines.workers import Worker
 from harvester.verification.stability import matrix
 from harvester.verification.stability.cases import Case
 from harvester.verification.work_precision import (
@@ -43,13 +44,13 @@ def briefly():
     worker = Worker()
     with pytest.MonkeyPatch.context() as patch:
 
-        def start(pool, calls=None, workers=None, folders=()):
+        def start(pool):
             pool.size = 1
             pool._threads, pool._workers = ThreadPoolExecutor(1), []
             pool._idle = queue.SimpleQueue()
             pool._idle.put(worker)
 
-        patch.setattr(WorkerPool, "__init__", start)
+        patch.setattr(WorkerPool, "_open", start)
         patch.setattr("harvester.studies.frequency_response.SETTLED_SHARE", 0.9)
         patch.setattr("harvester.studies.sensitivity.FEWEST_ROWS", 2)
         patch.setattr(matrix, "default_cases", lambda: FEW_CASES)

@@ -9,8 +9,8 @@ from typing import Any
 
 from harvester.averaging import CLOSURES
 from harvester.calling import takes_scene
+from harvester.engines.pools import ExecutorPool, WorkerPool
 from harvester.engines.steps import with_knots
-from harvester.engines.workers import ExecutorPool, WorkerPool
 from harvester.files.writing import finite
 from harvester.running import Runner, open_runner
 from harvester.scene.model import Scene

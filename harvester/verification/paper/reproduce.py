@@ -11,8 +11,8 @@ import numpy as np
 
 from harvester.averaging import CLOSURES
 from harvester.calling import takes_scene
+from harvester.engines.pools import ExecutorPool, WorkerPool
 from harvester.engines.steps import with_knots
-from harvester.engines.workers import ExecutorPool, WorkerPool
 from harvester.errors import HarvesterError, SimulationError
 from harvester.files.writing import finite
 from harvester.running import Answer, Runner, open_runner

@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from harvester.calling import takes_scene
-from harvester.engines.workers import ExecutorPool, WorkerPool
+from harvester.engines.pools import ExecutorPool, WorkerPool
 from harvester.errors import SceneError
 from harvester.files.writing import finite
 from harvester.running import Runner, Task, open_runner

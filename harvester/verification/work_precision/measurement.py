@@ -18,9 +18,9 @@ from harvester.averaging.of_scene import average
 from harvester.calling import takes_scene
 from harvester.device import timescales
 from harvester.engines.circuit import describe
+from harvester.engines.pools import WorkerPool
 from harvester.engines.realization import run as simulate_realizations
 from harvester.engines.steps import knot_spacing
-from harvester.engines.workers import WorkerPool
 from harvester.errors import AveragingError, EnergyNotBalanced, SimulationError
 from harvester.estimates.paired import paired_difference
 from harvester.scene.model import Scene

@@ -4,10 +4,10 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from harvester.engines.pools import Workers
 from harvester.engines.realization import run
 from harvester.engines.side_by_side import MOST_COPIES
 from harvester.engines.steps import knot_spacing
-from harvester.engines.workers import Workers
 from harvester.files.writing import finite
 from harvester.scene.model import Scene
 
@@ -44,7 +44,7 @@ def measure(scene: Scene, pool: Workers, compiled: bool) -> list[Throughput]:
     Parameters
     ----------
     scene : Scene
-    pool : harvester.engines.workers.WorkerPool
+    pool : harvester.engines.pools.WorkerPool
         With two workers or more for the ratio of two processes to one.
     compiled : bool
         The compiled device is on.

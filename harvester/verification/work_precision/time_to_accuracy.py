@@ -9,9 +9,9 @@ from typing import Any
 from harvester.averaging import CLOSURES
 from harvester.calling import takes_scene
 from harvester.engines import side_by_side
+from harvester.engines.pools import ExecutorPool, WorkerPool
 from harvester.engines.realization import run
 from harvester.engines.steps import knot_spacing
-from harvester.engines.workers import ExecutorPool, WorkerPool
 from harvester.errors import HarvesterError, LoadError, SceneError
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.means import estimate_all

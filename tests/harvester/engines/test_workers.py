@@ -4,12 +4,10 @@ import subprocess
 import sys
 import threading
 import time
-from concurrent.futures import Future
 
 import pytest
 import worker_calls
 
-from harvester.engines.workers import gather
 from harvester.errors import HarvesterError, SimulatorCrashed, SimulatorTimeout
 
 
@@ -54,37 +52,6 @@ def test_killing_the_process_is_noticed_at_once(worker):
     with pytest.raises(SimulatorCrashed, match="signal 9"):
         worker.call(worker_calls.wait, {"seconds": 60.0})
     assert time.monotonic() - killed[0] < 2.0
-
-
-def test_results_of_a_pool_keep_their_order(pool):
-    calls = [{"text": text} for text in "abcdef"]
-    assert pool.map(worker_calls.say, calls) == list("ABCDEF")
-
-
-def test_a_call_that_crashes_once_is_made_again(pool, tmp_path):
-    calls = [{"marker": str(tmp_path / name)} for name in "ab"]
-    assert pool.map(worker_calls.die_once, calls, keep_going=True) == ["alive", "alive"]
-
-
-def test_a_call_that_keeps_crashing_is_a_named_failure_beside_the_others(pool, tmp_path):
-    good = str(tmp_path / "done")
-    with open(good, "w"):
-        pass
-    calls = [{"marker": good}, {"marker": "/nowhere"}]
-    outcomes = pool.map(worker_calls.die_unless, calls, keep_going=True)
-    assert outcomes[0] == "alive"
-    assert isinstance(outcomes[1], SimulatorCrashed)
-    assert "status 4" in str(outcomes[1])
-
-
-def test_the_outcomes_of_many_calls_are_gathered_in_a_time_that_grows_as_their_number():
-    """60,000 would take minutes if each outcome asked all that are left."""
-    futures = [Future() for _ in range(60_000)]
-    for future in futures:
-        future.set_result(1)
-    started = time.monotonic()
-    assert sum(gather(futures)) == len(futures)
-    assert time.monotonic() - started < 20.0
 
 
 @pytest.mark.parametrize("limit", ["-n 14", "-v 450000"])
