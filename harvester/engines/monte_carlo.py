@@ -19,6 +19,7 @@ from harvester.compilation import compiled, inlined, numba
 from harvester.device import contact, system
 from harvester.engines.decay import decayed
 from harvester.engines.steps import STEPS_PER_CONTACT, steps_per_knot, stop_time
+from harvester.engines.zones import crossing, overshoots
 from harvester.errors import SolutionDiverged
 from harvester.record.record import empty_record, fill, part
 from harvester.scene.units import scale
@@ -210,7 +211,7 @@ def _advance(
                 heun, s, False, low, high, 0.0, x, v, voltage, noise, slope, length
             )
             smooth = low <= x1 <= high and not (
-                v * v1 < 0.0 and _overshoots(low, high, x, v, x1, v1, length)
+                v * v1 < 0.0 and overshoots(low, high, x, v, x1, v1, length)
             )
         if smooth:
             x, v, voltage, phase = x1, v1, voltage1, end
@@ -260,11 +261,11 @@ def _contact_piece(heun, s, touching, low, high, held, x, v, voltage, noise, slo
     entered = 0
     if x1 > high or x1 < low:
         entered = 1 if x1 > high else -1
-    elif v * v1 < 0.0 and _overshoots(low, high, x, v, x1, v1, length):
+    elif v * v1 < 0.0 and overshoots(low, high, x, v, x1, v1, length):
         entered = 1 if v > 0.0 else -1
     if entered != 0:
         edge = high if entered == 1 else low
-        length = _crossing(edge, entered, x, v, x1, v1, length)
+        length = crossing(edge, entered, x, v, x1, v1, length)
         x1, v1, voltage1 = _step(
             heun, s, touching, low, high, held, x, v, voltage, noise, slope, length
         )
@@ -361,51 +362,3 @@ def _runge_kutta(s, touching, low, high, held, x, v, voltage, noise, slope, h):
         v + sixth * (a1 + 2.0 * (a2 + a3) + a4),
         voltage + sixth * (u1 + 2.0 * (u2 + u3) + u4),
     )
-
-
-@compiled
-def _hermite(x, v, x1, v1, h, u):
-    """Displacement and its slope in u at the share u of a step: the cubic through both ends."""
-    rise = x1 - x
-    a = h * v - rise
-    b = rise - h * v1
-    w = 1.0 - u
-    bend = u * w * (a * w + b * u)
-    slope = rise + (w - u) * (a * w + b * u) + u * w * (b - a)
-    return x + rise * u + bend, slope
-
-
-@compiled
-def _overshoots(low, high, x, v, x1, v1, h):
-    """Whether a step that starts and ends within a zone has left it on its way."""
-    turn = _hermite(x, v, x1, v1, h, v / (v - v1))[0]
-    return turn > high or turn < low
-
-
-@compiled
-def _crossing(edge, direction, x, v, x1, v1, h):
-    """Time into the step at which x passes the edge in the direction ±1 first.
-
-    Newton on the cubic, kept by bisection.
-    """
-    low, high = 0.0, 1.0
-    inside = direction * (x1 - edge) <= 0.0
-    if inside:
-        high = v / (v - v1)
-    u = 0.5 * high
-    if high == 1.0:
-        u = (edge - x) / (x1 - x)
-    for _ in range(60):
-        value, slope = _hermite(x, v, x1, v1, h, u)
-        excess = direction * (value - edge)
-        if excess > 0.0:
-            high = u
-        else:
-            low = u
-        step = -excess / (direction * slope)
-        u += step
-        if not low <= u <= high:
-            u = 0.5 * (low + high)
-        elif abs(step) < 1e-9:
-            break
-    return max(u, 1e-9) * h

@@ -1,0 +1,116 @@
+"""The p–n junction: Shockley's law with emission coefficient, breakdown and junction charge.
+
+i = Is (exp(v/nVt) − 1) + gmin v − Ib exp(−(v + Vb)/nVt); beyond `LARGEST_CURRENT` either
+exponential goes on as its tangent, so that Newton's iterations stay among finite numbers. Charge:
+τ i and the depletion capacitance Cj (1 − v/Vj)^−m, from F Vj on as its tangent.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from harvester.compilation import compiled
+
+# kT/q at 27 °C (V), and the conductance beside every junction (S), ngspice's own.
+THERMAL_VOLTAGE = 1.380649e-23 * 300.15 / 1.602176634e-19
+LEAST_CONDUCTANCE = 1e-12
+# A: where the exponential ends.
+LARGEST_CURRENT = 100.0
+# Columns of the table of junctions.
+(
+    SATURATION, SWING, RESISTANCE, BREAKDOWN, BREAKDOWN_CURRENT, HIGHEST, TRANSIT,
+    CAPACITANCE, POTENTIAL, GRADING, EDGE, LOWEST, BREAKDOWN_SWING, COLUMNS,
+) = range(14)  # fmt: skip
+
+
+def table_row(model: dict[str, float], area: float) -> np.ndarray:
+    """One junction's numbers; shape (COLUMNS,).
+
+    Parameters
+    ----------
+    model : dict of str to float
+        A diode's model by ngspice's names.
+    area : float
+        How many of them lie side by side.
+    """
+    saturation = area * model.get("is", 1e-14)
+    swing = model.get("n", 1.0) * THERMAL_VOLTAGE
+    row = np.zeros(COLUMNS)
+    row[SATURATION], row[SWING] = saturation, swing
+    row[RESISTANCE] = model.get("rs", 0.0) / area
+    row[BREAKDOWN] = model.get("bv", math.inf)
+    row[BREAKDOWN_SWING] = model.get("nbv", model.get("n", 1.0)) * THERMAL_VOLTAGE
+    row[BREAKDOWN_CURRENT] = max(area * model.get("ibv", 1e-3), saturation)
+    row[HIGHEST] = swing * max(math.log(LARGEST_CURRENT / saturation), 1.0)
+    row[LOWEST] = row[BREAKDOWN_SWING] * max(
+        math.log(LARGEST_CURRENT / row[BREAKDOWN_CURRENT]), 1.0
+    )
+    row[TRANSIT] = model.get("tt", 0.0)
+    row[CAPACITANCE] = area * model.get("cjo", model.get("cj0", 0.0))
+    row[POTENTIAL], row[GRADING] = model.get("vj", 1.0), model.get("m", 0.5)
+    row[EDGE] = model.get("fc", 0.5) * row[POTENTIAL]
+    return row
+
+
+@compiled
+def current(row: np.ndarray, v: float) -> tuple[float, float]:
+    """Current (A) and its slope (S) at a junction voltage (V)."""
+    swing = row[SWING]
+    excess = v - row[HIGHEST]
+    saturation = row[SATURATION]
+    if v > -40.0 * swing:
+        rise = saturation * np.exp((v if excess <= 0.0 else row[HIGHEST]) / swing)
+        slope = rise / swing
+        through = rise - saturation
+        if excess > 0.0:
+            through += slope * excess
+    else:
+        through, slope = -saturation, 0.0
+    beyond = -v - row[BREAKDOWN]
+    if beyond > -40.0 * row[BREAKDOWN_SWING]:
+        excess = beyond - row[LOWEST]
+        other = row[BREAKDOWN_SWING]
+        rise = row[BREAKDOWN_CURRENT] * np.exp((beyond if excess <= 0.0 else row[LOWEST]) / other)
+        back = rise / other
+        through -= rise + (back * excess if excess > 0.0 else 0.0)
+        slope += back
+    return through + LEAST_CONDUCTANCE * v, slope + LEAST_CONDUCTANCE
+
+
+@compiled
+def charge(row: np.ndarray, v: float, through: float, slope: float) -> tuple[float, float]:
+    """Charge (C) and capacitance (F) at a junction voltage with this current and slope."""
+    stored, capacitance = row[TRANSIT] * through, row[TRANSIT] * slope
+    size = row[CAPACITANCE]
+    if size > 0.0:
+        potential, grading, edge = row[POTENTIAL], row[GRADING], row[EDGE]
+        ratio = 1.0 - min(v, edge) / potential
+        here = size * ratio**-grading
+        stored += size * potential / (1.0 - grading) * (1.0 - ratio ** (1.0 - grading))
+        if v > edge:
+            bend = here * grading / (potential * ratio)
+            stored += (v - edge) * (here + 0.5 * bend * (v - edge))
+            here += bend * (v - edge)
+        capacitance += here
+    return stored, capacitance
+
+
+@compiled
+def limited(row: np.ndarray, old: float, new: float, predicted: float) -> float:
+    """The junction voltage to go on from, after Newton's step from `old` to `new`.
+
+    Where the step leads up the exponential, the current that it predicts tells the voltage: one
+    iteration then goes as far as many.
+    """
+    if new - old > row[SWING]:
+        if predicted <= 0.0:
+            return min(new, max(old, 0.0) + row[SWING])
+        v = row[SWING] * np.log(1.0 + predicted / row[SATURATION])
+        return min(max(v, old), new)
+    if -new > row[BREAKDOWN] and new < old:
+        size = max(-predicted, 0.0) / row[BREAKDOWN_CURRENT]
+        v = -row[BREAKDOWN] - row[BREAKDOWN_SWING] * max(np.log(max(size, 1e-300)), 0.0)
+        return max(v, new)
+    return new
