@@ -30,7 +30,7 @@ __all__ = [
     "njit",
     "numba",
 ]
-__all__ += ["overload", "register_jitable", "summing", "types"]
+__all__ += ["overload", "register_jitable", "summing", "types", "unowned"]
 
 # No name: no file.
 numba.core.config._config_fname = ""
@@ -43,6 +43,31 @@ compiled = partial(njit, cache=CACHED, error_model="numpy")
 inlined = partial(njit, error_model="numpy", inline="always")
 # Sums over many points in any order, several at a time.
 summing = partial(njit, cache=CACHED, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
+
+
+
+@intrinsic
+def unowned(typingctx, parts):  # type: ignore[no-untyped-def]
+    """A tuple whose arrays count no references, for the time of a call that outlives none of them.
+
+    Counting them costs more than what a loop does with a few of their numbers.
+    """
+
+    def generate(context, builder, signature, arguments):
+        kind = signature.args[0]
+        kept = []
+        for place, member in enumerate(kind.types):
+            value = builder.extract_value(arguments[0], place)
+            if isinstance(member, types.Array):
+                array = cgutils.create_struct_proxy(member)(context, builder, value=value)
+                array.meminfo = cgutils.get_null_value(array.meminfo.type)
+                array.parent = cgutils.get_null_value(array.parent.type)
+                value = array._getvalue()
+            kept.append(value)
+        return context.make_tuple(builder, signature.return_type, kept)
+
+    return parts(parts), generate
+
 
 PACKAGE = Path(__file__).parent
 

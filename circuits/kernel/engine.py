@@ -43,10 +43,10 @@ def prepare(scene: Scene) -> None:
     """Load the compiled code for a scene's parts, so that it does not count as simulation."""
     s, _ = scale(scene)
     circuit = circuit_of(scene)
-    state, work, factors = _beginning(s, circuit, (0.0, 0.0, 0.0))
+    state, work = _beginning(s, circuit, (0.0, 0.0, 0.0))
     edges = np.array(contact.edges(s.contacts))
     advance(
-        s, circuit.tables, circuit.probes, work, factors, state, edges, np.zeros(2), 0, 0, 0, 1.0,
+        s, circuit.tables, circuit.probes, circuit.order, work, state, edges, np.zeros(2), 0, 0, 0, 1.0,
         1, empty_record(1), np.zeros(1),
     )  # fmt: skip
 
@@ -134,7 +134,7 @@ def integrate(
     """
     knots = int(np.ceil(stop / path.spacing - 1e-9))
     edges = np.array(contact.edges(s.contacts))
-    state, work, factors = _beginning(s, circuit, start)
+    state, work = _beginning(s, circuit, start)
     state.numbers[PROPOSED] = stepping.RESTART * path.spacing / steps_per_knot
     record, volts = empty_record(CHUNK), np.zeros(CHUNK)
     block = np.empty(CHUNK + 1)
@@ -146,7 +146,7 @@ def integrate(
         segment = 0
         while segment < count:
             segment, points, outcome, which = advance(
-                s, circuit.tables, circuit.probes, work, factors, state, edges, block, segment,
+                s, circuit.tables, circuit.probes, circuit.order, work, state, edges, block, segment,
                 count, done, path.spacing, steps_per_knot, record, volts,
             )  # fmt: skip
             if outcome != FINE:
@@ -174,9 +174,9 @@ def _trouble(circuit, state, work, outcome, which):
 
 
 def _beginning(s, circuit, start):
-    """State, Work and Factors of a realization at its beginning."""
+    """State and Work of a realization at its beginning."""
     tables = circuit.tables
-    work, factors = room(tables)
+    work = room(tables, circuit.order)
     n, m = tables.steady.size, len(tables.junctions)
     numbers = np.zeros(NUMBERS)
     x, v, electrical = start
@@ -190,10 +190,10 @@ def _beginning(s, circuit, start):
     work.sizes[n - 1] = max(abs(v), timescales.angular_frequency(s))
     state = State(
         numbers, y, np.zeros(n), np.zeros(m), np.zeros(m), tables.switches[:, 4].copy(),
-        np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
+        np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
     )  # fmt: skip
     _set_junctions(tables, work, state, np.append(y, 0.0))
-    return state, work, factors
+    return state, work
 
 
 def _set_junctions(tables, work: Work, state: State, y) -> None:
@@ -201,5 +201,5 @@ def _set_junctions(tables, work: Work, state: State, y) -> None:
     for k, (a, z) in enumerate(tables.junctions):
         v = y[a] - y[z]
         state.voltages[k] = state.before[k] = v
-        row = tables.junction_values[k]
-        work.charges[k] = junction.charge(row, v, *junction.current(row, v))[0]
+        table = tables.junction_values
+        work.charges[k] = junction.charge(table, k, v, *junction.current(table, k, v))[0]

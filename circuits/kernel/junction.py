@@ -55,37 +55,41 @@ def table_row(model: dict[str, float], area: float) -> np.ndarray:
 
 
 @compiled
-def current(row: np.ndarray, v: float) -> tuple[float, float]:
-    """Current (A) and its slope (S) at a junction voltage (V)."""
-    swing = row[SWING]
-    excess = v - row[HIGHEST]
-    saturation = row[SATURATION]
+def current(table: np.ndarray, k: int, v: float) -> tuple[float, float]:
+    """Current (A) of junction k of a table and its slope (S) at a voltage (V)."""
+    swing, saturation = table[k, SWING], table[k, SATURATION]
     if v > -40.0 * swing:
-        rise = saturation * np.exp((v if excess <= 0.0 else row[HIGHEST]) / swing)
+        excess = v - table[k, HIGHEST]
+        rise = saturation * np.exp((v - max(excess, 0.0)) / swing)
         slope = rise / swing
-        through = rise - saturation
-        if excess > 0.0:
-            through += slope * excess
+        through = rise - saturation + slope * max(excess, 0.0)
     else:
         through, slope = -saturation, 0.0
-    beyond = -v - row[BREAKDOWN]
-    if beyond > -40.0 * row[BREAKDOWN_SWING]:
-        excess = beyond - row[LOWEST]
-        other = row[BREAKDOWN_SWING]
-        rise = row[BREAKDOWN_CURRENT] * np.exp((beyond if excess <= 0.0 else row[LOWEST]) / other)
-        back = rise / other
-        through -= rise + (back * excess if excess > 0.0 else 0.0)
-        slope += back
+    beyond = -v - table[k, BREAKDOWN]
+    swing = table[k, BREAKDOWN_SWING]
+    if beyond > -40.0 * swing:
+        excess = max(beyond - table[k, LOWEST], 0.0)
+        rise = table[k, BREAKDOWN_CURRENT] * np.exp((beyond - excess) / swing)
+        through -= rise + rise / swing * excess
+        slope += rise / swing
     return through + LEAST_CONDUCTANCE * v, slope + LEAST_CONDUCTANCE
 
 
 @compiled
-def charge(row: np.ndarray, v: float, through: float, slope: float) -> tuple[float, float]:
+def holds_charge(table: np.ndarray, k: int) -> bool:
+    """Whether junction k has a charge of its own."""
+    return table[k, TRANSIT] != 0.0 or table[k, CAPACITANCE] != 0.0
+
+
+@compiled
+def charge(
+    table: np.ndarray, k: int, v: float, through: float, slope: float
+) -> tuple[float, float]:
     """Charge (C) and capacitance (F) at a junction voltage with this current and slope."""
-    stored, capacitance = row[TRANSIT] * through, row[TRANSIT] * slope
-    size = row[CAPACITANCE]
+    stored, capacitance = table[k, TRANSIT] * through, table[k, TRANSIT] * slope
+    size = table[k, CAPACITANCE]
     if size > 0.0:
-        potential, grading, edge = row[POTENTIAL], row[GRADING], row[EDGE]
+        potential, grading, edge = table[k, POTENTIAL], table[k, GRADING], table[k, EDGE]
         ratio = 1.0 - min(v, edge) / potential
         here = size * ratio**-grading
         stored += size * potential / (1.0 - grading) * (1.0 - ratio ** (1.0 - grading))
@@ -98,19 +102,19 @@ def charge(row: np.ndarray, v: float, through: float, slope: float) -> tuple[flo
 
 
 @compiled
-def limited(row: np.ndarray, old: float, new: float, predicted: float) -> float:
-    """The junction voltage to go on from, after Newton's step from `old` to `new`.
+def limited(table: np.ndarray, k: int, old: float, new: float, predicted: float) -> float:
+    """The voltage of junction k to go on from, after Newton's step from `old` to `new`.
 
     Where the step leads up the exponential, the current that it predicts tells the voltage: one
     iteration then goes as far as many.
     """
-    if new - old > row[SWING]:
+    swing = table[k, SWING]
+    if new - old > swing:
         if predicted <= 0.0:
-            return min(new, max(old, 0.0) + row[SWING])
-        v = row[SWING] * np.log(1.0 + predicted / row[SATURATION])
+            return min(new, max(old, 0.0) + swing)
+        v = swing * np.log(1.0 + predicted / table[k, SATURATION])
         return min(max(v, old), new)
-    if -new > row[BREAKDOWN] and new < old:
-        size = max(-predicted, 0.0) / row[BREAKDOWN_CURRENT]
-        v = -row[BREAKDOWN] - row[BREAKDOWN_SWING] * max(np.log(max(size, 1e-300)), 0.0)
-        return max(v, new)
+    if -new > table[k, BREAKDOWN] and new < old:
+        size = max(-predicted / table[k, BREAKDOWN_CURRENT], 1.0)
+        return max(-table[k, BREAKDOWN] - table[k, BREAKDOWN_SWING] * np.log(size), new)
     return new

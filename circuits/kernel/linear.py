@@ -1,218 +1,303 @@
-"""The linear part of the equations, eliminated once for a step size and a state of the switches.
+"""The order in which the equations are eliminated, found once for a circuit, and elimination by it.
 
-Rows and columns in which nothing but linear elements stand are eliminated first; what is left, the
-core, takes the junctions' slopes in every iteration of Newton's and is solved anew.
+Only what is not zero is touched: the order of pivots and the places of all numbers are a list that
+one compiled loop works through. Rows and columns in which nothing but linear elements stand come
+first and are eliminated once for a step size and a state of the switches; what is left, the core,
+takes the junctions' slopes and is eliminated anew in every iteration of Newton's.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from circuits.kernel.tables import Tables
-from harvester.compilation import compiled
+from harvester.compilation import compiled, inlined
 
-# Factors kept at a time, and a pivot's size, against its row, that is too small for one.
+if TYPE_CHECKING:
+    from circuits.kernel.tables import Tables
+
+# Factors kept at a time.
 SLOTS = 32
-SMALL_PIVOT = 1e-12
-# A row that is all zeros up to rounding: nothing determines its unknown.
-NO_PIVOT = 1e-30
+# A pivot against the greatest number of its column, in every trial; what a column without one
+# makes do with.
+PIVOT_SHARES = (1e-3, 1e-6, 1e-12, 0.0)
+# Steps (s) and conductances of junctions (S) at which pivots are tried.
+TRIAL_STEPS = (1e-3, 1e-5, 1e-8)
+TRIAL_CONDUCTANCES = (1e-12, 1e-6, 1e-2, 10.0)
+TRIALS = 16
 
 
-class Factors(NamedTuple):
-    """Eliminated matrices of up to `SLOTS` step sizes and states of the switches.
+class Order(NamedTuple):
+    """The list of an elimination; places are those of numbers that are not zero, int64.
 
     Attributes
     ----------
-    matrix : (SLOTS, n, n) multipliers and what is left, in the order of elimination.
-    rows, columns : (SLOTS, n) which row and column stands at each place.
-    row_places, column_places : (SLOTS, n + 1) the place of each row and column; of the one behind
-        the last, which stands for ground, the place behind the core's last.
-    weights : (SLOTS, n) one over the greatest number of each row, by place.
-    eliminated : (SLOTS,) rows eliminated; the core are the others.
-    keys : (SLOTS, 2) step and switches that a slot is for; a step of 0: empty.
+    rows, columns : (n,) which row and which unknown stands at each position.
+    row_position, column_position : (n + 1,) their positions; of ground, n.
+    linear : pivots before the core, and the place at which its numbers begin.
+    entry_places : (k,) of the tables' entries; `switch_places`, `junction_places` (k, 4), each
+        (a, a), (z, z), (a, z), (z, a); `input_places` (k, 2); `motion_place`.
+    pivots : (n, 3) place of each pivot, first of its rows in `lower`, first of `upper`.
+    lower : (k, 3) position of a row, place of its number below the pivot, first of `updates`.
+    upper : (k, 2) position of an unknown, place of its number beside the pivot.
+    updates : places of what each row below loses, in the order of `upper`.
     """
 
-    matrix: np.ndarray
     rows: np.ndarray
     columns: np.ndarray
-    row_places: np.ndarray
-    column_places: np.ndarray
-    weights: np.ndarray
-    eliminated: np.ndarray
-    keys: np.ndarray
+    row_position: np.ndarray
+    column_position: np.ndarray
+    linear: tuple[int, int, int]
+    entry_places: np.ndarray
+    switch_places: np.ndarray
+    junction_places: np.ndarray
+    input_places: np.ndarray
+    motion_place: int
+    pivots: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    updates: np.ndarray
 
 
-def empty_factors(n: int) -> Factors:
-    """Factors of nothing yet for n unknowns."""
-    return Factors(
-        np.zeros((SLOTS, n, n)),
-        np.zeros((SLOTS, n), dtype=np.int64),
-        np.zeros((SLOTS, n), dtype=np.int64),
-        np.zeros((SLOTS, n + 1), dtype=np.int64),
-        np.zeros((SLOTS, n + 1), dtype=np.int64),
-        np.zeros((SLOTS, n)),
-        np.zeros(SLOTS, dtype=np.int64),
-        np.zeros((SLOTS, 2)),
+def order_of(tables: Tables) -> Order:
+    """The order of elimination of a circuit."""
+    pattern, trials = _trials(tables)
+    rows, columns, linear, filled = _pivots(tables, pattern, trials)
+    n = len(rows)
+    row_position, column_position = (_inverse(each) for each in (rows, columns))
+    there = np.zeros((n + 1, n + 1), dtype=bool)
+    there[:n, :n] = filled[np.ix_(rows, columns)]
+    core = np.zeros_like(there)
+    core[linear:, linear:] = True
+    places = np.full((n + 1, n + 1), -1, dtype=np.int64)
+    outside = there & ~core
+    places[outside] = np.arange(outside.sum())
+    inside = there & core
+    places[inside] = outside.sum() + np.arange(inside.sum())
+    count = int(there.sum())
+    # Where ground's numbers go.
+    places[n, :] = places[:, n] = count
+
+    def place(row, column):
+        return places[row_position[row], column_position[column]]
+
+    def four(a, z):
+        return [place(a, a), place(z, z), place(a, z), place(z, a)]
+
+    inputs = [
+        [place(tables.behavioural[k, 0], unknown), place(tables.behavioural[k, 1], unknown)]
+        for k, _, unknown in tables.inputs
+    ]
+    return Order(
+        rows,
+        columns,
+        row_position,
+        column_position,
+        (linear, int(outside.sum()), count),
+        np.array([place(*entry) for entry in tables.entries], dtype=np.int64),
+        _table([four(*each[:2]) for each in tables.switches], 4),
+        _table([four(*each) for each in tables.junctions], 4),
+        _table(inputs, 2),
+        int(place(n - 1, n - 1)),
+        *_list(there[:n, :n], places, n),
     )
 
 
+def _table(rows, width):
+    return np.array(rows, dtype=np.int64).reshape(-1, width)
+
+
+def _inverse(order):
+    found = np.empty(len(order) + 1, dtype=np.int64)
+    found[order] = np.arange(len(order))
+    found[-1] = len(order)
+    return found
+
+
+def _trials(tables):
+    """Where the matrix may not be zero, and matrices of different steps and states, equilibrated."""
+    n = tables.steady.size
+    random = np.random.default_rng(1)
+    pattern = np.zeros((n + 1, n + 1), dtype=bool)
+    matrices = np.zeros((TRIALS, n + 1, n + 1))
+    for trial in range(TRIALS):
+        matrix = matrices[trial]
+        delta = TRIAL_STEPS[trial % len(TRIAL_STEPS)]
+        values = tables.capacity + delta * tables.conductance
+        np.add.at(matrix, tuple(tables.entries.T), values)
+        pattern[tuple(tables.entries.T)] = True
+        closed = random.integers(0, 2, len(tables.switches)) if trial > 1 else trial
+        closed = np.broadcast_to(closed, len(tables.switches))
+        for k, each in enumerate(tables.switches):
+            _stamp(matrix, pattern, each[:2], delta * tables.switch_values[k, closed[k]])
+        for each in tables.junctions:
+            _stamp(matrix, pattern, each, delta * random.choice(TRIAL_CONDUCTANCES))
+        for k, _, unknown in tables.inputs:
+            slope = delta * random.choice([-1.0, 1.0]) * 10.0 ** random.uniform(-6.0, 0.0)
+            for row, sign in zip(tables.behavioural[k, :2], (1.0, -1.0), strict=True):
+                matrix[row, unknown] += sign * slope
+                pattern[row, unknown] = True
+    pattern[n - 1, n - 1] = True
+    matrices = matrices[:, :n, :n]
+    for _ in range(3):
+        for axis in (2, 1):
+            size = np.abs(matrices).max(axis=axis, keepdims=True)
+            matrices = matrices / np.where(size > 0.0, size, 1.0)
+    return pattern[:n, :n], matrices
+
+
+def _stamp(matrix, pattern, ends, value):
+    a, z = ends
+    for row, column, sign in ((a, a, 1.0), (z, z, 1.0), (a, z, -1.0), (z, a, -1.0)):
+        matrix[row, column] += sign * value
+        pattern[row, column] = True
+
+
+def _pivots(tables, pattern, trials):
+    """Rows and unknowns in order, how many are linear, and where numbers then stand."""
+    n = len(pattern)
+    filled, work = pattern.copy(), trials.copy()
+    free_rows, free_columns = np.ones(n, dtype=bool), np.ones(n, dtype=bool)
+    rows, columns = [], []
+    linear = None
+    while len(rows) < n:
+        chosen = None
+        if linear is None:
+            allowed = np.outer(
+                free_rows & ~tables.nonlinear_rows, free_columns & ~tables.nonlinear_columns
+            )
+            chosen = _best(filled, work, allowed, free_rows, free_columns, PIVOT_SHARES[:1])
+            if chosen is None:
+                linear = len(rows)
+        if chosen is None:
+            allowed = np.outer(free_rows, free_columns)
+            chosen = _best(filled, work, allowed, free_rows, free_columns, PIVOT_SHARES)
+        if chosen is None:
+            # Singular in every trial: elimination will tell.
+            chosen = int(np.flatnonzero(free_rows)[0]), int(np.flatnonzero(free_columns)[0])
+            filled[chosen] = True
+        i, j = chosen
+        free_rows[i] = free_columns[j] = False
+        rows.append(i)
+        columns.append(j)
+        below = free_rows & filled[:, j]
+        beside = free_columns & filled[i]
+        filled |= np.outer(below, beside)
+        pivot = work[:, i, j]
+        share = np.where(below, work[:, :, j], 0.0) / np.where(pivot == 0.0, 1.0, pivot)[:, None]
+        work -= share[:, :, None] * np.where(beside, work[:, i, :], 0.0)[:, None, :]
+    return (
+        np.array(rows, dtype=np.int64),
+        np.array(columns, dtype=np.int64),
+        n if linear is None else linear,
+        filled,
+    )
+
+
+def _best(filled, work, allowed, free_rows, free_columns, shares):
+    """The pivot with the least fill-in among those great enough in every trial, or None."""
+    allowed = allowed & filled
+    if not allowed.any():
+        return None
+    active = np.abs(work) * free_rows[None, :, None]
+    greatest = active.max(axis=1, keepdims=True)
+    size = (active / np.where(greatest > 0.0, greatest, np.inf)).min(axis=0)
+    live = filled & np.outer(free_rows, free_columns)
+    fill = np.outer(live.sum(axis=1) - 1, live.sum(axis=0) - 1)
+    for least in shares:
+        good = allowed & (size >= least)
+        if good.any():
+            cost = np.where(good, fill + 1e-3 * (1.0 - size), np.inf)
+            return tuple(int(k) for k in np.unravel_index(np.argmin(cost), cost.shape))
+    return None
+
+
+def _list(there, places, n):
+    """pivots, lower, upper and updates of an `Order`."""
+    pivots, lower, upper, updates = [], [], [], []
+    for k in range(n):
+        pivots.append((places[k, k], len(lower), len(upper)))
+        beside = [j for j in range(k + 1, n) if there[k, j]]
+        for i in range(k + 1, n):
+            if there[i, k]:
+                lower.append((i, places[i, k], len(updates)))
+                updates += [places[i, j] for j in beside]
+        upper += [(j, places[k, j]) for j in beside]
+    pivots.append((0, len(lower), len(upper)))
+    return _table(pivots, 3), _table(lower, 3), _table(upper, 2), np.array(updates, dtype=np.int64)
+
+
 @compiled
-def slot_of(tables: Tables, factors: Factors, closed: np.ndarray, delta: float) -> int:
-    """The slot that holds the factors for a step's δ, filled if need be."""
+def slot_of(
+    tables: Tables, order: Order, matrix: np.ndarray, keys: np.ndarray, closed: np.ndarray,
+    delta: float,
+) -> int:  # fmt: skip
+    """The row of `matrix` with the factors for a step's δ, filled if need be.
+
+    `keys`, shape (SLOTS, 2), say what the rows are for; `matrix`, shape (SLOTS + 1, places + 1), has
+    one more for the core.
+    """
     key = 0.0
     for k in range(closed.size):
         key = 2.0 * key + closed[k]
-    place = int((np.abs(np.log2(delta)) * 5.0 + 7.0 * key) % SLOTS)
-    if factors.keys[place, 0] != delta or factors.keys[place, 1] != key:
-        factors.keys[place, 0], factors.keys[place, 1] = delta, key
-        _eliminate(tables, factors, closed, delta, place)
-    return place
-
-
-@compiled
-def _eliminate(tables, factors, closed, delta, slot):
-    n = tables.steady.size
-    matrix = factors.matrix[slot]
-    matrix[:] = 0.0
-    entries = tables.entries
-    for k in range(entries.shape[0]):
-        change = tables.capacity[k] + delta * tables.conductance[k]
-        matrix[entries[k, 0], entries[k, 1]] += change
+    slot = int((np.abs(np.log2(delta)) * 5.0 + 7.0 * key) % SLOTS)
+    if keys[slot, 0] == delta and keys[slot, 1] == key:
+        return slot
+    keys[slot, 0], keys[slot, 1] = delta, key
+    for k in range(matrix.shape[1]):
+        matrix[slot, k] = 0.0
+    for k in range(order.entry_places.size):
+        matrix[slot, order.entry_places[k]] += tables.capacity[k] + delta * tables.conductance[k]
     for k in range(closed.size):
-        a, z = tables.switches[k, 0], tables.switches[k, 1]
         change = delta * tables.switch_values[k, closed[k]]
-        if a < n:
-            matrix[a, a] += change
-        if z < n:
-            matrix[z, z] += change
-        if a < n and z < n:
-            matrix[a, z] -= change
-            matrix[z, a] -= change
-    rows, columns = factors.rows[slot], factors.columns[slot]
-    weights = factors.weights[slot]
-    for i in range(n):
-        rows[i] = columns[i] = i
-        size = 0.0
-        for j in range(n):
-            size = max(size, abs(matrix[i, j]))
-        weights[i] = 1.0 / max(size, NO_PIVOT)
-    done = 0
-    # Columns in order; one without a row of its own waits for the core.
-    for candidate in range(n):
-        if tables.nonlinear_columns[candidate]:
-            continue
-        place = done
-        while columns[place] != candidate:
-            place += 1
-        best, found = SMALL_PIVOT, -1
-        for i in range(done, n):
-            if not tables.nonlinear_rows[rows[i]]:
-                size = abs(matrix[i, place]) * weights[i]
-                if size > best:
-                    best, found = size, i
-        if found < 0:
-            continue
-        _swap(matrix, rows, columns, weights, done, found, place)
-        pivot = matrix[done, done]
-        for i in range(done + 1, n):
-            if matrix[i, done] != 0.0:
-                share = matrix[i, done] / pivot
-                matrix[i, done] = share
-                for j in range(done + 1, n):
-                    matrix[i, j] -= share * matrix[done, j]
-        done += 1
-    factors.eliminated[slot] = done
-    for i in range(n):
-        factors.row_places[slot, rows[i]] = i - done
-        factors.column_places[slot, columns[i]] = i - done
-    factors.row_places[slot, n] = factors.column_places[slot, n] = n - done
+        matrix[slot, order.switch_places[k, 0]] += change
+        matrix[slot, order.switch_places[k, 1]] += change
+        matrix[slot, order.switch_places[k, 2]] -= change
+        matrix[slot, order.switch_places[k, 3]] -= change
+    eliminate(order.pivots, order.lower, order.upper, order.updates, 0, order.linear[0], matrix, slot)
+    return slot
 
 
-@compiled
-def _swap(matrix, rows, columns, weights, done, row, column):
-    n = rows.size
-    if row != done:
-        for j in range(n):
-            matrix[done, j], matrix[row, j] = matrix[row, j], matrix[done, j]
-        rows[done], rows[row] = rows[row], rows[done]
-        weights[done], weights[row] = weights[row], weights[done]
-    if column != done:
-        for i in range(n):
-            matrix[i, done], matrix[i, column] = matrix[i, column], matrix[i, done]
-        columns[done], columns[column] = columns[column], columns[done]
+@inlined
+def eliminate(
+    pivots: np.ndarray, lower: np.ndarray, upper: np.ndarray, updates: np.ndarray, start: int,
+    stop: int, matrix: np.ndarray, slot: int,
+) -> None:  # fmt: skip
+    """Eliminate the pivots from `start` to `stop` in one row of `matrix`; pivots get inverted."""
+    for k in range(start, stop):
+        place = pivots[k, 0]
+        inverse = 1.0 / matrix[slot, place]
+        matrix[slot, place] = inverse
+        begin, end = pivots[k, 2], pivots[k + 1, 2]
+        for r in range(pivots[k, 1], pivots[k + 1, 1]):
+            share = matrix[slot, lower[r, 1]] * inverse
+            matrix[slot, lower[r, 1]] = share
+            update = lower[r, 2] - begin
+            for c in range(begin, end):
+                matrix[slot, updates[update + c]] -= share * matrix[slot, upper[c, 1]]
 
 
-@compiled
+@inlined
 def forward(
-    matrix: np.ndarray, rows: np.ndarray, eliminated: int, right: np.ndarray, out: np.ndarray
-) -> None:
-    """Right-hand side in the order of elimination, the linear rows eliminated from it."""
-    n = rows.size
-    for i in range(n):
-        out[i] = right[rows[i]]
-    for k in range(eliminated):
-        value = out[k]
-        if value != 0.0:
-            for i in range(k + 1, n):
-                out[i] -= matrix[i, k] * value
+    pivots: np.ndarray, lower: np.ndarray, start: int, stop: int, matrix: np.ndarray, slot: int,
+    right: np.ndarray,
+) -> None:  # fmt: skip
+    """Eliminate from a right-hand side in the order of pivots."""
+    for k in range(start, stop):
+        value = right[k]
+        for r in range(pivots[k, 1], pivots[k + 1, 1]):
+            right[lower[r, 0]] -= matrix[slot, lower[r, 1]] * value
 
 
-@compiled
+@inlined
 def backward(
-    matrix: np.ndarray, columns: np.ndarray, eliminated: int, out: np.ndarray, solution: np.ndarray
-) -> None:
-    """Linear unknowns from those of the core, which stand in `out` behind the eliminated rows."""
-    n = columns.size
-    for k in range(eliminated - 1, -1, -1):
-        total = out[k]
-        for j in range(k + 1, n):
-            total -= matrix[k, j] * out[j]
-        out[k] = total / matrix[k, k]
-    for k in range(n):
-        solution[columns[k]] = out[k]
-
-
-@compiled
-def decompose(core: np.ndarray, size: int, weights: np.ndarray, order: np.ndarray) -> bool:
-    """L and U of the core in place, rows by `order`; whether there are any."""
-    for k in range(size):
-        order[k] = k
-    for k in range(size):
-        best, found = -1.0, k
-        for i in range(k, size):
-            pivot = abs(core[order[i], k]) * weights[order[i]]
-            if pivot > best:
-                best, found = pivot, i
-        order[k], order[found] = order[found], order[k]
-        row = order[k]
-        pivot = core[row, k]
-        if not abs(pivot) > 0.0:
-            return False
-        for i in range(k + 1, size):
-            other = order[i]
-            if core[other, k] != 0.0:
-                share = core[other, k] / pivot
-                core[other, k] = share
-                for j in range(k + 1, size):
-                    core[other, j] -= share * core[row, j]
-    return True
-
-
-@compiled
-def solve(
-    core: np.ndarray, size: int, order: np.ndarray, right: np.ndarray, solution: np.ndarray
-) -> None:
-    """The core's unknowns."""
-    for i in range(size):
-        total = right[order[i]]
-        for j in range(i):
-            total -= core[order[i], j] * solution[j]
-        solution[i] = total
-    for i in range(size - 1, -1, -1):
-        row = order[i]
-        total = solution[i]
-        for j in range(i + 1, size):
-            total -= core[row, j] * solution[j]
-        solution[i] = total / core[row, i]
+    pivots: np.ndarray, upper: np.ndarray, start: int, stop: int, matrix: np.ndarray, slot: int,
+    right: np.ndarray,
+) -> None:  # fmt: skip
+    """The unknowns from `stop` back to `start` in place of the right-hand side."""
+    for k in range(stop - 1, start - 1, -1):
+        total = right[k]
+        for c in range(pivots[k, 2], pivots[k + 1, 2]):
+            total -= matrix[slot, upper[c, 1]] * right[upper[c, 0]]
+        right[k] = total * matrix[slot, pivots[k, 0]]

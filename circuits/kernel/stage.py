@@ -15,14 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from circuits.kernel import junction, tape, waveform
-from circuits.kernel.linear import (
-    Factors,
-    backward,
-    decompose,
-    empty_factors,
-    forward,
-    solve,
-)
+from circuits.kernel.linear import SLOTS, Order, backward, eliminate, forward
 from circuits.kernel.tables import Tables
 from harvester.compilation import compiled, inlined
 from harvester.device import spring as springs
@@ -41,8 +34,11 @@ class Work(NamedTuple):
 
     Attributes
     ----------
-    right, ordered : (n,) right-hand side and the same in the order of elimination.
-    core : (n + 1, n + 1), `core_right`, `core_solution` (n + 1,), `order` (n,).
+    right : (n,) right-hand side.
+    ordered, solution : (n + 1,) the same in the order of pivots, the linear ones eliminated; and
+        what becomes of it. Ground last.
+    matrix : (SLOTS + 1, places + 1) numbers of the matrix by `circuits.kernel.linear.Order`, the
+        core of the iteration at hand last; `keys` (SLOTS, 2) what the others are for.
     voltages : (m,) of the junctions, as iterated; `charges` (m,) at the step's beginning.
     values, shares : (k,) of the tape.
     begin, latest : (n + 1,) y and y + u of the last iteration, ground last.
@@ -51,10 +47,9 @@ class Work(NamedTuple):
 
     right: np.ndarray
     ordered: np.ndarray
-    core: np.ndarray
-    core_right: np.ndarray
-    core_solution: np.ndarray
-    order: np.ndarray
+    solution: np.ndarray
+    matrix: np.ndarray
+    keys: np.ndarray
     voltages: np.ndarray
     charges: np.ndarray
     values: np.ndarray
@@ -64,16 +59,15 @@ class Work(NamedTuple):
     sizes: np.ndarray
 
 
-def room(tables: Tables) -> tuple[Work, Factors]:
-    """Work and Factors for a circuit."""
+def room(tables: Tables, order: Order) -> Work:
+    """Work for a circuit."""
     n, m = tables.steady.size, len(tables.junctions)
     k = len(tables.tape)
-    work = Work(
-        np.zeros(n), np.zeros(n), np.zeros((n + 1, n + 1)), np.zeros(n + 1), np.zeros(n + 1),
-        np.zeros(n, dtype=np.int64), np.zeros(m), np.zeros(m), tables.tape_values.copy(),
-        np.zeros(k), np.zeros(n + 1), np.zeros(n + 1), np.full(n, 1e-9),
+    return Work(
+        np.zeros(n), np.zeros(n + 1), np.zeros(n + 1), np.zeros((SLOTS + 1, order.linear[2] + 1)),
+        np.zeros((SLOTS, 2)), np.zeros(m), np.zeros(m), tables.tape_values.copy(), np.zeros(k),
+        np.zeros(n + 1), np.zeros(n + 1), np.full(n, 1e-9),
     )  # fmt: skip
-    return work, empty_factors(n)
 
 
 @inlined
@@ -85,7 +79,7 @@ def force(s: Any, touching: bool, low: float, high: float, held: float, x: float
     return total
 
 
-@compiled
+@inlined
 def add_sources(tables: Tables, right: np.ndarray, time: float, delta: float) -> None:
     """δ s onto a right-hand side."""
     for i in range(right.size):
@@ -96,7 +90,7 @@ def add_sources(tables: Tables, right: np.ndarray, time: float, delta: float) ->
         right[tables.sources[k, 0]] += delta * size
 
 
-@compiled
+@inlined
 def add_conducted(
     tables: Tables, closed: np.ndarray, y: np.ndarray, out: np.ndarray, factor: float
 ) -> None:
@@ -115,7 +109,7 @@ def add_conducted(
             out[z] -= through
 
 
-@compiled
+@inlined
 def add_stored(tables: Tables, u: np.ndarray, out: np.ndarray) -> None:
     """C u onto a vector."""
     entries = tables.entries
@@ -124,111 +118,105 @@ def add_stored(tables: Tables, u: np.ndarray, out: np.ndarray) -> None:
             out[entries[k, 0]] += tables.capacity[k] * u[entries[k, 1]]
 
 
-@compiled
+@inlined
 def add_junction_charge(tables: Tables, work: Work, out: np.ndarray) -> None:
     """Change of the junctions' charges since the step's beginning onto a vector."""
     n = out.size
     for k in range(work.voltages.size):
-        row = tables.junction_values[k]
-        if row[junction.TRANSIT] == 0.0 and row[junction.CAPACITANCE] == 0.0:
+        if not junction.holds_charge(tables.junction_values, k):
             continue
         v = work.voltages[k]
-        through, slope = junction.current(row, v)
-        change = junction.charge(row, v, through, slope)[0] - work.charges[k]
+        through, slope = junction.current(tables.junction_values, k, v)
+        stored = junction.charge(tables.junction_values, k, v, through, slope)[0]
         a, z = tables.junctions[k, 0], tables.junctions[k, 1]
         if a < n:
-            out[a] += change
+            out[a] += stored - work.charges[k]
         if z < n:
-            out[z] -= change
+            out[z] -= stored - work.charges[k]
 
 
-@compiled
-def _add_junctions(tables, work, row_places, column_places, delta):
+@inlined
+def _add_junctions(tables, order, work, delta):
     """The junctions' slopes and currents at their voltages into core and right-hand side."""
-    core, right = work.core, work.core_right
+    matrix, right, places = work.matrix, work.solution, order.junction_places
     for k in range(work.voltages.size):
-        row = tables.junction_values[k]
         v = work.voltages[k]
-        through, slope = junction.current(row, v)
+        through, slope = junction.current(tables.junction_values, k, v)
         a, z = tables.junctions[k, 0], tables.junctions[k, 1]
-        resistance = row[junction.RESISTANCE]
-        share = 1.0 / (1.0 + slope * resistance)
+        share = 1.0 / (1.0 + slope * tables.junction_values[k, junction.RESISTANCE])
         g = delta * slope * share
         i = delta * through * share
-        if row[junction.TRANSIT] != 0.0 or row[junction.CAPACITANCE] != 0.0:
-            stored, capacitance = junction.charge(row, v, through, slope)
+        if junction.holds_charge(tables.junction_values, k):
+            stored, capacitance = junction.charge(tables.junction_values, k, v, through, slope)
             g += capacitance
             i += stored - work.charges[k]
         # Both in terms of the change u: at u = 0 the voltage is that of the step's beginning.
         i += g * (work.begin[a] - work.begin[z] - v)
-        ra, rz = row_places[a], row_places[z]
-        ca, cz = column_places[a], column_places[z]
-        core[ra, ca] += g
-        core[rz, cz] += g
-        core[ra, cz] -= g
-        core[rz, ca] -= g
-        right[ra] -= i
-        right[rz] += i
+        matrix[SLOTS, places[k, 0]] += g
+        matrix[SLOTS, places[k, 1]] += g
+        matrix[SLOTS, places[k, 2]] -= g
+        matrix[SLOTS, places[k, 3]] -= g
+        right[order.row_position[a]] -= i
+        right[order.row_position[z]] += i
 
 
-@compiled
-def _move_junctions(tables, work, column_places):
+@inlined
+def _move_junctions(tables, order, work):
     """Junction voltages after an iteration; whether all moved by little."""
     settled = True
+    position, solution = order.column_position, work.solution
     for k in range(work.voltages.size):
-        row = tables.junction_values[k]
         a, z = tables.junctions[k, 0], tables.junctions[k, 1]
-        across = work.begin[a] - work.begin[z]
-        across += work.core_solution[column_places[a]] - work.core_solution[column_places[z]]
+        across = work.begin[a] - work.begin[z] + solution[position[a]] - solution[position[z]]
         old = work.voltages[k]
-        through, slope = junction.current(row, old)
-        resistance = row[junction.RESISTANCE]
+        through, slope = junction.current(tables.junction_values, k, old)
+        resistance = tables.junction_values[k, junction.RESISTANCE]
         predicted = (through + slope * (across - old)) / (1.0 + slope * resistance)
         new = across - resistance * predicted
-        chosen = junction.limited(row, old, new, predicted)
+        chosen = junction.limited(tables.junction_values, k, old, new, predicted)
         # Deep in its blocked state a junction's current hardly knows its voltage.
-        free = JUNCTION_STEP * (row[junction.SWING] + 1e-2 * max(-chosen, 0.0))
-        if abs(chosen - old) > free or abs(chosen - new) > free:
+        free = JUNCTION_STEP * (
+            tables.junction_values[k, junction.SWING] + 1e-2 * max(-chosen, 0.0)
+        )
+        if not (abs(chosen - old) <= free and abs(chosen - new) <= free):
             settled = False
         work.voltages[k] = chosen
     return settled
 
 
 @compiled
-def _add_behavioural(tables, work, row_places, column_places, delta, time):
+def _add_behavioural(tables, order, work, delta, time):
     """Behavioural sources at the latest iterate into core and right-hand side."""
-    core, right = work.core, work.core_right
+    matrix, right = work.matrix, work.solution
     tape.evaluate(tables.tape, work.values, work.latest, time)
     taken = 0
     for k in range(tables.behavioural.shape[0]):
         first, last = tables.behavioural[k, 2], tables.behavioural[k, 3]
         tape.slopes(tables.tape, work.values, work.shares, first, last)
-        to, away = row_places[tables.behavioural[k, 0]], row_places[tables.behavioural[k, 1]]
         size = work.values[last]
         while taken < tables.inputs.shape[0] and tables.inputs[taken, 0] == k:
             slope, unknown = work.shares[tables.inputs[taken, 1]], tables.inputs[taken, 2]
             size += slope * (work.begin[unknown] - work.latest[unknown])
-            column = column_places[unknown]
-            core[to, column] += delta * slope
-            core[away, column] -= delta * slope
+            matrix[SLOTS, order.input_places[taken, 0]] += delta * slope
+            matrix[SLOTS, order.input_places[taken, 1]] -= delta * slope
             taken += 1
-        right[to] -= delta * size
-        right[away] += delta * size
+        right[order.row_position[tables.behavioural[k, 0]]] -= delta * size
+        right[order.row_position[tables.behavioural[k, 1]]] += delta * size
 
 
-@compiled
-def _near(work, columns, eliminated, only_last):
+@inlined
+def _near(order, work, only_motion):
     """Whether the core's unknowns moved by little; the latest iterate becomes theirs."""
     n = work.sizes.size
     settled = True
-    for place in range(n - eliminated):
-        unknown = columns[eliminated + place]
-        new = work.begin[unknown] + work.core_solution[place]
-        if not only_last or unknown == n - 1:
-            moved = abs(new - work.latest[unknown])
-            size = max(work.sizes[unknown], abs(new))
-            # Not a number is not near.
-            settled = settled and moved <= RELATIVE_STEP * size
+    for position in range(order.linear[0], n):
+        unknown = order.columns[position]
+        if only_motion and unknown != n - 1:
+            continue
+        new = work.begin[unknown] + work.solution[position]
+        moved = abs(new - work.latest[unknown])
+        # Not a number is not near.
+        settled = settled and moved <= RELATIVE_STEP * max(work.sizes[unknown], abs(new))
         work.latest[unknown] = new
     return settled
 
@@ -237,8 +225,8 @@ def _near(work, columns, eliminated, only_last):
 def solve_stage(
     s: Any,
     tables: Tables,
+    order: Order,
     work: Work,
-    factors: Factors,
     slot: int,
     delta: float,
     time: float,
@@ -252,7 +240,7 @@ def solve_stage(
     Parameters
     ----------
     s : harvester.device.system.System
-    tables, work, factors, slot
+    tables, order, work, slot
         `work.right` holds r + δ (s − G y) with the force of the base, `work.latest` a guess of
         y + u, `work.voltages` one of the junctions'.
     delta, time : float
@@ -266,12 +254,13 @@ def solve_stage(
     """
     n = work.right.size
     touching, low, high, held = zone
-    eliminated = factors.eliminated[slot]
-    size = n - eliminated
-    matrix, rows, columns = factors.matrix[slot], factors.rows[slot], factors.columns[slot]
-    row_places, column_places = factors.row_places[slot], factors.column_places[slot]
-    forward(matrix, rows, eliminated, work.right, work.ordered)
-    row, column = row_places[n - 1], column_places[n - 1]
+    linear, first, last = order.linear
+    matrix, ordered, solution = work.matrix, work.ordered, work.solution
+    pivots, lower, upper = order.pivots, order.lower, order.upper
+    for i in range(n):
+        ordered[i] = work.right[order.rows[i]]
+    forward(pivots, lower, 0, linear, matrix, slot, ordered)
+    position = order.row_position[n - 1]
     v = work.latest[n - 1]
     pull = force(s, touching, low, high, held, x_base + delta * v, v)
     nearby = DIFFERENCE * work.sizes[n - 1]
@@ -279,49 +268,60 @@ def solve_stage(
     slope = delta * row_unit * (slope - pull) / nearby
     settled = False
     for _ in range(MOST_ITERATIONS):
-        for i in range(size):
-            for j in range(size):
-                work.core[i, j] = matrix[eliminated + i, eliminated + j]
-            work.core_right[i] = work.ordered[eliminated + i]
-        work.core[row, column] += slope
-        work.core_right[row] -= delta * row_unit * pull - slope * (v - work.begin[n - 1])
-        _add_junctions(tables, work, row_places, column_places, delta)
+        for place in range(first, last):
+            matrix[SLOTS, place] = matrix[slot, place]
+        for i in range(linear, n):
+            solution[i] = ordered[i]
+        solution[n] = 0.0
+        matrix[SLOTS, order.motion_place] += slope
+        solution[position] -= delta * row_unit * pull - slope * (v - work.begin[n - 1])
+        _add_junctions(tables, order, work, delta)
         if tables.behavioural.shape[0] > 0:
-            _add_behavioural(tables, work, row_places, column_places, delta, time)
-        if not decompose(work.core, size, factors.weights[slot, eliminated:], work.order):
-            break
-        solve(work.core, size, work.order, work.core_right, work.core_solution)
-        work.core_solution[size] = 0.0
-        settled = _move_junctions(tables, work, column_places)
-        settled &= _near(work, columns, eliminated, tables.behavioural.shape[0] == 0)
+            _add_behavioural(tables, order, work, delta, time)
+        eliminate(pivots, lower, upper, order.updates, linear, n, matrix, SLOTS)
+        solution[n] = 0.0
+        forward(pivots, lower, linear, n, matrix, SLOTS, solution)
+        backward(pivots, upper, linear, n, matrix, SLOTS, solution)
+        settled = _move_junctions(tables, order, work)
+        settled &= _near(order, work, tables.behavioural.shape[0] == 0)
         if settled:
             break
         v = work.latest[n - 1]
         pull = force(s, touching, low, high, held, x_base + delta * v, v)
-    for i in range(size):
-        work.ordered[eliminated + i] = work.core_solution[i]
-    backward(matrix, columns, eliminated, work.ordered, change)
+    _finish(order, work, slot, change)
     return settled
 
 
-@compiled
+@inlined
+def _finish(order, work, slot, out):
+    """Linear unknowns from those of the core, all in the tables' order."""
+    n, linear = work.right.size, order.linear[0]
+    for i in range(linear):
+        work.solution[i] = work.ordered[i]
+    backward(order.pivots, order.upper, 0, linear, work.matrix, slot, work.solution)
+    for i in range(n):
+        out[order.columns[i]] = work.solution[i]
+
+
+@inlined
 def error_energy(
-    work: Work, factors: Factors, slot: int, error: np.ndarray, filtered: np.ndarray
+    order: Order, work: Work, slot: int, error: np.ndarray, filtered: np.ndarray
 ) -> float:
     """Energy (J) of a step's error in the circuit; `error` is that of C y + q, `filtered` room.
 
     Through the equations of the last iteration: what decays within the step counts as little as
     it lasts.
     """
-    n = error.size
-    eliminated = factors.eliminated[slot]
-    size = n - eliminated
-    matrix = factors.matrix[slot]
-    forward(matrix, factors.rows[slot], eliminated, error, work.ordered)
-    solve(work.core, size, work.order, work.ordered[eliminated:], work.core_solution)
-    for i in range(size):
-        work.ordered[eliminated + i] = work.core_solution[i]
-    backward(matrix, factors.columns[slot], eliminated, work.ordered, filtered)
+    n, linear = error.size, order.linear[0]
+    pivots, lower = order.pivots, order.lower
+    for i in range(n):
+        work.ordered[i] = error[order.rows[i]]
+    forward(pivots, lower, 0, linear, work.matrix, slot, work.ordered)
+    for i in range(linear, n):
+        work.solution[i] = work.ordered[i]
+    forward(pivots, lower, linear, n, work.matrix, SLOTS, work.solution)
+    backward(pivots, order.upper, linear, n, work.matrix, SLOTS, work.solution)
+    _finish(order, work, slot, filtered)
     total = 0.0
     for i in range(n - 1):
         total += abs(error[i] * filtered[i])

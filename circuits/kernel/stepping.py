@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from circuits.kernel import junction
-from circuits.kernel.linear import Factors, slot_of
+from circuits.kernel.linear import Order, slot_of
 from circuits.kernel.stage import (
     Work,
     add_conducted,
@@ -24,7 +24,7 @@ from circuits.kernel.stage import (
     solve_stage,
 )
 from circuits.kernel.tables import Probes, Tables
-from harvester.compilation import compiled, inlined
+from harvester.compilation import compiled, inlined, unowned
 from harvester.device import contact
 from harvester.device import system as systems
 from harvester.engines.steps import STEPS_PER_CONTACT
@@ -71,7 +71,7 @@ class State(NamedTuple):
     y, rates : (n,) unknowns and d/dt [C y + q].
     voltages, before : (m,) of the junctions, now and a step ago.
     closed : (k,) int64, of the switches.
-    first, second, error, filtered : (n,) room for a step.
+    second, error, filtered : (n,) room for a step.
     """
 
     numbers: np.ndarray
@@ -80,7 +80,6 @@ class State(NamedTuple):
     voltages: np.ndarray
     before: np.ndarray
     closed: np.ndarray
-    first: np.ndarray
     second: np.ndarray
     error: np.ndarray
     filtered: np.ndarray
@@ -92,8 +91,8 @@ def advance(
     s: Any,
     tables: Tables,
     probes: Probes,
+    order: Order,
     work: Work,
-    factors: Factors,
     state: State,
     edges: np.ndarray,
     block: np.ndarray,
@@ -109,6 +108,8 @@ def advance(
 
     Returns the segment reached, the points written, and FINE, STUCK or CHATTER with the switch.
     """
+    tables, order, probes = unowned(tables), unowned(order), unowned(probes)
+    work, state, record = unowned(work), unowned(state), unowned(record)
     numbers, y = state.numbers, state.y
     n = y.size
     step = spacing / steps_per_knot
@@ -140,7 +141,7 @@ def advance(
             if h < least:
                 return segment, points, STUCK, 0
             settled, error, x1 = _try_step(
-                s, tables, work, factors, state, time, h, noise, slope, x,
+                s, tables, order, work, state, time, h, noise, slope, x,
                 (touching, low, high, numbers[HELD_SPEED]), row_unit,
             )  # fmt: skip
             if not settled:
@@ -213,7 +214,7 @@ def _length(longest, remaining, step):
 
 
 @inlined
-def _try_step(s, tables, work, factors, state, time, h, noise, slope, x, zone, row_unit):
+def _try_step(s, tables, order, work, state, time, h, noise, slope, x, zone, row_unit):
     """A step of length h from the state: whether Newton settled, its error's energy, the new X.
 
     Its change stands in `state.second`, the new rates in `state.error`.
@@ -222,8 +223,9 @@ def _try_step(s, tables, work, factors, state, time, h, noise, slope, x, zone, r
     n = y.size
     known = numbers[RATES_KNOWN] > 0.0
     delta = DIAGONAL * h
-    slot = slot_of(tables, factors, state.closed, delta)
-    _predict(tables, work, state, (STAGE if known else DIAGONAL) * h)
+    slot = slot_of(tables, order, work.matrix, work.keys, state.closed, delta)
+    share, factor = (STAGE, BACKWARD) if known else (DIAGONAL, ALEXANDER)
+    _predict(tables, work, state, share * h)
     for i in range(n):
         work.right[i] = delta * rates[i] if known else 0.0
         work.begin[i] = work.latest[i] = y[i]
@@ -231,50 +233,47 @@ def _try_step(s, tables, work, factors, state, time, h, noise, slope, x, zone, r
     if known:
         work.latest[n - 1] = y[n - 1] + STAGE * h * rates[n - 1] / row_unit
     # δ G y serves both stages.
-    add_conducted(tables, state.closed, y, state.stored, delta)
-    share = STAGE if known else DIAGONAL
-    stage = time + share * h
+    conducted = state.filtered
     for i in range(n):
-        work.right[i] -= state.stored[i]
-    work.right[n - 1] += delta * row_unit * (noise + slope * share * h)
-    add_sources(tables, work.right, stage, delta)
+        conducted[i] = 0.0
+    add_conducted(tables, state.closed, y, conducted, delta)
     base = x + (delta * y[n - 1] if known else 0.0)
-    settled = solve_stage(
-        s, tables, work, factors, slot, delta, stage, base, zone, row_unit, state.first
-    )
-    error, x1 = 0.0, x
-    if settled:
-        moved = base - x + delta * (y[n - 1] + state.first[n - 1])
-        factor = BACKWARD if known else ALEXANDER
+    settled, error = True, 0.0
+    for stage in range(2):
+        ahead = share * h if stage == 0 else h
         for i in range(n):
-            state.error[i] = 0.0
-        add_stored(tables, state.first, state.error)
-        add_junction_charge(tables, work, state.error)
-        for i in range(n):
-            work.right[i] = factor * state.error[i] - state.stored[i]
-        work.right[n - 1] += delta * row_unit * (noise + slope * h)
-        add_sources(tables, work.right, time + h, delta)
-        _predict_second(tables, work, state, share)
-        base = x + factor * moved
+            work.right[i] -= conducted[i]
+        work.right[n - 1] += delta * row_unit * (noise + slope * ahead)
+        add_sources(tables, work.right, time + ahead, delta)
         settled = solve_stage(
-            s, tables, work, factors, slot, delta, time + h, base, zone, row_unit, state.second
+            s, tables, order, work, slot, delta, time + ahead, base, zone, row_unit, state.second
         )
-        x1 = base + delta * (y[n - 1] + state.second[n - 1])
+        if not settled:
+            break
+        moved = base - x + delta * (y[n - 1] + state.second[n - 1])
         for i in range(n):
             state.stored[i] = 0.0
         add_stored(tables, state.second, state.stored)
         add_junction_charge(tables, work, state.stored)
+        if stage == 0:
+            for i in range(n):
+                state.error[i] = state.stored[i]
+                work.right[i] = factor * state.stored[i]
+            base = x + factor * moved
+            _predict_second(tables, work, state, share)
+    x1 = x + moved if settled else x
+    if settled:
         for i in range(n):
             new = (state.stored[i] - factor * state.error[i]) / delta
             middle = state.error[i] / delta - rates[i]
             state.stored[i] = new
             state.error[i] = h * (ERROR[0] * rates[i] + ERROR[1] * middle + ERROR[2] * new)
-        if settled and known:
-            error = error_energy(work, factors, slot, state.error, state.filtered)
+        if known:
+            error = error_energy(order, work, slot, state.error, state.filtered)
     return settled, error, x1
 
 
-@compiled
+@inlined
 def _predict(tables, work, state, ahead):
     """Junction voltages a time ahead as the last step moved them, not up the exponential."""
     last = state.numbers[LAST_STEP]
@@ -288,12 +287,12 @@ def _predict(tables, work, state, ahead):
         work.voltages[k] = v + change
 
 
-@compiled
+@inlined
 def _predict_second(tables, work, state, share):
     """Guesses of the second stage from the first."""
     n = state.y.size
     for i in range(n):
-        work.latest[i] = state.y[i] + state.first[i] / share
+        work.latest[i] = state.y[i] + state.second[i] / share
     for k in range(work.voltages.size):
         v = work.voltages[k]
         change = (v - state.voltages[k]) * (1.0 / share - 1.0)
@@ -327,7 +326,7 @@ def _control(tables, state, k):
     return before, before + change
 
 
-@compiled
+@inlined
 def _switched(tables, state):
     """The switch that turns first within the step, −1 for none, and at which share of it."""
     first, least = -1, 2.0
@@ -357,7 +356,7 @@ def _turn(tables, state):
             state.closed[k] = 0
 
 
-@compiled
+@inlined
 def _accept(tables, probes, work, state, h, x1, ratio, step):
     """The step's end becomes the state; the next step follows its error."""
     numbers, y = state.numbers, state.y
@@ -368,10 +367,10 @@ def _accept(tables, probes, work, state, h, x1, ratio, step):
     for k in range(work.voltages.size):
         state.before[k] = state.voltages[k]
         state.voltages[k] = v = work.voltages[k]
-        row = tables.junction_values[k]
-        if row[junction.TRANSIT] != 0.0 or row[junction.CAPACITANCE] != 0.0:
-            through, slope = junction.current(row, v)
-            work.charges[k] = junction.charge(row, v, through, slope)[0]
+        if junction.holds_charge(tables.junction_values, k):
+            through, slope = junction.current(tables.junction_values, k, v)
+            stored = junction.charge(tables.junction_values, k, v, through, slope)
+            work.charges[k] = stored[0]
     numbers[DISPLACEMENT] = x1
     numbers[LAST_STEP] = h
     numbers[RATES_KNOWN] = 1.0
@@ -386,7 +385,7 @@ def _accept(tables, probes, work, state, h, x1, ratio, step):
     numbers[ENERGY] += (square - numbers[ENERGY]) * min(h / (MEMORY * step), 1.0)
 
 
-@compiled
+@inlined
 def _write(s, probes, state, record, output, point, time, noise, left, right):
     """One point of the record."""
     numbers, y = state.numbers, state.y

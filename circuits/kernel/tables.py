@@ -17,6 +17,7 @@ from circuits import elements as circuit_elements
 from circuits.kernel import junction, waveform
 from circuits.kernel.flattening import Place, elements
 from circuits.kernel.formula import NotTaken
+from circuits.kernel.linear import Order, order_of
 from circuits.kernel.tape import Tape
 from harvester.device import timescales
 from harvester.device.terminals import GROUND, LOAD_AMMETER
@@ -97,6 +98,7 @@ class Circuit(NamedTuple):
     Attributes
     ----------
     tables, probes
+    order : of elimination.
     names : of the unknowns, for messages.
     switches : (name, "file:line") of each switch.
     conductance, capacitance : across the output (S, F).
@@ -104,6 +106,7 @@ class Circuit(NamedTuple):
 
     tables: Tables
     probes: Probes
+    order: Order
     names: tuple[str, ...]
     switches: tuple[tuple[str, str], ...]
     conductance: float
@@ -233,7 +236,7 @@ def build(scene: Scene) -> Circuit:
         (network.reference_capacitance, scales.voltage),
     )
     return Circuit(
-        tables, probes, (*b.unknowns, "X'"), tuple(b.switch_names), *_across(b, load)
+        tables, probes, order_of(tables), (*b.unknowns, "X'"), tuple(b.switch_names), *_across(b, load)
     )
 
 
