@@ -45,7 +45,6 @@ inlined = partial(njit, error_model="numpy", inline="always")
 summing = partial(njit, cache=CACHED, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
 
 
-
 @intrinsic
 def unowned(typingctx, parts):  # type: ignore[no-untyped-def]
     """A tuple whose arrays count no references, for the time of a call that outlives none of them.

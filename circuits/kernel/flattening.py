@@ -191,8 +191,6 @@ def _inside(scope, places):
         call = Place("x", scope.path + name, (), words, scope, where)
         given = {key: call.value(text) for key, text in call.pairs().items()}
         bare = call.plain()
-        nodes = {
-            pin: scope.node(node) for pin, node in zip(target.pins, bare[1:-1], strict=True)
-        }
+        nodes = {pin: scope.node(node) for pin, node in zip(target.pins, bare[1:-1], strict=True)}
         inner = Scope(target, given, nodes, f"{scope.path}{name}.", scope.defining(target))
         yield from _inside(inner, places)

@@ -255,7 +255,9 @@ def slot_of(
         matrix[slot, order.switch_places[k, 1]] += change
         matrix[slot, order.switch_places[k, 2]] -= change
         matrix[slot, order.switch_places[k, 3]] -= change
-    eliminate(order.pivots, order.lower, order.upper, order.updates, 0, order.linear[0], matrix, slot)
+    eliminate(
+        order.pivots, order.lower, order.upper, order.updates, 0, order.linear[0], matrix, slot
+    )
     return slot
 
 

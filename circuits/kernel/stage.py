@@ -39,7 +39,8 @@ class Work(NamedTuple):
         what becomes of it. Ground last.
     matrix : (SLOTS + 1, places + 1) numbers of the matrix by `circuits.kernel.linear.Order`, the
         core of the iteration at hand last; `keys` (SLOTS, 2) what the others are for.
-    voltages : (m,) of the junctions, as iterated; `charges` (m,) at the step's beginning.
+    voltages : (m,) of the junctions, as iterated, `currents` and `slopes` (m,) there; `charges`
+        (m,) at the step's beginning.
     values, shares : (k,) of the tape.
     begin, latest : (n + 1,) y and y + u of the last iteration, ground last.
     sizes : (n,) greatest size of each unknown so far.
@@ -51,6 +52,8 @@ class Work(NamedTuple):
     matrix: np.ndarray
     keys: np.ndarray
     voltages: np.ndarray
+    currents: np.ndarray
+    slopes: np.ndarray
     charges: np.ndarray
     values: np.ndarray
     shares: np.ndarray
@@ -65,7 +68,7 @@ def room(tables: Tables, order: Order) -> Work:
     k = len(tables.tape)
     return Work(
         np.zeros(n), np.zeros(n + 1), np.zeros(n + 1), np.zeros((SLOTS + 1, order.linear[2] + 1)),
-        np.zeros((SLOTS, 2)), np.zeros(m), np.zeros(m), tables.tape_values.copy(), np.zeros(k),
+        np.zeros((SLOTS, 2)), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m), tables.tape_values.copy(), np.zeros(k),
         np.zeros(n + 1), np.zeros(n + 1), np.full(n, 1e-9),
     )  # fmt: skip
 
@@ -142,6 +145,7 @@ def _add_junctions(tables, order, work, delta):
     for k in range(work.voltages.size):
         v = work.voltages[k]
         through, slope = junction.current(tables.junction_values, k, v)
+        work.currents[k], work.slopes[k] = through, slope
         a, z = tables.junctions[k, 0], tables.junctions[k, 1]
         share = 1.0 / (1.0 + slope * tables.junction_values[k, junction.RESISTANCE])
         g = delta * slope * share
@@ -169,7 +173,7 @@ def _move_junctions(tables, order, work):
         a, z = tables.junctions[k, 0], tables.junctions[k, 1]
         across = work.begin[a] - work.begin[z] + solution[position[a]] - solution[position[z]]
         old = work.voltages[k]
-        through, slope = junction.current(tables.junction_values, k, old)
+        through, slope = work.currents[k], work.slopes[k]
         resistance = tables.junction_values[k, junction.RESISTANCE]
         predicted = (through + slope * (across - old)) / (1.0 + slope * resistance)
         new = across - resistance * predicted

@@ -149,9 +149,7 @@ def advance(
                 numbers[PROPOSED] = h
                 numbers[RATES_KNOWN] = 0.0
                 continue
-            scale = probes.energy[0] * max(
-                numbers[ENERGY], (SMALL_VOLTAGE * probes.energy[1]) ** 2
-            )
+            scale = probes.energy[0] * max(numbers[ENERGY], (SMALL_VOLTAGE * probes.energy[1]) ** 2)
             ratio = np.sqrt(error / scale) / TOLERANCE
             if ratio > 1.0 and entered == 0:
                 numbers[PROPOSED] = h * max(0.1, 0.9 * ratio ** (-1.0 / 3.0))

@@ -236,7 +236,12 @@ def build(scene: Scene) -> Circuit:
         (network.reference_capacitance, scales.voltage),
     )
     return Circuit(
-        tables, probes, order_of(tables), (*b.unknowns, "X'"), tuple(b.switch_names), *_across(b, load)
+        tables,
+        probes,
+        order_of(tables),
+        (*b.unknowns, "X'"),
+        tuple(b.switch_names),
+        *_across(b, load),
     )
 
 

@@ -1,4 +1,6 @@
-"""Monte Carlo reference: Runge–Kutta of fourth order on the given noise path, no circuit.
+"""Monte Carlo reference: the equations themselves on the given noise path, no ngspice.
+
+A resistor as load: Runge–Kutta of fourth order, here. A netlist: `circuits.kernel`.
 
 Steps land on the noise's knots and on the moments at which a contact begins or ends, so that
 the scheme keeps its order where the force is smooth; in contact the step resolves the contact
@@ -11,18 +13,19 @@ Heun's scheme of second order takes the same steps; it is there for work-precisi
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from harvester.compilation import compiled, inlined, numba
 from harvester.device import contact, system
+from harvester.engines import circuit
 from harvester.engines.decay import decayed
 from harvester.engines.steps import STEPS_PER_CONTACT, steps_per_knot, stop_time
 from harvester.engines.zones import crossing, overshoots
-from harvester.errors import SolutionDiverged
+from harvester.errors import LoadError, SolutionDiverged
 from harvester.record.record import empty_record, fill, part
-from harvester.scene.units import scale
+from harvester.scene.units import require_mass, scale
 
 if TYPE_CHECKING:
     from harvester.device.system import System
@@ -43,8 +46,23 @@ EXACT_DECAY = "exact decay, order 3"
 TIME, DISPLACEMENT, VELOCITY, TRANSDUCER, HELD_SPEED, ZONE, PHASE = range(7)
 
 
+def check(scene: Scene) -> None:
+    """Refuse what Monte Carlo does not take: a motion prescribed, some elements of a load.
+
+    Raises
+    ------
+    LoadError
+    """
+    require_mass(scene, "Monte Carlo")
+    if not scene.load.is_resistor:
+        circuit.check_compiled(scene)
+
+
 def prepare(scene: Scene) -> None:
     """Load the compiled code for a scene's parts, so that it does not count as simulation."""
+    if not scene.load.is_resistor:
+        circuit.prepare_compiled(scene)
+        return
     s, _ = scale(scene)
     record = empty_record(1)
     state = initial_state(s, (0.0, 0.0, 0.0))
@@ -62,11 +80,12 @@ def run_realizations(
     scheme: str = "runge-kutta",
     tolerance: float | None = None,
     device: str | None = None,
+    outputs: Any = None,
 ) -> dict[str, str | None]:
     """Integrate realizations one by one; see `circuits.ngspice.engine.run_realizations`.
 
-    `scheme` is "runge-kutta" or "heun". `source`, `tolerance` and `device` are not used: the
-    path is taken as it is, in fixed steps.
+    `scheme` is "runge-kutta" or "heun", for a resistor as load. `source`, `tolerance` and `device`
+    are not used: the path is taken as it is, in fixed steps or those that a netlist needs.
 
     Returns
     -------
@@ -76,7 +95,15 @@ def run_realizations(
     Raises
     ------
     SolutionDiverged
+    LoadError
+        Heun's scheme is asked for and the load is a netlist.
     """
+    if not scene.load.is_resistor:
+        if scheme != "runge-kutta":
+            raise LoadError(
+                f"{scene.name}: --scheme {scheme} is for a resistor as load; leave it out"
+            )
+        return circuit.run_compiled(scene, paths, starts, observers, step, outputs)
     s, _ = scale(scene)
     fixed = steps_per_knot(scene, step, "monte-carlo")
     for path, start, watching in zip(paths, starts, observers, strict=True):

@@ -84,11 +84,14 @@ def steps_per_knot(scene: Scene, step: str | float = "default", engine: str = "c
         return max(1, math.ceil(spacing / step - 1e-9))
     if scene.excitation.prescribes_displacement:
         return STEP_LEVELS[step]
-    longest = (
-        2.0 * math.pi / timescales.fastest_angular_frequency(system) / STEPS_PER_PERIOD[engine]
-    )
     load = scene.load.circuit
-    finer = SWITCHING_STEPS if load and load.switches else 1
+    netlist = not scene.load.is_resistor
+    # With a netlist Monte Carlo's scheme is of order two as well.
+    order_two = "circuit" if netlist else engine
+    longest = (
+        2.0 * math.pi / timescales.fastest_angular_frequency(system) / STEPS_PER_PERIOD[order_two]
+    )
+    finer = SWITCHING_STEPS if engine == "circuit" and load and load.switches else 1
     if engine == "monte-carlo" and system.transducer.decay_rate() * spacing > 1.0:
         finer *= STEPS_OF_FAST_LOADS
     if system.damper.damping * spacing > 1.0:

@@ -18,9 +18,7 @@ def _hermite(x, v, x1, v1, h, u):
 
 
 @compiled
-def overshoots(
-    low: float, high: float, x: float, v: float, x1: float, v1: float, h: float
-) -> bool:
+def overshoots(low: float, high: float, x: float, v: float, x1: float, v1: float, h: float) -> bool:
     """Whether a step that starts and ends within a zone has left it on its way."""
     turn = _hermite(x, v, x1, v1, h, v / (v - v1))[0]
     return turn > high or turn < low
