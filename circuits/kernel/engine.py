@@ -47,7 +47,7 @@ def prepare(scene: Scene) -> None:
     edges = np.array(contact.edges(s.contacts))
     advance(
         s, circuit.tables, circuit.probes, circuit.order, work, state, edges, np.zeros(2), 0, 0, 0, 1.0,
-        1, empty_record(1), np.zeros(1),
+        1, empty_record(2), np.zeros(2),
     )  # fmt: skip
 
 

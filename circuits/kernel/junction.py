@@ -42,7 +42,11 @@ def table_row(model: dict[str, float], area: float) -> np.ndarray:
     row[RESISTANCE] = model.get("rs", 0.0) / area
     row[BREAKDOWN] = model.get("bv", math.inf)
     row[BREAKDOWN_SWING] = model.get("nbv", model.get("n", 1.0)) * THERMAL_VOLTAGE
-    row[BREAKDOWN_CURRENT] = max(area * model.get("ibv", 1e-3), saturation)
+    # Where ngspice lets it break down: the current given flows at the voltage given where the
+    # emission coefficient of breakdown is 1.
+    emission = row[BREAKDOWN_SWING] / THERMAL_VOLTAGE
+    given = max(area * model.get("ibv", 1e-3), saturation)
+    row[BREAKDOWN_CURRENT] = saturation * (1.0 + given / saturation) ** (1.0 / emission)
     row[HIGHEST] = swing * max(math.log(LARGEST_CURRENT / saturation), 1.0)
     row[LOWEST] = row[BREAKDOWN_SWING] * max(
         math.log(LARGEST_CURRENT / row[BREAKDOWN_CURRENT]), 1.0

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from harvester.compilation import compiled, inlined
+from harvester.compilation import inlined
 
 if TYPE_CHECKING:
     from circuits.kernel.tables import Tables
 
 # Factors kept at a time.
-SLOTS = 32
+SLOTS = 24
 # A pivot against the greatest number of its column, in every trial; what a column without one
 # makes do with.
 PIVOT_SHARES = (1e-3, 1e-6, 1e-12, 0.0)
@@ -228,36 +228,40 @@ def _list(there, places, n):
     return _table(pivots, 3), _table(lower, 3), _table(upper, 2), np.array(updates, dtype=np.int64)
 
 
-@compiled
+@inlined
 def slot_of(
     tables: Tables, order: Order, matrix: np.ndarray, keys: np.ndarray, closed: np.ndarray,
     delta: float,
 ) -> int:  # fmt: skip
     """The row of `matrix` with the factors for a step's δ, filled if need be.
 
-    `keys`, shape (SLOTS, 2), say what the rows are for; `matrix`, shape (SLOTS + 1, places + 1), has
+    `keys`, shape (SLOTS + 1, 2), say what the rows are for, and which is next; `matrix`, shape (SLOTS + 1, places + 1), has
     one more for the core.
     """
     key = 0.0
     for k in range(closed.size):
         key = 2.0 * key + closed[k]
-    slot = int((np.abs(np.log2(delta)) * 5.0 + 7.0 * key) % SLOTS)
-    if keys[slot, 0] == delta and keys[slot, 1] == key:
-        return slot
-    keys[slot, 0], keys[slot, 1] = delta, key
-    for k in range(matrix.shape[1]):
-        matrix[slot, k] = 0.0
-    for k in range(order.entry_places.size):
-        matrix[slot, order.entry_places[k]] += tables.capacity[k] + delta * tables.conductance[k]
-    for k in range(closed.size):
-        change = delta * tables.switch_values[k, closed[k]]
-        matrix[slot, order.switch_places[k, 0]] += change
-        matrix[slot, order.switch_places[k, 1]] += change
-        matrix[slot, order.switch_places[k, 2]] -= change
-        matrix[slot, order.switch_places[k, 3]] -= change
-    eliminate(
-        order.pivots, order.lower, order.upper, order.updates, 0, order.linear[0], matrix, slot
-    )
+    slot = 0
+    # In a ring: the steps of late are near.
+    while slot < SLOTS and not (keys[slot, 0] == delta and keys[slot, 1] == key):
+        slot += 1
+    if slot == SLOTS:
+        slot = int(keys[SLOTS, 0])
+        keys[SLOTS, 0] = (slot + 1) % SLOTS
+        keys[slot, 0], keys[slot, 1] = delta, key
+        for k in range(matrix.shape[1]):
+            matrix[slot, k] = 0.0
+        for k in range(order.entry_places.size):
+            change = tables.capacity[k] + delta * tables.conductance[k]
+            matrix[slot, order.entry_places[k]] += change
+        for k in range(closed.size):
+            change = delta * tables.switch_values[k, closed[k]]
+            matrix[slot, order.switch_places[k, 0]] += change
+            matrix[slot, order.switch_places[k, 1]] += change
+            matrix[slot, order.switch_places[k, 2]] -= change
+            matrix[slot, order.switch_places[k, 3]] -= change
+        linear = order.linear[0]
+        eliminate(order.pivots, order.lower, order.upper, order.updates, 0, linear, matrix, slot)
     return slot
 
 

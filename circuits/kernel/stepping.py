@@ -44,6 +44,12 @@ BACKWARD, ALEXANDER = 0.5 * (1.0 + ROOT), 1.0 + ROOT
 ERROR = ((1.0 - ROOT) / 3.0, 1.0 / 3.0, (ROOT - 2.0) / 3.0)
 # A step's error against the transducer's energy, both as roots.
 TOLERANCE = 1e-3
+# Weights of power at the step's beginning and its stages in its mean, for either method.
+POWER_WEIGHTS = ((0.25 * ROOT, 0.25 * ROOT, DIAGONAL), (0.0, 1.0 - DIAGONAL, DIAGONAL))
+# Of the power at both ends, a difference of their mean from the step's that asks for a point more.
+POWER_DIFFERENCE = 0.01
+# A switch's control is known to this share of its distance from the threshold and its hysteresis.
+CONTROL_TOLERANCE = 0.1
 # After a switch, the first step against the usual one; the shortest; how well its time is known.
 RESTART, SHORTEST, LOCATED = 2.0**-10, 2.0**-34, 1e-4
 # Share of the step that led across within which the time is known, too.
@@ -57,8 +63,8 @@ MEMORY, SMALL_VOLTAGE = 200.0, 1e-3
 # Places among the numbers of a state.
 (
     DISPLACEMENT, HELD_SPEED, ZONE, PHASE, PROPOSED, RATES_KNOWN, LAST_STEP, ENERGY, SWITCHINGS,
-    TIME, NUMBERS,
-) = range(11)  # fmt: skip
+    TIME, MEAN_POWER, NUMBERS,
+) = range(12)  # fmt: skip
 FINE, STUCK, CHATTER = range(3)
 
 
@@ -118,7 +124,7 @@ def advance(
     points = 0
     free = np.searchsorted(edges, 0.0)
     left, right = edges[free - 1], edges[free]
-    while segment < count and points < capacity:
+    while segment < count and points + 1 < capacity:
         slope = (block[segment + 1] - block[segment]) / spacing
         phase = numbers[PHASE]
         end = (np.floor(phase / step + 1e-9) + 1.0) * step
@@ -140,8 +146,8 @@ def advance(
         while True:
             if h < least:
                 return segment, points, STUCK, 0
-            settled, error, x1 = _try_step(
-                s, tables, order, work, state, time, h, noise, slope, x,
+            settled, error, x1, missed = _try_step(
+                s, tables, order, probes, work, state, time, h, noise, slope, x,
                 (touching, low, high, numbers[HELD_SPEED]), row_unit,
             )  # fmt: skip
             if not settled:
@@ -150,7 +156,7 @@ def advance(
                 numbers[RATES_KNOWN] = 0.0
                 continue
             scale = probes.energy[0] * max(numbers[ENERGY], (SMALL_VOLTAGE * probes.energy[1]) ** 2)
-            ratio = np.sqrt(error / scale) / TOLERANCE
+            ratio = max(np.sqrt(error / scale) / TOLERANCE, missed)
             if ratio > 1.0 and entered == 0:
                 numbers[PROPOSED] = h * max(0.1, 0.9 * ratio ** (-1.0 / 3.0))
                 h = _length(numbers[PROPOSED], remaining, step)
@@ -169,6 +175,7 @@ def advance(
                 entered = 0
                 continue
             break
+        power = y[probes.places[0]] * y[probes.places[1]]
         _accept(tables, probes, work, state, h, x1, ratio, step)
         if entered != 0:
             numbers[ZONE] = place + entered
@@ -195,6 +202,15 @@ def advance(
         numbers[PHASE] = phase
         time = (first_knot + segment) * spacing + phase
         numbers[TIME] = time
+        last = y[probes.places[0]] * y[probes.places[1]]
+        mean = numbers[MEAN_POWER]
+        if points > 0 and abs(2.0 * mean - power - last) > POWER_DIFFERENCE * (
+            abs(power) + abs(last)
+        ):
+            # A current that jumped at the step's beginning: the point before it once more, with
+            # the power that makes the mean of both ends the step's.
+            _again(record, output, points, (2.0 * mean - last) * probes.units[3])
+            points += 1
         _write(s, probes, state, record, output, points, time, noise, left, right)
         points += 1
     return segment, points, FINE, 0
@@ -212,10 +228,11 @@ def _length(longest, remaining, step):
 
 
 @inlined
-def _try_step(s, tables, order, work, state, time, h, noise, slope, x, zone, row_unit):
-    """A step of length h from the state: whether Newton settled, its error's energy, the new X.
+def _try_step(s, tables, order, probes, work, state, time, h, noise, slope, x, zone, row_unit):
+    """A step of length h from the state.
 
-    Its change stands in `state.second`, the new rates in `state.error`.
+    Returns whether Newton settled, its error's energy, the new X, and the error of the switches'
+    controls against what they may have. Its change stands in `state.second`, the new rates in `state.error`.
     """
     y, rates, numbers = state.y, state.rates, state.numbers
     n = y.size
@@ -236,7 +253,7 @@ def _try_step(s, tables, order, work, state, time, h, noise, slope, x, zone, row
         conducted[i] = 0.0
     add_conducted(tables, state.closed, y, conducted, delta)
     base = x + (delta * y[n - 1] if known else 0.0)
-    settled, error = True, 0.0
+    settled, error, missed, moved, mean, power = True, 0.0, 0.0, 0.0, 0.0, 0.0
     for stage in range(2):
         ahead = share * h if stage == 0 else h
         for i in range(n):
@@ -253,14 +270,18 @@ def _try_step(s, tables, order, work, state, time, h, noise, slope, x, zone, row
             state.stored[i] = 0.0
         add_stored(tables, state.second, state.stored)
         add_junction_charge(tables, work, state.stored)
+        place, branch = probes.places[0], probes.places[1]
+        power = (y[place] + state.second[place]) * (y[branch] + state.second[branch])
+        weights = POWER_WEIGHTS[0] if known else POWER_WEIGHTS[1]
         if stage == 0:
+            mean = weights[0] * y[place] * y[branch] + weights[1] * power
             for i in range(n):
                 state.error[i] = state.stored[i]
                 work.right[i] = factor * state.stored[i]
             base = x + factor * moved
             _predict_second(tables, work, state, share)
-    x1 = x + moved if settled else x
     if settled:
+        numbers[MEAN_POWER] = mean + DIAGONAL * power
         for i in range(n):
             new = (state.stored[i] - factor * state.error[i]) / delta
             middle = state.error[i] / delta - rates[i]
@@ -268,7 +289,24 @@ def _try_step(s, tables, order, work, state, time, h, noise, slope, x, zone, row
             state.error[i] = h * (ERROR[0] * rates[i] + ERROR[1] * middle + ERROR[2] * new)
         if known:
             error = error_energy(order, work, slot, state.error, state.filtered)
-    return settled, error, x1
+            missed = _missed(tables, state)
+    return settled, error, x + moved, missed
+
+
+@inlined
+def _missed(tables, state):
+    """The greatest error of a switch's control, against what it may be."""
+    n = state.y.size
+    greatest = 0.0
+    for k in range(state.closed.size):
+        a, z = tables.switches[k, 2], tables.switches[k, 3]
+        error = (state.filtered[a] if a < n else 0.0) - (state.filtered[z] if z < n else 0.0)
+        after = _control(tables, state, k)[1]
+        low, high = tables.switch_values[k, 2], tables.switch_values[k, 3]
+        limit = high if state.closed[k] == 0 else low
+        free = abs(after - limit) + high - low + 1e-3 * abs(limit) + 1e-9
+        greatest = max(greatest, abs(error) / (CONTROL_TOLERANCE * free))
+    return greatest
 
 
 @inlined
@@ -314,7 +352,7 @@ def _leaves(low, high, x, v, x1, v1, h):
     return entered, crossing(edge, entered, x, v, x1, v1, h) / h
 
 
-@compiled
+@inlined
 def _control(tables, state, k):
     """Control of a switch before and after the step."""
     n = state.y.size
@@ -340,7 +378,7 @@ def _switched(tables, state):
     return first, least
 
 
-@compiled
+@inlined
 def _turn(tables, state):
     """Turn every switch whose control has passed its threshold."""
     n = state.y.size
@@ -381,6 +419,15 @@ def _accept(tables, probes, work, state, h, x1, ratio, step):
         numbers[PROPOSED] = h * growth
     square = y[probes.places[0]] ** 2
     numbers[ENERGY] += (square - numbers[ENERGY]) * min(h / (MEMORY * step), 1.0)
+
+
+@compiled
+def _again(record, output, point, power):
+    """The last point of a record once more, with another power into the load."""
+    for column in record:
+        column[point] = column[point - 1]
+    record.load_power[point] = power
+    output[point] = output[point - 1]
 
 
 @inlined
