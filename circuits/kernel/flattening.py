@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, NamedTuple, NoReturn
 
-from circuits.kernel.formula import NotTaken, parse, resolved
+from circuits.kernel.formula import CONSTANTS, NotTaken, parse, resolved
 from circuits.loads import tree, vetting
 from circuits.loads.expansion import called
 from circuits.loads.reader import statements
@@ -100,6 +100,8 @@ class Scope:
                 finally:
                     self._under_way = self._under_way - {name}
         if self.parent is None:
+            if name in CONSTANTS:
+                return ("number", CONSTANTS[name])
             raise NotTaken(f"the name {name}")
         return self.parent.parameter(name)
 
@@ -107,6 +109,9 @@ class Scope:
         """What a name means in an expression of the circuit's solution."""
         if name == "time":
             return ("time",)
+        if name in CONSTANTS:
+            # There ngspice's own go first.
+            return ("number", CONSTANTS[name])
         if name == "hertz":
             raise NotTaken("hertz")
         return self.parameter(name)

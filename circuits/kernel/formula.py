@@ -246,7 +246,7 @@ def resolved(
     if kind in ("number", "v", "i"):
         return tree
     if kind == "name":
-        return ("number", CONSTANTS[tree[1]]) if tree[1] in CONSTANTS else name_of(tree[1])
+        return name_of(tree[1])
     if kind != "call":
         parts = [resolved(part, name_of, function_of, signed_power) for part in tree[1:]]
         return _folded(kind, parts)
