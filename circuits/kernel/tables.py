@@ -607,18 +607,43 @@ def _tables(b, velocity):
 def _starts(b, n):
     """y at the beginning without the transducer's state, and what one unit of it adds: (2, n).
 
-    The voltages of capacitors and the currents of inductors are as given, those of the greatest
-    first where they contradict each other; the first step finds the rest.
+    What sources set holds; the voltages of capacitors and the currents of inductors are as given,
+    those of the greatest first where they contradict each other; the first step finds the rest.
     """
-    matrix = np.zeros((len(b.initial), n))
+    matrix = np.zeros((len(b.initial), n + 1))
     values = np.zeros((len(b.initial), 2))
     for k, (a, z, start, size) in enumerate(b.initial):
-        weight = np.sqrt(size)
-        if a >= 0:
-            matrix[k, a] += weight
-        if z >= 0:
-            matrix[k, z] -= weight
-        values[k, 1 if start == "state" else 0] = weight * (1.0 if start == "state" else start)
-    scaling = np.maximum(np.abs(matrix).max(axis=0), 1e-300) if len(b.initial) else np.ones(n)
-    found = np.linalg.lstsq(matrix / scaling, values, rcond=1e-13)[0]
-    return (found / scaling[:, None]).T
+        # Ground stands last.
+        matrix[k, a] += np.sqrt(size)
+        matrix[k, z] -= np.sqrt(size)
+        values[k, 1 if start == "state" else 0] = np.sqrt(size) * _one_if_state(start)
+    heaviest = np.abs(matrix).max(initial=1.0)
+    fixed, given = _set_voltages(b, n)
+    matrix = np.concatenate([1e-3 / heaviest * matrix[:, :n], fixed])
+    values = np.concatenate([1e-3 / heaviest * values, given])
+    sizes = np.abs(matrix).max(axis=0, initial=0.0)
+    sizes[sizes == 0.0] = 1.0
+    found = np.linalg.lstsq(matrix / sizes, values, rcond=1e-13)[0]
+    return (found / sizes[:, None]).T
+
+
+def _one_if_state(start):
+    return 1.0 if start == "state" else start
+
+
+def _set_voltages(b, n):
+    """Rows of the branches that set a voltage and hold no flux, and what they set at time 0."""
+    chosen = []
+    for name, place in b.unknowns.items():
+        entries = {column: e for (row, column), e in b.entries.items() if row == place}
+        holds = any(e[0] != 0.0 for e in entries.values()) or ("row", place) in b.nonlinear
+        if name.startswith("i(") and not holds:
+            chosen.append((place, entries))
+    rows, values = np.zeros((len(chosen), n)), np.zeros((len(chosen), 2))
+    for k, (place, entries) in enumerate(chosen):
+        for column, (_, conductance) in entries.items():
+            rows[k, column] = conductance
+        values[k, 0] = b.steady.get(place, 0.0)
+        size = np.abs(rows[k]).max()
+        rows[k], values[k] = rows[k] / size, values[k] / size
+    return rows, values
