@@ -46,7 +46,7 @@ summing = partial(njit, cache=CACHED, error_model="numpy", fastmath={"reassoc", 
 
 
 @intrinsic
-def unowned(typingctx, parts):  # type: ignore[no-untyped-def]
+def unowned(typingctx, parts):
     """A tuple whose arrays count no references, for the time of a call that outlives none of them.
 
     Counting them costs more than what a loop does with a few of their numbers.

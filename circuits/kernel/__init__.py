@@ -1,1 +1,1 @@
-"""A load's netlist compiled: element tables of it, and one solver for all of them with the device."""
+"""A load's netlist compiled: its element tables and one solver for all of them."""

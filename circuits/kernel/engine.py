@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from circuits.kernel import junction, stepping
-from circuits.kernel.stage import Work, room
+from circuits.kernel.assembly import build, with_start
+from circuits.kernel.stage import room
 from circuits.kernel.stepping import (
     CHATTER,
     DISPLACEMENT,
@@ -22,7 +23,7 @@ from circuits.kernel.stepping import (
     State,
     advance,
 )
-from circuits.kernel.tables import Circuit, build, with_start
+from circuits.kernel.tables import Circuit
 from harvester.compilation import numba
 from harvester.device import contact, system, timescales
 from harvester.engines.steps import steps_per_knot, stop_time
@@ -46,14 +47,14 @@ def prepare(scene: Scene) -> None:
     state, work = _beginning(s, circuit, (0.0, 0.0, 0.0))
     edges = np.array(contact.edges(s.contacts))
     advance(
-        s, circuit.tables, circuit.probes, circuit.order, work, state, edges, np.zeros(2), 0, 0, 0, 1.0,
-        1, empty_record(2), np.zeros(2),
+        s, circuit.tables, circuit.probes, circuit.order, work, state, edges, np.zeros(2), 0, 0, 0,
+        1.0, 1, empty_record(2), np.zeros(2),
     )  # fmt: skip
 
 
 @functools.lru_cache(maxsize=16)
 def circuit_of(scene: Scene) -> Circuit:
-    """The tables of a scene's load, see `circuits.kernel.tables.build`."""
+    """The tables of a scene's load, see `circuits.kernel.assembly.build`."""
     return build(scene)
 
 
@@ -146,8 +147,8 @@ def integrate(
         segment = 0
         while segment < count:
             segment, points, outcome, which = advance(
-                s, circuit.tables, circuit.probes, circuit.order, work, state, edges, block, segment,
-                count, done, path.spacing, steps_per_knot, record, volts,
+                s, circuit.tables, circuit.probes, circuit.order, work, state, edges, block,
+                segment, count, done, path.spacing, steps_per_knot, record, volts,
             )  # fmt: skip
             if outcome != FINE:
                 raise SimulatorAborted(_trouble(circuit, state, work, outcome, which))
@@ -196,7 +197,7 @@ def _beginning(s, circuit, start):
     return state, work
 
 
-def _set_junctions(tables, work: Work, state: State, y) -> None:
+def _set_junctions(tables, work, state, y):
     """Voltages and charges of the junctions at the beginning."""
     for k, (a, z) in enumerate(tables.junctions):
         v = y[a] - y[z]

@@ -1,4 +1,4 @@
-"""Expressions of netlists as trees, with ngspice's meaning: parsed, put into numbers, differentiated.
+"""Expressions of netlists as trees, with ngspice's meaning: parsed and put into numbers.
 
 A tree is a tuple: ("number", x), ("name", n), ("v", node, node), ("i", source), or
 (operation, *trees) with a name of `OPERATIONS`.

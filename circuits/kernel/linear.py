@@ -116,7 +116,7 @@ def _inverse(order):
 
 
 def _trials(tables):
-    """Where the matrix may not be zero, and matrices of different steps and states, equilibrated."""
+    """Where the matrix may not be zero, and equilibrated matrices of several states."""
     n = tables.steady.size
     random = np.random.default_rng(1)
     pattern = np.zeros((n + 1, n + 1), dtype=bool)
@@ -235,8 +235,8 @@ def slot_of(
 ) -> int:  # fmt: skip
     """The row of `matrix` with the factors for a step's δ, filled if need be.
 
-    `keys`, shape (SLOTS + 1, 2), say what the rows are for, and which is next; `matrix`, shape (SLOTS + 1, places + 1), has
-    one more for the core.
+    `keys`, shape (SLOTS + 1, 2), say what the rows are for, and last which is next; `matrix`, shape
+    (SLOTS + 1, places + 1), has one more for the core.
     """
     key = 0.0
     for k in range(closed.size):

@@ -68,8 +68,8 @@ def room(tables: Tables, order: Order) -> Work:
     k = len(tables.tape)
     return Work(
         np.zeros(n), np.zeros(n + 1), np.zeros(n + 1), np.zeros((SLOTS + 1, order.linear[2] + 1)),
-        np.zeros((SLOTS + 1, 2)), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m), tables.tape_values.copy(), np.zeros(k),
-        np.zeros(n + 1), np.zeros(n + 1), np.full(n, 1e-9),
+        np.zeros((SLOTS + 1, 2)), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m),
+        tables.tape_values.copy(), np.zeros(k), np.zeros(n + 1), np.zeros(n + 1), np.full(n, 1e-9),
     )  # fmt: skip
 
 

@@ -23,6 +23,7 @@ from circuits.kernel.stage import (
     error_energy,
     solve_stage,
 )
+from circuits.kernel.switching import missed_controls, switched, turn
 from circuits.kernel.tables import Probes, Tables
 from harvester.compilation import compiled, inlined, unowned
 from harvester.device import contact
@@ -48,8 +49,6 @@ TOLERANCE = 1e-3
 POWER_WEIGHTS = ((0.25 * ROOT, 0.25 * ROOT, DIAGONAL), (0.0, 1.0 - DIAGONAL, DIAGONAL))
 # Of the power at both ends, a difference of their mean from the step's that asks for a point more.
 POWER_DIFFERENCE = 0.01
-# A switch's control is known to this share of its distance from the threshold and its hysteresis.
-CONTROL_TOLERANCE = 0.1
 # After a switch, the first step against the usual one; the shortest; how well its time is known.
 RESTART, SHORTEST, LOCATED = 2.0**-10, 2.0**-34, 1e-4
 # Share of the step that led across within which the time is known, too.
@@ -167,7 +166,7 @@ def advance(
                 if entered != 0 and share < 1.0:
                     h *= share
                     continue
-            switch, share = _switched(tables, state)
+            switch, share = switched(tables, state)
             if switch >= 0 and found < 0.0:
                 found = max(min(LOCATED * step, LOCATED_SHARE * h), 4.0 * least)
             if switch >= 0 and h * (1.0 - share) > found:
@@ -186,7 +185,7 @@ def advance(
             numbers[SWITCHINGS] += 1.0
             if numbers[SWITCHINGS] > MOST_SWITCHINGS:
                 return segment, points, CHATTER, switch
-            _turn(tables, state)
+            turn(tables, state)
             numbers[RATES_KNOWN] = 0.0
             numbers[PROPOSED] = RESTART * step
         if h >= remaining:
@@ -232,7 +231,8 @@ def _try_step(s, tables, order, probes, work, state, time, h, noise, slope, x, z
     """A step of length h from the state.
 
     Returns whether Newton settled, its error's energy, the new X, and the error of the switches'
-    controls against what they may have. Its change stands in `state.second`, the new rates in `state.error`.
+    controls against what they may have. Its change stands in `state.second`, the new rates in
+    `state.stored`.
     """
     y, rates, numbers = state.y, state.rates, state.numbers
     n = y.size
@@ -289,24 +289,8 @@ def _try_step(s, tables, order, probes, work, state, time, h, noise, slope, x, z
             state.error[i] = h * (ERROR[0] * rates[i] + ERROR[1] * middle + ERROR[2] * new)
         if known:
             error = error_energy(order, work, slot, state.error, state.filtered)
-            missed = _missed(tables, state)
+            missed = missed_controls(tables, state)
     return settled, error, x + moved, missed
-
-
-@inlined
-def _missed(tables, state):
-    """The greatest error of a switch's control, against what it may be."""
-    n = state.y.size
-    greatest = 0.0
-    for k in range(state.closed.size):
-        a, z = tables.switches[k, 2], tables.switches[k, 3]
-        error = (state.filtered[a] if a < n else 0.0) - (state.filtered[z] if z < n else 0.0)
-        after = _control(tables, state, k)[1]
-        low, high = tables.switch_values[k, 2], tables.switch_values[k, 3]
-        limit = high if state.closed[k] == 0 else low
-        free = abs(after - limit) + high - low + 1e-3 * abs(limit) + 1e-9
-        greatest = max(greatest, abs(error) / (CONTROL_TOLERANCE * free))
-    return greatest
 
 
 @inlined
@@ -350,46 +334,6 @@ def _leaves(low, high, x, v, x1, v1, h):
         return 0, 1.0
     edge = high if entered == 1 else low
     return entered, crossing(edge, entered, x, v, x1, v1, h) / h
-
-
-@inlined
-def _control(tables, state, k):
-    """Control of a switch before and after the step."""
-    n = state.y.size
-    a, z = tables.switches[k, 2], tables.switches[k, 3]
-    before = (state.y[a] if a < n else 0.0) - (state.y[z] if z < n else 0.0)
-    change = (state.second[a] if a < n else 0.0) - (state.second[z] if z < n else 0.0)
-    return before, before + change
-
-
-@inlined
-def _switched(tables, state):
-    """The switch that turns first within the step, −1 for none, and at which share of it."""
-    first, least = -1, 2.0
-    for k in range(state.closed.size):
-        before, after = _control(tables, state, k)
-        limit = tables.switch_values[k, 3 - state.closed[k]]
-        passed = after > limit if state.closed[k] == 0 else after < limit
-        if passed:
-            share = (limit - before) / (after - before) if after != before else 0.0
-            share = min(max(share, 0.0), 1.0)
-            if share < least:
-                first, least = k, share
-    return first, least
-
-
-@inlined
-def _turn(tables, state):
-    """Turn every switch whose control has passed its threshold."""
-    n = state.y.size
-    for k in range(state.closed.size):
-        a, z = tables.switches[k, 2], tables.switches[k, 3]
-        control = (state.y[a] if a < n else 0.0) - (state.y[z] if z < n else 0.0)
-        limit = tables.switch_values[k, 3 - state.closed[k]]
-        if state.closed[k] == 0 and control > limit:
-            state.closed[k] = 1
-        elif state.closed[k] == 1 and control < limit:
-            state.closed[k] = 0
 
 
 @inlined

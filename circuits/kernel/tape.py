@@ -186,7 +186,7 @@ def _slope(code, a, b, value):
         return b, a
     if code == DIVIDE:
         return (1.0 / b, -value / b) if b != 0.0 else (1e99, 0.0)
-    if code == POWER or code == SIGNED_POWER:
+    if code in (POWER, SIGNED_POWER):
         size = max(abs(a), 1e-30)
         along = b * size ** (b - 1.0)
         across = value * np.log(size)

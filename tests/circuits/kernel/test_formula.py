@@ -41,7 +41,15 @@ def value(text, x, y):
 def test_values_are_ngspices(tmp_path):
     """Each as a behavioural source in one netlist that `ngspice -b` solves."""
     sources = [f"b{k} b{k} 0 v={text}" for k, text in enumerate(EXPRESSIONS)]
-    lines = ["values", f".nodeset v(x)={X} v(y)={Y}", f"vx x 0 {X}", f"vy y 0 {Y}", *sources, ".op", ".end"]
+    lines = [
+        "values",
+        f".nodeset v(x)={X} v(y)={Y}",
+        f"vx x 0 {X}",
+        f"vy y 0 {Y}",
+        *sources,
+        ".op",
+        ".end",
+    ]
     (tmp_path / "values.cir").write_text("\n".join(lines) + "\n")
     command = [ngspice_program(), "-b", "-r", "values.raw", "values.cir"]
     subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)

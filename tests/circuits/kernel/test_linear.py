@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from circuits.kernel.assembly import build
 from circuits.kernel.linear import SLOTS, backward, eliminate, forward
-from circuits.kernel.tables import build
 from harvester.scene.model import Scene
 
 LOADS = ("bridge", "doubler", "sshi_parallel", "sshi_series", "sece", "bridge_buck")

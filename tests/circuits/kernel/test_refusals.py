@@ -2,7 +2,7 @@
 
 import pytest
 
-from circuits.kernel.tables import build
+from circuits.kernel.assembly import build
 from harvester.errors import LoadError
 from harvester.scene.model import Scene
 from harvester.simulation import simulate
