@@ -22,9 +22,10 @@ from harvester.device import spring as springs
 from harvester.device import system as systems
 
 MOST_ITERATIONS = 40
-# A junction's step, against its swing, after which the next would change its current by less than
-# 1e-6; of the other unknowns, against their size so far.
-JUNCTION_STEP, RELATIVE_STEP = 1e-3, 1e-5
+# Newton's step at which the iterations end; the next would be about its square. Of a junction,
+# against its swing: its current is then known to 5e-5. Of the velocity, against its greatest so far,
+# out of contact, where the force is smooth, and of other unknowns and in contact.
+JUNCTION_STEP, SMOOTH_STEP, RELATIVE_STEP = 1e-2, 1e-2, 1e-5
 # Of a displacement and a velocity, for slopes of the force.
 DIFFERENCE = 1e-6
 
@@ -209,7 +210,7 @@ def _add_behavioural(tables, order, work, delta, time):
 
 
 @inlined
-def _near(order, work, only_motion):
+def _near(order, work, only_motion, smooth):
     """Whether the core's unknowns moved by little; the latest iterate becomes theirs."""
     n = work.sizes.size
     settled = True
@@ -220,7 +221,8 @@ def _near(order, work, only_motion):
         new = work.begin[unknown] + work.solution[position]
         moved = abs(new - work.latest[unknown])
         # Not a number is not near.
-        settled = settled and moved <= RELATIVE_STEP * max(work.sizes[unknown], abs(new))
+        free = SMOOTH_STEP if smooth and unknown == n - 1 else RELATIVE_STEP
+        settled = settled and moved <= free * max(work.sizes[unknown], abs(new))
         work.latest[unknown] = new
     return settled
 
@@ -287,7 +289,7 @@ def solve_stage(
         forward(pivots, lower, linear, n, matrix, SLOTS, solution)
         backward(pivots, upper, linear, n, matrix, SLOTS, solution)
         settled = _move_junctions(tables, order, work)
-        settled &= _near(order, work, tables.behavioural.shape[0] == 0)
+        settled &= _near(order, work, tables.behavioural.shape[0] == 0, not touching)
         if settled:
             break
         v = work.latest[n - 1]

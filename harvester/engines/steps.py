@@ -85,11 +85,8 @@ def steps_per_knot(scene: Scene, step: str | float = "default", engine: str = "c
     if scene.excitation.prescribes_displacement:
         return STEP_LEVELS[step]
     load = scene.load.circuit
-    netlist = not scene.load.is_resistor
-    # With a netlist Monte Carlo's scheme is of order two as well.
-    order_two = "circuit" if netlist else engine
     longest = (
-        2.0 * math.pi / timescales.fastest_angular_frequency(system) / STEPS_PER_PERIOD[order_two]
+        2.0 * math.pi / timescales.fastest_angular_frequency(system) / STEPS_PER_PERIOD[engine]
     )
     finer = SWITCHING_STEPS if engine == "circuit" and load and load.switches else 1
     if engine == "monte-carlo" and system.transducer.decay_rate() * spacing > 1.0:
