@@ -30,7 +30,7 @@ __all__ = [
     "njit",
     "numba",
 ]
-__all__ += ["overload", "register_jitable", "summing", "types", "unowned"]
+__all__ += ["overload", "register_jitable", "summing", "types", "uncounted"]
 
 # No name: no file.
 numba.core.config._config_fname = ""
@@ -39,34 +39,13 @@ numba_cache.keep_to_own_types()
 # Without it everything is compiled at every start: slower by some seconds, and the same.
 CACHED = numba_cache.is_safe()
 compiled = partial(njit, cache=CACHED, error_model="numpy")
+# Counts no references to arrays, which costs more than what a loop does with a few of their numbers:
+# for a function that makes no array and keeps none.
+uncounted = partial(njit, cache=CACHED, error_model="numpy", _nrt=False)
 # Written into its callers, which else hand over all numbers of a device each time they step.
 inlined = partial(njit, error_model="numpy", inline="always")
 # Sums over many points in any order, several at a time.
 summing = partial(njit, cache=CACHED, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
-
-
-@intrinsic
-def unowned(typingctx, parts):
-    """A tuple whose arrays count no references, for the time of a call that outlives none of them.
-
-    Counting them costs more than what a loop does with a few of their numbers.
-    """
-
-    def generate(context, builder, signature, arguments):
-        kind = signature.args[0]
-        kept = []
-        for place, member in enumerate(kind.types):
-            value = builder.extract_value(arguments[0], place)
-            if isinstance(member, types.Array):
-                array = cgutils.create_struct_proxy(member)(context, builder, value=value)
-                array.meminfo = cgutils.get_null_value(array.meminfo.type)
-                array.parent = cgutils.get_null_value(array.parent.type)
-                value = array._getvalue()
-            kept.append(value)
-        return context.make_tuple(builder, signature.return_type, kept)
-
-    return parts(parts), generate
-
 
 PACKAGE = Path(__file__).parent
 

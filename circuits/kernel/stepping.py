@@ -25,7 +25,7 @@ from circuits.kernel.stage import (
 )
 from circuits.kernel.switching import missed_controls, switched, turn
 from circuits.kernel.tables import Probes, Tables
-from harvester.compilation import compiled, inlined, unowned
+from harvester.compilation import compiled, inlined, uncounted
 from harvester.device import contact
 from harvester.device import system as systems
 from harvester.engines.steps import STEPS_PER_CONTACT
@@ -91,7 +91,7 @@ class State(NamedTuple):
     stored: np.ndarray
 
 
-@compiled
+@uncounted
 def advance(
     s: Any,
     tables: Tables,
@@ -113,8 +113,6 @@ def advance(
 
     Returns the segment reached, the points written, and FINE, STUCK or CHATTER with the switch.
     """
-    tables, order, probes = unowned(tables), unowned(order), unowned(probes)
-    work, state, record = unowned(work), unowned(state), unowned(record)
     numbers, y = state.numbers, state.y
     n = y.size
     step = spacing / steps_per_knot
