@@ -21,6 +21,7 @@ from harvester.errors import EnergyNotBalanced, HarvesterError, SimulationError
 from harvester.estimates.balance import energy_balance_residual
 from harvester.estimates.batch_means import standard_error, standard_error_of_drift
 from harvester.estimates.densities import densities
+from harvester.estimates.joint_density import joint_density as joint_density_of
 from harvester.estimates.means import estimate_all
 from harvester.estimates.output_side import estimate_output
 from harvester.estimates.passivity import efficiency_notes, source_notes
@@ -33,7 +34,6 @@ from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor, scale
 
 if TYPE_CHECKING:
-    pass
     from harvester.device.system import System
 
 SOURCES = ("external", "pwl")
@@ -59,6 +59,7 @@ def simulate(
     keep_going: bool = False,
     time_limit: float = TIME_LIMIT,
     window: tuple[float, float] | None = None,
+    joint_density: bool = False,
     workers: int | None = None,
     executor: Executor | None = None,
     runner: Workers | None = None,
@@ -97,6 +98,8 @@ def simulate(
         Wall-clock seconds of one realization.
     window : (float, float) or None
         Stretch of the first realization to keep as `Result.waveform` (s).
+    joint_density : bool
+        Keep p(X, X') as `Result.joint_density`.
     workers : int or None
         Processes; None: one per core.
     executor : concurrent.futures.Executor or None
@@ -136,7 +139,8 @@ def simulate(
     try:
         with running(runner, executor, scene.run.realizations, workers) as pool:
             together = copies or _copies_that_pay(scene, engine, device, options, pool)
-            calls = _calls(scene, engine, together, window, {**options, "device": device})
+            options |= {"device": device, "joint_density": joint_density}
+            calls = _calls(scene, engine, together, window, options)
             outcomes = _outcomes(pool, calls, time_limit, follow, keep_going)
     except SimulationError as error:
         error.partial = _partial(scene, engine, step, source, error)
@@ -306,8 +310,11 @@ def _result(scene, engine, step, source, realizations, failures, outcome="comple
     )
     found = shortfalls(scene, parameters, moments, estimates)
     shapes = densities(moments, is_symmetric(scene, parameters))
+    joints = [realization.joint for realization in realizations if realization.joint is not None]
+    joint = joint_density_of(joints, is_symmetric(scene, parameters)) if joints else None
     if found:
         shapes = {name: replace(shape, standard_error=None) for name, shape in shapes.items()}
+        joint = joint and replace(joint, standard_error=None)
     return Result(
         scene=scene,
         engine=engine if source == "external" else f"{engine} ({source} source)",
@@ -331,6 +338,7 @@ def _result(scene, engine, step, source, realizations, failures, outcome="comple
         ),
         failures={index: f"{type(e).__name__}: {e}" for index, e in failures.items()},
         densities=shapes,
+        joint_density=joint,
         waveform=realizations[0].waveform,
         moments=moments,
         outcome="incomplete" if failures else outcome,
@@ -347,7 +355,7 @@ def _partial(scene, engine, step, source, error):
     reached = [m for m in error.partial or () if m.time_reached > m.start]
     if not reached:
         return None
-    nothing = {"waveform": None, "engine_version": "", "netlist_sha256": None}
+    nothing = {"waveform": None, "joint": None, "engine_version": "", "netlist_sha256": None}
     realizations = [
         Realization(moments=m, seconds=math.nan, started=math.nan, ended=math.nan, **nothing)
         for m in reached

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from harvester.averaging.propagator import Grid
 
+JOINT = 321  # displacements, and velocities, at which the joint density is tabulated
 VOLTAGES = 241  # at which that density is known
 COUNTS = 1e-6  # share of the greatest mass from which a place tells of Z
 SPREAD_OUT = 0.15  # standard deviation of Z at its X, as a share of its reach
@@ -100,6 +101,16 @@ class GridDensity:
             count = int(np.ceil(2.0 * far / (nodes[1] - nodes[0]))) + 1
             nodes = np.linspace(-far, far, count)
         return nodes, self._marginal(name, nodes)
+
+    def tabulated_joint(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Displacements and velocities, evenly spaced, and p(X, X') there, as far as it reaches."""
+        x, v = (np.linspace(*ends, JOINT) for ends in (self._ends(self.x), self._ends(self.v)))
+        return x, v, self.joint(x[:, None], v)
+
+    def _ends(self, nodes):
+        """First and last node, of a density that is mirrored as far on the other side."""
+        far = np.abs(nodes).max()
+        return (-far, far) if self.paired else (nodes[0], nodes[-1])
 
     def _marginal(self, name, place):
         spline, place = self._marginals[name], np.asarray(place, dtype=float)
