@@ -94,7 +94,8 @@ def average(
     }
     joint = None
     if hasattr(averages.density, "tabulated_joint"):
-        joint = JointDensity(*averages.density.tabulated_joint(), None)
+        displacement, velocity, values = averages.density.tabulated_joint()
+        joint = JointDensity(displacement, velocity, values, standard_error=None)
     seconds = time.perf_counter() - clock
     return Result(
         scene=scene,

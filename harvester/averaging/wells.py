@@ -66,7 +66,7 @@ def slowest_decay_rate(device: System, solution: Solution) -> float:
 
 
 def rates_of_jumps(device: System, solution: Solution) -> dict[str, float]:
-    """Rates of jumps from the core of one well to that of another, as Monte Carlo counts them (1/s).
+    """Rates of jumps from one well's core to another's, as Monte Carlo counts them (1/s).
 
     The stationary mass p is divided by the well whose core it was in last: q_w, which obeys
     q_w = outside · P q_w + core_w · p for a step P. What P q_w has in another core has jumped.

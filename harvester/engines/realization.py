@@ -15,6 +15,7 @@ from harvester.engines.steps import knot_spacing, stop_time
 from harvester.estimates.batch_means import KNOTS_PER_SAMPLE, batch_counts
 from harvester.excitation import realization_seed
 from harvester.record.joint import JointHistogram
+from harvester.record.joint import prepare as prepare_joint
 from harvester.record.jumps import Jumps
 from harvester.record.moments import Moments
 from harvester.record.moments import prepare as prepare_moments
@@ -166,14 +167,14 @@ def run(
     observers: list[list] = [[each] for each in moments]
     observers[-1].append(Reporter(moments, report))
     waveforms = [Waveform(*window) if window else None for _ in indices]
-    spacing = knot_spacing(scene)
-    joints = [
-        JointHistogram.empty(scene.run.settle, spacing) if joint_density else None for _ in indices
-    ]
+    sampled = (scene.run.settle, knot_spacing(scene))
+    joints = [JointHistogram.empty(*sampled) if joint_density else None for _ in indices]
     for watching, *others in zip(observers, waveforms, joints, strict=True):
         watching[:0] = [each for each in others if each is not None]
     chosen.prepare(scene)
     prepare_moments()
+    if joint_density:
+        prepare_joint()
     started = time.time()
     clock = time.perf_counter()
     scheme = scheme or chosen.schemes[0]

@@ -47,7 +47,7 @@ class Estimate:
         )
 
     def to_dict(self, unit: str | None = None) -> dict[str, Any]:
-        """Plain values for JSON, with the unit if it is told; nan and missing errors become null."""
+        """Plain values for JSON, with the unit if told; nan and missing errors become null."""
         content: dict[str, Any] = {
             "estimate": finite(self.estimate),
             "standard_error": finite(self.standard_error),

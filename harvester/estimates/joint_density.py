@@ -12,6 +12,9 @@ from scipy.interpolate import RegularGridInterpolator
 from harvester.estimates.batch_means import FEWEST_BATCHES
 from harvester.record.joint import JointHistogram
 
+# Bins across the range in which a density is above this share of its peak.
+BINS, MATTERS = 90, 1e-3
+
 
 @dataclass(frozen=True)
 class JointDensity:
@@ -64,7 +67,12 @@ def joint_density(
         image −(X, X').
     """
     widths = np.max([each.bin_widths for each in histograms], axis=0)
-    counts = np.stack([_coarser(each, widths) for each in histograms])
+    factors = np.array([np.round(widths / each.bin_widths) for each in histograms], dtype=int)
+    counts = _of_one_shape(
+        [_merged(each.counts, f) for each, f in zip(histograms, factors, strict=True)]
+    )
+    more = [_bins_to_merge(counts.sum(axis=(0, axis))) for axis in (2, 1)]
+    counts, widths = np.stack([_merged(each, more) for each in counts]).astype(float), widths * more
     if symmetric:
         counts = 0.5 * (counts + counts[:, ::-1, ::-1])
     samples = counts.sum(axis=(1, 2))
@@ -76,9 +84,11 @@ def joint_density(
     if len(counts) >= FEWEST_BATCHES:
         each = counts / (samples[:, None, None] * area)
         error = each.std(axis=0, ddof=1) / math.sqrt(len(counts))
-    bins = counts.shape[1]
     used = [slice(k[0], k[-1] + 1) for k in (np.flatnonzero(density.sum(axis=a)) for a in (1, 0))]
-    centres = [(np.arange(bins) - bins // 2 + 0.5) * width for width in widths]
+    centres = [
+        (np.arange(bins) - bins // 2 + 0.5) * width
+        for bins, width in zip(density.shape, widths, strict=True)
+    ]
     return JointDensity(
         centres[0][used[0]],
         centres[1][used[1]],
@@ -87,15 +97,27 @@ def joint_density(
     )
 
 
-def _coarser(histogram, widths):
-    """Counts of one realization in wider bins about the middle."""
-    counts = histogram.counts.astype(float)
-    for axis, width in enumerate(widths):
-        factor = min(round(width / histogram.bin_widths[axis]), counts.shape[axis] // 2)
-        counts = np.moveaxis(counts, axis, 0)
-        half, kept = len(counts) // 2, len(counts) // 2 // factor
-        wide = np.zeros_like(counts)
-        merged = counts.reshape(-1, factor, counts.shape[1]).sum(axis=1)
-        wide[half - kept : half + kept] = merged
-        counts = np.moveaxis(wide, 0, axis)
+def _bins_to_merge(counts):
+    """How many bins of one axis to take together, for about `BINS` where the density matters."""
+    seen = np.flatnonzero(counts > MATTERS * counts.max())
+    return max(1, round((seen[-1] - seen[0] + 1) / BINS)) if seen.size else 1
+
+
+def _merged(counts, factors):
+    """Counts with so many bins of each axis taken together, about the middle."""
+    for axis, factor in enumerate(factors):
+        spare = -(counts.shape[axis] // 2) % factor
+        wide = np.pad(counts, [(spare, spare) if k == axis else (0, 0) for k in range(2)])
+        counts = np.add.reduceat(wide, np.arange(0, wide.shape[axis], factor), axis=axis)
     return counts
+
+
+def _of_one_shape(arrays):
+    """Arrays padded on all sides to the largest of them."""
+    rows, columns = np.max([each.shape for each in arrays], axis=0)
+
+    def padded(each):
+        above, beside = (rows - each.shape[0]) // 2, (columns - each.shape[1]) // 2
+        return np.pad(each, [(above, above), (beside, beside)])
+
+    return np.stack([padded(each) for each in arrays])

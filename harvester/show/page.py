@@ -26,6 +26,10 @@ LEGEND = (
     "standard errors. Difference: circuit minus Monte Carlo in joint standard errors. Paired bias: "
     "the same as a share, on common noise."
 )
+JOINT_CAPTION = (
+    "Displacement and velocity together, in the same places and colours; dots: wells, crosses: "
+    "saddles."
+)
 LIBRARIES = ("numpy", "scipy", "numba", "PySpice")
 
 
@@ -86,10 +90,13 @@ def _figures(comparison):
     from harvester.show import figures
 
     scene = comparison.scene.name
-    drawn = (
-        (figures.draw_comparison, comparison, "Density of X by every method; one noise path."),
+    drawn = [
+        (figures.draw_comparison, comparison, "Densities by every method; one noise path."),
         (figures.draw_result, comparison.circuit, "Densities by the circuit."),
-    )
+    ]
+    both = [*comparison.closures.values(), comparison.monte_carlo]
+    if any(each.joint_density is not None for each in both):
+        drawn.insert(1, (figures.draw_joint, both, JOINT_CAPTION))
     return "\n".join(
         _figure(figures.picture(draw, content), f"{scene}: {caption}", caption)
         for draw, content, caption in drawn
