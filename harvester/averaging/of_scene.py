@@ -7,6 +7,7 @@ import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from harvester.averaging import DEFAULT_CLOSURE
 from harvester.averaging import average as average_parameters
 from harvester.calling import takes_scene
 from harvester.device import timescales
@@ -40,7 +41,7 @@ SHARE = "share_of_time"  # of what tells of several wells, all else is a rate
 def average(
     scene: Scene,
     *,
-    method: str = "fokker_planck",
+    method: str = DEFAULT_CLOSURE,
     tolerance: float | None = None,
     fit: bool = False,
 ) -> Result:

@@ -22,38 +22,30 @@ TITLES = {"averaging fokker_planck": "Fokker–Planck equation", "monte-carlo": 
 
 
 def draw(results: Sequence[Result]) -> Figure | None:
-    """p(X, X') of every result that has one, on the places and the colours of the last of them.
+    """p(X, X') of every result that has one, in the places and the colours of the last of them.
 
     Wells are marked by dots, saddles by crosses.
     """
-    from matplotlib.colors import LogNorm
     from matplotlib.figure import Figure
 
-    results = [result for result in results if result.joint_density is not None]
-    if not results:
+    found = [(each, each.joint_density) for each in results if each.joint_density is not None]
+    if not found:
         return None
-    places = results[-1].joint_density
-    area = results[-1].scales.of("displacement") * results[-1].scales.of("velocity")
-    values = [result.joint_density.on(places) / area for result in results]
-    highest = max(each.max() for each in values)
-    colours = LogNorm(LEAST_SHARE * highest, highest)
-    figure = Figure(figsize=(0.9 + 3.3 * len(results), 3.1))
-    axes = figure.subplots(1, len(results), sharex=True, sharey=True, squeeze=False)[0]
-    mesh = None
-    for panel, result, each in zip(axes, results, values, strict=True):
-        mesh = _draw_panel(panel, result, places, each, colours)
-    axes[0].set_ylabel(_axis(results[0], "velocity"))
-    seen = np.max(values, axis=0) > LEAST_SHARE * highest
-    for setting, name, along in (
-        (axes[0].set_xlim, "displacement", 1),
-        (axes[0].set_ylim, "velocity", 0),
-    ):
-        reach = getattr(places, name)[seen.any(axis=along)] * results[0].scales.of(name)
-        spare = 0.05 * np.ptp(reach)
-        setting(reach[0] - spare, reach[-1] + spare)
-    figure.colorbar(mesh, ax=axes, label=f"probability density [{_unit(results[0])}]", pad=0.02)
+    last, places = found[-1]
+    area = last.scales.of("displacement") * last.scales.of("velocity")
+    values = np.stack([joint.on(places) for _, joint in found]) / area
+    figure = Figure(figsize=(0.9 + 3.3 * len(found), 3.1))
+    axes = figure.subplots(1, len(found), sharex=True, sharey=True, squeeze=False)[0]
+    meshes = [
+        _draw_panel(panel, result, places, each, values.max())
+        for panel, (result, _), each in zip(axes, found, values, strict=True)
+    ]
+    _frame(axes[0], last, places, values.max(axis=0))
+    axes[0].set_ylabel(_axis(last, "velocity"))
+    unit = "s/m²" if last.scene.units == "SI" else "scaled"
+    figure.colorbar(meshes[-1], ax=axes, label=f"probability density [{unit}]", pad=0.02)
     figure.suptitle(
-        f"{results[0].scene.name}: joint density of displacement and velocity",
+        f"{last.scene.name}: joint density of displacement and velocity",
         x=0.01,
         ha="left",
         fontsize=9,
@@ -61,11 +53,15 @@ def draw(results: Sequence[Result]) -> Figure | None:
     return figure
 
 
-def _draw_panel(axes, result, places, values, colours):
-    x, v = (getattr(places, name) * result.scales.of(name) for name in ("displacement", "velocity"))
-    # Outside of the colours nothing is drawn.
-    shown = np.ma.masked_less(values, colours.vmin)
-    mesh = axes.pcolormesh(x, v, shown.T, norm=colours, cmap=COLOURS, rasterized=True)
+def _draw_panel(axes, result, places, values, highest):
+    from matplotlib.colors import LogNorm
+
+    least = LEAST_SHARE * highest
+    x, v = _in_units(result, places)
+    # Below the least nothing is drawn.
+    shown = np.ma.masked_less(values, least)
+    norm = LogNorm(least, highest)
+    mesh = axes.pcolormesh(x, v, shown.T, norm=norm, cmap=COLOURS, rasterized=True)
     system, scales = scale(result.scene)
     for found, mark in ((timescales.wells(system), "o"), (timescales.saddles(system), "x")):
         where = np.array(found) * scales.displacement
@@ -75,10 +71,21 @@ def _draw_panel(axes, result, places, values, colours):
     return mesh
 
 
+def _frame(axes, result, places, values):
+    """Limits a little beyond what is drawn."""
+    seen = values > LEAST_SHARE * values.max()
+    limits = (axes.set_xlim, axes.set_ylim)
+    for set_limits, along, other in zip(limits, _in_units(result, places), (1, 0), strict=True):
+        reach = along[seen.any(axis=other)]
+        spare = 0.05 * np.ptp(reach)
+        set_limits(reach[0] - spare, reach[-1] + spare)
+
+
+def _in_units(result, places):
+    """Displacements and velocities in the scene's units."""
+    return [getattr(places, name) * result.scales.of(name) for name in ("displacement", "velocity")]
+
+
 def _axis(result, name):
     unit = result.unit(name)
     return f"{name} [{'scaled' if unit.startswith('scaled') else unit}]"
-
-
-def _unit(result):
-    return "scaled" if result.scene.units != "SI" else "s/m²"

@@ -272,10 +272,6 @@ def _answer_to_dict(found):
             name: value if isinstance(value, str) else finite(value) for name, value in path.items()
         },
         "scaled_quantities": {
-            name: {
-                "estimate": finite(estimate.estimate),
-                "standard_error": finite(estimate.standard_error),
-            }
-            for name, estimate in found.estimates.items()
+            name: estimate.to_dict() for name, estimate in found.estimates.items()
         },
     }

@@ -223,7 +223,7 @@ class WorkPrecision:
             "closures": {
                 closure: {
                     "seconds": result.wall_seconds,
-                    "bias": {name: _plain(self.deviation(closure, name)) for name in MEANS},
+                    "bias": {name: self.deviation(closure, name).to_dict("1") for name in MEANS},
                 }
                 for closure, result in self.closures.items()
             },
@@ -247,7 +247,7 @@ class WorkPrecision:
             "mean_step": finite(row.mean_step),
             "theoretical_order": method.order,
             "strong_error": {name: finite(row.strong[name]) for name in STATES},
-            "bias": {name: _plain(estimate) for name, estimate in row.bias.items()},
+            "bias": {name: estimate.to_dict("1") for name, estimate in row.bias.items()},
             "sampling_error": {name: finite(error) for name, error in row.sampling.items()},
             "simulated_time": finite(row.simulated_time),
             "seconds_per_unit": finite(row.seconds_per_unit),
@@ -299,11 +299,3 @@ def _percent(estimate):
     if estimate.standard_error is None:
         return f"{estimate.estimate:+.1%} (no error bar)"
     return f"{estimate.estimate:+.2%} ± {estimate.standard_error:.2%}"
-
-
-def _plain(estimate):
-    return {
-        "estimate": finite(estimate.estimate),
-        "standard_error": finite(estimate.standard_error),
-        "unit": "1",
-    }
