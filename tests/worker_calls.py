@@ -9,6 +9,7 @@ from circuits.ngspice.session import session
 from harvester.engines.protocol import ENGINES
 from harvester.engines.realization import noise_path, start_state
 from harvester.engines.steps import steps_per_knot
+from harvester.errors import SimulatorAborted
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
 
@@ -37,6 +38,10 @@ def die_unless(report, marker):
     if not os.path.exists(marker):
         os._exit(4)
     return "alive"
+
+
+def fail(report, reason):
+    raise SimulatorAborted(reason)
 
 
 def run_text(report, text, stop):

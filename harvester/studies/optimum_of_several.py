@@ -182,14 +182,10 @@ class OptimumOfSeveral:
             },
             "flat_within": FLAT,
             "value": {
-                "estimate": self.value.estimate,
-                "standard_error": finite(self.value.standard_error),
+                **self.value.to_dict(),
                 "interval": [finite(end) for end in self.interval],
             },
-            "scene_itself": {
-                "estimate": self.own.estimate,
-                "standard_error": finite(self.own.standard_error),
-            },
+            "scene_itself": self.own.to_dict(),
             "other_starts": [finite(value) for value in self.other_starts],
             "searched": [{**place, "value": finite(value)} for place, value in self.searched],
             "evaluations": self.evaluations,

@@ -10,8 +10,8 @@ from harvester.averaging import CLOSURES
 from harvester.calling import takes_scene
 from harvester.engines.protocol import ENGINES
 from harvester.errors import HarvesterError
+from harvester.running import RunnerOptions, open_runner
 from harvester.running.request import MOST
-from harvester.running.runner import RunnerOptions, open_runner
 from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor
 from harvester.simulation import check_name, check_step, require_noise

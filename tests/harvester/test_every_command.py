@@ -17,6 +17,7 @@ from harvester.verification.work_precision import (
     measurement,
     throughput,
     time_to_accuracy,
+    timed,
 )
 from harvester.verification.work_precision.methods import Method
 
@@ -57,7 +58,7 @@ def briefly():
         patch.setattr(matrix, "METHODS", ("circuit", "monte-carlo", "consistent"))
         patch.setattr(time_to_accuracy, "TIMED_METHODS", FEW_METHODS)
         patch.setattr(time_to_accuracy, "MOST_REALIZATIONS", 1)
-        patch.setattr(time_to_accuracy, "CLOSURES", ("consistent",))
+        patch.setattr(timed, "CLOSURES", ("consistent",))
         patch.setattr("harvester.verification.stability.cases.STEP_BUDGET", 4000)
         patch.setattr(measurement, "METHODS", FEW_METHODS)
         patch.setattr(measurement, "PERIODS", 1)

@@ -1,20 +1,16 @@
 """`claims`: the paper's statements, judged by Monte Carlo, by the circuit and by each closure."""
 
-import os
 import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 from harvester.averaging import CLOSURES
 from harvester.calling import takes_scene
-from harvester.engines.pools import ExecutorPool, WorkerPool
 from harvester.engines.steps import with_knots
 from harvester.files.writing import finite
-from harvester.running import Runner, open_runner
+from harvester.running import RunnerOptions, open_runner
 from harvester.scene.model import Scene
-from harvester.simulation import TIME_LIMIT
 from harvester.verification.paper.claim_tests import Finding, name_of
 from harvester.verification.paper.claims_list import CLAIMS, JUMPING, Claim
 from harvester.verification.paper.density_features import FEATURES
@@ -211,14 +207,7 @@ def claims(
     *,
     thorough: bool = False,
     chosen: Sequence[Claim] = CLAIMS,
-    output: str | os.PathLike | None = None,
-    workers: int | None = None,
-    executor: Executor | WorkerPool | ExecutorPool | None = None,
-    scheduler: str | None = None,
-    time_budget: float | None = None,
-    time_limit: float = TIME_LIMIT,
-    progress: Callable[[float, str], object] | None = None,
-    runner: Runner | None = None,
+    **running: Unpack[RunnerOptions],
 ) -> Judgement:
     """Judge the paper's statements on its device.
 
@@ -228,7 +217,7 @@ def claims(
     thorough : bool
         Longer runs, and the circuit at every condition.
     chosen : sequence of Claim
-    output, workers, executor, scheduler, time_budget, time_limit, progress, runner
+    **running
         See `harvester.running.open_runner`; in the folder of `reproduce` its answers are found.
 
     Returns
@@ -238,18 +227,8 @@ def claims(
     clock = time.perf_counter()
     wanted = _wanted(with_knots(scene), chosen, thorough)
     requests = costly_first(dict.fromkeys(wanted.values()))
-    opened = open_runner(
-        output,
-        workers=workers,
-        executor=executor,
-        scheduler=scheduler,
-        time_budget=time_budget,
-        time_limit=time_limit,
-        progress=progress,
-        runner=runner,
-    )
-    with opened as running:
-        outcomes = dict(zip(requests, running.answer(requests), strict=True))
+    with open_runner(**running) as runner:
+        outcomes = dict(zip(requests, runner.answer(requests), strict=True))
     answers = {key: outcomes[request] for key, request in wanted.items()}
     verdicts = [{m: _verdict(scene, claim, m, answers) for m in METHODS} for claim in chosen]
     return Judgement(scene, tuple(chosen), verdicts, answers, thorough, time.perf_counter() - clock)
