@@ -16,7 +16,7 @@ from harvester.estimates.of_run import run_estimates
 from harvester.estimates.settling import unseen_jump
 from harvester.files.plain_text import nearest
 from harvester.files.writing import finite
-from harvester.running.realizations import MANY, Realizations, averaging, is_closure
+from harvester.running.realizations import MANY_REALIZATIONS, Realizations, averaging, is_closure
 from harvester.running.task import Wanted
 from harvester.scene.model import Scene
 from harvester.scene.units import Scales, require_resistor, scale
@@ -34,7 +34,7 @@ JUDGED = ("mean_square_voltage", "power_conversion_efficiency")
 COMPLETE = "complete"
 OUT_OF_TIME = "the time budget was spent"
 # With a precision: realizations of the first round, and most of all.
-FIRST, MOST = 8, 80
+FIRST_REALIZATIONS, MOST_REALIZATIONS = 8, 80
 # A round asks for what the error bar needs and a little more, at most this many times what there
 # is: the first error bars are rough.
 MARGIN, GROWTH = 1.1, 2.0
@@ -57,7 +57,8 @@ class Request:
     step : str or float
         As `harvester.simulate` takes it.
     realizations : int or None
-        At first, and in all without a precision; None: `FIRST` with one, else the scene's own.
+        At first, and in all without a precision; None: `FIRST_REALIZATIONS` with one, else the
+        scene's own.
     most : int
         Most realizations that a precision is worth.
     tolerance : float or None
@@ -73,7 +74,7 @@ class Request:
     quantities: tuple[str, ...] = JUDGED
     step: str | float = "default"
     realizations: int | None = None
-    most: int = MOST
+    most: int = MOST_REALIZATIONS
     tolerance: float | None = None
     density: bool = False
     moments: bool = False
@@ -99,13 +100,15 @@ class Request:
         Only where the scene's own number of them is asked for do few have more batches each.
         """
         own = self.realizations is None and self.precision is None
-        count = min(self.scene.run.realizations, MANY) if own else MANY
+        count = min(self.scene.run.realizations, MANY_REALIZATIONS) if own else MANY_REALIZATIONS
         return replace(self.scene, run=replace(self.scene.run, realizations=count))
 
     @property
     def first(self) -> int:
         """Realizations to begin with."""
-        return self.realizations or (FIRST if self.precision else self.scene.run.realizations)
+        return self.realizations or (
+            FIRST_REALIZATIONS if self.precision else self.scene.run.realizations
+        )
 
 
 @dataclass(frozen=True)

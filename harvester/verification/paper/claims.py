@@ -18,7 +18,7 @@ from harvester.verification.paper.reproduce import answered, reason
 from harvester.verification.paper.runs import costly_first, request
 
 # Standard errors from which on a finding counts; by chance alone one in 370 does.
-SURE = 3.0
+SIGNIFICANT_SIGMAS = 3.0
 HOLDS, IN_PART, FAILS = "holds", "holds in part", "does not hold"
 UNDECIDED, UNTESTED = "not significant", "not tested"
 # Realizations of each scene: of one number, for their batches are paired.
@@ -46,9 +46,9 @@ class Verdict:
     @property
     def speaking(self) -> tuple[list[Finding], list[Finding], list[Finding]]:
         """(for, against, undecided): of those that the statement needs, what is undecided."""
-        pro = [f for f in self.findings if f.sigmas >= SURE]
-        contra = [f for f in self.findings if f.sigmas <= -SURE]
-        open_ = [f for f in self.findings if f.decisive and abs(f.sigmas) < SURE]
+        pro = [f for f in self.findings if f.sigmas >= SIGNIFICANT_SIGMAS]
+        contra = [f for f in self.findings if f.sigmas <= -SIGNIFICANT_SIGMAS]
+        open_ = [f for f in self.findings if f.decisive and abs(f.sigmas) < SIGNIFICANT_SIGMAS]
         return pro, contra, open_
 
     def text(self) -> str:
@@ -140,8 +140,8 @@ class Judgement:
                 "(D = 0.08 where that is one) and the ends of trends; all with --thorough"
             )
         lines.append(
-            f"a finding counts from {SURE:g} standard errors on (by chance one in 370); "
-            f"seed {self.scene.run.seed}; {self.wall_seconds:.0f} s"
+            f"a finding counts from {SIGNIFICANT_SIGMAS:g} standard errors on (by chance one in "
+            f"370); seed {self.scene.run.seed}; {self.wall_seconds:.0f} s"
         )
         return lines
 
@@ -166,7 +166,7 @@ class Judgement:
             "seed": self.scene.run.seed,
             "thorough": self.thorough,
             "wall_seconds": self.wall_seconds,
-            "significant_from": SURE,
+            "significant_from": SIGNIFICANT_SIGMAS,
             "claims": [
                 {
                     "section": claim.section,
@@ -196,7 +196,7 @@ def disagreements(verdicts: dict[str, Verdict]) -> list[tuple[str, float, float]
     return [
         (printed.where, printed.effect, found.effect)
         for printed, found in pairs
-        if min(abs(printed.sigmas), abs(found.sigmas)) >= SURE
+        if min(abs(printed.sigmas), abs(found.sigmas)) >= SIGNIFICANT_SIGMAS
         and (printed.sigmas > 0.0) != (found.sigmas > 0.0)
     ]
 

@@ -18,7 +18,7 @@ from harvester.record.output_side import QUANTITIES as OUTPUT_QUANTITIES
 # Errors whose times are read off, as shares.
 LIMITS = (0.1, 0.03, 0.01)
 # Standard errors of a bias within which it may be nought, and by which it may be larger.
-SURE = 2.0
+BIAS_SIGMAS = 2.0
 OUTPUT_POWER = "mean_output_power"
 
 
@@ -55,7 +55,7 @@ class TotalError:
     def largest_bias(self) -> float:
         """What |bias| may be at most, two standard errors up; infinite without an error bar."""
         error = self.bias.standard_error
-        return math.inf if error is None else abs(self.bias.estimate) + SURE * error
+        return math.inf if error is None else abs(self.bias.estimate) + BIAS_SIGMAS * error
 
     def after(self, seconds: float | np.ndarray) -> float | np.ndarray:
         """Total error after a wall time; `seconds` a float or an array of any shape."""

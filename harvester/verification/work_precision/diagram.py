@@ -24,7 +24,7 @@ SYMBOLS = dict(zip((*STATES, *MEANS), ("X", "X'", "V", "E[V²]", "E[X'²]", "PCE
 WANTED_ERROR = 0.01
 WANTED_BIAS = 0.01
 # Standard errors that decide whether a bias is below or above.
-SURE = 3.0
+SIGNIFICANT_SIGMAS = 3.0
 
 
 @dataclass(frozen=True)
@@ -275,11 +275,13 @@ def judged(row: Row) -> str:
 
 
 def _verdicts(row):
-    """Per mean: "below" or "above" 1 % by `SURE` standard errors, or "not resolved"."""
+    """Per mean: "below" or "above" 1 % beyond chance, or "not resolved"."""
     verdicts = {}
     for name, bias in row.bias.items():
         size = abs(bias.estimate)
-        margin = math.inf if bias.standard_error is None else SURE * bias.standard_error
+        margin = (
+            math.inf if bias.standard_error is None else SIGNIFICANT_SIGMAS * bias.standard_error
+        )
         verdicts[name] = "not resolved"
         if size + margin <= WANTED_BIAS:
             verdicts[name] = "below"

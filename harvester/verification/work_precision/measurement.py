@@ -39,7 +39,7 @@ from harvester.verification.work_precision.methods import (
 )
 from harvester.verification.work_precision.reference_path import run as follow_exactly
 from harvester.verification.work_precision.timed import Timed, closures
-from harvester.verification.work_precision.timed import task as timed_task
+from harvester.verification.work_precision.timed import task as realizations_task
 
 # Strong errors: paths, and the length of each in periods of small oscillations, or in knots
 # where these are many.
@@ -171,12 +171,7 @@ def _brief_scene(scene, realizations):
 def paths_at_knots(
     scene: Scene, method: dict[str, Any], indices: list[int], report: Callable
 ) -> dict[str, Any]:
-    """The paths of a few realizations by a method, in a worker process.
-
-    Parameters
-    ----------
-    method : dict
-        Options of `harvester.engines.realization.run`.
+    """The paths of a few realizations, called as `timed` is.
 
     Returns
     -------
@@ -202,18 +197,13 @@ def _strong_errors(scene, methods, runner):
     exact = [Task(follow_exactly, {"scene": scene, "index": index}) for index in paths]
     split = [[paths] if method.copies is None else [[k] for k in paths] for method in methods]
     tasks = [
-        _path_task(scene, method, together, runner)
+        realizations_task(scene, method, together, runner, paths_at_knots)
         for method, netlists in zip(methods, split, strict=True)
         for together in netlists
     ]
     outcomes = iter(runner.run([*exact, *tasks]))
     truth = np.array(_there([next(outcomes) for _ in exact]))
     return [_strong_error(scene, [next(outcomes) for _ in netlists], truth) for netlists in split]
-
-
-def _path_task(scene, method, indices, runner):
-    arguments = {"scene": scene, "method": method.options(scene), "indices": list(indices)}
-    return Task(paths_at_knots, arguments, runner.version(method.engine), method.family)
 
 
 def _strong_error(scene, outcomes, exact):
@@ -239,7 +229,7 @@ def _means(runs, references, methods, runner):
         size, count = method.together(scene), scene.run.realizations
         split.append(
             [
-                timed_task(scene, method, range(first, min(first + size, count)), runner)
+                realizations_task(scene, method, range(first, min(first + size, count)), runner)
                 for first in range(0, count, size)
             ]
         )

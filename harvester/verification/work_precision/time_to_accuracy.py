@@ -30,7 +30,7 @@ from harvester.verification.work_precision.timed import Timed, closures, task
 SECONDS = 20.0
 REFERENCE_SHARE = 5.0
 # Realizations in one task of Monte Carlo: each by itself is done before a clock sees it.
-TOGETHER = 16
+REALIZATIONS_TOGETHER = 16
 MOST_REALIZATIONS = 4096
 # Realizations of a run in which as many copies stand side by side as pay.
 LONG_RUN = 1000
@@ -128,7 +128,7 @@ def _counts(methods, sizes, first, seconds):
 def _together(scene, method):
     """Realizations in one task."""
     if method.engine == "monte-carlo":
-        return TOGETHER
+        return REALIZATIONS_TOGETHER
     return method.together(scene.replace({"run.realizations": LONG_RUN}))
 
 

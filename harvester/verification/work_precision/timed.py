@@ -46,11 +46,17 @@ def timed(
     }
 
 
-def task(scene: Scene, method: Method, indices: Sequence[int], runner: Runner) -> Task:
-    """The task of some realizations that run together."""
+def task(
+    scene: Scene,
+    method: Method,
+    indices: Sequence[int],
+    runner: Runner,
+    function: Callable = timed,
+) -> Task:
+    """The task of some realizations that run together; `function` takes what `timed` takes."""
     arguments = {"scene": scene, "method": method.options(scene), "indices": list(indices)}
     version = runner.version(method.engine)
-    return Task(timed, arguments, version, method.family, len(indices))
+    return Task(function, arguments, version, method.family, len(indices))
 
 
 class Timed:

@@ -178,14 +178,14 @@ def test_the_paired_difference_of_efficiency_is_that_of_the_two_estimates(pool):
 
 
 def test_a_method_that_fails_leaves_the_others_and_says_why(monkeypatch, pool):
-    whole = measurement.timed_task
+    whole = measurement.realizations_task
 
-    def failing(scene, method, indices, runner):
-        if method.engine == "circuit":
+    def failing(scene, method, indices, runner, *function):
+        if method.engine == "circuit" and not function:
             return Task(worker_calls.fail, {"reason": f"timestep too small at {indices[0]}"})
-        return whole(scene, method, indices, runner)
+        return whole(scene, method, indices, runner, *function)
 
-    monkeypatch.setattr(measurement, "timed_task", failing)
+    monkeypatch.setattr(measurement, "realizations_task", failing)
     diagram = work_precision(Scene.load("paper", SHORT), methods=[FEW[0], FEW[-1]], executor=pool)
     assert diagram.rows[0].note == "SimulatorAborted: timestep too small at 0"
     assert math.isnan(diagram.rows[0].seconds_per_unit)
