@@ -1,7 +1,8 @@
 """Total error against wall time: what a method's bias and its sampling error make together.
 
 After a wall time t a mean is off by √(b² + s² c/t): b the method's bias, s²/T the sampling variance
-of a run of T simulated seconds, c the wall seconds that one of them costs.
+of a run of T simulated seconds, c the wall seconds that one of them costs. Seconds are counted as
+time of one processor: the wall time on a machine that does nothing else.
 """
 
 import math
@@ -33,7 +34,7 @@ class TotalError:
     scatter : float
         Relative standard error of the mean times the root of the simulated time (√s).
     cost : float
-        Wall seconds of one core for one measured second, settling included.
+        Seconds of one core for one measured second, settling included.
     """
 
     bias: Estimate

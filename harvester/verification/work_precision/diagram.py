@@ -45,7 +45,7 @@ class Row:
     simulated_time : float
         Of the run for the means (s).
     seconds_per_unit : float
-        Wall-clock seconds of one core per simulated second.
+        Seconds of one core per simulated second.
     note : str
         How the run failed, or empty.
     """

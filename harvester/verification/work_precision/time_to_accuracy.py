@@ -26,7 +26,7 @@ from harvester.verification.work_precision.methods import (
 )
 from harvester.verification.work_precision.timed import Timed, closures, task
 
-# Wall seconds of one core that a method's run may take, and the reference's in units of it.
+# Seconds of one core that a method's run may take, and the reference's in units of it.
 SECONDS = 20.0
 REFERENCE_SHARE = 5.0
 # Realizations in one task of Monte Carlo: each by itself is done before a clock sees it.
@@ -54,7 +54,7 @@ def time_to_accuracy(
     scene : Scene, str or Path
         Its run gives the length of each realization.
     seconds : float
-        Wall seconds of one core that each method's run may take: the longer, the better are biases
+        Seconds of one core that each method's run may take: the longer, the better are biases
         known.
     **running
         See `harvester.running.open_runner`. What is kept holds the times that were measured.
