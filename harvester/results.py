@@ -255,9 +255,9 @@ class Result:
 
     def joint_figure(self) -> Figure | None:
         """Its joint density of displacement and velocity; None where it has none."""
-        from harvester.show import figures
+        from harvester.show import figures, joint_figure
 
-        return figures.drawn(figures.draw_joint, [self])
+        return figures.drawn(joint_figure.draw, [self])
 
     def __repr__(self) -> str:
         first = next(iter(self.quantities.items()), None)

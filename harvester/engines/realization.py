@@ -42,7 +42,8 @@ class Realization:
     joint : JointHistogram or None
         Where it was asked for.
     seconds : float
-        Wall time of the simulation alone; of realizations run together, its share.
+        Of one core, for the simulation alone, whatever else the machine does; of realizations run
+        together, its share.
     started, ended : float
         The system's clock (s).
     engine_version : str
@@ -176,13 +177,13 @@ def run(
     if joint_density:
         prepare_joint()
     started = time.time()
-    clock = time.perf_counter()
+    clock, processor = time.perf_counter(), time.process_time()
     scheme = scheme or chosen.schemes[0]
     starts = [start_state(scene, index) for index in indices]
     outcome = chosen.run_realizations(
         scene, paths, starts, observers, step, source, scheme, tolerance, device, **output
     )
-    seconds = time.perf_counter() - clock
+    elapsed, seconds = time.perf_counter() - clock, time.process_time() - processor
     # The last word of those that end before their first report.
     report(moments)
     return [
@@ -192,7 +193,7 @@ def run(
             joint=joint,
             seconds=seconds / len(moments),
             started=started,
-            ended=started + seconds,
+            ended=started + elapsed,
             **outcome,
         )
         for each, waveform, joint in zip(moments, waveforms, joints, strict=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,14 +19,13 @@ if TYPE_CHECKING:
 
     from harvester.results import Result
     from harvester.studies.comparison import Comparison
-    from harvester.studies.frequency_response import FrequencyResponse
-    from harvester.verification.stability.matrix import StabilityMatrix
-    from harvester.verification.work_precision.accuracy_table import TimeToAccuracy
     from harvester.verification.work_precision.diagram import WorkPrecision
 
 STYLE = Path(__file__).parent / "house.mplstyle"
 # Share of its peak down to which a density is drawn.
 WORTH_DRAWING = 1e-3
+# Intervals between ticks on a density's axis: the labels of an SI scene are long.
+MOST_TICKS = 5
 # Smallest bias that is drawn (%).
 LEAST_BIAS = 1e-3
 
@@ -100,7 +99,7 @@ def draw_result(result: Result) -> Figure | None:
         axes.set_xlabel(_axis(result, name))
         axes.set_ylabel("probability density" if place == 0 else "")
         axes.set_ylim(bottom=0.0)
-        axes.set_xlim(-_reach(result, name), _reach(result, name))
+        _frame(axes, [result], name)
     if fitted:
         _draw_fit(figure.add_subplot(1, panels, panels), result)
     figure.suptitle(f"{result.scene.name}: {result.engine}", x=0.01, ha="left", fontsize=9)
@@ -160,8 +159,7 @@ def _draw_densities(axes, comparison, name):
         if name in result.densities:
             _density(axes, result, name, colour, style, f"averaging, {closure}")
     simulated = comparison.monte_carlo.densities[name]
-    reach = max(_reach(engine, name) for engine in _simulations(comparison))
-    axes.set_xlim(-reach, reach)
+    _frame(axes, [comparison.circuit, comparison.monte_carlo], name)
     peak = simulated.density.max() / comparison.monte_carlo.scales.of(name)
     # A closure that is far off must not flatten the others.
     axes.set_ylim(0.0, min(axes.get_ylim()[1], 2.5 * peak))
@@ -290,45 +288,18 @@ def _density(axes, result, name, colour, style, label):
     axes.plot(centre, values, style, color=colour, label=label)
 
 
-def _simulations(comparison):
-    return comparison.circuit, comparison.monte_carlo
-
-
-def _reach(result, name):
-    """How far out a density is worth drawing, in the scene's units."""
-    density = result.densities[name]
-    drawn = np.abs(density.centre[density.density > WORTH_DRAWING * density.density.max()])
-    return 1.1 * drawn.max() * result.scales.of(density.dimension)
+def _frame(axes, results, name):
+    """Limit the axis to where the densities are worth drawing."""
+    ends = []
+    for result in results:
+        density = result.densities[name]
+        drawn = density.centre[density.density > WORTH_DRAWING * density.density.max()]
+        ends += list(drawn[[0, -1]] * result.scales.of(density.dimension))
+    margin = 0.05 * (max(ends) - min(ends))
+    axes.set_xlim(min(ends) - margin, max(ends) + margin)
+    axes.locator_params(axis="x", nbins=MOST_TICKS)
 
 
 def _axis(result, name):
     unit = result.unit(name)
     return f"{name} [{'scaled' if unit.startswith('scaled') else unit}]"
-
-
-def draw_joint(results: Sequence[Result]) -> Figure | None:
-    """p(X, X') of the results that have it, side by side."""
-    from harvester.show.joint_figure import draw
-
-    return draw(results)
-
-
-def draw_frequency_response(response: FrequencyResponse) -> Figure:
-    """Amplitude, voltage and power over frequency."""
-    from harvester.show.frequency_figure import draw
-
-    return draw(response)
-
-
-def draw_stability(matrix: StabilityMatrix) -> Figure:
-    """The coloured grid of `harvester stability`."""
-    from harvester.verification.stability.figure import draw
-
-    return draw(matrix)
-
-
-def draw_time_to_accuracy(results: Sequence[TimeToAccuracy]) -> Figure:
-    """Total error over wall time, a row for each scene."""
-    from harvester.show.accuracy_figure import draw
-
-    return draw(results)

@@ -175,9 +175,9 @@ class Comparison:
 
     def joint_figure(self) -> Figure | None:
         """p(X, X') of the stationary solver and of Monte Carlo, in the same places and colours."""
-        from harvester.show import figures
+        from harvester.show import figures, joint_figure
 
-        return figures.drawn(figures.draw_joint, [*self.closures.values(), self.monte_carlo])
+        return figures.drawn(joint_figure.draw, [*self.closures.values(), self.monte_carlo])
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""

@@ -45,7 +45,7 @@ def draw(found: OptimumOfSeveral) -> Figure:
 
 
 def _draw_parameter(axes, found, each):
-    from harvester.studies.flat_region import FLAT
+    from harvester.studies.flat_region import FLAT_SHARE
 
     key = each.axis.key
     axes.plot(
@@ -63,7 +63,7 @@ def _draw_parameter(axes, found, each):
             color=MAXIMUM,
             alpha=0.15,
             lw=0,
-            label=f"within {FLAT:.0%}, the others held",
+            label=f"within {FLAT_SHARE:.0%}, the others held",
         )
     axes.axhline(found.own.estimate, color=OWN, linestyle=":", label="the scene itself")
     axes.errorbar(

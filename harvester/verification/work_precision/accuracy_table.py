@@ -32,7 +32,7 @@ class Line:
     simulated_time : float
         Measured time of all its realizations (s).
     cost : float
-        Wall seconds of one core for one measured second, settling included: of its fastest task.
+        Seconds of one core for one measured second, settling included: of its fastest task.
     note : str
         Why there is nothing, or empty.
     """
@@ -119,9 +119,9 @@ class TimeToAccuracy:
 
     def figure(self) -> Figure:
         """Total error over wall time."""
-        from harvester.show import figures
+        from harvester.show import accuracy_figure, figures
 
-        return figures.drawn(figures.draw_time_to_accuracy, [self])
+        return figures.drawn(accuracy_figure.draw, [self])
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
