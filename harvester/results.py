@@ -118,7 +118,8 @@ class Result:
                 f"{nearest(name, self.scaled_quantities)}; there are "
                 f"{', '.join(self.scaled_quantities)}"
             )
-        return self._in_units(self.scaled_quantities[name])
+        estimate = self.scaled_quantities[name]
+        return estimate.times(self.scales.of(estimate.dimension))
 
     def __getitem__(self, name: str) -> Estimate:
         return self.quantity(name)
@@ -281,27 +282,10 @@ class Result:
             facts.append(f"netlist {self.netlist_sha256[:12]}")
         return facts
 
-    def _in_units(self, estimate: Estimate) -> Estimate:
-        factor = self.scales.of(estimate.dimension)
-        error = estimate.standard_error
-        return Estimate(
-            estimate.estimate * factor,
-            None if error is None else error * factor,
-            estimate.effective_sample_size,
-            estimate.dimension,
-            estimate.note,
-        )
-
 
 def _entry(estimate: Estimate, unit: str) -> dict[str, Any]:
     """An estimate as plain values."""
-    entry = {
-        "estimate": finite(estimate.estimate),
-        "standard_error": finite(estimate.standard_error),
-        "effective_sample_size": finite(estimate.effective_sample_size),
-        "unit": unit,
-    }
-    return {**entry, "note": estimate.note} if estimate.note else entry
+    return {**estimate.to_dict(), "unit": unit}
 
 
 def _from_dict(content: dict[str, Any], folder: str | None) -> Result:

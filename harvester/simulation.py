@@ -18,22 +18,16 @@ from harvester.engines.protocol import ENGINES
 from harvester.engines.realization import Realization, run
 from harvester.engines.steps import STEP_LEVELS, knot_spacing, steps_per_knot
 from harvester.errors import EnergyNotBalanced, HarvesterError, SimulationError
-from harvester.estimates.balance import energy_balance_residual
-from harvester.estimates.batch_means import standard_error, standard_error_of_drift
 from harvester.estimates.densities import densities
-from harvester.estimates.means import estimate_all
-from harvester.estimates.output_side import estimate_output
-from harvester.estimates.passivity import efficiency_notes, source_notes
+from harvester.estimates.of_run import run_estimates
 from harvester.estimates.residual_cause import suspected_cause
-from harvester.estimates.settling import shortfalls, withheld
 from harvester.excitation import OrnsteinUhlenbeck
 from harvester.files.plain_text import nearest
-from harvester.results import Result, unit_of
+from harvester.results import Result
 from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor, scale
 
 if TYPE_CHECKING:
-    pass
     from harvester.device.system import System
 
 SOURCES = ("external", "pwl")
@@ -296,25 +290,19 @@ class _Follower:
 def _result(scene, engine, step, source, realizations, failures, outcome="complete"):
     parameters, scales = scale(scene)
     moments = [realization.moments for realization in realizations]
-    error_of = standard_error_of_drift if scene.excitation.drifts else standard_error
     first = min(realization.started for realization in realizations)
     last = max(realization.ended for realization in realizations)
-    estimates = estimate_all(moments, parameters, error_of) | estimate_output(moments)
-    on_load = (
-        *source_notes(scene.load.circuit),
-        *efficiency_notes(estimates, scales.of("power"), unit_of(scene, "power")),
-    )
-    found = shortfalls(scene, parameters, moments, estimates)
+    found = run_estimates(scene, moments)
     shapes = densities(moments, is_symmetric(scene, parameters))
-    if found:
+    if found.shortfalls:
         shapes = {name: replace(shape, standard_error=None) for name, shape in shapes.items()}
     return Result(
         scene=scene,
         engine=engine if source == "external" else f"{engine} ({source} source)",
-        scaled_quantities=withheld(estimates, found),
+        scaled_quantities=found.scaled,
         scales=scales,
         error_kind="statistical",
-        energy_balance_residual=energy_balance_residual(moments, parameters),
+        energy_balance_residual=found.residual,
         wall_seconds=last - first,
         engine_seconds=sum(realization.seconds for realization in realizations),
         simulated_time=sum(m.time_reached for m in moments),
@@ -323,12 +311,7 @@ def _result(scene, engine, step, source, realizations, failures, outcome="comple
         realizations=len(moments),
         engine_version=realizations[0].engine_version,
         netlist_sha256=realizations[0].netlist_sha256,
-        notes=(
-            *notes_on_excitation(scene),
-            *on_load,
-            *(shortfall.note for shortfall in found),
-            *_failure_notes(failures, scene),
-        ),
+        notes=(*notes_on_excitation(scene), *found.notes, *_failure_notes(failures, scene)),
         failures={index: f"{type(e).__name__}: {e}" for index, e in failures.items()},
         densities=shapes,
         waveform=realizations[0].waveform,

@@ -3,13 +3,7 @@
 from argparse import Namespace
 from typing import Any
 
-from harvester.commands.options import (
-    add_study_options,
-    check_options,
-    say,
-    study_runner,
-    tell_of,
-)
+from harvester.commands.options import add_study_options, check_options, say, study_runner
 from harvester.errors import HarvesterError
 
 
@@ -31,7 +25,9 @@ def add(commands: Any) -> None:
         help="all figures in minutes: fewer points, error bars up to 5 %% (circuit: more)",
     )
     command.add_argument("--seed", type=int, help="of the noise (default: the scene's)")
-    add_study_options(command, "E[V²] and PCE that simulations are run for", output="results")
+    add_study_options(
+        command, "E[V²] and PCE that simulations are run for", output="results", json=False
+    )
     command.set_defaults(command=run, json=None)
 
 
@@ -66,13 +62,12 @@ def run(options: Namespace) -> int:
 
 def _compute(scene, names, options, keep):
     """Give `keep` each figure as soon as it is done; the number of runs that failed."""
-    from harvester.show.console import progress
     from harvester.verification.paper import orbit_maps
     from harvester.verification.paper.figures_list import FIGURES
     from harvester.verification.paper.reproduce import reproduce
 
     without_noise = {"fig2": orbit_maps.surfaces, "fig3": orbit_maps.frequency_response}
-    with progress() as follow, study_runner(options, follow("figures", None)) as runner:
+    with study_runner(options, "figures") as runner:
         for name in (name for name in names if name in without_noise):
             keep(without_noise[name](scene))
         contents = reproduce(
@@ -83,7 +78,6 @@ def _compute(scene, names, options, keep):
             runner=runner,
             on_figure=keep,
         )
-        tell_of(runner)
     return sum(content.failed_runs for content in contents)
 
 

@@ -3,13 +3,7 @@
 from argparse import Namespace
 from typing import Any
 
-from harvester.commands.options import (
-    add_study_options,
-    check_options,
-    say,
-    study_runner,
-    tell_of,
-)
+from harvester.commands.options import add_study_options, check_options, say, study_runner
 from harvester.errors import HarvesterError
 
 NAME = "time-to-accuracy"
@@ -47,7 +41,6 @@ def add(commands: Any) -> None:
         metavar="SECONDS",
         help="of one core for the run of each method (default: 20): biases are known the better",
     )
-    command.add_argument("--json", metavar="FILE", help="write JSON; - for standard output")
     add_study_options(command)
     command.set_defaults(command=run)
 
@@ -59,15 +52,14 @@ def run(options: Namespace) -> None:
     scenes = _scenes(options)
     check_options(options, NAME)
     from harvester.files.writing import is_standard_output
-    from harvester.show.console import progress, show_table
+    from harvester.show.console import show_table
     from harvester.verification.work_precision.time_to_accuracy import SECONDS, time_to_accuracy
 
-    with progress() as follow, study_runner(options, follow(NAME, None)) as runner:
+    with study_runner(options, NAME) as runner:
         results = [
             time_to_accuracy(scene, seconds=options.seconds or SECONDS, runner=runner)
             for scene in scenes
         ]
-        tell_of(runner)
         for result in results:
             show_table(result, "time to accuracy", to_stderr=is_standard_output(options.json))
         _write(options, results)
@@ -86,7 +78,7 @@ def _scenes(options):
 
 def _write(options, results):
     from harvester.files.writing import in_folder, write_json
-    from harvester.show import figures
+    from harvester.show import accuracy_figure, figures
 
     content = {"results": [result.to_dict() for result in results]}
     if options.json:
@@ -94,5 +86,5 @@ def _write(options, results):
     if options.output:
         write_json(in_folder(options.output, f"{NAME}.json"), content)
         picture = in_folder(options.output, f"{NAME}.png")
-        figures.save(figures.draw_time_to_accuracy, results, picture)
+        figures.save(accuracy_figure.draw, results, picture)
         say(f"written to {options.output}: {NAME}.*")

@@ -37,7 +37,8 @@ class Realization:
     waveform : Record or None
         The stretch asked for.
     seconds : float
-        Wall time of the simulation alone; of realizations run together, its share.
+        Of one core, for the simulation alone, whatever else the machine does; of realizations run
+        together, its share.
     started, ended : float
         The system's clock (s).
     engine_version : str
@@ -166,13 +167,13 @@ def run(
     chosen.prepare(scene)
     prepare_moments()
     started = time.time()
-    clock = time.perf_counter()
+    clock, processor = time.perf_counter(), time.process_time()
     scheme = scheme or chosen.schemes[0]
     starts = [start_state(scene, index) for index in indices]
     outcome = chosen.run_realizations(
         scene, paths, starts, observers, step, source, scheme, tolerance, device, **output
     )
-    seconds = time.perf_counter() - clock
+    elapsed, seconds = time.perf_counter() - clock, time.process_time() - processor
     # The last word of those that end before their first report.
     report(moments)
     return [
@@ -181,7 +182,7 @@ def run(
             waveform=waveform.record() if waveform else None,
             seconds=seconds / len(moments),
             started=started,
-            ended=started + seconds,
+            ended=started + elapsed,
             **outcome,
         )
         for each, waveform in zip(moments, waveforms, strict=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,9 +19,6 @@ if TYPE_CHECKING:
 
     from harvester.results import Result
     from harvester.studies.comparison import Comparison
-    from harvester.studies.frequency_response import FrequencyResponse
-    from harvester.verification.stability.matrix import StabilityMatrix
-    from harvester.verification.work_precision.accuracy_table import TimeToAccuracy
     from harvester.verification.work_precision.diagram import WorkPrecision
 
 STYLE = Path(__file__).parent / "house.mplstyle"
@@ -295,24 +292,3 @@ def _frame(axes, results, name):
 def _axis(result, name):
     unit = result.unit(name)
     return f"{name} [{'scaled' if unit.startswith('scaled') else unit}]"
-
-
-def draw_frequency_response(response: FrequencyResponse) -> Figure:
-    """Amplitude, voltage and power over frequency."""
-    from harvester.show.frequency_figure import draw
-
-    return draw(response)
-
-
-def draw_stability(matrix: StabilityMatrix) -> Figure:
-    """The coloured grid of `harvester stability`."""
-    from harvester.verification.stability.figure import draw
-
-    return draw(matrix)
-
-
-def draw_time_to_accuracy(results: Sequence[TimeToAccuracy]) -> Figure:
-    """Total error over wall time, a row for each scene."""
-    from harvester.show.accuracy_figure import draw
-
-    return draw(results)

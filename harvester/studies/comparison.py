@@ -156,14 +156,7 @@ class Comparison:
             "difference_in_standard_errors": {
                 name: finite(self.difference(name)) for name in COMPARED
             },
-            "paired_bias": {
-                name: {
-                    "estimate": finite(estimate.estimate),
-                    "standard_error": finite(estimate.standard_error),
-                    "unit": "1",
-                }
-                for name, estimate in self.paired.items()
-            },
+            "paired_bias": {name: each.to_dict() for name, each in self.paired.items()},
             "closure_deviation": {
                 closure: {name: finite(self.deviation(closure, name)[0]) for name in COMPARED}
                 for closure in self.closures

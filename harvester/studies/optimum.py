@@ -128,10 +128,10 @@ class Optimum:
             },
             "simulation": {
                 "method": self.method,
-                "place": _entry(self.place),
+                "place": self.place.to_dict(),
                 "interval": list(self.interval),
-                "value": _entry(self.value),
-                "fitted": [{"place": x, **_entry(y)} for x, y in self.fitted],
+                "value": self.value.to_dict(),
+                "fitted": [{"place": x, **y.to_dict()} for x, y in self.fitted],
             },
             "seed": self.scene.run.seed,
             "wall_seconds": self.wall_seconds,
@@ -231,7 +231,3 @@ def _common_knots(scene, axis):
     """The scene with one spacing for the whole range: else places would not share their noise."""
     ends = [scene.replace({axis.key: end}) for end in (axis.low, axis.high)]
     return on_common_knots([scene], ends)[0]
-
-
-def _entry(estimate):
-    return {"estimate": estimate.estimate, "standard_error": finite(estimate.standard_error)}

@@ -146,15 +146,13 @@ class Report:
         if study.precision:
             done = sum(e.relative_error <= study.precision for e in study.evaluations)
             lines.append(f"{done} of {total} points within {study.precision:.1%}")
-        if study.out_of_time:
-            lines.append("the time budget was spent: the same command goes on where it ended")
         gains = [e.gain for e in study.evaluations if e.gain > 1.0]
         if gains:
             lines.append(
                 f"control variate (Monte Carlo of the matched resistor) at {len(gains)} of {total} "
                 f"points: worth {min(gains):.1f} to {max(gains):.1f} times the samples"
             )
-        lines += [*study.grid.notes, *study.warnings]
+        lines += study.grid.notes
         if any(e.realizations for e in study.evaluations):
             lines.append(
                 f"{study.method}: realizations of {run.duration:g} s after {run.settle:g} s, "

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_lyapunov
+from truths import assert_near
 
 from harvester.errors import SimulatorAborted
 from harvester.scene.model import Scene
@@ -58,10 +59,7 @@ def test_a_coils_means_in_white_noise(pool, engine, inductance):
         "mean_transducer_loss": WINDING * current,
         "mean_input_power": MASS * INTENSITY,
     }
-    for name, truth in truths.items():
-        found = result.quantity(name)
-        assert found.standard_error < 0.015 * truth, name
-        assert abs(found.estimate - truth) < 3.0 * found.standard_error, name
+    assert_near(result, truths, 0.015)
     assert abs(result.energy_balance_residual) < 0.01
 
 

@@ -1,24 +1,20 @@
 """`reproduce`: the paper's Figs. 4 to 10 by closures, Monte Carlo and circuit."""
 
-import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass
-from typing import Any, TypeAlias, TypeGuard
+from typing import Any, TypeAlias, TypeGuard, Unpack
 
 import numpy as np
 
 from harvester.averaging import CLOSURES
 from harvester.calling import takes_scene
-from harvester.engines.pools import ExecutorPool, WorkerPool
 from harvester.engines.steps import with_knots
 from harvester.errors import HarvesterError, SimulationError
 from harvester.files.writing import finite
-from harvester.running import Answer, Runner, open_runner
+from harvester.running import Answer, RunnerOptions, open_runner
 from harvester.running.request import relative_error
 from harvester.scene.model import Scene
-from harvester.simulation import TIME_LIMIT
 from harvester.verification.paper.figures_list import FIGURES, SYMBOLS, Curve, Figure, Panel
 from harvester.verification.paper.runs import costly_first, request
 
@@ -173,14 +169,7 @@ def reproduce(
     quick: bool = False,
     precision: float | None = None,
     on_figure: Callable[[Reproduction], object] | None = None,
-    output: str | os.PathLike | None = None,
-    workers: int | None = None,
-    executor: Executor | WorkerPool | ExecutorPool | None = None,
-    scheduler: str | None = None,
-    time_budget: float | None = None,
-    time_limit: float = TIME_LIMIT,
-    progress: Callable[[float, str], object] | None = None,
-    runner: Runner | None = None,
+    **running: Unpack[RunnerOptions],
 ) -> list[Reproduction]:
     """Compute figures; scenes that several share are computed once.
 
@@ -195,10 +184,10 @@ def reproduce(
     precision : float or None
         Relative standard error of E[V²] and PCE that simulations are run for, instead of that of
         `QUICK` or `DEFAULT`.
-    output, workers, executor, scheduler, time_budget, time_limit, progress, runner
-        See `harvester.running.open_runner`.
     on_figure : callable or None
         Given each Reproduction as soon as its last point is there.
+    **running
+        See `harvester.running.open_runner`.
 
     Returns
     -------
@@ -223,18 +212,8 @@ def reproduce(
                 if on_figure:
                     on_figure(contents[name])
 
-    opened = open_runner(
-        output,
-        workers=workers,
-        executor=executor,
-        scheduler=scheduler,
-        time_budget=time_budget,
-        time_limit=time_limit,
-        progress=progress,
-        runner=runner,
-    )
-    with opened as running:
-        running.answer(ordered, collect, in_turn=True)
+    with open_runner(**running) as runner:
+        runner.answer(ordered, collect, in_turn=True)
     return [contents[name] for name in names]
 
 

@@ -1,7 +1,8 @@
 """Total error against wall time: what a method's bias and its sampling error make together.
 
 After a wall time t a mean is off by √(b² + s² c/t): b the method's bias, s²/T the sampling variance
-of a run of T simulated seconds, c the wall seconds that one of them costs.
+of a run of T simulated seconds, c the wall seconds that one of them costs. Seconds are counted as
+time of one processor: the wall time on a machine that does nothing else.
 """
 
 import math
@@ -18,7 +19,7 @@ from harvester.record.output_side import QUANTITIES as OUTPUT_QUANTITIES
 # Errors whose times are read off, as shares.
 LIMITS = (0.1, 0.03, 0.01)
 # Standard errors of a bias within which it may be nought, and by which it may be larger.
-SURE = 2.0
+BIAS_SIGMAS = 2.0
 OUTPUT_POWER = "mean_output_power"
 
 
@@ -33,7 +34,7 @@ class TotalError:
     scatter : float
         Relative standard error of the mean times the root of the simulated time (√s).
     cost : float
-        Wall seconds of one core for one measured second, settling included.
+        Seconds of one core for one measured second, settling included.
     """
 
     bias: Estimate
@@ -55,7 +56,7 @@ class TotalError:
     def largest_bias(self) -> float:
         """What |bias| may be at most, two standard errors up; infinite without an error bar."""
         error = self.bias.standard_error
-        return math.inf if error is None else abs(self.bias.estimate) + SURE * error
+        return math.inf if error is None else abs(self.bias.estimate) + BIAS_SIGMAS * error
 
     def after(self, seconds: float | np.ndarray) -> float | np.ndarray:
         """Total error after a wall time; `seconds` a float or an array of any shape."""

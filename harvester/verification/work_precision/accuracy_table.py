@@ -27,7 +27,7 @@ class Line:
     simulated_time : float
         Measured time of all its realizations (s).
     cost : float
-        Wall seconds of one core for one measured second, settling included: of its fastest task.
+        Seconds of one core for one measured second, settling included: of its fastest task.
     note : str
         Why there is nothing, or empty.
     """

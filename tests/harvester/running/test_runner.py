@@ -151,6 +151,12 @@ def test_progress_never_falls_and_ends_at_one():
     assert shares[-1] == (pytest.approx(11.0 / 14.0), "1 of 2")
     progress.end(0)
     assert shares[-1] == (1.0, "2 of 2")
+    # What comes after the end is a list of its own, and a label's speed stays known.
+    progress.begin(1)
+    progress.wait("quick")
+    progress.wait("slow")
+    progress.done("quick", 1.0)
+    assert shares[-1] == (pytest.approx(1.0 / 11.0), "0 of 1")
 
 
 def test_a_plan_is_told_of_every_result_it_asked_for(pool):
