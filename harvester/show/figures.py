@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 STYLE = Path(__file__).parent / "house.mplstyle"
 # Share of its peak down to which a density is drawn.
 WORTH_DRAWING = 1e-3
+# Intervals between ticks on a density's axis: the labels of an SI scene are long.
+MOST_TICKS = 5
 # Smallest bias that is drawn (%).
 LEAST_BIAS = 1e-3
 
@@ -97,7 +99,7 @@ def draw_result(result: Result) -> Figure | None:
         axes.set_xlabel(_axis(result, name))
         axes.set_ylabel("probability density" if place == 0 else "")
         axes.set_ylim(bottom=0.0)
-        axes.set_xlim(-_reach(result, name), _reach(result, name))
+        _frame(axes, [result], name)
     if fitted:
         _draw_fit(figure.add_subplot(1, panels, panels), result)
     figure.suptitle(f"{result.scene.name}: {result.engine}", x=0.01, ha="left", fontsize=9)
@@ -145,8 +147,7 @@ def _draw_densities(axes, comparison):
     _density(axes, comparison.monte_carlo, "displacement", MONTE_CARLO, "-", "Monte Carlo")
     _density(axes, comparison.circuit, "displacement", CIRCUIT, "--", "circuit")
     simulated = comparison.monte_carlo.densities["displacement"]
-    reach = max(_reach(engine, "displacement") for engine in _simulations(comparison))
-    axes.set_xlim(-reach, reach)
+    _frame(axes, [comparison.circuit, comparison.monte_carlo], "displacement")
     peak = simulated.density.max() / comparison.monte_carlo.scales.displacement
     # A closure that is far off must not flatten the others.
     axes.set_ylim(0.0, min(axes.get_ylim()[1], 2.5 * peak))
@@ -276,15 +277,16 @@ def _density(axes, result, name, colour, style, label):
     axes.plot(centre, values, style, color=colour, label=label)
 
 
-def _simulations(comparison):
-    return comparison.circuit, comparison.monte_carlo
-
-
-def _reach(result, name):
-    """How far out a density is worth drawing, in the scene's units."""
-    density = result.densities[name]
-    drawn = np.abs(density.centre[density.density > WORTH_DRAWING * density.density.max()])
-    return 1.1 * drawn.max() * result.scales.of(density.dimension)
+def _frame(axes, results, name):
+    """Limit the axis to where the densities are worth drawing."""
+    ends = []
+    for result in results:
+        density = result.densities[name]
+        drawn = density.centre[density.density > WORTH_DRAWING * density.density.max()]
+        ends += list(drawn[[0, -1]] * result.scales.of(density.dimension))
+    margin = 0.05 * (max(ends) - min(ends))
+    axes.set_xlim(min(ends) - margin, max(ends) + margin)
+    axes.locator_params(axis="x", nbins=MOST_TICKS)
 
 
 def _axis(result, name):

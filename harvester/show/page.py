@@ -48,6 +48,7 @@ def report(comparison: Comparison) -> str:
     digest = scene.digest()[:12]
     date = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     header, rows = comparison.table()
+    rows = [[name, unit.replace("^2", "²"), *values] for name, unit, *values in rows]
     return Template(template).substitute(
         title=_escaped(f"{scene.name}: circuit, Monte Carlo and averaging"),
         facts=_escaped(f"{date}; harvester {__version__}; seed {scene.run.seed}; scene {digest}"),
