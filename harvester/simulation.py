@@ -13,7 +13,7 @@ from harvester.calling import takes_scene
 from harvester.device import timescales
 from harvester.engines import side_by_side
 from harvester.engines.circuit import best_copies
-from harvester.engines.pools import ExecutorPool, WorkerPool, Workers
+from harvester.engines.pools import Workers, processes
 from harvester.engines.protocol import ENGINES
 from harvester.engines.realization import Realization, run
 from harvester.engines.steps import STEP_LEVELS, knot_spacing, steps_per_knot
@@ -206,13 +206,11 @@ def running(
     runner: Workers | None, executor: Executor | None, calls: int, workers: int | None
 ) -> Iterator[Workers]:
     """What was handed in, a runner's own processes too; else workers that end with the block."""
-    if executor is not None:
-        yield ExecutorPool(executor)
-    elif runner is not None:
+    if executor is None and runner is not None:
         yield getattr(runner, "pool", runner)
     else:
-        with WorkerPool(calls, workers) as own:
-            yield own
+        with processes(executor, workers, calls) as pool:
+            yield pool
 
 
 def check_step(step: str | float) -> str | float:

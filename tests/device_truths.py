@@ -93,8 +93,8 @@ class Written:
 def written_path(scene, knots, index=0, displaced=0.0):
     """(X, X', state) at the knots 0, 1, …, by DOP853 on the noise's own knots; shape (knots+1, 3).
 
-    In the scene's units; `displaced` is added to the displacement at the start. Steps of scipy are cut where a contact begins, so that the speed there
-    can be held and the solver keeps its order.
+    In the scene's units; `displaced` is added to the displacement at the start. Steps of scipy are
+    cut where a contact begins, so that the speed there can be held and the solver keeps its order.
     """
     device, spacing = Written(scene), knot_spacing(scene)
     _, scales = scale(scene)

@@ -26,6 +26,7 @@ from harvester.averaging.stationary import stationary
 from harvester.averaging.wells import between_wells, rates_of_jumps, slowest_decay_rate
 from harvester.device import system as systems
 from harvester.device import timescales
+from harvester.device.hertz import HertzDamp
 from harvester.errors import AveragingError
 
 if TYPE_CHECKING:
@@ -97,15 +98,21 @@ def fokker_planck(device: System, tolerance: float, memory: bool = False) -> Ave
 
 def _check(device):
     """Refuse what the state does not hold, and what takes too many steps."""
-    if any(getattr(each.law, "holds", 0.0) for each in device.contacts):
+    if any(not isinstance(each.law, HertzDamp) for each in device.contacts):
+        raise AveragingError(
+            "the contact law is not Hertz's: a force that begins with a jump is beyond the grids "
+            "of fokker_planck: simulate"
+        )
+    if any(each.law.holds for each in device.contacts):
         raise AveragingError(
             'impact_velocity = "event": the speed at the beginning of a contact is no part of the '
             'state that fokker_planck follows; use "energy", or simulate'
         )
     if timescales.contact_time(device) < SHORTEST_CONTACT * _period(device):
+        stiffest = max(each.law.stiffness for each in device.contacts)
         raise AveragingError(
-            f"stoppers.stiffness: contacts last less than {SHORTEST_CONTACT:g} of a period, too "
-            "short for the steps of fokker_planck: simulate"
+            f"stoppers.stiffness={stiffest:g}: contacts last less than {SHORTEST_CONTACT:g} of a "
+            "period, too short for the steps of fokker_planck: simulate"
         )
     rate, fastest = device.transducer.decay_rate(), FASTEST_DECAY / _period(device)
     if rate > fastest:

@@ -43,16 +43,26 @@ def scene_command(
         + (f" (default: {default_scene})" if default_scene else ""),
         **optional,
     )
+    add_overrides(command)
+    command.set_defaults(command=function)
+    return command
+
+
+def add_overrides(command: ArgumentParser, of: str = "the scene") -> None:
+    """What is changed of a scene: what `overrides` reads."""
     command.add_argument(
         "--set",
         action="append",
         default=[],
         metavar="TABLE.KEY=VALUE",
-        help="override a value of the scene; TABLE=none removes a table",
+        help=f"override a value of {of}; TABLE=none removes a table",
     )
     command.add_argument("--seed", type=int, help="same as --set run.seed=SEED")
-    command.set_defaults(command=function)
-    return command
+
+
+def overrides(options: Namespace) -> list[str]:
+    """What --set and --seed say."""
+    return [*options.set, *([] if options.seed is None else [f"run.seed={options.seed}"])]
 
 
 def add_engine_options(command: ArgumentParser, workers: bool = True) -> None:
@@ -184,10 +194,7 @@ def read_scene(options: Namespace) -> Scene:
     """The scene that the command line names, overrides and seed put in."""
     from harvester.scene.model import Scene
 
-    overrides = list(options.set)
-    if options.seed is not None:
-        overrides.append(f"run.seed={options.seed}")
-    return Scene.load(options.scene, overrides)
+    return Scene.load(options.scene, overrides(options))
 
 
 def number_list(text: str, where: str) -> list[float]:

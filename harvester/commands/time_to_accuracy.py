@@ -3,7 +3,14 @@
 from argparse import Namespace
 from typing import Any
 
-from harvester.commands.options import add_study_options, check_options, say, study_runner
+from harvester.commands.options import (
+    add_overrides,
+    add_study_options,
+    check_options,
+    overrides,
+    say,
+    study_runner,
+)
 from harvester.errors import HarvesterError
 
 NAME = "time-to-accuracy"
@@ -27,14 +34,7 @@ def add(commands: Any) -> None:
         metavar="scene",
         help=f"TOML files or names of built-in scenes (default: {told})",
     )
-    command.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="TABLE.KEY=VALUE",
-        help="override a value of every scene; TABLE=none removes a table",
-    )
-    command.add_argument("--seed", type=int, help="same as --set run.seed=SEED")
+    add_overrides(command, "every scene")
     command.add_argument(
         "--seconds",
         type=float,
@@ -69,11 +69,8 @@ def _scenes(options):
     """The scenes named, or those of `SCENES`, with what --set and --seed say."""
     from harvester.scene.model import Scene
 
-    overrides = list(options.set)
-    if options.seed is not None:
-        overrides.append(f"run.seed={options.seed}")
     named = [(scene, ()) for scene in options.scenes] or SCENES
-    return [Scene.load(scene, [*values, *overrides]) for scene, values in named]
+    return [Scene.load(scene, [*values, *overrides(options)]) for scene, values in named]
 
 
 def _write(options, results):

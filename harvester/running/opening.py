@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from typing import TypedDict
 
-from harvester.engines.pools import ExecutorPool, WorkerPool
+from harvester.engines.pools import ExecutorPool, WorkerPool, processes
 from harvester.errors import HarvesterError
 from harvester.running.folder import held
 from harvester.running.runner import Runner
@@ -82,24 +82,20 @@ def open_runner(
     deadline = time.monotonic() + time_budget if time_budget else math.inf
     with (
         held(output) if output else contextlib.nullcontext() as folder,
-        _processes(workers, executor, scheduler) as pool,
+        _pool(workers, executor, scheduler) as pool,
     ):
         yield Runner(pool, folder, deadline, time_limit, progress)
 
 
 @contextlib.contextmanager
-def _processes(workers, executor, scheduler):
-    """The pool that was handed in or one around the executor, else workers that end with it."""
-    if isinstance(executor, (WorkerPool, ExecutorPool)):
-        yield executor
-    elif executor is not None:
-        yield ExecutorPool(executor)
-    elif scheduler is not None:
+def _pool(workers, executor, scheduler):
+    """The Dask cluster's, or that of `harvester.engines.pools.processes`."""
+    if executor is None and scheduler is not None:
         with _dask(scheduler) as client:
             yield ExecutorPool(client.get_executor(pure=False))
     else:
-        with WorkerPool(None, workers) as own:
-            yield own
+        with processes(executor, workers) as pool:
+            yield pool
 
 
 def _dask(address):

@@ -4,8 +4,6 @@ import math
 from collections.abc import Generator, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 
-import numpy as np
-
 from harvester.averaging import CLOSURES
 from harvester.engines.protocol import ENGINES
 from harvester.engines.steps import knot_spacing
@@ -63,7 +61,7 @@ class Request:
         Most realizations that a precision is worth.
     tolerance : float or None
         Of a closure, as in `harvester.average`.
-    density, moments, waveform : bool
+    density, moments : bool
         Whether the answer is to hold them.
     """
 
@@ -78,7 +76,6 @@ class Request:
     tolerance: float | None = None
     density: bool = False
     moments: bool = False
-    waveform: bool = False
 
     def __post_init__(self):
         check_name("method", self.method, (*ENGINES, *CLOSURES))
@@ -138,8 +135,6 @@ class Answer:
         Of the displacement.
     moments : tuple of harvester.record.moments.Moments
         One per realization, for paired differences.
-    waveform : ndarray or None
-        Beginning of the first realization, rows as in `Record`, scaled.
     """
 
     scene: Scene
@@ -154,7 +149,6 @@ class Answer:
     notes: tuple[str, ...] = ()
     density: Density | None = field(default=None, repr=False)
     moments: tuple = field(default=(), repr=False)
-    waveform: np.ndarray | None = field(default=None, repr=False)
 
     def in_units(self) -> dict[str, Estimate]:
         """The quantities in the scene's units."""
@@ -282,9 +276,7 @@ def _averaged(request, density):
 
 def _simulated(request, version, density):
     """Rounds of realizations until they are precise enough."""
-    cut = Realizations.of(
-        request.cut_from, request.method, request.step, version, density, request.waveform
-    )
+    cut = Realizations.of(request.cut_from, request.method, request.step, version, density)
     most = cut.whole(request.most) if request.precision else request.first
     count, had, found, ahead = min(cut.whole(request.first), most), 0, [], 0.0
     while True:
@@ -333,7 +325,6 @@ def _answer(request, good, ended):
         notes=tuple(notes),
         density=shape,
         moments=tuple(moments) if request.moments else (),
-        waveform=good[0]["waveform"],
     )
     return answer, reached
 

@@ -80,24 +80,20 @@ class Runner:
             )
         return [*(self.folder.notes if self.folder else ()), *lines]
 
-    def run(
-        self, tasks: Sequence[Task], on_result: Callable[[int, object], None] | None = None
-    ) -> list:
+    def run(self, tasks: Sequence[Task]) -> list:
         """Answers of some tasks, in their order.
 
         Parameters
         ----------
         tasks : sequence of Task
             Begun in the order given; equal ones once.
-        on_result : callable or None
-            Given (index, result) as soon as there is one.
 
         Returns
         -------
         list
             Answers; the HarvesterError that a task ended with; None where the time was spent.
         """
-        return self.follow([_alone(task) for task in tasks], on_result)
+        return self.follow([_alone(task) for task in tasks])
 
     def answer(
         self,

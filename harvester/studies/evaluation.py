@@ -11,9 +11,9 @@ from harvester.estimates.batch_means import complete_batches
 from harvester.estimates.control_variate import controlled_mean
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.of_run import run_estimates
+from harvester.estimates.paired import sums
 from harvester.estimates.settling import withheld
-from harvester.record.moments import QUANTITIES, Moments
-from harvester.record.output_side import QUANTITIES as OUTPUT_QUANTITIES
+from harvester.record.moments import Moments
 from harvester.record.record import Record
 from harvester.running.request import COMPLETE, in_units, not_balanced, residual_notes, told
 from harvester.scene.model import Scene
@@ -145,16 +145,9 @@ def series_of(scene: Scene, good: Sequence[dict]) -> np.ndarray | None:
 
 def power_series(moments: Sequence[Moments], unit: float) -> np.ndarray:
     """Output power batch by batch, shape (realizations, batches), whose mean is the estimate."""
-    batches = complete_batches(moments)
-    if batches is None:
+    if complete_batches(moments) is None:
         raise HarvesterError("no realization has a complete batch: raise run.duration")
-    time = batches[:, :, QUANTITIES.index("time")]
-    outputs = [each.output for each in moments if each.output is not None]
-    if outputs:
-        row, count = OUTPUT_QUANTITIES.index("square_voltage"), batches.shape[1]
-        energy = np.stack([each.conductance * each.integrals[:count, row] for each in outputs])
-    else:
-        energy = batches[:, :, QUANTITIES.index("load_power")]
+    energy, time = sums(moments, "mean_output_power" if moments[0].output else "mean_power")
     mean = energy.sum() / time.sum()
     return unit * (mean + (energy - mean * time) / time.mean())
 
