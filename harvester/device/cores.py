@@ -49,10 +49,10 @@ def cores_within(system: System) -> tuple[float, float]:
     highest = float(core_energies(system).max())
     ends = []
     for outermost, saddle in ((min(wells), min(saddles)), (max(wells), max(saddles))):
-        far = outermost
-        while float(potential(system, far)) <= highest:
-            far += outermost - saddle
-        ends.append(far)
+        away = outermost - saddle
+        while float(potential(system, outermost + away)) <= highest:
+            away *= 2.0
+        ends.append(outermost + away)
     return ends[0], ends[1]
 
 
