@@ -19,6 +19,7 @@ from harvester.engines.realization import Realization, run
 from harvester.engines.steps import STEP_LEVELS, knot_spacing, steps_per_knot
 from harvester.errors import EnergyNotBalanced, HarvesterError, SimulationError
 from harvester.estimates.densities import densities
+from harvester.estimates.joint_density import joint_density as joint_density_of
 from harvester.estimates.of_run import run_estimates
 from harvester.estimates.residual_cause import suspected_cause
 from harvester.excitation import OrnsteinUhlenbeck
@@ -53,6 +54,7 @@ def simulate(
     keep_going: bool = False,
     time_limit: float = TIME_LIMIT,
     window: tuple[float, float] | None = None,
+    joint_density: bool = False,
     workers: int | None = None,
     executor: Executor | None = None,
     runner: Workers | None = None,
@@ -91,6 +93,8 @@ def simulate(
         Wall-clock seconds of one realization.
     window : (float, float) or None
         Stretch of the first realization to keep as `Result.waveform` (s).
+    joint_density : bool
+        Keep p(X, X') as `Result.joint_density`.
     workers : int or None
         Processes; None: one per core.
     executor : concurrent.futures.Executor or None
@@ -130,7 +134,8 @@ def simulate(
     try:
         with running(runner, executor, scene.run.realizations, workers) as pool:
             together = copies or _copies_that_pay(scene, engine, device, options, pool)
-            calls = _calls(scene, engine, together, window, {**options, "device": device})
+            options |= {"device": device, "joint_density": joint_density}
+            calls = _calls(scene, engine, together, window, options)
             outcomes = _outcomes(pool, calls, time_limit, follow, keep_going)
     except SimulationError as error:
         error.partial = _partial(scene, engine, step, source, error)
@@ -292,8 +297,11 @@ def _result(scene, engine, step, source, realizations, failures, outcome="comple
     last = max(realization.ended for realization in realizations)
     found = run_estimates(scene, moments)
     shapes = densities(moments, is_symmetric(scene, parameters))
+    joints = [realization.joint for realization in realizations if realization.joint is not None]
+    joint = joint_density_of(joints, is_symmetric(scene, parameters)) if joints else None
     if found.shortfalls:
         shapes = {name: replace(shape, standard_error=None) for name, shape in shapes.items()}
+        joint = joint and replace(joint, standard_error=None)
     return Result(
         scene=scene,
         engine=engine if source == "external" else f"{engine} ({source} source)",
@@ -312,6 +320,7 @@ def _result(scene, engine, step, source, realizations, failures, outcome="comple
         notes=(*notes_on_excitation(scene), *found.notes, *_failure_notes(failures, scene)),
         failures={index: f"{type(e).__name__}: {e}" for index, e in failures.items()},
         densities=shapes,
+        joint_density=joint,
         waveform=realizations[0].waveform,
         moments=moments,
         outcome="incomplete" if failures else outcome,
@@ -328,7 +337,7 @@ def _partial(scene, engine, step, source, error):
     reached = [m for m in error.partial or () if m.time_reached > m.start]
     if not reached:
         return None
-    nothing = {"waveform": None, "engine_version": "", "netlist_sha256": None}
+    nothing = {"waveform": None, "joint": None, "engine_version": "", "netlist_sha256": None}
     realizations = [
         Realization(moments=m, seconds=math.nan, started=math.nan, ended=math.nan, **nothing)
         for m in reached

@@ -3,7 +3,12 @@
 from argparse import Namespace
 from typing import Any
 
-from harvester.commands.options import add_study_options, check_options, say, study_runner
+from harvester.commands.options import (
+    add_study_options,
+    check_options,
+    study_runner,
+    write_result,
+)
 from harvester.errors import HarvesterError
 
 
@@ -47,7 +52,7 @@ def run(options: Namespace) -> int:
     finished = {}
 
     def keep(content):
-        _write(content, options.output)
+        write_result(options, content.name, content)
         finished[content.name] = content
         kept = f"finished figures are in {options.output}: {', '.join(finished)}"
         options.kept_when_interrupted = f"{kept}; the same command goes on"
@@ -91,16 +96,3 @@ def _chosen(wanted, known):
                 f"{name}: no such figure{nearest(name, known)}; there are {', '.join(known)}, all"
             )
     return [name for name in known if name in wanted or "all" in wanted]
-
-
-def _write(content, folder):
-    from harvester.files.tables import write_csv
-    from harvester.files.writing import in_folder, write_json
-    from harvester.show import figures
-    from harvester.verification.paper.drawing import draw
-
-    write_json(in_folder(folder, f"{content.name}.json"), content.to_dict())
-    if hasattr(content, "data"):
-        write_csv(in_folder(folder, f"{content.name}.csv"), *content.data())
-    figures.save(draw, content, in_folder(folder, f"{content.name}.png"))
-    say(f"written to {folder}: {content.name}.*")

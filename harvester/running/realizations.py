@@ -236,6 +236,8 @@ def _fits(moments, template, has_output, density):
         array = getattr(moments, name)
         if np.shape(array) != np.shape(getattr(template, name)) or not np.isfinite(array).all():
             return False
+    if not _jumps_fit(moments.jumps, template.jumps):
+        return False
     output, integrals = moments.output, moments.integrals
     if has_output != (output is not None):
         return False
@@ -248,3 +250,18 @@ def _fits(moments, template, has_output, density):
             return False
     squares = QUANTITIES.index("square_velocity") + 1
     return bool((integrals[:, :squares] >= 0.0).all() and integrals[:, 0].sum() > 0.0)
+
+
+def _jumps_fit(jumps, template):
+    """The same of the jumps between wells."""
+    if jumps is None or template is None:
+        return jumps is template
+    counted = ("times", "counts")
+    for name in (each.name for each in dataclasses.fields(template)):
+        found, expected = getattr(jumps, name), getattr(template, name)
+        if name in counted:
+            if np.shape(found) != expected.shape or not (np.isfinite(found) & (found >= 0.0)).all():
+                return False
+        elif name not in ("well", "time") and not np.array_equal(found, expected):
+            return False
+    return True

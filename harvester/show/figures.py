@@ -120,15 +120,20 @@ def _draw_fit(axes, result):
 
 
 def draw_comparison(comparison: Comparison) -> Figure:
-    """Density of X by every engine and closure; waveforms on one path; their difference."""
+    """Densities by every engine and closure; waveforms on one path; their difference."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9.0, 4.6))
-    grid = figure.add_gridspec(2, 2, width_ratios=(1.0, 1.4), height_ratios=(1.6, 1.0))
-    left = figure.add_subplot(grid[:, 0])
-    _draw_densities(left, comparison)
-    top = figure.add_subplot(grid[0, 1])
-    _draw_waveforms(top, figure.add_subplot(grid[1, 1], sharex=top), comparison)
+    names = list(comparison.monte_carlo.densities)
+    figure = Figure(figsize=(9.0, 6.4))
+    rows = figure.add_gridspec(2, 1, height_ratios=(1.3, 1.0))
+    across = rows[0].subgridspec(1, len(names))
+    panels = [figure.add_subplot(across[place]) for place in range(len(names))]
+    for panel, name in zip(panels, names, strict=True):
+        _draw_densities(panel, comparison, name)
+    panels[0].set_ylabel("probability density")
+    below = rows[1].subgridspec(2, 1, height_ratios=(1.6, 1.0))
+    top = figure.add_subplot(below[0])
+    _draw_waveforms(top, figure.add_subplot(below[1], sharex=top), comparison)
     compared = "circuit, Monte Carlo and averaging" if comparison.closures else "both engines"
     figure.suptitle(
         f"{comparison.scene.name}: {compared} (bands: two standard errors)",
@@ -136,23 +141,29 @@ def draw_comparison(comparison: Comparison) -> Figure:
         ha="left",
         fontsize=9,
     )
-    figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    # A closure may have fewer densities than another.
+    handles: dict[str, Any] = {}
+    for panel in panels:
+        found, labels = panel.get_legend_handles_labels()
+        handles |= dict(zip(labels, found, strict=True))
+    figure.legend([*handles.values()], [*handles], loc="outside lower center", ncols=5)
     return figure
 
 
-def _draw_densities(axes, comparison):
-    for name, result in comparison.closures.items():
-        colour, style = LINES[name]
-        _density(axes, result, "displacement", colour, style, f"averaging, {name}")
-    _density(axes, comparison.monte_carlo, "displacement", MONTE_CARLO, "-", "Monte Carlo")
-    _density(axes, comparison.circuit, "displacement", CIRCUIT, "--", "circuit")
-    simulated = comparison.monte_carlo.densities["displacement"]
-    _frame(axes, [comparison.circuit, comparison.monte_carlo], "displacement")
-    peak = simulated.density.max() / comparison.monte_carlo.scales.displacement
+def _draw_densities(axes, comparison, name):
+    _density(axes, comparison.monte_carlo, name, MONTE_CARLO, "-", "Monte Carlo")
+    _density(axes, comparison.circuit, name, CIRCUIT, "--", "circuit")
+    # Above the simulations, which are broad where they are noisy.
+    for closure, result in comparison.closures.items():
+        colour, style = LINES[closure]
+        if name in result.densities:
+            _density(axes, result, name, colour, style, f"averaging, {closure}")
+    simulated = comparison.monte_carlo.densities[name]
+    _frame(axes, [comparison.circuit, comparison.monte_carlo], name)
+    peak = simulated.density.max() / comparison.monte_carlo.scales.of(name)
     # A closure that is far off must not flatten the others.
     axes.set_ylim(0.0, min(axes.get_ylim()[1], 2.5 * peak))
-    axes.set_xlabel(_axis(comparison.circuit, "displacement"))
-    axes.set_ylabel("probability density")
+    axes.set_xlabel(_axis(comparison.circuit, name))
 
 
 def _draw_waveforms(top, bottom, comparison):

@@ -6,11 +6,13 @@ the axes, which also tells how flat the maximum is; its value comes from a last 
 nothing was chosen by.
 """
 
+from __future__ import annotations
+
 import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Unpack
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
@@ -32,6 +34,9 @@ from harvester.studies.objective import (
     is_noisy,
 )
 from harvester.studies.proposals import BATCH, Proposals
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # Proposals for each parameter, unless told otherwise.
 EVALUATIONS_EACH = 60
@@ -161,8 +166,12 @@ class OptimumOfSeveral:
             "branch"
         ]
 
-    def figure(self) -> None:
-        """Nothing is drawn."""
+    def figure(self) -> Figure:
+        """Every place proposed over each parameter, the maximum, and how far it is flat."""
+        from harvester.show import figures
+        from harvester.studies.optimum_drawing import draw
+
+        return figures.drawn(draw, self)
 
     def to_dict(self) -> dict:
         """Plain values for JSON."""
@@ -181,10 +190,7 @@ class OptimumOfSeveral:
                 for each in self.ranges
             },
             "flat_within": FLAT_SHARE,
-            "value": {
-                **self.value.to_dict(),
-                "interval": [finite(end) for end in self.interval],
-            },
+            "value": self.value.to_dict() | {"interval": [finite(end) for end in self.interval]},
             "scene_itself": self.own.to_dict(),
             "other_starts": [finite(value) for value in self.other_starts],
             "searched": [{**place, "value": finite(value)} for place, value in self.searched],

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias, TypeGuard, Unpack
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeGuard, Unpack
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from harvester.running.request import relative_error
 from harvester.scene.model import Scene
 from harvester.verification.paper.figures_list import FIGURES, SYMBOLS, Curve, Figure, Panel
 from harvester.verification.paper.runs import costly_first, request
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawing
 
 
 @dataclass(frozen=True)
@@ -44,7 +47,8 @@ class Reproduction:
     ----------
     name : str
         "fig6".
-    figure : Figure
+    layout : Figure
+        What it shows.
     scene : Scene
         The device; curves and axes change it.
     lines : list of list of dict
@@ -55,7 +59,7 @@ class Reproduction:
     """
 
     name: str
-    figure: Figure
+    layout: Figure
     scene: Scene
     lines: list
     quick: bool
@@ -63,7 +67,7 @@ class Reproduction:
 
     def points(self) -> Iterator[tuple[Panel, Curve, str, float, Outcome]]:
         """(panel, curve, method, value, outcome) of every point."""
-        for panel, lines in zip(self.figure.panels, self.lines, strict=True):
+        for panel, lines in zip(self.layout.panels, self.lines, strict=True):
             for curve, line in zip(panel.curves, lines, strict=True):
                 for method, points in line.items():
                     for value, outcome in points:
@@ -86,10 +90,10 @@ class Reproduction:
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows: how far each method is from Monte Carlo, and its error bars."""
         header = ["figure", "panel", "method", "points", "refused", "largest error bar"]
-        what = "∫|p − p'| dX to" if self.figure.kind == "density" else "deviation from"
+        what = "∫|p − p'| dX to" if self.layout.kind == "density" else "deviation from"
         header += [f"{what} Monte Carlo: median", "largest"]
         rows = []
-        for letter, panel, lines in zip("abc", self.figure.panels, self.lines, strict=False):
+        for letter, panel, lines in zip("abc", self.layout.panels, self.lines, strict=False):
             for method in lines[0]:
                 points = [point for line in lines for point in line.get(method, ())]
                 rows.append([self.name, f"{letter}: {SYMBOLS[panel.swept]}", method])
@@ -110,11 +114,17 @@ class Reproduction:
             for (method, note), places in short.items()
         ]
 
+    def figure(self) -> "Drawing":
+        """Drawn as the paper draws it."""
+        from harvester.verification.paper.drawing import figure_of
+
+        return figure_of(self)
+
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
         return {
             "figure": self.name,
-            "title": self.figure.title,
+            "title": self.layout.title,
             "scene": self.scene.to_dict(),
             "quick": self.quick,
             "wall_seconds": self.wall_seconds,
@@ -129,7 +139,7 @@ class Reproduction:
                         for curve, line in zip(panel.curves, lines, strict=True)
                     ],
                 }
-                for panel, lines in zip(self.figure.panels, self.lines, strict=True)
+                for panel, lines in zip(self.layout.panels, self.lines, strict=True)
             ],
         }
 
@@ -155,7 +165,7 @@ class Reproduction:
                     continue
                 if outcome.density is not None:
                     shares.append(_distance(outcome.density, reference.density))
-                for name in self.figure.quantities:
+                for name in self.layout.quantities:
                     mean = reference.quantities[name].estimate
                     shares.append(outcome.quantities[name].estimate / mean - 1.0)
         return np.array(shares)

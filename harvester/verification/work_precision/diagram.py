@@ -225,7 +225,7 @@ class WorkPrecision:
             "closures": {
                 closure: {
                     "seconds": found["seconds"],
-                    "bias": {name: self.deviation(closure, name).to_dict() for name in MEANS},
+                    "bias": {name: self.deviation(closure, name).to_dict("1") for name in MEANS},
                 }
                 for closure, found in self.closures.items()
             },
@@ -249,7 +249,7 @@ class WorkPrecision:
             "mean_step": finite(row.mean_step),
             "theoretical_order": method.order,
             "strong_error": {name: finite(row.strong[name]) for name in STATES},
-            "bias": {name: each.to_dict() for name, each in row.bias.items()},
+            "bias": {name: each.to_dict("1") for name, each in row.bias.items()},
             "sampling_error": {name: finite(error) for name, error in row.sampling.items()},
             "simulated_time": finite(row.simulated_time),
             "seconds_per_unit": finite(row.seconds_per_unit),
