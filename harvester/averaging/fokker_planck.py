@@ -23,9 +23,10 @@ from harvester.averaging.grid_density import GridDensity
 from harvester.averaging.propagator import Propagator, mirrored, shares
 from harvester.averaging.region import FINER, Level, Region
 from harvester.averaging.stationary import stationary
-from harvester.averaging.wells import between_wells, slowest_decay_rate
+from harvester.averaging.wells import between_wells, rates_of_jumps, slowest_decay_rate
 from harvester.device import system as systems
 from harvester.device import timescales
+from harvester.device.hertz import HertzDamp
 from harvester.errors import AveragingError
 
 if TYPE_CHECKING:
@@ -74,7 +75,8 @@ def fokker_planck(device: System, tolerance: float, memory: bool = False) -> Ave
         Largest numerical error of each mean, as a share of it. Not of the mechanical loss, the
         difference of two powers, which may be small against both.
     memory : bool
-        Also find `slowest_decay_rate` where motion joins several wells: about as long again.
+        Also find `slowest_decay_rate` and the rates of jumps where motion joins several wells:
+        about as long again.
 
     Returns
     -------
@@ -96,6 +98,11 @@ def fokker_planck(device: System, tolerance: float, memory: bool = False) -> Ave
 
 def _check(device):
     """Refuse what the state does not hold, and what takes too many steps."""
+    if any(not isinstance(each.law, HertzDamp) for each in device.contacts):
+        raise AveragingError(
+            "the contact law is not Hertz's: a force that begins with a jump is beyond the grids "
+            "of fokker_planck: simulate"
+        )
     if any(each.law.holds for each in device.contacts):
         raise AveragingError(
             'impact_velocity = "event": the speed at the beginning of a contact is no part of the '
@@ -240,6 +247,8 @@ def _answer(device, grids, means, error, memory):
         rates = [slowest_decay_rate(device, each) for each in (before, densest)]
         own["slowest_decay_rate"] = rates[1]
         error["slowest_decay_rate"] = abs(rates[1] - rates[0])
+        jumps, doubts = _jumps(device, grids)
+        own, error = own | jumps, error | doubts
     return Averages(
         "fokker_planck",
         **means,
@@ -247,6 +256,20 @@ def _answer(device, grids, means, error, memory):
         density=grids["steps"][-1].density,
         between_wells=own,
     )
+
+
+def _jumps(device, grids):
+    """Rates of jumps between the wells, and their errors: what step and nodes changed, as a whole.
+
+    The errors of both add up, as those of the means do.
+    """
+    first = rates_of_jumps(device, grids["steps"][0])
+    soonest, densest = (rates_of_jumps(device, grids[name][-1]) for name in ("steps", "nodes"))
+    rates = {name: densest[name] + soonest[name] - first[name] for name in first}
+    errors = {
+        name: abs(densest[name] - first[name]) + abs(soonest[name] - first[name]) for name in first
+    }
+    return rates, errors
 
 
 def _judged(grids):
