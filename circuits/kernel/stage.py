@@ -23,8 +23,8 @@ from harvester.device import system as systems
 
 MOST_ITERATIONS = 40
 # Newton's step at which the iterations end; the next would be about its square. Of a junction,
-# against its swing: its current is then known to 5e-5. Of the velocity, against its greatest so far,
-# out of contact, where the force is smooth, and of other unknowns and in contact.
+# against its swing: its current is then known to 5e-5. Of the velocity out of contact, where the
+# force is smooth, against its greatest so far; of other unknowns, and in contact.
 JUNCTION_STEP, SMOOTH_STEP, RELATIVE_STEP = 1e-2, 1e-2, 1e-5
 # Of a displacement and a velocity, for slopes of the force.
 DIFFERENCE = 1e-6

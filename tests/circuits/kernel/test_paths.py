@@ -30,11 +30,11 @@ C2 ref n {STRAY}
 """
 
 
-def ours(scene, step="finest"):
+def ours(scene):
     """(E[V²] of the piezo, power in the output's resistors, energy into the load), SI."""
     s, scales = scale(scene)
     circuit = circuit_of(scene)
-    fixed = steps_per_knot(scene, step, "monte-carlo")
+    fixed = steps_per_knot(scene, "finest", "monte-carlo")
     path, stop = noise_path(scene, 0), stop_time(scene)
     chunks = [
         np.array([record.time, record.voltage, volts, record.load_power])
@@ -109,28 +109,28 @@ def test_a_bridge_follows_radau(tmp_path):
     path = tmp_path / "bridge.lib"
     path.write_text(BRIDGE)
     scene = Scene.load("device", [*SHORT, f"load.netlist={path}"])
-    assert ours(scene, "fine") == pytest.approx(radau(scene), rel=2e-3)
+    assert ours(scene) == pytest.approx(radau(scene), rel=2e-3)
 
 
 @pytest.mark.parametrize("load", ["bridge", "doubler", "bridge_buck"])
 def test_diode_loads_follow_ngspice(pool, load):
-    against_ngspice(pool, load, "fine")
+    against_ngspice(pool, load)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("load", ["sshi_parallel", "sshi_series", "sece"])
 def test_switching_loads_follow_ngspice(pool, load):
-    against_ngspice(pool, load, "finest")
+    against_ngspice(pool, load)
 
 
-def against_ngspice(pool, load, step):
+def against_ngspice(pool, load):
     # A storage that has something to give, and is not charged from a rounding's worth.
     scene = Scene.load(
         "device",
         [*SHORT, f"load.netlist={load}", "load.parameters.initial=2", "load.parameters.storage=1u"],
     )
-    theirs = simulate(scene, method="circuit", step=step, runner=pool)
-    square, used, _ = ours(scene, step)
+    theirs = simulate(scene, method="circuit", step="finest", runner=pool)
+    square, used, _ = ours(scene)
     rms = theirs.quantity("rms_voltage").estimate
     assert square == pytest.approx(rms**2, rel=3e-3)
     assert used == pytest.approx(theirs.quantity("mean_output_power").estimate, rel=3e-3)
