@@ -51,19 +51,21 @@ PACKAGE = Path(__file__).parent
 
 
 def forget_stale_code() -> None:
-    """Drop compiled code when any source of the package has changed since it was written.
+    """Drop compiled code when any source of the program has changed since it was written.
 
     numba looks at the file of the function alone, not at what the function calls elsewhere: a
     changed force law would go on being compiled into an unchanged integrator.
     """
     digest = hashlib.sha256()
-    for source in sorted(PACKAGE.rglob("*.py")):
-        digest.update(source.read_bytes())
+    packages = (PACKAGE, PACKAGE.parent / "circuits")
+    for package in packages:
+        for source in sorted(package.rglob("*.py")):
+            digest.update(source.read_bytes())
     stamp = PACKAGE / "__pycache__" / "compiled-from.sha256"
     try:
         if stamp.exists() and stamp.read_text() == digest.hexdigest():
             return
-        for package in (PACKAGE, PACKAGE.parent / "circuits"):
+        for package in packages:
             for index in package.rglob("*.nbi"):
                 index.unlink(missing_ok=True)
         stamp.parent.mkdir(exist_ok=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from circuits.kernel import junction, waveform
@@ -32,31 +34,40 @@ class Builder:
         self.initial: list[tuple[int, int, float, float]] = []
         self.inductances: dict[str, float] = {}
 
-    def node(self, name):
+    def node(self, name: str) -> int:
         """The place of a node's voltage; −1 for ground."""
         return -1 if name == GROUND else self.unknowns.setdefault(name, len(self.unknowns))
 
-    def branch(self, name):
+    def branch(self, name: str) -> int:
         """The place of a branch's current."""
         return self.unknowns.setdefault(f"i({name})", len(self.unknowns))
 
-    def enter(self, row, column, capacity=0.0, conductance=0.0):
+    def enter(self, row: int, column: int, capacity: float = 0.0, conductance: float = 0.0) -> None:
+        """One number of C or G."""
         if row >= 0 and column >= 0:
             entry = self.entries.setdefault((row, column), [0.0, 0.0])
             entry[0] += capacity
             entry[1] += conductance
 
-    def between(self, a, b, capacity=0.0, conductance=0.0, controls=None):
+    def between(
+        self,
+        a: int,
+        b: int,
+        capacity: float = 0.0,
+        conductance: float = 0.0,
+        controls: list[int] | None = None,
+    ) -> None:
         """An admittance between two nodes, or from two to others that control it."""
         for row, sign in ((a, 1.0), (b, -1.0)):
             for column, other in zip(controls or (a, b), (1.0, -1.0), strict=True):
                 self.enter(row, column, sign * other * capacity, sign * other * conductance)
 
-    def capacitor(self, a, b, value, start):
+    def capacitor(self, a: int, b: int, value: float, start: Any) -> None:
+        """A capacitor that begins with a voltage, or with the transducer's "state"."""
         self.between(a, b, capacity=value)
         self.initial.append((a, b, start, abs(value)))
 
-    def through(self, name, a, b):
+    def through(self, name: str, a: int, b: int) -> int:
         """A branch whose current is an unknown; its row is the voltage across it."""
         row = self.branch(name)
         for node, sign in ((a, 1.0), (b, -1.0)):
@@ -64,13 +75,15 @@ class Builder:
             self.enter(row, node, conductance=-sign)
         return row
 
-    def inductor(self, name, a, b, value, start):
+    def inductor(self, name: str, a: int, b: int, value: float, start: Any) -> None:
+        """An inductor that begins with a current, or with the transducer's "state"."""
         row = self.through(name, a, b)
         self.enter(row, row, capacity=value)
         self.inductances[name] = value
         self.initial.append((row, -1, start, value))
 
-    def coupling(self, names, share):
+    def coupling(self, names: list[str], share: float) -> None:
+        """Inductors coupled in pairs."""
         for k, first in enumerate(names):
             for second in names[k + 1 :]:
                 mutual = share * (self.inductances[first] * self.inductances[second]) ** 0.5
@@ -78,7 +91,7 @@ class Builder:
                 self.enter(one, other, capacity=mutual)
                 self.enter(other, one, capacity=mutual)
 
-    def source(self, row, sign, shape):
+    def source(self, row: int, sign: float, shape: Any) -> None:
         """A source, constant or changing, on the right-hand side of a row."""
         if row < 0:
             return
@@ -90,7 +103,8 @@ class Builder:
             self.corners += corners
             self.waves.append((row, kind, sign, first, len(self.corners), *numbers))
 
-    def mark(self, rows, columns):
+    def mark(self, rows: list[int], columns: list[int]) -> None:
+        """Say where what is not linear stands."""
         self.nonlinear |= {("row", place) for place in rows}
         self.nonlinear |= {("column", place) for place in columns}
 

@@ -73,11 +73,18 @@ class Place(NamedTuple):
 class Scope:
     """One call of a sub-circuit: the values of its parameters and its nodes."""
 
-    def __init__(self, circuit, given, nodes, path, parent):
+    def __init__(
+        self,
+        circuit: tree.Subcircuit,
+        given: dict[str, float],
+        nodes: dict[str, str],
+        path: str,
+        parent: Scope | None,
+    ) -> None:
         self.circuit, self.given, self.nodes = circuit, given, nodes
         self.path, self.parent = path, parent
 
-    def value(self, text):
+    def value(self, text: str) -> float:
         """A number, or an expression in braces."""
         size = vetting.number(text)
         if size is not None:
@@ -87,7 +94,7 @@ class Scope:
             raise NotTaken(f"the changing value {text[:40]}")
         return found[1]
 
-    def parameter(self, name):
+    def parameter(self, name: str) -> tuple[Any, ...]:
         """The value of a parameter as a tree, from here outwards."""
         own = self.circuit
         if name in self.given:
@@ -105,7 +112,7 @@ class Scope:
             raise NotTaken(f"the name {name}")
         return self.parent.parameter(name)
 
-    def in_the_circuit(self, name):
+    def in_the_circuit(self, name: str) -> tuple[Any, ...]:
         """What a name means in an expression of the circuit's solution."""
         if name == "time":
             return ("time",)
@@ -116,9 +123,9 @@ class Scope:
             raise NotTaken("hertz")
         return self.parameter(name)
 
-    def function(self, name):
+    def function(self, name: str) -> tuple[Any, ...] | None:
         """(arguments, expression, names) of one of the file's functions, or None."""
-        scope = self
+        scope: Scope | None = self
         while scope is not None:
             if name in scope.circuit.functions:
                 _, arguments, expression = scope.circuit.functions[name]
@@ -126,21 +133,26 @@ class Scope:
             scope = scope.parent
         return None
 
-    def model(self, name):
+    def model(self, name: str) -> tuple[str, dict[str, float], Scope]:
         """(kind, values as numbers, flags) of a model, evaluated where it stands."""
-        scope = self
-        while name not in scope.circuit.models:
-            scope = scope.parent
+        scope = next(each for each in self.outwards() if name in each.circuit.models)
         _, kind, pairs = scope.circuit.models[name]
         return kind, {key: scope.value(text) for key, text in pairs if text}, scope
 
-    def node(self, name):
+    def outwards(self) -> Iterator[Scope]:
+        """This one and those around it."""
+        yield self
+        if self.parent is not None:
+            yield from self.parent.outwards()
+
+    def node(self, name: str) -> str:
         """The full name of a node."""
         if name in ("0", "gnd"):
             return GROUND
         return self.nodes.get(name, f"{self.path}{name}")
 
-    def with_full_names(self, found):
+    def with_full_names(self, found: tuple[Any, ...]) -> tuple[Any, ...]:
+        """A tree with its nodes and sources by their full names."""
         kind = found[0]
         if kind == "v":
             return ("v", self.node(found[1]), self.node(found[2]))
@@ -150,7 +162,7 @@ class Scope:
             return found
         return (kind, *(self.with_full_names(part) for part in found[1:]))
 
-    def defining(self, circuit):
+    def defining(self, circuit: tree.Subcircuit) -> Scope:
         """The scope around a called sub-circuit: that of the one it is defined in."""
         scope = self
         while scope.parent is not None and scope.circuit is not circuit.outer:
