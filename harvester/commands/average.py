@@ -42,7 +42,7 @@ def add(commands: Any) -> None:
     command.add_argument(
         "--jump-rates",
         action="store_true",
-        help="of several wells: also the rates of jumps between them; takes two or three times as long",
+        help="of several wells: also the rates of jumps between them (two or three times as long)",
     )
     add_results(command)
 
