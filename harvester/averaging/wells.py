@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse.linalg import LinearOperator, eigs
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
 from harvester.averaging.propagator import Propagator
 from harvester.device import timescales
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from harvester.device.system import System
 
 SETTLED = 1e-4  # of an eigenvalue, as a share of it
+LEAST_VECTORS, MOST_VECTORS = 20, 200  # of Arnoldi's method
+MOST_WORK = 1e8  # vectors times steps times the amplitudes of a state
 
 
 def between_wells(device: System, density: GridDensity) -> dict[str, float]:
@@ -37,11 +39,11 @@ def between_wells(device: System, density: GridDensity) -> dict[str, float]:
     return answer
 
 
-def slowest_decay_rate(device: System, solution: Solution) -> float:
+def slowest_decay_rate(device: System, solution: Solution) -> float | None:
     """Rate at which the last memory of the well, or of the charge it left, decays (1/s).
 
     Of two wells that exchange mass at the rates k12 and k21, faster than nothing else decays, it is
-    k12 + k21. On a mirrored grid this is an odd state.
+    k12 + k21. On a mirrored grid this is an odd state. None where it takes too many steps.
     """
     grid, steps = solution.grid, solution.steps
     propagator = Propagator(device, grid, odd=True) if grid.mirrored else solution.propagator
@@ -52,7 +54,21 @@ def slowest_decay_rate(device: System, solution: Solution) -> float:
         dtype=float,
     )
     wanted = 1 if grid.mirrored else 2
-    values = eigs(operator, k=wanted, v0=start.ravel(), tol=SETTLED, return_eigenvectors=False)
+    vectors = int(min(MOST_VECTORS, MOST_WORK / solution.cost))
+    if vectors < LEAST_VECTORS:
+        return None
+    try:
+        values = eigs(
+            operator,
+            k=wanted,
+            v0=start.ravel(),
+            ncv=LEAST_VECTORS,
+            maxiter=vectors // LEAST_VECTORS,
+            tol=SETTLED,
+            return_eigenvectors=False,
+        )
+    except ArpackNoConvergence:
+        return None
     # All but the stationary state's own.
     slowest = np.sort(np.abs(values))[0]
     return float(-np.log(slowest) / (steps * grid.step))
