@@ -13,7 +13,7 @@ from harvester.errors import AveragingError
 
 NEIGHBOURS = 6
 ACCURACY = 1e-6  # of a step along a path, as a share of the greatest displacement and speed
-MOST_TRIALS = 60  # steps along a path, in the mean
+MOST_TRIALS = 250  # steps along a path, in the mean
 SAFETY, SHRINK, GROWTH = 0.9, 0.2, 5.0
 
 
@@ -36,8 +36,8 @@ class Flow:
         ends = [np.empty((len(grid.x), len(grid.kept), len(grid.v))) for _ in range(2)]
         if not _ends(device, grid.x, grid.kept, grid.v, grid.step, *ends):
             raise AveragingError(
-                "the contacts are too short for the steps that fokker_planck has: soften them, "
-                "or simulate"
+                "contacts or spring are too stiff for the steps that fokker_planck has: soften "
+                "them, or simulate"
             )
         self._first, self._weights = zip(
             *(_sharing(end, nodes) for end, nodes in zip(ends, (grid.x, grid.v), strict=True)),

@@ -39,8 +39,10 @@ MOST_GRIDS = 6  # one after the other, each finer in the same respect
 LEFT = 1.0 / (FINER**2 - 1.0)
 TAKEN = 0.5  # share of that correction that is made: where steps are long, the order is higher
 # Share of that correction, and of the nodes' last change, that is stated as error.
-DOUBTED = {"steps": 0.65, "nodes": 1.0}
-# The same of nodes between which a contact goes and comes back: of first order.
+DOUBTED = {"steps": 0.65, "nodes": 0.75}
+# Change of the nodes, in tolerances, below which the step's error is told on the sparser grid.
+SPARSE = 0.2
+# Doubt in nodes between which a contact goes and comes back: of first order.
 UNRESOLVED = 1.0 / (FINER - 1.0)
 ATTEMPTS = 8  # at the region
 MOST_WORK = 2e8  # amplitudes moved by a step, on all grids together: about ten seconds
@@ -191,11 +193,11 @@ def _refined(device, tolerance, work, memory=False, judged=JUDGED):
     nodes = [Solution(device, region, FIRST, rough, tolerance, work)]
     grids = {"nodes": nodes}
     _refine(grids, "nodes", tolerance)
-    # What the nodes leave undone would pass for an error of the step: that is told on a grid
-    # fine enough.
     while (changed := _changed(nodes, judged))[1] > tolerance:
         _refine(grids, "nodes", tolerance, changed)
-    grids["steps"] = nodes[-2:-1]
+    # What the nodes leave undone would pass for an error of the step.
+    enough = -2 if changed[1] < SPARSE * tolerance else -1
+    grids["steps"] = [nodes[enough]]
     _refine(grids, "steps", tolerance)
     while True:
         means, errors = _judged(grids)
@@ -246,7 +248,7 @@ def _found(device, work):
         if held_back == (region.well is not None):
             if fitted.alike(region):
                 return fitted, solution
-        elif attempt > 0 or UNTOLD * HELD_BACK * spread < barrier:
+        elif spread > 0.0 and (attempt > 0 or UNTOLD * HELD_BACK * spread < barrier):
             well = wells[0] if held_back else None
             fitted, solution = Region.guessed(device, well, np.sqrt(spread)), None
         region = fitted
