@@ -24,7 +24,8 @@ def dataset_of(result: Result) -> Dataset:
     -------
     xarray.Dataset
         Quantities without a dimension; `displacement_density` and so on along `displacement` and
-        so on, the bins' centres. The attribute `unit` says the unit of each.
+        so on, the bins' centres; `joint_density`, where there is one, along `joint_displacement`
+        and `joint_velocity`. The attribute `unit` says the unit of each.
 
     Raises
     ------
@@ -46,6 +47,8 @@ def dataset_of(result: Result) -> Dataset:
         if density.standard_error is not None:
             errors = density.standard_error / scale
             variables[f"{name}_density_standard_error"] = (name, errors, inverse)
+    if result.joint_density is not None:
+        _add_joint(result, variables, coordinates)
     attributes = {
         "scene": result.scene.name,
         "scene_sha256": result.scene.digest(),
@@ -54,3 +57,17 @@ def dataset_of(result: Result) -> Dataset:
         "outcome": result.outcome,
     }
     return xarray.Dataset(variables, coordinates, attributes)
+
+
+def _add_joint(result, variables, coordinates):
+    """The joint density of displacement and velocity, along coordinates of its own."""
+    joint, across = result.joint_density, ("displacement", "velocity")
+    names, area = [f"joint_{name}" for name in across], 1.0
+    for name, own in zip(across, names, strict=True):
+        factor = result.scales.of(name)
+        coordinates[own] = (own, getattr(joint, name) * factor, {"unit": result.unit(name)})
+        area *= factor
+    unit = {"unit": f"1/({result.unit('displacement')} {result.unit('velocity')})"}
+    variables["joint_density"] = (names, joint.density / area, unit)
+    if joint.standard_error is not None:
+        variables["joint_density_standard_error"] = (names, joint.standard_error / area, unit)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from harvester.errors import HarvesterError, UnknownQuantity
 from harvester.estimates.estimate import Density, Estimate
+from harvester.estimates.joint_density import JointDensity
 from harvester.excitation.spectrum_fit import SpectrumFit
 from harvester.files.plain_text import nearest, one_line, shown
 from harvester.files.writing import finite
@@ -69,6 +70,8 @@ class Result:
         What a reader must know before citing a number.
     densities : dict of str to Density
         Of displacement, velocity and voltage.
+    joint_density : JointDensity or None
+        Of displacement and velocity together: of the stationary solver, or where it was asked for.
     waveform : Record or None
         A stretch of the first realization.
     failures : dict of int to str
@@ -98,6 +101,7 @@ class Result:
     netlist_sha256: str | None
     notes: tuple[str, ...] = ()
     densities: dict[str, Density] = field(default_factory=dict)
+    joint_density: JointDensity | None = None
     waveform: Record | None = None
     failures: dict[int, str] = field(default_factory=dict)
     moments: list[Moments] = field(default_factory=list)
@@ -118,7 +122,8 @@ class Result:
                 f"{nearest(name, self.scaled_quantities)}; there are "
                 f"{', '.join(self.scaled_quantities)}"
             )
-        return self._in_units(self.scaled_quantities[name])
+        estimate = self.scaled_quantities[name]
+        return estimate.times(self.scales.of(estimate.dimension))
 
     def __getitem__(self, name: str) -> Estimate:
         return self.quantity(name)
@@ -149,11 +154,11 @@ class Result:
             "engine_version": self.engine_version,
             "outcome": self.outcome,
             "quantities": {
-                name: _entry(estimate, self.unit(estimate.dimension))
+                name: estimate.to_dict(self.unit(estimate.dimension))
                 for name, estimate in self.quantities.items()
             },
             "scaled_quantities": {
-                name: {**_entry(estimate, "scaled"), "dimension": estimate.dimension}
+                name: {**estimate.to_dict("scaled"), "dimension": estimate.dimension}
                 for name, estimate in self.scaled_quantities.items()
             },
             "scales": {
@@ -248,6 +253,12 @@ class Result:
 
         return figures.drawn(figures.draw_result, self)
 
+    def joint_figure(self) -> Figure | None:
+        """Its joint density of displacement and velocity; None where it has none."""
+        from harvester.show import figures, joint_figure
+
+        return figures.drawn(joint_figure.draw, [self])
+
     def __repr__(self) -> str:
         first = next(iter(self.quantities.items()), None)
         says = f"{first[0]} = {with_error(first[1])}, " if first else ""
@@ -280,28 +291,6 @@ class Result:
         if self.netlist_sha256:
             facts.append(f"netlist {self.netlist_sha256[:12]}")
         return facts
-
-    def _in_units(self, estimate: Estimate) -> Estimate:
-        factor = self.scales.of(estimate.dimension)
-        error = estimate.standard_error
-        return Estimate(
-            estimate.estimate * factor,
-            None if error is None else error * factor,
-            estimate.effective_sample_size,
-            estimate.dimension,
-            estimate.note,
-        )
-
-
-def _entry(estimate: Estimate, unit: str) -> dict[str, Any]:
-    """An estimate as plain values."""
-    entry = {
-        "estimate": finite(estimate.estimate),
-        "standard_error": finite(estimate.standard_error),
-        "effective_sample_size": finite(estimate.effective_sample_size),
-        "unit": unit,
-    }
-    return {**entry, "note": estimate.note} if estimate.note else entry
 
 
 def _from_dict(content: dict[str, Any], folder: str | None) -> Result:

@@ -13,27 +13,22 @@ from harvester.calling import takes_scene
 from harvester.device import timescales
 from harvester.engines import side_by_side
 from harvester.engines.circuit import best_copies
-from harvester.engines.pools import ExecutorPool, WorkerPool, Workers
+from harvester.engines.pools import Workers, processes
 from harvester.engines.protocol import ENGINES
 from harvester.engines.realization import Realization, run
 from harvester.engines.steps import STEP_LEVELS, knot_spacing, steps_per_knot
 from harvester.errors import EnergyNotBalanced, HarvesterError, SimulationError
-from harvester.estimates.balance import energy_balance_residual
-from harvester.estimates.batch_means import standard_error, standard_error_of_drift
 from harvester.estimates.densities import densities
-from harvester.estimates.means import estimate_all
-from harvester.estimates.output_side import estimate_output
-from harvester.estimates.passivity import efficiency_notes, source_notes
+from harvester.estimates.joint_density import joint_density as joint_density_of
+from harvester.estimates.of_run import run_estimates
 from harvester.estimates.residual_cause import suspected_cause
-from harvester.estimates.settling import shortfalls, withheld
 from harvester.excitation import OrnsteinUhlenbeck
 from harvester.files.plain_text import nearest
-from harvester.results import Result, unit_of
+from harvester.results import Result
 from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor, scale
 
 if TYPE_CHECKING:
-    pass
     from harvester.device.system import System
 
 SOURCES = ("external", "pwl")
@@ -59,6 +54,7 @@ def simulate(
     keep_going: bool = False,
     time_limit: float = TIME_LIMIT,
     window: tuple[float, float] | None = None,
+    joint_density: bool = False,
     workers: int | None = None,
     executor: Executor | None = None,
     runner: Workers | None = None,
@@ -97,6 +93,8 @@ def simulate(
         Wall-clock seconds of one realization.
     window : (float, float) or None
         Stretch of the first realization to keep as `Result.waveform` (s).
+    joint_density : bool
+        Keep p(X, X') as `Result.joint_density`.
     workers : int or None
         Processes; None: one per core.
     executor : concurrent.futures.Executor or None
@@ -136,7 +134,8 @@ def simulate(
     try:
         with running(runner, executor, scene.run.realizations, workers) as pool:
             together = copies or _copies_that_pay(scene, engine, device, options, pool)
-            calls = _calls(scene, engine, together, window, {**options, "device": device})
+            options |= {"device": device, "joint_density": joint_density}
+            calls = _calls(scene, engine, together, window, options)
             outcomes = _outcomes(pool, calls, time_limit, follow, keep_going)
     except SimulationError as error:
         error.partial = _partial(scene, engine, step, source, error)
@@ -207,13 +206,11 @@ def running(
     runner: Workers | None, executor: Executor | None, calls: int, workers: int | None
 ) -> Iterator[Workers]:
     """What was handed in, a runner's own processes too; else workers that end with the block."""
-    if executor is not None:
-        yield ExecutorPool(executor)
-    elif runner is not None:
+    if executor is None and runner is not None:
         yield getattr(runner, "pool", runner)
     else:
-        with WorkerPool(calls, workers) as own:
-            yield own
+        with processes(executor, workers, calls) as pool:
+            yield pool
 
 
 def check_step(step: str | float) -> str | float:
@@ -296,25 +293,22 @@ class _Follower:
 def _result(scene, engine, step, source, realizations, failures, outcome="complete"):
     parameters, scales = scale(scene)
     moments = [realization.moments for realization in realizations]
-    error_of = standard_error_of_drift if scene.excitation.drifts else standard_error
     first = min(realization.started for realization in realizations)
     last = max(realization.ended for realization in realizations)
-    estimates = estimate_all(moments, parameters, error_of) | estimate_output(moments)
-    on_load = (
-        *source_notes(scene.load.circuit),
-        *efficiency_notes(estimates, scales.of("power"), unit_of(scene, "power")),
-    )
-    found = shortfalls(scene, parameters, moments, estimates)
+    found = run_estimates(scene, moments)
     shapes = densities(moments, is_symmetric(scene, parameters))
-    if found:
+    joints = [realization.joint for realization in realizations if realization.joint is not None]
+    joint = joint_density_of(joints, is_symmetric(scene, parameters)) if joints else None
+    if found.shortfalls:
         shapes = {name: replace(shape, standard_error=None) for name, shape in shapes.items()}
+        joint = joint and replace(joint, standard_error=None)
     return Result(
         scene=scene,
         engine=engine if source == "external" else f"{engine} ({source} source)",
-        scaled_quantities=withheld(estimates, found),
+        scaled_quantities=found.scaled,
         scales=scales,
         error_kind="statistical",
-        energy_balance_residual=energy_balance_residual(moments, parameters),
+        energy_balance_residual=found.residual,
         wall_seconds=last - first,
         engine_seconds=sum(realization.seconds for realization in realizations),
         simulated_time=sum(m.time_reached for m in moments),
@@ -323,14 +317,10 @@ def _result(scene, engine, step, source, realizations, failures, outcome="comple
         realizations=len(moments),
         engine_version=realizations[0].engine_version,
         netlist_sha256=realizations[0].netlist_sha256,
-        notes=(
-            *notes_on_excitation(scene),
-            *on_load,
-            *(shortfall.note for shortfall in found),
-            *_failure_notes(failures, scene),
-        ),
+        notes=(*notes_on_excitation(scene), *found.notes, *_failure_notes(failures, scene)),
         failures={index: f"{type(e).__name__}: {e}" for index, e in failures.items()},
         densities=shapes,
+        joint_density=joint,
         waveform=realizations[0].waveform,
         moments=moments,
         outcome="incomplete" if failures else outcome,
@@ -347,7 +337,7 @@ def _partial(scene, engine, step, source, error):
     reached = [m for m in error.partial or () if m.time_reached > m.start]
     if not reached:
         return None
-    nothing = {"waveform": None, "engine_version": "", "netlist_sha256": None}
+    nothing = {"waveform": None, "joint": None, "engine_version": "", "netlist_sha256": None}
     realizations = [
         Realization(moments=m, seconds=math.nan, started=math.nan, ended=math.nan, **nothing)
         for m in reached

@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 from harvester.device import timescales
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
@@ -114,7 +116,75 @@ def device(name, knots_per_period=10):
     tables = {**SCALED, **DEVICES[name]}
     tables = {key: table for key, table in tables.items() if table is not None}
     tables["run"] = {**tables["run"], "seed": SEEDS.get(name, tables["run"]["seed"])}
-    scene = Scene.from_tables(tables, name=name)
+    return _of_25_periods(Scene.from_tables(tables, name=name), knots_per_period)
+
+
+def random_device(seed, knots_per_period=10):
+    """A device of any parts in SI, of the order of one in every unit, started anywhere."""
+    generator = np.random.default_rng(seed)
+
+    def between(low, high):
+        return float(generator.uniform(low, high))
+
+    def sometimes(key, low, high):
+        return {key: between(low, high)} if generator.random() < 0.5 else {}
+
+    degree = int(generator.choice([3, 5, 7]))
+    middle = [between(-0.6, 0.6) for _ in range(2, degree)]
+    tables = {
+        "units": "SI",
+        "length_scale": 1.0,
+        "oscillator": {
+            "mass": between(0.5, 2.0),
+            "damping": between(0.1, 0.3),
+            "restoring_force": [
+                between(-0.3, 0.3),
+                between(-1.5, 2.5),
+                *middle,
+                between(0.8, 2.0),
+            ],
+            **sometimes("quadratic_damping", 0.05, 0.3),
+        },
+        "load": {"resistance": between(0.5, 4.0)},
+        "start": {"displacement": between(-0.25, 0.25), "velocity": between(-0.5, 0.5)},
+        "excitation": {
+            "kind": "ornstein-uhlenbeck",
+            "intensity": between(0.1, 0.3),
+            "correlation_time": between(0.2, 0.8),
+        },
+        "run": {"duration": 1.0, "seed": seed},
+    }
+    stoppers = [_random_stopper(generator, between) for _ in range(generator.integers(0, 4))]
+    if stoppers:
+        tables["stoppers"] = stoppers
+    if generator.random() < 0.5:
+        tables["coil"] = {
+            "coupling": between(0.3, 1.0),
+            "resistance": between(0.5, 2.0),
+            **sometimes("inductance", 0.5, 3.0),
+        }
+    else:
+        tables["piezo"] = {
+            "coupling": between(0.3, 1.0),
+            "capacitance": between(0.5, 2.0),
+            **sometimes("leakage_resistance", 1.0, 5.0),
+        }
+        tables["start"]["voltage"] = between(-0.5, 0.5)
+    return _of_25_periods(Scene.from_tables(tables, name=f"random {seed}"), knots_per_period)
+
+
+def _random_stopper(generator, between):
+    """Out of reach of the start."""
+    return stopper(
+        side=str(generator.choice(["left", "right", "both"])),
+        gap=between(0.3, 0.8),
+        stiffness=between(10.0, 60.0),
+        restitution=between(0.3, 1.0),
+        exponent=between(1.0, 3.0),
+    )
+
+
+def _of_25_periods(scene, knots_per_period):
     period = 2.0 * math.pi / timescales.angular_frequency(scale(scene)[0])
     apart = min(period / knots_per_period, scene.excitation.correlation_time)
     duration = math.ceil(25.0 * period / apart) * apart

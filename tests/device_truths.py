@@ -33,6 +33,7 @@ class Written:
         self.edges = sorted({s * each["gap"] for s, each in self.contacts})
         self.piezo, self.coil = tables.get("piezo"), tables.get("coil")
         self.load = tables["load"]
+        self.start = tables.get("start", {})
 
     def spring(self, x):
         return sum(k * x**n for n, k in enumerate(self.force_of))
@@ -89,17 +90,23 @@ class Written:
         return any(s * x > each["gap"] for s, each in self.contacts)
 
 
-def written_path(scene, knots, index=0):
+def written_path(scene, knots, index=0, displaced=0.0):
     """(X, X', state) at the knots 0, 1, …, by DOP853 on the noise's own knots; shape (knots+1, 3).
 
-    In the scene's units. Steps of scipy are cut where a contact begins, so that the speed there
-    can be held and the solver keeps its order.
+    In the scene's units; `displaced` is added to the displacement at the start. Steps of scipy are
+    cut where a contact begins, so that the speed there can be held and the solver keeps its order.
     """
     device, spacing = Written(scene), knot_spacing(scene)
     _, scales = scale(scene)
     noise = noise_path(scene, index).read(knots + 1) * scales.displacement
     x, v, _ = start_state(scene, index)
-    state = np.array([x * scales.displacement, v * scales.displacement, 0.0])
+    state = np.array(
+        [
+            x * scales.displacement + displaced,
+            v * scales.displacement,
+            device.start.get("voltage", 0.0),
+        ]
+    )
     held = 0.0
     states = [state]
     for knot in range(knots):

@@ -1,6 +1,7 @@
 """The stand-alone ngspice and the files it writes."""
 
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 
@@ -15,6 +16,13 @@ def ngspice_program():
     if program is None:
         pytest.skip("no ngspice program")
     return program
+
+
+def run_raw(folder, netlist, **options):
+    """Variables that the program computes of a netlist in a folder, as `read_raw`."""
+    command = [ngspice_program(), "-b", "-r", "out.raw", netlist]
+    subprocess.run(command, cwd=folder, check=True, capture_output=True, **options)
+    return read_raw(folder / "out.raw")
 
 
 def read_raw(path):

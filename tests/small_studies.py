@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from harvester.running import open_runner
 from harvester.scene.model import Scene
-from harvester.studies import Report, load_study
+from harvester.studies import Report, load_study, optimum_search
 from harvester.studies.frequency_response import frequency_response
 from harvester.studies.optimum import optimum
 from harvester.studies.optimum_of_several import optimum_of_several
@@ -15,8 +15,11 @@ from harvester.verification.paper import claims, reproduce, runs
 from harvester.verification.paper.claim_tests import Trend
 from harvester.verification.paper.claims_list import Claim
 from harvester.verification.paper.figures_list import FIGURES
+from harvester.verification.stability import cases, matrix
+from harvester.verification.work_precision import measurement, throughput, timed
+from harvester.verification.work_precision.methods import Method
 
-PAPER = Scene.load("paper", ["run.settle=20"])
+PAPER = Scene.load("paper", ["run.settle=5"])
 BRIEF = Scene.load("linear", ["run.realizations=4", "run.duration=600", "run.settle=50"])
 CLAIM = Claim(
     "4", "“q”", "rises", Trend("mean_square_voltage", "excitation.intensity", (0.02, 0.1))
@@ -38,7 +41,17 @@ def loads(**options):
 
 def figure(**options):
     """Two points of Fig. 7, and what the claims say of them, in one folder."""
-    brief()
+    runs.DURATIONS = {"monte-carlo": 800.0, "circuit": 20.0}
+    reproduce.QUICK = {
+        "monte-carlo": reproduce.Effort(8, 0.05, 32),
+        "circuit": reproduce.Effort(8, 0.6, 16),
+    }
+    reproduce.CLOSURES = ("paper", "consistent")
+    claims.REALIZATIONS = {"monte-carlo": 24, "circuit": 8}
+    claims.METHODS = ("monte-carlo", "circuit", "paper", "consistent")
+    panel = FIGURES["fig7"].panels[0]
+    panel = replace(panel, first=0.02, last=0.1, quick=2, curves=panel.curves[:1])
+    FIGURES["fig7"] = replace(FIGURES["fig7"], panels=(panel,))
     contents = reproduce.reproduce(PAPER, ["fig7"], quick=True, **options)
     judgement = claims.claims(PAPER, chosen=[CLAIM], **options)
     return [each.to_dict() for each in (*contents, judgement)]
@@ -58,6 +71,7 @@ def tolerances(**options):
 
 def maximum(**options):
     """The best load of a linear device, and the best load and noise."""
+    optimum_search.SCANNED, optimum_search.REFINED = 9, 5
     one = optimum(
         BRIEF, "load.decay_rate", maximise="mean_power", closure="consistent", **options
     ).to_dict()
@@ -68,34 +82,40 @@ def maximum(**options):
     return [one, both]
 
 
+def stiff(**options):
+    """Some cases of the source paper's device."""
+    cases.STEP_BUDGET = 4000
+    matrix.METHODS = ("circuit", "monte-carlo", "paper", "consistent")
+    chosen = [cases.Case("gap", f"{gap:g}", {"gap_in_wells": gap}) for gap in (1.1, 1.2, 1.3, 1.5)]
+    return matrix.stability(PAPER, cases=chosen, **options).to_dict()
+
+
+def precision(**options):
+    """A step of either engine on a linear device."""
+    throughput.KNOTS, throughput.REPEATS = 200, 1
+    measurement.PERIODS, measurement.BRIEF_KNOTS = 1, 400
+    timed.CLOSURES = ("paper",)
+    methods = [Method("circuit", "circuit", 2, brief=True), Method("MC", "monte-carlo", 4)]
+    return measurement.work_precision(BRIEF, methods=methods, **options).to_dict()
+
+
 STUDIES = {
     "load-study": loads,
     "reproduce and claims": figure,
     "frequency-response": response,
     "sensitivity": tolerances,
     "optimum": maximum,
+    "stability": stiff,
+    "work-precision": precision,
 }
-
-
-def brief():
-    """Short realizations, one curve, and the quick methods."""
-    runs.DURATIONS = {"monte-carlo": 800.0, "circuit": 40.0}
-    reproduce.QUICK = {
-        "monte-carlo": reproduce.Effort(8, 0.05, 32),
-        "circuit": reproduce.Effort(8, 0.3, 16),
-    }
-    claims.REALIZATIONS = {"monte-carlo": 24, "circuit": 8}
-    claims.METHODS = ("monte-carlo", "circuit", "paper", "consistent")
-    panel = FIGURES["fig7"].panels[0]
-    panel = replace(panel, first=0.02, last=0.1, quick=2, curves=panel.curves[:1])
-    FIGURES["fig7"] = replace(FIGURES["fig7"], panels=(panel,))
+# Keys of what differs from one run to another: times on the wall, and what is made of them.
+TIMED = ("seconds", "wall_seconds", "seconds_per_unit", "seconds_to_one_percent", "throughput")
 
 
 def timeless(told):
     """Nested plain values without times on the wall."""
     if isinstance(told, dict):
-        timed = ("seconds", "wall_seconds")
-        return {key: timeless(value) for key, value in told.items() if key not in timed}
+        return {key: timeless(value) for key, value in told.items() if key not in TIMED}
     return [timeless(each) for each in told] if isinstance(told, (list, tuple)) else told
 
 

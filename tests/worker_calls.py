@@ -9,8 +9,10 @@ from circuits.ngspice.session import session
 from harvester.engines.protocol import ENGINES
 from harvester.engines.realization import noise_path, start_state
 from harvester.engines.steps import steps_per_knot
+from harvester.errors import SimulatorAborted
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
+from harvester.verification.work_precision import throughput
 
 
 def say(report, text):
@@ -37,6 +39,21 @@ def die_unless(report, marker):
     if not os.path.exists(marker):
         os._exit(4)
     return "alive"
+
+
+def fail(report, reason):
+    raise SimulatorAborted(reason)
+
+
+def speeds(report, scene):
+    """The throughput of a scene, in this process."""
+
+    class Here:
+        def map(self, function, calls):
+            return [function(report=report, **call) for call in calls]
+
+    rows = throughput.measure(scene, Here(), compiled=False, knots=200, repeats=1)
+    return {"rows": rows, "machine": {"date": "today", "cores": 1, "processor": "this one"}}
 
 
 def run_text(report, text, stop):

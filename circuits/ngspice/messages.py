@@ -40,8 +40,8 @@ MOST_REASONS = 3
 STEP_TOO_SMALL = "timestep too small"
 # What that comes of where the transducer is a coil with inductance.
 CUT_OFF = (
-    "; the inductance drives the coil's current on, and a load that opens leaves it no way but "
-    "stray capacitances: set coil.inductance = 0, or put a capacitor across the load's p and n"
+    "; the inductance drives the coil's current on, and a load that switches leaves it no way: set "
+    "coil.inductance = 0, which changes little while ωL is far below the resistances"
 )
 # Letters of a reason that is told: some repeat the whole expression.
 LONGEST_REASON = 200

@@ -19,6 +19,7 @@ from PySpice.Spice.NgSpice.Shared import NgSpiceCommandError, NgSpiceShared, ffi
 from circuits import elements
 from circuits.loads.places import file_of, with_places
 from circuits.ngspice import callbacks, compiled_device, messages
+from circuits.ngspice.across_output import measure_output
 from circuits.ngspice.library import code_models, find_library, no_initialisation_files
 from circuits.ngspice.solution import convert, units_of, vectors
 from harvester.compilation import numba
@@ -56,12 +57,6 @@ def session() -> Session:
         NgSpiceShared.LIBRARY_PATH = find_library().replace("{", "{{").replace("}", "}}")
         _session = Session()
     return _session
-
-
-def _in_copy(device, prefix):
-    """ngspice's name of an element of one copy of the device: its letter stays in front."""
-    letter, path = device.split(".", 1)
-    return f"{letter}.{prefix}{path}"
 
 
 class Session(NgSpiceShared):
@@ -183,7 +178,7 @@ class Session(NgSpiceShared):
             self._flush()
             self._check_end(netlist.stop)
             if outputs is not None:
-                self._measure_output()
+                measure_output(self._ngspice_shared, netlist, outputs)
         finally:
             self._service = None
             for command in ("remcirc", "destroy all"):
@@ -290,47 +285,6 @@ class Session(NgSpiceShared):
                     "a step; a force or a current that jumps, as dry friction does, has this effect"
                 )
                 give_up(SimulatorAborted(self._said(trouble)))
-
-    def _measure_output(self):
-        """Conductance and capacitance across the output, scaled, as ngspice evaluated them.
-
-        The conductance from each resistor's own current and power at the end of the run: they hold
-        what its multiplier, scale, temperature and model make of its value.
-
-        Raises
-        ------
-        SimulatorAborted
-            ngspice has no number for one of them.
-        """
-        netlist = self._netlist
-        scale = netlist.per_power * netlist.voltage_scale**2
-        for prefix, output in zip(netlist.prefixes, self._outputs, strict=True):
-            resistors = [_in_copy(name, prefix) for name in netlist.output_resistors]
-            siemens = [self._conductance(name, output) for name in resistors]
-            capacitors = [_in_copy(name, prefix) for name in netlist.storage]
-            farads = [self._property(name, "capacitance") for name in capacitors]
-            # What a negative one delivers is not used, it is what makes a load not passive.
-            output.conductance = scale * sum(np.maximum(siemens, 0.0))
-            output.capacitance = scale * sum(farads)
-            if not np.isfinite(output.conductance + output.capacitance):
-                names = ", ".join(netlist.output_resistors + netlist.storage)
-                raise SimulatorAborted(
-                    f"ngspice gave no value of {names}: give what lies across out and ref a "
-                    "constant value"
-                )
-
-    def _conductance(self, resistor, output):
-        current, power = (self._property(resistor, name) for name in ("i", "p"))
-        if power:
-            return current / (power / current)
-        # It takes no part (m=0), or there never was a voltage; or just now there is none.
-        return 0.0 if output.voltage or not output.has_started else np.nan
-
-    def _property(self, device, name):
-        vector = self._ngspice_shared.ngGet_Vec_Info(f"@{device}[{name}]".encode())
-        if vector == ffi.NULL or vector.v_realdata == ffi.NULL:
-            return np.nan
-        return float(vector.v_realdata[0])
 
     def _move_window(self):
         """Drop the knots that are past and read as many new ones."""

@@ -33,7 +33,8 @@ class Averages:
         of the terminal voltage.
     between_wells : dict of str to float
         Of `fokker_planck` and several wells that motion joins: `well_crossing_rate`, if
-        asked for `slowest_decay_rate` (1/s), and, where symmetry does not tell them,
+        asked for `slowest_decay_rate` and the rates of jumps that
+        `harvester.device.cores.jump_rates` names (1/s), and, where symmetry does not tell them,
         `share_of_time_in_well_1` and so on from the left.
     """
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from harvester.device.system import System
 
 CLOSURES = ("paper", "consistent", "fokker_planck")
+DEFAULT_CLOSURE = "fokker_planck"  # holds most widely
 LEVELS, NODES = 400, 24  # levels of each edge, quadrature nodes on each piece of an orbit
 COARSE_LEVELS, COARSE_NODES = 200, 16  # the grid that tells the numerical error
 # Largest numerical error that is an answer, as a share of it, unless another is asked for.
@@ -28,7 +29,7 @@ TOLERANCES = {"paper": 1e-3, "consistent": 1e-3, "fokker_planck": 1e-2}
 
 def average(
     device: System,
-    closure: str = "fokker_planck",
+    closure: str = DEFAULT_CLOSURE,
     tolerance: float | None = None,
     memory: bool = False,
 ) -> Averages:

@@ -23,9 +23,10 @@ from harvester.averaging.grid_density import GridDensity
 from harvester.averaging.propagator import Propagator, mirrored, shares
 from harvester.averaging.region import FINER, Level, Region
 from harvester.averaging.stationary import stationary
-from harvester.averaging.wells import between_wells, slowest_decay_rate
+from harvester.averaging.wells import between_wells, rates_of_jumps, slowest_decay_rate
 from harvester.device import system as systems
 from harvester.device import timescales
+from harvester.device.hertz import HertzDamp
 from harvester.errors import AveragingError
 
 if TYPE_CHECKING:
@@ -79,7 +80,8 @@ def fokker_planck(device: System, tolerance: float, memory: bool = False) -> Ave
         Largest numerical error of each mean, as a share of it. Not of the mechanical loss, the
         difference of two powers, which may be small against both.
     memory : bool
-        Also find `slowest_decay_rate` where motion joins several wells: about as long again.
+        Also find `slowest_decay_rate` and the rates of jumps where motion joins several wells:
+        about as long again.
 
     Returns
     -------
@@ -101,6 +103,11 @@ def fokker_planck(device: System, tolerance: float, memory: bool = False) -> Ave
 
 def _check(device):
     """Refuse what the state does not hold, and what takes too many steps."""
+    if any(not isinstance(each.law, HertzDamp) for each in device.contacts):
+        raise AveragingError(
+            "the contact law is not Hertz's: a force that begins with a jump is beyond the grids "
+            "of fokker_planck: simulate"
+        )
     if any(each.law.holds for each in device.contacts):
         raise AveragingError(
             'impact_velocity = "event": the speed at the beginning of a contact is no part of the '
@@ -272,6 +279,8 @@ def _answer(device, grids, means, error, memory):
         if None not in rates:
             own["slowest_decay_rate"] = rates[1]
             error["slowest_decay_rate"] = abs(rates[1] - rates[0])
+        jumps, doubts = _jumps(device, grids)
+        own, error = own | jumps, error | doubts
     return Averages(
         "fokker_planck",
         **means,
@@ -279,6 +288,24 @@ def _answer(device, grids, means, error, memory):
         density=grids["steps"][-1].density,
         between_wells=own,
     )
+
+
+def _jumps(device, grids):
+    """Rates of jumps between the wells, and their errors: what step and nodes changed, as a whole.
+
+    The errors of both add up, as those of the means do. Empty where they take too many steps.
+    """
+    used = *grids["nodes"][-2:], grids["steps"][0], grids["steps"][-1]
+    found = {id(each): rates_of_jumps(device, each) for each in {id(u): u for u in used}.values()}
+    if None in found.values():
+        return {}, {}
+    sparser, densest, first, soonest = (found[id(each)] for each in used)
+    rates = {name: densest[name] + soonest[name] - first[name] for name in first}
+    errors = {
+        name: abs(densest[name] - sparser[name]) + abs(soonest[name] - first[name])
+        for name in first
+    }
+    return rates, errors
 
 
 def _judged(grids):

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline, RectBivariateSpline
+from scipy.ndimage import convolve1d
 
 from harvester.averaging.propagator import mirrored, shares
 
@@ -14,6 +15,9 @@ if TYPE_CHECKING:
 
     from harvester.averaging.propagator import Grid
 
+JOINT = 321  # displacements, and velocities, at which the joint density is tabulated
+# Takes off what changes sign from node to node, and keeps moments up to the third.
+SMOOTHING = np.array([-1.0, 4.0, 10.0, 4.0, -1.0]) / 16.0
 VOLTAGES = 241  # at which that density is known
 COUNTS = 1e-6  # share of the greatest mass from which a place tells of Z
 SPREAD_OUT = 0.15  # standard deviation of Z at its X, as a share of its reach
@@ -71,9 +75,7 @@ class GridDensity:
         x, v : array_like
             Scaled displacement and velocity, of shapes that broadcast.
         """
-        x, v = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(v, dtype=float))
-        values = self._here(x, v)
-        return 0.5 * (values + self._here(-x, -v)) if self.paired else values
+        return self._mirrored(self._joint, x, v)
 
     def displacement(self, x: ArrayLike) -> np.ndarray:
         """p(X), the integral of `joint` over velocity."""
@@ -101,6 +103,24 @@ class GridDensity:
             nodes = np.linspace(-far, far, count)
         return nodes, self._marginal(name, nodes)
 
+    def tabulated_joint(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Displacements and velocities, evenly spaced, and p(X, X') there, as far as it reaches.
+
+        Without what alternates from node to node: in a contact the mass is shared unevenly.
+        """
+        x, v = (self._evenly(nodes) for nodes in (self.x, self.v))
+        smooth = self.values
+        for axis in (0, 1):
+            smooth = convolve1d(smooth, SMOOTHING, axis=axis, mode="constant")
+        spline = RectBivariateSpline(self.x, self.v, smooth)
+        return x, v, self._mirrored(spline, x[:, None], v)
+
+    def _evenly(self, nodes):
+        """Places as far out as the nodes, of a density that is mirrored on either side."""
+        far = np.abs(nodes).max()
+        first, last = (-far, far) if self.paired else (nodes[0], nodes[-1])
+        return np.linspace(first, last, JOINT)
+
     def _marginal(self, name, place):
         spline, place = self._marginals[name], np.asarray(place, dtype=float)
         values = np.nan_to_num(spline(place, extrapolate=False))
@@ -109,9 +129,14 @@ class GridDensity:
         # Between steep nodes the shares of a mass undershoot.
         return np.maximum(values, 0.0)
 
-    def _here(self, x, v):
+    def _mirrored(self, spline, x, v):
+        x, v = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(v, dtype=float))
+        values = self._here(spline, x, v)
+        return 0.5 * (values + self._here(spline, -x, -v)) if self.paired else values
+
+    def _here(self, spline, x, v):
         inside = (x >= self.x[0]) & (x <= self.x[-1]) & (np.abs(v) <= self.v[-1])
-        return np.where(inside, np.maximum(self._joint.ev(x, v), 0.0), 0.0)
+        return np.where(inside, np.maximum(spline.ev(x, v), 0.0), 0.0)
 
 
 def _of_charge(grid, mass):

@@ -7,11 +7,13 @@ import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from harvester.averaging import DEFAULT_CLOSURE
 from harvester.averaging import average as average_parameters
 from harvester.calling import takes_scene
 from harvester.device import timescales
 from harvester.errors import AveragingError
 from harvester.estimates.estimate import Density, Estimate, root
+from harvester.estimates.joint_density import JointDensity
 from harvester.excitation import OrnsteinUhlenbeck, RecordedMotion
 from harvester.excitation.spectrum_fit import fit_spectrum
 from harvester.results import Result
@@ -31,14 +33,15 @@ DIMENSIONS = {
     "share_in_wells": "1",
     "mean_transducer_loss": "power",
 }
-BETWEEN_WELLS = {"well_crossing_rate": "rate", "slowest_decay_rate": "rate"}  # shares have no unit
+
+SHARE = "share_of_time"  # of what tells of several wells, all else is a rate
 
 
 @takes_scene
 def average(
     scene: Scene,
     *,
-    method: str = "fokker_planck",
+    method: str = DEFAULT_CLOSURE,
     tolerance: float | None = None,
     fit: bool = False,
 ) -> Result:
@@ -90,6 +93,10 @@ def average(
         name: Density(*averages.density.tabulated(name), None, name)  # type: ignore[call-arg]
         for name in averages.density.names
     }
+    joint = None
+    if hasattr(averages.density, "tabulated_joint"):
+        displacement, velocity, values = averages.density.tabulated_joint()
+        joint = JointDensity(displacement, velocity, values, standard_error=None)
     seconds = time.perf_counter() - clock
     return Result(
         scene=scene,
@@ -107,6 +114,7 @@ def average(
         engine_version=f"stochastic averaging, closure {method}",
         netlist_sha256=None,
         densities=densities,
+        joint_density=joint,
         notes=spectrum_fit.notes() if fit else (),
         spectrum_fit=spectrum_fit,
     )
@@ -141,7 +149,7 @@ def estimates_of(averages: Averages) -> dict[str, Estimate]:
             float(value),
             averages.numerical_error[name],
             None,
-            DIMENSIONS.get(name) or BETWEEN_WELLS.get(name, "1"),
+            DIMENSIONS.get(name) or ("1" if name.startswith(SHARE) else "rate"),
         )
         for name, value in values.items()
         if name in averages.numerical_error

@@ -160,8 +160,8 @@ def symmetric_device(whole: System) -> SymmetricDevice:
     for reason, holds in refusals.items():
         if holds:
             raise AveragingError(
-                f"{reason}: stochastic averaging knows the source paper's symmetric device only; "
-                "simulate"
+                f"{reason}: averaging over orbits knows the source paper's symmetric device only; "
+                "use the closure fokker_planck, or simulate"
             )
     linear, cubic = (*spring_.odd, 0.0, 0.0)[:2]
     law = laws[0] if laws else None

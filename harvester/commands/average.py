@@ -4,13 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from harvester.commands.options import (
-    add_results,
-    check_options,
-    read_scene,
-    scene_command,
-    write_result,
-)
+from harvester.commands.options import add_results, checked_scene, deliver, scene_command
 from harvester.errors import HarvesterError
 
 if TYPE_CHECKING:
@@ -50,15 +44,10 @@ def add(commands: Any) -> None:
 
 def run(options: Namespace) -> None:
     """Carry it out; returns the exit code, or None for 0."""
-    scene = read_scene(options)
-    name = f"{scene.name}-{options.method}"
-    check_options(options, name)
+    scene, name = checked_scene(options, options.method)
     if options.tolerance is not None and not 0.0 < options.tolerance < 1.0:
         raise HarvesterError(f"--tolerance {options.tolerance:g}: must be a number in (0, 1)")
     from harvester.averaging.of_scene import average
-    from harvester.files.writing import is_standard_output
-    from harvester.show.console import show_table
 
     result = average(scene, method=options.method, tolerance=options.tolerance, fit=options.fit)
-    show_table(result, result.engine, to_stderr=is_standard_output(options.json))
-    write_result(options, name, result)
+    deliver(options, name, result, result.engine)

@@ -52,6 +52,8 @@ def _read(name):
             raise HarvesterError(f"is larger than {LARGEST_RESULT // 10**6} MB: no result")
         return json.loads(content)
     except OSError as error:
-        raise HarvesterError(f"cannot be read: {error.strerror}") from None
+        raise HarvesterError(
+            f"cannot be read: {error.strerror}; give a file that --json or --output wrote"
+        ) from None
     except (ValueError, RecursionError):
         raise HarvesterError("is no JSON; give a file that --json or --output wrote") from None

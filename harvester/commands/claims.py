@@ -6,10 +6,9 @@ from typing import Any
 from harvester.commands.options import (
     add_study_options,
     check_options,
+    deliver,
     say,
     study_runner,
-    tell_of,
-    write_result,
 )
 
 
@@ -26,7 +25,6 @@ def add(commands: Any) -> None:
     command.add_argument(
         "--thorough", action="store_true", help="longer runs, the circuit at every condition"
     )
-    command.add_argument("--json", metavar="FILE", help="write JSON; - for standard output")
     add_study_options(command)
     command.set_defaults(command=run)
 
@@ -34,22 +32,19 @@ def add(commands: Any) -> None:
 def run(options: Namespace) -> None:
     """Carry it out; returns the exit code, or None for 0."""
     check_options(options, "claims")
-    from harvester.files.writing import in_folder, is_standard_output, write_text
+    from harvester.files.writing import in_folder, write_text
 
     if options.output:
         in_folder(options.output, "claims.md")
     from harvester.scene.model import Scene
-    from harvester.show.console import progress, show_table
     from harvester.verification.paper.claims import claims
 
     scene = Scene.load("paper")
     if options.seed is not None:
         scene = scene.replace({"run.seed": options.seed})
-    with progress() as follow, study_runner(options, follow("claims", None)) as runner:
+    with study_runner(options, "claims") as runner:
         judgement = claims(scene, thorough=options.thorough, runner=runner)
-        show_table(judgement, "the paper's statements", to_stderr=is_standard_output(options.json))
-        write_result(options, "claims", judgement)
+        deliver(options, "claims", judgement, "the paper's statements")
         if options.output:
             write_text(in_folder(options.output, "claims.md"), judgement.markdown())
             say(f"written to {options.output}: claims.md")
-        tell_of(runner)

@@ -7,13 +7,11 @@ from harvester.commands.options import (
     NUMBERS_HELP,
     add_engine_options,
     add_study_options,
-    check_options,
+    checked_scene,
+    deliver,
     number_list,
-    read_scene,
     scene_command,
     study_runner,
-    tell_of,
-    write_result,
 )
 
 
@@ -45,22 +43,16 @@ def add(commands: Any) -> None:
         "--method", default="monte-carlo", help="monte-carlo (default) or circuit", metavar="NAME"
     )
     add_engine_options(command, workers=False)
-    command.add_argument("--json", metavar="FILE", help="write JSON; - for standard output")
     add_study_options(command)
 
 
 def run(options: Namespace) -> None:
     """Carry it out; returns the exit code, or None for 0."""
-    scene = read_scene(options)
-    name = f"{scene.name}-frequency-response"
-    check_options(options, name)
+    scene, name = checked_scene(options, "frequency-response")
     frequencies = number_list(options.frequencies, "--frequencies")
-    from harvester.files.writing import is_standard_output
-    from harvester.show.console import progress, show_table
     from harvester.studies.frequency_response import frequency_response
 
-    label = "frequency response"
-    with progress() as follow, study_runner(options, follow(label, None)) as runner:
+    with study_runner(options, "frequency response") as runner:
         response = frequency_response(
             scene,
             frequencies,
@@ -70,6 +62,4 @@ def run(options: Namespace) -> None:
             step=options.step,
             runner=runner,
         )
-        show_table(response, label, to_stderr=is_standard_output(options.json))
-        write_result(options, name, response)
-        tell_of(runner)
+        deliver(options, name, response, "frequency response")

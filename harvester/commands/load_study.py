@@ -47,7 +47,7 @@ def add(commands: Any) -> None:
         metavar="NAME",
         help="circuit (default); where the load is a resistor also monte-carlo or a closure",
     )
-    add_study_options(command, "the output power that every point is run for")
+    add_study_options(command, "the output power that every point is run for", json=False)
     add_engine_options(command, workers=False)
 
 
@@ -58,7 +58,7 @@ def run(options: Namespace) -> int:
     sweeps = _sweeps(options.sweep)
     from harvester.files.tables import xarray_or_say
     from harvester.files.writing import in_folder
-    from harvester.show.console import progress, show_table
+    from harvester.show.console import show_table
     from harvester.studies import Report, load_study, save
     from harvester.studies.files import FILES
     from harvester.studies.study import TIME_BUDGET
@@ -69,7 +69,7 @@ def run(options: Namespace) -> int:
             in_folder(options.output, file)
     budget = TIME_BUDGET if options.precision else None
     # Until the files are written: another run's study of the same folder would mix with them.
-    with progress() as follow, study_runner(options, follow("load study", None), budget) as runner:
+    with study_runner(options, "load study", budget) as runner:
         study = load_study(
             scene,
             loads=options.load,

@@ -6,12 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 from harvester.commands.options import (
     add_study_options,
-    check_options,
-    read_scene,
+    checked_scene,
+    deliver,
     scene_command,
     study_runner,
-    tell_of,
-    write_result,
 )
 from harvester.errors import HarvesterError
 from harvester.files.plain_text import named
@@ -67,26 +65,19 @@ def add(commands: Any) -> None:
         metavar="N",
         help="places proposed, over several parameters (default: 60 for each)",
     )
-    command.add_argument("--json", metavar="FILE", help="write JSON; - for standard output")
     add_study_options(command, "the value at the optimum of several parameters")
 
 
 def run(options: Namespace) -> None:
     """Carry it out."""
-    scene = read_scene(options)
-    name = f"{scene.name}-optimum"
-    check_options(options, name)
+    scene, name = checked_scene(options, "optimum")
     over = _ranges(options)
-    from harvester.files.writing import is_standard_output
-    from harvester.show.console import progress, show_table
+    from harvester.show.console import progress
 
-    with progress() as follow, study_runner(options) as runner:
+    with progress() as follow, study_runner(options, None) as runner:
         find = _of_one if len(over) == 1 else _of_several
         found = find(scene, over, options, runner, follow("optimum", None))
-        tell_of(runner)
-        title = f"optimum over {', '.join(over)}"
-        show_table(found, title, to_stderr=is_standard_output(options.json))
-        write_result(options, name, found)
+        deliver(options, name, found, f"optimum over {', '.join(over)}")
 
 
 def _of_one(scene, over, options, runner, follow):

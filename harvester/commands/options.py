@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import math
 import sys
 from argparse import ArgumentParser, Namespace
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from harvester.errors import HarvesterError
@@ -14,8 +15,6 @@ from harvester.files.plain_text import named, one_line
 from harvester.show.quiet import is_quiet
 
 if TYPE_CHECKING:
-    from contextlib import AbstractContextManager
-
     from harvester.running.runner import Runner
     from harvester.scene.model import Scene
     from harvester.show.shown import Shown
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
 STEP_HELP = "default, fine, finest, or the longest step in seconds"
 # Of a list given by its ends.
 MOST_NUMBERS = 100_000
-RESULT_FILES = (".json", "-densities.csv", ".png", ".csv", ".nc")
+RESULT_FILES = (".json", "-densities.csv", ".png", "-joint.png", ".csv", ".nc")
 NUMBERS_HELP = "FIRST:LAST:log:NUMBER, FIRST:LAST:linear:NUMBER, or numbers between commas"
 
 
@@ -44,16 +43,26 @@ def scene_command(
         + (f" (default: {default_scene})" if default_scene else ""),
         **optional,
     )
+    add_overrides(command)
+    command.set_defaults(command=function)
+    return command
+
+
+def add_overrides(command: ArgumentParser, of: str = "the scene") -> None:
+    """What is changed of a scene: what `overrides` reads."""
     command.add_argument(
         "--set",
         action="append",
         default=[],
         metavar="TABLE.KEY=VALUE",
-        help="override a value of the scene; TABLE=none removes a table",
+        help=f"override a value of {of}; TABLE=none removes a table",
     )
     command.add_argument("--seed", type=int, help="same as --set run.seed=SEED")
-    command.set_defaults(command=function)
-    return command
+
+
+def overrides(options: Namespace) -> list[str]:
+    """What --set and --seed say."""
+    return [*options.set, *([] if options.seed is None else [f"run.seed={options.seed}"])]
 
 
 def add_engine_options(command: ArgumentParser, workers: bool = True) -> None:
@@ -71,7 +80,10 @@ def add_engine_options(command: ArgumentParser, workers: bool = True) -> None:
 
 
 def add_study_options(
-    command: ArgumentParser, of_precision: str | None = None, output: str | None = None
+    command: ArgumentParser,
+    of_precision: str | None = None,
+    output: str | None = None,
+    json: bool = True,
 ) -> None:
     """What runs a study and keeps its answers: what `study_runner` reads.
 
@@ -82,7 +94,11 @@ def add_study_options(
         What --precision is the relative standard error of; None: there is no such option.
     output : str or None
         Default of --output.
+    json : bool
+        Whether there is --json too.
     """
+    if json:
+        _add_json(command)
     if of_precision:
         command.add_argument(
             "--precision",
@@ -113,43 +129,50 @@ def _add_workers(command):
     command.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
 
 
+def _add_json(command):
+    command.add_argument("--json", metavar="FILE", help="write JSON; - for standard output")
+
+
+@contextlib.contextmanager
 def study_runner(
-    options: Namespace,
-    progress: Callable[[float, str], object] | None = None,
-    time_budget: float | None = None,
-) -> AbstractContextManager[Runner]:
+    options: Namespace, label: str | None, time_budget: float | None = None
+) -> Iterator[Runner]:
     """The runner that a command's options say, open within a block.
+
+    At its end standard error is told what the study should be asked again for.
 
     Parameters
     ----------
     options : argparse.Namespace
         Of a command with `add_study_options`.
-    progress : callable or None
-        Given the share done and a few words.
+    label : str or None
+        Of the progress shown; None: the study shows its own.
     time_budget : float or None
         Where the options have none.
     """
     from harvester.running import open_runner
+    from harvester.show.console import progress
     from harvester.simulation import TIME_LIMIT
 
     if options.output:
         options.kept_when_interrupted = "what is finished is kept: the same command goes on"
-    return open_runner(
-        options.output,
-        workers=options.workers,
-        scheduler=options.scheduler,
-        time_budget=options.time_budget if options.time_budget is not None else time_budget,
-        time_limit=getattr(options, "time_limit", TIME_LIMIT),
-        progress=progress,
-    )
-
-
-def tell_of(runner: Runner) -> None:
-    """Say on standard error what a study should be asked again for, and what was reused."""
-    for line in runner.warnings:
-        complain(line)
-    if runner.out_of_time:
-        complain("the time budget was spent: the same command goes on where it ended")
+    budget = options.time_budget if options.time_budget is not None else time_budget
+    with (
+        progress() as follow,
+        open_runner(
+            options.output,
+            workers=options.workers,
+            scheduler=options.scheduler,
+            time_budget=budget,
+            time_limit=getattr(options, "time_limit", TIME_LIMIT),
+            progress=follow(label, None) if label else None,
+        ) as runner,
+    ):
+        yield runner
+        for line in runner.warnings:
+            complain(line)
+        if runner.out_of_time:
+            complain("the time budget was spent: the same command goes on where it ended")
 
 
 def add_keep_going(command: ArgumentParser) -> None:
@@ -163,7 +186,7 @@ def add_keep_going(command: ArgumentParser) -> None:
 
 def add_results(command: ArgumentParser) -> None:
     """Where the result is written."""
-    command.add_argument("--json", metavar="FILE", help="write JSON; - for standard output")
+    _add_json(command)
     command.add_argument("--output", metavar="DIR", help="folder for JSON and figure")
 
 
@@ -171,10 +194,7 @@ def read_scene(options: Namespace) -> Scene:
     """The scene that the command line names, overrides and seed put in."""
     from harvester.scene.model import Scene
 
-    overrides = list(options.set)
-    if options.seed is not None:
-        overrides.append(f"run.seed={options.seed}")
-    return Scene.load(options.scene, overrides)
+    return Scene.load(options.scene, overrides(options))
 
 
 def number_list(text: str, where: str) -> list[float]:
@@ -223,10 +243,28 @@ def check_options(options: Namespace, name: str | None = None) -> None:
             in_folder(options.output, f"{name}{ending}")
 
 
+def checked_scene(options: Namespace, kind: str) -> tuple[Scene, str]:
+    """The scene that the command line names, and the name of its files; see `check_options`."""
+    scene = read_scene(options)
+    name = f"{scene.name}-{kind}"
+    check_options(options, name)
+    return scene, name
+
+
+def deliver(options: Namespace, name: str, content: Shown, title: str) -> None:
+    """Show a result, and write the files that were asked for."""
+    from harvester.files.writing import is_standard_output
+    from harvester.show.console import show_table
+
+    show_table(content, title, to_stderr=is_standard_output(options.json))
+    write_result(options, name, content)
+
+
 def write_result(options: Namespace, name: str, content: Shown) -> None:
     """The files that were asked for.
 
-    JSON, with `data()` of the content CSV, with its `to_xarray()` beside that NetCDF, its figure.
+    JSON, with `data()` of the content CSV, with its `to_xarray()` beside that NetCDF, its figure,
+    with `joint_figure()` that of displacement and velocity together.
     """
     from harvester.files.writing import write_json
 
@@ -245,7 +283,7 @@ def _write_folder(folder: str, name: str, content: Shown) -> None:
     from harvester.show import figures
 
     places = [in_folder(folder, f"{name}{ending}") for ending in RESULT_FILES]
-    json_file, densities, picture, table, grid = places
+    json_file, densities, picture, joint_picture, table, grid = places
     write_json(json_file, content.to_dict())
     if hasattr(content, "density_table"):
         write_text(densities, content.density_table())
@@ -257,6 +295,9 @@ def _write_folder(folder: str, name: str, content: Shown) -> None:
     figure = content.figure()
     if figure is not None:
         figures.write(figure, picture)
+    joint = content.joint_figure() if hasattr(content, "joint_figure") else None
+    if joint is not None:
+        figures.write(joint, joint_picture)
     say(f"written to {folder}: {name}.{'json' if figure is None else '*'}")
 
 

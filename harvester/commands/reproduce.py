@@ -6,9 +6,8 @@ from typing import Any
 from harvester.commands.options import (
     add_study_options,
     check_options,
-    say,
     study_runner,
-    tell_of,
+    write_result,
 )
 from harvester.errors import HarvesterError
 
@@ -31,7 +30,9 @@ def add(commands: Any) -> None:
         help="all figures in minutes: fewer points, error bars up to 5 %% (circuit: more)",
     )
     command.add_argument("--seed", type=int, help="of the noise (default: the scene's)")
-    add_study_options(command, "E[V²] and PCE that simulations are run for", output="results")
+    add_study_options(
+        command, "E[V²] and PCE that simulations are run for", output="results", json=False
+    )
     command.set_defaults(command=run, json=None)
 
 
@@ -51,7 +52,7 @@ def run(options: Namespace) -> int:
     finished = {}
 
     def keep(content):
-        _write(content, options.output)
+        write_result(options, content.name, content)
         finished[content.name] = content
         kept = f"finished figures are in {options.output}: {', '.join(finished)}"
         options.kept_when_interrupted = f"{kept}; the same command goes on"
@@ -66,13 +67,12 @@ def run(options: Namespace) -> int:
 
 def _compute(scene, names, options, keep):
     """Give `keep` each figure as soon as it is done; the number of runs that failed."""
-    from harvester.show.console import progress
     from harvester.verification.paper import orbit_maps
     from harvester.verification.paper.figures_list import FIGURES
     from harvester.verification.paper.reproduce import reproduce
 
     without_noise = {"fig2": orbit_maps.surfaces, "fig3": orbit_maps.frequency_response}
-    with progress() as follow, study_runner(options, follow("figures", None)) as runner:
+    with study_runner(options, "figures") as runner:
         for name in (name for name in names if name in without_noise):
             keep(without_noise[name](scene))
         contents = reproduce(
@@ -83,7 +83,6 @@ def _compute(scene, names, options, keep):
             runner=runner,
             on_figure=keep,
         )
-        tell_of(runner)
     return sum(content.failed_runs for content in contents)
 
 
@@ -97,16 +96,3 @@ def _chosen(wanted, known):
                 f"{name}: no such figure{nearest(name, known)}; there are {', '.join(known)}, all"
             )
     return [name for name in known if name in wanted or "all" in wanted]
-
-
-def _write(content, folder):
-    from harvester.files.tables import write_csv
-    from harvester.files.writing import in_folder, write_json
-    from harvester.show import figures
-    from harvester.verification.paper.drawing import draw
-
-    write_json(in_folder(folder, f"{content.name}.json"), content.to_dict())
-    if hasattr(content, "data"):
-        write_csv(in_folder(folder, f"{content.name}.csv"), *content.data())
-    figures.save(draw, content, in_folder(folder, f"{content.name}.png"))
-    say(f"written to {folder}: {content.name}.*")

@@ -10,7 +10,6 @@ from harvester.commands.options import (
     say,
     scene_command,
     study_runner,
-    tell_of,
 )
 from harvester.errors import HarvesterError
 from harvester.files.plain_text import named
@@ -60,7 +59,9 @@ def add(commands: Any) -> None:
         metavar="N",
         help="a power of two (default: 64); N × (parameters + 2) devices are run",
     )
-    add_study_options(command, "each device's quantity that it is run for, in each of two runs")
+    add_study_options(
+        command, "each device's quantity that it is run for, in each of two runs", json=False
+    )
 
 
 def run(options: Namespace) -> None:
@@ -68,12 +69,12 @@ def run(options: Namespace) -> None:
     scene = read_scene(options)
     vary = _distributions(options.vary)
     from harvester.files.writing import in_folder
-    from harvester.show.console import progress, show_table
+    from harvester.show.console import show_table
     from harvester.studies.sensitivity import sensitivity
 
     for file in FILES if options.output else ():
         in_folder(options.output, file)
-    with progress() as follow, study_runner(options, follow("sensitivity", None)) as runner:
+    with study_runner(options, "sensitivity") as runner:
         study = sensitivity(
             scene,
             vary,
@@ -84,7 +85,6 @@ def run(options: Namespace) -> None:
             precision=options.precision,
             runner=runner,
         )
-        tell_of(runner)
         show_table(study, "sensitivity")
         if options.output:
             _save(study, options.output)

@@ -8,10 +8,9 @@ from harvester.commands.options import (
     add_engine_options,
     add_keep_going,
     add_results,
-    check_options,
-    read_scene,
+    checked_scene,
+    deliver,
     scene_command,
-    write_result,
 )
 
 if TYPE_CHECKING:
@@ -57,11 +56,8 @@ def add(commands: Any) -> None:
 
 def run(options: Namespace) -> int:
     """Carry it out; returns the exit code, or None for 0."""
-    scene = read_scene(options)
-    name = f"{scene.name}-{options.method}"
-    check_options(options, name)
-    from harvester.files.writing import is_standard_output
-    from harvester.show.console import progress, show_table
+    scene, name = checked_scene(options, options.method)
+    from harvester.show.console import progress
     from harvester.simulation import simulate
 
     with progress() as follow:
@@ -77,6 +73,5 @@ def run(options: Namespace) -> int:
             time_limit=options.time_limit,
             progress=follow(options.method, scene),
         )
-    show_table(result, result.engine, to_stderr=is_standard_output(options.json))
-    write_result(options, name, result)
+    deliver(options, name, result, result.engine)
     return 0 if result.outcome == "complete" else 1

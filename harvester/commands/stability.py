@@ -6,12 +6,10 @@ from typing import Any
 from harvester.commands.options import (
     STEP_HELP,
     add_study_options,
-    check_options,
-    read_scene,
+    checked_scene,
+    deliver,
     scene_command,
     study_runner,
-    tell_of,
-    write_result,
 )
 from harvester.verification.stability import TIME_LIMIT
 
@@ -27,7 +25,6 @@ def add(commands: Any) -> None:
         default_scene="paper",
     )
     command.add_argument("--step", default="default", help=STEP_HELP)
-    command.add_argument("--json", metavar="FILE", help="write JSON; - for standard output")
     command.add_argument(
         "--time-limit",
         type=float,
@@ -40,16 +37,10 @@ def add(commands: Any) -> None:
 
 def run(options: Namespace) -> int:
     """Carry it out; returns the exit code, or None for 0."""
-    scene = read_scene(options)
-    name = f"{scene.name}-stability"
-    check_options(options, name)
-    from harvester.files.writing import is_standard_output
-    from harvester.show.console import progress, show_table
+    scene, name = checked_scene(options, "stability")
     from harvester.verification.stability.matrix import stability
 
-    with progress() as follow, study_runner(options, follow("stability", None)) as runner:
+    with study_runner(options, "stability") as runner:
         matrix = stability(scene, step=options.step, runner=runner)
-        tell_of(runner)
-        show_table(matrix, "stiff and extreme cases", to_stderr=is_standard_output(options.json))
-        write_result(options, name, matrix)
+        deliver(options, name, matrix, "stiff and extreme cases")
     return 1 if matrix.wrong else 0

@@ -4,11 +4,12 @@ from argparse import Namespace
 from typing import Any
 
 from harvester.commands.options import (
+    add_overrides,
     add_study_options,
     check_options,
+    overrides,
     say,
     study_runner,
-    tell_of,
 )
 from harvester.errors import HarvesterError
 
@@ -33,21 +34,13 @@ def add(commands: Any) -> None:
         metavar="scene",
         help=f"TOML files or names of built-in scenes (default: {told})",
     )
-    command.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="TABLE.KEY=VALUE",
-        help="override a value of every scene; TABLE=none removes a table",
-    )
-    command.add_argument("--seed", type=int, help="same as --set run.seed=SEED")
+    add_overrides(command, "every scene")
     command.add_argument(
         "--seconds",
         type=float,
         metavar="SECONDS",
         help="of one core for the run of each method (default: 20): biases are known the better",
     )
-    command.add_argument("--json", metavar="FILE", help="write JSON; - for standard output")
     add_study_options(command)
     command.set_defaults(command=run)
 
@@ -59,15 +52,14 @@ def run(options: Namespace) -> None:
     scenes = _scenes(options)
     check_options(options, NAME)
     from harvester.files.writing import is_standard_output
-    from harvester.show.console import progress, show_table
+    from harvester.show.console import show_table
     from harvester.verification.work_precision.time_to_accuracy import SECONDS, time_to_accuracy
 
-    with progress() as follow, study_runner(options, follow(NAME, None)) as runner:
+    with study_runner(options, NAME) as runner:
         results = [
             time_to_accuracy(scene, seconds=options.seconds or SECONDS, runner=runner)
             for scene in scenes
         ]
-        tell_of(runner)
         for result in results:
             show_table(result, "time to accuracy", to_stderr=is_standard_output(options.json))
         _write(options, results)
@@ -77,16 +69,13 @@ def _scenes(options):
     """The scenes named, or those of `SCENES`, with what --set and --seed say."""
     from harvester.scene.model import Scene
 
-    overrides = list(options.set)
-    if options.seed is not None:
-        overrides.append(f"run.seed={options.seed}")
     named = [(scene, ()) for scene in options.scenes] or SCENES
-    return [Scene.load(scene, [*values, *overrides]) for scene, values in named]
+    return [Scene.load(scene, [*values, *overrides(options)]) for scene, values in named]
 
 
 def _write(options, results):
     from harvester.files.writing import in_folder, write_json
-    from harvester.show import figures
+    from harvester.show import accuracy_figure, figures
 
     content = {"results": [result.to_dict() for result in results]}
     if options.json:
@@ -94,5 +83,5 @@ def _write(options, results):
     if options.output:
         write_json(in_folder(options.output, f"{NAME}.json"), content)
         picture = in_folder(options.output, f"{NAME}.png")
-        figures.save(figures.draw_time_to_accuracy, results, picture)
+        figures.save(accuracy_figure.draw, results, picture)
         say(f"written to {options.output}: {NAME}.*")

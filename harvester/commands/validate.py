@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Any
 from harvester.commands.options import (
     add_engine_options,
     add_results,
-    check_options,
-    read_scene,
+    checked_scene,
+    deliver,
     say,
     scene_command,
-    write_result,
 )
 
 if TYPE_CHECKING:
@@ -36,11 +35,9 @@ def add(commands: Any) -> None:
 
 def run(options: Namespace) -> None:
     """Carry it out; returns the exit code, or None for 0."""
-    scene = read_scene(options)
-    name = f"{scene.name}-validate"
-    check_options(options, name)
-    from harvester.files.writing import check_writable, is_standard_output, write_text
-    from harvester.show.console import progress, show_table
+    scene, name = checked_scene(options, "validate")
+    from harvester.files.writing import check_writable, write_text
+    from harvester.show.console import progress
     from harvester.studies.comparison import validate
 
     check_writable(options.report)
@@ -53,9 +50,8 @@ def run(options: Namespace) -> None:
             time_limit=options.time_limit,
             progress=follow("validate", None),
         )
-    show_table(comparison, "one scene, the same noise", to_stderr=is_standard_output(options.json))
     try:
-        write_result(options, name, comparison)
+        deliver(options, name, comparison, "one scene, the same noise")
     finally:
         if options.report:
             from harvester.show.page import report

@@ -4,11 +4,11 @@ from argparse import Namespace
 from typing import Any
 
 from harvester.commands.options import (
-    add_results,
-    check_options,
-    read_scene,
+    add_study_options,
+    checked_scene,
+    deliver,
     scene_command,
-    write_result,
+    study_runner,
 )
 
 
@@ -21,25 +21,17 @@ def add(commands: Any) -> None:
         "error against run time of every method on one scene",
         "harvester work-precision paper --output results",
     )
-    command.add_argument("--workers", type=int, metavar="N", help="processes (default: one a core)")
     command.add_argument(
         "--thorough", action="store_true", help="more paths, steps and realizations"
     )
-    add_results(command)
+    add_study_options(command)
 
 
 def run(options: Namespace) -> None:
     """Carry it out; returns the exit code, or None for 0."""
-    scene = read_scene(options)
-    name = f"{scene.name}-work-precision"
-    check_options(options, name)
-    from harvester.files.writing import is_standard_output
-    from harvester.show.console import progress, show_table
+    scene, name = checked_scene(options, "work-precision")
     from harvester.verification.work_precision.measurement import work_precision
 
-    with progress() as follow:
-        diagram = work_precision(
-            scene, thorough=options.thorough, workers=options.workers, progress=follow
-        )
-    show_table(diagram, "error against run time", to_stderr=is_standard_output(options.json))
-    write_result(options, name, diagram)
+    with study_runner(options, "work-precision") as runner:
+        diagram = work_precision(scene, thorough=options.thorough, runner=runner)
+        deliver(options, name, diagram, "error against run time")

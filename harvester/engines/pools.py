@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import atexit
+import contextlib
 import math
 import os
 import queue
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -177,6 +178,22 @@ class ExecutorPool:
     ) -> Future:
         """See `WorkerPool.submit`."""
         return self._executor.submit(call_here, function, arguments, time_limit, True)
+
+
+@contextlib.contextmanager
+def processes(
+    executor: Executor | WorkerPool | ExecutorPool | None,
+    workers: int | None,
+    calls: int | None = None,
+) -> Iterator[WorkerPool | ExecutorPool]:
+    """The pool that was handed in or one around the executor, else workers that end with it."""
+    if isinstance(executor, (WorkerPool, ExecutorPool)):
+        yield executor
+    elif executor is not None:
+        yield ExecutorPool(executor)
+    else:
+        with WorkerPool(calls, workers) as own:
+            yield own
 
 
 def _of_one(on_progress, index):

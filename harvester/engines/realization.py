@@ -14,6 +14,9 @@ from harvester.engines.protocol import ENGINES
 from harvester.engines.steps import knot_spacing, stop_time
 from harvester.estimates.batch_means import KNOTS_PER_SAMPLE, batch_counts
 from harvester.excitation import realization_seed
+from harvester.record.joint import JointHistogram
+from harvester.record.joint import prepare as prepare_joint
+from harvester.record.jumps import Jumps
 from harvester.record.moments import Moments
 from harvester.record.moments import prepare as prepare_moments
 from harvester.record.output_side import OutputMoments
@@ -36,8 +39,11 @@ class Realization:
     moments : Moments
     waveform : Record or None
         The stretch asked for.
+    joint : JointHistogram or None
+        Where it was asked for.
     seconds : float
-        Wall time of the simulation alone; of realizations run together, its share.
+        Of one core, for the simulation alone, whatever else the machine does; of realizations run
+        together, its share.
     started, ended : float
         The system's clock (s).
     engine_version : str
@@ -46,6 +52,7 @@ class Realization:
 
     moments: Moments
     waveform: Record | None
+    joint: JointHistogram | None
     seconds: float
     started: float
     ended: float
@@ -124,6 +131,7 @@ def run(
     scheme: str | None = None,
     tolerance: float | None = None,
     device: str = "automatic",
+    joint_density: bool = False,
 ) -> list[Realization]:
     """Simulate realizations of a scene; the circuit engine takes them side by side.
 
@@ -140,7 +148,7 @@ def run(
         Stretch of each one's waveform to keep (s).
     report : callable
         Given the list of moments so far.
-    scheme, tolerance, device : str or None, float or None, str
+    scheme, tolerance, device, joint_density : str or None, float or None, str, bool
         See `harvester.simulate`.
 
     Returns
@@ -160,31 +168,35 @@ def run(
     observers: list[list] = [[each] for each in moments]
     observers[-1].append(Reporter(moments, report))
     waveforms = [Waveform(*window) if window else None for _ in indices]
-    for watching, waveform in zip(observers, waveforms, strict=True):
-        if waveform:
-            watching.insert(0, waveform)
+    sampled = (scene.run.settle, knot_spacing(scene))
+    joints = [JointHistogram.empty(*sampled) if joint_density else None for _ in indices]
+    for watching, *others in zip(observers, waveforms, joints, strict=True):
+        watching[:0] = [each for each in others if each is not None]
     chosen.prepare(scene)
     prepare_moments()
+    if joint_density:
+        prepare_joint()
     started = time.time()
-    clock = time.perf_counter()
+    clock, processor = time.perf_counter(), time.process_time()
     scheme = scheme or chosen.schemes[0]
     starts = [start_state(scene, index) for index in indices]
     outcome = chosen.run_realizations(
         scene, paths, starts, observers, step, source, scheme, tolerance, device, **output
     )
-    seconds = time.perf_counter() - clock
+    elapsed, seconds = time.perf_counter() - clock, time.process_time() - processor
     # The last word of those that end before their first report.
     report(moments)
     return [
         Realization(
             moments=each,
             waveform=waveform.record() if waveform else None,
+            joint=joint,
             seconds=seconds / len(moments),
             started=started,
-            ended=started + seconds,
+            ended=started + elapsed,
             **outcome,
         )
-        for each, waveform in zip(moments, waveforms, strict=True)
+        for each, waveform, joint in zip(moments, waveforms, joints, strict=True)
     ]
 
 
@@ -195,7 +207,7 @@ def empty_moments(scene: Scene) -> Moments:
     counts = batch_counts(scene.run.realizations, scene.run.duration / spacing)
     saddles = timescales.saddles(parameters)
     even = len(saddles) == 1 and parameters.symmetric and scene.excitation.symmetric
-    return Moments.empty(
+    moments = Moments.empty(
         scene.run.settle,
         stop_time(scene),
         timescales.free_zone(parameters),
@@ -204,3 +216,6 @@ def empty_moments(scene: Scene) -> Moments:
         *counts,
         KNOTS_PER_SAMPLE * spacing,
     )
+    if saddles:
+        moments.jumps = Jumps.empty(parameters, moments.start, moments.batch_length, counts[0])
+    return moments

@@ -19,7 +19,7 @@ from harvester.estimates.batch_means import standard_error
 # chance.
 LEAST_GAIN = 1.1
 # A correlation counts when it exceeds so many of the standard errors that uncorrelated series have.
-SIGNIFICANT_STANDARD_ERRORS = 3.0
+SIGNIFICANT_SIGMAS = 3.0
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def significant_correlation(series: np.ndarray, control: np.ndarray) -> float | 
         return None
     deviations = (series - series.mean()) * (control - control.mean())
     correlation = float(deviations.mean() / both)
-    if abs(correlation) * math.sqrt(series.size) <= SIGNIFICANT_STANDARD_ERRORS:
+    if abs(correlation) * math.sqrt(series.size) <= SIGNIFICANT_SIGMAS:
         return None
     return correlation if LEAST_GAIN * (1.0 - correlation**2) <= 1.0 else None
 

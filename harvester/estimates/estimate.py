@@ -46,13 +46,15 @@ class Estimate:
             standard_error=None if error is None else error * factor,
         )
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON; nan and missing errors become null."""
-        content = {
+    def to_dict(self, unit: str | None = None) -> dict[str, Any]:
+        """Plain values for JSON, with the unit if told; nan and missing errors become null."""
+        content: dict[str, Any] = {
             "estimate": finite(self.estimate),
             "standard_error": finite(self.standard_error),
             "effective_sample_size": finite(self.effective_sample_size),
         }
+        if unit is not None:
+            content["unit"] = unit
         return {**content, "note": self.note} if self.note else content
 
 

@@ -6,7 +6,10 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from harvester.device import timescales
+from harvester.device.cores import jump_rates
 from harvester.estimates.batch_means import complete_batches, ratio_of_sums, standard_error
 from harvester.estimates.estimate import NONE_SEEN, TOO_SHORT, Estimate, root
 from harvester.record.moments import PRODUCTS, QUANTITIES, WELLS
@@ -15,6 +18,7 @@ if TYPE_CHECKING:
     from harvester.device.system import System
     from harvester.record.moments import Moments
 
+NEVER_REACHED = "no realization reached that well"
 # Means over time: the integral each is made from, and its dimension.
 MEANS = {
     "mean_square_voltage": ("square_voltage", "voltage^2"),
@@ -72,6 +76,26 @@ def estimate_all(
         time_in_well = {"time_in_well": batches[:, :, WELLS + well], "time": series["time"]}
         estimates[f"share_of_time_in_well_{well + 1}"] = _mean(
             time_in_well, {}, "time_in_well", "1", error_of
+        )
+    return estimates | _jump_rates(moments, batches.shape[1], batches.shape[2] == WELLS, error_of)
+
+
+def _jump_rates(moments, batches, alike, error_of):
+    """Jumps out of a well over the time for which it was the last one reached (1/s)."""
+    jumps = [each.jumps for each in moments]
+    if jumps[0] is None:
+        return {}
+    counts = np.stack([each.counts[:batches] for each in jumps])
+    times = np.stack([each.times[:batches] for each in jumps])
+    estimates = {}
+    for name, pairs in jump_rates(times.shape[2], alike).items():
+        count = sum(counts[:, :, well, other] for well, other in pairs)
+        time = sum(times[:, :, well] for well in {well for well, _ in pairs})
+        reached = {"jumps": count, "time": time}
+        estimates[name] = (
+            _mean(reached, {}, "jumps", "rate", error_of)
+            if time.any()
+            else Estimate(math.nan, None, None, "rate", NEVER_REACHED)
         )
     return estimates
 

@@ -89,13 +89,16 @@ def deviations(moments: Sequence[Moments], name: str) -> Any:
     ndarray, shape (realizations, batches)
         Mean 0, in the estimate's scaled units.
     """
+    upper, lower = sums(moments, name)
+    return (upper - upper.sum() / lower.sum() * lower) / lower.mean()
+
+
+def sums(moments: Sequence[Moments], name: str) -> tuple[Any, Any]:
+    """The sums over batches that a quantity is the ratio of; see `deviations`."""
+    if name in RATIOS:
+        return output_ratio(moments, name)
     batches: Any = complete_batches(moments)
     load, loss = QUANTITIES.index("load_power"), QUANTITIES.index("loss_power")
     if name == "power_conversion_efficiency":
-        upper, lower = batches[:, :, load], batches[:, :, load] + batches[:, :, loss]
-    elif name in RATIOS:
-        upper, lower = output_ratio(moments, name)
-    else:
-        upper = batches[:, :, QUANTITIES.index(MEANS[name][0])]
-        lower = batches[:, :, QUANTITIES.index("time")]
-    return (upper - upper.sum() / lower.sum() * lower) / lower.mean()
+        return batches[:, :, load], batches[:, :, load] + batches[:, :, loss]
+    return batches[:, :, QUANTITIES.index(MEANS[name][0])], batches[:, :, QUANTITIES.index("time")]

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harvester.compilation import compiled, summing
+from harvester.record.jumps import Jumps
 from harvester.record.output_side import OutputMoments
 from harvester.record.record import Record
 
@@ -73,6 +74,8 @@ class Moments:
         Accepted points, those before `start` included.
     output : OutputMoments or None
         Of the load's output side, where it has one.
+    jumps : Jumps or None
+        Between wells, where there are several.
     """
 
     start: float
@@ -88,6 +91,7 @@ class Moments:
     last: np.ndarray
     points: int = 0
     output: OutputMoments | None = None
+    jumps: Jumps | None = None
 
     @classmethod
     def empty(
@@ -132,6 +136,8 @@ class Moments:
         if record.time.size == 0:
             return
         self.points += record.time.size
+        if self.jumps is not None:
+            self.jumps.add(record)
         # The latest point again in front: every interval then lies within one array.
         points = np.empty((len(record), record.time.size + 1))
         points[:, 0] = self.last
@@ -166,9 +172,11 @@ class Moments:
 def prepare() -> None:
     """Load the compiled code, so that it does not count as simulation."""
     points = np.zeros(2)
-    Moments.empty(0.0, 1.0, (-1.0, 1.0), (), False, 1, 1, 1.0).add(
-        Record(np.array([0.0, 1.0]), *[points] * (len(Record._fields) - 1))
-    )
+    moments = Moments.empty(0.0, 1.0, (-1.0, 1.0), (), False, 1, 1, 1.0)
+    nothing, ones = np.zeros(1), np.ones((1, 2))
+    ends = (-1.0, 1.0)
+    moments.jumps = Jumps(0.0, 1.0, nothing, points, ends, points, ones, ones[:, None] * ones)
+    moments.add(Record(np.array([0.0, 1.0]), *[points] * (len(Record._fields) - 1)))
 
 
 @summing

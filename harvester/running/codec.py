@@ -20,6 +20,7 @@ import numpy as np
 
 from harvester import errors
 from harvester.estimates.estimate import Density, Estimate
+from harvester.record.jumps import Jumps
 from harvester.record.moments import Moments
 from harvester.record.output_side import OutputMoments
 
@@ -41,7 +42,7 @@ PASSING_REASON = re.compile(r"memory|alloc|disk|no space|too many open files", r
 TREE, DIGEST = "tree", "digest"
 # Dataclasses that an answer may hold, by their names.
 _KNOWN: dict[str, type] = {
-    each.__name__: each for each in (Density, Estimate, Moments, OutputMoments)
+    each.__name__: each for each in (Density, Estimate, Jumps, Moments, OutputMoments)
 }
 
 

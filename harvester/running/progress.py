@@ -10,7 +10,7 @@ class Progress:
     Parameters
     ----------
     report : callable
-        Given the share done, 0 … 1, never falling, and a few words.
+        Given the share done of one list of tasks, 0 … 1, never falling, and a few words.
     """
 
     def __init__(self, report: Callable[[float, str], object]):
@@ -20,10 +20,13 @@ class Progress:
         self._waiting: Counter[str] = Counter()
         self._ahead: dict[object, tuple[str, float]] = {}
         self._plans, self._ended = 0, 0
-        self._share = 0.0
+        self._share, self._spent = 0.0, 0.0
 
     def begin(self, plans: int) -> None:
-        """So many plans more."""
+        """So many plans more; after the end of all others the share begins anew."""
+        if self._ended == self._plans:
+            self._plans, self._ended = 0, 0
+            self._share, self._spent = 0.0, 0.0
         self._plans += plans
 
     def ask(self, plan: object, label: str, ahead: float) -> None:
@@ -38,6 +41,7 @@ class Progress:
         """One task has been computed."""
         self._waiting[label] -= 1
         self._seconds[label] += seconds
+        self._spent += seconds
         self._count[label] += 1
         self._say()
 
@@ -50,9 +54,8 @@ class Progress:
     def _say(self):
         left = sum(count * self._mean(label) for label, count in self._waiting.items())
         left += sum(count * self._mean(label) for label, count in self._ahead.values())
-        spent = sum(self._seconds.values())
-        if spent > 0.0:
-            self._share = max(self._share, spent / (spent + left))
+        if self._spent > 0.0:
+            self._share = max(self._share, self._spent / (self._spent + left))
         elif not left:
             self._share = 1.0
         self._report(self._share, f"{self._ended} of {self._plans}")

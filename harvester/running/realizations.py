@@ -26,12 +26,12 @@ from harvester.scene.model import Scene
 from harvester.scene.units import Scales, scale
 
 # Realizations in one task where they run side by side or fast.
-TOGETHER = 8
+REALIZATIONS_TOGETHER = 8
 # Periods of small oscillations in a waveform, and its points, evenly spaced.
 PERIODS, WAVEFORM_POINTS = 6.0, 1000
 # From so many realizations on, each has the fewest batches: a run's length is then no part of its
 # realizations' names, and a longer one goes on from a shorter one.
-MANY = TOTAL_BATCHES // FEWEST_TO_DRIFT
+MANY_REALIZATIONS = TOTAL_BATCHES // FEWEST_TO_DRIFT
 
 
 def realizations(
@@ -51,7 +51,7 @@ def realizations(
         `moments`, a list with one of each, without histograms unless `density`; `waveform` of the
         first, shape (len(Record._fields), WAVEFORM_POINTS), scaled, or None; `seconds` of one core.
     """
-    clock = time.perf_counter()
+    clock = time.process_time()
     window = _window(scene) if waveform else None
     found = run(scene, method, indices, step, "external", window, report)
     moments = [each.moments for each in found]
@@ -61,7 +61,7 @@ def realizations(
     return {
         "moments": moments,
         "waveform": _even(found[0].waveform) if waveform else None,
-        "seconds": time.perf_counter() - clock,
+        "seconds": time.process_time() - clock,
     }
 
 
@@ -75,7 +75,7 @@ def averages(
     dict
         `quantities`, scaled; `density` of the displacement, or None; `seconds` of one core.
     """
-    clock = time.perf_counter()
+    clock = time.process_time()
     if density:
         result = average(scene, method=closure, tolerance=tolerance)
         quantities, shape = result.scaled_quantities, result.densities["displacement"]
@@ -83,7 +83,7 @@ def averages(
         # A table of the density takes as long as all means.
         found = average_parameters(averaged_device(scene), closure, tolerance)
         quantities, shape = estimates_of(found), None
-    seconds = time.perf_counter() - clock
+    seconds = time.process_time() - clock
     return {"quantities": quantities, "density": shape, "seconds": seconds}
 
 
@@ -126,7 +126,7 @@ class Realizations:
     ) -> "Realizations":
         """Those of a scene, several in a task where they cost less so."""
         size = min(_together(scene, method, step), scene.run.realizations)
-        many = scene.replace({"run.realizations": min(scene.run.realizations, MANY)})
+        many = scene.replace({"run.realizations": min(scene.run.realizations, MANY_REALIZATIONS)})
         return cls(many, method, step, size, version, density, waveform)
 
     def tasks(self, start: int, stop: int, most: float = math.inf) -> list[Task]:
@@ -209,9 +209,9 @@ def _misfit_of_averages(found):
 def _together(scene, method, step):
     """Realizations in one task: several only where they cost less so."""
     if method != "circuit":
-        return TOGETHER
-    many = scene.replace({"run.realizations": TOGETHER * side_by_side.FEWEST_NETLISTS})
-    return side_by_side.copies(many, lambda: TOGETHER, step)
+        return REALIZATIONS_TOGETHER
+    many = scene.replace({"run.realizations": REALIZATIONS_TOGETHER * side_by_side.FEWEST_NETLISTS})
+    return side_by_side.copies(many, lambda: REALIZATIONS_TOGETHER, step)
 
 
 def _window(scene):
@@ -236,6 +236,8 @@ def _fits(moments, template, has_output, density):
         array = getattr(moments, name)
         if np.shape(array) != np.shape(getattr(template, name)) or not np.isfinite(array).all():
             return False
+    if not _jumps_fit(moments.jumps, template.jumps):
+        return False
     output, integrals = moments.output, moments.integrals
     if has_output != (output is not None):
         return False
@@ -248,3 +250,18 @@ def _fits(moments, template, has_output, density):
             return False
     squares = QUANTITIES.index("square_velocity") + 1
     return bool((integrals[:, :squares] >= 0.0).all() and integrals[:, 0].sum() > 0.0)
+
+
+def _jumps_fit(jumps, template):
+    """The same of the jumps between wells."""
+    if jumps is None or template is None:
+        return jumps is template
+    counted = ("times", "counts")
+    for name in (each.name for each in dataclasses.fields(template)):
+        found, expected = getattr(jumps, name), getattr(template, name)
+        if name in counted:
+            if np.shape(found) != expected.shape or not (np.isfinite(found) & (found >= 0.0)).all():
+                return False
+        elif name not in ("well", "time") and not np.array_equal(found, expected):
+            return False
+    return True

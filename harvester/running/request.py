@@ -4,23 +4,17 @@ import math
 from collections.abc import Generator, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 
-import numpy as np
-
 from harvester.averaging import CLOSURES
 from harvester.engines.protocol import ENGINES
 from harvester.engines.steps import knot_spacing
 from harvester.errors import EnergyNotBalanced, HarvesterError
-from harvester.estimates.balance import energy_balance_residual
 from harvester.estimates.densities import densities
 from harvester.estimates.estimate import Density, Estimate
-from harvester.estimates.means import estimate_all
-from harvester.estimates.output_side import estimate_output
-from harvester.estimates.passivity import efficiency_notes, source_notes
-from harvester.estimates.settling import shortfalls, unseen_jump, withheld
+from harvester.estimates.of_run import run_estimates
+from harvester.estimates.settling import unseen_jump
 from harvester.files.plain_text import nearest
 from harvester.files.writing import finite
-from harvester.results import unit_of
-from harvester.running.realizations import MANY, Realizations, averaging, is_closure
+from harvester.running.realizations import MANY_REALIZATIONS, Realizations, averaging, is_closure
 from harvester.running.task import Wanted
 from harvester.scene.model import Scene
 from harvester.scene.units import Scales, require_resistor, scale
@@ -38,7 +32,7 @@ JUDGED = ("mean_square_voltage", "power_conversion_efficiency")
 COMPLETE = "complete"
 OUT_OF_TIME = "the time budget was spent"
 # With a precision: realizations of the first round, and most of all.
-FIRST, MOST = 8, 80
+FIRST_REALIZATIONS, MOST_REALIZATIONS = 8, 80
 # A round asks for what the error bar needs and a little more, at most this many times what there
 # is: the first error bars are rough.
 MARGIN, GROWTH = 1.1, 2.0
@@ -61,12 +55,13 @@ class Request:
     step : str or float
         As `harvester.simulate` takes it.
     realizations : int or None
-        At first, and in all without a precision; None: `FIRST` with one, else the scene's own.
+        At first, and in all without a precision; None: `FIRST_REALIZATIONS` with one, else the
+        scene's own.
     most : int
         Most realizations that a precision is worth.
     tolerance : float or None
         Of a closure, as in `harvester.average`.
-    density, moments, waveform : bool
+    density, moments : bool
         Whether the answer is to hold them.
     """
 
@@ -77,11 +72,10 @@ class Request:
     quantities: tuple[str, ...] = JUDGED
     step: str | float = "default"
     realizations: int | None = None
-    most: int = MOST
+    most: int = MOST_REALIZATIONS
     tolerance: float | None = None
     density: bool = False
     moments: bool = False
-    waveform: bool = False
 
     def __post_init__(self):
         check_name("method", self.method, (*ENGINES, *CLOSURES))
@@ -103,13 +97,15 @@ class Request:
         Only where the scene's own number of them is asked for do few have more batches each.
         """
         own = self.realizations is None and self.precision is None
-        count = min(self.scene.run.realizations, MANY) if own else MANY
+        count = min(self.scene.run.realizations, MANY_REALIZATIONS) if own else MANY_REALIZATIONS
         return replace(self.scene, run=replace(self.scene.run, realizations=count))
 
     @property
     def first(self) -> int:
         """Realizations to begin with."""
-        return self.realizations or (FIRST if self.precision else self.scene.run.realizations)
+        return self.realizations or (
+            FIRST_REALIZATIONS if self.precision else self.scene.run.realizations
+        )
 
 
 @dataclass(frozen=True)
@@ -139,8 +135,6 @@ class Answer:
         Of the displacement.
     moments : tuple of harvester.record.moments.Moments
         One per realization, for paired differences.
-    waveform : ndarray or None
-        Beginning of the first realization, rows as in `Record`, scaled.
     """
 
     scene: Scene
@@ -155,7 +149,6 @@ class Answer:
     notes: tuple[str, ...] = ()
     density: Density | None = field(default=None, repr=False)
     moments: tuple = field(default=(), repr=False)
-    waveform: np.ndarray | None = field(default=None, repr=False)
 
     def in_units(self) -> dict[str, Estimate]:
         """The quantities in the scene's units."""
@@ -232,6 +225,18 @@ def relative_error(estimate: Estimate | None) -> float:
     return math.inf if math.isnan(share) else share
 
 
+def not_balanced(residual: float) -> EnergyNotBalanced:
+    """The error of a run whose energy balance leaves this share."""
+    return EnergyNotBalanced(f"the energy balance leaves {abs(residual):.0%}; --step")
+
+
+def residual_notes(residual: float) -> list[str]:
+    """What to say of a share that an energy balance leaves."""
+    if abs(residual) <= NOTED_RESIDUAL:
+        return []
+    return [f"energy balance residual {residual:.1%}: choose a shorter --step"]
+
+
 def in_units(quantities: dict[str, Estimate], scales: Scales) -> dict[str, Estimate]:
     """Scaled estimates in the units of a scene."""
     return {name: each.times(scales.of(each.dimension)) for name, each in quantities.items()}
@@ -271,9 +276,7 @@ def _averaged(request, density):
 
 def _simulated(request, version, density):
     """Rounds of realizations until they are precise enough."""
-    cut = Realizations.of(
-        request.cut_from, request.method, request.step, version, density, request.waveform
-    )
+    cut = Realizations.of(request.cut_from, request.method, request.step, version, density)
     most = cut.whole(request.most) if request.precision else request.first
     count, had, found, ahead = min(cut.whole(request.first), most), 0, [], 0.0
     while True:
@@ -294,25 +297,16 @@ def _answer(request, good, ended):
     """The answer from some tasks' answers, and the relative error that decides."""
     moments = [each for part in good for each in part["moments"]]
     scene = replace(request.scene, run=replace(request.scene.run, realizations=len(moments)))
-    parameters, scales = scale(scene)
-    scaled = estimate_all(moments, parameters) | estimate_output(moments)
-    residual = energy_balance_residual(moments, parameters)
-    if not abs(residual) <= LARGEST_RESIDUAL:
-        return EnergyNotBalanced(f"the energy balance leaves {abs(residual):.0%}; --step"), math.inf
-    found = shortfalls(scene, parameters, moments, scaled)
-    reached, unseen = _reached(request, scene, parameters, scaled)
+    parameters, _ = scale(scene)
+    found = run_estimates(scene, moments)
+    if not abs(found.residual) <= LARGEST_RESIDUAL:
+        return not_balanced(found.residual), math.inf
+    reached, unseen = _reached(request, scene, parameters, found.whole)
     shape = densities(moments, is_symmetric(scene, parameters)) if request.density else {}
     shape = shape.get("displacement")
-    if found and shape:
+    if found.shortfalls and shape:
         shape = replace(shape, standard_error=None)
-    notes = [
-        *notes_on_excitation(scene),
-        *source_notes(scene.load.circuit),
-        *efficiency_notes(scaled, scales.of("power"), unit_of(scene, "power")),
-        *(shortfall.note for shortfall in found),
-    ]
-    if abs(residual) > NOTED_RESIDUAL:
-        notes.append(f"energy balance residual {residual:.1%}: choose a shorter --step")
+    notes = [*notes_on_excitation(scene), *found.notes, *residual_notes(found.residual)]
     if request.precision and reached > request.precision:
         said = f"{reached:.1%}" if math.isfinite(reached) else "unknown"
         notes.append(f"relative standard error {said}, not the {request.precision:.1%} asked for")
@@ -321,17 +315,16 @@ def _answer(request, good, ended):
     answer = Answer(
         scene=scene,
         method=request.method,
-        quantities=withheld(scaled, found),
+        quantities=found.scaled,
         seconds=sum(part["seconds"] for part in good),
         outcome=f"ended after {len(moments)} realizations: {ended}" if ended else COMPLETE,
         realizations=len(moments),
         simulated_time=sum(each.time_reached for each in moments),
-        energy_balance_residual=residual,
+        energy_balance_residual=found.residual,
         misses_jumps=bool(request.precision and unseen > request.precision),
         notes=tuple(notes),
         density=shape,
         moments=tuple(moments) if request.moments else (),
-        waveform=good[0]["waveform"],
     )
     return answer, reached
 

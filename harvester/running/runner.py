@@ -1,20 +1,17 @@
 """The one loop over tasks: reused from a store, else computed by processes and kept at once."""
 
-import contextlib
 import heapq
 import itertools
 import math
-import os
 import queue
 import time
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import CancelledError, Executor
-from typing import TypedDict
+from collections.abc import Callable, Generator, Iterable, Sequence
+from concurrent.futures import CancelledError
 
 from harvester.engines.circuit import describe
 from harvester.engines.pools import LOOK_AROUND, ExecutorPool, WorkerPool
 from harvester.errors import HarvesterError
-from harvester.running.folder import StudyFolder, held
+from harvester.running.folder import StudyFolder
 from harvester.running.progress import Progress
 from harvester.running.request import Answer, Request, answering
 from harvester.running.store import MISSING, Store
@@ -25,19 +22,6 @@ from harvester.simulation import TIME_LIMIT
 MOST_NAMED = 10
 
 Plan = Generator[Wanted, list, object]
-
-
-class RunnerOptions(TypedDict, total=False):
-    """Keyword arguments of every study: see `open_runner`."""
-
-    output: str | os.PathLike | None
-    workers: int | None
-    executor: Executor | WorkerPool | ExecutorPool | None
-    scheduler: str | None
-    time_budget: float | None
-    time_limit: float
-    progress: Callable[[float, str], object] | None
-    runner: "Runner | None"
 
 
 class Runner:
@@ -96,24 +80,20 @@ class Runner:
             )
         return [*(self.folder.notes if self.folder else ()), *lines]
 
-    def run(
-        self, tasks: Sequence[Task], on_result: Callable[[int, object], None] | None = None
-    ) -> list:
+    def run(self, tasks: Sequence[Task]) -> list:
         """Answers of some tasks, in their order.
 
         Parameters
         ----------
         tasks : sequence of Task
             Begun in the order given; equal ones once.
-        on_result : callable or None
-            Given (index, result) as soon as there is one.
 
         Returns
         -------
         list
             Answers; the HarvesterError that a task ended with; None where the time was spent.
         """
-        return self.follow([_alone(task) for task in tasks], on_result)
+        return self.follow([_alone(task) for task in tasks])
 
     def answer(
         self,
@@ -321,87 +301,3 @@ def _alone(task):
     """A plan of one task."""
     (result,) = yield Wanted([task])
     return result
-
-
-@contextlib.contextmanager
-def open_runner(
-    output: str | os.PathLike | None = None,
-    *,
-    workers: int | None = None,
-    executor: Executor | WorkerPool | ExecutorPool | None = None,
-    scheduler: str | None = None,
-    time_budget: float | None = None,
-    time_limit: float = TIME_LIMIT,
-    progress: Callable[[float, str], object] | None = None,
-    runner: Runner | None = None,
-) -> Iterator[Runner]:
-    """Make a runner for the block.
-
-    Parameters
-    ----------
-    output : str or Path or StudyFolder or None
-        Folder whose `points/` keeps every answer, and is read first; no other run may use it
-        meanwhile. None: answers are kept in memory.
-    workers : int or None
-        Processes of our own; None: one per core.
-    executor : concurrent.futures.Executor, WorkerPool, ExecutorPool or None
-        Instead of them; the numbers are the same.
-    scheduler : str or None
-        Address of a Dask scheduler, instead of them.
-    time_budget : float or None
-        Wall-clock seconds after which nothing is begun.
-    time_limit : float
-        Wall-clock seconds of one realization.
-    progress : callable or None
-        Given the share done, 0 … 1, and a few words.
-    runner : Runner or None
-        One that is open already: it is handed on, and all else must be left out.
-
-    Raises
-    ------
-    HarvesterError
-        A number out of range, no such scheduler.
-    FolderInUse
-        Another run is at work in the folder.
-    """
-    if runner is not None:
-        yield runner
-        return
-    if workers is not None and workers < 1:
-        raise HarvesterError(f"--workers {workers}: must be a whole number ≥ 1")
-    for name, seconds in (("time-budget", time_budget), ("time-limit", time_limit)):
-        if seconds is not None and not seconds > 0.0:
-            raise HarvesterError(f"--{name} {seconds}: must be a number > 0")
-    deadline = time.monotonic() + time_budget if time_budget else math.inf
-    with (
-        held(output) if output else contextlib.nullcontext() as folder,
-        _processes(workers, executor, scheduler) as pool,
-    ):
-        yield Runner(pool, folder, deadline, time_limit, progress)
-
-
-@contextlib.contextmanager
-def _processes(workers, executor, scheduler):
-    """The pool that was handed in or one around the executor, else workers that end with it."""
-    if isinstance(executor, (WorkerPool, ExecutorPool)):
-        yield executor
-    elif executor is not None:
-        yield ExecutorPool(executor)
-    elif scheduler is not None:
-        with _dask(scheduler) as client:
-            yield ExecutorPool(client.get_executor(pure=False))
-    else:
-        with WorkerPool(None, workers) as own:
-            yield own
-
-
-def _dask(address):
-    """A client of a Dask scheduler."""
-    try:
-        from distributed import Client
-    except ImportError:
-        raise HarvesterError("--scheduler needs Dask: pip install 'harvester[cluster]'") from None
-    try:
-        return Client(address, timeout="10s")
-    except (OSError, ValueError) as error:
-        raise HarvesterError(f"--scheduler {address}: {error}") from None

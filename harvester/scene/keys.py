@@ -40,7 +40,8 @@ class Key:
         """The accepted values, in words."""
         if self.each:
             few, many = self.count
-            return f"a list of {few if few == many else f'{few} to {many}'}: {self.each.allowed()}"
+            number = few if few == many else f"{few} to {many}"
+            return f"a list of {number}, each {self.each.allowed()}"
         if self.words:
             return "one of " + ", ".join(f'"{word}"' for word in self.words)
         if self.kind in _NOUNS:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import os
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,14 +17,13 @@ from harvester.engines import circuit
 from harvester.errors import SceneError
 from harvester.excitation import KINDS, Excitation, build
 from harvester.files import plain_text
-from harvester.files.plain_text import named, nearest, shown
-from harvester.files.reading import read_input
+from harvester.files.plain_text import named, shown
 from harvester.scene.named_values import NamedValues
-from harvester.scene.overrides import parsed, put, texts
+from harvester.scene.overrides import put
 from harvester.scene.schema import check_tables
-from harvester.scene.toml import LARGEST_SCENE, plain_tables, read_toml
+from harvester.scene.source import BUILT_IN, built_in_names, tables_of
+from harvester.scene.toml import plain_tables
 
-BUILT_IN = Path(__file__).parent / "scenes"
 # Keys that a scene is written without where they hold what they hold without being given.
 RARE_KEYS = ("quadratic_damping", "side", "exponent", "law")
 
@@ -151,20 +149,9 @@ def read_scene(cls: type[Scene], source: str | Path, overrides: Iterable[str] = 
     SceneError
         The file, a key or a value is not usable.
     """
-    path = _find(source)
-    where = named(str(path))
-    try:
-        text = read_input(path, "scene", LARGEST_SCENE).decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise SceneError(f"{where}: not a TOML file: {error}") from None
-    tables = read_toml(text, where)
-    name = path.stem
-    _locate_files(tables.get("excitation"), path.parent)
-    for override in texts(overrides):
-        key, value = parsed(override)
-        put(tables, key, value, "--set")
+    tables, path = tables_of(source, overrides)
     folder = None if path.parent == BUILT_IN else str(path.parent.absolute())
-    return cls.from_tables(tables, name=name, origin=named(str(source)), folder=folder)
+    return cls.from_tables(tables, name=path.stem, origin=named(str(source)), folder=folder)
 
 
 class ReaderOrTable:
@@ -213,7 +200,7 @@ class Scene:
     @staticmethod
     def names() -> list[str]:
         """Names of the built-in scenes, sorted."""
-        return sorted(path.stem for path in BUILT_IN.glob("*.toml"))
+        return built_in_names()
 
     @classmethod
     def from_tables(
@@ -376,33 +363,3 @@ def _plain(part, kept):
             parts = isinstance(value, tuple) and any(map(dataclasses.is_dataclass, value))
             values[each_field.name] = [_plain(each, kept) for each in value] if parts else value
     return values
-
-
-def _locate_files(table, folder):
-    """Make the files that a scene names relative to its own folder; faults are left alone."""
-    if not isinstance(table, dict):
-        return
-    if isinstance(table.get("file"), str):
-        table["file"] = str(folder / table["file"])
-    parts = table.get("parts")
-    for part in parts if isinstance(parts, list) else ():
-        _locate_files(part, folder)
-
-
-def _find(source):
-    """Path of a scene's file; a built-in one is not hidden by a file of that name."""
-    if not isinstance(source, (str, Path)):
-        raise SceneError(f"{shown(source)}: no scene; give a name or a path: {_listed()}")
-    if str(source) in Scene.names():
-        return BUILT_IN / f"{source}.toml"
-    path, where = Path(source), named(str(source))
-    if os.path.exists(path):
-        return path
-    if path.suffix == ".toml":
-        raise SceneError(f"{where}: no such scene file; built in are {_listed()}")
-    hint = nearest(str(source), Scene.names())
-    raise SceneError(f"{where}: no such scene{hint}; built in are {_listed()}")
-
-
-def _listed():
-    return ", ".join(Scene.names())

@@ -76,13 +76,15 @@ def progress() -> Iterator[Callable]:
 class _Lines:
     """Says how long a run still takes: after a few seconds, then each time it has doubled.
 
+    A share that falls is that of the next list of tasks.
+
     Also that nothing has been reported yet, where the start itself takes that long.
     """
 
     def __init__(self, label):
         self._label = label
         self._began = None
-        self._next = SAY_AFTER_SECONDS
+        self._last = 0.0
         self._start = threading.Timer(SAY_AFTER_SECONDS, self._say_start)
         self._start.daemon = True
         self._start.start()
@@ -97,9 +99,11 @@ class _Lines:
     def __call__(self, share, words=""):
         self._start.cancel()
         now = time.monotonic()
-        if self._began is None:
+        if self._began is None or share < self._last:
             # Not before the first report: what the start took tells nothing of the speed.
             self._began = now, share
+            self._next = SAY_AFTER_SECONDS
+        self._last = share
         elapsed, done = now - self._began[0], share - self._began[1]
         if elapsed < self._next or share >= 1.0:
             return

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,14 +19,13 @@ if TYPE_CHECKING:
 
     from harvester.results import Result
     from harvester.studies.comparison import Comparison
-    from harvester.studies.frequency_response import FrequencyResponse
-    from harvester.verification.stability.matrix import StabilityMatrix
-    from harvester.verification.work_precision.accuracy_table import TimeToAccuracy
     from harvester.verification.work_precision.diagram import WorkPrecision
 
 STYLE = Path(__file__).parent / "house.mplstyle"
 # Share of its peak down to which a density is drawn.
 WORTH_DRAWING = 1e-3
+# Intervals between ticks on a density's axis: the labels of an SI scene are long.
+MOST_TICKS = 5
 # Smallest bias that is drawn (%).
 LEAST_BIAS = 1e-3
 
@@ -100,7 +99,7 @@ def draw_result(result: Result) -> Figure | None:
         axes.set_xlabel(_axis(result, name))
         axes.set_ylabel("probability density" if place == 0 else "")
         axes.set_ylim(bottom=0.0)
-        axes.set_xlim(-_reach(result, name), _reach(result, name))
+        _frame(axes, [result], name)
     if fitted:
         _draw_fit(figure.add_subplot(1, panels, panels), result)
     figure.suptitle(f"{result.scene.name}: {result.engine}", x=0.01, ha="left", fontsize=9)
@@ -121,15 +120,20 @@ def _draw_fit(axes, result):
 
 
 def draw_comparison(comparison: Comparison) -> Figure:
-    """Density of X by every engine and closure; waveforms on one path; their difference."""
+    """Densities by every engine and closure; waveforms on one path; their difference."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9.0, 4.6))
-    grid = figure.add_gridspec(2, 2, width_ratios=(1.0, 1.4), height_ratios=(1.6, 1.0))
-    left = figure.add_subplot(grid[:, 0])
-    _draw_densities(left, comparison)
-    top = figure.add_subplot(grid[0, 1])
-    _draw_waveforms(top, figure.add_subplot(grid[1, 1], sharex=top), comparison)
+    names = list(comparison.monte_carlo.densities)
+    figure = Figure(figsize=(9.0, 6.4))
+    rows = figure.add_gridspec(2, 1, height_ratios=(1.3, 1.0))
+    across = rows[0].subgridspec(1, len(names))
+    panels = [figure.add_subplot(across[place]) for place in range(len(names))]
+    for panel, name in zip(panels, names, strict=True):
+        _draw_densities(panel, comparison, name)
+    panels[0].set_ylabel("probability density")
+    below = rows[1].subgridspec(2, 1, height_ratios=(1.6, 1.0))
+    top = figure.add_subplot(below[0])
+    _draw_waveforms(top, figure.add_subplot(below[1], sharex=top), comparison)
     compared = "circuit, Monte Carlo and averaging" if comparison.closures else "both engines"
     figure.suptitle(
         f"{comparison.scene.name}: {compared} (bands: two standard errors)",
@@ -137,24 +141,29 @@ def draw_comparison(comparison: Comparison) -> Figure:
         ha="left",
         fontsize=9,
     )
-    figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    # A closure may have fewer densities than another.
+    handles: dict[str, Any] = {}
+    for panel in panels:
+        found, labels = panel.get_legend_handles_labels()
+        handles |= dict(zip(labels, found, strict=True))
+    figure.legend([*handles.values()], [*handles], loc="outside lower center", ncols=5)
     return figure
 
 
-def _draw_densities(axes, comparison):
-    for name, result in comparison.closures.items():
-        colour, style = LINES[name]
-        _density(axes, result, "displacement", colour, style, f"averaging, {name}")
-    _density(axes, comparison.monte_carlo, "displacement", MONTE_CARLO, "-", "Monte Carlo")
-    _density(axes, comparison.circuit, "displacement", CIRCUIT, "--", "circuit")
-    simulated = comparison.monte_carlo.densities["displacement"]
-    reach = max(_reach(engine, "displacement") for engine in _simulations(comparison))
-    axes.set_xlim(-reach, reach)
-    peak = simulated.density.max() / comparison.monte_carlo.scales.displacement
+def _draw_densities(axes, comparison, name):
+    _density(axes, comparison.monte_carlo, name, MONTE_CARLO, "-", "Monte Carlo")
+    _density(axes, comparison.circuit, name, CIRCUIT, "--", "circuit")
+    # Above the simulations, which are broad where they are noisy.
+    for closure, result in comparison.closures.items():
+        colour, style = LINES[closure]
+        if name in result.densities:
+            _density(axes, result, name, colour, style, f"averaging, {closure}")
+    simulated = comparison.monte_carlo.densities[name]
+    _frame(axes, [comparison.circuit, comparison.monte_carlo], name)
+    peak = simulated.density.max() / comparison.monte_carlo.scales.of(name)
     # A closure that is far off must not flatten the others.
     axes.set_ylim(0.0, min(axes.get_ylim()[1], 2.5 * peak))
-    axes.set_xlabel(_axis(comparison.circuit, "displacement"))
-    axes.set_ylabel("probability density")
+    axes.set_xlabel(_axis(comparison.circuit, name))
 
 
 def _draw_waveforms(top, bottom, comparison):
@@ -279,38 +288,18 @@ def _density(axes, result, name, colour, style, label):
     axes.plot(centre, values, style, color=colour, label=label)
 
 
-def _simulations(comparison):
-    return comparison.circuit, comparison.monte_carlo
-
-
-def _reach(result, name):
-    """How far out a density is worth drawing, in the scene's units."""
-    density = result.densities[name]
-    drawn = np.abs(density.centre[density.density > WORTH_DRAWING * density.density.max()])
-    return 1.1 * drawn.max() * result.scales.of(density.dimension)
+def _frame(axes, results, name):
+    """Limit the axis to where the densities are worth drawing."""
+    ends = []
+    for result in results:
+        density = result.densities[name]
+        drawn = density.centre[density.density > WORTH_DRAWING * density.density.max()]
+        ends += list(drawn[[0, -1]] * result.scales.of(density.dimension))
+    margin = 0.05 * (max(ends) - min(ends))
+    axes.set_xlim(min(ends) - margin, max(ends) + margin)
+    axes.locator_params(axis="x", nbins=MOST_TICKS)
 
 
 def _axis(result, name):
     unit = result.unit(name)
     return f"{name} [{'scaled' if unit.startswith('scaled') else unit}]"
-
-
-def draw_frequency_response(response: FrequencyResponse) -> Figure:
-    """Amplitude, voltage and power over frequency."""
-    from harvester.show.frequency_figure import draw
-
-    return draw(response)
-
-
-def draw_stability(matrix: StabilityMatrix) -> Figure:
-    """The coloured grid of `harvester stability`."""
-    from harvester.verification.stability.figure import draw
-
-    return draw(matrix)
-
-
-def draw_time_to_accuracy(results: Sequence[TimeToAccuracy]) -> Figure:
-    """Total error over wall time, a row for each scene."""
-    from harvester.show.accuracy_figure import draw
-
-    return draw(results)

@@ -26,6 +26,10 @@ LEGEND = (
     "standard errors. Difference: circuit minus Monte Carlo in joint standard errors. Paired bias: "
     "the same as a share, on common noise."
 )
+JOINT_CAPTION = (
+    "Displacement and velocity together, in the same places and colours; dots: wells, crosses: "
+    "saddles."
+)
 LIBRARIES = ("numpy", "scipy", "numba", "PySpice")
 
 
@@ -48,6 +52,7 @@ def report(comparison: Comparison) -> str:
     digest = scene.digest()[:12]
     date = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     header, rows = comparison.table()
+    rows = [[name, unit.replace("^2", "²"), *values] for name, unit, *values in rows]
     return Template(template).substitute(
         title=_escaped(f"{scene.name}: circuit, Monte Carlo and averaging"),
         facts=_escaped(f"{date}; harvester {__version__}; seed {scene.run.seed}; scene {digest}"),
@@ -83,13 +88,16 @@ def _table(header, rows, kind="numbers"):
 
 
 def _figures(comparison):
-    from harvester.show import figures
+    from harvester.show import figures, joint_figure
 
     scene = comparison.scene.name
-    drawn = (
-        (figures.draw_comparison, comparison, "Density of X by every method; one noise path."),
+    drawn = [
+        (figures.draw_comparison, comparison, "Densities by every method; one noise path."),
         (figures.draw_result, comparison.circuit, "Densities by the circuit."),
-    )
+    ]
+    both = [*comparison.closures.values(), comparison.monte_carlo]
+    if any(each.joint_density is not None for each in both):
+        drawn.insert(1, (joint_figure.draw, both, JOINT_CAPTION))
     return "\n".join(
         _figure(figures.picture(draw, content), f"{scene}: {caption}", caption)
         for draw, content, caption in drawn

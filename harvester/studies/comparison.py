@@ -35,6 +35,8 @@ COMPARED = (
     "mean_square_displacement",
     "mean_square_velocity",
 )
+# Beside these, where several wells are: how often it passes and jumps, and where it stays.
+BETWEEN_WELLS = ("well_crossing_rate", "share_of_time_in_well", "jump_rate")
 # Difference as a share that is rounding, where neither has an error.
 SAME = 1e-9
 # From which to which share of the work a method lasts: Monte Carlo takes little of it.
@@ -71,6 +73,12 @@ class Comparison:
         """The scene that all of them share."""
         return self.circuit.scene
 
+    @property
+    def compared(self) -> tuple[str, ...]:
+        """Names of the quantities that stand side by side."""
+        found = self.monte_carlo.scaled_quantities
+        return (*COMPARED, *(name for name in found if name.startswith(BETWEEN_WELLS)))
+
     def difference(self, name: str) -> float:
         """Circuit minus Monte Carlo in joint standard errors; nan without error bars.
 
@@ -86,8 +94,12 @@ class Comparison:
         return (a.estimate - b.estimate) / joint
 
     def deviation(self, closure: str, name: str) -> tuple[float, float]:
-        """A closure's deviation from Monte Carlo as a share, and in standard errors."""
-        value = self.closures[closure].scaled_quantities[name].estimate
+        """A closure's deviation from Monte Carlo as a share, and in standard errors.
+
+        nan of what the closure does not tell.
+        """
+        found = self.closures[closure].scaled_quantities.get(name)
+        value = math.nan if found is None else found.estimate
         reference = self.monte_carlo.scaled_quantities[name]
         share = value / reference.estimate - 1.0 if reference.estimate else math.nan
         error = reference.standard_error
@@ -97,7 +109,7 @@ class Comparison:
         """Header and rows of the table, as text."""
         header = ["quantity", "unit", "circuit", "Monte Carlo", "difference", "paired bias"]
         header += [name for name in self.closures]
-        rows = [self._row(name) for name in COMPARED]
+        rows = [self._row(name) for name in self.compared]
         seconds = ["wall time", "s", f"{self.circuit.wall_seconds:.2f}"]
         seconds += [f"{self.monte_carlo.wall_seconds:.2f}", "", ""]
         seconds += [f"{result.wall_seconds:.2f}" for result in self.closures.values()]
@@ -115,6 +127,9 @@ class Comparison:
         ]
         for closure, result in self.closures.items():
             share, sigma = self.deviation(closure, name)
+            if name not in result.scaled_quantities:
+                row.append("—")
+                continue
             value = result.quantity(name).estimate
             row.append(f"{value:.4g} ({share:+.1%}, {_sigmas(sigma, 0)})")
         return row
@@ -135,7 +150,19 @@ class Comparison:
             names = ", ".join(name.replace("_", " ") for name in bare)
             lines.append(f"too short for an error bar of {names}: raise run.duration")
         lines += [f"closure {name} refused: {reason}" for name, reason in self.refused.items()]
+        for name, (apart, chance) in self.joint_distances().items():
+            by_chance = "" if math.isnan(chance) else f", {chance:.3f} by chance alone"
+            lines.append(f"∬|p(X, X') by {name} − by Monte Carlo| = {apart:.3f}{by_chance}")
         return [*lines, *dict.fromkeys((*self.circuit.notes, *self.monte_carlo.notes))]
+
+    def joint_distances(self) -> dict[str, tuple[float, float]]:
+        """Of closures with a joint density: ∬|p − p'| from Monte Carlo's, and that by chance."""
+        simulated = self.monte_carlo.joint_density
+        return {
+            name: simulated.distance(result.joint_density)
+            for name, result in self.closures.items()
+            if simulated is not None and result.joint_density is not None
+        }
 
     def _engines(self):
         return (self.circuit, self.monte_carlo)
@@ -146,6 +173,12 @@ class Comparison:
 
         return figures.drawn(figures.draw_comparison, self)
 
+    def joint_figure(self) -> Figure | None:
+        """p(X, X') of the stationary solver and of Monte Carlo, in the same places and colours."""
+        from harvester.show import figures, joint_figure
+
+        return figures.drawn(joint_figure.draw, [*self.closures.values(), self.monte_carlo])
+
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
         results = [*self._engines(), *self.closures.values()]
@@ -154,19 +187,16 @@ class Comparison:
             "results": {result.engine: result.to_dict() for result in results},
             "refused": dict(self.refused),
             "difference_in_standard_errors": {
-                name: finite(self.difference(name)) for name in COMPARED
+                name: finite(self.difference(name)) for name in self.compared
             },
-            "paired_bias": {
-                name: {
-                    "estimate": finite(estimate.estimate),
-                    "standard_error": finite(estimate.standard_error),
-                    "unit": "1",
-                }
-                for name, estimate in self.paired.items()
-            },
+            "paired_bias": {name: each.to_dict("1") for name, each in self.paired.items()},
             "closure_deviation": {
-                closure: {name: finite(self.deviation(closure, name)[0]) for name in COMPARED}
+                closure: {name: finite(self.deviation(closure, name)[0]) for name in self.compared}
                 for closure in self.closures
+            },
+            "joint_density_distance": {
+                closure: {"from_monte_carlo": apart, "by_chance": finite(chance)}
+                for closure, (apart, chance) in self.joint_distances().items()
             },
         }
 
@@ -218,6 +248,7 @@ def validate(
                 step=step,
                 time_limit=time_limit,
                 window=(0.0, shown),
+                joint_density=method == "monte-carlo",
                 runner=pool,
                 progress=progress and _part(progress, begin, end),
             )

@@ -7,22 +7,18 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from harvester.errors import HarvesterError
-from harvester.estimates.balance import energy_balance_residual
 from harvester.estimates.batch_means import complete_batches
 from harvester.estimates.control_variate import controlled_mean
 from harvester.estimates.estimate import Estimate
-from harvester.estimates.means import estimate_all
-from harvester.estimates.output_side import estimate_output
-from harvester.estimates.passivity import efficiency_notes
-from harvester.estimates.settling import shortfalls, withheld
-from harvester.record.moments import QUANTITIES, Moments
-from harvester.record.output_side import QUANTITIES as OUTPUT_QUANTITIES
+from harvester.estimates.of_run import run_estimates
+from harvester.estimates.paired import sums
+from harvester.estimates.settling import withheld
+from harvester.record.moments import Moments
 from harvester.record.record import Record
-from harvester.results import unit_of
-from harvester.running.request import COMPLETE, in_units, told
+from harvester.running.request import COMPLETE, in_units, not_balanced, residual_notes, told
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
-from harvester.simulation import LARGEST_RESIDUAL, NOTED_RESIDUAL
+from harvester.simulation import LARGEST_RESIDUAL
 
 # Dimensions of a record's columns; the others are powers.
 WAVEFORM = {
@@ -107,7 +103,7 @@ def evaluate(
     -------
     Evaluation
     """
-    parameters, scales = scale(scene)
+    _, scales = scale(scene)
     if not good:
         words = told(ended) if isinstance(ended, HarvesterError) else f"nothing was run: {ended}"
         return Evaluation(words)
@@ -117,29 +113,21 @@ def evaluate(
         error = _or_nan(mean.standard_error)
         return Evaluation(COMPLETE, {**estimates, POWER: mean}, power_error=error)
     moments = [each for part in good for each in part["moments"]]
-    scaled = estimate_all(moments, parameters) | estimate_output(moments)
-    residual = abs(energy_balance_residual(moments, parameters))
-    if not residual <= LARGEST_RESIDUAL:
-        return Evaluation(f"EnergyNotBalanced: the energy balance leaves {residual:.0%}; --step")
-    found = shortfalls(scene, parameters, moments, scaled)
-    notes = [
-        *efficiency_notes(scaled, scales.of("power"), unit_of(scene, "power")),
-        *(shortfall.note for shortfall in found),
-    ]
-    if residual > NOTED_RESIDUAL:
-        notes.append(f"energy balance residual {residual:.1%}: choose a shorter --step")
-    outcome = "; ".join([COMPLETE, *notes])
+    found = run_estimates(scene, moments)
+    if not abs(found.residual) <= LARGEST_RESIDUAL:
+        return Evaluation(told(not_balanced(found.residual)))
+    outcome = "; ".join([COMPLETE, *found.notes, *residual_notes(found.residual)])
     if isinstance(ended, HarvesterError):
         outcome = f"ended after {len(moments)} realizations: {told(ended)}"
     series = power_series(moments, scales.power)
     known = (control[0][: len(series)], *control[1:]) if control else (np.empty((0, 0)),)
     power = controlled_mean(series, *known)
     plain = controlled_mean(series, np.empty((0, 0))).standard_error
-    estimates = in_units(scaled, scales)
+    estimates = in_units(found.whole, scales)
     estimates[POWER] = Estimate(power.mean, power.standard_error, None, "power")
     return Evaluation(
         outcome=outcome,
-        estimates=withheld(estimates, found),
+        estimates=withheld(estimates, found.shortfalls),
         series=series,
         realizations=len(moments),
         gain=power.gain,
@@ -157,16 +145,9 @@ def series_of(scene: Scene, good: Sequence[dict]) -> np.ndarray | None:
 
 def power_series(moments: Sequence[Moments], unit: float) -> np.ndarray:
     """Output power batch by batch, shape (realizations, batches), whose mean is the estimate."""
-    batches = complete_batches(moments)
-    if batches is None:
+    if complete_batches(moments) is None:
         raise HarvesterError("no realization has a complete batch: raise run.duration")
-    time = batches[:, :, QUANTITIES.index("time")]
-    outputs = [each.output for each in moments if each.output is not None]
-    if outputs:
-        row, count = OUTPUT_QUANTITIES.index("square_voltage"), batches.shape[1]
-        energy = np.stack([each.conductance * each.integrals[:count, row] for each in outputs])
-    else:
-        energy = batches[:, :, QUANTITIES.index("load_power")]
+    energy, time = sums(moments, "mean_output_power" if moments[0].output else "mean_power")
     mean = energy.sum() / time.sum()
     return unit * (mean + (energy - mean * time) / time.mean())
 

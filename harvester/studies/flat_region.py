@@ -17,7 +17,7 @@ from harvester.studies.objective import Objective
 # Share of a range that a flat region is narrow below.
 NARROW = 0.02
 # Lost height, as a share, up to which a place counts as flat; and standard errors of the loss.
-FLAT, SURE = 0.01, 2.0
+FLAT_SHARE, FLAT_SIGMAS = 0.01, 2.0
 # Steps outwards: the whole way to the end of the range halved so often; then the edge is halved.
 HALVINGS, REFINEMENTS = 6, 2
 # A higher place must be so many standard errors higher, and by this share.
@@ -106,7 +106,8 @@ def _look_around(objective, place, answer, stage):
         answers = objective.answers([ray.at(each) for ray, each in wanted], stage, moments=True)
         for (ray, reach), found in zip(wanted, answers, strict=True):
             gain, error = _gain(objective, found, answer)
-            ray.flat[reach] = gain >= -FLAT * abs(objective.value(answer)) - SURE * error
+            lost = FLAT_SHARE * abs(objective.value(answer))
+            ray.flat[reach] = gain >= -lost - FLAT_SIGMAS * error
             ray.known &= np.isfinite(error)
             least = max(HIGHER * error, SHARE_HIGHER * abs(objective.value(answer)))
             if gain > least and (best is None or gain > best[0]):

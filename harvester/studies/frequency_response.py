@@ -169,9 +169,9 @@ class FrequencyResponse:
 
     def figure(self) -> Figure:
         """Amplitude, voltage and power over frequency."""
-        from harvester.show import figures
+        from harvester.show import figures, frequency_figure
 
-        return figures.drawn(figures.draw_frequency_response, self)
+        return figures.drawn(frequency_figure.draw, self)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, in the scene's units."""

@@ -15,12 +15,11 @@ from harvester.errors import HarvesterError, OutOfTime, SceneError
 from harvester.estimates.batch_means import standard_error
 from harvester.estimates.paired import deviations, has_deviations
 from harvester.running import Request
+from harvester.running.request import COMPLETE
 from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor, scale
 from harvester.simulation import check_name
 from harvester.studies.axis import Axis
-
-COMPLETE = "complete"
 
 
 def checked_method(scene: Scene, method: str | None) -> str:

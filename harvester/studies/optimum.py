@@ -10,7 +10,7 @@ import time
 from dataclasses import dataclass
 from typing import Any, Unpack
 
-from harvester.averaging import CLOSURES
+from harvester.averaging import CLOSURES, DEFAULT_CLOSURE
 from harvester.calling import takes_scene
 from harvester.engines.protocol import ENGINES
 from harvester.errors import HarvesterError
@@ -128,10 +128,10 @@ class Optimum:
             },
             "simulation": {
                 "method": self.method,
-                "place": _entry(self.place),
+                "place": self.place.to_dict(),
                 "interval": list(self.interval),
-                "value": _entry(self.value),
-                "fitted": [{"place": x, **_entry(y)} for x, y in self.fitted],
+                "value": self.value.to_dict(),
+                "fitted": [{"place": x, **y.to_dict()} for x, y in self.fitted],
             },
             "seed": self.scene.run.seed,
             "wall_seconds": self.wall_seconds,
@@ -172,7 +172,7 @@ def optimum(
     method : str
         "monte-carlo", or "circuit" for the scene's own realizations.
     closure : str or None
-        None: the most accurate, the last of `harvester.averaging.CLOSURES`.
+        None: `harvester.averaging.DEFAULT_CLOSURE`, the most accurate.
     **running
         See `harvester.running.open_runner`.
 
@@ -194,7 +194,7 @@ def optimum(
     check_name("method", method, ENGINES)
     if method == "monte-carlo":
         require_resistor(scene, "Monte Carlo")
-    closure = check_name("closure", closure or CLOSURES[-1], CLOSURES)
+    closure = check_name("closure", closure or DEFAULT_CLOSURE, CLOSURES)
     axis = Axis.of(scene, over, low, high)
     device = _common_knots(scene, axis)
     follow = running.pop("progress", None) or (lambda share, words: None)
@@ -231,7 +231,3 @@ def _common_knots(scene, axis):
     """The scene with one spacing for the whole range: else places would not share their noise."""
     ends = [scene.replace({axis.key: end}) for end in (axis.low, axis.high)]
     return on_common_knots([scene], ends)[0]
-
-
-def _entry(estimate):
-    return {"estimate": estimate.estimate, "standard_error": finite(estimate.standard_error)}

@@ -6,11 +6,13 @@ the axes, which also tells how flat the maximum is; its value comes from a last 
 nothing was chosen by.
 """
 
+from __future__ import annotations
+
 import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Unpack
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
@@ -23,7 +25,7 @@ from harvester.results import unit_of, with_error
 from harvester.running import Request, RunnerOptions, open_runner
 from harvester.scene.model import Scene
 from harvester.studies.axis import Axis
-from harvester.studies.flat_region import FLAT, NARROW, climb, ranges
+from harvester.studies.flat_region import FLAT_SHARE, NARROW, climb, ranges
 from harvester.studies.objective import (
     Objective,
     check_quantity,
@@ -32,6 +34,9 @@ from harvester.studies.objective import (
     is_noisy,
 )
 from harvester.studies.proposals import BATCH, Proposals
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # Proposals for each parameter, unless told otherwise.
 EVALUATIONS_EACH = 60
@@ -93,7 +98,7 @@ class OptimumOfSeveral:
 
     def table(self) -> tuple:
         """Header and rows of the table, as text."""
-        header = ["parameter", "range", "optimum at", f"within {FLAT:.0%} of the maximum"]
+        header = ["parameter", "range", "optimum at", f"within {FLAT_SHARE:.0%} of the maximum"]
         return header, [
             [
                 each.axis.key,
@@ -123,13 +128,13 @@ class OptimumOfSeveral:
         for each in self.ranges:
             if each.is_narrow:
                 lines.append(
-                    f"{each.axis.key}: more than {FLAT:.0%} is lost within {NARROW:.0%} of its "
-                    "range: a device must hold the value closely"
+                    f"{each.axis.key}: more than {FLAT_SHARE:.0%} is lost within {NARROW:.0%} of "
+                    "its range: a device must hold the value closely"
                 )
             for end, is_open in ((each.axis.low, each.open_low), (each.axis.high, each.open_high)):
                 if is_open:
                     lines.append(
-                        f"{each.axis.key}: still within {FLAT:.0%} at the end of its range, "
+                        f"{each.axis.key}: still within {FLAT_SHARE:.0%} at the end of its range, "
                         f"{end:.4g}: there may be more beyond"
                     )
         failures = sum(math.isnan(value) for _, value in self.searched)
@@ -150,7 +155,7 @@ class OptimumOfSeveral:
             return []
         values = np.array(self.other_starts)
         off = np.abs(values - self.value.estimate)
-        others = values[off > FLAT * abs(self.value.estimate)]
+        others = values[off > FLAT_SHARE * abs(self.value.estimate)]
         states = f"{values.size} other states"
         if not others.size:
             return [f"started there from each of {states} it comes to the same: one attractor"]
@@ -161,8 +166,12 @@ class OptimumOfSeveral:
             "branch"
         ]
 
-    def figure(self) -> None:
-        """Nothing is drawn."""
+    def figure(self) -> Figure:
+        """Every place proposed over each parameter, the maximum, and how far it is flat."""
+        from harvester.show import figures
+        from harvester.studies.optimum_drawing import draw
+
+        return figures.drawn(draw, self)
 
     def to_dict(self) -> dict:
         """Plain values for JSON."""
@@ -180,16 +189,9 @@ class OptimumOfSeveral:
                 }
                 for each in self.ranges
             },
-            "flat_within": FLAT,
-            "value": {
-                "estimate": self.value.estimate,
-                "standard_error": finite(self.value.standard_error),
-                "interval": [finite(end) for end in self.interval],
-            },
-            "scene_itself": {
-                "estimate": self.own.estimate,
-                "standard_error": finite(self.own.standard_error),
-            },
+            "flat_within": FLAT_SHARE,
+            "value": self.value.to_dict() | {"interval": [finite(end) for end in self.interval]},
+            "scene_itself": self.own.to_dict(),
             "other_starts": [finite(value) for value in self.other_starts],
             "searched": [{**place, "value": finite(value)} for place, value in self.searched],
             "evaluations": self.evaluations,

@@ -23,10 +23,10 @@ WINDOW, NARROWEST, DROP = 0.25, 0.02, 0.15
 MOVES = 16
 # Share of the window's half that two standard errors of the place may be; how many times as many
 # realizations are asked for at a time, and at most.
-WANTED, MORE = 0.15, 4
-MOST = {"monte-carlo": 16, "circuit": 1}
+WANTED, TIMES_REALIZATIONS = 0.15, 4
+MOST_TIMES_REALIZATIONS = {"monte-carlo": 16, "circuit": 1}
 # Standard errors from which on a curvature, a slope or a fall is one.
-SURE = 3.0
+SIGNIFICANT_SIGMAS = 3.0
 # Standard errors of a value off the cubic, and its share of the fall within the window, from both
 # of which on a narrower window is fitted.
 MISFIT, MISFIT_SHARE = 4.0, 0.05
@@ -187,9 +187,9 @@ class Search:
 
     def _lengthen(self):
         """Whether there could be more realizations."""
-        if self._more * MORE > MOST[self.method]:
+        if self._more * TIMES_REALIZATIONS > MOST_TIMES_REALIZATIONS[self.method]:
             return False
-        self._more *= MORE
+        self._more *= TIMES_REALIZATIONS
         return True
 
     def _found(self, centre, half, fit, coordinates, answers):
@@ -250,9 +250,10 @@ class Fit:
         noise = np.tensordot(solve, series, 1)
         slope_error, curve_error = standard_error(noise[1]), standard_error(noise[2])
         self.slope = float(c1)
-        self.sloped = slope_error is not None and abs(c1) > SURE * slope_error
+        self.sloped = slope_error is not None and abs(c1) > SIGNIFICANT_SIGMAS * slope_error
         inside = c2 * c2 - 3.0 * c1 * c3
-        self.peaked = curve_error is not None and c2 < -SURE * curve_error and inside > 0.0
+        bent = curve_error is not None and c2 < -SIGNIFICANT_SIGMAS * curve_error
+        self.peaked = bent and inside > 0.0
         self.place, self.error, self.drop = math.inf, None, 0.0
         if self.peaked:
             self.place = t = float(c1 / (math.sqrt(inside) - c2))
@@ -285,6 +286,6 @@ class Fit:
         for end in (0, -1):
             fall = values[nearest] - values[end]
             error = standard_error(series[nearest] - series[end])
-            if error is None or not fall > max(SURE * error, least):
+            if error is None or not fall > max(SIGNIFICANT_SIGMAS * error, least):
                 self.flat_to = int(np.sign(places[end]))
-                self.noisy_ends = error is None or SURE * error > least
+                self.noisy_ends = error is None or SIGNIFICANT_SIGMAS * error > least

@@ -1,20 +1,27 @@
 """What a study says: each load's optimum, their ranking, a table, sentences."""
 
+from __future__ import annotations
+
 import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from harvester.estimates.estimate import Estimate
+from harvester.files.writing import finite
 from harvester.results import with_error
 from harvester.running.request import COMPLETE
 from harvester.scene.model import Scene
 from harvester.studies.curves import Difference, optimum_of, rank
 from harvester.studies.evaluation import Evaluation
 from harvester.studies.study import Study
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
@@ -146,15 +153,13 @@ class Report:
         if study.precision:
             done = sum(e.relative_error <= study.precision for e in study.evaluations)
             lines.append(f"{done} of {total} points within {study.precision:.1%}")
-        if study.out_of_time:
-            lines.append("the time budget was spent: the same command goes on where it ended")
         gains = [e.gain for e in study.evaluations if e.gain > 1.0]
         if gains:
             lines.append(
                 f"control variate (Monte Carlo of the matched resistor) at {len(gains)} of {total} "
                 f"points: worth {min(gains):.1f} to {max(gains):.1f} times the samples"
             )
-        lines += [*study.grid.notes, *study.warnings]
+        lines += study.grid.notes
         if any(e.realizations for e in study.evaluations):
             lines.append(
                 f"{study.method}: realizations of {run.duration:g} s after {run.settle:g} s, "
@@ -165,6 +170,53 @@ class Report:
             f"{study.wall_seconds:.0f} s"
         )
         return lines
+
+    def figure(self) -> Figure:
+        """Output power over the swept value."""
+        from harvester.show import figures
+        from harvester.studies.drawing import draw_power
+
+        return figures.drawn(draw_power, self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON, powers in `unit`; missing errors become null."""
+        study, grid = self.study, self.study.grid
+        return {
+            "scene": self.scene.to_dict(),
+            "method": study.method,
+            "precision": study.precision,
+            "unit_of_power": self.unit,
+            "points": [
+                {
+                    "load": point.load,
+                    "place": dict(zip(grid.sweeps, point.place, strict=True)),
+                    "outcome": each.outcome,
+                    "realizations": each.realizations,
+                    "quantities": {n: found.to_dict() for n, found in each.estimates.items()},
+                }
+                for point, each in zip(grid.points, study.evaluations, strict=True)
+            ],
+            "optima": [
+                {"load": load, "at": words, **self._optimum_to_dict((k, *other))}
+                for other, words in self.others()
+                for k, load in enumerate(grid.loads)
+            ],
+            "rankings": [
+                {"at": words, "best_first": self.rankings[other][0]}
+                for other, words in self.others()
+            ],
+            "seed": self.scene.run.seed,
+            "notes": [*grid.notes, *study.warnings],
+            "wall_seconds": study.wall_seconds,
+        }
+
+    def _optimum_to_dict(self, where):
+        optimum, place = self.optima[where]
+        key = self.curve_keys[0]
+        highest = None if place is None or key is None else self.study.grid.sweeps[key][place]
+        interval = [finite(optimum.low), finite(optimum.high)]
+        found = {"over": key, "highest_at": highest, "place": finite(optimum.place)}
+        return {**found, "interval": interval, "note": optimum.note}
 
     def _ranking(self, other, words):
         order, differences = self.rankings[other]

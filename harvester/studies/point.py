@@ -5,7 +5,7 @@ from collections.abc import Generator
 from dataclasses import dataclass
 
 from harvester.running.realizations import Realizations, averaging, is_closure
-from harvester.running.request import FIRST, MOST, good_ones, next_count
+from harvester.running.request import FIRST_REALIZATIONS, MOST_REALIZATIONS, good_ones, next_count
 from harvester.running.task import Wanted
 from harvester.scene.model import Scene
 from harvester.studies.control import control_of
@@ -43,12 +43,12 @@ class Point:
         control = None
         if self.precision and self.method == "circuit":
             control = control_of(self.scene)
-        most = MOST if self.precision else self.scene.run.realizations
+        most = MOST_REALIZATIONS if self.precision else self.scene.run.realizations
         # Without a precision the first round is the whole run.
         aim = self.precision or math.inf
         found: list = []
         beside: list = []
-        had, count, ahead = 0, FIRST if self.precision else most, 0.0
+        had, count, ahead = 0, FIRST_REALIZATIONS if self.precision else most, 0.0
         while True:
             tasks = cut.tasks(had, count, most)
             own = control.cut.tasks(len(beside) * control.cut.size, count) if control else []

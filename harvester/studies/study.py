@@ -10,8 +10,8 @@ from harvester.averaging import CLOSURES
 from harvester.calling import takes_scene
 from harvester.engines.protocol import ENGINES
 from harvester.errors import HarvesterError
-from harvester.running.request import MOST
-from harvester.running.runner import RunnerOptions, open_runner
+from harvester.running import RunnerOptions, open_runner
+from harvester.running.request import MOST_REALIZATIONS
 from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor
 from harvester.simulation import check_name, check_step, require_noise
@@ -78,7 +78,7 @@ def load_study(
     scene : Scene, str or Path
         Itself, its file or its built-in name.
         With a precision, its realizations are cut to `DURATION_OVER_SETTLE` times the settling,
-        and there are as many as it takes, at most `MOST`.
+        and there are as many as it takes, at most `MOST_REALIZATIONS`.
     loads : sequence of str
         Names in netlists/ or paths; empty: the scene's own.
     sweeps : dict of str to sequence of float
@@ -140,4 +140,4 @@ def _cut(scene):
     """The scene with realizations of the length that rounds are made of."""
     run = scene.run
     duration = min(run.duration, DURATION_OVER_SETTLE * run.settle) or run.duration
-    return scene.replace({"run.duration": duration, "run.realizations": MOST})
+    return scene.replace({"run.duration": duration, "run.realizations": MOST_REALIZATIONS})

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_lyapunov
+from truths import assert_near
 
 from harvester.errors import SimulatorAborted
 from harvester.scene.model import Scene
@@ -58,10 +59,7 @@ def test_a_coils_means_in_white_noise(pool, engine, inductance):
         "mean_transducer_loss": WINDING * current,
         "mean_input_power": MASS * INTENSITY,
     }
-    for name, truth in truths.items():
-        found = result.quantity(name)
-        assert found.standard_error < 0.015 * truth, name
-        assert abs(found.estimate - truth) < 3.0 * found.standard_error, name
+    assert_near(result, truths, 0.015)
     assert abs(result.energy_balance_residual) < 0.01
 
 
@@ -103,5 +101,7 @@ def test_a_load_that_cuts_off_the_inductances_current_is_told_so(pool):
             "run.realizations=2",
         ],
     )
-    with pytest.raises(SimulatorAborted, match=r"set coil\.inductance = 0, or put a capacitor"):
+    with pytest.raises(SimulatorAborted, match=r"set coil\.inductance = 0, which changes little"):
         simulate(scene, runner=pool, time_limit=60.0)
+    advised = simulate(scene.replace({"coil.inductance": 0.0}), runner=pool)
+    assert abs(advised.energy_balance_residual) < 0.01

@@ -2,7 +2,7 @@ import subprocess
 
 import numpy as np
 import pytest
-from raw_files import ngspice_program, read_raw
+from raw_files import ngspice_program, read_raw, run_raw
 from truths import contact_force, flat
 
 from circuits.export import stand_alone
@@ -25,13 +25,7 @@ def test_plain_ngspice_runs_the_export_and_agrees_with_the_process(tmp_path, poo
     step = spacing / 4 if name == "one_sided" else "default"
     netlist = stand_alone(scene, noise_path(scene, 0), step=step)
     (tmp_path / "scene.cir").write_text(netlist.text + ".end\n")
-    subprocess.run(
-        [ngspice_program(), "-b", "-r", "scene.raw", "scene.cir"],
-        cwd=tmp_path,
-        check=True,
-        capture_output=True,
-    )
-    raw = read_raw(tmp_path / "scene.raw")
+    raw = run_raw(tmp_path, "scene.cir")
     result = simulate(
         scene, method="circuit", step=step, source="pwl", window=(0.0, 1e9), runner=pool
     )

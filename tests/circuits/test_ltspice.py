@@ -1,10 +1,9 @@
 import math
 import re
-import subprocess
 
 import numpy as np
 import pytest
-from raw_files import ngspice_program, read_raw
+from raw_files import run_raw
 
 from circuits.export import stand_alone
 from circuits.loads.subcircuits import load_names
@@ -112,14 +111,7 @@ def run(folder, name, compatible=False):
     """Variables of a stand-alone ngspice's run, in its LTspice mode or not."""
     mode = "set ngbehavior=ltpsa\n" if compatible else "* none\n"
     (folder / ".spiceinit").write_text(mode)
-    subprocess.run(
-        [ngspice_program(), "-b", "-r", "out.raw", name],
-        cwd=folder,
-        check=True,
-        capture_output=True,
-        env={"HOME": str(folder), "PATH": "/usr/bin:/bin"},
-    )
-    return read_raw(folder / "out.raw")
+    return run_raw(folder, name, env={"HOME": str(folder), "PATH": "/usr/bin:/bin"})
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,12 @@ from spring_dashpot import DASHPOT, spring_dashpot
 
 from circuits.assembly import assemble
 from circuits.verilog import module
+from harvester.averaging import CLOSURES
+from harvester.averaging.of_scene import average
 from harvester.device import system
 from harvester.device.contact import LAWS
 from harvester.engines.steps import knot_spacing, stop_time
-from harvester.errors import SceneError
+from harvester.errors import AveragingError, SceneError
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
 
@@ -65,3 +67,9 @@ def test_netlist_and_verilog_hold_its_formula(scene):
     assert "stopper_right_dashpot*u" in text
     assert values["stopper_right_stiffness"] == 60.0 / 2.0**2
     assert system.potential(s, 0.5) == pytest.approx(0.5**2 + 0.5 * 60.0 * 0.2**2)
+
+
+@pytest.mark.parametrize("closure", CLOSURES)
+def test_averaging_refuses_it_by_name(scene, closure):
+    with pytest.raises(AveragingError, match="simulate"):
+        average(scene, method=closure)

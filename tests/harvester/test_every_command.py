@@ -4,19 +4,23 @@ import queue
 import re
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
+from pathlib import Path
 
 import every_command
 import pytest
+import worker_calls
 
 from harvester import averaging
 from harvester.engines.pools import WorkerPool
 from harvester.engines.workers import Worker
+from harvester.running import Task
 from harvester.verification.stability import matrix
 from harvester.verification.stability.cases import Case
 from harvester.verification.work_precision import (
     measurement,
     throughput,
     time_to_accuracy,
+    timed,
 )
 from harvester.verification.work_precision.methods import Method
 
@@ -41,7 +45,7 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def briefly():
     """One worker process for all calls, each closure computed once, studies cut to a few points."""
-    worker = Worker()
+    worker = Worker([Path(every_command.__file__).parent])
     with pytest.MonkeyPatch.context() as patch:
 
         def start(pool):
@@ -57,18 +61,22 @@ def briefly():
         patch.setattr(matrix, "METHODS", ("circuit", "monte-carlo", "consistent"))
         patch.setattr(time_to_accuracy, "TIMED_METHODS", FEW_METHODS)
         patch.setattr(time_to_accuracy, "MOST_REALIZATIONS", 1)
-        patch.setattr(time_to_accuracy, "CLOSURES", ("consistent",))
+        patch.setattr(timed, "CLOSURES", ("consistent",))
         patch.setattr("harvester.verification.stability.cases.STEP_BUDGET", 4000)
         patch.setattr(measurement, "METHODS", FEW_METHODS)
         patch.setattr(measurement, "PERIODS", 1)
         patch.setattr(measurement, "PATHS", 2)
-        patch.setattr(throughput, "KNOTS", 200)
-        patch.setattr(throughput, "REPEATS", 1)
+        patch.setattr(throughput, "task", speeds_here)
         patch.setattr(
             "harvester.averaging.of_scene.average_parameters", lru_cache(averaging.average)
         )
         yield
     worker.close()
+
+
+def speeds_here(scene, version):
+    """Speeds of the circuit, measured without processes of their own."""
+    return Task(worker_calls.speeds, {"scene": scene}, version)
 
 
 def faults(case, folder, capsys):

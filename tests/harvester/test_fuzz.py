@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.io import wavfile
 
-from harvester.scene.model import BUILT_IN, Scene
+from harvester.scene.model import Scene
+from harvester.scene.source import BUILT_IN
 
 SAMPLES = np.sin(0.37 * np.arange(200))
 NUMBERS = st.one_of(

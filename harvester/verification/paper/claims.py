@@ -1,20 +1,16 @@
 """`claims`: the paper's statements, judged by Monte Carlo, by the circuit and by each closure."""
 
-import os
 import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 from harvester.averaging import CLOSURES
 from harvester.calling import takes_scene
-from harvester.engines.pools import ExecutorPool, WorkerPool
 from harvester.engines.steps import with_knots
 from harvester.files.writing import finite
-from harvester.running import Runner, open_runner
+from harvester.running import RunnerOptions, open_runner
 from harvester.scene.model import Scene
-from harvester.simulation import TIME_LIMIT
 from harvester.verification.paper.claim_tests import Finding, name_of
 from harvester.verification.paper.claims_list import CLAIMS, JUMPING, Claim
 from harvester.verification.paper.density_features import FEATURES
@@ -22,7 +18,7 @@ from harvester.verification.paper.reproduce import answered, reason
 from harvester.verification.paper.runs import costly_first, request
 
 # Standard errors from which on a finding counts; by chance alone one in 370 does.
-SURE = 3.0
+SIGNIFICANT_SIGMAS = 3.0
 HOLDS, IN_PART, FAILS = "holds", "holds in part", "does not hold"
 UNDECIDED, UNTESTED = "not significant", "not tested"
 # Realizations of each scene: of one number, for their batches are paired.
@@ -50,9 +46,9 @@ class Verdict:
     @property
     def speaking(self) -> tuple[list[Finding], list[Finding], list[Finding]]:
         """(for, against, undecided): of those that the statement needs, what is undecided."""
-        pro = [f for f in self.findings if f.sigmas >= SURE]
-        contra = [f for f in self.findings if f.sigmas <= -SURE]
-        open_ = [f for f in self.findings if f.decisive and abs(f.sigmas) < SURE]
+        pro = [f for f in self.findings if f.sigmas >= SIGNIFICANT_SIGMAS]
+        contra = [f for f in self.findings if f.sigmas <= -SIGNIFICANT_SIGMAS]
+        open_ = [f for f in self.findings if f.decisive and abs(f.sigmas) < SIGNIFICANT_SIGMAS]
         return pro, contra, open_
 
     def text(self) -> str:
@@ -144,8 +140,8 @@ class Judgement:
                 "(D = 0.08 where that is one) and the ends of trends; all with --thorough"
             )
         lines.append(
-            f"a finding counts from {SURE:g} standard errors on (by chance one in 370); "
-            f"seed {self.scene.run.seed}; {self.wall_seconds:.0f} s"
+            f"a finding counts from {SIGNIFICANT_SIGMAS:g} standard errors on (by chance one in "
+            f"370); seed {self.scene.run.seed}; {self.wall_seconds:.0f} s"
         )
         return lines
 
@@ -170,7 +166,7 @@ class Judgement:
             "seed": self.scene.run.seed,
             "thorough": self.thorough,
             "wall_seconds": self.wall_seconds,
-            "significant_from": SURE,
+            "significant_from": SIGNIFICANT_SIGMAS,
             "claims": [
                 {
                     "section": claim.section,
@@ -200,7 +196,7 @@ def disagreements(verdicts: dict[str, Verdict]) -> list[tuple[str, float, float]
     return [
         (printed.where, printed.effect, found.effect)
         for printed, found in pairs
-        if min(abs(printed.sigmas), abs(found.sigmas)) >= SURE
+        if min(abs(printed.sigmas), abs(found.sigmas)) >= SIGNIFICANT_SIGMAS
         and (printed.sigmas > 0.0) != (found.sigmas > 0.0)
     ]
 
@@ -211,14 +207,7 @@ def claims(
     *,
     thorough: bool = False,
     chosen: Sequence[Claim] = CLAIMS,
-    output: str | os.PathLike | None = None,
-    workers: int | None = None,
-    executor: Executor | WorkerPool | ExecutorPool | None = None,
-    scheduler: str | None = None,
-    time_budget: float | None = None,
-    time_limit: float = TIME_LIMIT,
-    progress: Callable[[float, str], object] | None = None,
-    runner: Runner | None = None,
+    **running: Unpack[RunnerOptions],
 ) -> Judgement:
     """Judge the paper's statements on its device.
 
@@ -228,7 +217,7 @@ def claims(
     thorough : bool
         Longer runs, and the circuit at every condition.
     chosen : sequence of Claim
-    output, workers, executor, scheduler, time_budget, time_limit, progress, runner
+    **running
         See `harvester.running.open_runner`; in the folder of `reproduce` its answers are found.
 
     Returns
@@ -238,18 +227,8 @@ def claims(
     clock = time.perf_counter()
     wanted = _wanted(with_knots(scene), chosen, thorough)
     requests = costly_first(dict.fromkeys(wanted.values()))
-    opened = open_runner(
-        output,
-        workers=workers,
-        executor=executor,
-        scheduler=scheduler,
-        time_budget=time_budget,
-        time_limit=time_limit,
-        progress=progress,
-        runner=runner,
-    )
-    with opened as running:
-        outcomes = dict(zip(requests, running.answer(requests), strict=True))
+    with open_runner(**running) as runner:
+        outcomes = dict(zip(requests, runner.answer(requests), strict=True))
     answers = {key: outcomes[request] for key, request in wanted.items()}
     verdicts = [{m: _verdict(scene, claim, m, answers) for m in METHODS} for claim in chosen]
     return Judgement(scene, tuple(chosen), verdicts, answers, thorough, time.perf_counter() - clock)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.averaging import CLOSURES
-from harvester.show.figures import WORTH_DRAWING
+from harvester.show.figures import WORTH_DRAWING, drawn
 from harvester.verification.paper.figures_list import SYMBOLS
 from harvester.verification.paper.orbit_maps import FrequencyResponse, Surfaces
 from harvester.verification.paper.reproduce import Reproduction, answered
@@ -47,7 +47,12 @@ def draw(content: Reproduction | Surfaces | FrequencyResponse) -> Figure:
         return _draw_surfaces(content)
     if isinstance(content, FrequencyResponse):
         return _draw_frequency_response(content)
-    return _draw_densities(content) if content.figure.kind == "density" else _draw_sweeps(content)
+    return _draw_densities(content) if content.layout.kind == "density" else _draw_sweeps(content)
+
+
+def figure_of(content: Reproduction | Surfaces | FrequencyResponse) -> Figure:
+    """The same in the project's style."""
+    return drawn(draw, content)
 
 
 def _figure(content, title, width, height):
@@ -65,12 +70,12 @@ def _style(closure):
 
 def _draw_sweeps(content):
     """A row of axes for each quantity, a column for each panel."""
-    rows, columns = len(content.figure.quantities), len(content.figure.panels)
+    rows, columns = len(content.layout.quantities), len(content.layout.panels)
     width = 3.3 * columns + (2.0 if columns == 1 else 0.0)
-    figure = _figure(content, content.figure.title, width, 2.6 * rows + 1.1)
+    figure = _figure(content, content.layout.title, width, 2.6 * rows + 1.1)
     axes = figure.subplots(rows, columns, sharex="col", squeeze=False)
-    for place, (panel, lines) in enumerate(zip(content.figure.panels, content.lines, strict=True)):
-        for row, quantity in enumerate(content.figure.quantities):
+    for place, (panel, lines) in enumerate(zip(content.layout.panels, content.lines, strict=True)):
+        for row, quantity in enumerate(content.layout.quantities):
             _draw_curves(axes[row, place], panel, lines, quantity)
             axes[row, place].set_ylabel(NAMES[quantity] if place == 0 else "")
         if columns > 1:
@@ -123,10 +128,10 @@ def _symbols(axes, method, x, y, errors, colour, opacity=1.0):
 
 
 def _draw_densities(content):
-    columns = len(content.figure.panels)
-    figure = _figure(content, content.figure.title, 3.4 * columns, 3.6)
+    columns = len(content.layout.panels)
+    figure = _figure(content, content.layout.title, 3.4 * columns, 3.6)
     axes = figure.subplots(1, columns, squeeze=False)[0]
-    for place, (panel, lines) in enumerate(zip(content.figure.panels, content.lines, strict=True)):
+    for place, (panel, lines) in enumerate(zip(content.layout.panels, content.lines, strict=True)):
         highest, reach = 0.0, 0.0
         for colour, line in zip(COLOURS, lines, strict=False):
             for method, ((_, outcome),) in line.items():
@@ -135,8 +140,8 @@ def _draw_densities(content):
                 density = outcome.density
                 if method in MARKS:
                     _density_symbols(axes[place], method, density, colour)
-                    drawn = density.density > WORTH_DRAWING * density.density.max()
-                    reach = max(reach, np.abs(density.centre[drawn]).max())
+                    seen = density.density > WORTH_DRAWING * density.density.max()
+                    reach = max(reach, np.abs(density.centre[seen]).max())
                     highest = max(highest, density.density.max())
                 else:
                     style = _style(method)
@@ -153,8 +158,8 @@ def _draw_densities(content):
 
 
 def _density_symbols(axes, method, density, colour):
-    drawn = np.count_nonzero(density.density > WORTH_DRAWING * density.density.max())
-    step = max(1, drawn // SYMBOLS_ACROSS)
+    seen = np.count_nonzero(density.density > WORTH_DRAWING * density.density.max())
+    step = max(1, seen // SYMBOLS_ACROSS)
     # Symbols of the two engines on different bins, so that neither hides the other.
     every = slice(0 if method == "monte-carlo" else step // 2, None, step)
     errors = density.standard_error
@@ -210,11 +215,11 @@ def _tex(key):
 def _draw_surfaces(content):
     figure = _figure(content, "energy and frequency of the undisturbed system", 9.0, 4.2)
     x, v = np.meshgrid(content.displacement, content.velocity)
-    drawn = (
+    panels = (
         (content.energy, "$H$", ""),
         (np.maximum(content.frequency, TRENCH), r"$\omega$", f"cut off below {TRENCH:g} rad/s"),
     )
-    for place, (surface, label, words) in enumerate(drawn):
+    for place, (surface, label, words) in enumerate(panels):
         axes = figure.add_subplot(1, 2, place + 1, projection="3d")
         axes.plot_surface(
             x, v, surface, cmap="viridis", linewidth=0, antialiased=False, rcount=121, ccount=121

@@ -9,7 +9,7 @@ along the same orbits, which Eq. 10 replaces by one harmonic.
 
 import time
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -22,6 +22,9 @@ from harvester.device.system import elastic_force
 from harvester.files.writing import finite
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawing
 
 # Energy above U(0) of the outermost orbit (scaled): speeds up to 2.8.
 HIGHEST = 4.0
@@ -56,6 +59,12 @@ class Surfaces:
     def sentences(self) -> list[str]:
         """What was computed."""
         return [f"{self.name}: orbits of Eq. 13 up to H − U(0) = {HIGHEST:g}; no noise enters"]
+
+    def figure(self) -> "Drawing":
+        """Drawn as the paper draws it."""
+        from harvester.verification.paper.drawing import figure_of
+
+        return figure_of(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON; beyond the outermost orbit null."""
@@ -129,6 +138,12 @@ class FrequencyResponse:
             f"{self.name}: Eq. 10 measures V from the well's bottom, Eq. 4b from the orbit's mean "
             "position (a periodic V has no mean), so the middles differ inside the wells",
         ]
+
+    def figure(self) -> "Drawing":
+        """Drawn as the paper draws it."""
+        from harvester.verification.paper.drawing import figure_of
+
+        return figure_of(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""

@@ -1,26 +1,25 @@
 """`reproduce`: the paper's Figs. 4 to 10 by closures, Monte Carlo and circuit."""
 
-import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass
-from typing import Any, TypeAlias, TypeGuard
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeGuard, Unpack
 
 import numpy as np
 
 from harvester.averaging import CLOSURES
 from harvester.calling import takes_scene
-from harvester.engines.pools import ExecutorPool, WorkerPool
 from harvester.engines.steps import with_knots
 from harvester.errors import HarvesterError, SimulationError
 from harvester.files.writing import finite
-from harvester.running import Answer, Runner, open_runner
+from harvester.running import Answer, RunnerOptions, open_runner
 from harvester.running.request import relative_error
 from harvester.scene.model import Scene
-from harvester.simulation import TIME_LIMIT
 from harvester.verification.paper.figures_list import FIGURES, SYMBOLS, Curve, Figure, Panel
 from harvester.verification.paper.runs import costly_first, request
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawing
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,8 @@ class Reproduction:
     ----------
     name : str
         "fig6".
-    figure : Figure
+    layout : Figure
+        What it shows.
     scene : Scene
         The device; curves and axes change it.
     lines : list of list of dict
@@ -59,7 +59,7 @@ class Reproduction:
     """
 
     name: str
-    figure: Figure
+    layout: Figure
     scene: Scene
     lines: list
     quick: bool
@@ -67,7 +67,7 @@ class Reproduction:
 
     def points(self) -> Iterator[tuple[Panel, Curve, str, float, Outcome]]:
         """(panel, curve, method, value, outcome) of every point."""
-        for panel, lines in zip(self.figure.panels, self.lines, strict=True):
+        for panel, lines in zip(self.layout.panels, self.lines, strict=True):
             for curve, line in zip(panel.curves, lines, strict=True):
                 for method, points in line.items():
                     for value, outcome in points:
@@ -90,10 +90,10 @@ class Reproduction:
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows: how far each method is from Monte Carlo, and its error bars."""
         header = ["figure", "panel", "method", "points", "refused", "largest error bar"]
-        what = "∫|p − p'| dX to" if self.figure.kind == "density" else "deviation from"
+        what = "∫|p − p'| dX to" if self.layout.kind == "density" else "deviation from"
         header += [f"{what} Monte Carlo: median", "largest"]
         rows = []
-        for letter, panel, lines in zip("abc", self.figure.panels, self.lines, strict=False):
+        for letter, panel, lines in zip("abc", self.layout.panels, self.lines, strict=False):
             for method in lines[0]:
                 points = [point for line in lines for point in line.get(method, ())]
                 rows.append([self.name, f"{letter}: {SYMBOLS[panel.swept]}", method])
@@ -114,11 +114,17 @@ class Reproduction:
             for (method, note), places in short.items()
         ]
 
+    def figure(self) -> "Drawing":
+        """Drawn as the paper draws it."""
+        from harvester.verification.paper.drawing import figure_of
+
+        return figure_of(self)
+
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
         return {
             "figure": self.name,
-            "title": self.figure.title,
+            "title": self.layout.title,
             "scene": self.scene.to_dict(),
             "quick": self.quick,
             "wall_seconds": self.wall_seconds,
@@ -133,7 +139,7 @@ class Reproduction:
                         for curve, line in zip(panel.curves, lines, strict=True)
                     ],
                 }
-                for panel, lines in zip(self.figure.panels, self.lines, strict=True)
+                for panel, lines in zip(self.layout.panels, self.lines, strict=True)
             ],
         }
 
@@ -159,7 +165,7 @@ class Reproduction:
                     continue
                 if outcome.density is not None:
                     shares.append(_distance(outcome.density, reference.density))
-                for name in self.figure.quantities:
+                for name in self.layout.quantities:
                     mean = reference.quantities[name].estimate
                     shares.append(outcome.quantities[name].estimate / mean - 1.0)
         return np.array(shares)
@@ -173,14 +179,7 @@ def reproduce(
     quick: bool = False,
     precision: float | None = None,
     on_figure: Callable[[Reproduction], object] | None = None,
-    output: str | os.PathLike | None = None,
-    workers: int | None = None,
-    executor: Executor | WorkerPool | ExecutorPool | None = None,
-    scheduler: str | None = None,
-    time_budget: float | None = None,
-    time_limit: float = TIME_LIMIT,
-    progress: Callable[[float, str], object] | None = None,
-    runner: Runner | None = None,
+    **running: Unpack[RunnerOptions],
 ) -> list[Reproduction]:
     """Compute figures; scenes that several share are computed once.
 
@@ -195,10 +194,10 @@ def reproduce(
     precision : float or None
         Relative standard error of E[V²] and PCE that simulations are run for, instead of that of
         `QUICK` or `DEFAULT`.
-    output, workers, executor, scheduler, time_budget, time_limit, progress, runner
-        See `harvester.running.open_runner`.
     on_figure : callable or None
         Given each Reproduction as soon as its last point is there.
+    **running
+        See `harvester.running.open_runner`.
 
     Returns
     -------
@@ -223,18 +222,8 @@ def reproduce(
                 if on_figure:
                     on_figure(contents[name])
 
-    opened = open_runner(
-        output,
-        workers=workers,
-        executor=executor,
-        scheduler=scheduler,
-        time_budget=time_budget,
-        time_limit=time_limit,
-        progress=progress,
-        runner=runner,
-    )
-    with opened as running:
-        running.answer(ordered, collect, in_turn=True)
+    with open_runner(**running) as runner:
+        runner.answer(ordered, collect, in_turn=True)
     return [contents[name] for name in names]
 
 

@@ -41,7 +41,7 @@ class CaseAnswer:
     residual : float or None
         Of the energy balance; None for a closure.
     seconds : float
-        Wall time of the simulation or of the closure.
+        Of one core, for the simulation or the closure.
     steps, realizations : int
         0 for a closure.
     duration, settle, step : float or None
@@ -121,6 +121,6 @@ def _affordable(scene, step):
 
 
 def _averaged(scene, closure):
-    clock = time.perf_counter()
+    clock = time.process_time()
     averages = average(averaged_device(scene), closure)
-    return CaseAnswer(estimates_of(averages), None, time.perf_counter() - clock)
+    return CaseAnswer(estimates_of(averages), None, time.process_time() - clock)

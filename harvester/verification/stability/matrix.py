@@ -5,18 +5,15 @@ Every case of `cases` is run by every engine and every closure; `verdicts` says 
 
 from __future__ import annotations
 
-import os
 import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 from harvester.calling import takes_scene
-from harvester.engines.pools import ExecutorPool, WorkerPool
 from harvester.errors import SceneError
 from harvester.files.writing import finite
-from harvester.running import Runner, Task, open_runner
+from harvester.running import RunnerOptions, Task, open_runner
 from harvester.scene.model import Scene
 from harvester.simulation import check_step, require_noise
 from harvester.verification.stability import TIME_LIMIT
@@ -111,9 +108,10 @@ class StabilityMatrix:
 
     def figure(self) -> Figure:
         """The coloured grid of all cases."""
-        from harvester.show import figures
+        from harvester.show.figures import drawn
+        from harvester.verification.stability.figure import draw
 
-        return figures.drawn(figures.draw_stability, self)
+        return drawn(draw, self)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
@@ -138,14 +136,7 @@ def stability(
     *,
     cases: Sequence[Case] | None = None,
     step: str | float = "default",
-    output: str | os.PathLike | None = None,
-    workers: int | None = None,
-    executor: Executor | WorkerPool | ExecutorPool | None = None,
-    scheduler: str | None = None,
-    time_budget: float | None = None,
-    time_limit: float = TIME_LIMIT,
-    progress: Callable[[float, str], object] | None = None,
-    runner: Runner | None = None,
+    **running: Unpack[RunnerOptions],
 ) -> StabilityMatrix:
     """Run and judge the matrix of one scene.
 
@@ -157,8 +148,8 @@ def stability(
         None: `default_cases`.
     step : str or float
         See `harvester.simulate`.
-    output, workers, executor, scheduler, time_budget, time_limit, progress, runner
-        See `harvester.running.open_runner`; the limit is that of one case by one method.
+    **running
+        See `harvester.running.open_runner`; the time limit is that of one case by one method.
 
     Returns
     -------
@@ -175,19 +166,10 @@ def stability(
     cases = default_cases() if cases is None else cases
     scenes = [_changed_or_refused(scene, case) for case in cases]
     possible = [each for each in scenes if isinstance(each, Scene)]
-    opened = open_runner(
-        output,
-        workers=workers,
-        executor=executor,
-        scheduler=scheduler,
-        time_budget=time_budget,
-        time_limit=time_limit,
-        progress=progress,
-        runner=runner,
-    )
-    with opened as running:
-        tasks = [_task(each, method, step, running) for each in possible for method in METHODS]
-        outcomes = iter(running.run(tasks))
+    running.setdefault("time_limit", TIME_LIMIT)
+    with open_runner(**running) as runner:
+        tasks = [_task(each, method, step, runner) for each in possible for method in METHODS]
+        outcomes = iter(runner.run(tasks))
     rows = []
     for case, changed_scene in zip(cases, scenes, strict=True):
         if isinstance(changed_scene, Scene):
@@ -272,10 +254,6 @@ def _answer_to_dict(found):
             name: value if isinstance(value, str) else finite(value) for name, value in path.items()
         },
         "scaled_quantities": {
-            name: {
-                "estimate": finite(estimate.estimate),
-                "standard_error": finite(estimate.standard_error),
-            }
-            for name, estimate in found.estimates.items()
+            name: estimate.to_dict() for name, estimate in found.estimates.items()
         },
     }

@@ -1,7 +1,8 @@
 """Total error against wall time: what a method's bias and its sampling error make together.
 
 After a wall time t a mean is off by √(b² + s² c/t): b the method's bias, s²/T the sampling variance
-of a run of T simulated seconds, c the wall seconds that one of them costs.
+of a run of T simulated seconds, c the wall seconds that one of them costs. Seconds are counted as
+time of one processor: the wall time on a machine that does nothing else.
 """
 
 import math
@@ -9,16 +10,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harvester.estimates.batch_means import complete_batches, standard_error
+from harvester.estimates.batch_means import standard_error
 from harvester.estimates.estimate import TOO_SHORT, Estimate
 from harvester.estimates.paired import deviations
 from harvester.record.moments import Moments
-from harvester.record.output_side import QUANTITIES as OUTPUT_QUANTITIES
 
 # Errors whose times are read off, as shares.
 LIMITS = (0.1, 0.03, 0.01)
 # Standard errors of a bias within which it may be nought, and by which it may be larger.
-SURE = 2.0
+BIAS_SIGMAS = 2.0
 OUTPUT_POWER = "mean_output_power"
 
 
@@ -33,7 +33,7 @@ class TotalError:
     scatter : float
         Relative standard error of the mean times the root of the simulated time (√s).
     cost : float
-        Wall seconds of one core for one measured second, settling included.
+        Seconds of one core for one measured second, settling included.
     """
 
     bias: Estimate
@@ -55,7 +55,7 @@ class TotalError:
     def largest_bias(self) -> float:
         """What |bias| may be at most, two standard errors up; infinite without an error bar."""
         error = self.bias.standard_error
-        return math.inf if error is None else abs(self.bias.estimate) + SURE * error
+        return math.inf if error is None else abs(self.bias.estimate) + BIAS_SIGMAS * error
 
     def after(self, seconds: float | np.ndarray) -> float | np.ndarray:
         """Total error after a wall time; `seconds` a float or an array of any shape."""
@@ -111,7 +111,7 @@ def bias_of(
         As a share of the reference's mean.
     """
     mean, paired, whole = (each[name] for each in quantities)
-    own, common = deviations_of(ours, name), deviations_of(theirs[: len(ours)], name)
+    own, common = deviations(ours, name), deviations(theirs[: len(ours)], name)
     square = float(np.sum(common**2))
     slope = float(np.sum(own * common)) / square if square > 0.0 else 0.0
     slope = min(max(slope, 0.0), 1.0)
@@ -121,18 +121,3 @@ def bias_of(
         return Estimate(bias / whole.estimate, None, None, "1", TOO_SHORT)
     error = math.hypot(error, (1.0 - slope) * far)
     return Estimate(bias / whole.estimate, error / abs(whole.estimate), None, "1")
-
-
-def deviations_of(moments: list[Moments], name: str) -> np.ndarray:
-    """`harvester.estimates.paired.deviations`, also of the output power."""
-    if name != OUTPUT_POWER:
-        return deviations(moments, name)
-    return _deviations_of_output(moments)
-
-
-def _deviations_of_output(moments):
-    batches = complete_batches(moments).shape[1]
-    own = np.stack([each.output.integrals[:batches] for each in moments])
-    columns = [own[:, :, OUTPUT_QUANTITIES.index(each)] for each in ("square_voltage", "time")]
-    upper, lower = moments[0].output.conductance * columns[0], columns[1]
-    return (upper - upper.sum() / lower.sum() * lower) / lower.mean()

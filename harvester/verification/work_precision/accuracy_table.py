@@ -1,12 +1,17 @@
 """What `time-to-accuracy` measured of each method on one scene, and how it is told."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from harvester.files.writing import finite
 from harvester.scene.model import Scene
 from harvester.verification.work_precision.accuracy import LIMITS, OUTPUT_POWER, TotalError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SYMBOLS = {
     "mean_square_voltage": "E[V²]",
@@ -27,7 +32,7 @@ class Line:
     simulated_time : float
         Measured time of all its realizations (s).
     cost : float
-        Wall seconds of one core for one measured second, settling included: of its fastest task.
+        Seconds of one core for one measured second, settling included: of its fastest task.
     note : str
         Why there is nothing, or empty.
     """
@@ -111,6 +116,12 @@ class TimeToAccuracy:
         ]
         lines += [f"{line.name}: {line.note}" for line in self.lines if line.note]
         return [*lines, *(f"closure {name} refused: {why}" for name, why in self.refused.items())]
+
+    def figure(self) -> Figure:
+        """Total error over wall time."""
+        from harvester.show import accuracy_figure, figures
+
+        return figures.drawn(accuracy_figure.draw, [self])
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""

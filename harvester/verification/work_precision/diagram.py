@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from harvester.estimates.estimate import Estimate
 from harvester.files.writing import finite
-from harvester.results import Result
+from harvester.running import Answer
 from harvester.scene.model import Scene
-from harvester.verification.work_precision.methods import Method
+from harvester.verification.work_precision.methods import REFERENCE, Method
 from harvester.verification.work_precision.throughput import ratios
 from harvester.verification.work_precision.throughput import to_dict as throughput_to_dict
 
@@ -24,7 +24,7 @@ SYMBOLS = dict(zip((*STATES, *MEANS), ("X", "X'", "V", "E[V²]", "E[X'²]", "PCE
 WANTED_ERROR = 0.01
 WANTED_BIAS = 0.01
 # Standard errors that decide whether a bias is below or above.
-SURE = 3.0
+SIGNIFICANT_SIGMAS = 3.0
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Row:
     simulated_time : float
         Of the run for the means (s).
     seconds_per_unit : float
-        Wall-clock seconds of one core per simulated second.
+        Seconds of one core per simulated second.
     note : str
         How the run failed, or empty.
     """
@@ -70,22 +70,24 @@ class WorkPrecision:
     rows : list of Row
     orders : dict of str to dict of str to float
         Measured order in each state of each family.
-    reference : Result
+    reference : Answer
         Monte Carlo run that the means are compared with.
-    closures : dict of str to Result
+    closures : dict of str to dict
+        Of those that hold `quantities`, scaled, and `seconds`.
     refused : dict of str to str
         Closures that do not hold, with the reason.
     horizon : float
         Length of the paths for the strong error (s).
     paths : int
     machine : dict
+        That the throughput was measured on, and when.
     throughput : list of harvester.verification.work_precision.throughput.Throughput
     """
 
     scene: Scene
     rows: list
     orders: dict
-    reference: Result
+    reference: Answer
     closures: dict
     refused: dict
     horizon: float
@@ -100,8 +102,8 @@ class WorkPrecision:
 
     def deviation(self, closure: str, name: str) -> Estimate:
         """A closure's deviation from the reference as a share, with the reference's error."""
-        value = self.closures[closure].scaled_quantities[name].estimate
-        mean = self.reference.scaled_quantities[name].estimate
+        value = self.closures[closure]["quantities"][name].estimate
+        mean = self.reference.quantities[name].estimate
         share = relative_error(self.reference, name)
         error = None if math.isnan(share) else share * value / mean
         return Estimate(value / mean - 1.0, error, None, "1")
@@ -134,7 +136,7 @@ class WorkPrecision:
 
     def _closure_cells(self, closure):
         biases = [_percent(self.deviation(closure, name)) for name in MEANS]
-        seconds = _number(self.closures[closure].wall_seconds, ".3g")
+        seconds = _number(self.closures[closure]["seconds"], ".3g")
         return [f"averaging, {closure}", "", "", "", "", "", *biases, "", seconds]
 
     def sentences(self) -> list[str]:
@@ -147,8 +149,8 @@ class WorkPrecision:
             f"error: root mean square over {self.paths} paths of {self.horizon:g} s against "
             "scipy's DOP853, in scaled units; order: least squares over the mean steps, none where "
             "these follow the restarts of a PWL run",
-            f"bias: against {reference.engine_version} at step {reference.step:g} on the same "
-            f"noise, with the error of the paired difference; {reference.realizations} × "
+            f"bias: against {REFERENCE.family} ({REFERENCE.step(reference.scene):g} s), on the "
+            f"same noise, with the error of the paired difference; {reference.realizations} × "
             f"{reference.simulated_time / reference.realizations:g} s, brief runs for "
             f"{'; '.join(self._brief_settings())}",
             "a brief run that saw no rare event, such as a jump between the wells, has too small "
@@ -207,7 +209,7 @@ class WorkPrecision:
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON; NaN becomes null."""
         return {
-            "scene": self.reference.to_dict()["scene"],
+            "scene": self.reference.scene.to_dict(),
             "machine": self.machine,
             "strong": {
                 "paths": self.paths,
@@ -222,10 +224,10 @@ class WorkPrecision:
             "methods": [self._entry(row) for row in self.rows],
             "closures": {
                 closure: {
-                    "seconds": result.wall_seconds,
-                    "bias": {name: _plain(self.deviation(closure, name)) for name in MEANS},
+                    "seconds": found["seconds"],
+                    "bias": {name: self.deviation(closure, name).to_dict("1") for name in MEANS},
                 }
-                for closure, result in self.closures.items()
+                for closure, found in self.closures.items()
             },
             "refused": dict(self.refused),
             "verdicts": self.verdicts(),
@@ -247,7 +249,7 @@ class WorkPrecision:
             "mean_step": finite(row.mean_step),
             "theoretical_order": method.order,
             "strong_error": {name: finite(row.strong[name]) for name in STATES},
-            "bias": {name: _plain(estimate) for name, estimate in row.bias.items()},
+            "bias": {name: each.to_dict("1") for name, each in row.bias.items()},
             "sampling_error": {name: finite(error) for name, error in row.sampling.items()},
             "simulated_time": finite(row.simulated_time),
             "seconds_per_unit": finite(row.seconds_per_unit),
@@ -256,9 +258,9 @@ class WorkPrecision:
         }
 
 
-def relative_error(result: Result, name: str) -> float:
+def relative_error(reference: Answer, name: str) -> float:
     """Standard error of a mean as a share of it; nan without an error bar."""
-    estimate = result.scaled_quantities[name]
+    estimate = reference.quantities[name]
     if estimate.standard_error is None or not estimate.estimate:
         return math.nan
     return estimate.standard_error / abs(estimate.estimate)
@@ -273,11 +275,13 @@ def judged(row: Row) -> str:
 
 
 def _verdicts(row):
-    """Per mean: "below" or "above" 1 % by `SURE` standard errors, or "not resolved"."""
+    """Per mean: "below" or "above" 1 % beyond chance, or "not resolved"."""
     verdicts = {}
     for name, bias in row.bias.items():
         size = abs(bias.estimate)
-        margin = math.inf if bias.standard_error is None else SURE * bias.standard_error
+        margin = (
+            math.inf if bias.standard_error is None else SIGNIFICANT_SIGMAS * bias.standard_error
+        )
         verdicts[name] = "not resolved"
         if size + margin <= WANTED_BIAS:
             verdicts[name] = "below"
@@ -299,11 +303,3 @@ def _percent(estimate):
     if estimate.standard_error is None:
         return f"{estimate.estimate:+.1%} (no error bar)"
     return f"{estimate.estimate:+.2%} ± {estimate.standard_error:.2%}"
-
-
-def _plain(estimate):
-    return {
-        "estimate": finite(estimate.estimate),
-        "standard_error": finite(estimate.standard_error),
-        "unit": "1",
-    }

@@ -5,27 +5,23 @@ which paths do not separate. *Weak* error: the bias of means, paired with a fine
 on the same noise; what lies below the sampling error of the run is noise, not bias.
 """
 
-import datetime
 import math
-import os
-import platform
 from collections.abc import Callable, Sequence
+from typing import Any, Unpack
 
 import numpy as np
 
-from harvester.averaging import CLOSURES
-from harvester.averaging.of_scene import average
 from harvester.calling import takes_scene
 from harvester.device import timescales
-from harvester.engines.circuit import describe
-from harvester.engines.pools import WorkerPool
-from harvester.engines.realization import run as simulate_realizations
+from harvester.engines.realization import run
 from harvester.engines.steps import knot_spacing
-from harvester.errors import AveragingError, EnergyNotBalanced, SimulationError
+from harvester.errors import HarvesterError, OutOfTime
 from harvester.estimates.paired import paired_difference
+from harvester.running import Request, RunnerOptions, Task, open_runner
+from harvester.running.request import OUT_OF_TIME, good_ones, told
 from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor, scale
-from harvester.simulation import require_noise, simulate
+from harvester.simulation import require_noise
 from harvester.verification.work_precision import throughput
 from harvester.verification.work_precision.diagram import (
     MEANS,
@@ -37,10 +33,13 @@ from harvester.verification.work_precision.diagram import (
 from harvester.verification.work_precision.methods import (
     COMPILED_METHODS,
     METHODS,
+    REFERENCE,
     THOROUGH_METHODS,
     Method,
 )
 from harvester.verification.work_precision.reference_path import run as follow_exactly
+from harvester.verification.work_precision.timed import Timed, closures
+from harvester.verification.work_precision.timed import task as realizations_task
 
 # Strong errors: paths, and the length of each in periods of small oscillations, or in knots
 # where these are many.
@@ -53,8 +52,6 @@ BRIEF_KNOTS = 4000
 # Between the longest and the shortest mean step from which an order can be read: tolerances
 # change those of a PWL run little, which follow the restarts at its corners.
 LEAST_RATIO = 2.0
-# Monte Carlo step that the means are compared with.
-REFERENCE_STEP = "fine"
 # What --thorough multiplies paths and realizations by.
 THOROUGH = 8
 
@@ -64,9 +61,8 @@ def work_precision(
     scene: Scene,
     *,
     thorough: bool = False,
-    workers: int | None = None,
     methods: Sequence[Method] | None = None,
-    progress: Callable | None = None,
+    **running: Unpack[RunnerOptions],
 ) -> WorkPrecision:
     """Measure the error and the run time of every method on a scene.
 
@@ -76,12 +72,10 @@ def work_precision(
         Its run is the one whose means are compared.
     thorough : bool
         More paths, steps and realizations.
-    workers : int or None
-        Processes; None: one per core.
     methods : sequence of Method or None
         None: all of them.
-    progress : callable or None
-        Given (label, scene), returns the callback for the share done.
+    **running
+        See `harvester.running.open_runner`. What is kept holds the times that were measured.
 
     Returns
     -------
@@ -89,45 +83,63 @@ def work_precision(
 
     Raises
     ------
-    HarvesterError, SimulationError
+    HarvesterError
         The reference itself failed.
+    OutOfTime
+        The time budget was spent before it was there.
     """
     require_noise(scene, "work-precision")
     require_resistor(scene, "work-precision")
-    chosen = methods or (THOROUGH_METHODS if thorough else METHODS)
     factor = THOROUGH if thorough else 1
-    progress = progress or (lambda label, scene: None)
-    short = _strong_scene(scene, PATHS * factor)
-    runs = {
-        False: scene.replace({"run.realizations": scene.run.realizations * factor}),
-        True: _brief_scene(scene, BRIEF_REALIZATIONS * factor),
-    }
-    with WorkerPool(workers=workers) as pool:
-        compiled = not pool.map(describe, [{}])[0]["compiled_device_off"]
-        methods = (*chosen, *COMPILED_METHODS) if compiled and not methods else chosen
-        speeds = throughput.measure(scene, pool, compiled)
-        strong = _strong_errors(short, methods, pool, progress("strong errors", short))
-        references = {
-            brief: _simulate(run, pool, progress("reference", run), step=REFERENCE_STEP)
-            for brief, run in runs.items()
+    with open_runner(**running) as runner:
+        if methods is None:
+            methods = _all_methods(thorough, runner)
+        # By itself: the other tasks would take the processors that it measures.
+        speeds = _there(runner.run([throughput.task(scene, runner.version("circuit"))]))[0]
+        short = _strong_scene(scene, PATHS * factor)
+        strong = _strong_errors(short, methods, runner)
+        runs = {
+            False: scene.replace({"run.realizations": scene.run.realizations * factor}),
+            True: _brief_scene(scene, BRIEF_REALIZATIONS * factor),
         }
-        rows = [
-            Row(method, *errors, **_means(method, runs, references, pool, progress))
-            for method, errors in zip(methods, strong, strict=True)
+        asked = [
+            Request(each, REFERENCE.engine, step=REFERENCE.step(each), moments=True)
+            for each in runs.values()
         ]
-    closures, refused = _closures(scene)
+        references = dict(zip(runs, _there(runner.answer(asked)), strict=True))
+        means = _means(runs, references, methods, runner)
+        averaged, refused = closures(scene, runner)
+    rows = [
+        Row(method, *errors, **rest)
+        for method, errors, rest in zip(methods, strong, means, strict=True)
+    ]
     return WorkPrecision(
         scene=scene,
         rows=rows,
         orders=_orders(rows),
         reference=references[False],
-        closures=closures,
+        closures=averaged,
         refused=refused,
         horizon=short.run.duration,
         paths=short.run.realizations,
-        throughput=speeds,
-        machine=_machine(references[False]),
+        throughput=speeds["rows"],
+        machine=speeds["machine"],
     )
+
+
+def _all_methods(thorough, runner):
+    compiled = COMPILED_METHODS if "compiled" in runner.version("circuit") else ()
+    return (*(THOROUGH_METHODS if thorough else METHODS), *compiled)
+
+
+def _there(outcomes):
+    """What there is no diagram without: outcomes, none of which failed or is missing."""
+    for each in outcomes:
+        if isinstance(each, HarvesterError):
+            raise each
+        if each is None:
+            raise OutOfTime("the time budget was spent before the reference was there")
+    return outcomes
 
 
 def _strong_scene(scene, paths):
@@ -156,80 +168,97 @@ def _brief_scene(scene, realizations):
     )
 
 
-def _strong_errors(scene, methods, pool, follow):
-    """(mean step, RMS error of each state) of every method."""
-    indices = range(scene.run.realizations)
-    exact = pool.map(
-        follow_exactly,
-        [{"scene": scene, "index": index} for index in indices],
-    )
+def paths_at_knots(
+    scene: Scene, method: dict[str, Any], indices: list[int], report: Callable
+) -> dict[str, Any]:
+    """The paths of a few realizations, called as `timed` is.
+
+    Returns
+    -------
+    dict
+        `states`, shape (realizations, knots, 3), at the knots 1, 2, …; `points` of all records.
+    """
     window = (0.0, 2.0 * scene.run.duration)
-    calls = [
-        {"scene": scene, "indices": together, "window": window, **method.options(scene)}
-        for method in methods
-        for together in ([list(indices)] if method.copies is None else [[k] for k in indices])
+    found = run(scene, indices=indices, window=window, report=report, **method)
+    spacing = knot_spacing(scene)
+    times = spacing * np.arange(1, round(scene.run.duration / spacing) + 1)
+    waveforms: Any = [each.waveform for each in found]
+    # Every method has the knots among its points.
+    states = [
+        [np.interp(times, each.time, getattr(each, name)) for name in STATES] for each in waveforms
     ]
-    outcomes = iter(pool.map(simulate_realizations, calls, keep_going=True))
-    if follow:
-        follow(1.0)
-    errors = []
-    for method in methods:
-        netlists = 1 if method.copies is None else len(indices)
-        errors.append(_strong_error(scene, [next(outcomes) for _ in range(netlists)], exact))
-    return errors
+    points = sum(each.moments.points for each in found)
+    return {"states": np.array(states).transpose(0, 2, 1), "points": points}
+
+
+def _strong_errors(scene, methods, runner):
+    """(mean step, RMS error of each state) of every method."""
+    paths = range(scene.run.realizations)
+    exact = [Task(follow_exactly, {"scene": scene, "index": index}) for index in paths]
+    split = [[paths] if method.copies is None else [[k] for k in paths] for method in methods]
+    tasks = [
+        realizations_task(scene, method, together, runner, paths_at_knots)
+        for method, netlists in zip(methods, split, strict=True)
+        for together in netlists
+    ]
+    outcomes = iter(runner.run([*exact, *tasks]))
+    truth = np.array(_there([next(outcomes) for _ in exact]))
+    return [_strong_error(scene, [next(outcomes) for _ in netlists], truth) for netlists in split]
 
 
 def _strong_error(scene, outcomes, exact):
-    if any(isinstance(outcome, SimulationError) for outcome in outcomes):
+    good, ended = good_ones(outcomes)
+    if ended:
         return math.nan, dict.fromkeys(STATES, math.nan)
-    paths = [path for outcome in outcomes for path in outcome]
-    spacing = knot_spacing(scene)
-    times = spacing * np.arange(1, len(exact[0]) + 1)
-    errors = {}
-    for column, name in enumerate(STATES):
-        # Every method has the knots among its points.
-        differences = [
-            np.interp(times, path.waveform.time, getattr(path.waveform, name)) - states[:, column]
-            for path, states in zip(paths, exact, strict=True)
-        ]
-        errors[name] = float(np.sqrt(np.mean(np.square(differences))))
-    steps = sum(path.moments.points for path in paths)
-    return float(times[-1]) * len(paths) / steps, errors
+    squares = np.square(np.concatenate([each["states"] for each in good]) - exact)
+    errors = np.sqrt(squares.mean(axis=(0, 1)))
+    points = sum(each["points"] for each in good)
+    return exact.shape[1] * knot_spacing(scene) * len(exact) / points, {
+        name: float(error) for name, error in zip(STATES, errors, strict=True)
+    }
 
 
-def _simulate(scene, pool, follow, engine="monte-carlo", **options):
-    """A complete result, also when its energy balance does not close."""
-    try:
-        return simulate(scene, method=engine, runner=pool, progress=follow, **options)
-    except EnergyNotBalanced as error:
-        return error.partial
-
-
-def _means(method, runs, references, pool, progress):
-    """Bias, sampling error and time of one method, as the rest of a Row.
+def _means(runs, references, methods, runner):
+    """Bias, sampling error and time of every method, each as the rest of a Row.
 
     `runs` and `references` hold the scene's own run (False) and the brief one (True).
     """
-    scene, reference = runs[method.brief], references[False]
-    follow = progress(f"{method.family}, {method.setting(scene)}", scene)
-    try:
-        result = _simulate(scene, pool, follow, copies=method.copies, **method.options(scene))
-    except SimulationError as error:
+    split = []
+    for method in methods:
+        scene = runs[method.brief]
+        size, count = method.together(scene), scene.run.realizations
+        split.append(
+            [
+                realizations_task(scene, method, range(first, min(first + size, count)), runner)
+                for first in range(0, count, size)
+            ]
+        )
+    outcomes = iter(runner.run([task for tasks in split for task in tasks]))
+    return [
+        _means_of(method, runs, references, [next(outcomes) for _ in tasks])
+        for method, tasks in zip(methods, split, strict=True)
+    ]
+
+
+def _means_of(method, runs, references, outcomes):
+    good, ended = good_ones(outcomes)
+    if ended:
         return {
             "bias": {},
             "sampling": {},
             "simulated_time": math.nan,
             "seconds_per_unit": math.nan,
-            "note": f"{type(error).__name__}: {error}",
+            "note": ended if ended == OUT_OF_TIME else told(ended),
         }
-    differences = paired_difference(result, references[method.brief])
+    found, reference = Timed(runs[method.brief], good), references[False]
+    differences = paired_difference(found, references[method.brief])
     # The same in every run of this length; from the longest one, which knows it best.
-    shorter = math.sqrt(reference.simulated_time / result.simulated_time)
+    shorter = math.sqrt(reference.simulated_time / found.simulated_time)
     return {
         "bias": {name: differences[name] for name in MEANS if name in differences},
         "sampling": {name: relative_error(reference, name) * shorter for name in MEANS},
-        "simulated_time": result.simulated_time,
-        "seconds_per_unit": result.engine_seconds / result.simulated_time,
+        "simulated_time": found.simulated_time,
+        "seconds_per_unit": found.seconds / found.simulated_time,
         "note": "",
     }
 
@@ -248,25 +277,3 @@ def _orders(rows):
             for name in STATES
         }
     return orders
-
-
-def _closures(scene):
-    """Results of the closures that hold, and why the others do not."""
-    results, refused = {}, {}
-    for closure in CLOSURES:
-        try:
-            results[closure] = average(scene, method=closure)
-        except AveragingError as error:
-            refused[closure] = str(error)
-    return results, refused
-
-
-def _machine(reference):
-    return {
-        "date": datetime.date.today().isoformat(),
-        "cores": os.cpu_count(),
-        "processor": platform.processor() or platform.machine(),
-        "system": platform.platform(),
-        "python": platform.python_version(),
-        "monte_carlo": reference.engine_version,
-    }

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
+from harvester.engines import side_by_side
 from harvester.engines.steps import knot_spacing, steps_per_knot
 from harvester.scene.model import Scene
 
@@ -45,6 +46,14 @@ class Method:
     def step(self, scene: Scene) -> float:
         """Longest step (s)."""
         return knot_spacing(scene) / (steps_per_knot(scene, engine=self.engine) * self.refinement)
+
+    def together(self, scene: Scene) -> int:
+        """Realizations in one netlist: as many as pay where nothing else is asked for."""
+        if self.copies is not None:
+            return self.copies
+        most = side_by_side.MOST_COPIES[self.device]
+        options = self.step(scene), self.source, self.tolerance
+        return side_by_side.copies(scene, lambda: most, *options)
 
     def setting(self, scene: Scene) -> str:
         """What tells it from others of its family, as text."""

@@ -1,14 +1,20 @@
 """Simulated time per second of each way to run the circuit, as ratios measured in one run."""
 
+import datetime
 import math
+import os
+import platform
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from harvester.engines.pools import Workers
+from harvester.engines.pools import WorkerPool, Workers
 from harvester.engines.realization import run
 from harvester.engines.side_by_side import MOST_COPIES
 from harvester.engines.steps import knot_spacing
 from harvester.files.writing import finite
+from harvester.running.codec import register
+from harvester.running.task import Task
 from harvester.scene.model import Scene
 
 # Knots of a realization: a source in the netlist is scanned point by point, so its cost depends
@@ -18,6 +24,7 @@ KNOTS = 20_000
 REPEATS = 5
 
 
+@register
 @dataclass(frozen=True)
 class Throughput:
     """One way to run the circuit.
@@ -38,7 +45,41 @@ class Throughput:
     rate: float
 
 
-def measure(scene: Scene, pool: Workers, compiled: bool) -> list[Throughput]:
+def task(scene: Scene, version: str) -> Task:
+    """The task of every way to run a scene's circuit; `version` is that of the circuit."""
+    arguments = {
+        "scene": scene,
+        "compiled": "compiled" in version,
+        "knots": KNOTS,
+        "repeats": REPEATS,
+    }
+    return Task(measured_alone, arguments, version, "throughput")
+
+
+def measured_alone(
+    scene: Scene, compiled: bool, knots: int, repeats: int, report: Callable
+) -> dict[str, Any]:
+    """See `measure`; in a worker process, on processes of its own.
+
+    Returns
+    -------
+    dict
+        `rows`, a list of Throughput, and the `machine` that they were measured on.
+    """
+    machine = {
+        "date": datetime.date.today().isoformat(),
+        "cores": os.cpu_count(),
+        "processor": platform.processor() or platform.machine(),
+        "system": platform.platform(),
+        "python": platform.python_version(),
+    }
+    with WorkerPool(workers=2) as pool:
+        return {"rows": measure(scene, pool, compiled, knots, repeats), "machine": machine}
+
+
+def measure(
+    scene: Scene, pool: Workers, compiled: bool, knots: int = KNOTS, repeats: int = REPEATS
+) -> list[Throughput]:
     """Measure every way to run a scene's circuit, at its default step where none is named.
 
     Parameters
@@ -48,6 +89,8 @@ def measure(scene: Scene, pool: Workers, compiled: bool) -> list[Throughput]:
         With two workers or more for the ratio of two processes to one.
     compiled : bool
         The compiled device is on.
+    knots, repeats : int
+        Of a realization, and measurements of which the best counts.
 
     Returns
     -------
@@ -63,18 +106,16 @@ def measure(scene: Scene, pool: Workers, compiled: bool) -> list[Throughput]:
     ]
     if compiled:
         ways += [("compiled device", copies, 1, "compiled") for copies in (1, most, many)]
-    knot = {"step": knot_spacing(scene), "device": "behavioural"}
-    pwl = _measure(scene, pool, "PWL in the netlist", 1, source="pwl", **knot)
+    on = {"scene": scene, "pool": pool, "knots": knots}
+    knot = {**on, "step": knot_spacing(scene)}
+    pwl = _measure("PWL in the netlist", 1, source="pwl", **knot)
     # In turn, so that what else the machine does meets all of them alike.
     rounds = [
         [
-            _measure(scene, pool, "external source, a step a knot", 1, **knot),
-            *(
-                _measure(scene, pool, name, copies, processes, device=device)
-                for name, copies, processes, device in ways
-            ),
+            _measure("external source, a step a knot", 1, **knot),
+            *(_measure(*way, **on) for way in ways),
         ]
-        for _ in range(REPEATS)
+        for _ in range(repeats)
     ]
     return [pwl, *(max(rows, key=lambda row: row.rate) for rows in zip(*rounds, strict=True))]
 
@@ -98,12 +139,21 @@ def to_dict(rows: list[Throughput]) -> dict[str, Any]:
 
 
 def _measure(
-    scene, pool, name, copies, processes=1, source="external", device="behavioural", step="default"
+    name,
+    copies,
+    processes=1,
+    device="behavioural",
+    *,
+    scene,
+    pool,
+    knots,
+    source="external",
+    step="default",
 ):
     """Rate of so many netlists at a time, each with so many copies."""
     spacing = knot_spacing(scene)
     # Enough knots for a good clock, and no more of them the more copies there are.
-    knots = math.ceil(KNOTS / math.sqrt(copies))
+    knots = math.ceil(knots / math.sqrt(copies))
     brief = scene.replace(
         run={"duration": knots * spacing, "settle": 0.0, "realizations": copies * processes},
         excitation={"knot_spacing": spacing},

@@ -1,11 +1,9 @@
 """Loads in the circuit, against the built-in resistor and against the diode equation by scipy."""
 
-import subprocess
-
 import numpy as np
 import pytest
 from foreign_loads import DOUBLER
-from raw_files import ngspice_program, read_raw
+from raw_files import run_raw
 from scipy.integrate import solve_ivp
 from truths import flat
 
@@ -277,9 +275,7 @@ def test_other_methods_refuse_a_load_that_is_no_resistor(tmp_path):
 def test_plain_ngspice_runs_an_exported_load(tmp_path, pool):
     scene = with_load(tmp_path, SWITCH, "run.duration=0.5")
     (tmp_path / "scene.cir").write_text(stand_alone(scene, noise_path(scene, 0)).text + ".end\n")
-    command = [ngspice_program(), "-b", "-r", "scene.raw", "scene.cir"]
-    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
-    raw = read_raw(tmp_path / "scene.raw")
+    raw = run_raw(tmp_path, "scene.cir")
     result = simulate(scene, method="circuit", runner=pool)
     output = raw["v(load_out)"] - raw["v(load_ref)"]
     steps = np.diff(raw["time"])

@@ -7,7 +7,7 @@ import pytest
 
 import harvester
 from harvester.errors import NetlistError
-from harvester.scene.model import BUILT_IN
+from harvester.scene.source import BUILT_IN
 
 # Two resistors in series, together other than the scene's own: ignored, they would be noticed.
 TOY = """* lead of 1 kohm, then a resistor

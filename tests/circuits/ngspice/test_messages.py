@@ -8,7 +8,8 @@ from circuits.ngspice import messages
 from harvester.engines.realization import run as realization_run
 from harvester.engines.workers import Worker
 from harvester.errors import SimulationError
-from harvester.scene.model import BUILT_IN, Scene
+from harvester.scene.model import Scene
+from harvester.scene.source import BUILT_IN
 
 BODY = """.subckt load p n out ref
 Rin p out 1k

@@ -10,7 +10,8 @@ from harvester.averaging.of_scene import average
 from harvester.command_line import main
 from harvester.engines.realization import noise_path
 from harvester.files.plain_text import json_text, name, one_line
-from harvester.scene.model import BUILT_IN, Scene
+from harvester.scene.model import Scene
+from harvester.scene.source import BUILT_IN
 from harvester.show import figures
 from harvester.studies.grid import make_grid
 

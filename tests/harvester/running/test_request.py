@@ -29,7 +29,7 @@ def runner(pool):
 def test_answers_are_in_order_and_a_refusal_stands_in_its_place(runner, pool):
     refused = Request(PAPER.replace({"piezo.coupling": 5.0}), "consistent")
     closure = Request(PAPER, "consistent", density=True)
-    engine = Request(PAPER, "monte-carlo", moments=True, waveform=True)
+    engine = Request(PAPER, "monte-carlo", moments=True)
     bridge = Scene.load("device").replace({"load.netlist": "bridge"})
     loaded = Request(bridge, "monte-carlo")
     found = runner.answer([refused, closure, engine, closure, loaded])
@@ -45,7 +45,6 @@ def test_answers_are_in_order_and_a_refusal_stands_in_its_place(runner, pool):
     assert found[2].simulated_time == alone.simulated_time
     assert found[2].notes == alone.notes
     assert len(found[2].moments) == 2
-    assert found[2].waveform.shape[1] == 1000
     assert json.dumps([each.to_dict() for each in found[1:4]], allow_nan=False)
 
 

@@ -47,7 +47,7 @@ def kept(folder):
 
 @pytest.mark.slow
 @pytest.mark.skipif(not os.path.exists("/proc/self/task"), reason="finds workers in /proc")
-@pytest.mark.parametrize("kind", ["load-study", "reproduce and claims", "sensitivity", "optimum"])
+@pytest.mark.parametrize("kind", [each for each in STUDIES if each != "frequency-response"])
 def test_killed_at_random_it_says_the_same_in_the_end(kind, tmp_path, undisturbed):
     """Workers, and three times the study itself, at times that chance chooses."""
     expected = undisturbed(kind, tmp_path / "undisturbed")
@@ -56,7 +56,8 @@ def test_killed_at_random_it_says_the_same_in_the_end(kind, tmp_path, undisturbe
     for _ in range(3):
         process, begun = start(kind, folder), kept(folder)
         aim = begun + chance.randrange(1, max(2, (whole - begun) // 3))
-        deadline = time.monotonic() + 60.0
+        # Long enough for a busy machine, on which the start alone may take a minute.
+        deadline = time.monotonic() + 600.0
         while kept(folder) < aim and process.poll() is None and time.monotonic() < deadline:
             time.sleep(0.005)
         for worker in workers_of(process)[:1]:

@@ -11,7 +11,8 @@ import pytest
 from harvester.command_line import MOST_ARGUMENTS, main
 from harvester.errors import SceneError
 from harvester.files.plain_text import named, shown
-from harvester.scene.model import BUILT_IN, Scene
+from harvester.scene.model import Scene
+from harvester.scene.source import BUILT_IN
 from harvester.scene.toml import DEEPEST, MOST_VALUES
 
 PAPER = (BUILT_IN / "paper.toml").read_text(encoding="utf-8")

@@ -7,7 +7,8 @@ from truths import flat
 
 from harvester.command_line import main
 from harvester.errors import NetlistError, SceneError
-from harvester.scene.model import BUILT_IN, Scene
+from harvester.scene.model import Scene
+from harvester.scene.source import BUILT_IN
 
 RESISTOR = ".subckt mine p n resistance=1k\nR1 p n {resistance}\n.ends\n"
 

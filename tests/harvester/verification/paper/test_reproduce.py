@@ -21,14 +21,16 @@ from harvester.verification.paper.figures_list import FIGURES
 from harvester.verification.paper.reproduce import Effort, Reproduction, reproduce
 
 TINY = {"monte-carlo": Effort(8, 0.5, 16), "circuit": Effort(8, 0.5, 8)}
-SCENE = Scene.load("paper", ["run.settle=20"])
+SCENE = Scene.load("paper", ["run.settle=5"])
 
 
 @pytest.fixture
 def tiny(monkeypatch):
     """One curve over two couplings, of which one is refused, and one density."""
     monkeypatch.setattr(module, "QUICK", TINY)
-    monkeypatch.setattr(runs, "DURATIONS", {"monte-carlo": 400.0, "circuit": 50.0})
+    monkeypatch.setattr(runs, "DURATIONS", {"monte-carlo": 100.0, "circuit": 15.0})
+    # Coarse grids: what a closure says of its own error is told all the same.
+    monkeypatch.setattr(runs, "CLOSURE_ERROR", 0.1)
     sweep, density = FIGURES["fig8"], FIGURES["fig5"]
     panel = replace(
         sweep.panels[1], first=0.3, last=4.5, quick=2, curves=sweep.panels[1].curves[:1]

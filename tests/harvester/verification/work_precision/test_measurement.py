@@ -3,6 +3,7 @@ import math
 
 import numpy as np
 import pytest
+import worker_calls
 from truths import Keep
 from truths import reference_path as independent_path
 
@@ -10,12 +11,13 @@ from harvester.command_line import main
 from harvester.engines.monte_carlo import initial_state, integrate
 from harvester.engines.realization import noise_path, start_state
 from harvester.engines.steps import knot_spacing, steps_per_knot
-from harvester.errors import SimulatorAborted
+from harvester.errors import OutOfTime
 from harvester.estimates.paired import paired_difference
+from harvester.running import Task, open_runner
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
 from harvester.simulation import simulate
-from harvester.verification.work_precision import reference_path
+from harvester.verification.work_precision import measurement, reference_path
 from harvester.verification.work_precision.diagram import MEANS, STATES
 from harvester.verification.work_precision.measurement import work_precision
 from harvester.verification.work_precision.methods import METHODS, THOROUGH_METHODS, Method
@@ -175,20 +177,36 @@ def test_the_paired_difference_of_efficiency_is_that_of_the_two_estimates(pool):
     assert 0.0 < paired.standard_error < 0.2 * theirs.standard_error / theirs.estimate
 
 
-def test_a_method_that_fails_leaves_the_others_and_says_why(monkeypatch):
-    from harvester.verification.work_precision import measurement as module
+def test_a_method_that_fails_leaves_the_others_and_says_why(monkeypatch, pool):
+    whole = measurement.realizations_task
 
-    def failing(scene, method, **options):
-        if method == "circuit":
-            raise SimulatorAborted("timestep too small")
-        return simulate(scene, method=method, **options)
+    def failing(scene, method, indices, runner, *function):
+        if method.engine == "circuit" and not function:
+            return Task(worker_calls.fail, {"reason": f"timestep too small at {indices[0]}"})
+        return whole(scene, method, indices, runner, *function)
 
-    monkeypatch.setattr(module, "simulate", failing)
-    diagram = work_precision(Scene.load("paper", SHORT), methods=[FEW[0], FEW[-1]], workers=2)
-    assert diagram.rows[0].note == "SimulatorAborted: timestep too small"
+    monkeypatch.setattr(measurement, "realizations_task", failing)
+    diagram = work_precision(Scene.load("paper", SHORT), methods=[FEW[0], FEW[-1]], executor=pool)
+    assert diagram.rows[0].note == "SimulatorAborted: timestep too small at 0"
     assert math.isnan(diagram.rows[0].seconds_per_unit)
     assert diagram.rows[1].bias
     json.dumps(diagram.to_dict(), allow_nan=False)
+
+
+def test_what_was_measured_is_kept_with_its_times_and_goes_on_after_an_early_end(tmp_path, pool):
+    scene, methods, told = Scene.load("linear", SHORT), [FEW[9], FEW[-1]], []
+    with open_runner(tmp_path, executor=pool) as runner:
+        runner.answer = lambda *_: [None]
+        with pytest.raises(OutOfTime):
+            work_precision(scene, methods=methods, runner=runner)
+    early = runner.computed
+    for computed in (True, False):
+        with open_runner(tmp_path, executor=pool) as runner:
+            diagram = work_precision(scene, methods=methods, runner=runner)
+        assert bool(runner.computed) == computed
+        assert runner.reused >= early > 0
+        told.append(json.dumps(diagram.to_dict(), allow_nan=False))
+    assert told[0] == told[1]
 
 
 def test_the_thorough_methods_hold_all_others():

@@ -16,6 +16,7 @@ from harvester.scene.units import scale
 from harvester.show import palette
 from harvester.simulation import simulate
 from harvester.verification.work_precision import time_to_accuracy as module
+from harvester.verification.work_precision import timed
 from harvester.verification.work_precision.accuracy import TotalError, bias_of
 from harvester.verification.work_precision.accuracy_table import duration, reached
 from harvester.verification.work_precision.methods import COMPILED_METHODS, METHODS, Method
@@ -104,7 +105,7 @@ def test_every_method_has_a_colour_and_a_marker_of_its_own():
 @pytest.fixture
 def briefly(monkeypatch):
     monkeypatch.setattr(module, "TIMED_METHODS", FEW)
-    monkeypatch.setattr(module, "CLOSURES", ("consistent",))
+    monkeypatch.setattr(timed, "CLOSURES", ("consistent",))
     monkeypatch.setattr(module, "MOST_REALIZATIONS", 32)
 
 

@@ -1,0 +1,72 @@
+"""Cores of a device's wells: where a mass is held in one and has not merely come across a saddle.
+
+A mass that passes a saddle may turn back at once, or go to and fro over it until it has lost what
+energy it had too much. It has reached a well when it moves between the saddles beside it with no
+more than `CORE_SHARE` of the energy that leads out of it; a jump is the way from one core to
+another. Wherever wells hold a mass for long, the rate of jumps does not depend on that share.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.device import timescales
+from harvester.device.system import potential
+
+if TYPE_CHECKING:
+    from harvester.device.system import System
+
+# Of the energy from a well's bottom to the lower saddle beside it.
+CORE_SHARE = 0.25
+
+
+def core_energies(system: System) -> np.ndarray:
+    """Largest ½X'² + U(X) in the core of each well.
+
+    Parameters
+    ----------
+    system : harvester.device.system.System
+        With several wells.
+
+    Returns
+    -------
+    ndarray, shape (wells,)
+        From the left to the right; scaled energy per mass.
+    """
+    return np.array(
+        [
+            float(potential(system, well)) + CORE_SHARE * timescales.barrier(system, well)
+            for well in sorted(timescales.wells(system))
+        ]
+    )
+
+
+def cores_within(system: System) -> tuple[float, float]:
+    """Displacements between which all cores lie."""
+    wells, saddles = timescales.wells(system), timescales.saddles(system)
+    highest = float(core_energies(system).max())
+    ends = []
+    for outermost, saddle in ((min(wells), min(saddles)), (max(wells), max(saddles))):
+        away = outermost - saddle
+        while float(potential(system, outermost + away)) <= highest:
+            away *= 2.0
+        ends.append(outermost + away)
+    return ends[0], ends[1]
+
+
+def jump_rates(wells: int, alike: bool) -> dict[str, tuple[tuple[int, int], ...]]:
+    """Names of the rates of jumps, with the jumps (from, to) that each counts.
+
+    Parameters
+    ----------
+    wells : int
+        More than one; counted from the left, in the names from 1 on.
+    alike : bool
+        Two wells that symmetry makes alike: one rate stands for both ways.
+    """
+    pairs = [(a, b) for a in range(wells) for b in range(wells) if a != b]
+    if alike:
+        return {"jump_rate": tuple(pairs)}
+    return {f"jump_rate_from_well_{a + 1}_to_{b + 1}": ((a, b),) for a, b in pairs}

@@ -1,0 +1,146 @@
+"""Streaming count of jumps between wells, in the batches of `harvester.record.moments`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.compilation import compiled
+from harvester.device import timescales
+from harvester.device.cores import core_energies, cores_within
+from harvester.device.system import potential
+
+if TYPE_CHECKING:
+    from harvester.device.system import System
+    from harvester.record.record import Record
+
+# Displacements at which the potential is known, linear between them.
+TABULATED = 2049
+
+
+@dataclass
+class Jumps:
+    """Where one realization was, and how often it jumped; see `harvester.device.cores`.
+
+    Attributes
+    ----------
+    start, batch_length : float
+        As in `harvester.record.moments.Moments` (s).
+    saddles : ndarray, shape (wells − 1,)
+        Ascending; wells are counted from the left.
+    limits : ndarray, shape (wells,)
+        Largest ½X'² + U(X) in each core, scaled.
+    ends : (float, float)
+        Displacements between which all cores lie.
+    energies : ndarray
+        U(X) at evenly spaced displacements from the first to the second.
+    times : ndarray, shape (batches, wells)
+        Time for which each well was the last one reached (s).
+    counts : ndarray, shape (batches, wells, wells)
+        Jumps from one well (row) to another (column).
+    well : int
+        The last one reached; −1 before the first.
+    time : float
+        Of the latest point (s).
+    """
+
+    start: float
+    batch_length: float
+    saddles: np.ndarray
+    limits: np.ndarray
+    ends: tuple
+    energies: np.ndarray
+    times: np.ndarray
+    counts: np.ndarray
+    well: int = -1
+    time: float = np.nan
+
+    @classmethod
+    def empty(cls, system: System, start: float, batch_length: float, batches: int) -> Jumps:
+        """Nothing counted yet of a device with several wells."""
+        ends, wells = cores_within(system), len(timescales.wells(system))
+        return cls(
+            start=start,
+            batch_length=batch_length,
+            saddles=np.array(sorted(timescales.saddles(system))),
+            limits=core_energies(system),
+            ends=ends,
+            energies=np.asarray(potential(system, np.linspace(*ends, TABULATED))),
+            times=np.zeros((batches, wells)),
+            counts=np.zeros((batches, wells, wells)),
+        )
+
+    def add(self, record: Record) -> None:
+        """Count in one chunk that follows the ones before."""
+        if record.time.size == 0:
+            return
+        self.well = _add_jumps(
+            record.time,
+            record.displacement,
+            record.velocity,
+            self.time,
+            self.start,
+            self.batch_length,
+            self.saddles,
+            self.limits,
+            *self.ends,
+            self.energies,
+            self.well,
+            self.times,
+            self.counts,
+        )
+        self.time = float(record.time[-1])
+
+
+@compiled
+def _add_jumps(
+    time, x, v, last, start, batch_length, saddles, limits, low, high, energies, well, times, counts
+):
+    """Add up times and jumps; returns the well that was reached last.
+
+    An interval belongs to the batch of its middle and to the well reached before it.
+    """
+    batches, batch, stop, total = len(times), 0, -np.inf, 0.0
+    spacing = (high - low) / (energies.size - 1)
+    left, right = _between(saddles, well)
+    for i in range(time.size):
+        measured = last >= start
+        middle = 0.5 * (last + time[i])
+        if measured and middle >= stop:
+            if well >= 0:
+                times[batch, well] += total
+            total = 0.0
+            batch = min(int((middle - start) / batch_length), batches - 1)
+            stop = start + (batch + 1) * batch_length if batch < batches - 1 else np.inf
+        if measured:
+            total += time[i] - last
+        last = time[i]
+        if left < x[i] < right or not low < x[i] < high:
+            continue
+        # Beside the well reached last: in the core of the one that is here?
+        here = np.searchsorted(saddles, x[i])
+        place = (x[i] - low) / spacing
+        below = int(place)
+        rise = energies[below + 1] - energies[below]
+        energy = 0.5 * v[i] * v[i] + energies[below] + (place - below) * rise
+        if energy <= limits[here]:
+            if measured and well >= 0:
+                times[batch, well] += total
+                counts[batch, well, here] += 1.0
+            total, well = 0.0, here
+            left, right = _between(saddles, well)
+    if well >= 0 and total > 0.0:
+        times[batch, well] += total
+    return well
+
+
+@compiled
+def _between(saddles, well):
+    """The saddles on either side of a well; nothing for none."""
+    if well < 0:
+        return np.inf, -np.inf
+    left = saddles[well - 1] if well > 0 else -np.inf
+    right = saddles[well] if well < saddles.size else np.inf
+    return left, right

@@ -1,0 +1,110 @@
+"""How a runner is opened: its folder, its processes, its limits."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
+from typing import TypedDict
+
+from harvester.engines.pools import ExecutorPool, WorkerPool, processes
+from harvester.errors import HarvesterError
+from harvester.running.folder import held
+from harvester.running.runner import Runner
+from harvester.simulation import TIME_LIMIT
+
+
+class RunnerOptions(TypedDict, total=False):
+    """Keyword arguments of every study: see `open_runner`."""
+
+    output: str | os.PathLike | None
+    workers: int | None
+    executor: Executor | WorkerPool | ExecutorPool | None
+    scheduler: str | None
+    time_budget: float | None
+    time_limit: float
+    progress: Callable[[float, str], object] | None
+    runner: Runner | None
+
+
+@contextlib.contextmanager
+def open_runner(
+    output: str | os.PathLike | None = None,
+    *,
+    workers: int | None = None,
+    executor: Executor | WorkerPool | ExecutorPool | None = None,
+    scheduler: str | None = None,
+    time_budget: float | None = None,
+    time_limit: float = TIME_LIMIT,
+    progress: Callable[[float, str], object] | None = None,
+    runner: Runner | None = None,
+) -> Iterator[Runner]:
+    """Make a runner for the block.
+
+    Parameters
+    ----------
+    output : str or Path or StudyFolder or None
+        Folder whose `points/` keeps every answer, and is read first; no other run may use it
+        meanwhile. None: answers are kept in memory.
+    workers : int or None
+        Processes of our own; None: one per core.
+    executor : concurrent.futures.Executor, WorkerPool, ExecutorPool or None
+        Instead of them; the numbers are the same.
+    scheduler : str or None
+        Address of a Dask scheduler, instead of them.
+    time_budget : float or None
+        Wall-clock seconds after which nothing is begun.
+    time_limit : float
+        Wall-clock seconds of one realization.
+    progress : callable or None
+        Given the share done, 0 … 1, and a few words.
+    runner : Runner or None
+        One that is open already: it is handed on, and all else must be left out.
+
+    Raises
+    ------
+    HarvesterError
+        A number out of range, no such scheduler.
+    FolderInUse
+        Another run is at work in the folder.
+    """
+    if runner is not None:
+        yield runner
+        return
+    if workers is not None and workers < 1:
+        raise HarvesterError(f"--workers {workers}: must be a whole number ≥ 1")
+    for name, seconds in (("time-budget", time_budget), ("time-limit", time_limit)):
+        if seconds is not None and not seconds > 0.0:
+            raise HarvesterError(f"--{name} {seconds}: must be a number > 0")
+    deadline = time.monotonic() + time_budget if time_budget else math.inf
+    with (
+        held(output) if output else contextlib.nullcontext() as folder,
+        _pool(workers, executor, scheduler) as pool,
+    ):
+        yield Runner(pool, folder, deadline, time_limit, progress)
+
+
+@contextlib.contextmanager
+def _pool(workers, executor, scheduler):
+    """The Dask cluster's, or that of `harvester.engines.pools.processes`."""
+    if executor is None and scheduler is not None:
+        with _dask(scheduler) as client:
+            yield ExecutorPool(client.get_executor(pure=False))
+    else:
+        with processes(executor, workers) as pool:
+            yield pool
+
+
+def _dask(address):
+    """A client of a Dask scheduler."""
+    try:
+        from distributed import Client
+    except ImportError:
+        raise HarvesterError("--scheduler needs Dask: pip install 'harvester[cluster]'") from None
+    try:
+        return Client(address, timeout="10s")
+    except (OSError, ValueError) as error:
+        raise HarvesterError(f"--scheduler {address}: {error}") from None

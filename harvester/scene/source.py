@@ -1,0 +1,77 @@
+"""Where a scene comes from: built-in names, its file, and the files that it names."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from harvester.errors import SceneError
+from harvester.files.plain_text import named, nearest, shown
+from harvester.files.reading import read_input
+from harvester.scene.overrides import parsed, put, texts
+from harvester.scene.toml import LARGEST_SCENE, read_toml
+
+BUILT_IN = Path(__file__).parent / "scenes"
+
+
+def built_in_names() -> list[str]:
+    """Names of the built-in scenes, sorted."""
+    return sorted(path.stem for path in BUILT_IN.glob("*.toml"))
+
+
+def tables_of(source: str | Path, overrides: Iterable[str]) -> tuple[dict[str, Any], Path]:
+    """Tables of a scene with its overrides put in, and the path that they were read from.
+
+    Parameters
+    ----------
+    source, overrides
+        See `harvester.scene.model.read_scene`.
+
+    Raises
+    ------
+    SceneError
+    """
+    path = _find(source)
+    where = named(str(path))
+    try:
+        text = read_input(path, "scene", LARGEST_SCENE).decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise SceneError(f"{where}: not a TOML file: {error}") from None
+    tables = read_toml(text, where)
+    _locate_files(tables.get("excitation"), path.parent)
+    for override in texts(overrides):
+        key, value = parsed(override)
+        put(tables, key, value, "--set")
+    return tables, path
+
+
+def _locate_files(table, folder):
+    """Make the files that a scene names relative to its own folder; faults are left alone."""
+    if not isinstance(table, dict):
+        return
+    if isinstance(table.get("file"), str):
+        table["file"] = str(folder / table["file"])
+    parts = table.get("parts")
+    for part in parts if isinstance(parts, list) else ():
+        _locate_files(part, folder)
+
+
+def _find(source):
+    """Path of a scene's file; a built-in one is not hidden by a file of that name."""
+    if not isinstance(source, (str, Path)):
+        raise SceneError(f"{shown(source)}: no scene; give a name or a path: {_listed()}")
+    if str(source) in built_in_names():
+        return BUILT_IN / f"{source}.toml"
+    path, where = Path(source), named(str(source))
+    if os.path.exists(path):
+        return path
+    if path.suffix == ".toml":
+        raise SceneError(f"{where}: no such scene file; built in are {_listed()}")
+    hint = nearest(str(source), built_in_names())
+    raise SceneError(f"{where}: no such scene{hint}; built in are {_listed()}")
+
+
+def _listed():
+    return ", ".join(built_in_names())

@@ -1,0 +1,123 @@
+"""Realizations by a method and answers of closures, each with the time that it took."""
+
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import Any
+
+from harvester.averaging import CLOSURES
+from harvester.engines.realization import run
+from harvester.engines.steps import knot_spacing
+from harvester.errors import HarvesterError
+from harvester.estimates.estimate import Estimate
+from harvester.estimates.means import estimate_all
+from harvester.estimates.output_side import estimate_output
+from harvester.record.moments import Moments
+from harvester.running import Runner, Task
+from harvester.running.realizations import averages
+from harvester.scene.model import Scene
+from harvester.scene.units import scale
+from harvester.verification.work_precision.methods import Method
+
+WARM_UP_KNOTS = 20
+
+
+def timed(
+    scene: Scene, method: dict[str, Any], indices: list[int], report: Callable
+) -> dict[str, Any]:
+    """A few realizations by a method, in a worker process.
+
+    Parameters
+    ----------
+    method : dict
+        Options of `harvester.engines.realization.run`.
+
+    Returns
+    -------
+    dict
+        `moments`, one of each; `seconds` that the simulation took of this core.
+    """
+    # What is compiled or loaded first takes its time before the clock runs.
+    brief = scene.replace({"run.settle": 0.0, "run.duration": WARM_UP_KNOTS * knot_spacing(scene)})
+    run(brief, indices=indices[:1], window=None, report=report, **method)
+    found = run(scene, indices=indices, window=None, report=report, **method)
+    return {
+        "moments": [each.moments for each in found],
+        "seconds": sum(each.seconds for each in found),
+    }
+
+
+def task(
+    scene: Scene,
+    method: Method,
+    indices: Sequence[int],
+    runner: Runner,
+    function: Callable = timed,
+) -> Task:
+    """The task of some realizations that run together; `function` takes what `timed` takes."""
+    arguments = {"scene": scene, "method": method.options(scene), "indices": list(indices)}
+    version = runner.version(method.engine)
+    return Task(function, arguments, version, method.family, len(indices))
+
+
+class Timed:
+    """What the realizations of a scene by one method come to.
+
+    Parameters
+    ----------
+    scene : Scene
+    answers : sequence of dict
+        Of `timed`.
+
+    Attributes
+    ----------
+    moments : list of Moments
+    measured_time, simulated_time : float
+        Of all realizations, without and with settling (s).
+    seconds : float
+        Of one core.
+    cost : float
+        Seconds of one core for a measured one, of the fastest task: other work on the machine only
+        slows a task down.
+    """
+
+    def __init__(self, scene: Scene, answers: Sequence[dict[str, Any]]) -> None:
+        self.moments: list[Moments] = [each for found in answers for each in found["moments"]]
+        self.measured_time = _measured_time(self.moments)
+        self.simulated_time = sum(each.time_reached for each in self.moments)
+        self.seconds = sum(found["seconds"] for found in answers)
+        self.cost = min(found["seconds"] / _measured_time(found["moments"]) for found in answers)
+        self._scene = scene
+
+    def quantities(self, count: int | None = None) -> dict[str, Estimate]:
+        """Estimates from all realizations, or from the first few."""
+        moments = self.moments[:count]
+        return estimate_all(moments, self._parameters) | estimate_output(moments)
+
+    @cached_property
+    def _parameters(self):
+        return scale(self._scene)[0]
+
+
+def _measured_time(moments):
+    return sum(each.time_reached - each.start for each in moments)
+
+
+def averages_once_more(scene: Scene, closure: str, report: Callable) -> dict[str, Any]:
+    """A scene by a closure, timed with its code compiled (in a worker process)."""
+    for _ in range(2):
+        found = averages(scene, closure, None, False, report)
+    return found
+
+
+def closures(scene: Scene, runner: Runner) -> tuple[dict[str, dict], dict[str, str]]:
+    """What the closures that hold come to, and why the others do not, by their names.
+
+    An answer holds `quantities`, scaled, and the `seconds` of one core.
+    """
+    tasks = [
+        Task(averages_once_more, {"scene": scene, "closure": each}, label=each) for each in CLOSURES
+    ]
+    outcomes = dict(zip(CLOSURES, runner.run(tasks), strict=True))
+    found = {name: each for name, each in outcomes.items() if isinstance(each, dict)}
+    refused = {name: str(e) for name, e in outcomes.items() if isinstance(e, HarvesterError)}
+    return found, refused
