@@ -30,7 +30,7 @@ __all__ = [
     "njit",
     "numba",
 ]
-__all__ += ["overload", "register_jitable", "summing", "types"]
+__all__ += ["overload", "register_jitable", "summing", "types", "uncounted"]
 
 # No name: no file.
 numba.core.config._config_fname = ""
@@ -39,6 +39,9 @@ numba_cache.keep_to_own_types()
 # Without it everything is compiled at every start: slower by some seconds, and the same.
 CACHED = numba_cache.is_safe()
 compiled = partial(njit, cache=CACHED, error_model="numpy")
+# Counts no references to arrays, which costs more than what a loop does with a few of their
+# numbers: for a function that makes no array and keeps none.
+uncounted = partial(njit, cache=CACHED, error_model="numpy", _nrt=False)
 # Written into its callers, which else hand over all numbers of a device each time they step.
 inlined = partial(njit, error_model="numpy", inline="always")
 # Sums over many points in any order, several at a time.

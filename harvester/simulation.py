@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from harvester.calling import takes_scene
 from harvester.device import timescales
-from harvester.engines import side_by_side
+from harvester.engines import monte_carlo, side_by_side
 from harvester.engines.circuit import best_copies
 from harvester.engines.pools import Workers, processes
 from harvester.engines.protocol import ENGINES
@@ -26,7 +26,7 @@ from harvester.excitation import OrnsteinUhlenbeck
 from harvester.files.plain_text import nearest
 from harvester.results import Result
 from harvester.scene.model import Scene
-from harvester.scene.units import require_resistor, scale
+from harvester.scene.units import scale
 
 if TYPE_CHECKING:
     from harvester.device.system import System
@@ -67,7 +67,7 @@ def simulate(
     scene : Scene, str or Path
         Itself, its file or its built-in name.
     method : str
-        "circuit" (ngspice) or "monte-carlo" (Runge–Kutta, no circuit).
+        "circuit" (ngspice) or "monte-carlo" (the equations themselves, no ngspice).
     step : str or float
         Longest step: "default", "fine", "finest", or seconds. Rounded down to a whole division
         of the knot spacing; shorter in contact.
@@ -125,7 +125,7 @@ def simulate(
     engine = check_name("method", method, ENGINES)
     source = check_name("source", source, SOURCES)
     if engine == "monte-carlo":
-        require_resistor(scene, "Monte Carlo")
+        monte_carlo.check(scene)
     scheme = check_name("scheme", scheme or ENGINES[engine].schemes[0], ENGINES[engine].schemes)
     device = check_name("device", device, DEVICES)
     copies = check_copies(copies, scene, engine, source)

@@ -29,6 +29,32 @@ def run_realizations(*arguments: Any, **options: Any) -> dict[str, str]:
     return engine.run_realizations(*arguments, **options)
 
 
+def check_compiled(scene: Scene) -> None:
+    """Refuse a load that holds what the compiled one does not take.
+
+    Raises
+    ------
+    LoadError
+    """
+    from circuits.kernel import engine
+
+    engine.circuit_of(scene)
+
+
+def prepare_compiled(scene: Scene) -> None:
+    """Load the compiled code that a scene with a netlist as load needs."""
+    from circuits.kernel import engine
+
+    engine.prepare(scene)
+
+
+def run_compiled(*arguments: Any, **options: Any) -> dict[str, str | None]:
+    """See `circuits.kernel.engine.run_realizations`."""
+    from circuits.kernel import engine
+
+    return engine.run_realizations(*arguments, **options)
+
+
 def best_copies(scene: Scene, device: str, report: Callable) -> int:
     """Copies of a device in one netlist beyond which more are no faster; called in a worker."""
     from circuits.ngspice import engine

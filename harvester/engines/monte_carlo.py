@@ -1,4 +1,6 @@
-"""Monte Carlo reference: Runge–Kutta of fourth order on the given noise path, no circuit.
+"""Monte Carlo reference: the equations themselves on the given noise path, no ngspice.
+
+A resistor as load: Runge–Kutta of fourth order, here. A netlist: `circuits.kernel`.
 
 Steps land on the noise's knots and on the moments at which a contact begins or ends, so that
 the scheme keeps its order where the force is smooth; in contact the step resolves the contact
@@ -11,17 +13,19 @@ Heun's scheme of second order takes the same steps; it is there for work-precisi
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from harvester.compilation import compiled, inlined, numba
 from harvester.device import contact, system
+from harvester.engines import circuit
 from harvester.engines.decay import decayed
 from harvester.engines.steps import STEPS_PER_CONTACT, steps_per_knot, stop_time
-from harvester.errors import SolutionDiverged
+from harvester.engines.zones import crossing, overshoots
+from harvester.errors import LoadError, SolutionDiverged
 from harvester.record.record import empty_record, fill, part
-from harvester.scene.units import scale
+from harvester.scene.units import require_mass, scale
 
 if TYPE_CHECKING:
     from harvester.device.system import System
@@ -42,8 +46,23 @@ EXACT_DECAY = "exact decay, order 3"
 TIME, DISPLACEMENT, VELOCITY, TRANSDUCER, HELD_SPEED, ZONE, PHASE = range(7)
 
 
+def check(scene: Scene) -> None:
+    """Refuse what Monte Carlo does not take: a motion prescribed, some elements of a load.
+
+    Raises
+    ------
+    LoadError
+    """
+    require_mass(scene, "Monte Carlo")
+    if not scene.load.is_resistor:
+        circuit.check_compiled(scene)
+
+
 def prepare(scene: Scene) -> None:
     """Load the compiled code for a scene's parts, so that it does not count as simulation."""
+    if not scene.load.is_resistor:
+        circuit.prepare_compiled(scene)
+        return
     s, _ = scale(scene)
     record = empty_record(1)
     state = initial_state(s, (0.0, 0.0, 0.0))
@@ -61,11 +80,12 @@ def run_realizations(
     scheme: str = "runge-kutta",
     tolerance: float | None = None,
     device: str | None = None,
+    outputs: Any = None,
 ) -> dict[str, str | None]:
     """Integrate realizations one by one; see `circuits.ngspice.engine.run_realizations`.
 
-    `scheme` is "runge-kutta" or "heun". `source`, `tolerance` and `device` are not used: the
-    path is taken as it is, in fixed steps.
+    `scheme` is "runge-kutta" or "heun", for a resistor as load. `source`, `tolerance` and `device`
+    are not used: the path is taken as it is, in fixed steps or those that a netlist needs.
 
     Returns
     -------
@@ -75,7 +95,15 @@ def run_realizations(
     Raises
     ------
     SolutionDiverged
+    LoadError
+        Heun's scheme is asked for and the load is a netlist.
     """
+    if not scene.load.is_resistor:
+        if scheme != "runge-kutta":
+            raise LoadError(
+                f"{scene.name}: --scheme {scheme} is for a resistor as load; leave it out"
+            )
+        return circuit.run_compiled(scene, paths, starts, observers, step, outputs)
     s, _ = scale(scene)
     fixed = steps_per_knot(scene, step, "monte-carlo")
     for path, start, watching in zip(paths, starts, observers, strict=True):
@@ -210,7 +238,7 @@ def _advance(
                 heun, s, False, low, high, 0.0, x, v, voltage, noise, slope, length
             )
             smooth = low <= x1 <= high and not (
-                v * v1 < 0.0 and _overshoots(low, high, x, v, x1, v1, length)
+                v * v1 < 0.0 and overshoots(low, high, x, v, x1, v1, length)
             )
         if smooth:
             x, v, voltage, phase = x1, v1, voltage1, end
@@ -260,11 +288,11 @@ def _contact_piece(heun, s, touching, low, high, held, x, v, voltage, noise, slo
     entered = 0
     if x1 > high or x1 < low:
         entered = 1 if x1 > high else -1
-    elif v * v1 < 0.0 and _overshoots(low, high, x, v, x1, v1, length):
+    elif v * v1 < 0.0 and overshoots(low, high, x, v, x1, v1, length):
         entered = 1 if v > 0.0 else -1
     if entered != 0:
         edge = high if entered == 1 else low
-        length = _crossing(edge, entered, x, v, x1, v1, length)
+        length = crossing(edge, entered, x, v, x1, v1, length)
         x1, v1, voltage1 = _step(
             heun, s, touching, low, high, held, x, v, voltage, noise, slope, length
         )
@@ -361,51 +389,3 @@ def _runge_kutta(s, touching, low, high, held, x, v, voltage, noise, slope, h):
         v + sixth * (a1 + 2.0 * (a2 + a3) + a4),
         voltage + sixth * (u1 + 2.0 * (u2 + u3) + u4),
     )
-
-
-@compiled
-def _hermite(x, v, x1, v1, h, u):
-    """Displacement and its slope in u at the share u of a step: the cubic through both ends."""
-    rise = x1 - x
-    a = h * v - rise
-    b = rise - h * v1
-    w = 1.0 - u
-    bend = u * w * (a * w + b * u)
-    slope = rise + (w - u) * (a * w + b * u) + u * w * (b - a)
-    return x + rise * u + bend, slope
-
-
-@compiled
-def _overshoots(low, high, x, v, x1, v1, h):
-    """Whether a step that starts and ends within a zone has left it on its way."""
-    turn = _hermite(x, v, x1, v1, h, v / (v - v1))[0]
-    return turn > high or turn < low
-
-
-@compiled
-def _crossing(edge, direction, x, v, x1, v1, h):
-    """Time into the step at which x passes the edge in the direction ±1 first.
-
-    Newton on the cubic, kept by bisection.
-    """
-    low, high = 0.0, 1.0
-    inside = direction * (x1 - edge) <= 0.0
-    if inside:
-        high = v / (v - v1)
-    u = 0.5 * high
-    if high == 1.0:
-        u = (edge - x) / (x1 - x)
-    for _ in range(60):
-        value, slope = _hermite(x, v, x1, v1, h, u)
-        excess = direction * (value - edge)
-        if excess > 0.0:
-            high = u
-        else:
-            low = u
-        step = -excess / (direction * slope)
-        u += step
-        if not low <= u <= high:
-            u = 0.5 * (low + high)
-        elif abs(step) < 1e-9:
-            break
-    return max(u, 1e-9) * h

@@ -158,7 +158,7 @@ def run(
     chosen = ENGINES[engine]
     paths = [noise_path(scene, index) for index in indices]
     moments = [empty_moments(scene) for _ in indices]
-    # Only a load in the circuit has an output side.
+    # Only a netlist has an output side.
     output = {}
     load = scene.load.circuit
     if load and load.has_output:

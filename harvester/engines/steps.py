@@ -84,11 +84,11 @@ def steps_per_knot(scene: Scene, step: str | float = "default", engine: str = "c
         return max(1, math.ceil(spacing / step - 1e-9))
     if scene.excitation.prescribes_displacement:
         return STEP_LEVELS[step]
+    load = scene.load.circuit
     longest = (
         2.0 * math.pi / timescales.fastest_angular_frequency(system) / STEPS_PER_PERIOD[engine]
     )
-    load = scene.load.circuit
-    finer = SWITCHING_STEPS if load and load.switches else 1
+    finer = SWITCHING_STEPS if engine == "circuit" and load and load.switches else 1
     if engine == "monte-carlo" and system.transducer.decay_rate() * spacing > 1.0:
         finer *= STEPS_OF_FAST_LOADS
     if system.damper.damping * spacing > 1.0:

@@ -5,6 +5,7 @@ from collections.abc import Generator, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 
 from harvester.averaging import CLOSURES
+from harvester.engines import monte_carlo
 from harvester.engines.protocol import ENGINES
 from harvester.engines.steps import knot_spacing
 from harvester.errors import EnergyNotBalanced, HarvesterError
@@ -17,7 +18,7 @@ from harvester.files.writing import finite
 from harvester.running.realizations import MANY_REALIZATIONS, Realizations, averaging, is_closure
 from harvester.running.task import Wanted
 from harvester.scene.model import Scene
-from harvester.scene.units import Scales, require_resistor, scale
+from harvester.scene.units import Scales, scale
 from harvester.simulation import (
     LARGEST_RESIDUAL,
     NOTED_RESIDUAL,
@@ -205,7 +206,7 @@ def answering(
         return (yield from _averaged(request, density or request.density))
     if request.method == "monte-carlo":
         try:
-            require_resistor(request.scene, "Monte Carlo")
+            monte_carlo.check(request.scene)
         except HarvesterError as error:
             return error
     return (yield from _simulated(request, version, density or request.density))

@@ -150,6 +150,16 @@ def require_resistor(scene: Scene, method: str) -> None:
             f"{scene.name}: {method} knows a resistor as load, and load.netlist is "
             f"{scene.load.netlist!r}; use the circuit engine"
         )
+    require_mass(scene, method)
+
+
+def require_mass(scene: Scene, method: str) -> None:
+    """Refuse an excitation that says where the mass is.
+
+    Raises
+    ------
+    LoadError
+    """
     if scene.excitation.prescribes_displacement:
         raise LoadError(
             f"{scene.name}: {method} knows a moving mass, and excitation.kind is "

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from harvester.averaging import CLOSURES
+from harvester.engines import monte_carlo
 from harvester.engines.protocol import ENGINES
 from harvester.engines.steps import knot_spacing, resolving
 from harvester.errors import HarvesterError, OutOfTime, SceneError
@@ -36,7 +37,9 @@ def checked_method(scene: Scene, method: str | None) -> str:
         by_circuit |= not scene.load.is_resistor
         return "circuit" if by_circuit else "monte-carlo"
     check_name("method", method, (*ENGINES, *CLOSURES))
-    if method != "circuit":
+    if method == "monte-carlo":
+        monte_carlo.check(scene)
+    elif method != "circuit":
         require_resistor(scene, method)
     return method
 

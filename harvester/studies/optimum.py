@@ -12,6 +12,7 @@ from typing import Any, Unpack
 
 from harvester.averaging import CLOSURES, DEFAULT_CLOSURE
 from harvester.calling import takes_scene
+from harvester.engines import monte_carlo
 from harvester.engines.protocol import ENGINES
 from harvester.errors import HarvesterError
 from harvester.estimates.estimate import Estimate
@@ -19,7 +20,6 @@ from harvester.files.writing import finite
 from harvester.results import with_error
 from harvester.running import Request, RunnerOptions, open_runner
 from harvester.scene.model import Scene
-from harvester.scene.units import require_resistor
 from harvester.simulation import check_name
 from harvester.studies.axis import Axis
 from harvester.studies.objective import answers_in_time, on_common_knots
@@ -193,7 +193,7 @@ def optimum(
     check_name("quantity", maximise, MAXIMISED)
     check_name("method", method, ENGINES)
     if method == "monte-carlo":
-        require_resistor(scene, "Monte Carlo")
+        monte_carlo.check(scene)
     closure = check_name("closure", closure or DEFAULT_CLOSURE, CLOSURES)
     axis = Axis.of(scene, over, low, high)
     device = _common_knots(scene, axis)

@@ -8,6 +8,7 @@ from typing import Unpack
 import harvester
 from harvester.averaging import CLOSURES
 from harvester.calling import takes_scene
+from harvester.engines import monte_carlo
 from harvester.engines.protocol import ENGINES
 from harvester.errors import HarvesterError
 from harvester.running import RunnerOptions, open_runner
@@ -116,7 +117,10 @@ def load_study(
             running["time_budget"] = TIME_BUDGET
     grid = make_grid(scene, loads, sweeps or {})
     for point in grid.points if method != "circuit" else ():
-        require_resistor(point.scene, method)
+        if method == "monte-carlo":
+            monte_carlo.check(point.scene)
+        else:
+            require_resistor(point.scene, method)
     with open_runner(**running) as runner:
         version = runner.version(method)
         aim = precision if statistical else None

@@ -80,7 +80,7 @@ def answer(scene: Scene, method: str, step: str | float, report: Callable) -> Ca
 
 def _simulated(scene, engine, step):
     if engine == "monte-carlo":
-        require_resistor(scene, "Monte Carlo")
+        require_resistor(scene, "stability by Monte Carlo")
     path, realizations = path_deviation(scene, engine, step)
     estimates, settled = {}, True
     if engine == "monte-carlo":

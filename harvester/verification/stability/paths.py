@@ -172,7 +172,7 @@ def path_scene(scene: Scene) -> Scene:
 def reference_engine(scene: Scene) -> str:
     """Monte Carlo, whose scheme is of higher order; the circuit where only it knows the load."""
     try:
-        require_resistor(scene, "Monte Carlo")
+        require_resistor(scene, "stability by Monte Carlo")
     except LoadError:
         return "circuit"
     return "monte-carlo"

@@ -31,7 +31,7 @@ def test_answers_are_in_order_and_a_refusal_stands_in_its_place(runner, pool):
     closure = Request(PAPER, "consistent", density=True)
     engine = Request(PAPER, "monte-carlo", moments=True)
     bridge = Scene.load("device").replace({"load.netlist": "bridge"})
-    loaded = Request(bridge, "monte-carlo")
+    loaded = Request(bridge, "consistent")
     found = runner.answer([refused, closure, engine, closure, loaded])
     assert isinstance(found[0], AveragingError)
     assert found[1].density.density.max() > 0.5

@@ -1,0 +1,138 @@
+"""The tables of a scene: its transducer's network, its load, and where a record's numbers stand."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from circuits import elements as circuit_elements
+from circuits.kernel.builder import Builder, tables_of
+from circuits.kernel.linear import order_of
+from circuits.kernel.parts import add_load
+from circuits.kernel.tables import Circuit, Probes
+from harvester.device import timescales
+from harvester.device.terminals import GROUND, LOAD_AMMETER
+from harvester.scene.units import scale, setting
+
+if TYPE_CHECKING:
+    from harvester.scene.model import Scene
+
+# In front of the names of the device's nodes, so that none of a load's is one of them.
+DEVICE = "device:"
+
+
+def build(scene: Scene) -> Circuit:
+    """The tables of a scene's transducer with its load.
+
+    Parameters
+    ----------
+    scene : Scene
+        Whose load is a netlist.
+
+    Returns
+    -------
+    Circuit
+
+    Raises
+    ------
+    LoadError
+        The load holds what the compiled engine does not take; the message says where.
+    """
+    system, scales = scale(scene)
+    load = scene.load.circuit
+    rate = timescales.angular_frequency(system)
+    network = scene.transducer.network(setting(scene), system.transducer, rate)
+    b = Builder()
+    inside = b.node(DEVICE + network.terminal)
+    outside = b.node(circuit_elements.behind_ammeter(network))
+    ammeter = b.through(LOAD_AMMETER, inside, outside)
+    add_load(b, load, network)
+    places = [b.node(name) for name in (circuit_elements.OUTPUT, circuit_elements.REFERENCE)]
+    row_unit = 1.0 / network.power_unit if network.power_unit > 0.0 else 1.0
+    velocity = _add_transducer(b, network, scales, row_unit)
+    state = _state(b, network, ammeter)
+    b.initial = [each for each in b.initial if each[3] != 0.0]
+    tables = tables_of(b, velocity)
+    probes = Probes(
+        np.array([inside, ammeter, state, *places]),
+        np.array(
+            [
+                1.0 / scales.voltage,
+                1.0 / network.state_unit,
+                network.current_per_ampere,
+                network.power_unit,
+                row_unit,
+            ]
+        ),
+        (network.reference_capacitance, scales.voltage),
+    )
+    return Circuit(
+        tables,
+        probes,
+        order_of(tables),
+        (*b.unknowns, "X'"),
+        tuple(b.switch_names),
+        *_across(b, load),
+    )
+
+
+def with_start(circuit: Circuit, state: float, state_unit: float) -> np.ndarray:
+    """Unknowns at the beginning with the transducer's state (scaled); shape (n,)."""
+    return circuit.tables.start[0] + state * state_unit * circuit.tables.start[1]
+
+
+def _state(b, network, ammeter):
+    if network.state_current:
+        return ammeter
+    return b.node(DEVICE + network.state_voltage) if network.state_voltage else -1
+
+
+def _add_transducer(b, network, scales, row_unit):
+    """Elements of the transducer; returns the place of the velocity, the last unknown."""
+    nodes = {name: b.node(DEVICE + name) for name in sorted(network.nodes)}
+    nodes[GROUND] = -1
+    b.branch(LOAD_AMMETER)
+    for each in network.elements:
+        if each.kind == "inductor":
+            b.branch(DEVICE + each.name)
+        elif each.kind in ("ammeter", "moving voltage"):
+            b.branch(each.name if each.kind == "ammeter" else DEVICE + each.name)
+    velocity = len(b.unknowns)
+    for each in network.elements:
+        _add_part(b, each, nodes, velocity, scales, row_unit)
+    b.enter(velocity, velocity, capacity=row_unit)
+    b.mark([velocity], [velocity])
+    return velocity
+
+
+def _add_part(b, each, nodes, velocity, scales, row_unit):
+    a, z = nodes.get(each.plus, -1), nodes.get(each.minus, -1)
+    if each.kind == "resistor":
+        b.between(a, z, conductance=1.0 / each.value)
+    elif each.kind == "capacitor":
+        b.capacitor(a, z, each.value, "state" if each.holds_state else 0.0)
+    elif each.kind == "inductor":
+        b.inductor(DEVICE + each.name, a, z, each.value, "state" if each.holds_state else 0.0)
+    elif each.kind == "ammeter":
+        b.through(each.name, a, z)
+    elif each.kind == "moving voltage":
+        row = b.through(DEVICE + each.name, a, z)
+        b.enter(row, velocity, conductance=each.value)
+    elif each.kind == "moving current":
+        b.enter(a, velocity, conductance=-each.value)
+        b.enter(z, velocity, conductance=each.value)
+    elif each.kind == "force of voltage":
+        gain = row_unit * each.value / scales.voltage
+        b.enter(velocity, a, conductance=gain)
+        b.enter(velocity, z, conductance=-gain)
+    elif each.kind == "force of current":
+        b.enter(velocity, b.branch(each.plus), conductance=row_unit * each.value)
+    else:
+        raise ValueError(f"{each.name}: no element of a circuit is a {each.kind!r}")
+
+
+def _across(b, load):
+    """Conductance (S) and capacitance (F) of what lies across the output."""
+    siemens = sum(max(1.0 / value, 0.0) for value in b.output["r"].values() if value)
+    return siemens, sum(b.output["c"].values())

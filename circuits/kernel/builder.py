@@ -1,0 +1,183 @@
+"""Collects the elements of a circuit and turns them into its tables."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from circuits.kernel import junction, waveform
+from circuits.kernel.tables import Tables
+from circuits.kernel.tape import Tape
+from harvester.device.terminals import GROUND
+
+
+class Builder:
+    """Collects elements; every method adds one kind."""
+
+    def __init__(self) -> None:
+        self.unknowns: dict[str, int] = {}
+        self.entries: dict[tuple[int, int], list[float]] = {}
+        self.steady: dict[int, float] = {}
+        self.waves: list[tuple] = []
+        self.corners: list[tuple[float, float]] = []
+        self.junctions: list[tuple] = []
+        self.switches: list[tuple] = []
+        self.switch_names: list[tuple[str, str]] = []
+        self.tape = Tape()
+        self.behavioural: list[tuple[int, int, int, int]] = []
+        self.inputs: list[tuple[int, int, int]] = []
+        self.waiting: list[tuple] = []
+        # Values of what lies across the output, by letter and name.
+        self.output: dict[str, dict[str, float]] = {"r": {}, "c": {}}
+        self.nonlinear: set[tuple[str, int]] = set()
+        self.initial: list[tuple[int, int, float, float]] = []
+        self.inductances: dict[str, float] = {}
+
+    def node(self, name):
+        """The place of a node's voltage; −1 for ground."""
+        return -1 if name == GROUND else self.unknowns.setdefault(name, len(self.unknowns))
+
+    def branch(self, name):
+        """The place of a branch's current."""
+        return self.unknowns.setdefault(f"i({name})", len(self.unknowns))
+
+    def enter(self, row, column, capacity=0.0, conductance=0.0):
+        if row >= 0 and column >= 0:
+            entry = self.entries.setdefault((row, column), [0.0, 0.0])
+            entry[0] += capacity
+            entry[1] += conductance
+
+    def between(self, a, b, capacity=0.0, conductance=0.0, controls=None):
+        """An admittance between two nodes, or from two to others that control it."""
+        for row, sign in ((a, 1.0), (b, -1.0)):
+            for column, other in zip(controls or (a, b), (1.0, -1.0), strict=True):
+                self.enter(row, column, sign * other * capacity, sign * other * conductance)
+
+    def capacitor(self, a, b, value, start):
+        self.between(a, b, capacity=value)
+        self.initial.append((a, b, start, abs(value)))
+
+    def through(self, name, a, b):
+        """A branch whose current is an unknown; its row is the voltage across it."""
+        row = self.branch(name)
+        for node, sign in ((a, 1.0), (b, -1.0)):
+            self.enter(node, row, conductance=sign)
+            self.enter(row, node, conductance=-sign)
+        return row
+
+    def inductor(self, name, a, b, value, start):
+        row = self.through(name, a, b)
+        self.enter(row, row, capacity=value)
+        self.inductances[name] = value
+        self.initial.append((row, -1, start, value))
+
+    def coupling(self, names, share):
+        for k, first in enumerate(names):
+            for second in names[k + 1 :]:
+                mutual = share * (self.inductances[first] * self.inductances[second]) ** 0.5
+                one, other = self.branch(first), self.branch(second)
+                self.enter(one, other, capacity=mutual)
+                self.enter(other, one, capacity=mutual)
+
+    def source(self, row, sign, shape):
+        """A source, constant or changing, on the right-hand side of a row."""
+        if row < 0:
+            return
+        if isinstance(shape, float):
+            self.steady[row] = self.steady.get(row, 0.0) + sign * shape
+        else:
+            kind, numbers, corners = shape
+            first = len(self.corners)
+            self.corners += corners
+            self.waves.append((row, kind, sign, first, len(self.corners), *numbers))
+
+    def mark(self, rows, columns):
+        self.nonlinear |= {("row", place) for place in rows}
+        self.nonlinear |= {("column", place) for place in columns}
+
+
+def tables_of(b: Builder, velocity: int) -> Tables:
+    """What was collected, with the velocity at its place behind all others."""
+    n = velocity + 1
+    if len(b.unknowns) != velocity:
+        raise ValueError("an unknown was added behind the velocity")
+    rows = sorted(b.entries)
+    steady = np.zeros(n)
+    for place, value in b.steady.items():
+        steady[place] = value
+    flags = np.zeros((2, n), dtype=np.bool_)
+    for kind, place in b.nonlinear:
+        if place >= 0:
+            flags[int(kind == "column"), place] = True
+
+    def places(found, width):
+        table = np.array(found, dtype=np.int64).reshape(-1, width)
+        return np.where(table < 0, n, table)
+
+    def numbers(found, width):
+        return np.array(found, dtype=float).reshape(-1, width)
+
+    return Tables(
+        entries=places(rows, 2),
+        capacity=np.array([b.entries[row][0] for row in rows]),
+        conductance=np.array([b.entries[row][1] for row in rows]),
+        steady=steady,
+        sources=np.array([wave[:2] for wave in b.waves], dtype=np.int64).reshape(-1, 2),
+        waves=numbers([wave[2:] for wave in b.waves], waveform.COLUMNS),
+        corners=numbers(b.corners, 2),
+        junctions=places([each[:2] for each in b.junctions], 2),
+        junction_values=numbers([each[2] for each in b.junctions], junction.COLUMNS),
+        switches=places([each[0] for each in b.switches], 6),
+        switch_values=numbers([each[1] for each in b.switches], 4),
+        tape=np.array(b.tape.rows, dtype=np.int64).reshape(-1, 4),
+        tape_values=np.array(b.tape.values, dtype=float),
+        behavioural=places(b.behavioural, 4),
+        inputs=places(b.inputs, 3),
+        nonlinear_rows=flags[0],
+        nonlinear_columns=flags[1],
+        start=_starts(b, n),
+    )
+
+
+def _starts(b, n):
+    """y at the beginning without the transducer's state, and what one unit of it adds: (2, n).
+
+    What sources set holds; the voltages of capacitors and the currents of inductors are as given,
+    those of the greatest first where they contradict each other; the first step finds the rest.
+    """
+    matrix = np.zeros((len(b.initial), n + 1))
+    values = np.zeros((len(b.initial), 2))
+    for k, (a, z, start, size) in enumerate(b.initial):
+        # Ground stands last.
+        matrix[k, a] += np.sqrt(size)
+        matrix[k, z] -= np.sqrt(size)
+        values[k, 1 if start == "state" else 0] = np.sqrt(size) * _one_if_state(start)
+    heaviest = np.abs(matrix).max(initial=1.0)
+    fixed, given = _set_voltages(b, n)
+    matrix = np.concatenate([1e-3 / heaviest * matrix[:, :n], fixed])
+    values = np.concatenate([1e-3 / heaviest * values, given])
+    sizes = np.abs(matrix).max(axis=0, initial=0.0)
+    sizes[sizes == 0.0] = 1.0
+    found = np.linalg.lstsq(matrix / sizes, values, rcond=1e-13)[0]
+    return (found / sizes[:, None]).T
+
+
+def _one_if_state(start):
+    return 1.0 if start == "state" else start
+
+
+def _set_voltages(b, n):
+    """Rows of the branches that set a voltage and hold no flux, and what they set at time 0."""
+    chosen = []
+    for name, place in b.unknowns.items():
+        entries = {column: e for (row, column), e in b.entries.items() if row == place}
+        holds = any(e[0] != 0.0 for e in entries.values()) or ("row", place) in b.nonlinear
+        if name.startswith("i(") and not holds:
+            chosen.append((place, entries))
+    rows, values = np.zeros((len(chosen), n)), np.zeros((len(chosen), 2))
+    for k, (place, entries) in enumerate(chosen):
+        for column, (_, conductance) in entries.items():
+            rows[k, column] = conductance
+        values[k, 0] = b.steady.get(place, 0.0)
+        size = np.abs(rows[k]).max()
+        rows[k], values[k] = rows[k] / size, values[k] / size
+    return rows, values

@@ -1,0 +1,206 @@
+"""Monte Carlo of a device with a netlist as load: `harvester.engines.monte_carlo` calls it."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from circuits.kernel import junction, stepping
+from circuits.kernel.assembly import build, with_start
+from circuits.kernel.stage import room
+from circuits.kernel.stepping import (
+    CHATTER,
+    DISPLACEMENT,
+    FINE,
+    HELD_SPEED,
+    NUMBERS,
+    PROPOSED,
+    TIME,
+    ZONE,
+    State,
+    advance,
+)
+from circuits.kernel.tables import Circuit
+from harvester.compilation import numba
+from harvester.device import contact, system, timescales
+from harvester.engines.steps import steps_per_knot, stop_time
+from harvester.errors import SimulatorAborted, SolutionDiverged
+from harvester.record.record import Record, empty_record, part
+from harvester.scene.units import scale
+
+if TYPE_CHECKING:
+    from harvester.device.system import System
+    from harvester.excitation.ornstein_uhlenbeck import NoisePath
+    from harvester.scene.model import Scene
+
+CHUNK = 4096
+SCHEME = "TR-BDF2"
+
+
+def prepare(scene: Scene) -> None:
+    """Load the compiled code for a scene's parts, so that it does not count as simulation."""
+    s, _ = scale(scene)
+    circuit = circuit_of(scene)
+    state, work = _beginning(s, circuit, (0.0, 0.0, 0.0))
+    edges = np.array(contact.edges(s.contacts))
+    advance(
+        s, circuit.tables, circuit.probes, circuit.order, work, state, edges, np.zeros(2), 0, 0, 0,
+        1.0, 1, empty_record(2), np.zeros(2),
+    )  # fmt: skip
+
+
+@functools.lru_cache(maxsize=16)
+def circuit_of(scene: Scene) -> Circuit:
+    """The tables of a scene's load, see `circuits.kernel.assembly.build`."""
+    return build(scene)
+
+
+def run_realizations(
+    scene: Scene,
+    paths: list[NoisePath],
+    starts: list[tuple[float, float, float]],
+    observers: list[Any],
+    step: str | float,
+    outputs: Any = None,
+) -> dict[str, str | None]:
+    """Integrate realizations one by one; see `circuits.ngspice.engine.run_realizations`.
+
+    Returns
+    -------
+    dict
+        engine_version, netlist_sha256 (None).
+
+    Raises
+    ------
+    LoadError
+        The load holds what is not taken.
+    SimulatorAborted, SolutionDiverged
+    """
+    s, scales = scale(scene)
+    circuit = circuit_of(scene)
+    fixed = steps_per_knot(scene, step, "monte-carlo")
+    for k, (path, start, watching) in enumerate(zip(paths, starts, observers, strict=True)):
+        for record, volts in integrate(s, circuit, path, start, stop_time(scene), fixed):
+            if not all(np.isfinite(column[-1]) for column in record):
+                raise SolutionDiverged(
+                    f"Monte Carlo left the finite numbers before t = {record.time[-1]:g}; "
+                    "choose a shorter --step"
+                )
+            for observer in watching:
+                observer.add(record)
+            if outputs is not None:
+                outputs[k].add(record.time, volts)
+        if outputs is not None:
+            unit = circuit.probes.units[3] * scales.voltage**2
+            outputs[k].conductance = unit * circuit.conductance
+            outputs[k].capacitance = unit * circuit.capacitance
+    return {"engine_version": f"{SCHEME}, numba {numba.__version__}", "netlist_sha256": None}
+
+
+def integrate(
+    s: System,
+    circuit: Circuit,
+    path: NoisePath,
+    start: tuple[float, float, float],
+    stop: float,
+    steps_per_knot: int = 1,
+) -> Iterator[tuple[Record, np.ndarray]]:
+    """Integrate the device with its load along a noise path.
+
+    Parameters
+    ----------
+    s : harvester.device.system.System
+    circuit : circuits.kernel.tables.Circuit
+    path : harvester.excitation.NoisePath
+    start : (float, float, float)
+        X, X' and the transducer's state, scaled.
+    stop : float
+        End time (s), rounded up to a whole number of knots.
+    steps_per_knot : int
+        Steps between two knots where nothing asks for more.
+
+    Yields
+    ------
+    Record, ndarray
+        Chunks of accepted points in order, without the initial one, and the output's voltage
+        (scaled); overwritten by the next.
+
+    Raises
+    ------
+    SimulatorAborted
+        Newton's iterations find no solution, or a switch chatters.
+    """
+    knots = int(np.ceil(stop / path.spacing - 1e-9))
+    edges = np.array(contact.edges(s.contacts))
+    state, work = _beginning(s, circuit, start)
+    state.numbers[PROPOSED] = stepping.RESTART * path.spacing / steps_per_knot
+    record, volts = empty_record(CHUNK), np.zeros(CHUNK)
+    block = np.empty(CHUNK + 1)
+    block[0] = path.read(1)[0]
+    done = 0
+    while done < knots:
+        count = min(CHUNK, knots - done)
+        block[1 : count + 1] = path.read(count)
+        segment = 0
+        while segment < count:
+            segment, points, outcome, which = advance(
+                s, circuit.tables, circuit.probes, circuit.order, work, state, edges, block,
+                segment, count, done, path.spacing, steps_per_knot, record, volts,
+            )  # fmt: skip
+            if outcome != FINE:
+                raise SimulatorAborted(_trouble(circuit, state, work, outcome, which))
+            yield part(record, 0, points), volts[:points]
+        block[0] = block[count]
+        done += count
+
+
+def _trouble(circuit, state, work, outcome, which):
+    time = state.numbers[TIME]
+    if outcome == CHATTER:
+        name, where = circuit.switches[which]
+        return (
+            f"Monte Carlo stopped at t = {time:g}: the switch {name} ({where}) chatters: it turns "
+            f"more than {stepping.MOST_SWITCHINGS} times within a step; give it a hysteresis"
+        )
+    moved = np.abs(state.second)
+    name = circuit.names[int(np.argmax(np.where(np.isfinite(moved), moved, np.inf)))]
+    return (
+        f"Monte Carlo stopped at t = {time:g}: no step is short enough for the load, the trouble "
+        f"is with {name}; a current that jumps, or a node that nothing determines, has this "
+        "effect: the circuit engine may take it"
+    )
+
+
+def _beginning(s, circuit, start):
+    """State and Work of a realization at its beginning."""
+    tables = circuit.tables
+    work = room(tables, circuit.order)
+    n, m = tables.steady.size, len(tables.junctions)
+    numbers = np.zeros(NUMBERS)
+    x, v, electrical = start
+    numbers[DISPLACEMENT] = x
+    numbers[HELD_SPEED] = system.speed_held(s, x, v)
+    inner = contact.edges(s.contacts)[1:-1]
+    numbers[ZONE] = sum(x > edge if edge > 0.0 else x >= edge for edge in inner)
+    numbers[PROPOSED] = 1.0
+    y = with_start(circuit, electrical, 1.0 / circuit.probes.units[1])
+    y[n - 1] = v
+    work.sizes[n - 1] = max(abs(v), timescales.angular_frequency(s))
+    state = State(
+        numbers, y, np.zeros(n), np.zeros(m), np.zeros(m), tables.switches[:, 4].copy(),
+        np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
+    )  # fmt: skip
+    _set_junctions(tables, work, state, np.append(y, 0.0))
+    return state, work
+
+
+def _set_junctions(tables, work, state, y):
+    """Voltages and charges of the junctions at the beginning."""
+    for k, (a, z) in enumerate(tables.junctions):
+        v = y[a] - y[z]
+        state.voltages[k] = state.before[k] = v
+        table = tables.junction_values
+        work.charges[k] = junction.charge(table, k, v, *junction.current(table, k, v))[0]

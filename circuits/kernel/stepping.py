@@ -1,0 +1,388 @@
+"""The device with its load, step by step: TR-BDF2, its error, switches and contacts.
+
+TR-BDF2 (Bank et al. 1985, Hosea and Shampine 1996) is of second order, A- and L-stable, and both
+its implicit stages have one matrix. It goes on from the rates of change at the step's beginning;
+where a switch has just changed them, Alexander's SDIRK of the same order and matrix takes the step,
+which asks for none.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from circuits.kernel import junction
+from circuits.kernel.linear import Order, slot_of
+from circuits.kernel.stage import (
+    Work,
+    add_conducted,
+    add_junction_charge,
+    add_sources,
+    add_stored,
+    error_energy,
+    solve_stage,
+)
+from circuits.kernel.switching import missed_controls, switched, turn
+from circuits.kernel.tables import Probes, Tables
+from harvester.compilation import compiled, inlined, uncounted
+from harvester.device import contact
+from harvester.device import system as systems
+from harvester.engines.steps import STEPS_PER_CONTACT
+from harvester.engines.zones import crossing, overshoots
+from harvester.record.record import fill
+
+if TYPE_CHECKING:
+    pass
+
+ROOT = np.sqrt(2.0)
+# δ over the step; the first stages' place in it.
+DIAGONAL = 1.0 - 0.5 * ROOT
+STAGE = 2.0 - ROOT
+# Of the first stage's change in the second, for either method.
+BACKWARD, ALEXANDER = 0.5 * (1.0 + ROOT), 1.0 + ROOT
+# The third-order formula on the same rates, less the second-order one.
+ERROR = ((1.0 - ROOT) / 3.0, 1.0 / 3.0, (ROOT - 2.0) / 3.0)
+# A step's error against the transducer's energy, both as roots.
+TOLERANCE = 1e-3
+# Weights of power at the step's beginning and its stages in its mean, for either method.
+POWER_WEIGHTS = ((0.25 * ROOT, 0.25 * ROOT, DIAGONAL), (0.0, 1.0 - DIAGONAL, DIAGONAL))
+# Of the power at both ends, a difference of their mean from the step's that asks for a point more.
+POWER_DIFFERENCE = 0.01
+# After a switch, the first step against the usual one; the shortest; how well its time is known.
+RESTART, SHORTEST, LOCATED = 2.0**-10, 2.0**-34, 1e-4
+# Share of the step that led across within which the time is known, too.
+LOCATED_SHARE = 0.02
+# Switchings within one step of the grid that are no chatter.
+MOST_SWITCHINGS = 400
+# Time over which the transducer's energy is averaged, in steps of the grid, and the share of one
+# scaled volt below which a voltage does not count.
+MEMORY, SMALL_VOLTAGE = 200.0, 1e-3
+
+# Places among the numbers of a state.
+(
+    DISPLACEMENT, HELD_SPEED, ZONE, PHASE, PROPOSED, RATES_KNOWN, LAST_STEP, ENERGY, SWITCHINGS,
+    TIME, MEAN_POWER, NUMBERS,
+) = range(12)  # fmt: skip
+FINE, STUCK, CHATTER = range(3)
+
+
+class State(NamedTuple):
+    """Where a realization is; arrays changed in place.
+
+    Attributes
+    ----------
+    numbers : (NUMBERS,)
+    y, rates : (n,) unknowns and d/dt [C y + q].
+    voltages, before : (m,) of the junctions, now and a step ago.
+    closed : (k,) int64, of the switches.
+    second, error, filtered : (n,) room for a step.
+    """
+
+    numbers: np.ndarray
+    y: np.ndarray
+    rates: np.ndarray
+    voltages: np.ndarray
+    before: np.ndarray
+    closed: np.ndarray
+    second: np.ndarray
+    error: np.ndarray
+    filtered: np.ndarray
+    stored: np.ndarray
+
+
+@uncounted
+def advance(
+    s: Any,
+    tables: Tables,
+    probes: Probes,
+    order: Order,
+    work: Work,
+    state: State,
+    edges: np.ndarray,
+    block: np.ndarray,
+    segment: int,
+    count: int,
+    first_knot: int,
+    spacing: float,
+    steps_per_knot: int,
+    record: Any,
+    output: np.ndarray,
+) -> Any:
+    """Fill record and output voltage from a segment of the noise on.
+
+    Returns the segment reached, the points written, and FINE, STUCK or CHATTER with the switch.
+    """
+    numbers, y = state.numbers, state.y
+    n = y.size
+    step = spacing / steps_per_knot
+    row_unit = probes.units[4]
+    capacity = record.time.size
+    points = 0
+    free = np.searchsorted(edges, 0.0)
+    left, right = edges[free - 1], edges[free]
+    while segment < count and points + 1 < capacity:
+        slope = (block[segment + 1] - block[segment]) / spacing
+        phase = numbers[PHASE]
+        end = (np.floor(phase / step + 1e-9) + 1.0) * step
+        noise = block[segment] + slope * phase
+        time = (first_knot + segment) * spacing + phase
+        place = int(numbers[ZONE])
+        low, high = edges[place], edges[place + 1]
+        touching = not low < 0.0 < high
+        x, v = numbers[DISPLACEMENT], y[n - 1]
+        remaining = end - phase
+        longest = min(numbers[PROPOSED], step)
+        if touching:
+            push = noise - systems.part_force(s.damper, v)
+            speed = abs(v) + abs(push) * remaining
+            longest = contact.step(s.contacts, x, speed * speed, longest, STEPS_PER_CONTACT)
+        h = _length(longest, remaining, step)
+        least = SHORTEST * step
+        found, switch, entered = -1.0, -1, 0
+        while True:
+            if h < least:
+                return segment, points, STUCK, 0
+            settled, error, x1, missed = _try_step(
+                s, tables, order, probes, work, state, time, h, noise, slope, x,
+                (touching, low, high, numbers[HELD_SPEED]), row_unit,
+            )  # fmt: skip
+            if not settled:
+                h *= 0.25
+                numbers[PROPOSED] = h
+                numbers[RATES_KNOWN] = 0.0
+                continue
+            scale = probes.energy[0] * max(numbers[ENERGY], (SMALL_VOLTAGE * probes.energy[1]) ** 2)
+            ratio = max(np.sqrt(error / scale) / TOLERANCE, missed)
+            if ratio > 1.0 and entered == 0:
+                numbers[PROPOSED] = h * max(0.1, 0.9 * ratio ** (-1.0 / 3.0))
+                h = _length(numbers[PROPOSED], remaining, step)
+                continue
+            v1 = y[n - 1] + state.second[n - 1]
+            if entered == 0:
+                entered, share = _leaves(low, high, x, v, x1, v1, h)
+                if entered != 0 and share < 1.0:
+                    h *= share
+                    continue
+            switch, share = switched(tables, state)
+            if switch >= 0 and found < 0.0:
+                found = max(min(LOCATED * step, LOCATED_SHARE * h), 4.0 * least)
+            if switch >= 0 and h * (1.0 - share) > found:
+                h = h * share + 0.5 * found
+                entered = 0
+                continue
+            break
+        power = y[probes.places[0]] * y[probes.places[1]]
+        _accept(tables, probes, work, state, h, x1, ratio, step)
+        if entered != 0:
+            numbers[ZONE] = place + entered
+            numbers[RATES_KNOWN] = 0.0
+            if not touching:
+                numbers[HELD_SPEED] = abs(y[n - 1])
+        if switch >= 0:
+            numbers[SWITCHINGS] += 1.0
+            if numbers[SWITCHINGS] > MOST_SWITCHINGS:
+                return segment, points, CHATTER, switch
+            turn(tables, state)
+            numbers[RATES_KNOWN] = 0.0
+            numbers[PROPOSED] = RESTART * step
+        if h >= remaining:
+            phase = end
+            numbers[SWITCHINGS] = 0.0
+        else:
+            phase += h
+        noise = block[segment] + slope * phase
+        if phase > spacing * (1.0 - 1e-9):
+            phase = 0.0
+            segment += 1
+            noise = block[segment]
+        numbers[PHASE] = phase
+        time = (first_knot + segment) * spacing + phase
+        numbers[TIME] = time
+        last = y[probes.places[0]] * y[probes.places[1]]
+        mean = numbers[MEAN_POWER]
+        if points > 0 and abs(2.0 * mean - power - last) > POWER_DIFFERENCE * (
+            abs(power) + abs(last)
+        ):
+            # A current that jumped at the step's beginning: the point before it once more, with
+            # the power that makes the mean of both ends the step's.
+            _again(record, output, points, (2.0 * mean - last) * probes.units[3])
+            points += 1
+        _write(s, probes, state, record, output, points, time, noise, left, right)
+        points += 1
+    return segment, points, FINE, 0
+
+
+@compiled
+def _length(longest, remaining, step):
+    """A whole division of the grid's step by a power of 2, or what remains of it."""
+    if longest >= remaining * (1.0 - 1e-9):
+        return remaining
+    h = step
+    while h > longest:
+        h *= 0.5
+    return min(h, remaining)
+
+
+@inlined
+def _try_step(s, tables, order, probes, work, state, time, h, noise, slope, x, zone, row_unit):
+    """A step of length h from the state.
+
+    Returns whether Newton settled, its error's energy, the new X, and the error of the switches'
+    controls against what they may have. Its change stands in `state.second`, the new rates in
+    `state.stored`.
+    """
+    y, rates, numbers = state.y, state.rates, state.numbers
+    n = y.size
+    known = numbers[RATES_KNOWN] > 0.0
+    delta = DIAGONAL * h
+    slot = slot_of(tables, order, work.matrix, work.keys, state.closed, delta)
+    share, factor = (STAGE, BACKWARD) if known else (DIAGONAL, ALEXANDER)
+    _predict(tables, work, state, share * h)
+    for i in range(n):
+        work.right[i] = delta * rates[i] if known else 0.0
+        work.begin[i] = work.latest[i] = y[i]
+        state.stored[i] = 0.0
+    if known:
+        work.latest[n - 1] = y[n - 1] + STAGE * h * rates[n - 1] / row_unit
+    # δ G y serves both stages.
+    conducted = state.filtered
+    for i in range(n):
+        conducted[i] = 0.0
+    add_conducted(tables, state.closed, y, conducted, delta)
+    base = x + (delta * y[n - 1] if known else 0.0)
+    settled, error, missed, moved, mean, power = True, 0.0, 0.0, 0.0, 0.0, 0.0
+    for stage in range(2):
+        ahead = share * h if stage == 0 else h
+        for i in range(n):
+            work.right[i] -= conducted[i]
+        work.right[n - 1] += delta * row_unit * (noise + slope * ahead)
+        add_sources(tables, work.right, time + ahead, delta)
+        settled = solve_stage(
+            s, tables, order, work, slot, delta, time + ahead, base, zone, row_unit, state.second
+        )
+        if not settled:
+            break
+        moved = base - x + delta * (y[n - 1] + state.second[n - 1])
+        for i in range(n):
+            state.stored[i] = 0.0
+        add_stored(tables, state.second, state.stored)
+        add_junction_charge(tables, work, state.stored)
+        place, branch = probes.places[0], probes.places[1]
+        power = (y[place] + state.second[place]) * (y[branch] + state.second[branch])
+        weights = POWER_WEIGHTS[0] if known else POWER_WEIGHTS[1]
+        if stage == 0:
+            mean = weights[0] * y[place] * y[branch] + weights[1] * power
+            for i in range(n):
+                state.error[i] = state.stored[i]
+                work.right[i] = factor * state.stored[i]
+            base = x + factor * moved
+            _predict_second(tables, work, state, share)
+    if settled:
+        numbers[MEAN_POWER] = mean + DIAGONAL * power
+        for i in range(n):
+            new = (state.stored[i] - factor * state.error[i]) / delta
+            middle = state.error[i] / delta - rates[i]
+            state.stored[i] = new
+            state.error[i] = h * (ERROR[0] * rates[i] + ERROR[1] * middle + ERROR[2] * new)
+        if known:
+            error = error_energy(order, work, slot, state.error, state.filtered)
+            missed = missed_controls(tables, state)
+    return settled, error, x + moved, missed
+
+
+@inlined
+def _predict(tables, work, state, ahead):
+    """Junction voltages a time ahead as the last step moved them, not up the exponential."""
+    last = state.numbers[LAST_STEP]
+    share = ahead / last if last > 0.0 else 0.0
+    for k in range(work.voltages.size):
+        v = state.voltages[k]
+        change = share * (v - state.before[k])
+        swing = tables.junction_values[k, junction.SWING]
+        if change > 0.0:
+            change = min(change, max(-v, 0.0) + swing)
+        work.voltages[k] = v + change
+
+
+@inlined
+def _predict_second(tables, work, state, share):
+    """Guesses of the second stage from the first."""
+    n = state.y.size
+    for i in range(n):
+        work.latest[i] = state.y[i] + state.second[i] / share
+    for k in range(work.voltages.size):
+        v = work.voltages[k]
+        change = (v - state.voltages[k]) * (1.0 / share - 1.0)
+        swing = tables.junction_values[k, junction.SWING]
+        if change > 0.0:
+            change = min(change, max(-v, 0.0) + swing)
+        work.voltages[k] = v + change
+
+
+@compiled
+def _leaves(low, high, x, v, x1, v1, h):
+    """By how many zones a step leads, −1, 0 or 1, and the share of it at which it does."""
+    entered = 0
+    if x1 > high or x1 < low:
+        entered = 1 if x1 > high else -1
+    elif v * v1 < 0.0 and overshoots(low, high, x, v, x1, v1, h):
+        entered = 1 if v > 0.0 else -1
+    if entered == 0:
+        return 0, 1.0
+    edge = high if entered == 1 else low
+    return entered, crossing(edge, entered, x, v, x1, v1, h) / h
+
+
+@inlined
+def _accept(tables, probes, work, state, h, x1, ratio, step):
+    """The step's end becomes the state; the next step follows its error."""
+    numbers, y = state.numbers, state.y
+    for i in range(y.size):
+        y[i] += state.second[i]
+        state.rates[i] = state.stored[i]
+        work.sizes[i] = max(work.sizes[i], abs(y[i]))
+    for k in range(work.voltages.size):
+        state.before[k] = state.voltages[k]
+        state.voltages[k] = v = work.voltages[k]
+        if junction.holds_charge(tables.junction_values, k):
+            through, slope = junction.current(tables.junction_values, k, v)
+            stored = junction.charge(tables.junction_values, k, v, through, slope)
+            work.charges[k] = stored[0]
+    numbers[DISPLACEMENT] = x1
+    numbers[LAST_STEP] = h
+    numbers[RATES_KNOWN] = 1.0
+    growth = 4.0
+    if ratio > 0.0:
+        growth = min(4.0, 0.9 * ratio ** (-1.0 / 3.0))
+    if growth >= 1.0:
+        numbers[PROPOSED] = min(max(h * growth, numbers[PROPOSED]), step)
+    else:
+        numbers[PROPOSED] = h * growth
+    square = y[probes.places[0]] ** 2
+    numbers[ENERGY] += (square - numbers[ENERGY]) * min(h / (MEMORY * step), 1.0)
+
+
+@compiled
+def _again(record, output, point, power):
+    """The last point of a record once more, with another power into the load."""
+    for column in record:
+        column[point] = column[point - 1]
+    record.load_power[point] = power
+    output[point] = output[point - 1]
+
+
+@inlined
+def _write(s, probes, state, record, output, point, time, noise, left, right):
+    """One point of the record."""
+    numbers, y = state.numbers, state.y
+    n = y.size
+    places, units = probes.places, probes.units
+    x, v = numbers[DISPLACEMENT], y[n - 1]
+    volts, amperes = y[places[0]], y[places[1]]
+    electrical = y[places[2]] * units[1] if places[2] >= 0 else 0.0
+    loss = systems.loss_power(s, x, v, numbers[HELD_SPEED], x < left or x > right)
+    own = systems.own_loss(s.transducer, v, electrical, amperes * units[2])
+    power = volts * amperes * units[3]
+    fill(record, point, time, x, v, volts * units[0], power, noise * v, loss, own, electrical)
+    output[point] = (y[places[3]] - y[places[4]]) * units[0]

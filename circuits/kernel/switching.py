@@ -1,0 +1,67 @@
+"""Switches with hysteresis: when one turns within a step, and how well its control is known."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from circuits.kernel.tables import Tables
+from harvester.compilation import inlined
+
+# A switch's control is known to this share of its distance from the threshold and its hysteresis.
+CONTROL_TOLERANCE = 0.1
+
+
+@inlined
+def _control(tables, state, k):
+    """Control of a switch before and after the step."""
+    n = state.y.size
+    a, z = tables.switches[k, 2], tables.switches[k, 3]
+    before = (state.y[a] if a < n else 0.0) - (state.y[z] if z < n else 0.0)
+    change = (state.second[a] if a < n else 0.0) - (state.second[z] if z < n else 0.0)
+    return before, before + change
+
+
+@inlined
+def switched(tables: Tables, state: Any) -> tuple[int, float]:
+    """The switch that turns first within the step, −1 for none, and at which share of it."""
+    first, least = -1, 2.0
+    for k in range(state.closed.size):
+        before, after = _control(tables, state, k)
+        limit = tables.switch_values[k, 3 - state.closed[k]]
+        passed = after > limit if state.closed[k] == 0 else after < limit
+        if passed:
+            share = (limit - before) / (after - before) if after != before else 0.0
+            share = min(max(share, 0.0), 1.0)
+            if share < least:
+                first, least = k, share
+    return first, least
+
+
+@inlined
+def turn(tables: Tables, state: Any) -> None:
+    """Turn every switch whose control has passed its threshold."""
+    n = state.y.size
+    for k in range(state.closed.size):
+        a, z = tables.switches[k, 2], tables.switches[k, 3]
+        control = (state.y[a] if a < n else 0.0) - (state.y[z] if z < n else 0.0)
+        limit = tables.switch_values[k, 3 - state.closed[k]]
+        if state.closed[k] == 0 and control > limit:
+            state.closed[k] = 1
+        elif state.closed[k] == 1 and control < limit:
+            state.closed[k] = 0
+
+
+@inlined
+def missed_controls(tables: Tables, state: Any) -> float:
+    """The greatest error of a switch's control, against what it may be."""
+    n = state.y.size
+    greatest = 0.0
+    for k in range(state.closed.size):
+        a, z = tables.switches[k, 2], tables.switches[k, 3]
+        error = (state.filtered[a] if a < n else 0.0) - (state.filtered[z] if z < n else 0.0)
+        after = _control(tables, state, k)[1]
+        low, high = tables.switch_values[k, 2], tables.switch_values[k, 3]
+        limit = high if state.closed[k] == 0 else low
+        free = abs(after - limit) + high - low + 1e-3 * abs(limit) + 1e-9
+        greatest = max(greatest, abs(error) / (CONTROL_TOLERANCE * free))
+    return greatest

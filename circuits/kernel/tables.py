@@ -1,0 +1,90 @@
+"""A device's transducer and its load as tables of numbers, from which one compiled solver works.
+
+Unknowns are the voltages of all nodes, the currents of inductors and of elements that set a
+voltage, and, last, the velocity X'. They obey d/dt [C y + q(y)] + G y + i(y) = s(t), in A and V;
+the velocity's row is a power per velocity (W s per scaled length), so that every row times its
+unknown is a power.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+
+class Tables(NamedTuple):
+    """Arrays of a circuit with n unknowns; places of unknowns are int64, n stands for ground.
+
+    Attributes
+    ----------
+    entries : (k, 2) rows and columns of `capacity` and `conductance`, both (k,).
+    steady : (n,) constant sources, s of the equation.
+    sources : (k, 2) row and shape of a changing source, `waves` (k, waveform.COLUMNS) its numbers.
+    corners : (k, 2) corners of sources drawn through points, one after another.
+    junctions : (k, 2) anode and cathode, `junction_values` (k, junction.COLUMNS).
+    switches : (k, 6) nodes, nodes that control it (or a current and ground), initial state, sort;
+        `switch_values` (k, 4) conductance off and on, control voltage below which it opens and
+        above which it closes.
+    tape : (k, 4) operations, `tape_values` (k,) their constants.
+    behavioural : (k, 4) row it adds to, row it takes from, first operation, place of its value;
+        `inputs` (k, 3) which of them, place on the tape, unknown.
+    nonlinear_rows, nonlinear_columns : (n,) whether what is not linear stands there.
+    start : (2, n) y at the beginning, and what one volt or ampere of the transducer's state adds.
+    """
+
+    entries: np.ndarray
+    capacity: np.ndarray
+    conductance: np.ndarray
+    steady: np.ndarray
+    sources: np.ndarray
+    waves: np.ndarray
+    corners: np.ndarray
+    junctions: np.ndarray
+    junction_values: np.ndarray
+    switches: np.ndarray
+    switch_values: np.ndarray
+    tape: np.ndarray
+    tape_values: np.ndarray
+    behavioural: np.ndarray
+    inputs: np.ndarray
+    nonlinear_rows: np.ndarray
+    nonlinear_columns: np.ndarray
+    start: np.ndarray
+
+
+class Probes(NamedTuple):
+    """Where a record's quantities stand among the unknowns, and their units.
+
+    Attributes
+    ----------
+    places : int64, shape (5,): terminal, load's current, transducer's state, output, reference.
+    units : float64, shape (5,): scaled values of a volt, of the state's volt or ampere, of an
+        ampere, of a watt, and the joules of a unit of mechanical energy's row.
+    energy : (capacitance (F), volts) by which a store of energy counts as small.
+    """
+
+    places: np.ndarray
+    units: np.ndarray
+    energy: tuple[float, float]
+
+
+class Circuit(NamedTuple):
+    """What `build` gives.
+
+    Attributes
+    ----------
+    tables, probes
+    order : circuits.kernel.linear.Order, of elimination.
+    names : of the unknowns, for messages.
+    switches : (name, "file:line") of each switch.
+    conductance, capacitance : across the output (S, F).
+    """
+
+    tables: Tables
+    probes: Probes
+    order: Any
+    names: tuple[str, ...]
+    switches: tuple[tuple[str, str], ...]
+    conductance: float
+    capacitance: float

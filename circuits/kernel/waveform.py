@@ -1,0 +1,114 @@
+"""Independent sources: a constant, a sine, a pulse train, exponentials or straight lines."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.compilation import compiled
+
+if TYPE_CHECKING:
+    from circuits.kernel.flattening import Place
+
+SINE, PULSE, EXPONENTIAL, LINES = range(4)
+# Numbers of a changing source: sign, its first and last corner, and up to seven of its own.
+SIGN, FIRST, LAST = range(3)
+OWN = 3
+COLUMNS = OWN + 7
+_KINDS = {"sin": SINE, "pulse": PULSE, "exp": EXPONENTIAL, "pwl": LINES}
+_FOREVER = 1e30
+
+
+def read(place: Place) -> float | tuple[int, list[float], list[tuple[float, float]]]:
+    """The shape of a V or I source: its constant, or (kind, seven numbers, corners).
+
+    Raises
+    ------
+    LoadError
+    """
+    words = [word for word in place.words if word not in ("(", ")", ",")]
+    constant, kind, numbers, skip = 0.0, None, [], False
+    for k, word in enumerate(words):
+        if skip:
+            skip = False
+        elif word == "dc":
+            continue
+        elif word == "ac" or word.startswith("ac="):
+            # Its size and phase take no part; a second number may follow.
+            if word == "ac":
+                break
+        elif word.startswith("dc="):
+            constant = place.value(word[3:])
+        elif word in _KINDS:
+            kind = word
+        elif "=" in word and not word.startswith("{"):
+            place.refuse(f"{word.partition('=')[0]}= of a source")
+        elif word.isalpha() and word in ("sffm", "am"):
+            place.refuse(f"the waveform {word}")
+        elif kind is None:
+            constant = place.value(words[k])
+        else:
+            numbers.append(place.value(word))
+    if kind is None:
+        return constant
+    if kind == "pwl":
+        points = list(zip(numbers[::2], numbers[1::2], strict=False))
+        if not points:
+            place.refuse("a pwl without points")
+        return LINES, [0.0] * 7, points
+    return _KINDS[kind], _numbers(kind, numbers), []
+
+
+def _numbers(kind, given):
+    """The seven numbers of a waveform with ngspice's defaults for those left out."""
+    defaults = {
+        "sin": [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        "pulse": [0.0, 0.0, 0.0, 1e-9, 1e-9, _FOREVER, _FOREVER],
+        "exp": [0.0, 0.0, 0.0, 1e-9, _FOREVER, 1e-9, 0.0],
+    }[kind]
+    numbers = [*given[:7], *defaults[len(given[:7]) :]]
+    if kind == "sin":
+        numbers[5] = math.radians(numbers[5])
+    if kind == "pulse":
+        numbers[3], numbers[4] = max(numbers[3], 1e-12), max(numbers[4], 1e-12)
+    return numbers
+
+
+@compiled
+def value(kind: int, row: np.ndarray, corners: np.ndarray, time: float) -> float:
+    """A changing source at a time."""
+    if kind == LINES:
+        first, last = int(row[FIRST]), int(row[LAST])
+        if time <= corners[first, 0]:
+            return row[SIGN] * corners[first, 1]
+        for k in range(first + 1, last):
+            if time < corners[k, 0]:
+                share = (time - corners[k - 1, 0]) / (corners[k, 0] - corners[k - 1, 0])
+                rise = corners[k, 1] - corners[k - 1, 1]
+                return row[SIGN] * (corners[k - 1, 1] + share * rise)
+        return row[SIGN] * corners[last - 1, 1]
+    a, b, c, d, e, f, g = row[3], row[4], row[5], row[6], row[7], row[8], row[9]
+    if kind == SINE:
+        if time < d:
+            return row[SIGN] * (a + b * np.sin(f))
+        late = time - d
+        return row[SIGN] * (a + b * np.sin(2.0 * np.pi * c * late + f) * np.exp(-late * e))
+    if kind == PULSE:
+        late = time - c
+        if late >= g > 0.0:
+            late -= g * np.floor(late / g)
+        if late <= 0.0 or late >= d + f + e:
+            return row[SIGN] * a
+        if late < d:
+            return row[SIGN] * (a + (b - a) * late / d)
+        if late <= d + f:
+            return row[SIGN] * b
+        return row[SIGN] * (b + (a - b) * (late - d - f) / e)
+    total = a
+    if time > c:
+        total += (b - a) * (1.0 - np.exp(-(time - c) / d))
+    if time > e:
+        total += (a - b) * (1.0 - np.exp(-(time - e) / f))
+    return row[SIGN] * total

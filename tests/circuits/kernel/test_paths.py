@@ -1,0 +1,151 @@
+"""Path by path: the compiled engine against scipy's Radau and against ngspice at its finest."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from truths import flat
+
+from circuits.kernel.engine import circuit_of, integrate
+from harvester.engines.realization import noise_path, start_state
+from harvester.engines.steps import steps_per_knot, stop_time
+from harvester.scene.model import Scene
+from harvester.scene.units import scale
+from harvester.simulation import simulate
+
+SHORT = ["run.duration=0.8", "run.settle=0", "run.realizations=1"]
+SATURATION, SWING = 1e-9, 1.5 * 1.380649e-23 * 300.15 / 1.602176634e-19
+SERIES, RESISTANCE, STORAGE, STRAY = 2.0, 2e5, 2e-7, 2e-11
+BRIDGE = f"""* four junctions, two of them behind a series resistance
+.subckt bridge p n out ref
+.model bare d(is={SATURATION} n=1.5)
+.model behind d(is={SATURATION} n=1.5 rs={SERIES})
+D1 p out behind
+D2 n out bare
+D3 ref p behind
+D4 ref n bare
+C1 out ref {STORAGE}
+R1 out ref {RESISTANCE}
+C2 ref n {STRAY}
+.ends
+"""
+
+
+def ours(scene):
+    """(E[V²] of the piezo, power in the output's resistors, energy into the load), SI."""
+    s, scales = scale(scene)
+    circuit = circuit_of(scene)
+    fixed = steps_per_knot(scene, "finest", "monte-carlo")
+    path, stop = noise_path(scene, 0), stop_time(scene)
+    chunks = [
+        np.array([record.time, record.voltage, volts, record.load_power])
+        for record, volts in integrate(s, circuit, path, start_state(scene, 0), stop, fixed)
+    ]
+    time, piezo, output, power = np.concatenate(chunks, axis=1)
+    square = np.trapezoid(piezo**2, time) / stop * scales.voltage**2
+    used = np.trapezoid(output**2, time) / stop * scales.voltage**2 * circuit.conductance
+    return square, used, np.trapezoid(power, time) * scales.power
+
+
+def radau(scene):
+    """The same by Radau on the node equations.
+
+    M x'' = …, Cp p' = θ x' − i1 + i3, and with i of the junctions and s = C2
+    C1 (o' − r') = i1 + i2 − (o − r)/R,  (C1 + s) r' − C1 o' = −i3 − i4 + (o − r)/R.
+    """
+    p, (_, scales) = flat(scene), scale(scene)
+    path = noise_path(scene, 0)
+    knots = round(scene.run.duration / path.spacing)
+    noise = path.read(knots + 1)
+    capacitance = scene.transducer.capacitance
+
+    def bare(v):
+        # The integrator's trial steps go anywhere.
+        return SATURATION * np.expm1(min(v / SWING, 300.0)) + 1e-12 * v
+
+    def behind(v):
+        """Current through junction and series resistance, by Newton on the junction's voltage."""
+        junction = min(v, 0.6)
+        for _ in range(60):
+            i = bare(junction)
+            slope = (i + SATURATION) / SWING + 1e-12
+            change = (v - junction - SERIES * i) / (1.0 + SERIES * slope)
+            junction += change
+            if abs(change) < 1e-15:
+                break
+        return bare(junction)
+
+    # Strays that every load's output gets in the circuit.
+    extra = 1e-6 * capacitance
+    matrix = np.array([[STORAGE + extra, -STORAGE], [-STORAGE, STORAGE + STRAY + extra]])
+    inverse = np.linalg.inv(matrix)
+
+    def derivative(t, y, start, first, slope):
+        x, v, volts, out, ref, *_ = y
+        one, two = behind(volts - out), bare(-out)
+        three, four = behind(ref - volts), bare(ref)
+        load = (out - ref) / RESISTANCE
+        rates = inverse @ [one + two - load, load - three - four]
+        eta = first + slope * (t - start)
+        force = p.linear_stiffness * x + p.cubic_stiffness * x**3 + p.damping * v
+        push = eta - force - p.coupling * volts / scales.voltage
+        into = one - three
+        charge = scene.transducer.coupling * scales.displacement * v - into
+        used = load * (out - ref)
+        return [v, push, charge / capacitance, *rates, volts**2, used, volts * into]
+
+    state = np.array([*start_state(scene, 0)[:2], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    for k in range(knots):
+        begin, end = k * path.spacing, (k + 1) * path.spacing
+        slope = (noise[k + 1] - noise[k]) / path.spacing
+        solved = solve_ivp(
+            derivative, (begin, end), state, "Radau", args=(begin, noise[k], slope),
+            rtol=1e-6, atol=1e-9,
+        )  # fmt: skip
+        state = solved.y[:, -1]
+    return state[5] / end, state[6] / end, state[7]
+
+
+def test_a_bridge_follows_radau(tmp_path):
+    path = tmp_path / "bridge.lib"
+    path.write_text(BRIDGE)
+    scene = Scene.load("device", [*SHORT, f"load.netlist={path}"])
+    assert ours(scene) == pytest.approx(radau(scene), rel=2e-3)
+
+
+@pytest.mark.parametrize("load", ["bridge", "doubler", "bridge_buck"])
+def test_diode_loads_follow_ngspice(pool, load):
+    against_ngspice(pool, load)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("load", ["sshi_parallel", "sshi_series", "sece"])
+def test_switching_loads_follow_ngspice(pool, load):
+    against_ngspice(pool, load)
+
+
+def against_ngspice(pool, load):
+    # A storage that has something to give, and is not charged from a rounding's worth.
+    scene = Scene.load(
+        "device",
+        [*SHORT, f"load.netlist={load}", "load.parameters.initial=2", "load.parameters.storage=1u"],
+    )
+    theirs = simulate(scene, method="circuit", step="finest", runner=pool)
+    square, used, _ = ours(scene)
+    rms = theirs.quantity("rms_voltage").estimate
+    assert square == pytest.approx(rms**2, rel=3e-3)
+    assert used == pytest.approx(theirs.quantity("mean_output_power").estimate, rel=3e-3)
+
+
+LOADS = ("bridge", "doubler", "sshi_parallel", "sshi_series", "sece", "bridge_buck")
+
+
+@pytest.mark.parametrize("load", LOADS)
+def test_energy_is_balanced_by_default(pool, load):
+    scene = Scene.load(
+        "device", [f"load.netlist={load}", "run.duration=8", "run.settle=1", "run.realizations=2"]
+    )
+    result = simulate(scene, method="monte-carlo", runner=pool)
+    assert abs(result.energy_balance_residual) < 0.005
+    assert 0.0 < result.quantity("converter_efficiency").estimate < 1.0
+    again = simulate(scene, method="monte-carlo", runner=pool)
+    assert again.quantities == result.quantities

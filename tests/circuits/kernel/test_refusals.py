@@ -1,0 +1,59 @@
+"""What the compiled engine does not take is refused with file, line and reason."""
+
+import pytest
+
+from circuits.kernel.assembly import build
+from harvester.errors import LoadError
+from harvester.scene.model import Scene
+from harvester.simulation import simulate
+
+AROUND = "* a load\n.subckt load p n out ref\nR1 out ref 100k\n{}\n.ends\n"
+
+
+def with_load(tmp_path, text, *overrides):
+    path = tmp_path / "mine.lib"
+    path.write_text(AROUND.format(text))
+    return Scene.load("device", [f"load.netlist={path}", "run.realizations=1", *overrides])
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "reason"),
+    [
+        ("M1 p out n n nm\n.model nm nmos(vto=1)", 4, "letter M"),
+        ("Q1 p out n tr\n.model tr npn(bf=100)", 4, "letter Q"),
+        ("D1 p out dm\n.model dm d(is=1n ikf=1)", 4, "ikf="),
+        ("D1 p out dm temp=50\n.model dm d(is=1n)", 4, "temp="),
+        ("S1 p out p n sm\n.model sm sw(vt=1 vh=-0.1)", 4, "negative hysteresis"),
+        ("B1 p out i=ddt(v(p))", 4, "ddt"),
+        ("R2 p out {1k}\nR3 p out r=1k tc=1 temp=80", 5, "temp="),
+        ("V1 p x am 1 2 3 4\nR2 x out 1k", 4, "waveform am"),
+        ("L1 p out 0", 4, "inductance of 0"),
+        ("Rx p out 1k\nB1 p n i=i(rx)", 5, r"i\(rx\)"),
+    ],
+)
+def test_with_file_line_and_reason(tmp_path, text, line, reason):
+    scene = with_load(tmp_path, text)
+    with pytest.raises(LoadError, match=rf"mine\.lib:{line}: .*{reason}.*circuit engine"):
+        build(scene)
+
+
+def test_before_anything_runs(tmp_path):
+    with pytest.raises(LoadError, match="letter J"):
+        simulate(with_load(tmp_path, "J1 p out n jm\n.model jm njf()"), method="monte-carlo")
+
+
+def test_parameters_have_ngspices_precedence(tmp_path):
+    """A value given where a sub-circuit is called, its own .param, its default, the file's."""
+    path = tmp_path / "mine.lib"
+    path.write_text(
+        ".param a=1 d=4\n"
+        ".subckt inner x y a=2 b=3\n.param b=30\nR1 x y {1k*a}\nR2 x y {1k*b}\nR3 x y {1k*d}\n"
+        ".ends\n"
+        ".subckt mine p n c=5\nX1 p n inner\nX2 p n inner a={c*2} b=6\n.ends\n"
+    )
+    scene = Scene.load("device", [f"load.netlist={path}", "load.parameters.c=7"])
+    circuit = build(scene)
+    siemens = dict(zip(map(tuple, circuit.tables.entries), circuit.tables.conductance, strict=True))
+    node = circuit.names.index("load_piezo")
+    wanted = sum(1e-3 / value for value in (2, 30, 4, 14, 6, 4))
+    assert siemens[node, node] == pytest.approx(wanted, rel=1e-12)
