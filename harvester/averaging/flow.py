@@ -13,7 +13,7 @@ from harvester.errors import AveragingError
 
 NEIGHBOURS = 6
 ACCURACY = 1e-6  # of a step along a path, as a share of the greatest displacement and speed
-MOST_TRIALS = 20000
+MOST_TRIALS = 250  # steps along a path, in the mean
 SAFETY, SHRINK, GROWTH = 0.9, 0.2, 5.0
 
 
@@ -36,8 +36,8 @@ class Flow:
         ends = [np.empty((len(grid.x), len(grid.kept), len(grid.v))) for _ in range(2)]
         if not _ends(device, grid.x, grid.kept, grid.v, grid.step, *ends):
             raise AveragingError(
-                "the contacts are too short for the steps that fokker_planck has: soften them, "
-                "or simulate"
+                "contacts or spring are too stiff for the steps that fokker_planck has: soften "
+                "them, or simulate"
             )
         self._first, self._weights = zip(
             *(_sharing(end, nodes) for end, nodes in zip(ends, (grid.x, grid.v), strict=True)),
@@ -85,7 +85,8 @@ def _trial(s, x, v, z, a1, h):
 
 @compiled
 def _ends(s, x, z, v, time, end_x, end_v):
-    """Fill in X and X' of each node's path after this time; False if one takes too long."""
+    """Fill in X and X' of each node's path after this time; False if they take too long."""
+    trials, most = 0, MOST_TRIALS * x.size * z.size * v.size
     least_x, least_v = ACCURACY * np.abs(x).max(), ACCURACY * np.abs(v).max()
     for i in range(x.size):
         for j in range(z.size):
@@ -93,7 +94,6 @@ def _ends(s, x, z, v, time, end_x, end_v):
             for k in range(v.size):
                 here, speed, left = x[i], v[k], time
                 acceleration = _acceleration(s, here, speed, z[j])
-                trials = 0
                 while left > 0.0:
                     h = min(length, left)
                     x7, v7, a7, off_x, off_v = _trial(s, here, speed, z[j], acceleration, h)
@@ -107,7 +107,7 @@ def _ends(s, x, z, v, time, end_x, end_v):
                     else:
                         length = h * change
                     trials += 1
-                    if trials > MOST_TRIALS:
+                    if trials > most:
                         return False
                 end_x[i, j, k], end_v[i, j, k] = here, speed
     return True

@@ -40,12 +40,17 @@ MOST_GRIDS = 6  # one after the other, each finer in the same respect
 LEFT = 1.0 / (FINER**2 - 1.0)
 TAKEN = 0.5  # share of that correction that is made: where steps are long, the order is higher
 # Share of that correction, and of the nodes' last change, that is stated as error.
-DOUBTED = {"steps": 0.65, "nodes": 0.4}
+DOUBTED = {"steps": 0.65, "nodes": 0.75}
+# Change of the nodes, in tolerances, below which the step's error is told on the sparser grid.
+SPARSE = 0.2
+# Doubt in nodes between which a contact goes and comes back: of first order.
+UNRESOLVED = 1.0 / (FINER - 1.0)
 ATTEMPTS = 8  # at the region
-MOST = 3e7  # nodes times steps between two vectors of GMRES
-MOST_IN_ALL = 2e9  # nodes times steps: half a minute
-LARGEST_PUSHES = 1.5e9  # of the noise's pushes on a grid (bytes)
-SHORTEST_CONTACT = 1e-3  # in periods of small oscillations
+MOST_WORK = 2e8  # amplitudes moved by a step, on all grids together: about ten seconds
+LEAST_VECTORS = 10  # of GMRES on a grid
+FEWER = 0.5  # vectors on the next grid, as a share of those on one
+LARGEST_PUSHES = 2e8  # of the noise's pushes on a grid (bytes)
+SHORTEST_CONTACT = 2e-2  # in periods of small oscillations
 DECAY = 2.8  # greatest λ dt, times the steps of a period
 FASTEST_DECAY = 60.0  # λ, in units of the period, beyond which that takes too many steps
 SLOWEST_DECAY = 2e-3  # λ, in units of the period, below which it takes too many vectors
@@ -53,8 +58,8 @@ AMPLIFIED = 0.3  # share of the tolerance left to means from which a line is dra
 PERIODS = 1.0  # between two vectors of GMRES
 RESIDUAL = 6e-3  # of them, in tolerances, as a share of what the load moves between them
 ROUGHLY = 0.03  # tolerance on the grid that finds the region
-RESOLVED = 12.0  # greatest speed over the rms one, with which a first grid tells that
 HELD_BACK = 16.0  # E[X'²] in a barrier that hardly any motion passes
+UNTOLD = 2.0  # factor in E[X'²] that the first grid of all may leave in doubt
 JUDGED = (
     "mean_square_voltage",
     "power_conversion_efficiency",
@@ -93,7 +98,7 @@ def fokker_planck(device: System, tolerance: float, memory: bool = False) -> Ave
     rate = device.transducer.decay_rate()
     if 0.0 < rate < slowest:
         return _slow_decay(device, slowest, tolerance)
-    return _refined(device, tolerance, memory)
+    return _refined(device, tolerance, Work(tolerance), memory)
 
 
 def _check(device):
@@ -135,7 +140,8 @@ def _slow_decay(device, slowest, tolerance):
     """
     rate = device.transducer.decay_rate()
     slow = [_slowed(device, each / rate) for each in (slowest, 2.0 * slowest)]
-    near, far = (_refined(each, AMPLIFIED * tolerance, judged=CONTINUED) for each in slow)
+    work = Work(tolerance)
+    near, far = (_refined(each, AMPLIFIED * tolerance, work, judged=CONTINUED) for each in slow)
     here, there = (_squares(*each) for each in zip(slow, (near, far), strict=True))
     share = 1.0 - rate / slowest
     line = {name: (1.0 + share) * here[name] - share * there[name] for name in here}
@@ -187,46 +193,71 @@ def _of_squares(device, squares):
     )
 
 
-def _refined(device, tolerance, memory=False, judged=JUDGED):
+def _refined(device, tolerance, work, memory=False, judged=JUDGED):
     """The answer of a first grid, refined in time and in space apart until it is good enough."""
-    region, rough = _found(device)
+    region, rough = _found(device, work)
     region.check(device)
-    first = Solution(device, region, FIRST, rough, tolerance)
-    grids = {"steps": [first], "nodes": [first]}
-    finer = "steps", "nodes"
+    nodes = [Solution(device, region, FIRST, rough, tolerance, work)]
+    grids = {"nodes": nodes}
+    _refine(grids, "nodes", tolerance)
+    while (changed := _changed(nodes, judged))[1] > tolerance:
+        _refine(grids, "nodes", tolerance, changed)
+    # What the nodes leave undone would pass for an error of the step.
+    enough = -2 if changed[1] < SPARSE * tolerance else -1
+    grids["steps"] = [nodes[enough]]
+    _refine(grids, "steps", tolerance)
     while True:
-        for respect in finer:
-            last = grids[respect][-1]
-            level = getattr(last.level, f"more_{respect}")()
-            grids[respect].append(Solution(device, region, level, last, tolerance))
         means, errors = _judged(grids)
         error = {name: sum(each[name] for each in errors.values()) for name in means}
         worst, excess = _worst(means, error, judged)
         if excess <= tolerance:
             return _answer(device, grids, means, error, memory)
-        finer = (max(errors, key=lambda respect: errors[respect][worst]),)
-        if len(grids[finer[0]]) == MOST_GRIDS:
-            raise AveragingError(
-                f"{worst.replace('_', ' ')} is known to {excess:.2g} of itself, not to the "
-                f"tolerance of {tolerance:g}, on as fine a grid as is tried: raise it, or simulate"
-            )
+        larger = max(errors, key=lambda respect: errors[respect][worst])
+        _refine(grids, larger, tolerance, (worst, excess))
 
 
-def _found(device):
-    """Where the density is, and that density on a coarse grid."""
-    region, solution = Region.guessed(device), None
+def _refine(grids, respect, tolerance, known=None):
+    """One more solution, on a grid finer in time or in space than the last of its kind.
+
+    `known` is a mean, and the share of it to which it is known so far.
+    """
+    last = grids[respect][-1]
+    if known and (len(grids[respect]) == MOST_GRIDS or not last.affords(respect)):
+        raise AveragingError(
+            f"{known[0].replace('_', ' ')} is known to {known[1]:.2g} of itself, not to the "
+            f"tolerance of {tolerance:g}, on as fine a grid as is tried: raise it, or simulate"
+        )
+    grids[respect].append(last.refined(respect, tolerance))
+
+
+def _changed(solutions, judged):
+    """The judged mean that changes most from the last grid but one to the last, and its share."""
+    before, last = (_means(each.totals) for each in solutions[-2:])
+    return _worst(last, {name: abs(last[name] - before[name]) for name in judged}, judged)
+
+
+def _found(device, work):
+    """Where the density is, and that density on a coarse grid.
+
+    A well that hardly any motion leaves stands for two alike.
+    """
     wells = timescales.wells(device)
     paired = len(wells) == 2 and device.symmetric
+    barrier = _barrier(device) if paired else 0.0
+    linear = timescales.driven_square_velocity(device, timescales.angular_frequency(device))
+    alone = HELD_BACK * linear < barrier
+    region, solution = Region.guessed(device, wells[0] if alone else None), None
     for attempt in range(ATTEMPTS):
-        solution = Solution(device, region, ROUGH, solution, ROUGHLY)
+        solution = Solution(device, region, ROUGH, solution, ROUGHLY, work)
         fitted = Region.fitted(device, solution)
         spread = solution.totals["mean_square_velocity"]
-        held_back = paired and 0.0 < HELD_BACK * spread < _barrier(device)
-        told = attempt > 0 or region.speed < RESOLVED * np.sqrt(max(spread, 0.0))
-        if held_back and told and region.well is None:
-            fitted, solution = Region.guessed(device, wells[0], np.sqrt(spread)), None
-        elif fitted.alike(region):
-            return fitted, solution
+        held_back = 0.0 < HELD_BACK * spread < barrier
+        if held_back == (region.well is not None):
+            if fitted.alike(region):
+                return fitted, solution
+        elif spread > 0.0 and (attempt > 0 or UNTOLD * HELD_BACK * spread < barrier):
+            well = wells[0] if held_back else None
+            fitted, solution = Region.guessed(device, well, np.sqrt(spread)), None
         region = fitted
     raise AveragingError("the range of the motion was not found: simulate")
 
@@ -245,8 +276,9 @@ def _answer(device, grids, means, error, memory):
     own = {name: means.pop(name) for name in between_wells(device, densest.density)}
     if own and memory:
         rates = [slowest_decay_rate(device, each) for each in (before, densest)]
-        own["slowest_decay_rate"] = rates[1]
-        error["slowest_decay_rate"] = abs(rates[1] - rates[0])
+        if None not in rates:
+            own["slowest_decay_rate"] = rates[1]
+            error["slowest_decay_rate"] = abs(rates[1] - rates[0])
         jumps, doubts = _jumps(device, grids)
         own, error = own | jumps, error | doubts
     return Averages(
@@ -261,13 +293,17 @@ def _answer(device, grids, means, error, memory):
 def _jumps(device, grids):
     """Rates of jumps between the wells, and their errors: what step and nodes changed, as a whole.
 
-    The errors of both add up, as those of the means do.
+    The errors of both add up, as those of the means do. Empty where they take too many steps.
     """
-    first = rates_of_jumps(device, grids["steps"][0])
-    soonest, densest = (rates_of_jumps(device, grids[name][-1]) for name in ("steps", "nodes"))
+    used = *grids["nodes"][-2:], grids["steps"][0], grids["steps"][-1]
+    found = {id(each): rates_of_jumps(device, each) for each in {id(u): u for u in used}.values()}
+    if None in found.values():
+        return {}, {}
+    sparser, densest, first, soonest = (found[id(each)] for each in used)
     rates = {name: densest[name] + soonest[name] - first[name] for name in first}
     errors = {
-        name: abs(densest[name] - first[name]) + abs(soonest[name] - first[name]) for name in first
+        name: abs(densest[name] - sparser[name]) + abs(soonest[name] - first[name])
+        for name in first
     }
     return rates, errors
 
@@ -293,9 +329,10 @@ def _judged(grids):
         )
 
     means = combined(TAKEN, 0.0)
+    doubted = UNRESOLVED if grids["nodes"][-1].unresolved else DOUBTED["nodes"]
     less = {
         "steps": combined(TAKEN - DOUBTED["steps"], 0.0),
-        "nodes": combined(TAKEN, DOUBTED["nodes"]),
+        "nodes": combined(TAKEN, doubted),
     }
     errors = {
         respect: {name: abs(mean - each[name]) for name, mean in means.items()}
@@ -323,6 +360,27 @@ def _worst(means, error, judged=JUDGED):
     return worst, excess[worst]
 
 
+class Work:
+    """How much work an answer may take: amplitudes of a state times steps, over all its grids."""
+
+    def __init__(self, tolerance):
+        self.left, self.tolerance = MOST_WORK, tolerance
+
+    def take(self, work):
+        """Take this much of what is left, or refuse."""
+        self.spare(work)
+        self.left -= work
+
+    def spare(self, work):
+        """Refuse where less than this is left."""
+        if self.left < work:
+            raise AveragingError(
+                "the density is so narrow, or its slowest part so slow, that the tolerance of "
+                f"{self.tolerance:g} takes more nodes and steps than fokker_planck has: raise it, "
+                "or simulate"
+            )
+
+
 class Solution:
     """Stationary state on one grid, from that on a coarser one or from a Gibbs density.
 
@@ -336,18 +394,15 @@ class Solution:
     density : harvester.averaging.grid_density.GridDensity
     steps : int
         Of about a period.
+    cost : int
+        Work of so many steps.
     """
 
-    def __init__(self, device, region, level, coarser, tolerance):
-        self.device, self.region, self.level = device, region, level
-        self.grid = grid = region.grid(device, level, _step(device, level))
-        self.steps = steps = int(np.ceil(PERIODS * _period(device) / grid.step))
-        if np.prod(grid.shape) * steps > MOST:
-            raise AveragingError(
-                f"motion over a range of {region.right - region.left:.3g} with a density "
-                f"{2.0 * region.core:.2g} wide and a step of {grid.step:.2g} s takes more nodes "
-                "and steps than fokker_planck has: raise the tolerance, or simulate"
-            )
+    def __init__(self, device, region, level, coarser, tolerance, work):
+        self.device, self.region, self.level, self.work = device, region, level, work
+        self.grid, self.steps, self.cost = grid, _, _ = _laid(device, region, level)
+        self.vectors = 0
+        work.spare(LEAST_VECTORS * self.cost)
         if grid.push_bytes > LARGEST_PUSHES:
             raise AveragingError(
                 f"noise remembered over {grid.modes} modes on {len(grid.x)} by {len(grid.v)} nodes "
@@ -358,8 +413,11 @@ class Solution:
         start = _gibbs(device, region, grid) if coarser is None else coarser.on(grid)
         # Of what a slow load leaves undone, only so small a share of the density changes at a time.
         slow = device.transducer.decay_rate() or np.inf
-        allowed = tolerance * RESIDUAL * min(1.0, slow * steps * grid.step)
-        self.before_flow = self._stationary(start, steps, allowed)
+        allowed = tolerance * RESIDUAL * min(1.0, slow * self.steps * grid.step)
+        state = stationary(self._change, start, allowed)
+        if state is None:
+            raise AveragingError("the stationary density was not reached: simulate")
+        self.before_flow = state / state[..., 0].sum()
         state = self.propagator.centred(self.before_flow)
         self.state = state / state[..., 0].sum()
         self.density = GridDensity.of_state(
@@ -367,14 +425,28 @@ class Solution:
         )
         self.totals = self._totals()
 
-    def _stationary(self, start, steps, allowed):
-        def change(state):
-            return state - self.propagator.repeated(state, steps)
+    @property
+    def unresolved(self) -> bool:
+        """Whether contacts at the rms speed are less deep than the nodes of X are apart."""
+        energy = 0.5 * max(self.totals["mean_square_velocity"], 0.0)
+        apart = self.grid.x[1] - self.grid.x[0]
+        return any(each.law.greatest_depth(energy) < apart for each in self.device.contacts)
 
-        state = stationary(change, start, allowed, int(MOST_IN_ALL / (start.size * steps)))
-        if state is None:
-            raise AveragingError("the stationary density was not reached: simulate")
-        return state / state[..., 0].sum()
+    def refined(self, respect: str, tolerance: float) -> Solution:
+        """On the next finer grid: of more "steps", or of more "nodes"."""
+        level = self.level.more(respect)
+        return Solution(self.device, self.region, level, self, tolerance, self.work)
+
+    def affords(self, respect: str) -> bool:
+        """Whether there is work left for the next finer grid."""
+        _, _, cost = _laid(self.device, self.region, self.level.more(respect))
+        return FEWER * self.vectors * cost <= self.work.left
+
+    def _change(self, state):
+        """What a period takes off a state."""
+        self.work.take(self.cost)
+        self.vectors += 1
+        return state - self.propagator.repeated(state, self.steps)
 
     def on(self, grid: Grid) -> np.ndarray:
         """Its state before the flow on the nodes of another grid."""
@@ -422,10 +494,13 @@ class Solution:
         return 0.5 * gained / self.grid.step
 
 
-def _step(device, level):
-    """Time step of a level (s)."""
+def _laid(device, region, level):
+    """The grid of a level, its steps in about a period, and the work that these take."""
     rate = device.transducer.decay_rate()
-    return min(_period(device), DECAY / rate if rate > 0.0 else np.inf) / level.steps
+    step = min(_period(device), DECAY / rate if rate > 0.0 else np.inf) / level.steps
+    grid = region.grid(device, level, step)
+    steps = int(np.ceil(PERIODS * _period(device) / step))
+    return grid, steps, int(np.prod(grid.shape)) * steps
 
 
 def _gibbs(device, region, grid):

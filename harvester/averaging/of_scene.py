@@ -44,6 +44,7 @@ def average(
     method: str = DEFAULT_CLOSURE,
     tolerance: float | None = None,
     fit: bool = False,
+    jump_rates: bool = False,
 ) -> Result:
     """Quantities and densities of a scene by stochastic averaging.
 
@@ -61,6 +62,9 @@ def average(
     fit : bool
         Of a record: take the Ornstein–Uhlenbeck noise that fits its spectrum, whose evidence is
         in `Result.spectrum_fit` and `notes`.
+    jump_rates : bool
+        Of several wells, by `fokker_planck`: also the rates of jumps between them and the slowest
+        decay rate, which take two or three times as long as all the rest.
 
     Returns
     -------
@@ -82,7 +86,7 @@ def average(
         spectrum_fit, noise = _fitted(scene)
     parameters = averaged_device(noise)
     _, scales = scale(noise)
-    averages = average_parameters(parameters, method, tolerance, memory=True)
+    averages = average_parameters(parameters, method, tolerance, memory=jump_rates)
     quantities = estimates_of(averages)
     quantities["rms_voltage"] = root(quantities["mean_square_voltage"])
     if not timescales.bistable(parameters):

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from harvester.device.system import System
 
 FEWEST = 20  # cores that the range of X and of X' has at least
-# More nodes of Z for each core of the density by which the greatest Z displaces it.
-NODES_PER_CORE = 4.0
-GREATEST_DISPLACEMENT = 2.0  # in cores: the charge decides there whether there is a well
+# More nodes of Z for each half width of the density by which the greatest Z displaces it.
+NODES_PER_WIDTH = 4.0
+GREATEST_DISPLACEMENT = 2.0  # in half widths: the charge decides there whether there is a well
 WIDEST = 5.3  # standard deviations of a Gibbs density at 1e-6 of its peak
 SEEN, BEYOND = 1e-3, 1.42  # share of the peak that a coarse grid tells; from there to 1e-6
 SECOND_PEAK = 0.2  # share of the greatest one from which a peak counts
@@ -53,19 +53,19 @@ class Level(NamedTuple):
     modes: int
     most: float = np.inf
 
-    def more_steps(self) -> Level:
-        """The next finer one in time, a little in space too: each step shares mass anew."""
-        return self._replace(
-            steps=FINER * self.steps,
-            fine=STEADY * self.fine,
-            fine_speed=STEADY * self.fine_speed,
-            modes=self.modes + 1,
-        )
+    def more(self, respect: str) -> Level:
+        """The next finer one: of more "steps", or of more "nodes" of X, X' and Z.
 
-    def more_nodes(self) -> Level:
-        """The next finer one in X, X' and Z."""
+        A little finer in space too where there are more steps, each of which shares mass anew.
+        """
+        steps = respect == "steps"
+        finer = STEADY if steps else FINER
         return self._replace(
-            fine=FINER * self.fine, fine_speed=FINER * self.fine_speed, nodes=self.nodes + 1
+            steps=self.steps * (FINER if steps else 1.0),
+            fine=finer * self.fine,
+            fine_speed=finer * self.fine_speed,
+            nodes=self.nodes + (not steps),
+            modes=self.modes + steps,
         )
 
 
@@ -79,7 +79,9 @@ class Region(NamedTuple):
     speed : float
         Greatest |X'|.
     core, core_speed : float
-        Half widths of the densities of X and of X' about their peaks.
+        Half widths of the densities of X and of X' about their peaks, or of their steepest side.
+    width : float
+        Half width of the density of X about its narrowest peak.
     well : float or None
         The only well in it; None for all.
     """
@@ -89,6 +91,7 @@ class Region(NamedTuple):
     speed: float
     core: float
     core_speed: float
+    width: float
     well: float | None
 
     @classmethod
@@ -101,7 +104,8 @@ class Region(NamedTuple):
             speed = np.sqrt(timescales.driven_square_velocity(device, frequency))
         if not 0.0 < speed < np.inf:
             raise AveragingError("nothing damps the motion: there is no stationary density")
-        return cls.of_speed(device, WIDEST * speed, speed / frequency, speed, well)
+        width = speed / frequency
+        return cls.of_speed(device, WIDEST * speed, (width, speed, width), well)
 
     @classmethod
     def fitted(cls, device: System, solution: Solution) -> Region:
@@ -110,9 +114,11 @@ class Region(NamedTuple):
         x, before = solution.grid.x, solution.region
         # A grid much too wide tells little but that.
         speed = max(_outermost(v, p(v)), NARROWER * before.speed)
-        core_speed = max(_core(v, p(v)), NARROWER * before.core_speed)
-        core = max(_core(x, solution.density.displacement(x)), NARROWER * before.core)
-        return cls.of_speed(device, speed, core, core_speed, before.well)
+        width, core = _widths(x, solution.density.displacement(x))
+        cores = core, _widths(v, p(v))[1], width
+        least = before.core, before.core_speed, before.width
+        cores = tuple(np.maximum(cores, NARROWER * np.array(least)))
+        return cls.of_speed(device, speed, cores, before.well)
 
     def alike(self, other: Region) -> bool:
         """Whether another one is about as wide and needs about as many nodes."""
@@ -121,7 +127,7 @@ class Region(NamedTuple):
 
     @classmethod
     def of_speed(
-        cls, device: System, speed: float, core: float, core_speed: float, well: float | None
+        cls, device: System, speed: float, cores: tuple[float, float, float], well: float | None
     ) -> Region:
         """The range in X that motion of this greatest speed has."""
         wells = timescales.wells(device)
@@ -141,7 +147,7 @@ class Region(NamedTuple):
             left = max([left, *(x for x in tops if x < well)])
             right = min([right, *(x for x in tops if x > well)])
         spare = (MARGIN - 1.0) * 0.5 * (right - left)
-        return cls(left - spare, right + spare, MARGIN * speed, core, core_speed, well)
+        return cls(left - spare, right + spare, MARGIN * speed, *cores, well)
 
     def mirrored(self, device: System) -> bool:
         """Whether half of it tells the other."""
@@ -161,12 +167,12 @@ class Region(NamedTuple):
         )
 
     def displaced(self, device: System) -> float:
-        """By how many cores the greatest Z displaces the mass."""
+        """By how many half widths of its density the greatest Z displaces the mass."""
         if device.transducer.decay_rate() == 0.0:
             return 0.0
         _, reach = self._charge(device)
         frequency = timescales.angular_frequency(device)
-        return device.transducer.coupling * reach / frequency**2 / self.core
+        return device.transducer.coupling * reach / frequency**2 / self.width
 
     def check(self, device: System) -> None:
         """Refuse a charge that Z's nodes cannot follow."""
@@ -184,7 +190,7 @@ class Region(NamedTuple):
             return np.zeros(1)
         centre, reach = self._charge(device)
         displaced = min(self.displaced(device), GREATEST_DISPLACEMENT)
-        nodes += int(np.ceil(NODES_PER_CORE * displaced))
+        nodes += int(np.ceil(NODES_PER_WIDTH * displaced))
         unit = np.polynomial.legendre.leggauss(2 * nodes if mirrored else nodes)[0]
         return centre + reach * unit
 
@@ -233,19 +239,24 @@ def _outermost(v, density):
     return BEYOND * seen
 
 
-def _core(nodes, density):
-    """Half width, at exp(−½) of its peak, of the narrowest peak that counts."""
+def _widths(nodes, density):
+    """Standard deviations of normal densities as narrow as any peak, and as steep as any side."""
     place = np.linspace(nodes[0], nodes[-1], 2000)
     values = CubicSpline(nodes, density)(place)
-    peaks = [
-        k
-        for k in range(1, place.size - 1)
-        if values[k - 1] < values[k] >= values[k + 1] and values[k] > SECOND_PEAK * values.max()
-    ]
-    widths = []
-    for k in peaks or [int(values.argmax())]:
-        below = values <= np.exp(-0.5) * values[k]
-        right = np.argmax(below[k:]) if below[k:].any() else place.size - 1 - k
-        left = np.argmax(below[k::-1]) if below[: k + 1].any() else k
-        widths.append(0.5 * (right + left) * (place[1] - place[0]))
-    return min(widths)
+    counts = SECOND_PEAK * values.max()
+    inner = values[1:-1]
+    peaks = np.flatnonzero((values[:-2] < inner) & (inner >= values[2:]) & (inner > counts)) + 1
+    narrow, steep = np.inf, np.inf
+    for peak in peaks if peaks.size else [int(values.argmax())]:
+        narrow = min(narrow, np.mean(_sides(values, peak, 1.0)))
+        steep = min(steep, *_sides(values, peak, 3.0))
+    step = place[1] - place[0]
+    return narrow * step, min(narrow, steep / 3.0) * step
+
+
+def _sides(values, peak, deviations):
+    """Places on both sides up to where a normal density has fallen for so many deviations."""
+    below = values <= np.exp(-0.5 * deviations**2) * values[peak]
+    right = np.argmax(below[peak:]) if below[peak:].any() else values.size - 1 - peak
+    left = np.argmax(below[peak::-1]) if below[: peak + 1].any() else peak
+    return left, right

@@ -8,12 +8,12 @@ import numpy as np
 
 VECTORS = 150  # of one Krylov space
 RESTARTS = 3
-LARGEST_BASIS = 1.5e9  # bytes: of larger states fewer vectors are held at a time
+LARGEST_BASIS = 2e8  # bytes: of larger states fewer vectors are held at a time
 SMALLEST = 1e-13  # of a vector's part that is new, below which nothing is left to find
 
 
 def stationary(
-    change: Callable[[np.ndarray], np.ndarray], start: np.ndarray, tolerance: float, most: int
+    change: Callable[[np.ndarray], np.ndarray], start: np.ndarray, tolerance: float
 ) -> np.ndarray | None:
     """The state x of sum 1 with change(x) = 0, from a start.
 
@@ -25,8 +25,6 @@ def stationary(
         Of sum 1.
     tolerance : float
         Norm of change(x) that is let stand, as a share of the start's.
-    most : int
-        Applications after which it is given up.
 
     Returns
     -------
@@ -36,10 +34,10 @@ def stationary(
     allowed = tolerance * np.linalg.norm(start)
     state = start.ravel().copy()
     held = int(LARGEST_BASIS / start.nbytes)
-    vectors = max(1, min(VECTORS, most, held))
+    vectors = max(1, min(VECTORS, held))
     # Pages of the basis that are never written are never taken.
     basis = np.empty((vectors + 1, start.size))
-    for _ in range(min(RESTARTS, max(1, most // vectors))):
+    for _ in range(RESTARTS):
         rest = change(state.reshape(start.shape)).ravel()
         size = np.linalg.norm(rest)
         if not np.isfinite(size):

@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse.linalg import LinearOperator, eigs, gmres
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, gmres
 
 from harvester.averaging.propagator import Propagator
 from harvester.device import timescales
 from harvester.device.cores import core_energies, jump_rates
 from harvester.device.system import potential
-from harvester.errors import AveragingError
 
 if TYPE_CHECKING:
     from harvester.averaging.fokker_planck import Solution
@@ -20,8 +19,10 @@ if TYPE_CHECKING:
     from harvester.device.system import System
 
 SETTLED = 1e-4  # of an eigenvalue, as a share of it
+LEAST_VECTORS = 20  # of Arnoldi's method, between two restarts
 # Of the mass in the cores, as a share: left to be found, for rare jumps; and the most vectors.
 REACHED, MOST_VECTORS = 1e-6, 200
+MOST_WORK = 1e8  # vectors times steps times the amplitudes of a state
 PARTS = 5  # in X and in X' that tell how much of a node's surroundings lies in a core
 
 
@@ -44,11 +45,11 @@ def between_wells(device: System, density: GridDensity) -> dict[str, float]:
     return answer
 
 
-def slowest_decay_rate(device: System, solution: Solution) -> float:
+def slowest_decay_rate(device: System, solution: Solution) -> float | None:
     """Rate at which the last memory of the well, or of the charge it left, decays (1/s).
 
     Of two wells that exchange mass at the rates k12 and k21, faster than nothing else decays, it is
-    k12 + k21. On a mirrored grid this is an odd state.
+    k12 + k21. On a mirrored grid this is an odd state. None where it takes too many steps.
     """
     grid, steps = solution.grid, solution.steps
     propagator = Propagator(device, grid, odd=True) if grid.mirrored else solution.propagator
@@ -59,19 +60,34 @@ def slowest_decay_rate(device: System, solution: Solution) -> float:
         dtype=float,
     )
     wanted = 1 if grid.mirrored else 2
-    values = eigs(operator, k=wanted, v0=start.ravel(), tol=SETTLED, return_eigenvectors=False)
+    vectors = int(min(MOST_VECTORS, MOST_WORK / solution.cost))
+    if vectors < LEAST_VECTORS:
+        return None
+    try:
+        values = eigs(
+            operator,
+            k=wanted,
+            v0=start.ravel(),
+            ncv=LEAST_VECTORS,
+            maxiter=vectors // LEAST_VECTORS,
+            tol=SETTLED,
+            return_eigenvectors=False,
+        )
+    except ArpackNoConvergence:
+        return None
     # All but the stationary state's own.
     slowest = np.sort(np.abs(values))[0]
     return float(-np.log(slowest) / (steps * grid.step))
 
 
-def rates_of_jumps(device: System, solution: Solution) -> dict[str, float]:
+def rates_of_jumps(device: System, solution: Solution) -> dict[str, float] | None:
     """Rates of jumps from one well's core to another's, as Monte Carlo counts them (1/s).
 
     The stationary mass p is divided by the well whose core it was in last: q_w, which obeys
     q_w = outside · P q_w + core_w · p for a step P. What P q_w has in another core has jumped.
+    None where it takes too many steps.
     """
-    grid, p = solution.grid, solution.before_flow
+    grid = solution.grid
     cores = _shares_in_cores(device, grid)
     sides = _well_at(device, grid.x) == np.arange(len(cores))[:, None]
     combinations, odd = _combinations(len(cores), grid.mirrored)
@@ -79,7 +95,9 @@ def rates_of_jumps(device: System, solution: Solution) -> dict[str, float]:
     held, moved = [], []
     for weights, is_odd in zip(combinations, odd, strict=True):
         propagator = other if is_odd else solution.propagator
-        found = _last_in_cores(propagator, cores, weights, weights @ sides, p, solution.steps)
+        found = _last_in_cores(propagator, cores, weights, weights @ sides, solution)
+        if found is None:
+            return None
         held.append(found[..., 0].sum())
         moved.append(propagator.step(found)[..., 0].sum(axis=1))
     single = np.linalg.inv(combinations)
@@ -131,12 +149,13 @@ def _combinations(wells, mirrored):
     return np.array([*even, *odd]), [False] * len(even) + [True] * len(odd)
 
 
-def _last_in_cores(propagator, cores, weights, guess, p, steps):
+def _last_in_cores(propagator, cores, weights, guess, solution):
     """The mass q that was last in some cores, with a weight for each, by GMRES.
 
     So many steps at a time, about a period: what has turned round is then where it was. It starts
-    from the mass between the saddles beside each core, `guess` along X.
+    from the mass between the saddles beside each core, `guess` along X. None if it was not reached.
     """
+    p, steps = solution.before_flow, solution.steps
     outside = (1.0 - cores.sum(axis=0))[:, None, :, None]
     source = np.tensordot(weights, cores, 1)[:, None, :, None] * p
     start = guess[:, None, None, None] * p
@@ -152,9 +171,8 @@ def _last_in_cores(propagator, cores, weights, guess, p, steps):
         dtype=float,
     )
     right = later(np.zeros(p.shape), source).ravel()
-    found, failed = gmres(
-        operator, right, start.ravel(), rtol=REACHED, restart=MOST_VECTORS, maxiter=1
-    )
-    if failed:
-        raise AveragingError("rates of jumps between the wells were not reached: simulate")
-    return found.reshape(p.shape)
+    vectors = int(min(MOST_VECTORS, MOST_WORK / solution.cost))
+    if vectors == 0:
+        return None
+    found, failed = gmres(operator, right, start.ravel(), rtol=REACHED, restart=vectors, maxiter=1)
+    return None if failed else found.reshape(p.shape)

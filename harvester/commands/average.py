@@ -39,6 +39,11 @@ def add(commands: Any) -> None:
         action="store_true",
         help="of a recorded excitation: fit D and τ1 to its spectrum, and say how far it is",
     )
+    command.add_argument(
+        "--jump-rates",
+        action="store_true",
+        help="of several wells: also the rates of jumps between them (two or three times as long)",
+    )
     add_results(command)
 
 
@@ -49,5 +54,11 @@ def run(options: Namespace) -> None:
         raise HarvesterError(f"--tolerance {options.tolerance:g}: must be a number in (0, 1)")
     from harvester.averaging.of_scene import average
 
-    result = average(scene, method=options.method, tolerance=options.tolerance, fit=options.fit)
+    result = average(
+        scene,
+        method=options.method,
+        tolerance=options.tolerance,
+        fit=options.fit,
+        jump_rates=options.jump_rates,
+    )
     deliver(options, name, result, result.engine)

@@ -236,7 +236,7 @@ def validate(
     closures, refused = {}, {}
     for closure in CLOSURES:
         try:
-            closures[closure] = average(scene, method=closure)
+            closures[closure] = average(scene, method=closure, jump_rates=True)
         except AveragingError as error:
             refused[closure] = str(error)
     results = []

@@ -78,7 +78,7 @@ def measured_alone(
 
 
 def measure(
-    scene: Scene, pool: Workers, compiled: bool, knots: int = KNOTS, repeats: int = REPEATS
+    scene: Scene, pool: Workers, compiled: bool, knots: int, repeats: int
 ) -> list[Throughput]:
     """Measure every way to run a scene's circuit, at its default step where none is named.
 

@@ -8,9 +8,10 @@ import pytest
 from device_scenes import device as device_scene
 from truths import averaged, flat, interpolated_linear_means, well
 
-from harvester.averaging import average
+from harvester.averaging import average, fokker_planck
 from harvester.averaging.of_scene import average as average_scene
 from harvester.averaging.propagator import Grid, Propagator, mirrored, shares
+from harvester.averaging.region import _widths
 from harvester.averaging.symmetric import potential
 from harvester.device import system as systems
 from harvester.device import timescales
@@ -175,6 +176,27 @@ def test_refusals(changes, words):
 def test_a_tolerance_out_of_reach_is_refused():
     with pytest.raises(AveragingError, match="tolerance of 1e-09"):
         averaged(LINEAR._replace(damping=1.5), "fokker_planck", 1e-9)
+
+
+def test_work_is_bounded(monkeypatch):
+    """What all grids together may take is refused before it is exceeded."""
+    monkeypatch.setattr(fokker_planck, "MOST_WORK", 1e6)
+    work = fokker_planck.Work(0.01)
+    work.take(9e5)
+    with pytest.raises(AveragingError, match=r"tolerance of 0\.01"):
+        work.take(2e5)
+    assert work.left == pytest.approx(1e5)
+    with pytest.raises(AveragingError, match="nodes and steps"):
+        averaged(PAPER._replace(intensity=0.02), "fokker_planck")
+
+
+def test_widths_of_a_density():
+    """Of a normal density both are its deviation; a steep side is told from the peak's width."""
+    x = np.linspace(-5.0, 5.0, 201)
+    assert _widths(x, np.exp(-0.5 * (x / 0.7) ** 2)) == pytest.approx((0.7, 0.7), rel=0.02)
+    narrow, steep = _widths(x, np.exp(-0.5 * (x / np.where(x > 0.0, 0.2, 1.0)) ** 2))
+    assert narrow == pytest.approx(0.6, rel=0.03)
+    assert steep == pytest.approx(0.2, rel=0.1)
 
 
 def test_shares_keep_moments():

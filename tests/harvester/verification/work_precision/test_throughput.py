@@ -23,9 +23,7 @@ def test_ratios_are_of_the_rates_they_name():
     json.dumps(to_dict(rows), allow_nan=False)
 
 
-def test_every_way_is_measured_at_its_own_step(pool, monkeypatch):
-    monkeypatch.setattr("harvester.verification.work_precision.throughput.KNOTS", 200)
-    monkeypatch.setattr("harvester.verification.work_precision.throughput.REPEATS", 1)
+def test_every_way_is_measured_at_its_own_step(pool):
     scene = Scene.load("paper")
     asked = []
 
@@ -34,7 +32,7 @@ def test_every_way_is_measured_at_its_own_step(pool, monkeypatch):
             asked.extend(calls)
             return pool.map(function, calls)
 
-    rows = measure(scene, Watching(), compiled=False)
+    rows = measure(scene, Watching(), compiled=False, knots=200, repeats=1)
     assert [row.copies for row in rows] == [1, 1, 1, 16, 1]
     assert all(row.rate > 0.0 for row in rows)
     assert [call["step"] for call in asked] == [knot_spacing(scene)] * 2 + ["default"] * 4
