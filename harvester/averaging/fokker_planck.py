@@ -366,12 +366,12 @@ class Work:
     def __init__(self, tolerance):
         self.left, self.tolerance = MOST_WORK, tolerance
 
-    def take(self, work):
+    def take(self, work: float) -> None:
         """Take this much of what is left, or refuse."""
         self.spare(work)
         self.left -= work
 
-    def spare(self, work):
+    def spare(self, work: float) -> None:
         """Refuse where less than this is left."""
         if self.left < work:
             raise AveragingError(
