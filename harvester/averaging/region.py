@@ -14,7 +14,7 @@ from harvester.device.system import potential
 from harvester.errors import AveragingError
 
 if TYPE_CHECKING:
-    from harvester.averaging.fokker_planck import Solution
+    from harvester.averaging.solution import Solution
     from harvester.device.system import System
 
 FEWEST = 20  # cores that the range of X and of X' has at least

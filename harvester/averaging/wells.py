@@ -13,9 +13,9 @@ from harvester.device.cores import core_energies, jump_rates
 from harvester.device.system import potential
 
 if TYPE_CHECKING:
-    from harvester.averaging.fokker_planck import Solution
     from harvester.averaging.grid_density import GridDensity
     from harvester.averaging.propagator import Grid
+    from harvester.averaging.solution import Solution
     from harvester.device.system import System
 
 SETTLED = 1e-4  # of an eigenvalue, as a share of it

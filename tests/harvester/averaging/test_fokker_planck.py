@@ -8,7 +8,7 @@ import pytest
 from device_scenes import device as device_scene
 from truths import averaged, flat, interpolated_linear_means, well
 
-from harvester.averaging import average, fokker_planck
+from harvester.averaging import average, solution
 from harvester.averaging.of_scene import average as average_scene
 from harvester.averaging.propagator import Grid, Propagator, mirrored, shares
 from harvester.averaging.region import _widths
@@ -180,8 +180,8 @@ def test_a_tolerance_out_of_reach_is_refused():
 
 def test_work_is_bounded(monkeypatch):
     """What all grids together may take is refused before it is exceeded."""
-    monkeypatch.setattr(fokker_planck, "MOST_WORK", 1e6)
-    work = fokker_planck.Work(0.01)
+    monkeypatch.setattr(solution, "MOST_WORK", 1e6)
+    work = solution.Work(0.01)
     work.take(9e5)
     with pytest.raises(AveragingError, match=r"tolerance of 0\.01"):
         work.take(2e5)
