@@ -116,6 +116,8 @@ def _parsed(arguments):
         command = commands.choices[options.name]
         known = [word for action in command._actions for word in action.option_strings]
         word = unknown[0].partition("=")[0]
+        if word in known:
+            command.error(f"argument {word} goes behind {options.name}")
         former = FORMER_OPTIONS.get(word)
         hint = f" (did you mean {former}?)" if former in known else nearest(word, known)
         command.error(f"unknown argument {word}{hint}")

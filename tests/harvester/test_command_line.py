@@ -143,6 +143,12 @@ def test_a_users_mistake_is_one_line_and_exit_code_two(capsys, command, word):
     assert word in streams.err
 
 
+def test_an_option_in_front_of_its_command_is_told_where_it_goes(capsys):
+    with pytest.raises(SystemExit):
+        main(["--quiet", "simulate", "paper"])
+    assert "argument --quiet goes behind simulate" in capsys.readouterr().err
+
+
 def test_argparse_mistakes_exit_with_two_too(capsys):
     with pytest.raises(SystemExit) as caught:
         main(["simulat"])
