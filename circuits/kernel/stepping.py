@@ -8,7 +8,7 @@ which asks for none.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,9 +31,6 @@ from harvester.device import system as systems
 from harvester.engines.steps import STEPS_PER_CONTACT
 from harvester.engines.zones import crossing, overshoots
 from harvester.record.record import fill
-
-if TYPE_CHECKING:
-    pass
 
 ROOT = np.sqrt(2.0)
 # δ over the step; the first stages' place in it.
