@@ -30,7 +30,8 @@ def crossing(
 ) -> float:
     """Time into the step at which x passes the edge in the direction ±1 first.
 
-    Newton on the cubic, kept by bisection.
+    Newton on the cubic, kept by bisection. A mass that begins on the edge and moves away from it
+    passes on its way back.
     """
     low, high = 0.0, 1.0
     inside = direction * (x1 - edge) <= 0.0
@@ -38,7 +39,7 @@ def crossing(
         high = v / (v - v1)
     u = 0.5 * high
     if high == 1.0:
-        u = (edge - x) / (x1 - x)
+        u = (edge - x) / (x1 - x) if direction * v > 0.0 else 1.0
     for _ in range(60):
         value, slope = _hermite(x, v, x1, v1, h, u)
         excess = direction * (value - edge)
