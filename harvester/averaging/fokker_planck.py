@@ -123,8 +123,9 @@ def _slow_decay(device, slowest, tolerance):
     """
     rate = device.transducer.decay_rate()
     slow = [_slowed(device, each / rate) for each in (slowest, 2.0 * slowest)]
-    work = Work(tolerance)
-    near, far = (_refined(each, AMPLIFIED * tolerance, work, judged=CONTINUED) for each in slow)
+    near, far = (
+        _refined(each, AMPLIFIED * tolerance, Work(tolerance), judged=CONTINUED) for each in slow
+    )
     here, there = (_squares(*each) for each in zip(slow, (near, far), strict=True))
     share = 1.0 - rate / slowest
     line = {name: (1.0 + share) * here[name] - share * there[name] for name in here}
