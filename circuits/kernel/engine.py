@@ -26,7 +26,7 @@ from circuits.kernel.stepping import (
 from circuits.kernel.tables import Circuit
 from harvester.compilation import numba
 from harvester.device import contact, system, timescales
-from harvester.engines.steps import steps_per_knot, stop_time
+from harvester.engines.steps import knot_blocks, steps_per_knot, stop_time
 from harvester.errors import SimulatorAborted, SolutionDiverged
 from harvester.record.record import Record, empty_record, part
 from harvester.scene.units import scale
@@ -133,18 +133,12 @@ def integrate(
     SimulatorAborted
         Newton's iterations find no solution, or a switch chatters.
     """
-    knots = int(np.ceil(stop / path.spacing - 1e-9))
     edges = np.array(contact.edges(s.contacts))
     state, work = _beginning(s, circuit, start)
     state.numbers[PROPOSED] = stepping.RESTART * path.spacing / steps_per_knot
     record, volts = empty_record(CHUNK), np.zeros(CHUNK)
-    block = np.empty(CHUNK + 1)
-    block[0] = path.read(1)[0]
-    done = 0
-    while done < knots:
-        count = min(CHUNK, knots - done)
-        block[1 : count + 1] = path.read(count)
-        segment = 0
+    for done, block in knot_blocks(path, stop, CHUNK):
+        segment, count = 0, block.size - 1
         while segment < count:
             segment, points, outcome, which = advance(
                 s, circuit.tables, circuit.probes, circuit.order, work, state, edges, block,
@@ -153,8 +147,6 @@ def integrate(
             if outcome != FINE:
                 raise SimulatorAborted(_trouble(circuit, state, work, outcome, which))
             yield part(record, 0, points), volts[:points]
-        block[0] = block[count]
-        done += count
 
 
 def _trouble(circuit, state, work, outcome, which):

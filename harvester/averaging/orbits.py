@@ -22,7 +22,6 @@ from harvester.averaging.symmetric import (
 )
 from harvester.device.values import Values
 
-PIECES = 4  # of a path between its turning points
 SMALLEST = 1e-150  # a speed to divide by on pieces of no length
 
 

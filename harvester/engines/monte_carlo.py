@@ -21,7 +21,7 @@ from harvester.compilation import compiled, inlined, numba
 from harvester.device import contact, system
 from harvester.engines import circuit
 from harvester.engines.decay import decayed
-from harvester.engines.steps import STEPS_PER_CONTACT, steps_per_knot, stop_time
+from harvester.engines.steps import STEPS_PER_CONTACT, knot_blocks, steps_per_knot, stop_time
 from harvester.engines.zones import crossing, overshoots
 from harvester.errors import LoadError, SolutionDiverged
 from harvester.record.record import empty_record, fill, part
@@ -169,17 +169,11 @@ def integrate(
     Record
         Chunks of accepted points in order, without the initial one; overwritten by the next.
     """
-    knots = int(np.ceil(stop / path.spacing - 1e-9))
     edges = np.array(contact.edges(s.contacts))
     heun = _scheme(s, scheme, path.spacing / steps_per_knot)
     record = empty_record(CHUNK)
-    block = np.empty(CHUNK + 1)
-    block[0] = path.read(1)[0]
-    done = 0
-    while done < knots:
-        count = min(CHUNK, knots - done)
-        block[1 : count + 1] = path.read(count)
-        segment = 0
+    for done, block in knot_blocks(path, stop, CHUNK):
+        segment, count = 0, block.size - 1
         while segment < count:
             segment, points = _advance(
                 s,
@@ -195,8 +189,6 @@ def integrate(
                 record,
             )
             yield part(record, 0, points)
-        block[0] = block[count]
-        done += count
 
 
 def _scheme(s, name, step):

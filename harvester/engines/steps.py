@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from harvester.device import timescales
 from harvester.errors import SceneError
@@ -14,6 +17,7 @@ from harvester.excitation.ornstein_uhlenbeck import (
 from harvester.scene.units import longest_spacing, scale
 
 if TYPE_CHECKING:
+    from harvester.excitation.ornstein_uhlenbeck import NoisePath
     from harvester.scene.model import Scene
 
 # Steps per period of the fastest oscillation. The trapezoidal rule is of order two, Runge–Kutta of
@@ -101,3 +105,30 @@ def stop_time(scene: Scene) -> float:
     spacing = knot_spacing(scene)
     total = scene.run.settle + scene.run.duration
     return math.ceil(total / spacing - 1e-9) * spacing
+
+
+def knot_blocks(path: NoisePath, stop: float, most: int) -> Iterator[tuple[int, np.ndarray]]:
+    """The noise from the beginning to the first knot at or after the end, in blocks.
+
+    Parameters
+    ----------
+    path : harvester.excitation.NoisePath
+    stop : float
+        End time (s).
+    most : int
+        Segments between knots in a block.
+
+    Yields
+    ------
+    int, ndarray
+        Number of the block's first knot, and the noise at its knots: one more than segments, the
+        last of a block being the first of the next; overwritten by the next.
+    """
+    knots = int(np.ceil(stop / path.spacing - 1e-9))
+    block = np.empty(most + 1)
+    block[0] = path.read(1)[0]
+    for first in range(0, knots, most):
+        count = min(most, knots - first)
+        block[1 : count + 1] = path.read(count)
+        yield first, block[: count + 1]
+        block[0] = block[count]
