@@ -167,6 +167,10 @@ class Comparison:
     def _engines(self):
         return (self.circuit, self.monte_carlo)
 
+    def methods(self) -> dict[str, Result]:
+        """The result of every method, by the name that the table has."""
+        return {"circuit": self.circuit, "Monte Carlo": self.monte_carlo, **self.closures}
+
     def figure(self) -> Figure:
         """Densities by every method, and circuit and Monte Carlo on one path of noise."""
         from harvester.show import figures
