@@ -10,8 +10,8 @@ if TYPE_CHECKING:
 
 # Heights from nothing to the highest, an eighth apart.
 HEIGHTS = " ▁▂▃▄▅▆▇█"
-# Letters of a line.
-WIDTH = 56
+# Letters of a line, and places within each at which the density is taken.
+WIDTH, FINER = 56, 32
 # Share of the highest density below which a side is left out.
 SHOWN_SHARE = 0.01
 
@@ -29,8 +29,6 @@ def densities(results: Mapping[str, Result], quantity: str = "displacement") -> 
     quantity : str
         A key of `Result.densities`.
     """
-    import numpy as np
-
     known = {name: result for name, result in results.items() if quantity in result.densities}
     if not known:
         return []
@@ -40,8 +38,7 @@ def densities(results: Mapping[str, Result], quantity: str = "displacement") -> 
         for curve in curves.values()
     ]
     low, high = min(each[0] for each in used), max(each[-1] for each in used)
-    edges = np.linspace(low, high, WIDTH + 1)
-    rows = {name: _averages(curve, edges) for name, curve in curves.items()}
+    rows = {name: _averages(curve, low, high) for name, curve in curves.items()}
     top = max(row.max() for row in rows.values())
     letters = max(map(len, rows))
     lines = [
@@ -55,10 +52,9 @@ def densities(results: Mapping[str, Result], quantity: str = "displacement") -> 
     return [*lines, f"  {'':{letters}}  {axis}"]
 
 
-def _averages(curve, edges):
-    """Mean density between neighbouring edges, from its integral up to each."""
+def _averages(curve, low, high):
+    """Mean density within each letter, shape (WIDTH,)."""
     import numpy as np
 
-    steps = 0.5 * (curve.density[1:] + curve.density[:-1]) * np.diff(curve.centre)
-    below = np.interp(edges, curve.centre, np.concatenate([[0.0], np.cumsum(steps)]))
-    return np.diff(below) / np.diff(edges)
+    places = low + (high - low) * (np.arange(WIDTH * FINER) + 0.5) / (WIDTH * FINER)
+    return np.interp(places, curve.centre, curve.density).reshape(WIDTH, FINER).mean(axis=1)
