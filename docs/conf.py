@@ -4,10 +4,17 @@ The source directory is the project's root, so that a link from one page to anot
 or to a netlist is the same path on the site as in the repository.
 """
 
+import html
+import re
+
 from docutils import nodes
+from docutils.utils.math import MathError
 from docutils.utils.math.latex2mathml import tex2mathml
+from sphinx.util import logging
 
 import harvester
+
+LOGGER = logging.getLogger(__name__)
 
 project = "harvester"
 author = "the authors of harvester"
@@ -40,16 +47,26 @@ html_css_files = ["site.css"]
 html_math_renderer = "mathml"
 
 
+def _mathml(node, as_block=False):
+    """A formula as MathML, which browsers set without a script."""
+    # Primes are raised, as TeX has them.
+    formula = re.sub("'+", lambda primes: "^{" + r"\prime " * len(primes[0]) + "}", node.astext())
+    try:
+        return tex2mathml(formula, as_block=as_block)
+    except MathError as error:
+        LOGGER.warning("formula %r: %s", node.astext(), error, location=node)
+        return f"<code>{html.escape(node.astext())}</code>"
+
+
 def _visit_inline_math(writer, node):
-    """A formula in a line of text, as MathML: browsers set it without a script."""
-    writer.body.append(tex2mathml(node.astext()))
+    """A formula in a line of text."""
+    writer.body.append(_mathml(node))
     raise nodes.SkipNode
 
 
 def _visit_math_block(writer, node):
     """A formula of its own; what is too wide scrolls."""
-    formula = tex2mathml(node.astext(), as_block=True)
-    writer.body.append(f'<div class="math">{formula}</div>')
+    writer.body.append(f'<div class="math">{_mathml(node, as_block=True)}</div>')
     raise nodes.SkipNode
 
 
