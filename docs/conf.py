@@ -37,6 +37,7 @@ nb_execution_show_tb = True
 
 default_role = "py:obj"
 autodoc_typehints = "none"
+autodoc_preserve_defaults = True
 napoleon_google_docstring = False
 
 html_theme = "furo"

@@ -87,7 +87,7 @@ def test_the_wheel_runs_away_from_the_checkout(environment, tmp_path):
     assert run(command, "--version", folder=tmp_path).split()[1] == harvester.__version__
     # A netlist and ngspice in workers of its own; the scenes, the figures' style and the page.
     where = {"NGSPICE_LIBRARY_PATH": find_library()}
-    brief = "run.realizations=2 run.duration=1 run.settle=0.2".split()
+    brief = ["run.realizations=2", "run.duration=1", "run.settle=0.2"]
     sets = [word for value in brief for word in ("--set", value)]
     run(command, "new", "mine.toml", folder=tmp_path)
     loaded = [*sets, "--set", "load.netlist=bridge"]

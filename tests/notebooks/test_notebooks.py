@@ -81,8 +81,19 @@ def site(tmp_path_factory):
     """Folder of a site made anew, every notebook executed, and what Sphinx said of it."""
     folder = tmp_path_factory.mktemp("site")
     made = subprocess.run(
-        [sys.executable, "-m", "sphinx", "-c", "docs", "-b", "html", "--fail-on-warning"]
-        + ["--keep-going", ".", str(folder / "docs")],
+        [
+            sys.executable,
+            "-m",
+            "sphinx",
+            "-c",
+            "docs",
+            "-b",
+            "html",
+            "--fail-on-warning",
+            "--keep-going",
+            ".",
+            str(folder / "docs"),
+        ],
         cwd=ROOT,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         capture_output=True,
