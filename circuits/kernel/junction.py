@@ -23,11 +23,12 @@ LARGEST_CURRENT = 100.0
 # Columns of the table of junctions.
 (
     SATURATION, SWING, RESISTANCE, BREAKDOWN, BREAKDOWN_CURRENT, HIGHEST, TRANSIT,
-    CAPACITANCE, POTENTIAL, GRADING, EDGE, LOWEST, BREAKDOWN_SWING, COLUMNS,
-) = range(14)  # fmt: skip
+    CAPACITANCE, POTENTIAL, GRADING, EDGE, LOWEST, BREAKDOWN_SWING, PER_SWING,
+    PER_BREAKDOWN_SWING, COLUMNS,
+) = range(16)  # fmt: skip
 # Newton's step at which the iterations end, against the swing; the next would be about its square.
-# The current is then known to 5e-5.
-JUNCTION_STEP = 1e-2
+# The current is then known to about 1e-3.
+JUNCTION_STEP = 5e-2
 # Swings below which an exponential counts as 0.
 BLOCKED = -40.0
 
@@ -85,6 +86,7 @@ def table_row(model: dict[str, float], area: float) -> np.ndarray:
     row[TRANSIT] = model.get("tt", 0.0)
     row[CAPACITANCE] = area * model.get("cjo", model.get("cj0", 0.0))
     row[POTENTIAL], row[GRADING] = model.get("vj", 1.0), model.get("m", 0.5)
+    row[PER_SWING], row[PER_BREAKDOWN_SWING] = 1.0 / swing, 1.0 / row[BREAKDOWN_SWING]
     row[EDGE] = model.get("fc", 0.5) * row[POTENTIAL]
     return row
 
@@ -109,33 +111,33 @@ class Law:
 
     def _current(self, v: Number) -> tuple[Number, Number]:
         """Current (A) and its slope (S) at a junction voltage."""
-        saturation, swing = self._value(SATURATION), self._value(SWING)
+        saturation, per_swing = self._value(SATURATION), self._value(PER_SWING)
 
         def conducting():
             excess = (v - self._value(HIGHEST)).greater(0.0)
-            rise = saturation * ((v - excess) / swing).function("exp")
-            slope = rise / swing
+            rise = saturation * ((v - excess) * per_swing).function("exp")
+            slope = rise * per_swing
             return rise - saturation + slope * excess, slope
 
         def blocked():
             return -saturation, self._e.constant(0.0)
 
-        through, slope = self._e.choose(v > swing * BLOCKED, conducting, blocked)
+        through, slope = self._e.choose(v * per_swing > BLOCKED, conducting, blocked)
         if self._has.breakdown:
             lost, steeper = self._breakdown(v)
             through, slope = through - lost, slope + steeper
         return through + v * LEAST_CONDUCTANCE, slope + LEAST_CONDUCTANCE
 
     def _breakdown(self, v):
-        beyond, swing = -v - self._value(BREAKDOWN), self._value(BREAKDOWN_SWING)
+        beyond, per_swing = -v - self._value(BREAKDOWN), self._value(PER_BREAKDOWN_SWING)
 
         def breaking():
             excess = (beyond - self._value(LOWEST)).greater(0.0)
-            rise = self._value(BREAKDOWN_CURRENT) * ((beyond - excess) / swing).function("exp")
-            return rise + rise / swing * excess, rise / swing
+            rise = self._value(BREAKDOWN_CURRENT) * ((beyond - excess) * per_swing).function("exp")
+            return rise + rise * per_swing * excess, rise * per_swing
 
         nothing = self._e.constant(0.0)
-        return self._e.choose(beyond > swing * BLOCKED, breaking, lambda: (nothing, nothing))
+        return self._e.choose(beyond * per_swing > BLOCKED, breaking, lambda: (nothing, nothing))
 
     def linear(self, v: Number, delta: Number, charge: Number) -> tuple[Number, Number]:
         """Slope and value, at the iterated voltage, of δ i and the change of charge."""
@@ -198,12 +200,25 @@ class Law:
             return [self._into_breakdown(old, new, predicted) if self._has.breakdown else new]
 
         (chosen,) = self._e.choose(new - old > swing, up, down)
-        # Deep in its blocked state a junction's current hardly knows its voltage.
-        free = (swing + (-chosen).greater(0.0) * 1e-2) * JUNCTION_STEP
+        free = swing * JUNCTION_STEP * self._flatness(old, chosen)
+        if self._has.depletion:
+            free = free.lesser((swing + (-chosen).greater(0.0)) * JUNCTION_STEP)
         near = self._e.both(
             (chosen - old).function("fabs") <= free, (chosen - new).function("fabs") <= free
         )
         return chosen, near
+
+    def _flatness(self, old, new):
+        """A bound of exp(depth/2), with the swings by which both voltages lie within the flat.
+
+        There an exponential's part of the current is as much less as Newton's step may be longer.
+        """
+        depth = -(old.greater(new)) * self._value(PER_SWING)
+        if self._has.breakdown:
+            above = old.lesser(new) + self._value(BREAKDOWN)
+            depth = depth.lesser(above * self._value(PER_BREAKDOWN_SWING))
+        depth = depth.greater(0.0)
+        return (depth * (depth * (depth * (1.0 / 48.0) + 0.125) + 0.5)) + 1.0
 
     def _into_breakdown(self, old, new, predicted):
         breakdown = self._value(BREAKDOWN)
