@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.averaging.averages import Averages
-from harvester.averaging.region import FINER, Level, Region
+from harvester.averaging.region import FINER, SOONER, Level, Region
 from harvester.averaging.solution import Solution, Work, period
 from harvester.averaging.wells import between_wells, rates_of_jumps, slowest_decay_rate
 from harvester.device import timescales
@@ -28,11 +28,10 @@ from harvester.errors import AveragingError
 if TYPE_CHECKING:
     from harvester.device.system import System
 
-ROUGH = Level(5.0, 2.2, 1.7, 3, 3, 50.0)  # on which the region is found
-FIRST = Level(7.0, 3.0, 2.3, 3, 3)
-MOST_GRIDS = 6  # one after the other, each finer in the same respect
+ROUGH = Level(5.0, 2.2, 1.7, 4, 3, 50.0)  # on which the region is found
+FIRST = Level(6.0, 3.0, 2.3, 4, 3)
 # By so much the step's error, of second order, exceeds on the last grid what it changed by.
-LEFT = 1.0 / (FINER**2 - 1.0)
+LEFT = 1.0 / (SOONER**2 - 1.0)
 TAKEN = 0.5  # share of that correction that is made: where steps are long, the order is higher
 # Share of that correction, and of the nodes' last change, that is stated as error.
 DOUBTED = {"steps": 0.65, "nodes": 0.75}
@@ -181,7 +180,7 @@ def _refined(device, tolerance, work, memory=False, judged=JUDGED):
     """The answer of a first grid, refined in time and in space apart until it is good enough."""
     region, rough = _found(device, work)
     region.check(device)
-    nodes = [Solution(device, region, FIRST, rough, tolerance, work)]
+    nodes = [Solution(device, region, FIRST, tolerance, work, rough)]
     grids = {"nodes": nodes}
     _refine(grids, "nodes", tolerance)
     while (changed := _changed(nodes, judged))[1] > tolerance:
@@ -206,12 +205,15 @@ def _refine(grids, respect, tolerance, known=None):
     `known` is a mean, and the share of it to which it is known so far.
     """
     last = grids[respect][-1]
-    if known and (len(grids[respect]) == MOST_GRIDS or not last.affords(respect)):
+    try:
+        grids[respect].append(last.refined(respect))
+    except AveragingError as refusal:
+        if known is None:
+            raise
         raise AveragingError(
             f"{known[0].replace('_', ' ')} is known to {known[1]:.2g} of itself, not to the "
             f"tolerance of {tolerance:g}, on as fine a grid as is tried: raise it, or simulate"
-        )
-    grids[respect].append(last.refined(respect, tolerance))
+        ) from refusal
 
 
 def _changed(solutions, judged):
@@ -232,7 +234,7 @@ def _found(device, work):
     alone = HELD_BACK * linear < barrier
     region, solution = Region.guessed(device, wells[0] if alone else None), None
     for attempt in range(ATTEMPTS):
-        solution = Solution(device, region, ROUGH, solution, ROUGHLY, work)
+        solution = Solution(device, region, ROUGH, ROUGHLY, work, solution)
         fitted = Region.fitted(device, solution)
         spread = solution.totals["mean_square_velocity"]
         held_back = 0.0 < HELD_BACK * spread < barrier
