@@ -25,6 +25,7 @@ LEAST_PERIODS = 5  # on a grid
 LARGEST_PUSHES = 2e8  # of the noise's pushes on a grid (bytes)
 DECAY = 2.8  # greatest λ dt, times the steps of a period
 RESIDUAL = 2e-2  # of a period, in tolerances, as a share of what the load moves in it
+LEAST_RESIDUAL = 1e-8  # which rounding leaves
 ENOUGH = 0.1  # share of a rest that the coarser grid leaves
 
 
@@ -91,9 +92,9 @@ class Solution:
         self._inverse = Inverse(self._change, self._nearly_undone if self._coarser else None)
         # Of what a slow load leaves undone, only so small a share of the density changes at a time.
         slow = device.transducer.decay_rate() or np.inf
-        allowed = RESIDUAL * tolerance * min(1.0, slow * period(device))
+        share = max(RESIDUAL * tolerance * min(1.0, slow * period(device)), LEAST_RESIDUAL)
         start = _gibbs(device, region, grid) if coarser is None else coarser.on(grid)
-        self.state = self._settled(start, allowed)
+        self.state = self._settled(start, share)
         self.before_flow = self.propagator.before_flow(self.state)
         self.density = GridDensity.of_state(
             device.transducer, grid, self.state, region.well is not None
@@ -116,12 +117,13 @@ class Solution:
         """Its state on the nodes of another grid."""
         return moved(self.state, self.grid, grid)
 
-    def _settled(self, start, allowed):
-        """The stationary state, from one that is near it; `allowed` is the share that changes."""
+    def _settled(self, start, share):
+        """The stationary state, from one that is near it; a period changes so small a share."""
         # What a new grid makes of its start at once is no part of what is sought.
         start = self._later(start)
         start /= start[..., 0].sum()
-        state = start + self._undone(-self._change(start), allowed * np.linalg.norm(start))
+        self._allowed = share * np.linalg.norm(start)
+        state = start + self._undone(-self._change(start), self._allowed)
         return state / state[..., 0].sum()
 
     def _undone(self, rest, allowed):
@@ -145,7 +147,8 @@ class Solution:
         coarser = self._coarser
         smooth = coarser._later(moved(rest, self.grid, coarser.grid))
         smooth -= smooth[..., 0].sum() * coarser.state
-        found = coarser._undone(smooth, ENOUGH * np.linalg.norm(smooth))
+        enough = max(ENOUGH * np.linalg.norm(smooth), coarser._allowed)
+        found = coarser._undone(smooth, enough)
         return rest + moved(found, coarser.grid, self.grid)
 
     def _totals(self):

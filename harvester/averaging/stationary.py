@@ -12,7 +12,8 @@ LARGEST_BASIS = 4e8  # bytes: of larger states fewer directions are held at a ti
 MOST_DIRECTIONS = 150  # held at a time
 MOST_SOUGHT = 400  # for one solution
 POOR = 0.6  # share of a rest left by a direction, beyond which the inverse it began as is no help
-SMALLEST = 1e-13  # of a direction's part that is new, below which nothing is left to find
+KEPT, BYTES = np.float32, 4  # of what is kept: what it takes off is known as well as it is kept
+SMALLEST = 1e-6  # of a direction's part that is new, below which nothing is left to find
 
 
 class Inverse:
@@ -37,42 +38,43 @@ class Inverse:
     def __call__(self, rest: np.ndarray, allowed: float) -> np.ndarray | None:
         """x with |rest − change(x)| ≤ allowed; None if it was not reached."""
         if self._directions.size == 0:
-            held = int(LARGEST_BASIS / (2 * rest.nbytes))
+            held = int(LARGEST_BASIS / (2 * BYTES * rest.size))
             shape = max(1, min(MOST_DIRECTIONS, held)), rest.size
             # Pages of these that are never written are never taken.
-            self._directions, self._changes = np.empty(shape), np.empty(shape)
+            self._directions, self._changes = (np.empty(shape, KEPT) for _ in range(2))
         left, found = rest.ravel().copy(), np.zeros(rest.size)
-        changes, directions = self._changes[: self._count], self._directions[: self._count]
-        along = changes @ left
-        left -= along @ changes
-        found += along @ directions
+        self._take(left, found, slice(0, self._count))
         for _ in range(MOST_SOUGHT):
             size = np.linalg.norm(left)
             if size <= allowed:
                 return found.reshape(rest.shape)
-            if not np.isfinite(size) or not self._extend(left, rest.shape):
+            if not np.isfinite(size) or not self._extend(left.reshape(rest.shape)):
                 return None
-            change = self._changes[self._count - 1]
-            along = change @ left
-            left -= along * change
+            self._take(left, found, slice(self._count - 1, self._count))
             if np.linalg.norm(left) > POOR * size:
                 self._near = None
-            found += along * self._directions[self._count - 1]
         return None
 
-    def _extend(self, left, shape):
-        """One more direction, which begins as what is left; False if it tells nothing new."""
+    def _take(self, left, found, which):
+        """Take off what some directions reach of what is left."""
+        along = self._changes[which] @ left.astype(KEPT)
+        left -= along @ self._changes[which]
+        found += along @ self._directions[which]
+
+    def _extend(self, left):
+        """One more direction, which begins about what is left; False if it tells nothing new."""
         if self._count == len(self._changes):
             self._count = 0
         n = self._count
-        new = left.reshape(shape)
-        new = self._near(new) if self._near else new.copy()
-        new, change = new.ravel(), self._change(new).ravel()
+        new = self._near(left) if self._near else left
+        change = self._change(new).ravel()
         whole = np.linalg.norm(change)
+        along = np.zeros(n, KEPT)
         for _ in range(2):  # the second time takes off what rounding left
-            along = self._changes[:n] @ change
-            change -= along @ self._changes[:n]
-            new -= along @ self._directions[:n]
+            part = self._changes[:n] @ change.astype(KEPT)
+            change -= part @ self._changes[:n]
+            along += part
+        new = new.ravel() - along @ self._directions[:n]
         size = np.linalg.norm(change)
         if not size > SMALLEST * whole:
             return False
