@@ -178,9 +178,7 @@ def _of_squares(device, squares):
 
 def _refined(device, tolerance, work, memory=False, judged=JUDGED):
     """The answer of a first grid, refined in time and in space apart until it is good enough."""
-    region, rough = _found(device, work)
-    region.check(device)
-    nodes = [Solution(device, region, FIRST, tolerance, work, rough)]
+    nodes = [_first(device, tolerance, work)]
     grids = {"nodes": nodes}
     _refine(grids, "nodes", tolerance)
     while (changed := _changed(nodes, judged))[1] > tolerance:
@@ -200,6 +198,13 @@ def _refined(device, tolerance, work, memory=False, judged=JUDGED):
             return _answer(device, grids, means, error, memory)
         larger = max(errors, key=lambda respect: errors[respect][worst])
         _refine(grids, larger, tolerance, (worst, excess))
+
+
+def _first(device, tolerance, work):
+    """The answer on the first grid where the density is."""
+    region, rough = _found(device, work)
+    region.check(device)
+    return Solution(device, region, FIRST, tolerance, work, rough)
 
 
 def _refine(grids, respect, tolerance, known=None):

@@ -8,7 +8,7 @@ import numpy as np
 
 Map = Callable[[np.ndarray], np.ndarray]
 
-LARGEST_BASIS = 4e8  # bytes: of larger states fewer directions are held at a time
+LARGEST_BASIS = 2e8  # bytes: of larger states fewer directions are held at a time
 MOST_DIRECTIONS = 150  # held at a time
 MOST_SOUGHT = 400  # for one solution
 POOR = 0.6  # share of a rest left by a direction, beyond which the inverse it began as is no help
@@ -33,7 +33,7 @@ class Inverse:
     def __init__(self, change: Map, near: Map | None = None) -> None:
         self._change, self._near = change, near
         self._count = 0
-        self._directions = self._changes = np.empty((0, 0))
+        self._directions = self._changes = np.empty((0, 0), KEPT)
 
     def __call__(self, rest: np.ndarray, allowed: float) -> np.ndarray | None:
         """x with |rest − change(x)| ≤ allowed; None if it was not reached."""
