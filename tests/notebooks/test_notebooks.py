@@ -16,6 +16,8 @@ pytest.importorskip("myst_nb", reason="needs the extra `docs`")
 ROOT = Path(__file__).parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.py"))
 
+# As `make docs` makes the site.
+MADE_BY = ("-c", "docs", "-b", "html", "--fail-on-warning", "--keep-going")
 # What the last sentence of each notebook says, and what holds of its numbers: error bars of at most
 # a fifth, engines within four joint standard errors (false alarm one in 16 000).
 ANSWERS = {
@@ -81,19 +83,7 @@ def site(tmp_path_factory):
     """Folder of a site made anew, every notebook executed, and what Sphinx said of it."""
     folder = tmp_path_factory.mktemp("site")
     made = subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "sphinx",
-            "-c",
-            "docs",
-            "-b",
-            "html",
-            "--fail-on-warning",
-            "--keep-going",
-            ".",
-            str(folder / "docs"),
-        ],
+        [sys.executable, "-m", "sphinx", *MADE_BY, ".", str(folder / "docs")],
         cwd=ROOT,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         capture_output=True,
