@@ -131,14 +131,16 @@ def show_table(
     ----------
     content : Tabled
     title : str
-        Shown after the scene's name.
+        Shown after the scene's name, where it is about one.
     to_stderr : bool
         Leave standard output to JSON.
     alarms : sequence of str
         Sentences in red, behind the table.
     """
     header, rows = content.table()
-    table = Table(title=f"{content.scene.name}: {title}", box=box.SIMPLE_HEAD, title_justify="left")
+    if content.scene is not None:
+        title = f"{content.scene.name}: {title}"
+    table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
     for place, name in enumerate(header):
         words = place < 2
         table.add_column(one_line(name), justify="left" if words else "right", no_wrap=True)
