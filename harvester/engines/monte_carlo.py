@@ -236,7 +236,19 @@ def _advance(
             x, v, voltage, phase = x1, v1, voltage1, end
         else:
             piece, entered, held, x, v, voltage = contact_piece(
-                heun, s, touching, low, high, held, x, v, voltage, noise, slope, length
+                heun,
+                s,
+                touching,
+                low,
+                high,
+                held,
+                x,
+                v,
+                voltage,
+                noise,
+                slope,
+                length,
+                STEPS_PER_CONTACT,
             )
             if entered != 0:
                 zone += entered
@@ -263,8 +275,8 @@ def _advance(
 
 
 @compiled
-def contact_piece(heun, s, touching, low, high, held, x, v, voltage, noise, slope, longest):
-    """A step within a zone, or up to its edge, `low` or `high`.
+def contact_piece(heun, s, touching, low, high, held, x, v, voltage, noise, slope, longest, steps):
+    """A step within a zone, or up to its edge, `low` or `high`; so many `steps` for a contact.
 
     Returns its length, by how many zones the mass has moved (−1, 0, 1), the held speed and the
     new state.
@@ -273,7 +285,7 @@ def contact_piece(heun, s, touching, low, high, held, x, v, voltage, noise, slop
     if touching:
         # A mass at rest on the stopper is pressed in by what else acts.
         speed = abs(v) + abs(system.push(s, x, v, voltage, noise)) * longest
-        length = contact.step(s.contacts, x, speed * speed, longest, STEPS_PER_CONTACT)
+        length = contact.step(s.contacts, x, speed * speed, longest, steps)
     x1, v1, voltage1 = one_step(
         heun, s, touching, low, high, held, x, v, voltage, noise, slope, length
     )

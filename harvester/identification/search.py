@@ -1,0 +1,138 @@
+"""The fit from several starts: short windows first, then longer ones from the best."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.identification.linear_start import Start, starts_from
+from harvester.identification.reconstruction import frequencies
+from harvester.identification.shooting import Fit, Shooting
+from harvester.identification.window_states import repaired
+from harvester.identification.windows import (
+    FEWEST_SAMPLES,
+    LARGEST_GROWTH,
+    equal_windows,
+    lengthened,
+    shortened,
+)
+
+if TYPE_CHECKING:
+    from harvester.identification.response import Responses
+    from harvester.identification.unknowns import Unknown
+
+SHORT_PERIODS = 2.0
+# Iterations with short windows, at each length, and at the end.
+FIRST, ON_THE_WAY, LAST = 12, 8, 30
+# Relative fall of the cost below which a fit is done, on the way and at its end.
+COARSE, FINE = 1e-3, 1e-9
+# Share of an output's rms that its noise is taken for at first.
+FIRST_NOISE = 0.05
+MOST_FIRST_WINDOWS = 2000
+# Mean square of a window's residuals over that of the others from which on its start is in doubt.
+DOUBTFUL = 4.0
+
+
+def searched(
+    responses: Responses, unknowns: Sequence[Unknown], lengths: Sequence[int]
+) -> tuple[Shooting, Fit] | None:
+    """The best fit; None where no start gives one.
+
+    Parameters
+    ----------
+    responses : Responses
+    unknowns : sequence of Unknown
+    lengths : sequence of int
+        Samples of each experiment, from its first, that are fitted to.
+    """
+    values = np.array([each.start for each in unknowns])
+    best = None
+    for start in starts_from(responses, values):
+        tried = _short(responses, unknowns, start, lengths)
+        if tried and (best is None or tried[1].cost < best[1].cost):
+            best = tried
+    if best is None:
+        return None
+    shooting, fit = best
+    return shooting, followed(shooting, fit, lengths)
+
+
+def _short(responses, unknowns, start: Start, lengths):
+    """A fit with short windows."""
+    sizes = [
+        np.array([np.std(each.x), np.std(each.v), np.std(each.state)]) for each in start.motions
+    ]
+    sized = [
+        replace(each, size=max(each.size, abs(value)))
+        for each, value in zip(unknowns, start.values, strict=True)
+    ]
+    shooting = Shooting(responses, sized, sizes)
+    edges, noise, begun = [], [], []
+    for each, length, motion in zip(responses.experiments, lengths, start.motions, strict=True):
+        period = each.measurement.sampling_rate / frequencies(each.measurement)[0]
+        width = max(FEWEST_SAMPLES, SHORT_PERIODS * period, length / MOST_FIRST_WINDOWS)
+        cut = equal_windows(length, width)
+        edges.append(cut)
+        places = cut[:-1]
+        begun.append(np.column_stack([motion.x[places], motion.v[places], motion.state[places]]))
+        noise.append(
+            np.array([FIRST_NOISE * np.std(values) for values in each.measurement.outputs.values()])
+        )
+    fit = repaired(shooting, Fit(start.values.copy(), edges, begun, noise))
+    fit = shooting.minimized(fit, FIRST, COARSE)
+    return (shooting, fit) if fit.grams else None
+
+
+def followed(shooting: Shooting, fit: Fit, longest: Sequence[int]) -> Fit:
+    """Fit with windows that double in length while errors stay small in them, to the end.
+
+    Parameters
+    ----------
+    shooting : Shooting
+    fit : Fit
+        With short windows, linearized.
+    longest : sequence of int
+        Samples of each experiment.
+    """
+    fit = shooting.minimized(mended(shooting, fit), ON_THE_WAY, COARSE)
+    most = [int(np.diff(edges).max()) for edges in fit.edges]
+    while any(m < n for m, n in zip(most, longest, strict=True)):
+        most = [2 * m for m in most]
+        longer = lengthened(fit, most)
+        if longer is None:
+            continue
+        longer = shooting.minimized(longer, ON_THE_WAY, COARSE)
+        if not longer.grams:
+            break
+        fit = shooting.minimized(mended(shooting, longer), ON_THE_WAY, COARSE)
+    return shooting.minimized(shooting.reweighted(fit), LAST, FINE)
+
+
+def mended(shooting: Shooting, fit: Fit) -> Fit:
+    """The fit with better starts of windows in doubt, or with those cut in half.
+
+    Windows in which an error at the start grows beyond what is allowed are cut, too.
+    """
+    doubtful = _doubtful(fit)
+    if any(each.any() for each in doubtful):
+        better = repaired(shooting, fit)
+        if not shooting.linearized(better):
+            return fit
+        fit, doubtful = better, _doubtful(better)
+    wild = [growth > 2.0 * LARGEST_GROWTH for growth in fit.growth]
+    cut = [a | b for a, b in zip(doubtful, wild, strict=True)]
+    if any(each.any() for each in cut):
+        fit = shortened(shooting, fit, cut)
+    return fit
+
+
+def _doubtful(fit):
+    """Windows whose residuals are far beyond those of the others."""
+    found = []
+    for grams, edges in zip(fit.grams, fit.edges, strict=True):
+        mean_squares = grams[:, -1, -1] / np.diff(edges)
+        found.append(mean_squares > DOUBTFUL * np.median(mean_squares))
+    return found
