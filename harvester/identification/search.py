@@ -11,7 +11,13 @@ import numpy as np
 from harvester.identification.linear_start import Start, starts_from
 from harvester.identification.reconstruction import frequencies
 from harvester.identification.shooting import Fit, Shooting
-from harvester.identification.window_states import repaired
+from harvester.identification.window_states import (
+    measured_motion,
+    placed,
+    reach_of,
+    repaired,
+    states_of,
+)
 from harvester.identification.windows import (
     FEWEST_SAMPLES,
     LARGEST_GROWTH,
@@ -72,12 +78,9 @@ def _short(responses, unknowns, start: Start, lengths):
     shooting = Shooting(responses, sized, sizes)
     edges, noise, begun = [], [], []
     for each, length, motion in zip(responses.experiments, lengths, start.motions, strict=True):
-        period = each.measurement.sampling_rate / frequencies(each.measurement)[0]
-        width = max(FEWEST_SAMPLES, SHORT_PERIODS * period, length / MOST_FIRST_WINDOWS)
-        cut = equal_windows(length, width)
+        cut = equal_windows(length, _short_width(each.measurement, length))
         edges.append(cut)
-        places = cut[:-1]
-        begun.append(np.column_stack([motion.x[places], motion.v[places], motion.state[places]]))
+        begun.append(states_of(motion, cut[:-1]))
         noise.append(
             np.array([FIRST_NOISE * np.std(values) for values in each.measurement.outputs.values()])
         )
@@ -86,7 +89,9 @@ def _short(responses, unknowns, start: Start, lengths):
     return (shooting, fit) if fit.grams else None
 
 
-def followed(shooting: Shooting, fit: Fit, longest: Sequence[int]) -> Fit:
+def followed(
+    shooting: Shooting, fit: Fit, longest: Sequence[int], last: int = LAST
+) -> Fit:
     """Fit with windows that double in length while errors stay small in them, to the end.
 
     Parameters
@@ -96,6 +101,8 @@ def followed(shooting: Shooting, fit: Fit, longest: Sequence[int]) -> Fit:
         With short windows, linearized.
     longest : sequence of int
         Samples of each experiment.
+    last : int
+        Iterations at the end.
     """
     fit = shooting.minimized(mended(shooting, fit), ON_THE_WAY, COARSE)
     most = [int(np.diff(edges).max()) for edges in fit.edges]
@@ -108,7 +115,52 @@ def followed(shooting: Shooting, fit: Fit, longest: Sequence[int]) -> Fit:
         if not longer.grams:
             break
         fit = shooting.minimized(mended(shooting, longer), ON_THE_WAY, COARSE)
-    return shooting.minimized(shooting.reweighted(fit), LAST, FINE)
+    return shooting.minimized(shooting.reweighted(fit), last, FINE)
+
+
+def settle_windows(
+    shooting: Shooting, fit: Fit, stretches: Sequence[tuple[int, int]]
+) -> Fit:
+    """Windows of other stretches and their starts, the device's values being as they are.
+
+    Parameters
+    ----------
+    shooting : Shooting
+        Without unknowns.
+    fit : Fit
+        Of the values and the noise.
+    stretches : sequence of (int, int)
+        First sample of each experiment, and that behind the last.
+    """
+    edges, begun = [], []
+    for number, (first, last) in enumerate(stretches):
+        measurement = shooting.responses.experiments[number].measurement
+        cut = first + equal_windows(last - first, _short_width(measurement, last - first))
+        seen = measured_motion(shooting, number, fit.values)
+        edges.append(cut)
+        begun.append(states_of(seen, cut[:-1]))
+    reaches = [_visited(shooting, fit, number) for number in range(len(fit.edges))]
+    begun_fit = Fit(fit.values, edges, begun, fit.noise)
+    for number, reach in enumerate(reaches):
+        seen = measured_motion(shooting, number, fit.values)
+        begun_fit.starts[number], _ = placed(shooting, number, begun_fit, seen, reach)
+    if not shooting.linearized(begun_fit):
+        return begun_fit
+    return followed(shooting, begun_fit, [last - first for first, last in stretches], ON_THE_WAY)
+
+
+def _visited(shooting, fit, number):
+    """Displacements between which the fitted motion stays."""
+    states, _, _ = shooting.responses.states(
+        number, fit.values, fit.edges[number], fit.starts[number]
+    )
+    return reach_of(states[:, 0])
+
+
+def _short_width(measurement, length):
+    """Samples in the shortest windows."""
+    period = measurement.sampling_rate / frequencies(measurement)[0]
+    return max(FEWEST_SAMPLES, SHORT_PERIODS * period, length / MOST_FIRST_WINDOWS)
 
 
 def mended(shooting: Shooting, fit: Fit) -> Fit:

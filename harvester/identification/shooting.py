@@ -237,7 +237,8 @@ class Shooting:
             each + move * size
             for each, move, size in zip(fit.starts, moves, self.state_sizes, strict=True)
         ]
-        return Fit(fit.values + change * self.sizes, fit.edges, starts, fit.noise)
+        values = fit.values + change * self.sizes if change.size else fit.values
+        return Fit(values, fit.edges, starts, fit.noise)
 
     def reweighted(self, fit: Fit) -> Fit:
         """The fit with each output's noise as its residuals show it."""

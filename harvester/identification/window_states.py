@@ -84,7 +84,7 @@ def placed(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The best starts with the displacement anywhere within reach, settled, and their costs."""
     places = fit.edges[number][:-1]
-    known = np.column_stack([seen.x[places], seen.v[places], seen.state[places]])
+    known = states_of(seen, places)
     if seen.measured:
         return settled(shooting, number, fit, known)
     tried, costs = [], []
@@ -111,9 +111,8 @@ def repaired(shooting: Shooting, fit: Fit) -> Fit:
     for number, edges in enumerate(fit.edges):
         own, costs = settled(shooting, number, fit, fit.starts[number], ITERATIONS // 2)
         states, ends, _ = shooting.responses.states(number, fit.values, edges, own)
-        x = states[:, 0][np.isfinite(states[:, 0])]
-        if x.size:
-            reach = _reach(x)
+        if np.isfinite(states[:, 0]).any():
+            reach = reach_of(states[:, 0])
             seen = measured_motion(shooting, number, fit.values)
             other, other_costs = placed(shooting, number, fit, seen, reach)
             going_on = np.vstack([own[:1], np.where(np.isfinite(ends[:-1]), ends[:-1], own[1:])])
@@ -126,8 +125,13 @@ def repaired(shooting: Shooting, fit: Fit) -> Fit:
     return Fit(fit.values, fit.edges, starts, fit.noise)
 
 
-def _reach(x):
+def reach_of(x: np.ndarray) -> tuple[float, float]:
     """A little more than where the mass mostly was."""
-    low, high = np.quantile(x, [0.01, 0.99])
+    low, high = np.nanquantile(x, [0.01, 0.99])
     more = 0.1 * (high - low)
     return float(low - more), float(high + more)
+
+
+def states_of(seen: Motion, places: np.ndarray) -> np.ndarray:
+    """A motion's states at some samples, shape (places, 3)."""
+    return np.column_stack([seen.x[places], seen.v[places], seen.state[places]])
