@@ -10,12 +10,21 @@ import numpy as np
 
 from harvester.errors import IdentificationError
 from harvester.identification import intervals
+from harvester.identification.origin import recentred
 from harvester.identification.proof import Stretch, predicted
 from harvester.identification.reconstruction import frequencies
 from harvester.identification.response import INTERPOLATIONS, Responses, experiment
-from harvester.identification.search import FINE, ON_THE_WAY, followed, searched
+from harvester.identification.search import (
+    COARSE,
+    FINE,
+    ON_THE_WAY,
+    followed,
+    searched,
+    short_windows,
+)
 from harvester.identification.shooting import Fit, Shooting
 from harvester.identification.unknowns import Unknown, unknowns, with_values
+from harvester.scene.units import scale
 
 if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
@@ -79,11 +88,11 @@ def lengths_of(measurements: Sequence[Measurement]) -> list[int]:
 
 
 def responses_of(
-    scene: Scene, measurements: Sequence[Measurement], keys: Sequence[str]
+    scene: Scene, measurements: Sequence[Measurement], keys: Sequence[str], length: float
 ) -> Responses:
     """The records with the scene, ready to be simulated."""
     experiments = [experiment(scene, each, frequencies(each)[1]) for each in measurements]
-    return Responses(experiments, keys, INTERPOLATIONS[0])
+    return Responses(experiments, keys, INTERPOLATIONS[0], length)
 
 
 def fitted(
@@ -112,7 +121,8 @@ def fitted(
     IdentificationError
         No start leads to a device that follows the records.
     """
-    responses = responses_of(scene, measurements, keys)
+    length = warm.shooting.responses.length if warm else scale(scene)[1].displacement
+    responses = responses_of(scene, measurements, keys, length)
     free = unknowns(scene, keys, sizes)
     lengths = lengths_of(measurements)
     found = _warmed(responses, free, warm) if warm else searched(responses, free, lengths)
@@ -122,6 +132,8 @@ def fitted(
             "units and signs, the load's resistance, and begin nearer (--set)"
         )
     shooting, fit = found
+    if not warm:
+        fit = recentred(shooting, fit, scene)
     other = _other_interpolation(shooting, fit)
     if other.cost < fit.cost:
         responses.interpolation = INTERPOLATIONS[1]
@@ -168,9 +180,17 @@ def _warmed(responses, free, warm):
     shooting.state_sizes = warm.shooting.state_sizes
     shooting.states_there = warm.shooting.states_there
     values = np.array([each.start for each in free])
-    fit = Fit(values, warm.fit.edges, [each.copy() for each in warm.fit.starts], warm.fit.noise)
-    fit = shooting.minimized(fit, ON_THE_WAY, 1e-3)
+    # Short windows, on the neighbour's own motion.
+    edges, starts = [], []
+    for number, old in enumerate(warm.fit.edges):
+        states, _, _ = warm.shooting.responses.states(
+            number, warm.values, old, warm.fit.starts[number]
+        )
+        cut = short_windows(responses.experiments[number].measurement, old[0], old[-1])
+        edges.append(cut)
+        starts.append(states[cut[:-1] - old[0]])
+    fit = shooting.minimized(Fit(values, edges, starts, warm.fit.noise), ON_THE_WAY, COARSE)
     if not fit.grams:
         return None
-    longest = [int(edges[-1] - edges[0]) for edges in fit.edges]
+    longest = [int(each[-1] - each[0]) for each in edges]
     return shooting, followed(shooting, fit, longest)

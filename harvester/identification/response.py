@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
 
-# Steps in a period of the fastest motion seen: Runge–Kutta's phase is then right to 1e-5.
-STEPS_PER_PERIOD = 50
+# Steps in a period of the fastest motion seen: Runge–Kutta's phase is then right to 1e-6.
+STEPS_PER_PERIOD = 100
 # How acceleration goes on between two samples.
 INTERPOLATIONS = ("linear", "band-limited")
 
@@ -93,16 +93,19 @@ class Responses:
         Of the unknowns, in the order of their values.
     interpolation : str
         A name in `INTERPOLATIONS`.
+    length : float
+        Unit of the states' displacement, in the scene's units: the same for all trial values.
     """
 
     def __init__(
-        self, experiments: Sequence[Experiment], keys: Sequence[str], interpolation: str
+        self,
+        experiments: Sequence[Experiment],
+        keys: Sequence[str],
+        interpolation: str,
+        length: float,
     ) -> None:
         self.experiments, self.keys = list(experiments), list(keys)
-        self.interpolation = interpolation
-        scene = self.experiments[0].scene
-        # Fixed for all trial values, so that starts keep their meaning.
-        self.length = scale(scene)[1].displacement
+        self.interpolation, self.length = interpolation, length
 
     def device(self, number: int, values: np.ndarray) -> tuple[System, Scales] | None:
         """Scaled equations of one experiment; None where the scene refuses the values."""

@@ -19,7 +19,6 @@ from harvester.identification.window_states import (
     states_of,
 )
 from harvester.identification.windows import (
-    FEWEST_SAMPLES,
     LARGEST_GROWTH,
     equal_windows,
     lengthened,
@@ -27,6 +26,7 @@ from harvester.identification.windows import (
 )
 
 if TYPE_CHECKING:
+    from harvester.identification.measurement import Measurement
     from harvester.identification.response import Responses
     from harvester.identification.unknowns import Unknown
 
@@ -78,7 +78,7 @@ def _short(responses, unknowns, start: Start, lengths):
     shooting = Shooting(responses, sized, sizes)
     edges, noise, begun = [], [], []
     for each, length, motion in zip(responses.experiments, lengths, start.motions, strict=True):
-        cut = equal_windows(length, _short_width(each.measurement, length))
+        cut = short_windows(each.measurement, 0, length)
         edges.append(cut)
         begun.append(states_of(motion, cut[:-1]))
         noise.append(
@@ -135,7 +135,7 @@ def settle_windows(
     edges, begun = [], []
     for number, (first, last) in enumerate(stretches):
         measurement = shooting.responses.experiments[number].measurement
-        cut = first + equal_windows(last - first, _short_width(measurement, last - first))
+        cut = short_windows(measurement, first, last)
         seen = measured_motion(shooting, number, fit.values)
         edges.append(cut)
         begun.append(states_of(seen, cut[:-1]))
@@ -157,10 +157,11 @@ def _visited(shooting, fit, number):
     return reach_of(states[:, 0])
 
 
-def _short_width(measurement, length):
-    """Samples in the shortest windows."""
+def short_windows(measurement: Measurement, first: int, last: int) -> np.ndarray:
+    """Edges of the shortest windows from one sample to another."""
     period = measurement.sampling_rate / frequencies(measurement)[0]
-    return max(FEWEST_SAMPLES, SHORT_PERIODS * period, length / MOST_FIRST_WINDOWS)
+    width = max(SHORT_PERIODS * period, (last - first) / MOST_FIRST_WINDOWS)
+    return first + equal_windows(last - first, width)
 
 
 def mended(shooting: Shooting, fit: Fit) -> Fit:

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 # Steps of difference quotients, in sizes of the unknowns and rms values of the states.
 DIFFERENCE = 1e-5
+# Weighted residual per size of an unknown or a state from which on a window is hopeless.
+LARGEST_SLOPE = 1e12
 # Of Levenberg and Marquardt.
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e9
 
@@ -137,7 +139,8 @@ class Shooting:
         p = len(self.unknowns)
         for number, edges in enumerate(fit.edges):
             table, transitions = self.jacobian(fit, number)
-            if table is None:
+            if table is None or not np.abs(table).max() < LARGEST_SLOPE:
+                fit.grams = []
                 return False
             cuts = edges - edges[0]
             size = table.shape[-1]
