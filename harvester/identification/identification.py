@@ -125,6 +125,11 @@ class Identification:
                 f"predicted {_with_error(predicted)} {unit}, difference "
                 f"{difference.estimate:+.2%} ± {difference.standard_error:.2%}"
             )
+            if stretch.windows > 1:
+                lines.append(
+                    f"{stretch.name}: from one start alone, whose path parts from the measured one, "
+                    f"{name} {_with_error(stretch.free_power())} {unit}"
+                )
         lines += [
             f"model {each.name}: {len(each.fitted.keys)} values, NRMSE {each.fitted.nrmse:.2%} on "
             "the data kept aside"
@@ -210,6 +215,7 @@ def _with_error(each):
 
 def _record(stretch):
     measured, predicted, difference = stretch.powers()
+    free = stretch.free_power()
     return {
         "name": stretch.name,
         "outputs": list(stretch.outputs),
@@ -217,6 +223,7 @@ def _record(stretch):
         "sensor_noise": {name: sensor_noise(stretch, n) for n, name in enumerate(stretch.outputs)},
         "windows": stretch.windows,
         "compared": stretch.compared[0],
+        "free": {"estimate": free.estimate, "standard_error": free.standard_error},
         **{
             name: {"estimate": each.estimate, "standard_error": each.standard_error}
             for name, each in (

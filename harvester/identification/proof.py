@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from harvester.identification.response import Responses
 
 # Blocks of a stretch whose means give an error bar.
-BLOCKS = 20
+BLOCKS = 12
 # Share of the highest frequencies in which a record's own noise is looked for.
 NOISE_BAND = 0.25
 NOISE_SEGMENTS = 16
@@ -74,16 +74,22 @@ class Stretch:
     def powers(self) -> tuple[Estimate, Estimate, Estimate]:
         """Mean power (or square of an output) measured and predicted, and the relative difference.
 
-        Errors are those of means of blocks; that of the difference of paired blocks.
+        Predicted in windows, along the measured path. Errors are those of means of blocks; that of
+        the difference of paired blocks.
         """
-        place = self.outputs.index("voltage") if "voltage" in self.outputs else 0
-        factor = 1.0 / self.resistance if self.compared[1] == "W" and self.resistance else 1.0
-        measured, predicted = (
-            factor * np.array([np.mean(part**2) for part in np.array_split(values[:, place], BLOCKS)])
-            for values in (self.measured, self.free)
-        )
+        measured, predicted = self._blocks(self.measured), self._blocks(self.windowed)
         difference = (predicted - measured) / float(np.mean(measured))
         return _of_blocks(measured), _of_blocks(predicted), _of_blocks(difference)
+
+    def free_power(self) -> Estimate:
+        """The same as predicted from one start alone, whose path may part from the measured one."""
+        return _of_blocks(self._blocks(self.free))
+
+    def _blocks(self, values):
+        place = self.outputs.index("voltage") if "voltage" in self.outputs else 0
+        factor = 1.0 / self.resistance if self.compared[1] == "W" and self.resistance else 1.0
+        parts = np.array_split(values[:, place], BLOCKS)
+        return factor * np.array([float(np.mean(part**2)) for part in parts])
 
 
 def _of_blocks(values):
