@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -171,10 +171,7 @@ def _other_interpolation(shooting, fit):
 def _warmed(responses, free, warm):
     """The fit from a neighbouring model's."""
     known = dict(zip(warm.keys, warm.values, strict=True))
-    free = [
-        replace(each, start=known.get(each.key, each.start), size=max(each.size, abs(known.get(each.key, 0.0))))
-        for each in free
-    ]
+    free = [each.begun(known.get(each.key, each.start)) for each in free]
     responses.interpolation = warm.interpolation
     shooting = Shooting(responses, free, [])
     shooting.state_sizes = warm.shooting.state_sizes

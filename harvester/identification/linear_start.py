@@ -33,6 +33,7 @@ GAP_SHARES = np.linspace(0.35, 0.95, 13)
 # In rms values: the origin of a motion within one well lies far off.
 ORIGINS = np.sinh(np.linspace(-5.0, 5.0, 1001))
 MOST_ORIGINS = 2
+DRIVE = "sensor.acceleration_scale"
 # Smallest damping ratio that a start has.
 LEAST_DAMPING_RATIO = 0.003
 
@@ -177,7 +178,8 @@ class _Regression:
             and self.scene.units == "SI"
             and self.centred
         )
-        factors = (1.0,) if known_scale or not self.drive.any() else SCALE_FACTORS
+        known_scale |= not self.drive.any()
+        factors = (1.0,) if known_scale else SCALE_FACTORS
         gap_shares = GAP_SHARES if self._gap_keys() else (None,)
         found = []
         for share in gap_shares:
@@ -218,11 +220,18 @@ class _Regression:
         if self._linear_force():
             names.append("force")
             columns.append(self.force)
+        if self._free_drive():
+            names.append("drive")
+            columns.append(-self.drive)
         return np.column_stack(columns), names
 
     def _linear_force(self):
         """Whether the transducer's force has a coefficient of its own: a scaled scene's β."""
         return self.scene.units != "SI" and "piezo.coupling" in self.responses.keys
+
+    def _free_drive(self):
+        """Whether the base's sensor has an unknown scale, and the motion a known one."""
+        return DRIVE in self.responses.keys and not self.centred
 
     def _contacts(self):
         return [(each.side, each.exponent) for each in self.scene.stoppers if each.stiffness > 0.0]
@@ -234,14 +243,15 @@ class _Regression:
 
     def _solved(self, columns, s):
         """(misfit, coefficients) for one scale of the motion."""
-        target = self.drive - s * self.inertia
+        target = -s * self.inertia if self._free_drive() else self.drive - s * self.inertia
         if not self._linear_force():
             target = target - self.force / s
         norms = np.linalg.norm(columns, axis=0)
         norms[norms == 0.0] = 1.0
         solution = np.linalg.lstsq(columns / norms, target, rcond=1e-10)[0] / norms
         misfit = np.linalg.norm(target - columns @ solution)
-        return misfit / (np.linalg.norm(self.drive) or np.linalg.norm(self.inertia)), solution
+        size = np.linalg.norm(self.inertia if self._free_drive() else self.drive)
+        return misfit / (size or np.linalg.norm(self.inertia)), solution
 
     def _force(self, found, s):
         """Coefficients of F as a polynomial of s z, scaled."""
@@ -252,6 +262,9 @@ class _Regression:
         moved = _shifted(self._force(found, s), shift)
         changes = self._mechanical(found, s, moved)
         changes |= self._transduced(found, s)
+        if "drive" in found and found["drive"]:
+            own = _value(self.responses, self.values, DRIVE, self.number)
+            changes[DRIVE] = own / found["drive"]
         if share is not None:
             changes |= self._stops(found, s, share, shift)
         return _with(self.responses, self.values, self._within(changes)), shift
@@ -338,6 +351,8 @@ class _Regression:
         """Only what is free, and within its bounds."""
         known = numbers(self.scene)
         kept = {}
+        if DRIVE in changes and DRIVE in self.responses.keys:
+            kept[DRIVE] = changes[DRIVE]
         for key, value in changes.items():
             if key in known and key in self.responses.keys and np.isfinite(value):
                 low, start = known[key][1].low, abs(known[key][0])

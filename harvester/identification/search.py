@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -72,8 +71,7 @@ def _short(responses, unknowns, start: Start, lengths):
         np.array([np.std(each.x), np.std(each.v), np.std(each.state)]) for each in start.motions
     ]
     sized = [
-        replace(each, size=max(each.size, abs(value)))
-        for each, value in zip(unknowns, start.values, strict=True)
+        each.begun(float(value)) for each, value in zip(unknowns, start.values, strict=True)
     ]
     shooting = Shooting(responses, sized, sizes)
     edges, noise, begun = [], [], []

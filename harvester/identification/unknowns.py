@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from harvester.errors import HarvesterError, SceneError
 from harvester.files.plain_text import named, nearest
+from harvester.scene.keys import SMALLEST
 from harvester.scene.numbers import numbers
 
 if TYPE_CHECKING:
@@ -49,6 +50,12 @@ class Unknown:
     low: float
     high: float
     size: float
+
+    def begun(self, value: float) -> Unknown:
+        """The same with another start, which may be far off the first."""
+        # A factor may be of any size; else a value near zero keeps its first one.
+        factor = self.key.endswith("_scale")
+        return replace(self, start=value, size=abs(value) if factor else max(self.size, abs(value)))
 
 
 def sensor_keys(outputs: Sequence[str]) -> dict[str, float]:
@@ -123,7 +130,7 @@ def unknowns(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list
         if key.startswith("sensor."):
             start = sensor_keys(OUTPUTS)[key]
             effect = key.rpartition("_")[2]
-            low = {"filter": 0.0, "scale": 1e-6}.get(effect, -math.inf)
+            low = {"filter": 0.0, "scale": SMALLEST}.get(effect, -math.inf)
             size = 1.0 if effect == "scale" else sizes[key]
             found.append(Unknown(key, start, low, math.inf, size))
             continue
