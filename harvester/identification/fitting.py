@@ -13,7 +13,13 @@ from harvester.identification import intervals
 from harvester.identification.origin import recentred
 from harvester.identification.proof import Stretch, predicted
 from harvester.identification.reconstruction import frequencies
-from harvester.identification.response import INTERPOLATIONS, Responses, experiment
+from harvester.identification.response import (
+    COARSE_STEPS,
+    FINE_STEPS,
+    INTERPOLATIONS,
+    Responses,
+    experiment,
+)
 from harvester.identification.search import (
     COARSE,
     FINE,
@@ -88,10 +94,16 @@ def lengths_of(measurements: Sequence[Measurement]) -> list[int]:
 
 
 def responses_of(
-    scene: Scene, measurements: Sequence[Measurement], keys: Sequence[str], length: float
+    scene: Scene,
+    measurements: Sequence[Measurement],
+    keys: Sequence[str],
+    length: float,
+    per_period: int,
 ) -> Responses:
     """The records with the scene, ready to be simulated."""
-    experiments = [experiment(scene, each, frequencies(each)[1]) for each in measurements]
+    experiments = [
+        experiment(scene, each, frequencies(each)[1], per_period) for each in measurements
+    ]
     return Responses(experiments, keys, INTERPOLATIONS[0], length)
 
 
@@ -122,7 +134,7 @@ def fitted(
         No start leads to a device that follows the records.
     """
     length = warm.shooting.responses.length if warm else scale(scene)[1].displacement
-    responses = responses_of(scene, measurements, keys, length)
+    responses = responses_of(scene, measurements, keys, length, COARSE_STEPS)
     free = unknowns(scene, keys, sizes)
     lengths = lengths_of(measurements)
     found = _warmed(responses, free, warm) if warm else searched(responses, free, lengths)
@@ -134,11 +146,12 @@ def fitted(
     shooting, fit = found
     if not warm:
         fit = recentred(shooting, fit, scene)
-    other = _other_interpolation(shooting, fit)
-    if other.cost < fit.cost:
-        responses.interpolation = INTERPOLATIONS[1]
-        shooting.linearized(other)
-        fit, other = other, fit
+    interpolation = responses.interpolation
+    responses = responses_of(scene, measurements, keys, length, FINE_STEPS)
+    responses.interpolation = interpolation
+    shooting.responses = responses
+    fit = shooting.minimized(fit, ON_THE_WAY, FINE)
+    fit, other = _interpolated(shooting, fit)
     values = fit.values
     covariance = intervals.covariance(shooting, fit)
     if other.cost - fit.cost < RULED_OUT:
@@ -158,14 +171,19 @@ def fitted(
     )
 
 
-def _other_interpolation(shooting, fit):
-    """The same fit with the acceleration band-limited between its samples."""
+def _interpolated(shooting, fit):
+    """The fit with the interpolation that fits better, and that with the other."""
     responses = shooting.responses
-    responses.interpolation = INTERPOLATIONS[1]
+    own, other = INTERPOLATIONS
+    if responses.interpolation != own:
+        own, other = other, own
+    responses.interpolation = other
     trial = Fit(fit.values, fit.edges, [each.copy() for each in fit.starts], fit.noise)
     trial = shooting.minimized(trial, ON_THE_WAY, FINE)
-    responses.interpolation = INTERPOLATIONS[0]
-    return trial
+    if trial.cost < fit.cost:
+        return trial, fit
+    responses.interpolation = own
+    return fit, trial
 
 
 def _warmed(responses, free, warm):

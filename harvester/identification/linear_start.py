@@ -367,17 +367,23 @@ def _shifted(coefficients, distance):
     return np.append(moved.coef, np.zeros(len(coefficients)))[: len(coefficients)]
 
 
+def _ways(measurement):
+    """Whether an integrated voltage is believed: yes and no; of a measured displacement once."""
+    return (True,) if "displacement" in measurement.outputs else (True, False)
+
+
 def starts_from(responses: Responses, values: np.ndarray) -> list[Start]:
     """All starts worth a trial: the scene as it is, and regressions on each record."""
     found = [
         start
         for number in range(len(responses.experiments))
-        for drifts in (True, False)
+        for drifts in _ways(responses.experiments[number].measurement)
         for start in regressed(responses, values, number, drifts)
     ]
     system, _ = responses.device(0, values)
     wells, saddles = timescales.wells(system), timescales.saddles(system)
-    places = [*wells, *saddles] if len(responses.experiments) else []
+    measured = "displacement" in responses.experiments[0].measurement.outputs
+    places = [*wells[:1]] if measured else [*wells, *saddles]
     return [
         *found,
         *(as_it_is(responses, values, place) for place in places),

@@ -31,14 +31,15 @@ if TYPE_CHECKING:
 
 SHORT_PERIODS = 2.0
 # Iterations with short windows, at each length, and at the end.
-FIRST, ON_THE_WAY, LAST = 12, 8, 30
+FIRST, ON_THE_WAY, LAST = 12, 6, 20
 # Relative fall of the cost below which a fit is done, on the way and at its end.
-COARSE, FINE = 1e-3, 1e-9
+COARSE, FINE = 1e-3, 1e-6
 # Share of an output's rms that its noise is taken for at first.
 FIRST_NOISE = 0.05
 MOST_FIRST_WINDOWS = 2000
 # Mean square of a window's residuals over that of the others from which on its start is in doubt.
 DOUBTFUL = 4.0
+MENDINGS = 4
 
 
 def searched(
@@ -113,6 +114,11 @@ def followed(
         if not longer.grams:
             break
         fit = shooting.minimized(mended(shooting, longer), ON_THE_WAY, COARSE)
+    for _ in range(MENDINGS):
+        if not fit.grams or not any(each.any() for each in _doubtful(fit)):
+            break
+        mending = shooting.minimized(mended(shooting, fit), ON_THE_WAY, COARSE)
+        fit = mending if mending.grams else fit
     return shooting.minimized(shooting.reweighted(fit), last, FINE)
 
 
