@@ -31,9 +31,10 @@ def add(commands: Any) -> None:
         action="append",
         required=True,
         metavar="FILE [SETTING=VALUE]",
-        help="CSV, .npy, .wav or .mat with base acceleration and voltage, displacement or velocity; "
-        "behind it acceleration=COLUMN:UNIT, voltage=COLUMN:UNIT, …, time=COLUMN, "
-        "sampling_rate=HZ, or what differs from the scene (load.resistance=1e5); may be given again",
+        help="CSV, .npy, .wav or .mat: base acceleration beside voltage, displacement or "
+        "velocity; behind it acceleration=COLUMN:UNIT, voltage=COLUMN:UNIT, …, time=COLUMN, "
+        "sampling_rate=HZ, or what differs from the scene (load.resistance=1e5); may be given "
+        "again",
     )
     command.add_argument(
         "--free",

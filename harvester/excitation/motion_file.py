@@ -24,7 +24,7 @@ LARGEST_RECORD, LARGEST_TEXT = 2**29, 2**27
 FILE_SHARE = 0.25
 # Memory that reading and conditioning take for each sample, at most (measured: 92).
 BYTES_PER_SAMPLE = 100
-READERS = {".npy": NpyTable, ".wav": WavTable, ".mat": MatTable}
+READERS: dict[str, Any] = {".npy": NpyTable, ".wav": WavTable, ".mat": MatTable}
 # How files begin that are often named .csv, .npy or .wav by mistake.
 FOREIGN = {
     b"PK\x03\x04": "a zip archive (.npz, .xlsx, .zip)",

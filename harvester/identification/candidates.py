@@ -150,9 +150,11 @@ def _cubic(scene, keys, sizes):
     if len(force) == 4 and force[3] != 0.0:
         linear = scene.replace({"oscillator.restoring_force": [force[0], force[1]]})
         nonlinear = {FORCE.format(2), FORCE.format(3)}
-        return "linear spring", linear, [
-            key for key in _spring_keys(keys, force) if key not in nonlinear
-        ]
+        return (
+            "linear spring",
+            linear,
+            [key for key in _spring_keys(keys, force) if key not in nonlinear],
+        )
     force = [*force[:2], 0.0, LITTLE * sizes[FORCE.format(3)]]
     cubic = scene.replace({"oscillator.restoring_force": force})
     return "cubic spring", cubic, [*_spring_keys(keys, force), FORCE.format(3)]

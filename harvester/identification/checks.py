@@ -55,8 +55,8 @@ def _check_record(record):
     periods, per_period = median * record.duration, record.sampling_rate / median
     if periods < FEWEST_PERIODS:
         raise IdentificationError(
-            f"{record.name}: too short: {periods:.3g} periods of the motion at {median:.3g} Hz, and "
-            f"{FEWEST_PERIODS:g} are the fewest"
+            f"{record.name}: too short: {periods:.3g} periods of the motion at {median:.3g} Hz, "
+            f"and {FEWEST_PERIODS:g} are the fewest"
         )
     if per_period < FEWEST_SAMPLES_PER_PERIOD:
         raise IdentificationError(

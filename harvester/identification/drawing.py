@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from harvester.identification.identification import Identification
-    from harvester.identification.proof import Stretch
 
 MEASURED, PREDICTED, RESIDUAL = "0.35", CIRCUIT, MONTE_CARLO
 SHOWN_PERIODS = 12.0
@@ -46,7 +45,7 @@ def draw(found: Identification) -> Figure:
     return figure
 
 
-def _draw_waveform(axes, stretch: Stretch, label):
+def _draw_waveform(axes, stretch, label):
     values = stretch.measured[:, 0]
     crossings = np.count_nonzero(np.diff(np.sign(values - values.mean())))
     per_period = 2.0 * values.size / max(crossings, 1)
@@ -58,7 +57,7 @@ def _draw_waveform(axes, stretch: Stretch, label):
     axes.set(xlabel="time [s]", ylabel=label)
 
 
-def _draw_spectra(axes, stretch: Stretch, label):
+def _draw_spectra(axes, stretch, label):
     from scipy import signal
 
     segment = max(16, stretch.measured.shape[0] // SEGMENTS)
@@ -72,7 +71,7 @@ def _draw_spectra(axes, stretch: Stretch, label):
     axes.set(xlabel="frequency [Hz]", ylabel=label)
 
 
-def _draw_densities(axes, stretch: Stretch, label):
+def _draw_densities(axes, stretch, label):
     both = np.concatenate([stretch.measured[:, 0], stretch.free[:, 0]])
     bins = np.linspace(both.min(), both.max(), BINS + 1)
     for values, colour, width in (
@@ -84,7 +83,7 @@ def _draw_densities(axes, stretch: Stretch, label):
     axes.set(xlabel=label, ylabel="probability density")
 
 
-def _draw_correlation(axes, found: Identification):
+def _draw_correlation(axes, found):
     white, rate = found.whiteness, found.fitted.stretches[0].rate
     lags = np.arange(1, white.correlations.size + 1) / rate
     axes.plot(lags, white.correlations, color=RESIDUAL, lw=1.0)

@@ -162,8 +162,7 @@ def fitted(
     if made is None:
         raise IdentificationError(f"{scene.name}: what fits best is no device")
     stretches = [
-        (length, each.acceleration.size)
-        for length, each in zip(lengths, measurements, strict=True)
+        (length, each.acceleration.size) for length, each in zip(lengths, measurements, strict=True)
     ]
     proof = predicted(responses, shooting, fit, stretches)
     return Fitted(

@@ -127,8 +127,8 @@ class Identification:
             )
             if stretch.windows > 1:
                 lines.append(
-                    f"{stretch.name}: from one start alone, whose path parts from the measured one, "
-                    f"{name} {_with_error(stretch.free_power())} {unit}"
+                    f"{stretch.name}: from one start alone, whose path parts from the measured "
+                    f"one, {name} {_with_error(stretch.free_power())} {unit}"
                 )
         lines += [
             f"model {each.name}: {len(each.fitted.keys)} values, NRMSE {each.fitted.nrmse:.2%} on "
@@ -200,9 +200,7 @@ class Identification:
         names = ", ".join(each.name for each in self.measurements)
         sensors = [
             f"{key} = {value:.6g} ± {HALF_INTERVAL * error:.2g} (95 %)"
-            for key, value, error in zip(
-                made.keys, made.values, made.standard_errors, strict=True
-            )
+            for key, value, error in zip(made.keys, made.values, made.standard_errors, strict=True)
             if key.startswith("sensor.")
         ]
         heading = [f"Identified from {names}.", self.verdict.sentence, *sensors]

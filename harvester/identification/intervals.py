@@ -8,6 +8,7 @@ spectral density, so that Jᵀ Γ J is a sum over frequencies (Ljung, System Ide
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -75,7 +76,7 @@ def covariance(shooting: Shooting, fit: Fit) -> np.ndarray:
 def _without_states(table, cuts, p):
     """Columns of the unknowns with what the windows' starts explain taken out."""
     columns = table[..., :p].copy()
-    for begin, end in zip(cuts[:-1], cuts[1:], strict=True):
+    for begin, end in pairwise(cuts):
         states = table[begin:end, :, p : p + 3].reshape(-1, 3)
         own = columns[begin:end].reshape(-1, p)
         used = states[:, np.abs(states).max(axis=0) > 0.0]
@@ -101,7 +102,10 @@ def _meat(columns, residuals):
     for a in range(outputs):
         for b in range(outputs):
             f, density = signal.csd(
-                residuals[:, a], residuals[:, b], nperseg=min(segment, samples), detrend=False,
+                residuals[:, a],
+                residuals[:, b],
+                nperseg=min(segment, samples),
+                detrend=False,
                 return_onesided=False,
             )
             kept = f >= 0.0

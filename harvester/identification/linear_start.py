@@ -12,9 +12,8 @@ looked for on a grid.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -59,7 +58,7 @@ def as_it_is(responses: Responses, values: np.ndarray, centre: float | None = No
     """The start at given values, with the motions that follow from them, about a place or not."""
     motions = []
     for number, each in enumerate(responses.experiments):
-        system, scales = responses.device(number, values)
+        system, scales = responses.known_device(number, values)
         seen = motion(system, scales, each.measurement)
         motions.append(seen if centre is None else seen.centred(centre))
     return Start(values, motions, np.nan)
@@ -84,8 +83,10 @@ def regressed(responses: Responses, values: np.ndarray, number: int, drifts: boo
         for factor in _electrical_factors(responses)
     ]
     found = min((each for each in tried if each), key=lambda each: each.misfit, default=None)
-    starts = []
-    for changed, origin in found.results() if found else ():
+    starts: list[Start] = []
+    if found is None:
+        return starts
+    for changed, origin in found.results():
         if responses.device(number, changed) is None:
             continue
         start = as_it_is(responses, changed)
@@ -132,14 +133,14 @@ def _of_electrical(responses, values, number, factor, drifts):
 class _Regression:
     """Weak form of one experiment's equation of motion."""
 
-    def __init__(self, responses, values, number, system, scales, seen: Motion) -> None:
+    def __init__(self, responses, values, number, system, scales, seen):
         self.responses, self.values, self.number = responses, values, number
         self.system, self.scales = system, scales
         experiment = responses.experiments[number]
         self.scene = experiment.scene
         self.offset = float(np.mean(seen.x))
         self.z, self.w, self.state = seen.x - self.offset, seen.v, seen.state
-        self.centred = not ("displacement" in experiment.measurement.outputs)
+        self.centred = "displacement" not in experiment.measurement.outputs
         self.unit = float(np.std(self.z)) or 1.0
         rate = experiment.measurement.sampling_rate
         period = 1.0 / frequencies(experiment.measurement)[0]
@@ -262,7 +263,7 @@ class _Regression:
         moved = _shifted(self._force(found, s), shift)
         changes = self._mechanical(found, s, moved)
         changes |= self._transduced(found, s)
-        if "drive" in found and found["drive"]:
+        if found.get("drive"):
             own = _value(self.responses, self.values, DRIVE, self.number)
             changes[DRIVE] = own / found["drive"]
         if share is not None:
@@ -380,7 +381,7 @@ def starts_from(responses: Responses, values: np.ndarray) -> list[Start]:
         for drifts in _ways(responses.experiments[number].measurement)
         for start in regressed(responses, values, number, drifts)
     ]
-    system, _ = responses.device(0, values)
+    system, _ = responses.known_device(0, values)
     wells, saddles = timescales.wells(system), timescales.saddles(system)
     measured = "displacement" in responses.experiments[0].measurement.outputs
     places = [*wells[:1]] if measured else [*wells, *saddles]

@@ -33,10 +33,13 @@ def recentred(shooting: Shooting, fit: Fit, scene: Scene) -> Fit:
     responses = shooting.responses
     keys, wanted = responses.keys, scene.oscillator.restoring_force
     outputs = [each.measurement.outputs for each in responses.experiments]
-    free = wanted is not None and all(FORCE.format(n) in keys for n in range(1, len(wanted)))
-    if not free or scene.stoppers or ORIGIN in keys or any("displacement" in o for o in outputs):
+    if wanted is None or any(FORCE.format(n) not in keys for n in range(1, len(wanted))):
         return fit
-    force = np.array([wanted[0], *(fit.values[keys.index(FORCE.format(n))] for n in range(1, len(wanted)))])
+    if scene.stoppers or ORIGIN in keys or any("displacement" in o for o in outputs):
+        return fit
+    force = np.array(
+        [wanted[0], *(fit.values[keys.index(FORCE.format(n))] for n in range(1, len(wanted)))]
+    )
     reach = responses.length * max(float(np.abs(each[:, 0]).max()) for each in fit.starts)
     shifts = [
         float(root.real)

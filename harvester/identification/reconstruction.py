@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 if TYPE_CHECKING:
+    from harvester.device.system import System
     from harvester.identification.measurement import Measurement
+    from harvester.scene.units import Scales
 
 # Share of a signal's power below which frequencies count as its motion.
 FASTEST_SHARE = 0.98
@@ -74,7 +76,7 @@ def frequencies(measurement: Measurement) -> tuple[float, float]:
     return max(min(medians), slowest), max(*fastest, slowest)
 
 
-def motion(system, scales, measurement: Measurement) -> Motion:
+def motion(system: System, scales: Scales, measurement: Measurement) -> Motion:
     """The motion that a record shows, the transducer being the scene's.
 
     With a voltage alone, e' = x' − λ e gives x = e + λ ∫e for a capacitance or an inductance, and
@@ -86,7 +88,8 @@ def motion(system, scales, measurement: Measurement) -> Motion:
     of_velocity = float(transducer.voltage(1.0, 0.0))
     of_state = float(transducer.voltage(0.0, 1.0))
     state = np.zeros(measurement.acceleration.size)
-    x = v = None
+    x: Any = None
+    v: Any = None
     if "voltage" in outputs:
         seen = outputs["voltage"] / scales.voltage
         if of_state != 0.0:

@@ -33,15 +33,18 @@ def report(found: Identification) -> str:
         for each in found.candidates
     ]
     scene = html.escape(found.scene_text())
+    records = ", ".join(each.name for each in found.measurements)
     return page(
-        f"{found.scene.name}: identified from {', '.join(each.name for each in found.measurements)}",
+        f"{found.scene.name}: identified from {records}",
         f"scene {found.scene.digest()[:12]}",
         {
             "Verdict": verdict_list(
                 [Verdict(first, good), *(Verdict(each, None) for each in others)]
             ),
             "Values": wide(table_of(header, rows)) + facts(LEGEND),
-            "Figures": figure_of(figures.picture(draw, found), f"{found.scene.name}: proof", CAPTION),
+            "Figures": figure_of(
+                figures.picture(draw, found), f"{found.scene.name}: proof", CAPTION
+            ),
             "Models": wide(table_of(("model", "values", "NRMSE"), models)),
             "Scene": wide(f"<pre>{scene}</pre>"),
         },

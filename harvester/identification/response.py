@@ -12,7 +12,7 @@ import numpy as np
 from harvester.device import system as device
 from harvester.device.damper import QuadraticDamper
 from harvester.engines.sampled import states_at_samples
-from harvester.errors import HarvesterError
+from harvester.errors import HarvesterError, IdentificationError
 from harvester.excitation.conditioning import refined
 from harvester.identification.unknowns import with_values
 from harvester.scene.units import Scales, scale
@@ -125,6 +125,19 @@ class Responses:
             return None
         return _general(system), scales
 
+    def known_device(self, number: int, values: np.ndarray) -> tuple[System, Scales]:
+        """The same of values that the scene takes.
+
+        Raises
+        ------
+        IdentificationError
+            It does not.
+        """
+        made = self.device(number, values)
+        if made is None:
+            raise IdentificationError("the fit has come to values that no device has")
+        return made
+
     def states(
         self,
         number: int,
@@ -178,8 +191,9 @@ class Responses:
         columns = []
         for name in measurement.outputs:
             true = {
-                "voltage": lambda: device.terminal_voltage(system.transducer, v, e)
-                * scales.voltage,
+                "voltage": lambda: (
+                    device.terminal_voltage(system.transducer, v, e) * scales.voltage
+                ),
                 "displacement": lambda: x * scales.displacement,
                 "velocity": lambda: v * scales.displacement,
             }[name]()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.identification.linear_start import Start, starts_from
+from harvester.identification.linear_start import starts_from
 from harvester.identification.reconstruction import frequencies
 from harvester.identification.shooting import Fit, Shooting
 from harvester.identification.window_states import (
@@ -66,14 +66,12 @@ def searched(
     return shooting, followed(shooting, fit, lengths)
 
 
-def _short(responses, unknowns, start: Start, lengths):
+def _short(responses, unknowns, start, lengths):
     """A fit with short windows."""
     sizes = [
         np.array([np.std(each.x), np.std(each.v), np.std(each.state)]) for each in start.motions
     ]
-    sized = [
-        each.begun(float(value)) for each, value in zip(unknowns, start.values, strict=True)
-    ]
+    sized = [each.begun(float(value)) for each, value in zip(unknowns, start.values, strict=True)]
     shooting = Shooting(responses, sized, sizes)
     edges, noise, begun = [], [], []
     for each, length, motion in zip(responses.experiments, lengths, start.motions, strict=True):
@@ -88,9 +86,7 @@ def _short(responses, unknowns, start: Start, lengths):
     return (shooting, fit) if fit.grams else None
 
 
-def followed(
-    shooting: Shooting, fit: Fit, longest: Sequence[int], last: int = LAST
-) -> Fit:
+def followed(shooting: Shooting, fit: Fit, longest: Sequence[int], last: int = LAST) -> Fit:
     """Fit with windows that double in length while errors stay small in them, to the end.
 
     Parameters
@@ -122,9 +118,7 @@ def followed(
     return shooting.minimized(shooting.reweighted(fit), last, FINE)
 
 
-def settle_windows(
-    shooting: Shooting, fit: Fit, stretches: Sequence[tuple[int, int]]
-) -> Fit:
+def settle_windows(shooting: Shooting, fit: Fit, stretches: Sequence[tuple[int, int]]) -> Fit:
     """Windows of other stretches and their starts, the device's values being as they are.
 
     Parameters

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -81,7 +82,14 @@ class Shooting:
         self.state_sizes = [np.where(each > 0.0, each, 1.0) for each in state_sizes]
         self.states_there = [each > 0.0 for each in state_sizes]
 
-    def residuals(self, number: int, values, edges, starts, noise) -> tuple:
+    def residuals(
+        self,
+        number: int,
+        values: np.ndarray,
+        edges: np.ndarray,
+        starts: np.ndarray,
+        noise: np.ndarray,
+    ) -> tuple[Any, Any]:
         """Weighted residuals of one experiment, shape (samples, outputs), and the ends; or None."""
         _, ends, outputs = self.responses.states(number, values, edges, starts)
         if outputs is None or not np.isfinite(outputs).all():
@@ -105,7 +113,7 @@ class Shooting:
             total += float(np.sum(found**2))
         return total
 
-    def jacobian(self, fit: Fit, number: int) -> tuple:
+    def jacobian(self, fit: Fit, number: int) -> tuple[Any, Any]:
         """[J_unknowns, J_states, r] of one experiment and its windows' transitions, or None.
 
         Columns are in sizes; transitions have the shape (windows, 3, 3).
@@ -124,7 +132,7 @@ class Shooting:
             found, _ = self.residuals(number, moved, edges, starts, noise)
             if found is not None:
                 table[..., k] = (found - base) / ((moved[k] - fit.values[k]) / self.sizes[k])
-        for k in np.flatnonzero(there):
+        for k in map(int, np.flatnonzero(there)):
             moved = starts.copy()
             moved[:, k] += DIFFERENCE * self.state_sizes[number][k]
             found, moved_ends = self.residuals(number, fit.values, edges, moved, noise)
@@ -144,9 +152,7 @@ class Shooting:
                 return False
             cuts = edges - edges[0]
             size = table.shape[-1]
-            parts = [
-                table[a:b].reshape(-1, size) for a, b in zip(cuts[:-1], cuts[1:], strict=True)
-            ]
+            parts = [table[a:b].reshape(-1, size) for a, b in pairwise(cuts)]
             fit.grams.append(np.array([part.T @ part for part in parts]))
             fit.transitions.append(transitions)
             shares = self._shares(number, fit.noise[number])

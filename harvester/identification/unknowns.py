@@ -69,8 +69,8 @@ def sensor_keys(outputs: Sequence[str]) -> dict[str, float]:
 def default_keys(scene: Scene, outputs: Sequence[str]) -> list[str]:
     """What is free where nothing is said: the device's own numbers that a record tells.
 
-    Mass, winding, leak and a contact's exponent are taken as known. Without a displacement no record
-    tells where x = 0 is: then the constant force is kept.
+    Mass, winding, leak and a contact's exponent are taken as known. Without a displacement no
+    record tells where x = 0 is: then the constant force is kept.
     """
     keys = []
     for key in numbers(scene):

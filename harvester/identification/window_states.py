@@ -75,7 +75,7 @@ def settled(
 
 def measured_motion(shooting: Shooting, number: int, values: np.ndarray) -> Motion:
     """The motion that a record shows if the device has these numbers."""
-    system, scales = shooting.responses.device(number, values)
+    system, scales = shooting.responses.known_device(number, values)
     return motion(system, scales, shooting.responses.experiments[number].measurement)
 
 
@@ -94,12 +94,10 @@ def placed(
         tried.append(begun)
         costs.append(window_costs(shooting, number, fit, begun))
     order = np.argsort(costs, axis=0)
-    best, least = None, None
+    best, least = known, np.full(places.size, np.inf)
     for rank in range(MOST_TRIED):
         begun = np.array(tried)[order[rank], np.arange(places.size)]
         found, cost = settled(shooting, number, fit, begun)
-        if best is None:
-            best, least = found, cost
         better = cost < least
         best, least = np.where(better[:, None], found, best), np.where(better, cost, least)
     return best, least

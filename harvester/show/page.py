@@ -116,9 +116,7 @@ def _verdict(verdict):
     return f'<li class="{kind}">{_escaped(verdict.text)}</li>'
 
 
-def table_of(
-    header: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "numbers"
-) -> str:
+def table_of(header: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "numbers") -> str:
     """A table; of the kind "text" its cells wrap."""
     head = "".join(f'<th scope="col">{_escaped(cell)}</th>' for cell in header)
     body = "\n".join(
@@ -146,9 +144,7 @@ def _figures(comparison):
     )
 
 
-def figure_of(
-    svg: bytes, alternative: str, caption: str, narrowest: str = NARROWEST_FIGURE
-) -> str:
+def figure_of(svg: bytes, alternative: str, caption: str, narrowest: str = NARROWEST_FIGURE) -> str:
     """A picture within the page."""
     data = base64.b64encode(svg).decode()
     return (
