@@ -23,7 +23,7 @@ STOPPER_SHARE = 0.9
 LITTLE = 1e-3
 FORCE = "oscillator.restoring_force[{}]"
 # A model predicts better if its mean square error is lower by so many standard errors of the
-# difference, and its root by this share.
+# ratio, and its root by this share.
 SURE, NOTED = 3.0, 0.02
 
 
@@ -37,7 +37,8 @@ class Candidate:
         How it differs, such as "with drag"; "as given" for the scene's own.
     fitted : Fitted
     better : float
-        Mean square error on what was kept aside, less that of the scene's model, over the latter.
+        Logarithm of the mean square error on what was kept aside over that of the scene's model,
+        on average over blocks; negative: better.
     error : float
         Standard error of that.
     """
@@ -73,16 +74,15 @@ def candidates(
 
 
 def _compared(base, other):
-    """Relative difference of the mean square errors on what was kept aside, and its error."""
-    differences, squares = [], []
+    """Mean logarithm of the ratio of the blocks' mean square errors, and its standard error."""
+    ratios: list[float] = []
     for mine, theirs in zip(base.stretches, other.stretches, strict=True):
-        own = mine.residuals[:, 0] ** 2 / np.var(mine.measured[:, 0])
-        new = theirs.residuals[:, 0] ** 2 / np.var(theirs.measured[:, 0])
-        differences += [float(part.mean()) for part in np.array_split(new - own, BLOCKS)]
-        squares.append(float(own.mean()))
-    mean = float(np.mean(squares)) or 1e-300
-    error = float(np.std(differences, ddof=1)) / math.sqrt(len(differences))
-    return float(np.mean(differences)) / mean, error / mean
+        own, new = (
+            np.array([np.mean(part**2) for part in np.array_split(each.residuals[:, 0], BLOCKS)])
+            for each in (mine, theirs)
+        )
+        ratios += [float(ratio) for ratio in np.log(new / own)]
+    return float(np.mean(ratios)), float(np.std(ratios, ddof=1)) / math.sqrt(len(ratios))
 
 
 def proposed(found: Sequence[Candidate]) -> Candidate:
@@ -95,7 +95,7 @@ def proposed(found: Sequence[Candidate]) -> Candidate:
             each
             for each in found
             if each.better - best.better
-            < max(2.0 * math.hypot(each.error, best.error), 2.0 * NOTED * (1.0 + best.better))
+            < max(2.0 * math.hypot(each.error, best.error), 2.0 * NOTED)
         ]
     return min(fitting, key=lambda each: (len(each.fitted.keys), each.better))
 

@@ -172,7 +172,7 @@ class Identification:
                     "keys": each.fitted.keys,
                     "values": [float(value) for value in each.fitted.values],
                     "nrmse": each.fitted.nrmse,
-                    "relative_mean_square_difference": each.better,
+                    "log_ratio_of_mean_squares": each.better,
                     "standard_error": each.error,
                 }
                 for each in self.candidates
