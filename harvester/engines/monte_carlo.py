@@ -275,7 +275,21 @@ def _advance(
 
 
 @compiled
-def contact_piece(heun, s, touching, low, high, held, x, v, voltage, noise, slope, longest, steps):
+def contact_piece(
+    heun: bool | None,
+    s: System,
+    touching: bool,
+    low: float,
+    high: float,
+    held: float,
+    x: float,
+    v: float,
+    voltage: float,
+    noise: float,
+    slope: float,
+    longest: float,
+    steps: int,
+) -> tuple[float, int, float, float, float, float]:
     """A step within a zone, or up to its edge, `low` or `high`; so many `steps` for a contact.
 
     Returns its length, by how many zones the mass has moved (−1, 0, 1), the held speed and the
@@ -314,7 +328,20 @@ def _acceleration(s, touching, low, high, held, x, v, voltage, noise):
 
 
 @inlined
-def one_step(heun, s, touching, low, high, held, x, v, voltage, noise, slope, h):
+def one_step(
+    heun: bool | None,
+    s: System,
+    touching: bool,
+    low: float,
+    high: float,
+    held: float,
+    x: float,
+    v: float,
+    voltage: float,
+    noise: float,
+    slope: float,
+    h: float,
+) -> tuple[float, float, float]:
     """One step of Eq. 4 as `scheme_of` chose.
 
     `heun` is None for Runge–Kutta: a type of its own, so that no choice is left at run time.
