@@ -122,7 +122,7 @@ def unknowns(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list
     scene : Scene
     keys : sequence of str
     sizes : dict of str to float
-        Of keys whose start may be 0 or far off.
+        Of keys whose start may be 0.
     """
     known = numbers(scene)
     found = []
@@ -135,7 +135,7 @@ def unknowns(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list
             found.append(Unknown(key, start, low, math.inf, size))
             continue
         start, spec = known[key]
-        size = max(abs(start), sizes.get(key, 0.0)) or 1.0
+        size = abs(start) or sizes.get(key, 0.0) or 1.0
         low = spec.low
         if math.isfinite(low) and not spec.low_allowed:
             low += SMALLEST_SHARE * size
