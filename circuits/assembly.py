@@ -36,6 +36,9 @@ OWN_TOLERANCE = 1e-3
 # Steps. ngspice 46 never ends a shorter run: its least step, 1e-11 of the longest one, is then more
 # than what it takes for equal at the end.
 SHORTEST_RUN = 1000
+# ngspice takes its first steps by backward Euler, which costs a mass at speed energy: they are this
+# share of the usual one. So is the printing interval, where ngspice falls back to first order too.
+FIRST_ORDER_SHARE = 1e-3
 
 
 def own_steps(tolerance: float) -> str:
@@ -224,8 +227,10 @@ def assemble(
     # The load was vetted when the scene was read.
     text += load.text if load else ""
     stop = stop_time(scene)
-    shortest = SHORTEST_RUN * length if waveform == "external" else 0.0
-    text += _analysis(length, max(stop, shortest), options, integrator, save)
+    first, shortest = length, 0.0
+    if waveform == "external":
+        first, shortest = FIRST_ORDER_SHARE * length, SHORTEST_RUN * length
+    text += _analysis(first, max(stop, shortest), length, options, integrator, save)
     return Netlist(  # type: ignore[misc]
         text,
         rate,
@@ -277,10 +282,11 @@ def _resistance(load):
     return load.resistance or 1.0 / load.decay_rate
 
 
-def _analysis(step, stop, options, integrator, save):
+def _analysis(interval, stop, longest, options, integrator, save):
     saved = " ".join(save) or "none"
+    interval, stop, longest = (elements.number(each) for each in (interval, stop, longest))
     return (
         f".save {saved}\n"
         f".options method={INTEGRATORS[integrator]} {options}\n"
-        f".tran {elements.number(step)} {elements.number(stop)} 0 {elements.number(step)} uic\n"
+        f".tran {interval} {stop} 0 {longest} uic\n"
     )

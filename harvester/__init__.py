@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from harvester.studies.optimum import optimum as optimum
     from harvester.studies.optimum_of_several import optimum_of_several as optimum_of_several
     from harvester.studies.sensitivity import sensitivity as sensitivity
+    from harvester.verification.known_results.truth import verify as verify
     from harvester.verification.paper.claims import claims as claims
     from harvester.verification.paper.reproduce import reproduce as reproduce
     from harvester.verification.stability.matrix import stability as stability
@@ -82,6 +83,7 @@ _WHERE = {
     "work_precision": "harvester.verification.work_precision.measurement",
     "time_to_accuracy": "harvester.verification.work_precision.time_to_accuracy",
     "stability": "harvester.verification.stability.matrix",
+    "verify": "harvester.verification.known_results.truth",
     "reproduce": "harvester.verification.paper.reproduce",
     "claims": "harvester.verification.paper.claims",
     "schematic": "harvester.engines.circuit",

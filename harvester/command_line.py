@@ -26,6 +26,7 @@ from harvester.commands import (
     stability,
     time_to_accuracy,
     validate,
+    verify,
     work_precision,
 )
 from harvester.commands.options import complain
@@ -42,6 +43,7 @@ COMMANDS = (
     work_precision,
     time_to_accuracy,
     stability,
+    verify,
     optimum,
     sensitivity,
     load_study,

@@ -27,11 +27,11 @@ CLAIM = Claim(
 
 
 def loads(**options):
-    """Two resistances of the linear device, by Monte Carlo and by the circuit with its control."""
+    """Two resistances of the linear device, by Monte Carlo with its judge and by the circuit."""
     scene = Scene.load("linear").replace({"run.duration": 100.0, "run.settle": 25.0})
     sweeps = {"load.parameters.resistance": [0.3, 1.0]}
     found = []
-    for engine, precision in (("monte-carlo", 0.05), ("circuit", 0.2)):
+    for engine, precision in (("judged", 0.05), ("circuit", 0.2)):
         options["method"], options["precision"] = engine, precision
         study = load_study(scene, loads=["resistor"], sweeps=sweeps, time_budget=600.0, **options)
         found += [(e.outcome, e.realizations, e.power, e.power_error) for e in study.evaluations]

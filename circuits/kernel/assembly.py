@@ -8,7 +8,9 @@ import numpy as np
 
 from circuits import elements as circuit_elements
 from circuits.kernel.builder import Builder, tables_of
+from circuits.kernel.code import code_of
 from circuits.kernel.linear import order_of
+from circuits.kernel.memory import layout_of
 from circuits.kernel.parts import add_load
 from circuits.kernel.tables import Circuit, Probes
 from harvester.device import timescales
@@ -48,7 +50,9 @@ def build(scene: Scene) -> Circuit:
     outside = b.node(circuit_elements.behind_ammeter(network))
     ammeter = b.through(LOAD_AMMETER, inside, outside)
     add_load(b, load, network)
-    places = [b.node(name) for name in (circuit_elements.OUTPUT, circuit_elements.REFERENCE)]
+    # A load without an output has none that differs from 0.
+    ends = (circuit_elements.OUTPUT, circuit_elements.REFERENCE)
+    places = [b.node(name) for name in ends] if load.has_output else [inside, inside]
     row_unit = 1.0 / network.power_unit if network.power_unit > 0.0 else 1.0
     velocity = _add_transducer(b, network, scales, row_unit)
     state = _state(b, network, ammeter)
@@ -67,10 +71,13 @@ def build(scene: Scene) -> Circuit:
         ),
         (network.reference_capacitance, scales.voltage),
     )
+    order = order_of(tables)
     return Circuit(
         tables,
         probes,
-        order_of(tables),
+        order,
+        layout_of(tables, order),
+        code_of(tables, order),
         (*b.unknowns, "X'"),
         tuple(b.switch_names),
         *_across(b, load),

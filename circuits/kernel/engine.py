@@ -8,19 +8,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from circuits.kernel import junction, stepping
+from circuits.kernel import stepping
 from circuits.kernel.assembly import build, with_start
-from circuits.kernel.stage import room
+from circuits.kernel.emitter import call_once
+from circuits.kernel.stage import fresh_state
 from circuits.kernel.stepping import (
     CHATTER,
     DISPLACEMENT,
     FINE,
     HELD_SPEED,
-    NUMBERS,
     PROPOSED,
     TIME,
     ZONE,
-    State,
     advance,
 )
 from circuits.kernel.tables import Circuit
@@ -44,11 +43,11 @@ def prepare(scene: Scene) -> None:
     """Load the compiled code for a scene's parts, so that it does not count as simulation."""
     s, _ = scale(scene)
     circuit = circuit_of(scene)
-    state, work = _beginning(s, circuit, (0.0, 0.0, 0.0))
+    state = _beginning(s, circuit, (0.0, 0.0, 0.0))
     edges = np.array(contact.edges(s.contacts))
     advance(
-        s, circuit.tables, circuit.probes, circuit.order, work, state, edges, np.zeros(2), 0, 0, 0,
-        1.0, 1, empty_record(2), np.zeros(2),
+        s, circuit.tables, circuit.probes, state, edges, np.zeros(2), 0, 0, 0, 1.0, 1,
+        empty_record(2), np.zeros(2),
     )  # fmt: skip
 
 
@@ -134,22 +133,22 @@ def integrate(
         Newton's iterations find no solution, or a switch chatters.
     """
     edges = np.array(contact.edges(s.contacts))
-    state, work = _beginning(s, circuit, start)
+    state = _beginning(s, circuit, start)
     state.numbers[PROPOSED] = stepping.RESTART * path.spacing / steps_per_knot
     record, volts = empty_record(CHUNK), np.zeros(CHUNK)
     for done, block in knot_blocks(path, stop, CHUNK):
         segment, count = 0, block.size - 1
         while segment < count:
             segment, points, outcome, which = advance(
-                s, circuit.tables, circuit.probes, circuit.order, work, state, edges, block,
-                segment, count, done, path.spacing, steps_per_knot, record, volts,
+                s, circuit.tables, circuit.probes, state, edges, block, segment, count, done,
+                path.spacing, steps_per_knot, record, volts,
             )  # fmt: skip
             if outcome != FINE:
-                raise SimulatorAborted(_trouble(circuit, state, work, outcome, which))
+                raise SimulatorAborted(_trouble(circuit, state, outcome, which))
             yield part(record, 0, points), volts[:points]
 
 
-def _trouble(circuit, state, work, outcome, which):
+def _trouble(circuit, state, outcome, which):
     time = state.numbers[TIME]
     if outcome == CHATTER:
         name, where = circuit.switches[which]
@@ -157,7 +156,7 @@ def _trouble(circuit, state, work, outcome, which):
             f"Monte Carlo stopped at t = {time:g}: the switch {name} ({where}) chatters: it turns "
             f"more than {stepping.MOST_SWITCHINGS} times within a step; give it a hysteresis"
         )
-    moved = np.abs(state.second)
+    moved = np.abs(state.change)
     name = circuit.names[int(np.argmax(np.where(np.isfinite(moved), moved, np.inf)))]
     return (
         f"Monte Carlo stopped at t = {time:g}: no step is short enough for the load, the trouble "
@@ -167,32 +166,23 @@ def _trouble(circuit, state, work, outcome, which):
 
 
 def _beginning(s, circuit, start):
-    """State and Work of a realization at its beginning."""
-    tables = circuit.tables
-    work = room(tables, circuit.order)
-    n, m = tables.steady.size, len(tables.junctions)
-    numbers = np.zeros(NUMBERS)
+    """State of a realization at its beginning."""
+    state = fresh_state(circuit)
+    numbers, y, tables = state.numbers, state.y, circuit.tables
+    n = y.size
     x, v, electrical = start
     numbers[DISPLACEMENT] = x
     numbers[HELD_SPEED] = system.speed_held(s, x, v)
     inner = contact.edges(s.contacts)[1:-1]
     numbers[ZONE] = sum(x > edge if edge > 0.0 else x >= edge for edge in inner)
     numbers[PROPOSED] = 1.0
-    y = with_start(circuit, electrical, 1.0 / circuit.probes.units[1])
+    y[:] = with_start(circuit, electrical, 1.0 / circuit.probes.units[1])
     y[n - 1] = v
-    work.sizes[n - 1] = max(abs(v), timescales.angular_frequency(s))
-    state = State(
-        numbers, y, np.zeros(n), np.zeros(m), np.zeros(m), tables.switches[:, 4].copy(),
-        np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n),
-    )  # fmt: skip
-    _set_junctions(tables, work, state, np.append(y, 0.0))
-    return state, work
-
-
-def _set_junctions(tables, work, state, y):
-    """Voltages and charges of the junctions at the beginning."""
-    for k, (a, z) in enumerate(tables.junctions):
-        v = y[a] - y[z]
-        state.voltages[k] = state.before[k] = v
-        table = tables.junction_values
-        work.charges[k] = junction.charge(table, k, v, *junction.current(table, k, v))[0]
+    state.largest[n - 1] = max(abs(v), timescales.angular_frequency(s))
+    known = np.append(y, 0.0)
+    state.iterated[:] = known[tables.junctions[:, 0]] - known[tables.junctions[:, 1]]
+    state.voltages[:] = state.before[:] = state.iterated
+    # Nothing has moved yet: it finds the junctions' charges.
+    call_once(circuit.code.finish, state.address, state.slots)
+    state.charges[:] = state.new_charges
+    return state

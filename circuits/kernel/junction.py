@@ -8,10 +8,12 @@ exponential goes on as its tangent, so that Newton's iterations stay among finit
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from harvester.compilation import compiled
+if TYPE_CHECKING:
+    from circuits.kernel.emitter import Emitter, Number
 
 # kT/q at 27 °C (V), and the conductance beside every junction (S), ngspice's own.
 THERMAL_VOLTAGE = 1.380649e-23 * 300.15 / 1.602176634e-19
@@ -21,8 +23,38 @@ LARGEST_CURRENT = 100.0
 # Columns of the table of junctions.
 (
     SATURATION, SWING, RESISTANCE, BREAKDOWN, BREAKDOWN_CURRENT, HIGHEST, TRANSIT,
-    CAPACITANCE, POTENTIAL, GRADING, EDGE, LOWEST, BREAKDOWN_SWING, COLUMNS,
-) = range(14)  # fmt: skip
+    CAPACITANCE, POTENTIAL, GRADING, EDGE, LOWEST, BREAKDOWN_SWING, PER_SWING,
+    PER_BREAKDOWN_SWING, COLUMNS,
+) = range(16)  # fmt: skip
+# Newton's step at which the iterations end, against the swing; the next would be about its square.
+# The current is then known to about 1e-3.
+JUNCTION_STEP = 5e-2
+# Swings below which an exponential counts as 0.
+BLOCKED = -40.0
+
+
+class Traits(NamedTuple):
+    """Which of its terms a junction has; the others leave nothing in the code."""
+
+    resistance: bool
+    breakdown: bool
+    transit: bool
+    depletion: bool
+
+    @property
+    def charge(self) -> bool:
+        """Whether it holds a charge of its own."""
+        return self.transit or self.depletion
+
+
+def traits(row: np.ndarray) -> Traits:
+    """The traits of a junction of the table."""
+    return Traits(
+        bool(row[RESISTANCE] > 0.0),
+        bool(np.isfinite(row[BREAKDOWN])),
+        bool(row[TRANSIT] != 0.0),
+        bool(row[CAPACITANCE] != 0.0),
+    )
 
 
 def table_row(model: dict[str, float], area: float) -> np.ndarray:
@@ -54,71 +86,147 @@ def table_row(model: dict[str, float], area: float) -> np.ndarray:
     row[TRANSIT] = model.get("tt", 0.0)
     row[CAPACITANCE] = area * model.get("cjo", model.get("cj0", 0.0))
     row[POTENTIAL], row[GRADING] = model.get("vj", 1.0), model.get("m", 0.5)
+    row[PER_SWING], row[PER_BREAKDOWN_SWING] = 1.0 / swing, 1.0 / row[BREAKDOWN_SWING]
     row[EDGE] = model.get("fc", 0.5) * row[POTENTIAL]
     return row
 
 
-@compiled
-def current(table: np.ndarray, k: int, v: float) -> tuple[float, float]:
-    """Current (A) of junction k of a table and its slope (S) at a voltage (V)."""
-    swing, saturation = table[k, SWING], table[k, SATURATION]
-    if v > -40.0 * swing:
-        excess = v - table[k, HIGHEST]
-        rise = saturation * np.exp((v - max(excess, 0.0)) / swing)
-        slope = rise / swing
-        through = rise - saturation + slope * max(excess, 0.0)
-    else:
-        through, slope = -saturation, 0.0
-    beyond = -v - table[k, BREAKDOWN]
-    swing = table[k, BREAKDOWN_SWING]
-    if beyond > -40.0 * swing:
-        excess = max(beyond - table[k, LOWEST], 0.0)
-        rise = table[k, BREAKDOWN_CURRENT] * np.exp((beyond - excess) / swing)
-        through -= rise + rise / swing * excess
-        slope += rise / swing
-    return through + LEAST_CONDUCTANCE * v, slope + LEAST_CONDUCTANCE
+class Law:
+    """One junction's law, written into a function's code.
 
-
-@compiled
-def holds_charge(table: np.ndarray, k: int) -> bool:
-    """Whether junction k has a charge of its own."""
-    return table[k, TRANSIT] != 0.0 or table[k, CAPACITANCE] != 0.0
-
-
-@compiled
-def charge(
-    table: np.ndarray, k: int, v: float, through: float, slope: float
-) -> tuple[float, float]:
-    """Charge (C) and capacitance (F) at a junction voltage with this current and slope."""
-    stored, capacitance = table[k, TRANSIT] * through, table[k, TRANSIT] * slope
-    size = table[k, CAPACITANCE]
-    if size > 0.0:
-        potential, grading, edge = table[k, POTENTIAL], table[k, GRADING], table[k, EDGE]
-        ratio = 1.0 - min(v, edge) / potential
-        here = size * ratio**-grading
-        stored += size * potential / (1.0 - grading) * (1.0 - ratio ** (1.0 - grading))
-        if v > edge:
-            bend = here * grading / (potential * ratio)
-            stored += (v - edge) * (here + 0.5 * bend * (v - edge))
-            here += bend * (v - edge)
-        capacitance += here
-    return stored, capacitance
-
-
-@compiled
-def limited(table: np.ndarray, k: int, old: float, new: float, predicted: float) -> float:
-    """The voltage of junction k to go on from, after Newton's step from `old` to `new`.
-
-    Where the step leads up the exponential, the current that it predicts tells the voltage: one
-    iteration then goes as far as many.
+    Parameters
+    ----------
+    e : Emitter
+        Of the function.
+    place : int
+        Of the junction's numbers in the memory.
+    has : Traits
     """
-    swing = table[k, SWING]
-    if new - old > swing:
-        if predicted <= 0.0:
-            return min(new, max(old, 0.0) + swing)
-        v = swing * np.log(1.0 + predicted / table[k, SATURATION])
-        return min(max(v, old), new)
-    if -new > table[k, BREAKDOWN] and new < old:
-        size = max(-predicted / table[k, BREAKDOWN_CURRENT], 1.0)
-        return max(-table[k, BREAKDOWN] - table[k, BREAKDOWN_SWING] * np.log(size), new)
-    return new
+
+    def __init__(self, e: Emitter, place: int, has: Traits) -> None:
+        self._e, self._place, self._has = e, place, has
+
+    def _value(self, column: int) -> Number:
+        return self._e.load(self._place + column)
+
+    def _current(self, v: Number) -> tuple[Number, Number]:
+        """Current (A) and its slope (S) at a junction voltage."""
+        saturation, per_swing = self._value(SATURATION), self._value(PER_SWING)
+
+        def conducting():
+            excess = (v - self._value(HIGHEST)).greater(0.0)
+            rise = saturation * ((v - excess) * per_swing).function("exp")
+            slope = rise * per_swing
+            return rise - saturation + slope * excess, slope
+
+        def blocked():
+            return -saturation, self._e.constant(0.0)
+
+        through, slope = self._e.choose(v * per_swing > BLOCKED, conducting, blocked)
+        if self._has.breakdown:
+            lost, steeper = self._breakdown(v)
+            through, slope = through - lost, slope + steeper
+        return through + v * LEAST_CONDUCTANCE, slope + LEAST_CONDUCTANCE
+
+    def _breakdown(self, v):
+        beyond, per_swing = -v - self._value(BREAKDOWN), self._value(PER_BREAKDOWN_SWING)
+
+        def breaking():
+            excess = (beyond - self._value(LOWEST)).greater(0.0)
+            rise = self._value(BREAKDOWN_CURRENT) * ((beyond - excess) * per_swing).function("exp")
+            return rise + rise * per_swing * excess, rise * per_swing
+
+        nothing = self._e.constant(0.0)
+        return self._e.choose(beyond * per_swing > BLOCKED, breaking, lambda: (nothing, nothing))
+
+    def linear(self, v: Number, delta: Number, charge: Number) -> tuple[Number, Number]:
+        """Slope and value, at the iterated voltage, of δ i and the change of charge."""
+        self._through, self._slope = self._current(v)
+        self._share = self._e.constant(1.0)
+        if self._has.resistance:
+            self._share = 1.0 / (self._slope * self._value(RESISTANCE) + 1.0)
+        g, i = delta * self._slope * self._share, delta * self._through * self._share
+        if self._has.charge:
+            stored, capacitance = self._stored(v, self._through, self._slope)
+            g, i = g + capacitance, i + (stored - charge)
+        return g, i
+
+    def charge(self, v: Number) -> Number:
+        """Charge (C) at a junction voltage."""
+        return self._stored(v, *self._current(v))[0]
+
+    def _stored(self, v, through, slope):
+        """Charge (C) and capacitance (F) at a voltage with this current and slope."""
+        stored, capacitance = self._e.constant(0.0), self._e.constant(0.0)
+        if self._has.transit:
+            stored = self._value(TRANSIT) * through
+            capacitance = self._value(TRANSIT) * slope
+        if self._has.depletion:
+            size, potential = self._value(CAPACITANCE), self._value(POTENTIAL)
+            grading, edge = self._value(GRADING), self._value(EDGE)
+            ratio = 1.0 / potential * -(v.lesser(edge)) + 1.0
+            here = size * ratio.function("pow", -grading)
+            rest = -(grading - 1.0)
+            stored = stored + size * potential / rest - here * ratio * potential / rest
+            beyond, bend = (v - edge).greater(0.0), here * grading / (potential * ratio)
+            stored = stored + beyond * (here + bend * beyond * 0.5)
+            capacitance = capacitance + here + bend * beyond
+        return stored, capacitance
+
+    def moved(self, old: Number, across: Number) -> tuple[Number, object]:
+        """The voltage to go on from when `across` stands over junction and resistance.
+
+        After `linear`; also whether it moved by little. Where Newton's step leads up the
+        exponential, the current that it predicts tells the voltage: one iteration then goes as far
+        as many.
+        """
+        predicted = (self._through + self._slope * (across - old)) * self._share
+        new = across
+        if self._has.resistance:
+            new = across - self._value(RESISTANCE) * predicted
+        swing = self._value(SWING)
+
+        def up():
+            def by_voltage():
+                return [new.lesser(old.greater(0.0) + swing)]
+
+            def by_current():
+                v = swing * (predicted / self._value(SATURATION) + 1.0).function("log")
+                return [v.greater(old).lesser(new)]
+
+            return self._e.choose(predicted <= 0.0, by_voltage, by_current)
+
+        def down():
+            return [self._into_breakdown(old, new, predicted) if self._has.breakdown else new]
+
+        (chosen,) = self._e.choose(new - old > swing, up, down)
+        free = swing * JUNCTION_STEP * self._flatness(old, chosen)
+        if self._has.depletion:
+            free = free.lesser((swing + (-chosen).greater(0.0)) * JUNCTION_STEP)
+        near = self._e.both(
+            (chosen - old).function("fabs") <= free, (chosen - new).function("fabs") <= free
+        )
+        return chosen, near
+
+    def _flatness(self, old, new):
+        """A bound of exp(depth/2), with the swings by which both voltages lie within the flat.
+
+        There an exponential's part of the current is as much less as Newton's step may be longer.
+        """
+        depth = -(old.greater(new)) * self._value(PER_SWING)
+        if self._has.breakdown:
+            above = old.lesser(new) + self._value(BREAKDOWN)
+            depth = depth.lesser(above * self._value(PER_BREAKDOWN_SWING))
+        depth = depth.greater(0.0)
+        return (depth * (depth * (depth * (1.0 / 48.0) + 0.125) + 0.5)) + 1.0
+
+    def _into_breakdown(self, old, new, predicted):
+        breakdown = self._value(BREAKDOWN)
+
+        def limited():
+            size = (-predicted / self._value(BREAKDOWN_CURRENT)).greater(1.0)
+            v = -breakdown - self._value(BREAKDOWN_SWING) * size.function("log")
+            return [v.greater(new)]
+
+        into = self._e.both(-new > breakdown, new < old)
+        return self._e.choose(into, limited, lambda: [new])[0]

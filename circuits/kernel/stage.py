@@ -14,64 +14,133 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from circuits.kernel import junction, tape, waveform
-from circuits.kernel.linear import SLOTS, Order, backward, eliminate, forward
-from circuits.kernel.tables import Tables
+from circuits.kernel import tape, waveform
+from circuits.kernel.code import Code
+from circuits.kernel.emitter import call
+from circuits.kernel.memory import SLOTS, fresh_memory
+from circuits.kernel.tables import Circuit, Tables
 from harvester.compilation import compiled, inlined
 from harvester.device import spring as springs
 from harvester.device import system as systems
 
 MOST_ITERATIONS = 40
-# Newton's step at which the iterations end; the next would be about its square. Of a junction,
-# against its swing: its current is then known to 5e-5. Of the velocity out of contact, where the
-# force is smooth, against its greatest so far; of other unknowns, and in contact.
-JUNCTION_STEP, SMOOTH_STEP, RELATIVE_STEP = 1e-2, 1e-2, 1e-5
+# Newton's step at which the iterations end; the next would be about its square. Of the velocity out
+# of contact, where the force is smooth, against its greatest so far; of other unknowns, and in
+# contact.
+SMOOTH_STEP, RELATIVE_STEP = 1e-2, 1e-5
 # Of a displacement and a velocity, for slopes of the force.
 DIFFERENCE = 1e-6
+# Numbers of a state beside its vectors, see `circuits.kernel.stepping`.
+NUMBERS = 11
 
 
-class Work(NamedTuple):
-    """Room for a stage; arrays of n unknowns, m junctions, k operations.
+class State(NamedTuple):
+    """A realization of a circuit with n unknowns, m junctions: arrays changed in place.
 
     Attributes
     ----------
-    right : (n,) right-hand side.
-    ordered, solution : (n + 1,) the same in the order of pivots, the linear ones eliminated; and
-        what becomes of it. Ground last.
-    matrix : (SLOTS + 1, places + 1) numbers of the matrix by `circuits.kernel.linear.Order`, the
-        core of the iteration at hand last; `keys` (SLOTS, 2) what the others are for.
-    voltages : (m,) of the junctions, as iterated, `currents` and `slopes` (m,) there; `charges`
-        (m,) at the step's beginning.
+    code : addresses of the circuit's functions; `address` that of its memory.
+    slots, stride : place in it of the factors kept, and how many numbers each has; `keys`
+        (SLOTS + 1, 2) the step's δ and the switches' states that they are for, and which is next.
+    motion : place of the velocity in `solution`; `core` (c,) the unknowns there.
+    y … switches : views of the memory, see `circuits.kernel.memory.Layout`.
+    voltages, before : (m,) of the junctions, now and a step ago.
+    latest : (n + 1,) y + u of the last iteration, ground last.
+    largest : (n,) greatest size of each unknown so far.
+    closed : (k,) int64, of the switches.
     values, shares : (k,) of the tape.
-    begin, latest : (n + 1,) y and y + u of the last iteration, ground last.
-    sizes : (n,) greatest size of each unknown so far.
+    numbers : (NUMBERS,)
     """
 
-    right: np.ndarray
-    ordered: np.ndarray
-    solution: np.ndarray
-    matrix: np.ndarray
+    code: Code
+    address: int
+    slots: int
+    stride: int
+    motion: int
+    core: np.ndarray
     keys: np.ndarray
-    voltages: np.ndarray
-    currents: np.ndarray
-    slopes: np.ndarray
+    y: np.ndarray
+    rates: np.ndarray
+    change: np.ndarray
+    stored: np.ndarray
+    right: np.ndarray
+    error: np.ndarray
+    filtered: np.ndarray
+    solution: np.ndarray
+    iterated: np.ndarray
     charges: np.ndarray
+    new_charges: np.ndarray
+    slopes: np.ndarray
+    sizes: np.ndarray
+    switches: np.ndarray
+    voltages: np.ndarray
+    before: np.ndarray
+    latest: np.ndarray
+    largest: np.ndarray
+    closed: np.ndarray
     values: np.ndarray
     shares: np.ndarray
-    begin: np.ndarray
-    latest: np.ndarray
-    sizes: np.ndarray
+    numbers: np.ndarray
 
 
-def room(tables: Tables, order: Order) -> Work:
-    """Work for a circuit."""
-    n, m = tables.steady.size, len(tables.junctions)
-    k = len(tables.tape)
-    return Work(
-        np.zeros(n), np.zeros(n + 1), np.zeros(n + 1), np.zeros((SLOTS + 1, order.linear[2] + 1)),
-        np.zeros((SLOTS + 1, 2)), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m),
-        tables.tape_values.copy(), np.zeros(k), np.zeros(n + 1), np.zeros(n + 1), np.full(n, 1e-9),
-    )  # fmt: skip
+def fresh_state(circuit: Circuit) -> State:
+    """A state of a circuit, all zero; its vectors keep the memory that they are views of."""
+    tables, order, at = circuit.tables, circuit.order, circuit.layout
+    memory = fresh_memory(tables, at)
+    n, m, k = tables.steady.size, len(tables.junctions), len(tables.tape)
+    core = order.columns[order.linear :].copy()
+    lengths = {
+        **dict.fromkeys(("y", "rates", "change", "stored", "right", "error", "filtered"), n),
+        "solution": core.size + 1,
+        **dict.fromkeys(("iterated", "charges", "new_charges"), m),
+        "slopes": len(tables.inputs),
+        "sizes": len(tables.behavioural),
+        "switches": len(tables.switches),
+    }
+    views = (memory[getattr(at, name) :][:length] for name, length in lengths.items())
+    return State(
+        circuit.code,
+        memory.ctypes.data,
+        at.slots,
+        len(order.places),
+        int(np.flatnonzero(core == n - 1)[0]),
+        core,
+        np.zeros((SLOTS + 1, 2)),
+        **dict(zip(lengths, views, strict=True)),
+        voltages=np.zeros(m),
+        before=np.zeros(m),
+        latest=np.zeros(n + 1),
+        largest=np.full(n, 1e-9),
+        closed=tables.switches[:, 4].copy(),
+        values=tables.tape_values.copy(),
+        shares=np.zeros(k),
+        numbers=np.zeros(NUMBERS),
+    )
+
+
+@inlined
+def slot_of(tables: Tables, state: State, delta: float) -> int:
+    """The place in the memory of the factors for a step's δ, made if need be."""
+    keys = state.keys
+    key = 0.0
+    for k in range(state.closed.size):
+        key = 2.0 * key + state.closed[k]
+    slot = int(keys[SLOTS, 1])
+    if not (keys[slot, 0] == delta and keys[slot, 1] == key):
+        slot = 0
+        # In a ring: the steps of late are near.
+        while slot < SLOTS and not (keys[slot, 0] == delta and keys[slot, 1] == key):
+            slot += 1
+        if slot == SLOTS:
+            slot = int(keys[SLOTS, 0])
+            keys[SLOTS, 0] = (slot + 1) % SLOTS
+            keys[slot, 0], keys[slot, 1] = delta, key
+            for k in range(state.closed.size):
+                state.switches[k] = tables.switch_values[k, state.closed[k]]
+            place = state.slots + slot * state.stride
+            call(state.code.factor, state.address, place, delta, 0.0, 0.0)
+        keys[SLOTS, 1] = slot
+    return state.slots + slot * state.stride
 
 
 @inlined
@@ -83,147 +152,53 @@ def force(s: Any, touching: bool, low: float, high: float, held: float, x: float
     return total
 
 
-@inlined
-def add_sources(tables: Tables, right: np.ndarray, time: float, delta: float) -> None:
-    """δ s onto a right-hand side."""
-    for i in range(right.size):
-        right[i] += delta * tables.steady[i]
-    for k in range(tables.sources.shape[0]):
-        kind = tables.sources[k, 1]
-        size = waveform.value(kind, tables.waves[k], tables.corners, time)
-        right[tables.sources[k, 0]] += delta * size
-
-
-@inlined
-def add_conducted(
-    tables: Tables, closed: np.ndarray, y: np.ndarray, out: np.ndarray, factor: float
+@compiled
+def add_waves(
+    sources: np.ndarray,
+    waves: np.ndarray,
+    corners: np.ndarray,
+    right: np.ndarray,
+    time: float,
+    delta: float,
 ) -> None:
-    """Times a factor, G y onto a vector; the switches as they are."""
-    entries, n = tables.entries, y.size
-    for k in range(entries.shape[0]):
-        if tables.conductance[k] != 0.0:
-            out[entries[k, 0]] += factor * tables.conductance[k] * y[entries[k, 1]]
-    for k in range(closed.size):
-        a, z = tables.switches[k, 0], tables.switches[k, 1]
-        across = (y[a] if a < n else 0.0) - (y[z] if z < n else 0.0)
-        through = factor * tables.switch_values[k, closed[k]] * across
-        if a < n:
-            out[a] += through
-        if z < n:
-            out[z] -= through
-
-
-@inlined
-def add_stored(tables: Tables, u: np.ndarray, out: np.ndarray) -> None:
-    """C u onto a vector."""
-    entries = tables.entries
-    for k in range(entries.shape[0]):
-        if tables.capacity[k] != 0.0:
-            out[entries[k, 0]] += tables.capacity[k] * u[entries[k, 1]]
-
-
-@inlined
-def add_junction_charge(tables: Tables, work: Work, out: np.ndarray) -> None:
-    """Change of the junctions' charges since the step's beginning onto a vector."""
-    n = out.size
-    for k in range(work.voltages.size):
-        if not junction.holds_charge(tables.junction_values, k):
-            continue
-        v = work.voltages[k]
-        through, slope = junction.current(tables.junction_values, k, v)
-        stored = junction.charge(tables.junction_values, k, v, through, slope)[0]
-        a, z = tables.junctions[k, 0], tables.junctions[k, 1]
-        if a < n:
-            out[a] += stored - work.charges[k]
-        if z < n:
-            out[z] -= stored - work.charges[k]
-
-
-@inlined
-def _add_junctions(tables, order, work, delta):
-    """The junctions' slopes and currents at their voltages into core and right-hand side."""
-    matrix, right, places = work.matrix, work.solution, order.junction_places
-    for k in range(work.voltages.size):
-        v = work.voltages[k]
-        through, slope = junction.current(tables.junction_values, k, v)
-        work.currents[k], work.slopes[k] = through, slope
-        a, z = tables.junctions[k, 0], tables.junctions[k, 1]
-        share = 1.0 / (1.0 + slope * tables.junction_values[k, junction.RESISTANCE])
-        g = delta * slope * share
-        i = delta * through * share
-        if junction.holds_charge(tables.junction_values, k):
-            stored, capacitance = junction.charge(tables.junction_values, k, v, through, slope)
-            g += capacitance
-            i += stored - work.charges[k]
-        # Both in terms of the change u: at u = 0 the voltage is that of the step's beginning.
-        i += g * (work.begin[a] - work.begin[z] - v)
-        matrix[SLOTS, places[k, 0]] += g
-        matrix[SLOTS, places[k, 1]] += g
-        matrix[SLOTS, places[k, 2]] -= g
-        matrix[SLOTS, places[k, 3]] -= g
-        right[order.row_position[a]] -= i
-        right[order.row_position[z]] += i
-
-
-@inlined
-def _move_junctions(tables, order, work):
-    """Junction voltages after an iteration; whether all moved by little."""
-    settled = True
-    position, solution = order.column_position, work.solution
-    for k in range(work.voltages.size):
-        a, z = tables.junctions[k, 0], tables.junctions[k, 1]
-        across = work.begin[a] - work.begin[z] + solution[position[a]] - solution[position[z]]
-        old = work.voltages[k]
-        through, slope = work.currents[k], work.slopes[k]
-        resistance = tables.junction_values[k, junction.RESISTANCE]
-        predicted = (through + slope * (across - old)) / (1.0 + slope * resistance)
-        new = across - resistance * predicted
-        chosen = junction.limited(tables.junction_values, k, old, new, predicted)
-        # Deep in its blocked state a junction's current hardly knows its voltage.
-        free = JUNCTION_STEP * (
-            tables.junction_values[k, junction.SWING] + 1e-2 * max(-chosen, 0.0)
-        )
-        if not (abs(chosen - old) <= free and abs(chosen - new) <= free):
-            settled = False
-        work.voltages[k] = chosen
-    return settled
+    """δ s of the sources that change onto a right-hand side."""
+    for k in range(sources.shape[0]):
+        right[sources[k, 0]] += delta * waveform.value(sources[k, 1], waves[k], corners, time)
 
 
 @compiled
-def _add_behavioural(tables, order, work, delta, time):
-    """Behavioural sources at the latest iterate into core and right-hand side."""
-    matrix, right = work.matrix, work.solution
-    tape.evaluate(tables.tape, work.values, work.latest, time)
+def _linearise(
+    rows, behavioural, inputs, values, shares, latest, y, slopes, sizes, time
+):  # fmt: skip
+    """Behavioural sources at the latest iterate, in terms of the change u."""
+    tape.evaluate(rows, values, latest, time)
     taken = 0
-    for k in range(tables.behavioural.shape[0]):
-        first, last = tables.behavioural[k, 2], tables.behavioural[k, 3]
-        tape.slopes(tables.tape, work.values, work.shares, first, last)
-        size = work.values[last]
-        while taken < tables.inputs.shape[0] and tables.inputs[taken, 0] == k:
-            slope, unknown = work.shares[tables.inputs[taken, 1]], tables.inputs[taken, 2]
-            size += slope * (work.begin[unknown] - work.latest[unknown])
-            matrix[SLOTS, order.input_places[taken, 0]] += delta * slope
-            matrix[SLOTS, order.input_places[taken, 1]] -= delta * slope
+    for k in range(behavioural.shape[0]):
+        first, last = behavioural[k, 2], behavioural[k, 3]
+        tape.slopes(rows, values, shares, first, last)
+        sizes[k] = values[last]
+        while taken < inputs.shape[0] and inputs[taken, 0] == k:
+            unknown = inputs[taken, 2]
+            slopes[taken] = shares[inputs[taken, 1]]
+            sizes[k] += slopes[taken] * (y[unknown] - latest[unknown])
             taken += 1
-        right[order.row_position[tables.behavioural[k, 0]]] -= delta * size
-        right[order.row_position[tables.behavioural[k, 1]]] += delta * size
 
 
 @inlined
-def _near(order, work, only_motion, smooth):
+def _near(state, only_motion, smooth):
     """Whether the core's unknowns moved by little; the latest iterate becomes theirs."""
-    n = work.sizes.size
     settled = True
-    for position in range(order.linear[0], n):
-        unknown = order.columns[position]
-        if only_motion and unknown != n - 1:
-            continue
-        new = work.begin[unknown] + work.solution[position]
-        moved = abs(new - work.latest[unknown])
+    for position in range(state.motion if only_motion else 0, state.core.size):
+        unknown = state.core[position]
+        moving = position == state.motion
+        new = state.y[unknown] + state.solution[position]
+        moved = abs(new - state.latest[unknown])
         # Not a number is not near.
-        free = SMOOTH_STEP if smooth and unknown == n - 1 else RELATIVE_STEP
-        settled = settled and moved <= free * max(work.sizes[unknown], abs(new))
-        work.latest[unknown] = new
+        free = SMOOTH_STEP if smooth and moving else RELATIVE_STEP
+        settled = settled and moved <= free * max(state.largest[unknown], abs(new))
+        state.latest[unknown] = new
+        if only_motion:
+            break
     return settled
 
 
@@ -231,24 +206,25 @@ def _near(order, work, only_motion, smooth):
 def solve_stage(
     s: Any,
     tables: Tables,
-    order: Order,
-    work: Work,
+    state: State,
     slot: int,
     delta: float,
     time: float,
     x_base: float,
     zone: Any,
     row_unit: float,
-    change: np.ndarray,
 ) -> bool:
-    """Fill `change` with u; whether Newton's iterations came to an end.
+    """Fill the state's `change` and `stored`; whether Newton's iterations came to an end.
 
     Parameters
     ----------
     s : harvester.device.system.System
-    tables, order, work, slot
-        `work.right` holds r + δ (s − G y) with the force of the base, `work.latest` a guess of
-        y + u, `work.voltages` one of the junctions'.
+    tables : circuits.kernel.tables.Tables
+    state : State
+        `right` holds r + δ s of what changes with the force of the base, `latest` a guess of y + u,
+        `iterated` one of the junctions'.
+    slot : int
+        From `slot_of`.
     delta, time : float
     x_base : float
         X less δ X' of the stage.
@@ -256,79 +232,30 @@ def solve_stage(
         Whether contacts act, between which displacements, and the held speed.
     row_unit : float
         Of the velocity's row.
-    change : ndarray, shape (n,)
     """
-    n = work.right.size
+    code, memory = state.code, state.address
+    last = state.y.size - 1
     touching, low, high, held = zone
-    linear, first, last = order.linear
-    matrix, ordered, solution = work.matrix, work.ordered, work.solution
-    pivots, lower, upper = order.pivots, order.lower, order.upper
-    for i in range(n):
-        ordered[i] = work.right[order.rows[i]]
-    forward(pivots, lower, 0, linear, matrix, slot, ordered)
-    position = order.row_position[n - 1]
-    v = work.latest[n - 1]
+    call(code.begin, memory, slot, delta, 0.0, 0.0)
+    v = state.latest[last]
     pull = force(s, touching, low, high, held, x_base + delta * v, v)
-    nearby = DIFFERENCE * work.sizes[n - 1]
+    nearby = DIFFERENCE * state.largest[last]
     slope = force(s, touching, low, high, held, x_base + delta * (v + nearby), v + nearby)
     slope = delta * row_unit * (slope - pull) / nearby
+    behavioural = tables.behavioural.shape[0] > 0
     settled = False
     for _ in range(MOST_ITERATIONS):
-        for place in range(first, last):
-            matrix[SLOTS, place] = matrix[slot, place]
-        for i in range(linear, n):
-            solution[i] = ordered[i]
-        solution[n] = 0.0
-        matrix[SLOTS, order.motion_place] += slope
-        solution[position] -= delta * row_unit * pull - slope * (v - work.begin[n - 1])
-        _add_junctions(tables, order, work, delta)
-        if tables.behavioural.shape[0] > 0:
-            _add_behavioural(tables, order, work, delta, time)
-        eliminate(pivots, lower, upper, order.updates, linear, n, matrix, SLOTS)
-        solution[n] = 0.0
-        forward(pivots, lower, linear, n, matrix, SLOTS, solution)
-        backward(pivots, upper, linear, n, matrix, SLOTS, solution)
-        settled = _move_junctions(tables, order, work)
-        settled &= _near(order, work, tables.behavioural.shape[0] == 0, not touching)
+        if behavioural:
+            _linearise(
+                tables.tape, tables.behavioural, tables.inputs, state.values, state.shares,
+                state.latest, state.y, state.slopes, state.sizes, time,
+            )  # fmt: skip
+        push = slope * (v - state.y[last]) - delta * row_unit * pull
+        settled = call(code.iterate, memory, slot, delta, push, slope) > 0.0
+        settled &= _near(state, not behavioural, not touching)
         if settled:
             break
-        v = work.latest[n - 1]
+        v = state.latest[last]
         pull = force(s, touching, low, high, held, x_base + delta * v, v)
-    _finish(order, work, slot, change)
+    call(code.finish, memory, slot, delta, 0.0, 0.0)
     return settled
-
-
-@inlined
-def _finish(order, work, slot, out):
-    """Linear unknowns from those of the core, all in the tables' order."""
-    n, linear = work.right.size, order.linear[0]
-    for i in range(linear):
-        work.solution[i] = work.ordered[i]
-    backward(order.pivots, order.upper, 0, linear, work.matrix, slot, work.solution)
-    for i in range(n):
-        out[order.columns[i]] = work.solution[i]
-
-
-@inlined
-def error_energy(
-    order: Order, work: Work, slot: int, error: np.ndarray, filtered: np.ndarray
-) -> float:
-    """Energy (J) of a step's error in the circuit; `error` is that of C y + q, `filtered` room.
-
-    Through the equations of the last iteration: what decays within the step counts as little as
-    it lasts.
-    """
-    n, linear = error.size, order.linear[0]
-    pivots, lower = order.pivots, order.lower
-    for i in range(n):
-        work.ordered[i] = error[order.rows[i]]
-    forward(pivots, lower, 0, linear, work.matrix, slot, work.ordered)
-    for i in range(linear, n):
-        work.solution[i] = work.ordered[i]
-    forward(pivots, lower, linear, n, work.matrix, SLOTS, work.solution)
-    backward(pivots, order.upper, linear, n, work.matrix, SLOTS, work.solution)
-    _finish(order, work, slot, filtered)
-    total = 0.0
-    for i in range(n - 1):
-        total += abs(error[i] * filtered[i])
-    return total

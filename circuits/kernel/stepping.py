@@ -8,21 +8,13 @@ which asks for none.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from circuits.kernel import junction
-from circuits.kernel.linear import Order, slot_of
-from circuits.kernel.stage import (
-    Work,
-    add_conducted,
-    add_junction_charge,
-    add_sources,
-    add_stored,
-    error_energy,
-    solve_stage,
-)
+from circuits.kernel.emitter import call
+from circuits.kernel.stage import NUMBERS, State, add_waves, slot_of, solve_stage
 from circuits.kernel.switching import missed_controls, switched, turn
 from circuits.kernel.tables import Probes, Tables
 from harvester.compilation import compiled, inlined, uncounted
@@ -42,6 +34,8 @@ BACKWARD, ALEXANDER = 0.5 * (1.0 + ROOT), 1.0 + ROOT
 ERROR = ((1.0 - ROOT) / 3.0, 1.0 / 3.0, (ROOT - 2.0) / 3.0)
 # A step's error against the transducer's energy, both as roots.
 TOLERANCE = 1e-3
+# A step's error against what it may be up to which the next is no shorter.
+GROWING = 0.9**3
 # Weights of power at the step's beginning and its stages in its mean, for either method.
 POWER_WEIGHTS = ((0.25 * ROOT, 0.25 * ROOT, DIAGONAL), (0.0, 1.0 - DIAGONAL, DIAGONAL))
 # Of the power at both ends, a difference of their mean from the step's that asks for a point more.
@@ -59,33 +53,9 @@ MEMORY, SMALL_VOLTAGE = 200.0, 1e-3
 # Places among the numbers of a state.
 (
     DISPLACEMENT, HELD_SPEED, ZONE, PHASE, PROPOSED, RATES_KNOWN, LAST_STEP, ENERGY, SWITCHINGS,
-    TIME, MEAN_POWER, NUMBERS,
-) = range(12)  # fmt: skip
+    TIME, MEAN_POWER,
+) = range(NUMBERS)  # fmt: skip
 FINE, STUCK, CHATTER = range(3)
-
-
-class State(NamedTuple):
-    """Where a realization is; arrays changed in place.
-
-    Attributes
-    ----------
-    numbers : (NUMBERS,)
-    y, rates : (n,) unknowns and d/dt [C y + q].
-    voltages, before : (m,) of the junctions, now and a step ago.
-    closed : (k,) int64, of the switches.
-    second, error, filtered : (n,) room for a step.
-    """
-
-    numbers: np.ndarray
-    y: np.ndarray
-    rates: np.ndarray
-    voltages: np.ndarray
-    before: np.ndarray
-    closed: np.ndarray
-    second: np.ndarray
-    error: np.ndarray
-    filtered: np.ndarray
-    stored: np.ndarray
 
 
 @uncounted
@@ -93,8 +63,6 @@ def advance(
     s: Any,
     tables: Tables,
     probes: Probes,
-    order: Order,
-    work: Work,
     state: State,
     edges: np.ndarray,
     block: np.ndarray,
@@ -141,7 +109,7 @@ def advance(
             if h < least:
                 return segment, points, STUCK, 0
             settled, error, x1, missed = _try_step(
-                s, tables, order, probes, work, state, time, h, noise, slope, x,
+                s, tables, probes, state, time, h, noise, slope, x,
                 (touching, low, high, numbers[HELD_SPEED]), row_unit,
             )  # fmt: skip
             if not settled:
@@ -152,10 +120,10 @@ def advance(
             scale = probes.energy[0] * max(numbers[ENERGY], (SMALL_VOLTAGE * probes.energy[1]) ** 2)
             ratio = max(np.sqrt(error / scale) / TOLERANCE, missed)
             if ratio > 1.0 and entered == 0:
-                numbers[PROPOSED] = h * max(0.1, 0.9 * ratio ** (-1.0 / 3.0))
+                numbers[PROPOSED] = h * max(0.1, 0.9 / np.cbrt(ratio))
                 h = _length(numbers[PROPOSED], remaining, step)
                 continue
-            v1 = y[n - 1] + state.second[n - 1]
+            v1 = y[n - 1] + state.change[n - 1]
             if entered == 0:
                 entered, share = _leaves(low, high, x, v, x1, v1, h)
                 if entered != 0 and share < 1.0:
@@ -170,7 +138,7 @@ def advance(
                 continue
             break
         power = y[probes.places[0]] * y[probes.places[1]]
-        _accept(tables, probes, work, state, h, x1, ratio, step)
+        _accept(probes, state, h, x1, ratio, step)
         if entered != 0:
             numbers[ZONE] = place + entered
             numbers[RATES_KNOWN] = 0.0
@@ -222,59 +190,48 @@ def _length(longest, remaining, step):
 
 
 @inlined
-def _try_step(s, tables, order, probes, work, state, time, h, noise, slope, x, zone, row_unit):
+def _try_step(s, tables, probes, state, time, h, noise, slope, x, zone, row_unit):
     """A step of length h from the state.
 
     Returns whether Newton settled, its error's energy, the new X, and the error of the switches'
-    controls against what they may have. Its change stands in `state.second`, the new rates in
+    controls against what they may have. Its change stands in `state.change`, the new rates in
     `state.stored`.
     """
     y, rates, numbers = state.y, state.rates, state.numbers
     n = y.size
     known = numbers[RATES_KNOWN] > 0.0
     delta = DIAGONAL * h
-    slot = slot_of(tables, order, work.matrix, work.keys, state.closed, delta)
+    slot = slot_of(tables, state, delta)
     share, factor = (STAGE, BACKWARD) if known else (DIAGONAL, ALEXANDER)
-    _predict(tables, work, state, share * h)
+    _predict(tables, state, share * h)
     for i in range(n):
-        work.right[i] = delta * rates[i] if known else 0.0
-        work.begin[i] = work.latest[i] = y[i]
-        state.stored[i] = 0.0
+        state.right[i] = delta * rates[i] if known else 0.0
+        state.latest[i] = y[i]
     if known:
-        work.latest[n - 1] = y[n - 1] + STAGE * h * rates[n - 1] / row_unit
-    # δ G y serves both stages.
-    conducted = state.filtered
-    for i in range(n):
-        conducted[i] = 0.0
-    add_conducted(tables, state.closed, y, conducted, delta)
+        state.latest[n - 1] = y[n - 1] + STAGE * h * rates[n - 1] / row_unit
     base = x + (delta * y[n - 1] if known else 0.0)
     settled, error, missed, moved, mean, power = True, 0.0, 0.0, 0.0, 0.0, 0.0
     for stage in range(2):
         ahead = share * h if stage == 0 else h
-        for i in range(n):
-            work.right[i] -= conducted[i]
-        work.right[n - 1] += delta * row_unit * (noise + slope * ahead)
-        add_sources(tables, work.right, time + ahead, delta)
-        settled = solve_stage(
-            s, tables, order, work, slot, delta, time + ahead, base, zone, row_unit, state.second
-        )
+        state.right[n - 1] += delta * row_unit * (noise + slope * ahead)
+        if tables.sources.shape[0] > 0:
+            add_waves(
+                tables.sources, tables.waves, tables.corners, state.right, time + ahead, delta
+            )
+        settled = solve_stage(s, tables, state, slot, delta, time + ahead, base, zone, row_unit)
         if not settled:
             break
-        moved = base - x + delta * (y[n - 1] + state.second[n - 1])
-        for i in range(n):
-            state.stored[i] = 0.0
-        add_stored(tables, state.second, state.stored)
-        add_junction_charge(tables, work, state.stored)
+        moved = base - x + delta * (y[n - 1] + state.change[n - 1])
         place, branch = probes.places[0], probes.places[1]
-        power = (y[place] + state.second[place]) * (y[branch] + state.second[branch])
+        power = (y[place] + state.change[place]) * (y[branch] + state.change[branch])
         weights = POWER_WEIGHTS[0] if known else POWER_WEIGHTS[1]
         if stage == 0:
             mean = weights[0] * y[place] * y[branch] + weights[1] * power
             for i in range(n):
                 state.error[i] = state.stored[i]
-                work.right[i] = factor * state.stored[i]
+                state.right[i] = factor * state.stored[i]
             base = x + factor * moved
-            _predict_second(tables, work, state, share)
+            _predict_second(tables, state, share)
     if settled:
         numbers[MEAN_POWER] = mean + DIAGONAL * power
         for i in range(n):
@@ -283,38 +240,38 @@ def _try_step(s, tables, order, probes, work, state, time, h, noise, slope, x, z
             state.stored[i] = new
             state.error[i] = h * (ERROR[0] * rates[i] + ERROR[1] * middle + ERROR[2] * new)
         if known:
-            error = error_energy(order, work, slot, state.error, state.filtered)
+            error = call(state.code.error, state.address, slot, 0.0, 0.0, 0.0)
             missed = missed_controls(tables, state)
     return settled, error, x + moved, missed
 
 
 @inlined
-def _predict(tables, work, state, ahead):
+def _predict(tables, state, ahead):
     """Junction voltages a time ahead as the last step moved them, not up the exponential."""
     last = state.numbers[LAST_STEP]
     share = ahead / last if last > 0.0 else 0.0
-    for k in range(work.voltages.size):
+    for k in range(state.iterated.size):
         v = state.voltages[k]
         change = share * (v - state.before[k])
         swing = tables.junction_values[k, junction.SWING]
         if change > 0.0:
             change = min(change, max(-v, 0.0) + swing)
-        work.voltages[k] = v + change
+        state.iterated[k] = v + change
 
 
 @inlined
-def _predict_second(tables, work, state, share):
+def _predict_second(tables, state, share):
     """Guesses of the second stage from the first."""
     n = state.y.size
     for i in range(n):
-        work.latest[i] = state.y[i] + state.second[i] / share
-    for k in range(work.voltages.size):
-        v = work.voltages[k]
+        state.latest[i] = state.y[i] + state.change[i] / share
+    for k in range(state.iterated.size):
+        v = state.iterated[k]
         change = (v - state.voltages[k]) * (1.0 / share - 1.0)
         swing = tables.junction_values[k, junction.SWING]
         if change > 0.0:
             change = min(change, max(-v, 0.0) + swing)
-        work.voltages[k] = v + change
+        state.iterated[k] = v + change
 
 
 @compiled
@@ -332,30 +289,26 @@ def _leaves(low, high, x, v, x1, v1, h):
 
 
 @inlined
-def _accept(tables, probes, work, state, h, x1, ratio, step):
+def _accept(probes, state, h, x1, ratio, step):
     """The step's end becomes the state; the next step follows its error."""
     numbers, y = state.numbers, state.y
     for i in range(y.size):
-        y[i] += state.second[i]
+        y[i] += state.change[i]
         state.rates[i] = state.stored[i]
-        work.sizes[i] = max(work.sizes[i], abs(y[i]))
-    for k in range(work.voltages.size):
+        state.largest[i] = max(state.largest[i], abs(y[i]))
+    for k in range(state.iterated.size):
         state.before[k] = state.voltages[k]
-        state.voltages[k] = v = work.voltages[k]
-        if junction.holds_charge(tables.junction_values, k):
-            through, slope = junction.current(tables.junction_values, k, v)
-            stored = junction.charge(tables.junction_values, k, v, through, slope)
-            work.charges[k] = stored[0]
+        state.voltages[k] = state.iterated[k]
+        state.charges[k] = state.new_charges[k]
     numbers[DISPLACEMENT] = x1
     numbers[LAST_STEP] = h
     numbers[RATES_KNOWN] = 1.0
-    growth = 4.0
-    if ratio > 0.0:
-        growth = min(4.0, 0.9 * ratio ** (-1.0 / 3.0))
-    if growth >= 1.0:
-        numbers[PROPOSED] = min(max(h * growth, numbers[PROPOSED]), step)
-    else:
-        numbers[PROPOSED] = h * growth
+    if ratio > GROWING or numbers[PROPOSED] < step:
+        growth = min(0.9 / np.cbrt(ratio), 4.0)
+        if growth >= 1.0:
+            numbers[PROPOSED] = min(max(h * growth, numbers[PROPOSED]), step)
+        else:
+            numbers[PROPOSED] = h * growth
     square = y[probes.places[0]] ** 2
     numbers[ENERGY] += (square - numbers[ENERGY]) * min(h / (MEMORY * step), 1.0)
 

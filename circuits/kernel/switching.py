@@ -17,7 +17,7 @@ def _control(tables, state, k):
     n = state.y.size
     a, z = tables.switches[k, 2], tables.switches[k, 3]
     before = (state.y[a] if a < n else 0.0) - (state.y[z] if z < n else 0.0)
-    change = (state.second[a] if a < n else 0.0) - (state.second[z] if z < n else 0.0)
+    change = (state.change[a] if a < n else 0.0) - (state.change[z] if z < n else 0.0)
     return before, before + change
 
 

@@ -76,6 +76,8 @@ class Circuit(NamedTuple):
     ----------
     tables, probes
     order : circuits.kernel.linear.Order, of elimination.
+    layout : circuits.kernel.memory.Layout
+    code : circuits.kernel.code.Code
     names : of the unknowns, for messages.
     switches : (name, "file:line") of each switch.
     conductance, capacitance : across the output (S, F).
@@ -84,6 +86,8 @@ class Circuit(NamedTuple):
     tables: Tables
     probes: Probes
     order: Any
+    layout: Any
+    code: Any
     names: tuple[str, ...]
     switches: tuple[tuple[str, str], ...]
     conductance: float

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 
+from circuits.assembly import FIRST_ORDER_SHARE
 from harvester.compilation import (
     CACHED,
     carray,
@@ -27,7 +28,6 @@ from harvester.compilation import (
 )
 from harvester.device import spring as springs
 from harvester.device import system as systems
-from harvester.engines.steps import STEPS_PER_CONTACT
 
 # Points held before they are handed on, and knots of the noise held ahead, over all copies.
 BUFFERED_POINTS = 4096
@@ -42,6 +42,9 @@ LONGEST_NAME = 64
 COLUMNS = 9
 DISPLACEMENT, VELOCITY, TERMINAL, NOISE, HELD_SPEED = range(5)
 LOAD_CURRENT, OUTPUT, REFERENCE, TRANSDUCER = range(5, COLUMNS)
+
+# Steps that ngspice begins with by backward Euler, whatever the method.
+FIRST_ORDER_STEPS = 2
 
 BUFFER_FULL, WINDOW_ENDS = 0, 1
 
@@ -62,6 +65,7 @@ STATE = np.dtype(
         ("spacing", np.float64),  # of the knots
         ("first_knot", np.int64),  # of the window
         ("steps_per_knot", np.int64),  # 0: ngspice chooses its steps
+        ("steps_per_contact", np.int64),
         ("local_error", np.int64),  # ngspice's proposal counts too, within the grid
         ("system", np.int64),  # address of the numbers of a System, one after another
         ("free", np.float64, (2,)),  # between which no contact acts
@@ -195,7 +199,7 @@ def _resolved(state, s, row, ahead, step):
     margin = abs(change) + stiffness * abs(v) * step
     low, high = state.free[0], state.free[1]
     return systems.resolving_step(
-        s, low, high, x, v, acceleration, margin, step, STEPS_PER_CONTACT, state.landing
+        s, low, high, x, v, acceleration, margin, step, state.steps_per_contact, state.landing
     )
 
 
@@ -259,6 +263,8 @@ def step_setter(kind: Callable) -> Callable:
             longest = _shortest(state, s, int(knot) - state.first_knot + 1, step)
         if state.local_error:
             longest = min(longest, delta[0])
+        if state.steps < FIRST_ORDER_STEPS:
+            longest = min(longest, FIRST_ORDER_SHARE * step)
         pieces = np.ceil(remaining / longest - 1e-6)
         delta[0] = remaining / max(pieces, 1.0)
         return 0

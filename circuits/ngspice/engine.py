@@ -12,7 +12,7 @@ from circuits.assembly import assemble, step_options
 from circuits.ngspice import compiled_device
 from circuits.ngspice.session import session
 from harvester.engines.side_by_side import MOST_COPIES
-from harvester.engines.steps import steps_per_knot
+from harvester.engines.steps import steps_per_contact, steps_per_knot
 from harvester.errors import CompiledDeviceUnavailable
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
@@ -91,8 +91,8 @@ def run_realizations(
         netlist = assemble(
             scene, step, starts, options=options, integrator=scheme, compiled=compiled
         )
-        fixed = steps_per_knot(scene, step)
-        engine.run(netlist, system, paths, observers, fixed, by_error, outputs)
+        steps = steps_per_knot(scene, step), steps_per_contact(scene, step)
+        engine.run(netlist, system, paths, observers, *steps, by_error, outputs)
     return {
         "engine_version": version(engine),
         "netlist_sha256": netlist.sha256,

@@ -24,6 +24,7 @@ from circuits.ngspice.library import code_models, find_library, no_initialisatio
 from circuits.ngspice.solution import convert, units_of, vectors
 from harvester.compilation import numba
 from harvester.device import timescales
+from harvester.engines.steps import STEPS_PER_CONTACT
 from harvester.engines.worker import as_answer, give_up
 from harvester.errors import CompiledDeviceUnavailable, SimulatorAborted, SolutionDiverged
 from harvester.record.record import empty_record, part
@@ -139,6 +140,7 @@ class Session(NgSpiceShared):
         paths: Sequence[NoisePath],
         observers: Sequence[Sequence[Any]],
         steps_per_knot: int,
+        steps_per_contact: int = STEPS_PER_CONTACT,
         local_error: bool = False,
         outputs: Sequence[OutputMoments] | None = None,
     ) -> int:
@@ -154,6 +156,8 @@ class Session(NgSpiceShared):
             Those of each copy.
         steps_per_knot : int
             Steps between knots; 0 leaves the steps to ngspice.
+        steps_per_contact : int
+            Fewest steps from the beginning of a contact to its end, where they are not.
         local_error : bool
             Between knots, ngspice's own step is taken where it is shorter.
         outputs : sequence of harvester.record.output_side.OutputMoments or None
@@ -168,8 +172,10 @@ class Session(NgSpiceShared):
         ------
         SimulatorAborted, SolutionDiverged
         """
-        self._begin(netlist, system, paths, observers, steps_per_knot)
+        self._begin(netlist, system, paths, observers)
         self._outputs = outputs
+        self.state["steps_per_knot"] = steps_per_knot
+        self.state["steps_per_contact"] = steps_per_contact
         self.state["local_error"] = local_error
         try:
             self._load(netlist.text)
@@ -188,7 +194,7 @@ class Session(NgSpiceShared):
                     continue
         return int(self.state["steps"][0])
 
-    def _begin(self, netlist, system, paths, observers, steps_per_knot):
+    def _begin(self, netlist, system, paths, observers):
         self.messages, self.errors = [], []
         self._netlist, self._system = netlist, system
         self._paths, self._observers = paths, observers
@@ -208,7 +214,6 @@ class Session(NgSpiceShared):
             state[name] = getattr(self, f"_{name}").ctypes.data
         state["count"] = state["steps"] = state["first_knot"] = 0
         state["spacing"] = paths[0].spacing
-        state["steps_per_knot"] = steps_per_knot
         self._numbers = np.array(callbacks.numbers_of(system))
         self._free = np.array(timescales.free_zone(system))
         state["system"] = self._numbers.ctypes.data

@@ -28,14 +28,13 @@ from harvester.errors import AveragingError
 if TYPE_CHECKING:
     from harvester.device.system import System
 
-ROUGH = Level(5.0, 2.2, 1.7, 3, 3, 50.0)  # on which the region is found
-FIRST = Level(7.0, 3.0, 2.3, 3, 3)
-MOST_GRIDS = 6  # one after the other, each finer in the same respect
-# By so much the step's error, of second order, exceeds on the last grid what it changed by.
-LEFT = 1.0 / (FINER**2 - 1.0)
-TAKEN = 0.5  # share of that correction that is made: where steps are long, the order is higher
-# Share of that correction, and of the nodes' last change, that is stated as error.
-DOUBTED = {"steps": 0.65, "nodes": 0.75}
+ROUGH = Level(5.0, 2.2, 1.7, 4, 3, 50.0)  # on which the region is found
+FIRST = Level(6.0, 3.0, 2.3, 4, 3)
+# Share of Richardson's correction for the step that is made: where steps are long, errors are of
+# higher order than the second. Share of it, and of the nodes' last change, stated as error.
+TAKEN, DOUBTED = 0.6, {"steps": 0.7, "nodes": 0.75}
+# Error, in tolerances, that nodes of Z and what is left of the stationary state's rest may have.
+UNSEEN = 0.1
 # Change of the nodes, in tolerances, below which the step's error is told on the sparser grid.
 SPARSE = 0.2
 # Doubt in nodes between which a contact goes and comes back: of first order.
@@ -45,7 +44,7 @@ SHORTEST_CONTACT = 2e-2  # in periods of small oscillations
 FASTEST_DECAY = 60.0  # λ, in units of the period, beyond which that takes too many steps
 SLOWEST_DECAY = 2e-3  # λ, in units of the period, below which it takes too many vectors
 AMPLIFIED = 0.3  # share of the tolerance left to means from which a line is drawn
-ROUGHLY = 0.03  # tolerance on the grid that finds the region
+ROUGHLY = 0.1  # tolerance on the grid that finds the region
 HELD_BACK = 16.0  # E[X'²] in a barrier that hardly any motion passes
 UNTOLD = 2.0  # factor in E[X'²] that the first grid of all may leave in doubt
 JUDGED = (
@@ -179,9 +178,7 @@ def _of_squares(device, squares):
 
 def _refined(device, tolerance, work, memory=False, judged=JUDGED):
     """The answer of a first grid, refined in time and in space apart until it is good enough."""
-    region, rough = _found(device, work)
-    region.check(device)
-    nodes = [Solution(device, region, FIRST, rough, tolerance, work)]
+    nodes = [_first(device, tolerance, work)]
     grids = {"nodes": nodes}
     _refine(grids, "nodes", tolerance)
     while (changed := _changed(nodes, judged))[1] > tolerance:
@@ -192,12 +189,22 @@ def _refined(device, tolerance, work, memory=False, judged=JUDGED):
     _refine(grids, "steps", tolerance)
     while True:
         means, errors = _judged(grids)
-        error = {name: sum(each[name] for each in errors.values()) for name in means}
+        error = {
+            name: errors["steps"][name] + errors["nodes"][name] + UNSEEN * tolerance * abs(mean)
+            for name, mean in means.items()
+        }
         worst, excess = _worst(means, error, judged)
         if excess <= tolerance:
             return _answer(device, grids, means, error, memory)
         larger = max(errors, key=lambda respect: errors[respect][worst])
         _refine(grids, larger, tolerance, (worst, excess))
+
+
+def _first(device, tolerance, work):
+    """The answer on the first grid where the density is."""
+    region, rough = _found(device, work)
+    region.check(device)
+    return Solution(device, region, FIRST, tolerance, work, rough)
 
 
 def _refine(grids, respect, tolerance, known=None):
@@ -206,12 +213,15 @@ def _refine(grids, respect, tolerance, known=None):
     `known` is a mean, and the share of it to which it is known so far.
     """
     last = grids[respect][-1]
-    if known and (len(grids[respect]) == MOST_GRIDS or not last.affords(respect)):
+    try:
+        grids[respect].append(last.refined(respect))
+    except AveragingError as refusal:
+        if known is None:
+            raise
         raise AveragingError(
             f"{known[0].replace('_', ' ')} is known to {known[1]:.2g} of itself, not to the "
             f"tolerance of {tolerance:g}, on as fine a grid as is tried: raise it, or simulate"
-        )
-    grids[respect].append(last.refined(respect, tolerance))
+        ) from refusal
 
 
 def _changed(solutions, judged):
@@ -232,7 +242,7 @@ def _found(device, work):
     alone = HELD_BACK * linear < barrier
     region, solution = Region.guessed(device, wells[0] if alone else None), None
     for attempt in range(ATTEMPTS):
-        solution = Solution(device, region, ROUGH, solution, ROUGHLY, work)
+        solution = Solution(device, region, ROUGH, ROUGHLY, work, solution)
         fitted = Region.fitted(device, solution)
         spread = solution.totals["mean_square_velocity"]
         held_back = 0.0 < HELD_BACK * spread < barrier
@@ -296,19 +306,20 @@ def _judged(grids):
     """Means without the errors that grids tell, and what of these is in doubt, by respect.
 
     The errors of step and nodes add up, so that each is known from grids that differ in it alone:
-    the step's is of second order or higher and half of it taken off; the nodes' vanishes faster.
+    the step's is of second order or higher and most of it taken off; the nodes' vanishes faster.
     """
-    first, sooner, soonest = (grids["steps"][k].totals for k in (0, -2, -1))
+    first, sooner, soonest = (grids["steps"][k] for k in (0, -2, -1))
     sparser, densest = (grids["nodes"][k].totals for k in (-2, -1))
+    left = 1.0 / ((soonest.steps / sooner.steps) ** 2 - 1.0)
 
     def combined(step, nodes):
         return _means(
             {
                 name: densest[name]
                 - nodes * (densest[name] - sparser[name])
-                + (soonest[name] - first[name])
-                + step * LEFT * (soonest[name] - sooner[name])
-                for name in first
+                + (last - first.totals[name])
+                + step * left * (last - sooner.totals[name])
+                for name, last in soonest.totals.items()
             }
         )
 

@@ -92,17 +92,22 @@ class Propagator:
 
     def step(self, state: np.ndarray) -> np.ndarray:
         """The state one step later, before the flow."""
-        return self._slow(self.flowed(state), *self._whole)
+        return self.pushed(self.flowed(state))
+
+    def pushed(self, state: np.ndarray) -> np.ndarray:
+        """The state once load and noise have moved it for a step, the flow left out."""
+        return self._slow(state, *self._whole)
 
     def repeated(self, state: np.ndarray, steps: int) -> np.ndarray:
-        """The state so many steps later."""
-        for _ in range(steps):
+        """The state so many steps later, both half-way between two flows."""
+        state = self.before_flow(state)
+        for _ in range(steps - 1):
             state = self.step(state)
-        return state
-
-    def centred(self, state: np.ndarray) -> np.ndarray:
-        """The state half-way between two flows, where a step is symmetric in time."""
         return self._slow(self.flowed(state), *self._half)
+
+    def before_flow(self, state: np.ndarray) -> np.ndarray:
+        """The state before the flow, from half-way, where a step is symmetric in time."""
+        return self._slow(state, *self._half)
 
     def _slow(self, state, drift, noise):
         shape = state.shape

@@ -28,7 +28,8 @@ BARRIERS = 1.44  # of the highest saddle: least energy of the grid's edge
 HELD = 4.0  # standard deviations of what the noise holds
 MARGIN = 1.05
 FINER = 4.0 / 3.0  # from level to level
-STEADY = FINER ** (1.0 / 6.0)  # of the nodes, by which their error stays, of order six in a step
+SOONER = 1.5  # so many times the steps
+STEADY = SOONER ** (1.0 / 6.0)  # of the nodes, by which their error stays, of order six in a step
 NARROWER = 0.4  # ratio by which a region shrinks at most from one attempt to the next
 ALIKE = (0.7, 1.25)  # ratios of what describes two regions that are alike
 WHITE = 1e-4  # τ1, in steps, below which noise is white
@@ -54,17 +55,16 @@ class Level(NamedTuple):
     most: float = np.inf
 
     def more(self, respect: str) -> Level:
-        """The next finer one: of more "steps", or of more "nodes" of X, X' and Z.
+        """The next finer one: of more "steps", or of more "nodes" of X and X'.
 
         A little finer in space too where there are more steps, each of which shares mass anew.
         """
         steps = respect == "steps"
         finer = STEADY if steps else FINER
         return self._replace(
-            steps=self.steps * (FINER if steps else 1.0),
+            steps=self.steps * (SOONER if steps else 1.0),
             fine=finer * self.fine,
             fine_speed=finer * self.fine_speed,
-            nodes=self.nodes + (not steps),
             modes=self.modes + steps,
         )
 

@@ -9,7 +9,7 @@ from scipy.interpolate import RectBivariateSpline
 
 from harvester.averaging.grid_density import GridDensity
 from harvester.averaging.propagator import Propagator, mirrored, shares
-from harvester.averaging.stationary import stationary
+from harvester.averaging.stationary import Inverse
 from harvester.averaging.wells import between_wells
 from harvester.device import system as systems
 from harvester.device import timescales
@@ -17,15 +17,16 @@ from harvester.errors import AveragingError
 
 if TYPE_CHECKING:
     from harvester.averaging.propagator import Grid
+    from harvester.averaging.region import Level, Region
     from harvester.device.system import System
 
 MOST_WORK = 2e8  # amplitudes moved by a step, on all grids together: about ten seconds
-LEAST_VECTORS = 10  # of GMRES on a grid
-FEWER = 0.5  # vectors on the next grid, as a share of those on one
+LEAST_PERIODS = 5  # on a grid
 LARGEST_PUSHES = 2e8  # of the noise's pushes on a grid (bytes)
 DECAY = 2.8  # greatest λ dt, times the steps of a period
-PERIODS = 1.0  # between two vectors of GMRES
-RESIDUAL = 6e-3  # of them, in tolerances, as a share of what the load moves between them
+RESIDUAL = 2e-2  # of a period, in tolerances, as a share of what the load moves in it
+LEAST_RESIDUAL = 1e-8  # which rounding leaves
+ENOUGH = 0.1  # share of a rest that the coarser grid leaves
 
 
 class Work:
@@ -50,7 +51,7 @@ class Work:
 
 
 class Solution:
-    """Stationary state on one grid, from that on a coarser one or from a Gibbs density.
+    """Stationary state on one grid: what a period leaves as it is.
 
     Attributes
     ----------
@@ -61,16 +62,25 @@ class Solution:
         Means that are sums over the state, and `power_in`.
     density : harvester.averaging.grid_density.GridDensity
     steps : int
-        Of about a period.
+        Of a period.
     cost : int
         Work of so many steps.
     """
 
-    def __init__(self, device, region, level, coarser, tolerance, work):
-        self.device, self.region, self.level, self.work = device, region, level, work
-        self.grid, self.steps, self.cost = grid, _, _ = _laid(device, region, level)
-        self.vectors = 0
-        work.spare(LEAST_VECTORS * self.cost)
+    def __init__(
+        self,
+        device: System,
+        region: Region,
+        level: Level,
+        tolerance: float,
+        work: Work,
+        coarser: Solution | None = None,
+    ) -> None:
+        self.device, self.region, self.level = device, region, level
+        self.tolerance, self.work = tolerance, work
+        self.grid, self.steps = grid, _ = _laid(device, region, level)
+        self.cost = int(np.prod(grid.shape)) * self.steps
+        work.spare(LEAST_PERIODS * self.cost)
         if grid.push_bytes > LARGEST_PUSHES:
             raise AveragingError(
                 f"noise remembered over {grid.modes} modes on {len(grid.x)} by {len(grid.v)} nodes "
@@ -78,16 +88,14 @@ class Solution:
                 "simulate"
             )
         self.propagator = Propagator(device, grid)
-        start = _gibbs(device, region, grid) if coarser is None else coarser.on(grid)
+        self._coarser = coarser if coarser and coarser.region == region else None
+        self._inverse = Inverse(self._change, self._nearly_undone if self._coarser else None)
         # Of what a slow load leaves undone, only so small a share of the density changes at a time.
         slow = device.transducer.decay_rate() or np.inf
-        allowed = tolerance * RESIDUAL * min(1.0, slow * self.steps * grid.step)
-        state = stationary(self._change, start, allowed)
-        if state is None:
-            raise AveragingError("the stationary density was not reached: simulate")
-        self.before_flow = state / state[..., 0].sum()
-        state = self.propagator.centred(self.before_flow)
-        self.state = state / state[..., 0].sum()
+        share = max(RESIDUAL * tolerance * min(1.0, slow * period(device)), LEAST_RESIDUAL)
+        start = _gibbs(device, region, grid) if coarser is None else coarser.on(grid)
+        self.state = self._settled(start, share)
+        self.before_flow = self.propagator.before_flow(self.state)
         self.density = GridDensity.of_state(
             device.transducer, grid, self.state, region.well is not None
         )
@@ -100,40 +108,48 @@ class Solution:
         apart = self.grid.x[1] - self.grid.x[0]
         return any(each.law.greatest_depth(energy) < apart for each in self.device.contacts)
 
-    def refined(self, respect: str, tolerance: float) -> Solution:
-        """On the next finer grid: of more "steps", or of more "nodes"."""
+    def refined(self, respect: str) -> Solution:
+        """On the next finer grid: of more "steps", "nodes" or "charges"."""
         level = self.level.more(respect)
-        return Solution(self.device, self.region, level, self, tolerance, self.work)
+        return Solution(self.device, self.region, level, self.tolerance, self.work, self)
 
-    def affords(self, respect: str) -> bool:
-        """Whether there is work left for the next finer grid."""
-        _, _, cost = _laid(self.device, self.region, self.level.more(respect))
-        return FEWER * self.vectors * cost <= self.work.left
+    def on(self, grid: Grid) -> np.ndarray:
+        """Its state on the nodes of another grid."""
+        return moved(self.state, self.grid, grid)
+
+    def _settled(self, start, share):
+        """The stationary state, from one that is near it; a period changes so small a share."""
+        # What a new grid makes of its start at once is no part of what is sought.
+        start = self._later(start)
+        start /= start[..., 0].sum()
+        self._allowed = share * np.linalg.norm(start)
+        state = start + self._undone(-self._change(start), self._allowed)
+        return state / state[..., 0].sum()
+
+    def _undone(self, rest, allowed):
+        """x of which a period takes off `rest`, of sum 0, but for a norm of `allowed`."""
+        found = self._inverse(rest, allowed)
+        if found is None:
+            raise AveragingError("the stationary density was not reached: simulate")
+        return found
+
+    def _later(self, state):
+        """The state a period later."""
+        self.work.take(self.cost)
+        return self.propagator.repeated(state, self.steps)
 
     def _change(self, state):
         """What a period takes off a state."""
-        self.work.take(self.cost)
-        self.vectors += 1
-        return state - self.propagator.repeated(state, self.steps)
+        return state - self._later(state)
 
-    def on(self, grid: Grid) -> np.ndarray:
-        """Its state before the flow on the nodes of another grid."""
-        old, state = self.grid, self.before_flow
-        moved = np.zeros((*grid.shape[:3], max(grid.modes, state.shape[-1])))
-        if len(grid.z) > 1:
-            if old.mirrored:
-                state = np.concatenate([mirrored(state), state], axis=1)
-            across = shares(np.clip(old.z, grid.z[0], grid.z[-1]), grid.z)
-            state = np.einsum("ij,xjvm->xivm", across[len(grid.z) - len(grid.kept) :], state)
-        inside = (np.abs(grid.v) <= old.v[-1]) * ((grid.x >= old.x[0]) & (grid.x <= old.x[-1]))[
-            :, None
-        ]
-        for z in range(state.shape[1]):
-            for mode in range(min(state.shape[-1], grid.modes)):
-                spline = RectBivariateSpline(old.x, old.v, state[:, z, :, mode])
-                moved[:, z, :, mode] = spline(grid.x, grid.v) * inside
-        moved = moved[..., : grid.modes]
-        return moved / moved[..., 0].sum()
+    def _nearly_undone(self, rest):
+        """The same but for what changes from node to node, by the coarser grid's slow states."""
+        coarser = self._coarser
+        smooth = coarser._later(moved(rest, self.grid, coarser.grid))
+        smooth -= smooth[..., 0].sum() * coarser.state
+        enough = max(ENOUGH * np.linalg.norm(smooth), coarser._allowed)
+        found = coarser._undone(smooth, enough)
+        return rest + moved(found, coarser.grid, self.grid)
 
     def _totals(self):
         mass, grid, transducer = self.state[..., 0], self.grid, self.device.transducer
@@ -157,18 +173,34 @@ class Solution:
 
         That is known far better than what the contacts take, in times shorter than a step.
         """
-        before = self.before_flow
-        gained = np.sum((before - self.propagator.flowed(before))[..., 0] * self.grid.v**2)
+        flowed = self.propagator.flowed(self.before_flow)
+        gained = np.sum((self.propagator.pushed(flowed) - flowed)[..., 0] * self.grid.v**2)
         return 0.5 * gained / self.grid.step
 
 
 def _laid(device, region, level):
-    """The grid of a level, its steps in about a period, and the work that these take."""
-    rate = device.transducer.decay_rate()
-    step = min(period(device), DECAY / rate if rate > 0.0 else np.inf) / level.steps
-    grid = region.grid(device, level, step)
-    steps = int(np.ceil(PERIODS * period(device) / step))
-    return grid, steps, int(np.prod(grid.shape)) * steps
+    """The grid of a level, and its steps in a period."""
+    time = period(device)
+    steps = int(np.ceil(level.steps * max(1.0, device.transducer.decay_rate() * time / DECAY)))
+    return region.grid(device, level, time / steps), steps
+
+
+def moved(state: np.ndarray, old: Grid, new: Grid) -> np.ndarray:
+    """A state on the nodes of another grid: its moments of Z kept, its density in X and X'."""
+    if len(new.z) > 1:
+        if old.mirrored:
+            state = np.concatenate([mirrored(state), state], axis=1)
+        across = shares(np.clip(old.z, new.z[0], new.z[-1]), new.z)
+        state = np.einsum("ij,xjvm->xivm", across[len(new.z) - len(new.kept) :], state)
+    answer = np.zeros(new.shape)
+    x_inside = (new.x >= old.x[0]) & (new.x <= old.x[-1])
+    inside = x_inside[:, None] & (np.abs(new.v) <= old.v[-1])
+    cells = np.ptp(new.x[:2]) * np.ptp(new.v[:2]) / (np.ptp(old.x[:2]) * np.ptp(old.v[:2]))
+    for z in range(state.shape[1]):
+        for mode in range(min(state.shape[-1], new.modes)):
+            spline = RectBivariateSpline(old.x, old.v, state[:, z, :, mode])
+            answer[:, z, :, mode] = spline(new.x, new.v) * inside * cells
+    return answer
 
 
 def _gibbs(device, region, grid):

@@ -1,4 +1,4 @@
-"""What a linear map leaves as it is, by GMRES."""
+"""What a linear map takes off, undone: solutions of change(x) = rest, one after the other."""
 
 from __future__ import annotations
 
@@ -6,68 +6,78 @@ from collections.abc import Callable
 
 import numpy as np
 
-VECTORS = 150  # of one Krylov space
-RESTARTS = 3
-LARGEST_BASIS = 2e8  # bytes: of larger states fewer vectors are held at a time
-SMALLEST = 1e-13  # of a vector's part that is new, below which nothing is left to find
+Map = Callable[[np.ndarray], np.ndarray]
+
+LARGEST_BASIS = 2e8  # bytes: of larger states fewer directions are held at a time
+MOST_DIRECTIONS = 150  # held at a time
+MOST_SOUGHT = 400  # for one solution
+POOR = 0.6  # share of a rest left by a direction, beyond which the inverse it began as is no help
+KEPT, BYTES = np.float32, 4  # of what is kept: what it takes off is known as well as it is kept
+SMALLEST = 1e-6  # of a direction's part that is new, below which nothing is left to find
 
 
-def stationary(
-    change: Callable[[np.ndarray], np.ndarray], start: np.ndarray, tolerance: float
-) -> np.ndarray | None:
-    """The state x of sum 1 with change(x) = 0, from a start.
+class Inverse:
+    """Generalised conjugate residuals (Eisenstat, Elman and Schultz 1983), directions kept.
+
+    Each direction's change is at right angles to those before, so that what they reach of another
+    rest costs nothing: the slow states of a map are found once.
 
     Parameters
     ----------
     change : callable
-        Of an array of the shape of `start`: what one application takes off it, of sum 0.
-    start : ndarray
-        Of sum 1.
-    tolerance : float
-        Norm of change(x) that is let stand, as a share of the start's.
-
-    Returns
-    -------
-    ndarray or None
-        x; None if it was not reached.
+        Linear map of arrays, with values of sum 0.
+    near : callable, optional
+        About its inverse. Each direction begins as this of what is left, or as what is left.
     """
-    allowed = tolerance * np.linalg.norm(start)
-    state = start.ravel().copy()
-    held = int(LARGEST_BASIS / start.nbytes)
-    vectors = max(1, min(VECTORS, held))
-    # Pages of the basis that are never written are never taken.
-    basis = np.empty((vectors + 1, start.size))
-    for _ in range(RESTARTS):
-        rest = change(state.reshape(start.shape)).ravel()
-        size = np.linalg.norm(rest)
-        if not np.isfinite(size):
-            return None
-        if size <= allowed:
-            return state.reshape(start.shape)
-        basis[0] = rest / size
-        upper = np.zeros((vectors + 1, vectors))
-        for count in range(1, vectors + 1):
-            _extend(change, basis, upper, count, start.shape)
-            aim = np.zeros(count + 1)
-            aim[0] = size
-            if not np.isfinite(upper[: count + 1, count - 1]).all():
+
+    def __init__(self, change: Map, near: Map | None = None) -> None:
+        self._change, self._near = change, near
+        self._count = 0
+        self._directions = self._changes = np.empty((0, 0), KEPT)
+
+    def __call__(self, rest: np.ndarray, allowed: float) -> np.ndarray | None:
+        """x with |rest − change(x)| ≤ allowed; None if it was not reached."""
+        if self._directions.size == 0:
+            held = int(LARGEST_BASIS / (2 * BYTES * rest.size))
+            shape = max(1, min(MOST_DIRECTIONS, held)), rest.size
+            # Pages of these that are never written are never taken.
+            self._directions, self._changes = (np.empty(shape, KEPT) for _ in range(2))
+        left, found = rest.ravel().copy(), np.zeros(rest.size)
+        self._take(left, found, slice(0, self._count))
+        for _ in range(MOST_SOUGHT):
+            size = np.linalg.norm(left)
+            if size <= allowed:
+                return found.reshape(rest.shape)
+            if not np.isfinite(size) or not self._extend(left.reshape(rest.shape)):
                 return None
-            share = np.linalg.lstsq(upper[: count + 1, :count], aim, rcond=None)[0]
-            left = np.linalg.norm(aim - upper[: count + 1, :count] @ share)
-            if left <= allowed or upper[count, count - 1] < SMALLEST:
-                break
-        state -= share @ basis[:count]
-        if left <= allowed:
-            return state.reshape(start.shape)
-    return None
+            self._take(left, found, slice(self._count - 1, self._count))
+            if np.linalg.norm(left) > POOR * size:
+                self._near = None
+        return None
 
+    def _take(self, left, found, which):
+        """Take off what some directions reach of what is left."""
+        along = self._changes[which] @ left.astype(KEPT)
+        left -= along @ self._changes[which]
+        found += along @ self._directions[which]
 
-def _extend(change, basis, upper, count, shape):
-    """The next vector of the space, at right angles to those before."""
-    new = change(basis[count - 1].reshape(shape)).ravel()
-    for _ in range(2):  # the second time takes off what rounding left
-        along = basis[:count] @ new
-        new -= along @ basis[:count]
-        upper[:count, count - 1] += along
-    upper[count, count - 1] = np.linalg.norm(new)
-    basis[count] = new / max(upper[count, count - 1], 1e-300)
+    def _extend(self, left):
+        """One more direction, which begins about what is left; False if it tells nothing new."""
+        if self._count == len(self._changes):
+            self._count = 0
+        n = self._count
+        new = self._near(left) if self._near else left
+        change = self._change(new).ravel()
+        whole = np.linalg.norm(change)
+        along = np.zeros(n, KEPT)
+        for _ in range(2):  # the second time takes off what rounding left
+            part = self._changes[:n] @ change.astype(KEPT)
+            change -= part @ self._changes[:n]
+            along += part
+        new = new.ravel() - along @ self._directions[:n]
+        size = np.linalg.norm(change)
+        if not size > SMALLEST * whole:
+            return False
+        self._changes[n], self._directions[n] = change / size, new / size
+        self._count = n + 1
+        return True

@@ -43,9 +43,10 @@ def add(commands: Any) -> None:
     )
     command.add_argument(
         "--method",
-        default="circuit",
+        default="judged",
         metavar="NAME",
-        help="circuit (default); where the load is a resistor also monte-carlo or a closure",
+        help="judged (default): monte-carlo, with the circuit on the same noise at the optima and "
+        "at places drawn at random; monte-carlo or circuit alone; for a resistor also a closure",
     )
     add_study_options(command, "the output power that every point is run for", json=False)
     add_engine_options(command, workers=False)
@@ -80,7 +81,7 @@ def run(options: Namespace) -> int:
             runner=runner,
         )
         report = Report(study)
-        show_table(report, "load study")
+        show_table(report, "load study", alarms=report.alarms())
         if runner.folder is not None:
             written = save(report, runner.folder)
             say(f"written to {options.output}: {', '.join(written)}")

@@ -21,7 +21,13 @@ from harvester.compilation import compiled, inlined, numba
 from harvester.device import contact, system
 from harvester.engines import circuit
 from harvester.engines.decay import decayed
-from harvester.engines.steps import STEPS_PER_CONTACT, knot_blocks, steps_per_knot, stop_time
+from harvester.engines.steps import (
+    STEPS_PER_CONTACT,
+    knot_blocks,
+    steps_per_contact,
+    steps_per_knot,
+    stop_time,
+)
 from harvester.engines.zones import crossing, overshoots
 from harvester.errors import LoadError, SolutionDiverged
 from harvester.record.record import empty_record, fill, part
@@ -67,7 +73,7 @@ def prepare(scene: Scene) -> None:
     record = empty_record(1)
     state = initial_state(s, (0.0, 0.0, 0.0))
     edges = np.array(contact.edges(s.contacts))
-    _advance(s, edges, np.zeros(2), 0, 0, 0, 1.0, 1, None, state, record)
+    _advance(s, edges, np.zeros(2), 0, 0, 0, 1.0, 1, 1, None, state, record)
 
 
 def run_realizations(
@@ -106,9 +112,10 @@ def run_realizations(
         return circuit.run_compiled(scene, paths, starts, observers, step, outputs)
     s, _ = scale(scene)
     fixed = steps_per_knot(scene, step, "monte-carlo")
+    in_contact = steps_per_contact(scene, step, "monte-carlo")
     for path, start, watching in zip(paths, starts, observers, strict=True):
         state = initial_state(s, start)
-        for record in integrate(s, path, state, stop_time(scene), fixed, scheme):
+        for record in integrate(s, path, state, stop_time(scene), fixed, scheme, in_contact):
             if not np.isfinite(state).all():
                 raise SolutionDiverged(
                     f"Monte Carlo left the finite numbers before t = {state[TIME]:g}; "
@@ -148,6 +155,7 @@ def integrate(
     stop: float,
     steps_per_knot: int = 1,
     scheme: str = "runge-kutta",
+    steps_per_contact: int = STEPS_PER_CONTACT,
 ) -> Iterator[Record]:
     """Integrate Eq. 4 along a noise path.
 
@@ -163,6 +171,8 @@ def integrate(
         Steps between two knots where no contact asks for more.
     scheme : str
         A name in `SCHEMES`.
+    steps_per_contact : int
+        Fewest steps from the beginning of a contact to its end.
 
     Yields
     ------
@@ -184,6 +194,7 @@ def integrate(
                 done,
                 path.spacing,
                 steps_per_knot,
+                steps_per_contact,
                 heun,
                 state,
                 record,
@@ -201,7 +212,18 @@ def scheme_of(s: System, name: str, step: float) -> bool | None:
 
 @compiled
 def _advance(
-    s, edges, block, segment, count, first_knot, spacing, steps_per_knot, heun, state, record
+    s,
+    edges,
+    block,
+    segment,
+    count,
+    first_knot,
+    spacing,
+    steps_per_knot,
+    steps_per_contact,
+    heun,
+    state,
+    record,
 ):
     """Fill the record from `segment` on; returns the segment reached and the points written.
 
@@ -248,7 +270,7 @@ def _advance(
                 noise,
                 slope,
                 length,
-                STEPS_PER_CONTACT,
+                steps_per_contact,
             )
             if entered != 0:
                 zone += entered
@@ -288,9 +310,9 @@ def contact_piece(
     noise: float,
     slope: float,
     longest: float,
-    steps: int,
+    steps_per_contact: int,
 ) -> tuple[float, int, float, float, float, float]:
-    """A step within a zone, or up to its edge, `low` or `high`; so many `steps` for a contact.
+    """A step within a zone, or up to its edge, `low` or `high`.
 
     Returns its length, by how many zones the mass has moved (−1, 0, 1), the held speed and the
     new state.
@@ -299,7 +321,7 @@ def contact_piece(
     if touching:
         # A mass at rest on the stopper is pressed in by what else acts.
         speed = abs(v) + abs(system.push(s, x, v, voltage, noise)) * longest
-        length = contact.step(s.contacts, x, speed * speed, longest, steps)
+        length = contact.step(s.contacts, x, speed * speed, longest, steps_per_contact)
     x1, v1, voltage1 = one_step(
         heun, s, touching, low, high, held, x, v, voltage, noise, slope, length
     )

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from harvester.device import timescales
-from harvester.engines.steps import STEPS_PER_CONTACT, knot_spacing, steps_per_knot
+from harvester.engines.steps import knot_spacing, steps_per_contact, steps_per_knot
 from harvester.scene.units import scale
 
 if TYPE_CHECKING:
@@ -58,4 +58,4 @@ def contacts_shorten_steps(scene: Scene, step: str | float) -> bool:
     """Whether the longest step does not resolve a contact at the rms speed."""
     system, _ = scale(scene)
     longest = knot_spacing(scene) / steps_per_knot(scene, step)
-    return timescales.contact_time(system) < STEPS_PER_CONTACT * longest
+    return timescales.contact_time(system) < steps_per_contact(scene, step) * longest

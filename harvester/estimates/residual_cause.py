@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.device import timescales
-from harvester.engines.steps import STEPS_PER_CONTACT
+from harvester.engines.steps import steps_per_contact
 from harvester.estimates.balance import stored_change
 from harvester.record.moments import QUANTITIES
 from harvester.scene.units import scale
@@ -121,7 +121,8 @@ def _switching(result, p, totals, stored):
 
 def _contacts(result, p, totals, stored):
     impacts = totals["impacts"].sum()
-    if not impacts or timescales.contact_time(p) > STEPS_PER_CONTACT * result.step:
+    resolving = steps_per_contact(result.scene, result.step, result.engine)
+    if not impacts or timescales.contact_time(p) > resolving * result.step:
         return ""
     return (
         f"contacts: {impacts:.0f} of about {timescales.contact_time(p):.2g} s each, against steps "

@@ -176,7 +176,9 @@ def prepare() -> None:
     nothing, ones = np.zeros(1), np.ones((1, 2))
     ends = (-1.0, 1.0)
     moments.jumps = Jumps(0.0, 1.0, nothing, points, ends, points, ones, ones[:, None] * ones)
-    moments.add(Record(np.array([0.0, 1.0]), *[points] * (len(Record._fields) - 1)))
+    time = np.array([0.0, 1.0])
+    moments.add(Record(time, *[points] * (len(Record._fields) - 1)))
+    OutputMoments.beside(moments).add(time, points)
 
 
 @summing

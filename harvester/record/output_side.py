@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from harvester.compilation import compiled
+
 if TYPE_CHECKING:
     from harvester.record.moments import Moments
 
@@ -62,29 +64,20 @@ class OutputMoments:
         """Accumulate consecutive points that follow the ones before; arrays of shape (n,)."""
         if time.size == 0:
             return
-        self._add_passages(time, np.abs(voltage))
-        time = np.concatenate([[self.time], time])
-        voltage = np.concatenate([[self.voltage], voltage])
-        self.time, self.voltage = float(time[-1]), float(voltage[-1])
-        measured = time >= self.start
-        time, voltage = time[measured], voltage[measured]
-        if time.size == 0:
-            return
-        self.lowest = min(self.lowest, float(voltage.min()))
-        self.highest = max(self.highest, float(voltage.max()))
-        middle = 0.5 * (time[1:] + time[:-1])
-        batches = len(self.integrals)
-        batch = np.minimum((middle - self.start) // self.batch_length, batches - 1).astype(int)
-        steps = np.diff(time)
-        square = voltage * voltage
-        pieces = (
-            steps,
-            0.5 * (voltage[1:] + voltage[:-1]) * steps,
-            0.5 * (square[1:] + square[:-1]) * steps,
-            np.diff(square),
+        reached = int(np.count_nonzero(np.isfinite(self.passages)))
+        _add_passages(time, voltage, LEVELS, reached, self.passages)
+        self.lowest, self.highest = _add_integrals(
+            time,
+            voltage,
+            self.time,
+            self.voltage,
+            self.start,
+            self.batch_length,
+            self.lowest,
+            self.highest,
+            self.integrals,
         )
-        for row, piece in enumerate(pieces):
-            self.integrals[:, row] += np.bincount(batch, piece, minlength=batches)
+        self.time, self.voltage = float(time[-1]), float(voltage[-1])
 
     @property
     def has_started(self) -> bool:
@@ -98,10 +91,32 @@ class OutputMoments:
             return float("nan")
         return float(np.interp(voltage, LEVELS[reached], self.passages[reached]))
 
-    def _add_passages(self, time, size):
-        reached = int(np.count_nonzero(np.isfinite(self.passages)))
-        passed = int(np.searchsorted(LEVELS, size.max(), side="right"))
-        if passed > reached:
-            greatest = np.maximum.accumulate(size)
-            first = np.searchsorted(greatest, LEVELS[reached:passed])
-            self.passages[reached:passed] = time[first]
+
+@compiled
+def _add_passages(time, voltage, levels, reached, passages):
+    """Enter when the voltage's size first reached each level from the given one on."""
+    for i in range(time.size):
+        while reached < levels.size and abs(voltage[i]) >= levels[reached]:
+            passages[reached] = time[i]
+            reached += 1
+
+
+@compiled
+def _add_integrals(
+    time, voltage, before, last, start, batch_length, lowest, highest, integrals
+):  # fmt: skip
+    """Trapezoidal integrals of every measured interval; returns the extremes so far."""
+    batches = integrals.shape[0]
+    for i in range(time.size):
+        if time[i] >= start:
+            lowest, highest = min(lowest, voltage[i]), max(highest, voltage[i])
+        if before >= start:
+            batch = min(int((0.5 * (time[i] + before) - start) / batch_length), batches - 1)
+            row, step = integrals[batch], time[i] - before
+            square, old = voltage[i] * voltage[i], last * last
+            row[0] += step
+            row[1] += 0.5 * (voltage[i] + last) * step
+            row[2] += 0.5 * (square + old) * step
+            row[3] += square - old
+        before, last = time[i], voltage[i]
+    return lowest, highest

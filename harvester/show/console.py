@@ -6,7 +6,7 @@ import contextlib
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from rich import box
@@ -122,25 +122,31 @@ def _duration(seconds):
     return f"{seconds:.0f} s"
 
 
-def show_table(content: Tabled, title: str, to_stderr: bool = False) -> None:
+def show_table(
+    content: Tabled, title: str, to_stderr: bool = False, alarms: Sequence[str] = ()
+) -> None:
     """A result, a comparison or a study as a table with its sentences.
 
     Parameters
     ----------
     content : Tabled
     title : str
-        Shown after the scene's name.
+        Shown after the scene's name, where it is about one.
     to_stderr : bool
         Leave standard output to JSON.
+    alarms : sequence of str
+        Sentences in red, behind the table.
     """
     header, rows = content.table()
-    table = Table(title=f"{content.scene.name}: {title}", box=box.SIMPLE_HEAD, title_justify="left")
+    if content.scene is not None:
+        title = f"{content.scene.name}: {title}"
+    table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
     for place, name in enumerate(header):
         words = place < 2
         table.add_column(one_line(name), justify="left" if words else "right", no_wrap=True)
     for row in rows:
         table.add_row(*map(one_line, row))
-    _print(table, content.sentences(), to_stderr)
+    _print(table, content.sentences(), to_stderr, alarms)
 
 
 def show_engine(found: dict[str, Any], to_stderr: bool = False) -> None:
@@ -154,7 +160,7 @@ def show_engine(found: dict[str, Any], to_stderr: bool = False) -> None:
     _print(None, lines, to_stderr)
 
 
-def _print(table, lines, to_stderr):
+def _print(table, lines, to_stderr, alarms=()):
     if is_quiet():
         return
     stream = sys.stderr if to_stderr else sys.stdout
@@ -163,5 +169,7 @@ def _print(table, lines, to_stderr):
     console = Console(file=stream, highlight=False, markup=False, emoji=False, width=TABLE_WIDTH)
     if table is not None:
         console.print(table)
+    for line in alarms:
+        console.print(one_line(line), soft_wrap=True, style="bold red")
     for line in lines:
         console.print(one_line(line), soft_wrap=True)

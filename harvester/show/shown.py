@@ -14,8 +14,8 @@ class Tabled(Protocol):
     """What a command shows on the terminal."""
 
     @property
-    def scene(self) -> Scene:
-        """The scene that it is about."""
+    def scene(self) -> Scene | None:
+        """The scene that it is about; None where it is about many."""
 
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows as text; the first two columns are words."""

@@ -43,9 +43,9 @@ def to_dataset(report: Report) -> Dataset:
     }
     variables |= {
         "realizations": (dimensions, _each(report, lambda e: e.realizations, np.int32)),
-        "control_variate_gain": (dimensions, _each(report, lambda e: e.gain, float)),
         "outcome": (dimensions, _each(report, lambda e: e.outcome, str)),
     }
+    variables |= _proofs(report, dimensions)
     variables |= _optima(report) | _differences(report) | _waveforms(report)
     coordinates |= {"better": list(grid.loads), "worse": list(grid.loads)}
     attributes = {
@@ -70,8 +70,8 @@ def table_of(report: Report) -> tuple[list[str], list[list[Any]]]:
         swept = [v[k] for v, k in zip(grid.sweeps.values(), place[1:], strict=True)]
         values = [values[place] for _, values, _ in quantities]
         row = [grid.loads[place[0]], *swept, *values, evaluation.realizations]
-        rows.append([*row, evaluation.gain, evaluation.outcome])
-    return [*header, "realizations", "control_variate_gain", "outcome"], rows
+        rows.append([*row, evaluation.outcome])
+    return [*header, "realizations", "outcome"], rows
 
 
 def _each(report, value, kind):
@@ -96,6 +96,19 @@ def _value(evaluation, name, attribute):
     estimate = evaluation.estimates.get(name)
     value = None if estimate is None else getattr(estimate, attribute)
     return math.nan if value is None else value
+
+
+def _proofs(report, dimensions):
+    """(circuit − Monte Carlo)/Monte Carlo of the output power; nan where there is no proof."""
+    found = np.full((2, len(report.study.evaluations)), math.nan)
+    for each in report.study.proofs:
+        found[:, each.place] = each.difference, each.standard_error
+    names = ("circuit_difference", "circuit_difference_standard_error")
+    shape = report.evaluations.shape
+    return {
+        name: (dimensions, row.reshape(shape), {"unit": "1"})
+        for name, row in zip(names, found, strict=True)
+    }
 
 
 def _optima(report):

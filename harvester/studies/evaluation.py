@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from harvester.errors import HarvesterError
-from harvester.estimates.batch_means import complete_batches
-from harvester.estimates.control_variate import controlled_mean
+from harvester.estimates.batch_means import complete_batches, standard_error
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.of_run import run_estimates
 from harvester.estimates.paired import sums
@@ -45,12 +44,9 @@ class Evaluation:
     series : ndarray, shape (realizations, batches), or None
         Output power, in the scene's units.
     realizations : int
-    gain : float
-        Of the control variate, 1 without.
-    plain_error : float
-        Standard error of the output power without it; nan where there is none.
     power_error : float
-        The same with it, also where `estimates` withholds it for a run too short for what is slow.
+        Standard error of the output power, nan where there is none, also where `estimates`
+        withholds it for a run too short for what is slow.
     waveform : ndarray or None
         Beginning of the first realization, rows as in `Record`, in the scene's units.
     """
@@ -59,8 +55,6 @@ class Evaluation:
     estimates: dict[str, Estimate] = field(default_factory=dict)
     series: np.ndarray | None = field(default=None, repr=False)
     realizations: int = 0
-    gain: float = 1.0
-    plain_error: float = math.nan
     power_error: float = math.nan
     waveform: np.ndarray | None = field(default=None, repr=False)
 
@@ -68,11 +62,6 @@ class Evaluation:
     def power(self) -> float:
         """Output power, nan where there is none."""
         return self.estimates[POWER].estimate if POWER in self.estimates else math.nan
-
-    @property
-    def plain_power(self) -> float:
-        """The same without the control variate: what paired differences are taken of."""
-        return self.power if self.series is None else float(self.series.mean())
 
     @property
     def relative_error(self) -> float:
@@ -85,7 +74,6 @@ def evaluate(
     scene: Scene,
     good: Sequence[dict],
     ended: HarvesterError | str,
-    control: tuple[np.ndarray, float | None, float] | None = None,
 ) -> Evaluation:
     """Quantities of one point.
 
@@ -96,8 +84,6 @@ def evaluate(
         Answers of its tasks, in the order of their realizations.
     ended : HarvesterError or str
         What came instead of the next ones; "" where all came.
-    control : (ndarray, float or None, float), optional
-        Power of the control on the same realizations, its known mean and that one's error.
 
     Returns
     -------
@@ -120,19 +106,15 @@ def evaluate(
     if isinstance(ended, HarvesterError):
         outcome = f"ended after {len(moments)} realizations: {told(ended)}"
     series = power_series(moments, scales.power)
-    known = (control[0][: len(series)], *control[1:]) if control else (np.empty((0, 0)),)
-    power = controlled_mean(series, *known)
-    plain = controlled_mean(series, np.empty((0, 0))).standard_error
+    error = standard_error(series)
     estimates = in_units(found.whole, scales)
-    estimates[POWER] = Estimate(power.mean, power.standard_error, None, "power")
+    estimates[POWER] = Estimate(float(series.mean()), error, None, "power")
     return Evaluation(
         outcome=outcome,
         estimates=withheld(estimates, found.shortfalls),
         series=series,
         realizations=len(moments),
-        gain=power.gain,
-        plain_error=_or_nan(plain),
-        power_error=_or_nan(power.standard_error),
+        power_error=_or_nan(error),
         waveform=_waveform_in_units(good[0]["waveform"], scales),
     )
 

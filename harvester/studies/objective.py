@@ -12,7 +12,7 @@ from harvester.averaging import CLOSURES
 from harvester.engines import monte_carlo
 from harvester.engines.protocol import ENGINES
 from harvester.engines.steps import knot_spacing, resolving
-from harvester.errors import HarvesterError, OutOfTime, SceneError
+from harvester.errors import HarvesterError, LoadError, OutOfTime, SceneError
 from harvester.estimates.batch_means import standard_error
 from harvester.estimates.paired import deviations, has_deviations
 from harvester.running import Request
@@ -26,16 +26,18 @@ from harvester.studies.axis import Axis
 def checked_method(scene: Scene, method: str | None) -> str:
     """An engine or a closure that takes the scene's load.
 
-    None stands for Monte Carlo, and for the circuit where the load or the excitation asks for it.
+    None stands for Monte Carlo, and for the circuit where only that takes load and excitation.
 
     Raises
     ------
     HarvesterError
     """
     if method is None:
-        by_circuit = scene.excitation.prescribes_displacement
-        by_circuit |= not scene.load.is_resistor
-        return "circuit" if by_circuit else "monte-carlo"
+        try:
+            monte_carlo.check(scene)
+        except LoadError:
+            return "circuit"
+        return "monte-carlo"
     check_name("method", method, (*ENGINES, *CLOSURES))
     if method == "monte-carlo":
         monte_carlo.check(scene)

@@ -223,7 +223,7 @@ def optimum_of_several(
     maximise : str
         What every method calls it; of a load with an output e.g. "mean_output_power".
     method : str or None
-        An engine or a closure; None: "monte-carlo", or "circuit" where the load is no resistor.
+        An engine or a closure; None: "monte-carlo", or "circuit" where only that takes the load.
     evaluations : int or None
         Places proposed; None: `EVALUATIONS_EACH` for each parameter. Those of the climb, some tens,
         come on top.

@@ -74,7 +74,7 @@ class Report:
         found = np.empty(self.curves.shape[:-1], dtype=object)
         for where in np.ndindex(found.shape):
             row = [self.curves[where][k] for k in order]
-            powers, series = [e.plain_power for e in row], [e.series for e in row]
+            powers, series = [e.power for e in row], [e.series for e in row]
             optimum = optimum_of([places[k] for k in order], powers, series)
             found[where] = optimum, None if optimum.best is None else int(order[optimum.best])
         return found
@@ -92,7 +92,7 @@ class Report:
         for other in np.ndindex(self.optima.shape[1:]):
             places = ((load, self.best((k, *other))) for k, load in enumerate(loads))
             best = {load: e for load, e in places if e}
-            powers = {load: e.plain_power for load, e in best.items()}
+            powers = {load: e.power for load, e in best.items()}
             found[other] = rank(powers, {load: e.series for load, e in best.items()})
         return found
 
@@ -153,16 +153,11 @@ class Report:
         if study.precision:
             done = sum(e.relative_error <= study.precision for e in study.evaluations)
             lines.append(f"{done} of {total} points within {study.precision:.1%}")
-        gains = [e.gain for e in study.evaluations if e.gain > 1.0]
-        if gains:
-            lines.append(
-                f"control variate (Monte Carlo of the matched resistor) at {len(gains)} of {total} "
-                f"points: worth {min(gains):.1f} to {max(gains):.1f} times the samples"
-            )
+        lines += self._proofs()
         lines += study.grid.notes
         if any(e.realizations for e in study.evaluations):
             lines.append(
-                f"{study.method}: realizations of {run.duration:g} s after {run.settle:g} s, "
+                f"{self._methods()}: realizations of {run.duration:g} s after {run.settle:g} s, "
                 f"seed {run.seed}, the same noise for all points"
             )
         lines.append(
@@ -170,6 +165,41 @@ class Report:
             f"{study.wall_seconds:.0f} s"
         )
         return lines
+
+    def alarms(self) -> list[str]:
+        """Where the circuit's power is another, one line each."""
+        return [f"DISAGREE: {self._proof(each)}" for each in self.study.proofs if each.disagrees]
+
+    def _methods(self):
+        named = dict.fromkeys(self.study.methods)
+        return " and ".join(named)
+
+    def _proofs(self):
+        """What the circuit says as judge."""
+        proofs = self.study.proofs
+        if not proofs:
+            return []
+        judged = [each for each in proofs if not math.isnan(each.standard_error)]
+        apart = sum(each.disagrees for each in judged)
+        verdict = f"DISAGREES at {apart} of them" if apart else "agrees at all of them"
+        head = (
+            f"the circuit as judge, on the same noise at {len(judged)} places (the optima, others "
+            f"at random), {verdict if judged else 'says nothing'}:"
+        )
+        return [head, *(f"  {self._proof(each)}" for each in proofs)]
+
+    def _proof(self, proof):
+        point = self.study.grid.points[proof.place]
+        place = ", ".join(f"{value:g}" for value in point.place)
+        where = f"{point.load}{' at ' * bool(place)}{place}{' (optimum)' * proof.highest}"
+        if math.isnan(proof.standard_error):
+            return f"{where}: {proof.trouble}"
+        share = Estimate(100.0 * proof.difference, 100.0 * proof.standard_error, None, "1")
+        distance = abs(proof.difference) / proof.standard_error if proof.standard_error else 0.0
+        return (
+            f"{where}: circuit over Monte Carlo {with_error(share)} % (paired), "
+            f"{distance:.1f} standard errors"
+        )
 
     def figure(self) -> Figure:
         """Output power over the swept value."""
@@ -200,6 +230,18 @@ class Report:
                 {"load": load, "at": words, **self._optimum_to_dict((k, *other))}
                 for other, words in self.others()
                 for k, load in enumerate(grid.loads)
+            ],
+            "proofs": [
+                {
+                    "load": grid.points[each.place].load,
+                    "place": dict(zip(grid.sweeps, grid.points[each.place].place, strict=True)),
+                    "highest": each.highest,
+                    "difference": finite(each.difference),
+                    "standard_error": finite(each.standard_error),
+                    "disagrees": each.disagrees,
+                    "trouble": each.trouble,
+                }
+                for each in study.proofs
             ],
             "rankings": [
                 {"at": words, "best_first": self.rankings[other][0]}

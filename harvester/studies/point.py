@@ -5,11 +5,13 @@ from collections.abc import Generator
 from dataclasses import dataclass
 
 from harvester.running.realizations import Realizations, averaging, is_closure
-from harvester.running.request import FIRST_REALIZATIONS, MOST_REALIZATIONS, good_ones, next_count
+from harvester.running.request import FIRST_REALIZATIONS, good_ones, next_count
 from harvester.running.task import Wanted
 from harvester.scene.model import Scene
-from harvester.studies.control import control_of
-from harvester.studies.evaluation import Evaluation, evaluate, series_of
+from harvester.studies.evaluation import Evaluation, evaluate
+
+# With a precision, of one point.
+MOST_REALIZATIONS = 4000
 
 
 @dataclass(frozen=True)
@@ -40,22 +42,14 @@ class Point:
             answers = yield Wanted([averaging(self.scene, self.method)])
             return evaluate(self.scene, *good_ones(answers))
         cut = Realizations.of(self.scene, self.method, self.step, self.version, waveform=True)
-        control = None
-        if self.precision and self.method == "circuit":
-            control = control_of(self.scene)
         most = MOST_REALIZATIONS if self.precision else self.scene.run.realizations
         # Without a precision the first round is the whole run.
         aim = self.precision or math.inf
         found: list = []
-        beside: list = []
         had, count, ahead = 0, FIRST_REALIZATIONS if self.precision else most, 0.0
         while True:
-            tasks = cut.tasks(had, count, most)
-            own = control.cut.tasks(len(beside) * control.cut.size, count) if control else []
-            results = yield Wanted([*tasks, *own], ahead)
-            found += results[: len(tasks)]
-            beside += results[len(tasks) :]
-            evaluation = yield from self._evaluation(found, control, beside)
+            found += yield Wanted(cut.tasks(had, count, most), ahead)
+            evaluation = evaluate(self.scene, *good_ones(found))
             # Ended early, as long as can be, or precise enough.
             if evaluation.realizations < count or count >= most or evaluation.relative_error <= aim:
                 return evaluation
@@ -63,10 +57,3 @@ class Point:
             had, count = count, next_count(count, reached, aim, cut, most)
             needed = min(had * (reached / aim) ** 2, most)
             ahead = max(needed - count, 0.0) / cut.size
-
-    def _evaluation(self, found, control, beside):
-        good, ended = good_ones(found)
-        known = None
-        if control:
-            known = yield from control.beside(series_of(self.scene, good), beside)
-        return evaluate(self.scene, good, ended, known)

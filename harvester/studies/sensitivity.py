@@ -239,7 +239,7 @@ def sensitivity(
     quantity : str
         What every method calls it: `mean_power`, of a load with an output `mean_output_power`, …
     method : str or None
-        An engine or a closure; None: "monte-carlo", or "circuit" where the load is no resistor.
+        An engine or a closure; None: "monte-carlo", or "circuit" where only that takes the load.
     above : float or None
         Limit of the yield, in the scene's units.
     rows : int

@@ -10,18 +10,21 @@ from harvester.averaging import CLOSURES
 from harvester.calling import takes_scene
 from harvester.engines import monte_carlo
 from harvester.engines.protocol import ENGINES
-from harvester.errors import HarvesterError
+from harvester.errors import HarvesterError, LoadError
 from harvester.running import RunnerOptions, open_runner
-from harvester.running.request import MOST_REALIZATIONS
 from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor
 from harvester.simulation import check_name, check_step, require_noise
 from harvester.studies.evaluation import Evaluation
 from harvester.studies.grid import Grid, make_grid
-from harvester.studies.point import Point
+from harvester.studies.point import MOST_REALIZATIONS, Point
+from harvester.studies.proof import Proof, places_to_prove, proving
 
 # Measured time of a realization over its settling: a fifth of the run is then spent on settling.
 DURATION_OVER_SETTLE = 4.0
+# Monte Carlo everywhere, and the circuit as its judge at some places.
+JUDGED = "judged"
+METHODS = (JUDGED, *ENGINES, *CLOSURES)
 # Wall-clock seconds of a study with a precision, unless told otherwise.
 TIME_BUDGET = 540.0
 
@@ -34,12 +37,16 @@ class Study:
     ----------
     grid : Grid
     method : str
-        Engine or closure.
+        "judged", an engine or a closure.
+    methods : tuple of str
+        Of each point.
     version : str
         Of what computed.
     precision : float or None
     evaluations : list of Evaluation
         In the order of `grid.points`.
+    proofs : list of Proof
+        Where the circuit was the judge.
     out_of_time : bool
         The time budget ended it: the same call again goes on.
     computed, reused : int
@@ -51,9 +58,11 @@ class Study:
 
     grid: Grid
     method: str
+    methods: tuple[str, ...]
     version: str
     precision: float | None
     evaluations: list[Evaluation]
+    proofs: list[Proof]
     out_of_time: bool
     computed: int
     reused: int
@@ -67,7 +76,7 @@ def load_study(
     *,
     loads: Sequence[str] = (),
     sweeps: Mapping[str, Sequence[float]] | None = None,
-    method: str = "circuit",
+    method: str = JUDGED,
     precision: float | None = None,
     step: str | float = "default",
     **running: Unpack[RunnerOptions],
@@ -85,7 +94,9 @@ def load_study(
     sweeps : dict of str to sequence of float
         "table.key" to values; several make a grid.
     method : str
-        "circuit"; where the load is a resistor also "monte-carlo" or a closure.
+        "judged": Monte Carlo, and at some places the circuit on the same noise, see
+        `harvester.studies.proof`; a load that only the circuit takes is run by it alone.
+        "monte-carlo" or "circuit" alone; where the load is a resistor also a closure.
     precision : float or None
         Relative standard error of the output power that each point is run for; None: the
         scene's own run.
@@ -105,38 +116,68 @@ def load_study(
         A mistake in the call. A simulation that fails is the outcome of its point.
     """
     clock = time.monotonic()
-    check_name("method", method, (*ENGINES, *CLOSURES))
+    check_name("method", method, METHODS)
     step = check_step(step)
     if precision is not None and not 0.0 < precision < 1.0:
         raise HarvesterError(f"--precision {precision}: must be a number in (0, 1)")
-    statistical = method in ENGINES
+    statistical = method not in CLOSURES
     if precision and statistical:
         require_noise(scene, "a study with a precision")
         scene = _cut(scene)
         if running.get("time_budget") is None:
             running["time_budget"] = TIME_BUDGET
     grid = make_grid(scene, loads, sweeps or {})
-    for point in grid.points if method != "circuit" else ():
-        if method == "monte-carlo":
-            monte_carlo.check(point.scene)
-        else:
-            require_resistor(point.scene, method)
+    methods = tuple(_method_of(point.scene, method) for point in grid.points)
     with open_runner(**running) as runner:
-        version = runner.version(method)
+        # Here already, so that a machine without ngspice says so before it has worked.
+        version = runner.version("circuit" if method == JUDGED else method)
         aim = precision if statistical else None
-        points = [Point(each.scene, method, step, version, aim) for each in grid.points]
+        points = [
+            Point(each.scene, own, step, runner.version(own), aim)
+            for each, own in zip(grid.points, methods, strict=True)
+        ]
         evaluations = runner.follow([point.plan() for point in points])
+        proofs = _proofs(runner, grid, methods, evaluations, step) if method == JUDGED else []
     return Study(
         grid=grid,
         method=method,
+        methods=methods,
         version=", ".join(filter(None, (f"harvester {harvester.__version__}", version))),
         precision=precision,
         evaluations=evaluations,
+        proofs=proofs,
         out_of_time=runner.out_of_time,
         computed=runner.computed,
         reused=runner.reused,
         wall_seconds=time.monotonic() - clock,
         warnings=tuple(runner.warnings),
+    )
+
+
+def _method_of(scene, method):
+    """What runs a point: where the circuit is judge, it itself what Monte Carlo does not take."""
+    if method in (JUDGED, "monte-carlo"):
+        try:
+            monte_carlo.check(scene)
+        except LoadError:
+            if method != JUDGED:
+                raise
+            return "circuit"
+        return "monte-carlo"
+    if method != "circuit":
+        require_resistor(scene, method)
+    return method
+
+
+def _proofs(runner, grid, methods, evaluations, step):
+    """Of the places that Monte Carlo ran."""
+    versions = runner.version("monte-carlo"), runner.version("circuit")
+    return runner.follow(
+        [
+            proving(place, highest, grid.points[place].scene, step, versions)
+            for place, highest in places_to_prove(grid, evaluations, grid.scene.run.seed)
+            if methods[place] == "monte-carlo"
+        ]
     )
 
 

@@ -39,9 +39,11 @@ def test_plain_ngspice_runs_the_export_and_agrees_with_the_process(tmp_path, poo
     ).waveform
     at = np.interp(external.time, raw["time"], raw["v(displacement)"])
     np.testing.assert_allclose(external.displacement, at, atol=0.05)
-    noise = np.interp(external.time, raw["time"], raw["i(@inoise[current])"]) * netlist.rate**2
+    # ngspice's own first point lies behind the first two of the engine.
+    inside = external.time[external.time >= raw["time"][0]]
+    noise = np.interp(inside, raw["time"], raw["i(@inoise[current])"]) * netlist.rate**2
     path = noise_path(scene, 0).read(401)
-    expected = np.interp(external.time, spacing * np.arange(401), path)
+    expected = np.interp(inside, spacing * np.arange(401), path)
     np.testing.assert_allclose(noise, expected, atol=1e-6 * np.abs(path).max())
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from harvester.averaging import CLOSURES, average
 from harvester.averaging.of_scene import averaged_device, estimates_of
+from harvester.engines import monte_carlo
 from harvester.engines.protocol import ENGINES
 from harvester.engines.realization import run
 from harvester.engines.steps import knot_spacing, steps_per_knot
@@ -17,7 +18,7 @@ from harvester.estimates.balance import energy_balance_residual
 from harvester.estimates.means import estimate_all
 from harvester.running.codec import register
 from harvester.scene.model import Scene
-from harvester.scene.units import require_resistor, scale
+from harvester.scene.units import scale
 from harvester.verification.stability.cases import SETTLED_TIMES, STEP_BUDGET, slowest_time
 from harvester.verification.stability.paths import PathDeviation, ignore, path_deviation
 
@@ -80,7 +81,7 @@ def answer(scene: Scene, method: str, step: str | float, report: Callable) -> Ca
 
 def _simulated(scene, engine, step):
     if engine == "monte-carlo":
-        require_resistor(scene, "stability by Monte Carlo")
+        monte_carlo.check(scene)
     path, realizations = path_deviation(scene, engine, step)
     estimates, settled = {}, True
     if engine == "monte-carlo":

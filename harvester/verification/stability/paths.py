@@ -30,9 +30,6 @@ FEWEST_PERIODS = 3.0
 MOST_PERIODS = 30.0
 # Steps that a mass takes from rest to a state that is typical of it.
 SETTLING_STEPS = 200_000
-# Knots after which the energy balance begins: ngspice's first two steps are of first order, which
-# costs a mass that begins at speed some energy once.
-BEGINNING = 2
 # Divisions of the step asked for, in the second look that tells a wrong model from a long step.
 FINER = 2
 # Initial difference of the second fine path, as a share of the rms velocity, and the growth of it
@@ -46,10 +43,11 @@ STATES = ("displacement", "velocity", "voltage")
 # Deviations are those of X and V: X' changes its sign in a contact, where a knot in time finds it
 # far off though the paths are close.
 SMOOTH = (0, 2)
-# Least deviation of the limit that is taken for one; that of contacts which are resolved by steps
-# of their own, whatever the longest step; the share of the step's error that extrapolation leaves.
+# Least deviation of the limit that is taken for one; that where contacts shorten the steps, as a
+# step that grazes one spoils the order by which the limit is extrapolated; the share of the step's
+# error that extrapolation leaves.
 LEAST_DEVIATION = 3e-3
-LEAST_OF_STIFF_CONTACTS = 2e-2
+LEAST_OF_STIFF_CONTACTS = 1e-2
 LEFT_OF_STEP_ERROR = 0.25
 
 
@@ -165,7 +163,7 @@ def path_scene(scene: Scene) -> Scene:
     paths = int(PATH_STEPS * step / length)
     changes = {
         "run.duration": max(round(length / spacing), 1) * spacing,
-        "run.settle": BEGINNING * spacing,
+        "run.settle": 0.0,
         "run.realizations": min(max(paths, FEWEST_PATHS), MOST_PATHS),
         "excitation.knot_spacing": spacing,
     }

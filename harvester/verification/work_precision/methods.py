@@ -38,11 +38,6 @@ class Method:
     copies: int | None = 1
     brief: bool = False
 
-    @property
-    def takes_loads(self) -> bool:
-        """Whether it runs any netlist as load, and in reasonable time: a PWL is slow there."""
-        return self.engine == "circuit" and self.copies == 1 and self.source == "external"
-
     def step(self, scene: Scene) -> float:
         """Longest step (s)."""
         return knot_spacing(scene) / (steps_per_knot(scene, engine=self.engine) * self.refinement)
@@ -118,11 +113,16 @@ TIMED_METHODS = (
     Method("Monte Carlo, Runge–Kutta", "monte-carlo", 4),
     Method("Monte Carlo, Heun", "monte-carlo", 2, scheme="heun"),
 )
+# The same where the load is a netlist; a PWL is slow there.
+TIMED_LOAD_METHODS = (
+    _fixed_steps("trapezoidal", 1),
+    _fixed_steps("gear", 1),
+    _local_error(1e-4),
+    Method("Monte Carlo, TR-BDF2", "monte-carlo", 2),
+)
 # What biases are reckoned against: a quarter of the default step.
 REFERENCE = Method("Monte Carlo, Runge–Kutta, a quarter of the step", "monte-carlo", 4, 4)
-LOAD_REFERENCE = Method(
-    "external source, trapezoidal, a quarter of the step", "circuit", 2, 4, scheme="trapezoidal"
-)
+LOAD_REFERENCE = Method("Monte Carlo, TR-BDF2, a quarter of the step", "monte-carlo", 2, 4)
 THOROUGH_METHODS = (
     *METHODS,
     _fixed_steps("trapezoidal", 8, brief=True),

@@ -22,6 +22,7 @@ from harvester.verification.work_precision.methods import (
     COMPILED_METHODS,
     LOAD_REFERENCE,
     REFERENCE,
+    TIMED_LOAD_METHODS,
     TIMED_METHODS,
 )
 from harvester.verification.work_precision.timed import Timed, closures, task
@@ -137,7 +138,7 @@ def _methods(scene, runner):
     try:
         require_resistor(scene, "Monte Carlo")
     except LoadError:
-        return LOAD_REFERENCE, [each for each in TIMED_METHODS if each.takes_loads]
+        return LOAD_REFERENCE, TIMED_LOAD_METHODS
     compiled = COMPILED_METHODS if "compiled" in runner.version("circuit") else ()
     return REFERENCE, [*TIMED_METHODS, *compiled]
 

@@ -136,6 +136,43 @@ def against_ngspice(pool, load):
     assert used == pytest.approx(theirs.quantity("mean_output_power").estimate, rel=3e-3)
 
 
+# A transformer, a bridge of two sorts of diodes, a Zener clamp and a switch that sheds the load.
+OWN = """* a node of my own
+.subckt node p n out ref resistance=300k
+.model fast d(is=2.5n n=1.75 rs=0.6 cjo=4p tt=8n bv=100 ibv=10u)
+.model slow d(is=40n n=1.1 rs=1 bv=30 ibv=10u)
+.model clamp d(is=1f n=1 rs=5 bv=4.7 ibv=1m nbv=2 cjo=20p)
+.model gate sw(vt=3 vh=0.5 ron=100 roff=1g)
+Lfirst p n 400
+Lsecond a b 100
+Kboth Lfirst Lsecond 0.98
+Rbleed b n 100meg
+D1 a out fast
+D2 ref a slow
+D3 b out fast
+D4 ref b slow
+D5 ref out clamp
+Cstray ref n 10p
+Cout out ref 500n ic=2
+S1 out shed out ref gate
+R1 shed ref {resistance}
+R2 out ref 1meg
+.ends
+"""
+
+
+@pytest.mark.slow
+def test_a_users_own_file_follows_ngspice(pool, tmp_path):
+    path = tmp_path / "node.lib"
+    path.write_text(OWN)
+    scene = Scene.load("device", [*SHORT, f"load.netlist={path}", "excitation.intensity=1"])
+    theirs = simulate(scene, method="circuit", step="finest", runner=pool)
+    square, _, energy = ours(scene)
+    assert square == pytest.approx(theirs.quantity("rms_voltage").estimate ** 2, rel=3e-3)
+    taken = theirs.quantity("mean_power").estimate * scene.run.duration
+    assert energy == pytest.approx(taken, rel=3e-3)
+
+
 LOADS = ("bridge", "doubler", "sshi_parallel", "sshi_series", "sece", "bridge_buck")
 
 

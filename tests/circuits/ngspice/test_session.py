@@ -80,6 +80,29 @@ def test_a_stiff_contact_is_resolved_by_shorter_steps(pool):
     np.testing.assert_allclose(states[:, 0], reference[:, 0], atol=5e-3)
 
 
+def test_a_shorter_step_is_shorter_in_a_contact_too(pool):
+    """Where contacts take nearly all steps, a quarter of the step is four times as many."""
+    scene = short("paper", "stoppers.stiffness=1e6", "run.duration=10")
+    usual, fine = (
+        simulate(scene, method="circuit", step=s, runner=pool) for s in ("default", "fine")
+    )
+    assert fine.steps > 3.5 * usual.steps
+
+
+def test_only_two_tiny_steps_are_of_first_order(pool):
+    """By the trapezoidal rule the displacement grows by the mean of the speeds at both ends."""
+    scene = short("paper", "start.velocity=2", "run.duration=1")
+    result = simulate(scene, method="circuit", window=(0.0, 1.0), runner=pool)
+    time, x, v = np.array(result.waveform)[:3]
+    length = np.diff(time)
+    whole = length > 0.5 * length.max()
+    assert whole.sum() >= 20
+    assert time[0] < 1e-2 * length.max()
+    assert whole[1:].all()
+    mean_speed = np.diff(x) / length
+    np.testing.assert_allclose(mean_speed[whole], ((v[1:] + v[:-1]) / 2)[whole], atol=1e-9)
+
+
 TITLE = ".title test\nInoise 0 noise external\nRnoise noise 0 1\n"
 END = ".options trtol=1e9\n.tran 0.05 {stop} 0 0.05 uic\n"
 

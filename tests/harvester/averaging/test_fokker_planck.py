@@ -69,7 +69,10 @@ def test_gibbs(p):
 def test_linear_device(changes):
     """Covariances of the linear equations: any damping, memory of the noise, rate of the load."""
     p = LINEAR._replace(coupling=0.5, **changes)
-    result, exact = averaged(p, "fokker_planck"), interpolated_linear_means(p, 1e-3)
+    # A slow load is answered from two others, each to a third of the tolerance.
+    tolerance = 3e-2 if p.decay_rate < 1e-3 else 1e-2
+    result = averaged(p, "fokker_planck", tolerance)
+    exact = interpolated_linear_means(p, 1e-3)
     for name in (*NAMES, "mean_power", "power_conversion_efficiency"):
         assert within(result, name, exact[name])
 
@@ -173,7 +176,8 @@ def test_refusals(changes, words):
     assert "\n" not in str(caught.value)
 
 
-def test_a_tolerance_out_of_reach_is_refused():
+def test_a_tolerance_out_of_reach_is_refused(monkeypatch):
+    monkeypatch.setattr(solution, "MOST_WORK", 1e7)
     with pytest.raises(AveragingError, match="tolerance of 1e-09"):
         averaged(LINEAR._replace(damping=1.5), "fokker_planck", 1e-9)
 

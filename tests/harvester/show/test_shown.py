@@ -13,6 +13,7 @@ from harvester.studies.optimum import Optimum
 from harvester.studies.optimum_of_several import OptimumOfSeveral
 from harvester.studies.outcome import Report
 from harvester.studies.sensitivity import Sensitivity
+from harvester.verification.known_results.truth import Verification
 from harvester.verification.paper import orbit_maps
 from harvester.verification.paper.claims import Judgement
 from harvester.verification.paper.reproduce import Reproduction
@@ -33,6 +34,7 @@ SHOWN = [
     Sensitivity,
     StabilityMatrix,
     TimeToAccuracy,
+    Verification,
     WorkPrecision,
     orbit_maps.FrequencyResponse,
     orbit_maps.Surfaces,

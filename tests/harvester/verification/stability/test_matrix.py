@@ -208,11 +208,9 @@ def test_a_case_that_runs_out_of_time_is_unfinished(monkeypatch, capsys):
 
 
 @pytest.mark.slow
-def test_no_cell_of_the_default_matrix_is_wrong_but_one_that_is_known():
-    """The circuit's own steps in a contact so stiff and lossy are too long: docs/limits.md."""
+def test_no_cell_of_the_default_matrix_is_wrong():
     matrix = stability(Scene.load("paper"))
-    known = ("K = 1e8, D = 1, e = 0.05", "circuit")
-    assert [each for each in matrix.wrong if each[:2] != known] == []
+    assert matrix.wrong == []
     assert len(matrix.rows) > 50
     judged = sum(len(matrix.cells(word)) for word in ("right", "wrong"))
     assert judged > 5 * len(matrix.cells("not judged"))

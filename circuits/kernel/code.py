@@ -1,0 +1,293 @@
+"""Machine code for a circuit's shape: elimination in its order, its junctions, its products.
+
+What depends on where the circuit's elements stand is written out here, number by number, and
+compiled once for every shape, in a fraction of a second; values stand in the memory. Each function
+has the arguments of `circuits.kernel.emitter`:
+
+- ``factor``: the slot's matrix C + δ G, its linear unknowns eliminated.
+- ``begin``: from `right`, less δ (G y − s) of the constant sources, `ordered`.
+- ``iterate``: one of Newton's iterations; 1 where the junctions moved by little.
+- ``finish``: `change` and `stored` from the last iteration.
+- ``error``: `filtered` from `error`; gives the energy of the error.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Any, NamedTuple
+
+from llvmlite import ir
+
+from circuits.kernel import junction
+from circuits.kernel.emitter import Emitter, Number, compile_module
+from circuits.kernel.linear import Order
+from circuits.kernel.memory import Layout, layout_of
+from circuits.kernel.tables import Tables
+
+Matrix = dict[tuple[int, int], Number]
+
+
+class Shape(NamedTuple):
+    """All that the code of a circuit depends on; tuples, so that equal shapes share their code.
+
+    Attributes
+    ----------
+    entries, switches, junctions : (row, column) or (plus, minus) of each; ground is n.
+    traits : what each junction has, see `junction.traits`.
+    behavioural, inputs : (to, from) of each source, (source, unknown) of each input.
+    rows, columns : which row and which unknown stands at each position of the elimination.
+    linear : unknowns before the core.
+    places : ((row, column) by position, place) of each number of the matrix.
+    layout : circuits.kernel.memory.Layout
+    """
+
+    entries: tuple
+    switches: tuple
+    junctions: tuple
+    traits: tuple
+    behavioural: tuple
+    inputs: tuple
+    rows: tuple
+    columns: tuple
+    linear: int
+    places: tuple
+    layout: Layout
+
+
+class Code(NamedTuple):
+    """Addresses of a circuit's functions."""
+
+    factor: int
+    begin: int
+    iterate: int
+    finish: int
+    error: int
+
+
+def code_of(tables: Tables, order: Order) -> Code:
+    """The code of a circuit, made where no circuit of its shape has been met."""
+    return _compiled(
+        Shape(
+            _tuples(tables.entries),
+            _tuples(tables.switches[:, :2]),
+            _tuples(tables.junctions),
+            tuple(junction.traits(row) for row in tables.junction_values),
+            _tuples(tables.behavioural[:, :2]),
+            _tuples(tables.inputs[:, ::2]),
+            tuple(order.rows.tolist()),
+            tuple(order.columns.tolist()),
+            order.linear,
+            tuple(order.places.items()),
+            layout_of(tables, order),
+        )
+    )[1]
+
+
+def _tuples(array):
+    return tuple(map(tuple, array.tolist()))
+
+
+@functools.lru_cache(maxsize=256)
+def _compiled(shape: Shape) -> tuple[Any, Code]:
+    """The engine that owns the code, and its addresses."""
+    module = ir.Module()
+    for name, write in zip(Code._fields, (_factor, _begin, _iterate, _finish, _error), strict=True):
+        write(Emitter(module, name), shape)
+    engine, addresses = compile_module(module)
+    return engine, Code(**addresses)
+
+
+def _factor(e: Emitter, shape: Shape) -> None:
+    delta, at = e.numbers[0], shape.layout
+    matrix: Matrix = {}
+    position = _positions(shape)
+    for k, (row, column) in enumerate(shape.entries):
+        change = e.load(at.capacity + k) + delta * e.load(at.conductance + k)
+        _add(matrix, position(row, column), change)
+    for k, (plus, minus) in enumerate(shape.switches):
+        _stamp(matrix, position, plus, minus, delta * e.load(at.switches + k), shape)
+    _eliminate(matrix, 0, shape.linear)
+    for where, place in shape.places:
+        if where in matrix:
+            e.store(place, matrix[where], in_slot=True)
+    e.give(e.constant(0.0))
+
+
+def _begin(e: Emitter, shape: Shape) -> None:
+    delta, at, n = e.numbers[0], shape.layout, len(shape.rows)
+    y = [e.load(at.y + i) for i in range(n)]
+    right = [e.load(at.right + i) + delta * e.load(at.steady + i) for i in range(n)]
+    for k, (row, column) in enumerate(shape.entries):
+        right[row] = right[row] - delta * e.load(at.conductance + k) * y[column]
+    for k, (plus, minus) in enumerate(shape.switches):
+        across = _across(e, y, plus, minus)
+        _through(right, plus, minus, delta * e.load(at.switches + k) * across)
+    ordered = [right[row] for row in shape.rows]
+    _forward(_loaded(e, shape), ordered, 0, shape.linear)
+    for i, value in enumerate(ordered):
+        e.store(at.ordered + i, value)
+    e.give(e.constant(0.0))
+
+
+def _iterate(e: Emitter, shape: Shape) -> None:
+    delta, push, slope = e.numbers
+    at, n, first = shape.layout, len(shape.rows), shape.linear
+    position = _positions(shape)
+    row_position = {row: i for i, row in enumerate(shape.rows)}
+    column_position = {column: i for i, column in enumerate(shape.columns)}
+    matrix = {key: v for key, v in _loaded(e, shape).items() if min(key) >= first}
+    right = [e.load(at.ordered + i) if i >= first else e.constant(0.0) for i in range(n)]
+
+    def onto(row, value):
+        if row < n:
+            right[row_position[row]] = right[row_position[row]] + value
+
+    _add(matrix, position(n - 1, n - 1), slope)
+    onto(n - 1, push)
+    laws = []
+    for k, (a, z) in enumerate(shape.junctions):
+        law = junction.Law(e, at.junctions + k * junction.COLUMNS, shape.traits[k])
+        v = e.load(at.iterated + k)
+        g, flow = law.linear(v, delta, e.load(at.charges + k))
+        begin = _across(e, [e.load(at.y + u) if u in (a, z) else None for u in range(n)], a, z)
+        flow = flow + g * (begin - v)
+        _stamp(matrix, position, a, z, g, shape)
+        onto(a, -flow)
+        onto(z, flow)
+        laws.append((law, v, begin))
+    for k, (to, source) in enumerate(shape.behavioural):
+        size = delta * e.load(at.sizes + k)
+        onto(to, -size)
+        onto(source, size)
+    for k, (number, unknown) in enumerate(shape.inputs):
+        size = delta * e.load(at.slopes + k)
+        for row, slope in zip(shape.behavioural[number], (size, -size), strict=True):
+            if row < n:
+                _add(matrix, position(row, unknown), slope)
+    _eliminate(matrix, first, n)
+    _forward(matrix, right, first, n)
+    _backward(matrix, right, first, n)
+    for i in range(first, n):
+        e.store(at.solution + i - first, right[i])
+    for where, place in shape.places:
+        if min(where) >= first:
+            e.store(at.core + place, matrix[where])
+    settled = e.constant(1.0)
+    for k, (a, z) in enumerate(shape.junctions):
+        law, old, across = laws[k]
+        change = [right[column_position[u]] if u in (a, z) else None for u in range(n)]
+        chosen, near = law.moved(old, across + _across(e, change, a, z))
+        e.store(at.iterated + k, chosen)
+        settled = settled * e.truth(near)
+    e.give(settled)
+
+
+def _finish(e: Emitter, shape: Shape) -> None:
+    at, n, first = shape.layout, len(shape.rows), shape.linear
+    values = [
+        e.load(at.ordered + i) if i < first else e.load(at.solution + i - first) for i in range(n)
+    ]
+    _backward(_loaded(e, shape), values, 0, first)
+    change = [values[shape.columns.index(i)] for i in range(n)]
+    stored = [e.constant(0.0)] * n
+    for k, (row, column) in enumerate(shape.entries):
+        stored[row] = stored[row] + e.load(at.capacity + k) * change[column]
+    for k, (a, z) in enumerate(shape.junctions):
+        if shape.traits[k].charge:
+            law = junction.Law(e, at.junctions + k * junction.COLUMNS, shape.traits[k])
+            charge = law.charge(e.load(at.iterated + k))
+            e.store(at.new_charges + k, charge)
+            _through(stored, a, z, e.load(at.charges + k) - charge)
+    for i in range(n):
+        e.store(at.change + i, change[i])
+        e.store(at.stored + i, stored[i])
+    e.give(e.constant(0.0))
+
+
+def _error(e: Emitter, shape: Shape) -> None:
+    at, n, first = shape.layout, len(shape.rows), shape.linear
+    matrix = _loaded(e, shape)
+    for where, place in shape.places:
+        if min(where) >= first:
+            matrix[where] = e.load(at.core + place)
+    error = [e.load(at.error + i) for i in range(n)]
+    values = [error[row] for row in shape.rows]
+    _forward(matrix, values, 0, n)
+    _backward(matrix, values, 0, n)
+    total = e.constant(0.0)
+    for i in range(n):
+        filtered = values[shape.columns.index(i)]
+        e.store(at.filtered + i, filtered)
+        if i < n - 1:
+            total = total + (error[i] * filtered).function("fabs")
+    e.give(total)
+
+
+def _positions(shape):
+    rows = {row: i for i, row in enumerate(shape.rows)}
+    columns = {column: i for i, column in enumerate(shape.columns)}
+    return lambda row, column: (rows[row], columns[column])
+
+
+def _loaded(e, shape):
+    """The slot's matrix."""
+    return {where: e.load(place, in_slot=True) for where, place in shape.places}
+
+
+def _add(matrix, where, value):
+    matrix[where] = matrix[where] + value if where in matrix else value
+
+
+def _stamp(matrix, position, plus, minus, value, shape):
+    """A conductance between two nodes."""
+    n = len(shape.rows)
+    ends = [(node, sign) for node, sign in ((plus, 1), (minus, -1)) if node < n]
+    for row, sign in ends:
+        for column, other in ends:
+            _add(matrix, position(row, column), value if sign == other else -value)
+
+
+def _across(e, values, plus, minus):
+    """Difference of two of the values; ground, behind them all, is 0."""
+    n = len(values)
+    one = values[plus] if plus < n else e.constant(0.0)
+    return one - values[minus] if minus < n else one
+
+
+def _through(values, plus, minus, current):
+    """Take a current from one value and give it to another."""
+    if plus < len(values):
+        values[plus] = values[plus] - current
+    if minus < len(values):
+        values[minus] = values[minus] + current
+
+
+def _eliminate(matrix: Matrix, start: int, stop: int) -> None:
+    """Eliminate pivots, which get inverted; below them what rows lose, beside them as they were."""
+    for k in range(start, stop):
+        inverse = 1.0 / matrix[k, k]
+        matrix[k, k] = inverse
+        below = [i for i, j in matrix if j == k and i > k]
+        beside = [j for i, j in matrix if i == k and j > k]
+        for i in below:
+            share = matrix[i, k] * inverse
+            matrix[i, k] = share
+            for j in beside:
+                _add(matrix, (i, j), -(share * matrix[k, j]))
+
+
+def _forward(matrix: Matrix, values: list[Number], start: int, stop: int) -> None:
+    """Eliminate from a right-hand side in the order of pivots."""
+    for k in range(start, stop):
+        for i, j in matrix:
+            if j == k and i > k:
+                values[i] = values[i] - matrix[i, k] * values[k]
+
+
+def _backward(matrix: Matrix, values: list[Number], start: int, stop: int) -> None:
+    """The unknowns from `stop` back to `start` in place of the right-hand side."""
+    for k in range(stop - 1, start - 1, -1):
+        for i, j in matrix:
+            if i == k and j > k:
+                values[k] = values[k] - matrix[k, j] * values[j]
+        values[k] = values[k] * matrix[k, k]

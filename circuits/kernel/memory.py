@@ -1,0 +1,85 @@
+"""Where the numbers of a circuit stand in one block of memory, and views of it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from circuits.kernel import junction
+from circuits.kernel.linear import Order
+from circuits.kernel.tables import Tables
+
+# Factors kept at a time.
+SLOTS = 24
+
+
+class Layout(NamedTuple):
+    """Places in the memory of a circuit with n unknowns, m junctions and a core of c unknowns.
+
+    Attributes
+    ----------
+    y, rates : n unknowns and d/dt [C y + q].
+    change : n, of the unknowns in the stage.
+    stored : n, change of C y + q in the stage.
+    right, ordered : n, right-hand side, and in the order of pivots the linear ones eliminated.
+    error, filtered : n, a step's error of C y + q, and of y.
+    steady : n, constant sources.
+    solution : c, changes of the core's unknowns; ground's last, 0.
+    core : factors of the core in the latest iteration, as `Order.places` counts.
+    iterated : m, voltages of the junctions.
+    charges, new_charges : m, at the step's beginning and in the stage.
+    capacity, conductance : of the tables' entries.
+    switches : conductance of each as it is.
+    junctions : m rows of `junction.COLUMNS`.
+    slopes, sizes : of behavioural sources, by input and by source.
+    slots : `SLOTS` times the factors of the linear unknowns and the core without junctions.
+    end : the size.
+    """
+
+    y: int
+    rates: int
+    change: int
+    stored: int
+    right: int
+    ordered: int
+    error: int
+    filtered: int
+    steady: int
+    solution: int
+    core: int
+    iterated: int
+    charges: int
+    new_charges: int
+    capacity: int
+    conductance: int
+    switches: int
+    junctions: int
+    slopes: int
+    sizes: int
+    slots: int
+    end: int
+
+
+def layout_of(tables: Tables, order: Order) -> Layout:
+    """The layout of a circuit's memory."""
+    n, m, core = tables.steady.size, len(tables.junctions), len(order.rows) - order.linear
+    entries, factors = len(tables.entries), len(order.places)
+    sizes = [
+        *[n] * 9, core + 1, factors, *[m] * 3, entries, entries, len(tables.switches),
+        m * junction.COLUMNS, len(tables.inputs), len(tables.behavioural), SLOTS * factors,
+    ]  # fmt: skip
+    return Layout(0, *(int(place) for place in np.cumsum(sizes)))
+
+
+def fresh_memory(tables: Tables, layout: Layout) -> np.ndarray:
+    """A block of memory with the tables' numbers in it; float64."""
+    memory = np.zeros(layout.end)
+    for place, numbers in (
+        (layout.steady, tables.steady),
+        (layout.capacity, tables.capacity),
+        (layout.conductance, tables.conductance),
+        (layout.junctions, tables.junction_values.ravel()),
+    ):
+        memory[place : place + numbers.size] = numbers
+    return memory

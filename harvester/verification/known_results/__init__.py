@@ -1,0 +1,1 @@
+"""`verify`: exact and published results beside what this project computes."""

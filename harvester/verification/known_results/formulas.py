@@ -1,0 +1,175 @@
+"""Closed forms that others derived, as functions of numbers alone.
+
+None of them uses a part of the simulated device: a fault there shows as a difference.
+"""
+
+import itertools
+import math
+from collections.abc import Callable
+
+import numpy as np
+from scipy.integrate import quad
+from scipy.optimize import brentq, minimize
+
+
+def linear_piezo_power(
+    damping: float,
+    stiffness: float,
+    coupling: float,
+    decay_rate: float,
+    intensity: float,
+    correlation_time: float = 0.0,
+) -> float:
+    """E[P] of a linear piezoelectric harvester under Ornstein–Uhlenbeck noise, scaled.
+
+    Parameters
+    ----------
+    damping, stiffness, coupling, decay_rate : float
+        c, k, β and λ of Eq. 4.
+    intensity, correlation_time : float
+        D and τ1 (s); white noise at 0.
+    """
+    frequency = math.sqrt(stiffness)
+    ratio, square = 0.5 * damping / frequency, coupling / stiffness
+    alpha, t = frequency / decay_rate, frequency * correlation_time
+    white = intensity * square * alpha
+    white /= 2 * ratio + (4 * ratio**2 + square) * alpha + 2 * ratio * (1 + square) * alpha**2
+    lower = alpha * (1 + square) * t**2 + 2 * ratio * alpha * t + alpha + t**3
+    return white * (t + alpha + 2 * ratio * alpha * t) / (lower + 2 * ratio * t**2 + t)
+
+
+def linear_coil_power(
+    mass: float,
+    damping: float,
+    flux_gradient: float,
+    coil_resistance: float,
+    resistance: float,
+    intensity: float,
+) -> float:
+    """E[P] (W) of a coil without inductance on any linear spring under white noise.
+
+    All in SI; E[ηη'] = 2 D δ with D the intensity (m²/s³).
+    """
+    total = coil_resistance + resistance
+    rate = (damping + flux_gradient**2 / total) / mass
+    return flux_gradient**2 * resistance / total**2 * intensity / rate
+
+
+def gibbs_mean(
+    potential: Callable[[float], float], temperature: float, value: Callable[[float], float]
+) -> float:
+    """Mean of a function of X under exp(−U/T), X between −10 and 10 (scaled)."""
+    places = np.linspace(-10.0, 10.0, 81)
+    lowest = min(potential(x) for x in np.linspace(-10.0, 10.0, 2001))
+
+    def area(function):
+        pieces = itertools.pairwise(places)
+        return sum(
+            quad(lambda x: function(x) * math.exp((lowest - potential(x)) / temperature), a, b)[0]
+            for a, b in pieces
+        )
+
+    return area(value) / area(lambda x: 1.0)
+
+
+def kramers_rate(
+    damping: float, well_frequency: float, barrier_frequency: float, barrier_over_temperature: float
+) -> float:
+    """Rate out of a well (1/s) at moderate damping, by Kramers; angular frequencies."""
+    reduced = math.sqrt(damping**2 / 4.0 + barrier_frequency**2) - damping / 2.0
+    attempts = reduced / barrier_frequency * well_frequency / (2.0 * math.pi)
+    return attempts * math.exp(-barrier_over_temperature)
+
+
+def rebound_speed(restitution: float) -> float:
+    """Speed after a drop at speed 1 on a Hertz-damp stopper: h (1 + ρ) = ln[(1 + h)/(1 − h ρ)].
+
+    h = ¾ (1 − e²), e the restitution asked for.
+    """
+    h = 0.75 * (1.0 - restitution**2)
+    if h == 0.0:
+        return 1.0
+    return brentq(lambda r: h * (1 + r) - math.log((1 + h) / (1 - h * r)), 0.0, 1.0, xtol=1e-14)
+
+
+def resistor_power(unit: float, share: float) -> float:
+    """Of a resistor R on a prescribed sine: θ²u²ω/C = `unit` (W), ωCR = `share`."""
+    return 0.5 * unit * share / (1.0 + share**2)
+
+
+def bridge_power(unit: float, share: float) -> float:
+    """Of an ideal bridge into a steady voltage: `share` of the best resistance π/2ωC."""
+    return 2.0 * unit / math.pi * share / (1.0 + share) ** 2
+
+
+def parallel_sshi_power(unit: float, quality: float) -> float:
+    """Of parallel SSHI at its best resistance π/[(1 − γ) ωC], γ = e^(−π/2Q)."""
+    return unit / (math.pi * (1.0 - _left_of_inversion(quality)))
+
+
+def series_sshi_power(unit: float, quality: float) -> float:
+    """Of series SSHI at its best resistance π/2 (1 − γ)/(1 + γ)/ωC."""
+    left = _left_of_inversion(quality)
+    return unit / (2.0 * math.pi) * (1.0 + left) / (1.0 - left)
+
+
+def sece_power(unit: float) -> float:
+    """Of synchronous charge extraction without loss, at any resistance."""
+    return 2.0 / math.pi * unit
+
+
+def best_resistance(kind: str, quality: float) -> float:
+    """Of a switched load, times ωC."""
+    left = _left_of_inversion(quality)
+    return {
+        "sshi_parallel": math.pi / (1.0 - left),
+        "sshi_series": math.pi / 2.0 * (1.0 - left) / (1.0 + left),
+        "sece": math.pi / 2.0,
+    }[kind]
+
+
+def _left_of_inversion(quality):
+    return math.exp(-math.pi / (2.0 * quality))
+
+
+def coupled_bridge_power(
+    omega: float,
+    resistance: float,
+    force: float,
+    damping: float,
+    coupling: float,
+    capacitance: float,
+) -> float:
+    """Of an ideal bridge on a mass and spring of 1 under F0 cos ωt, by Shu and Lien (2006).
+
+    The form that balances energy, of one harmonic: a = ωCpR + π/2,
+    u0 = F0/√{[ηω + 2ωθ²R/a²]² + [1 − ω² + ωθ²R/a]²}, P = ω²θ²R u0²/a².
+    """
+    a = omega * capacitance * resistance + 0.5 * math.pi
+    back = omega * coupling**2 * resistance
+    lossy = damping * omega + 2.0 * back / a**2
+    size = force / math.hypot(lossy, 1.0 - omega**2 + back / a)
+    return (omega * coupling * size / a) ** 2 * resistance
+
+
+def best_coupled_bridge(
+    force: float, damping: float, coupling: float, capacitance: float
+) -> tuple[float, float, float]:
+    """(ω, R, P) where `coupled_bridge_power` is largest."""
+    given = (force, damping, coupling, capacitance)
+    found = minimize(
+        lambda z: -coupled_bridge_power(z[0], math.exp(z[1]) / capacitance, *given),
+        [1.02, 0.5],
+        method="Nelder-Mead",
+        options={"xatol": 1e-8, "fatol": 1e-16},
+    )
+    return float(found.x[0]), math.exp(found.x[1]) / capacitance, float(-found.fun)
+
+
+def coupled_sece_share(figure_of_merit: float) -> float:
+    """Of F0²/8η that SECE takes from a piezo at the best frequency, by Lefeuvre (2006).
+
+    4x/(1 + x)², x = 4k²Q/π; k²Q is the figure of merit.
+    """
+    x = 4.0 * figure_of_merit / math.pi
+    return 4.0 * x / (1.0 + x) ** 2

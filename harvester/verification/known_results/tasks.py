@@ -1,0 +1,42 @@
+"""What `verify` asks a worker process for that is no mean of a scene."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from harvester.engines.realization import run
+from harvester.engines.steps import knot_spacing
+from harvester.estimates.of_run import run_estimates
+from harvester.scene.model import Scene
+from harvester.verification.work_precision import reference_path
+
+
+def rebound(scene: Scene, engine: str, report: Callable) -> tuple[float, float]:
+    """Speed at the end of a run that begins with a drop at speed 1, and 0 for its error."""
+    return -float(_waveform(scene, engine, "default", report).velocity[-1]), 0.0
+
+
+def path_deviation(scene: Scene, engine: str, step: str, report: Callable) -> tuple[float, float]:
+    """Root mean square difference of X from scipy's DOP853 on one path, as a share of its rms."""
+    exact = reference_path.run(scene, 0, report)[:, 0]
+    record = _waveform(scene, engine, step, report)
+    times = knot_spacing(scene) * np.arange(1, exact.size + 1)
+    ours = np.interp(times, record.time, record.displacement)
+    return float(np.sqrt(np.mean((ours - exact) ** 2) / np.mean(exact**2))), 0.0
+
+
+def highest(
+    scenes: Sequence[Scene], engine: str, quantity: str, report: Callable
+) -> tuple[float, float]:
+    """The largest of a quantity (scaled) among some scenes that no noise moves."""
+    values = []
+    for scene in scenes:
+        [found] = run(scene, engine, [0], "default", "external", None, report)
+        values.append(run_estimates(scene, [found.moments]).whole[quantity].estimate)
+    return float(max(values)), 0.0
+
+
+def _waveform(scene, engine, step, report):
+    """All points of the first realization."""
+    [found] = run(scene, engine, [0], step, "external", (0.0, 2.0 * scene.run.duration), report)
+    return found.waveform

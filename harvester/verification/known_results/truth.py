@@ -1,0 +1,233 @@
+"""A known result, what each method makes of it, and the table of all of them."""
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Unpack
+
+from harvester.errors import HarvesterError
+from harvester.files.writing import finite
+from harvester.running import Request, RunnerOptions, open_runner
+from harvester.running.request import told
+from harvester.running.task import Task
+
+# Standard errors within which a method agrees; by chance one agreement in 370 is missed.
+AGREEING_SIGMAS = 3.0
+# Largest such error, as a share of the exact value, with which agreement says something.
+SHARPEST_NEEDED = 0.15
+HOLDS, FAILS, BLUNT, REFUSED, UNFINISHED = (
+    "holds", "FAILS", "not known well enough", "refused", "unfinished",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A result that this project did not compute.
+
+    Attributes
+    ----------
+    title : str
+    source : str
+        Who derived or published it.
+    exact : float
+    allowance : float
+        How far off the simulated device may be because it is not quite that of the result
+        (knots of the noise, diodes that are not ideal), in the unit of `exact`.
+    asked : dict of str to Request or Task
+        By method; a task returns (value, standard error).
+    quantity : str
+        Of an answer, in the scene's units.
+    unit : str
+    """
+
+    title: str
+    source: str
+    exact: float
+    allowance: float
+    asked: dict[str, Request | Task]
+    quantity: str = ""
+    unit: str = "scaled"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One method beside one truth.
+
+    Attributes
+    ----------
+    truth : Truth
+    method : str
+    value, standard_error : float
+        nan where there is none.
+    reason : str
+        Why there is none.
+    """
+
+    truth: Truth
+    method: str
+    value: float = math.nan
+    standard_error: float = math.nan
+    reason: str = ""
+
+    @property
+    def limit(self) -> float:
+        """Largest difference that is no disagreement."""
+        return AGREEING_SIGMAS * self.standard_error + self.truth.allowance
+
+    @property
+    def verdict(self) -> str:
+        """holds, FAILS, not known well enough, refused or unfinished."""
+        if self.reason:
+            return UNFINISHED if self.reason == UNFINISHED else REFUSED
+        if not abs(self.value - self.truth.exact) <= self.limit:
+            return FAILS
+        blunt = AGREEING_SIGMAS * self.standard_error > SHARPEST_NEEDED * abs(self.truth.exact)
+        return BLUNT if blunt else HOLDS
+
+    def cells(self) -> list[str]:
+        """Of the table: result, exact, by, ours, difference, allowed, verdict."""
+        exact = f"{self.truth.exact:.5g}"
+        if self.reason:
+            return [self.truth.title, exact, self.method, "", "", "", self.verdict]
+        ours = f"{self.value:.5g}"
+        if self.standard_error:
+            ours += f" ± {self.standard_error:.1g}"
+        return [
+            self.truth.title,
+            exact,
+            self.method,
+            ours,
+            self._of_exact(self.value - self.truth.exact, "+"),
+            "± " + self._of_exact(self.limit, ""),
+            self.verdict,
+        ]
+
+    def _of_exact(self, difference, sign):
+        if not self.truth.exact:
+            return f"{difference:{sign}.1g}"
+        return f"{difference / abs(self.truth.exact):{sign}.2%}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {
+            "result": self.truth.title,
+            "source": self.truth.source,
+            "unit": self.truth.unit,
+            "exact": self.truth.exact,
+            "allowance": self.truth.allowance,
+            "method": self.method,
+            "value": finite(self.value),
+            "standard_error": finite(self.standard_error),
+            "verdict": self.verdict,
+            "reason": self.reason,
+        }
+
+
+@dataclass(frozen=True)
+class Verification:
+    """All rows; `harvester verify` shows it.
+
+    Attributes
+    ----------
+    rows : list of Row
+    wall_seconds : float
+    """
+
+    rows: list[Row]
+    wall_seconds: float
+
+    @property
+    def scene(self) -> None:
+        """Every result has its own."""
+
+    @property
+    def failed(self) -> list[Row]:
+        """Rows that disagree."""
+        return [row for row in self.rows if row.verdict == FAILS]
+
+    def table(self) -> tuple[list[str], list[list[str]]]:
+        """Header and rows of the table, as text."""
+        header = ["result", "exact", "by", "ours", "difference", "allowed", "verdict"]
+        return header, [row.cells() for row in self.rows]
+
+    def sentences(self) -> list[str]:
+        """How many rows hold, and everything about those that do not."""
+        count = sum(row.verdict == HOLDS for row in self.rows)
+        lines = [
+            f"{count} of {len(self.rows)} rows hold; allowed are {AGREEING_SIGMAS:g} standard "
+            "errors (by chance one row in 370 exceeds them) and what sets the simulated device "
+            f"apart from that of the result; {self.wall_seconds:.0f} s"
+        ]
+        return lines + [
+            f"{row.truth.title}, {row.method}: {row.reason or row.verdict}"
+            for row in self.rows
+            if row.verdict != HOLDS
+        ]
+
+    def markdown(self) -> str:
+        """The table with its sources, as Markdown."""
+        header, rows = self.table()
+        lines = [[*header, "source"], ["---"] * (len(header) + 1)]
+        lines += [[*cells, row.truth.source] for cells, row in zip(rows, self.rows, strict=True)]
+        table = "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+        return table + "\n\n" + "".join(f"- {line}\n" for line in self.sentences())
+
+    def figure(self) -> None:
+        """The table says it all."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {
+            "agreeing_sigmas": AGREEING_SIGMAS,
+            "wall_seconds": self.wall_seconds,
+            "rows": [row.to_dict() for row in self.rows],
+        }
+
+
+def verify(
+    *, chosen: Sequence[Truth] | None = None, **running: Unpack[RunnerOptions]
+) -> Verification:
+    """Exact and published results beside this project's.
+
+    Parameters
+    ----------
+    chosen : sequence of Truth or None
+        Of `harvester.verification.known_results.catalogue`; None: all.
+    **running
+        See `harvester.running.open_runner`.
+
+    Returns
+    -------
+    Verification
+    """
+    if chosen is None:
+        from harvester.verification.known_results.catalogue import catalogue
+
+        chosen = catalogue()
+    clock = time.perf_counter()
+    asked = [(truth, method, each) for truth in chosen for method, each in truth.asked.items()]
+    requests = [each for *_, each in asked if isinstance(each, Request)]
+    tasks = [each for *_, each in asked if isinstance(each, Task)]
+    with open_runner(**running) as runner:
+        answers = iter(runner.answer(requests))
+        found = iter(runner.run(tasks))
+    rows = [
+        _row(truth, method, next(answers if isinstance(each, Request) else found))
+        for truth, method, each in asked
+    ]
+    return Verification(rows, time.perf_counter() - clock)
+
+
+def _row(truth, method, outcome):
+    if outcome is None:
+        return Row(truth, method, reason=UNFINISHED)
+    if isinstance(outcome, HarvesterError):
+        return Row(truth, method, reason=told(outcome))
+    if isinstance(outcome, (tuple, list)):
+        return Row(truth, method, *outcome)
+    estimate = outcome.in_units()[truth.quantity]
+    error = estimate.standard_error if outcome.scene.excitation.random else 0.0
+    if error is None:
+        return Row(truth, method, reason=f"no error bar: {'; '.join(outcome.notes)}")
+    return Row(truth, method, estimate.estimate, error)

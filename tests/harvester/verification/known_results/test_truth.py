@@ -1,0 +1,80 @@
+"""`verify`: known results beside ours, and that a wrong one is caught."""
+
+import dataclasses
+import json
+import math
+
+import pytest
+
+from harvester.command_line import main
+from harvester.running.runner import Runner
+from harvester.verification.known_results import catalogue as catalogue_module
+from harvester.verification.known_results import formulas
+from harvester.verification.known_results.catalogue import catalogue
+from harvester.verification.known_results.truth import BLUNT, FAILS, HOLDS, Row, verify
+
+# By title, of each kind that takes no second: a drop, loads on a prescribed sine, an orbit.
+QUICK = ("e = 0.7", "resistor on a prescribed sine, omega C R = 1", "sece", "f = 0.0922")
+
+
+def quick():
+    chosen = [each for each in catalogue() if any(name in each.title for name in QUICK)]
+    assert len(chosen) == len(QUICK)
+    return chosen
+
+
+@pytest.mark.parametrize("share", [0.5, 1.0, 2.0])
+def test_the_closed_forms_know_their_own_limits(share):
+    """Best loads are where they are said to be; SSHI without inversion is the bridge."""
+    best = formulas.bridge_power(1.0, 1.0)
+    assert best == pytest.approx(1.0 / (2.0 * math.pi))
+    assert formulas.bridge_power(1.0, 1.0 + share) < best
+    assert formulas.resistor_power(1.0, share) <= 0.25
+    assert formulas.series_sshi_power(1.0, 1e-3) == pytest.approx(best)
+    assert formulas.rebound_speed(share / 2.0) <= 1.0
+    # White noise: E[P] = D less what the damper takes, of D in all.
+    white = formulas.linear_piezo_power(0.2, 4.0, 1.0, share, 0.02)
+    assert 0.0 < white < 0.02
+    short = formulas.linear_piezo_power(0.2, 4.0, 1.0, share, 0.02, 1e-6)
+    assert short == pytest.approx(white, rel=1e-5)
+    gauss = formulas.gibbs_mean(lambda x: x * x / 2, share, lambda x: x * x)
+    assert gauss == pytest.approx(share, rel=1e-6)
+
+
+def test_what_agrees_holds_and_what_is_changed_by_a_tenth_fails(pool):
+    truths = quick()
+    told = verify(chosen=truths, runner=Runner(pool))
+    assert [row.verdict for row in told.rows] == [HOLDS] * len(told.rows)
+    wrong = [dataclasses.replace(each, exact=1.1 * each.exact) for each in truths]
+    told = verify(chosen=wrong, runner=Runner(pool))
+    assert [row.verdict for row in told.rows] == [FAILS] * len(told.rows)
+    assert told.failed == told.rows
+
+
+def test_a_value_hardly_known_agrees_with_anything_and_does_not_hold():
+    truth = dataclasses.replace(quick()[0], exact=1.0, allowance=0.0)
+    assert Row(truth, "circuit", 1.05, 0.03).verdict == HOLDS
+    assert Row(truth, "circuit", 1.1, 0.06).verdict == BLUNT
+    assert Row(truth, "circuit", 1.1, 0.03).verdict == FAILS
+    assert Row(truth, "circuit", math.nan, 0.03).verdict == FAILS
+
+
+def test_the_command_ends_with_one_where_a_row_fails(tmp_path, monkeypatch, capsys):
+    drop = [each for each in quick() if "e = 0.7" in each.title]
+    off = dataclasses.replace(drop[0], title="made up", exact=0.9)
+    for chosen, code in ((drop, 0), ([*drop, off], 1)):
+        monkeypatch.setattr(catalogue_module, "catalogue", lambda chosen=chosen: chosen)
+        folder = tmp_path / str(code)
+        assert main(["verify", "--output", str(folder), "--workers", "1"]) == code
+        rows = json.loads((folder / "verify.json").read_text())["rows"]
+        assert len(rows) == 2 * len(chosen)
+        assert drop[0].source in (folder / "verify.md").read_text()
+    assert "made up, circuit: FAILS" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_the_whole_catalogue_holds():
+    """Fixed seeds; by chance one of these rows in 370 would fail with others."""
+    told = verify()
+    assert len(told.rows) >= 35
+    assert [row.cells() for row in told.rows if row.verdict != HOLDS] == []
