@@ -52,6 +52,12 @@ ANSWERS = {
         r"gives ([\d.]+) ± ([\d.]+) µW;.* are ([\d.]+) joint",
         lambda power, error, apart: 0.0 < error < 0.2 * power and apart < 4.0,
     ),
+    "06": (
+        r"power to ([+-][\d.]+) ± ([\d.]+) %,.*loads (\d+) kΩ gives most, ([\d.]+) ± ([\d.]+) mW",
+        lambda off, spread, place, power, error: (
+            abs(off) < 3.0 + 4.0 * spread and 50 <= place <= 2000 and 0.0 < error < 0.2 * power
+        ),
+    ),
 }
 
 
@@ -64,7 +70,7 @@ def outputs(cell, kind):
 
 def test_the_notebooks_are_there():
     numbers = [path.name[:2] for path in NOTEBOOKS]
-    assert numbers == ["01", "02", "03", "04", "05"]
+    assert numbers == ["01", "02", "03", "04", "05", "06"]
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
