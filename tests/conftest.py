@@ -17,6 +17,12 @@ settings.register_profile("long", max_examples=20_000, deadline=timedelta(second
 settings.load_profile("short")
 
 
+def pytest_collection_modifyitems(items):
+    """Modules with slow tests go first: side by side, none is left alone with one at the end."""
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: item.path not in slow)
+
+
 @pytest.fixture(scope="session")
 def pool():
     """Two worker processes for the whole session."""

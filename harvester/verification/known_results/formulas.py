@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 from scipy.integrate import quad
-from scipy.optimize import brentq
+from scipy.optimize import brentq, minimize
 
 
 def linear_piezo_power(
@@ -130,3 +130,46 @@ def best_resistance(kind: str, quality: float) -> float:
 
 def _left_of_inversion(quality):
     return math.exp(-math.pi / (2.0 * quality))
+
+
+def coupled_bridge_power(
+    omega: float,
+    resistance: float,
+    force: float,
+    damping: float,
+    coupling: float,
+    capacitance: float,
+) -> float:
+    """Of an ideal bridge on a mass and spring of 1 under F0 cos ωt, by Shu and Lien (2006).
+
+    The form that balances energy, of one harmonic: a = ωCpR + π/2,
+    u0 = F0/√{[ηω + 2ωθ²R/a²]² + [1 − ω² + ωθ²R/a]²}, P = ω²θ²R u0²/a².
+    """
+    a = omega * capacitance * resistance + 0.5 * math.pi
+    back = omega * coupling**2 * resistance
+    lossy = damping * omega + 2.0 * back / a**2
+    size = force / math.hypot(lossy, 1.0 - omega**2 + back / a)
+    return (omega * coupling * size / a) ** 2 * resistance
+
+
+def best_coupled_bridge(
+    force: float, damping: float, coupling: float, capacitance: float
+) -> tuple[float, float, float]:
+    """(ω, R, P) where `coupled_bridge_power` is largest."""
+    given = (force, damping, coupling, capacitance)
+    found = minimize(
+        lambda z: -coupled_bridge_power(z[0], math.exp(z[1]) / capacitance, *given),
+        [1.02, 0.5],
+        method="Nelder-Mead",
+        options={"xatol": 1e-8, "fatol": 1e-16},
+    )
+    return float(found.x[0]), math.exp(found.x[1]) / capacitance, float(-found.fun)
+
+
+def coupled_sece_share(figure_of_merit: float) -> float:
+    """Of F0²/8η that SECE takes from a piezo at the best frequency, by Lefeuvre (2006).
+
+    4x/(1 + x)², x = 4k²Q/π; k²Q is the figure of merit.
+    """
+    x = 4.0 * figure_of_merit / math.pi
+    return 4.0 * x / (1.0 + x) ** 2

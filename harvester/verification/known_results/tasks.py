@@ -25,17 +25,15 @@ def path_deviation(scene: Scene, engine: str, step: str, report: Callable) -> tu
     return float(np.sqrt(np.mean((ours - exact) ** 2) / np.mean(exact**2))), 0.0
 
 
-def highest_orbit(
-    scene: Scene, engine: str, starts: Sequence[Sequence[float]], report: Callable
+def highest(
+    scenes: Sequence[Scene], engine: str, quantity: str, report: Callable
 ) -> tuple[float, float]:
-    """Mean power (scaled) of the best of the orbits that some starts (X, X') lead to."""
-    powers = []
-    for displacement, velocity in starts:
-        start = {"start.displacement": displacement, "start.velocity": velocity}
-        begun = scene.replace(start)
-        [found] = run(begun, engine, [0], "default", "external", None, report)
-        powers.append(run_estimates(begun, [found.moments]).whole["mean_power"].estimate)
-    return float(max(powers)), 0.0
+    """The largest of a quantity (scaled) among some scenes that no noise moves."""
+    values = []
+    for scene in scenes:
+        [found] = run(scene, engine, [0], "default", "external", None, report)
+        values.append(run_estimates(scene, [found.moments]).whole[quantity].estimate)
+    return float(max(values)), 0.0
 
 
 def _waveform(scene, engine, step, report):
