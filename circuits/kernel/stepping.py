@@ -2,8 +2,10 @@
 
 TR-BDF2 (Bank et al. 1985, Hosea and Shampine 1996) is of second order, A- and L-stable, and both
 its implicit stages have one matrix. It goes on from the rates of change at the step's beginning;
-where a switch has just changed them, Alexander's SDIRK of the same order and matrix takes the step,
-which asks for none.
+where a contact has just changed them, Alexander's SDIRK of the same order and matrix takes the
+step, which asks for none. After a switch one very short step of backward Euler does: what then
+discharges at once through a diode, which lets nothing back, would go on by 1.4 times as much in a
+second stage.
 """
 
 from __future__ import annotations
@@ -40,6 +42,8 @@ GROWING = 0.9**3
 POWER_WEIGHTS = ((0.25 * ROOT, 0.25 * ROOT, DIAGONAL), (0.0, 1.0 - DIAGONAL, DIAGONAL))
 # Of the power at both ends, a difference of their mean from the step's that asks for a point more.
 POWER_DIFFERENCE = 0.01
+# What is known of the rates of change at a step's beginning: all, nothing, that a switch turned.
+KNOWN, UNKNOWN, TURNED = 1.0, 0.0, -1.0
 # After a switch, the first step against the usual one; the shortest; how well its time is known.
 RESTART, SHORTEST, LOCATED = 2.0**-10, 2.0**-34, 1e-4
 # Share of the step that led across within which the time is known, too.
@@ -115,7 +119,7 @@ def advance(
             if not settled:
                 h *= 0.25
                 numbers[PROPOSED] = h
-                numbers[RATES_KNOWN] = 0.0
+                numbers[RATES_KNOWN] = UNKNOWN
                 continue
             scale = probes.energy[0] * max(numbers[ENERGY], (SMALL_VOLTAGE * probes.energy[1]) ** 2)
             ratio = max(np.sqrt(error / scale) / TOLERANCE, missed)
@@ -141,7 +145,7 @@ def advance(
         _accept(probes, state, h, x1, ratio, step)
         if entered != 0:
             numbers[ZONE] = place + entered
-            numbers[RATES_KNOWN] = 0.0
+            numbers[RATES_KNOWN] = UNKNOWN
             if not touching:
                 numbers[HELD_SPEED] = abs(y[n - 1])
         if switch >= 0:
@@ -149,7 +153,7 @@ def advance(
             if numbers[SWITCHINGS] > MOST_SWITCHINGS:
                 return segment, points, CHATTER, switch
             turn(tables, state)
-            numbers[RATES_KNOWN] = 0.0
+            numbers[RATES_KNOWN] = TURNED
             numbers[PROPOSED] = RESTART * step
         if h >= remaining:
             phase = end
@@ -199,10 +203,12 @@ def _try_step(s, tables, probes, state, time, h, noise, slope, x, zone, row_unit
     """
     y, rates, numbers = state.y, state.rates, state.numbers
     n = y.size
-    known = numbers[RATES_KNOWN] > 0.0
-    delta = DIAGONAL * h
+    known, euler = numbers[RATES_KNOWN] == KNOWN, numbers[RATES_KNOWN] == TURNED
+    delta = h if euler else DIAGONAL * h
     slot = slot_of(tables, state, delta)
     share, factor = (STAGE, BACKWARD) if known else (DIAGONAL, ALEXANDER)
+    if euler:
+        share = 1.0
     _predict(tables, state, share * h)
     for i in range(n):
         state.right[i] = delta * rates[i] if known else 0.0
@@ -211,7 +217,7 @@ def _try_step(s, tables, probes, state, time, h, noise, slope, x, zone, row_unit
         state.latest[n - 1] = y[n - 1] + STAGE * h * rates[n - 1] / row_unit
     base = x + (delta * y[n - 1] if known else 0.0)
     settled, error, missed, moved, mean, power = True, 0.0, 0.0, 0.0, 0.0, 0.0
-    for stage in range(2):
+    for stage in range(1 if euler else 2):
         ahead = share * h if stage == 0 else h
         state.right[n - 1] += delta * row_unit * (noise + slope * ahead)
         if tables.sources.shape[0] > 0:
@@ -232,7 +238,11 @@ def _try_step(s, tables, probes, state, time, h, noise, slope, x, zone, row_unit
                 state.right[i] = factor * state.stored[i]
             base = x + factor * moved
             _predict_second(tables, state, share)
-    if settled:
+    if settled and euler:
+        numbers[MEAN_POWER] = power
+        for i in range(n):
+            state.stored[i] /= delta
+    elif settled:
         numbers[MEAN_POWER] = mean + DIAGONAL * power
         for i in range(n):
             new = (state.stored[i] - factor * state.error[i]) / delta
@@ -302,7 +312,7 @@ def _accept(probes, state, h, x1, ratio, step):
         state.charges[k] = state.new_charges[k]
     numbers[DISPLACEMENT] = x1
     numbers[LAST_STEP] = h
-    numbers[RATES_KNOWN] = 1.0
+    numbers[RATES_KNOWN] = KNOWN
     if ratio > GROWING or numbers[PROPOSED] < step:
         growth = min(0.9 / np.cbrt(ratio), 4.0)
         if growth >= 1.0:
