@@ -8,9 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from harvester.device import timescales
 from harvester.identification.candidates import Candidate, proposed
+from harvester.identification.fitting import responses_of
 from harvester.identification.intervals import HALF_INTERVAL
 from harvester.identification.proof import sensor_noise
+from harvester.identification.response import FINE_STEPS
 from harvester.identification.scene_file import scene_text
 
 if TYPE_CHECKING:
@@ -98,6 +101,28 @@ class Identification:
     def proposed(self) -> Candidate:
         """The simplest model that predicts as well as the best."""
         return proposed(self.candidates)
+
+    def simulated(self, measurement: Measurement) -> dict[str, np.ndarray]:
+        """What the sensors would have shown of another record, the device starting at rest.
+
+        Parameters
+        ----------
+        measurement : Measurement
+            Of its outputs only the names are used.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (n,)
+            By the output's name.
+        """
+        own = self.fitted.shooting.responses
+        responses = responses_of(self.scene, [measurement], self.keys, own.length, FINE_STEPS)
+        responses.interpolation = self.fitted.interpolation
+        system, _ = responses.known_device(0, self.fitted.values)
+        rest = np.array([[timescales.rest(system), 0.0, 0.0]])
+        edges = np.array([0, measurement.acceleration.size])
+        _, _, outputs = responses.states(0, self.fitted.values, edges, rest)
+        return dict(zip(measurement.outputs, outputs.T, strict=True))
 
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows as text: each value with its interval."""

@@ -11,7 +11,6 @@ import numpy as np
 
 from harvester.errors import HarvesterError, SceneError
 from harvester.files.plain_text import named, nearest
-from harvester.scene.keys import SMALLEST
 from harvester.scene.numbers import numbers
 
 if TYPE_CHECKING:
@@ -54,8 +53,10 @@ class Unknown:
     def begun(self, value: float) -> Unknown:
         """The same with another start, which may be far off the first."""
         # A factor may be of any size; else a value near zero keeps its first one.
-        factor = self.key.endswith("_scale")
-        return replace(self, start=value, size=abs(value) if factor else max(self.size, abs(value)))
+        if self.key.endswith("_scale"):
+            size = abs(value)
+            return replace(self, start=value, low=SMALLEST_SHARE * size, size=size)
+        return replace(self, start=value, size=max(self.size, abs(value)))
 
 
 def sensor_keys(outputs: Sequence[str]) -> dict[str, float]:
@@ -130,7 +131,7 @@ def unknowns(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list
         if key.startswith("sensor."):
             start = sensor_keys(OUTPUTS)[key]
             effect = key.rpartition("_")[2]
-            low = {"filter": 0.0, "scale": SMALLEST}.get(effect, -math.inf)
+            low = {"filter": 0.0, "scale": SMALLEST_SHARE}.get(effect, -math.inf)
             size = 1.0 if effect == "scale" else sizes[key]
             found.append(Unknown(key, start, low, math.inf, size))
             continue
