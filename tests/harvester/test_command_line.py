@@ -98,6 +98,18 @@ def test_validate_shows_three_ways_and_writes_figures(tmp_path, capsys):
         assert (tmp_path / f"paper-validate{ending}.png").exists()
 
 
+def test_validate_goes_on_where_no_closure_knows_the_load(tmp_path, capsys):
+    brief = ["run.realizations=2", "run.duration=4", "run.settle=1", "load.netlist=bridge"]
+    sets = [word for value in brief for word in ("--set", value)]
+    assert main(["validate", "device", *sets, "--output", str(tmp_path)]) == 0
+    shown = capsys.readouterr().out
+    for word in ("mean output power", "end to end efficiency", "closure fokker_planck refused"):
+        assert word in shown
+    content = json.loads((tmp_path / "device-validate.json").read_text())
+    assert set(content["results"]) == {"circuit", "monte-carlo"}
+    assert set(content["refused"]) == {"paper", "consistent", "fokker_planck"}
+
+
 def test_netlist_goes_to_a_file_or_to_standard_output(tmp_path, capsys):
     brief = ["--set", "run.realizations=2", "--set", "run.duration=1", "--set", "run.settle=0"]
     assert main(["netlist", "paper", *brief]) == 0

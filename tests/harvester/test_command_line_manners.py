@@ -2,6 +2,7 @@ import io
 import re
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -17,6 +18,13 @@ class Terminal(io.StringIO):
 
     def isatty(self):
         return True
+
+
+def wait_for(words, stream):
+    """Until the bar's own thread has written them, or ten seconds."""
+    until = time.monotonic() + 10.0
+    while words not in stream.getvalue() and time.monotonic() < until:
+        time.sleep(0.01)
 
 
 @pytest.mark.parametrize("name", COMMAND_NAMES)
@@ -80,8 +88,21 @@ def test_colours_appear_on_a_terminal_and_never_with_no_color(
         if update:
             update(0.5)
             update(0.9)
+        if terminal:
+            wait_for("run", stream)
     assert bool(COLOUR.search(stream.getvalue())) == coloured
     assert bool(stream.getvalue()) == terminal
+
+
+def test_a_terminal_shows_a_run_before_its_first_report(monkeypatch):
+    stream = Terminal()
+    monkeypatch.setattr(sys, "stderr", stream)
+    monkeypatch.setattr(console, "SHOW_AFTER_SECONDS", 0.01)
+    monkeypatch.setenv("TERM", "xterm-256color")
+    with console.progress() as follow:
+        follow("a run that compiles", None)
+        wait_for("a run that compiles", stream)
+        assert "starting" in stream.getvalue()
 
 
 def completed(script, line):
