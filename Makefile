@@ -1,11 +1,11 @@
 # harvester: `make run` validates the paper's scene three ways, `make test` runs every test.
 # `make fast` fetches what the compiled device needs and tests it, or says why it cannot.
-# Either sets up first what is missing; see .ci/setup for how, and for its options.
+# `make docs` writes the site to build/docs. Each sets up first what is missing; see .ci/setup for how, and for its options.
 
 BIN := .venv/bin
 STAMP := .venv/.complete
 
-.PHONY: run test test-fast fast lint types setup clean
+.PHONY: run test test-fast fast lint types docs setup clean
 
 run: $(STAMP)
 	$(BIN)/harvester validate paper --output results
@@ -23,9 +23,14 @@ fast: $(STAMP)
 lint: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/hadolint Dockerfile
 
 types: $(STAMP)
 	$(BIN)/mypy
+
+# Notebooks are executed where their code is new: after a change of the package, `make clean` first.
+docs: $(STAMP)
+	$(BIN)/python -m sphinx -c docs -b html --fail-on-warning --keep-going . build/docs
 
 setup: $(STAMP)
 

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from harvester.errors import EngineNotFound as EngineNotFound
     from harvester.errors import FolderInUse as FolderInUse
     from harvester.errors import HarvesterError as HarvesterError
+    from harvester.errors import IdentificationError as IdentificationError
     from harvester.errors import LoadError as LoadError
     from harvester.errors import MissingLibrary as MissingLibrary
     from harvester.errors import NetlistError as NetlistError
@@ -37,6 +38,9 @@ if TYPE_CHECKING:
     from harvester.errors import SolutionDiverged as SolutionDiverged
     from harvester.errors import UnknownOption as UnknownOption
     from harvester.errors import UnknownQuantity as UnknownQuantity
+    from harvester.identification.identify import identify as identify
+    from harvester.identification.measurement import Measurement as Measurement
+    from harvester.identification.measurement import read_measurement as read_measurement
     from harvester.results import Result as Result
     from harvester.scene.model import Scene as Scene
     from harvester.simulation import simulate as simulate
@@ -73,6 +77,9 @@ _WHERE = {
     "optimum": "harvester.studies.optimum",
     "optimum_of_several": "harvester.studies.optimum_of_several",
     "sensitivity": "harvester.studies.sensitivity",
+    "identify": "harvester.identification.identify",
+    "Measurement": "harvester.identification.measurement",
+    "read_measurement": "harvester.identification.measurement",
     "work_precision": "harvester.verification.work_precision.measurement",
     "time_to_accuracy": "harvester.verification.work_precision.time_to_accuracy",
     "stability": "harvester.verification.stability.matrix",
@@ -88,6 +95,7 @@ _WHERE = {
     "NetlistError": "harvester.errors",
     "AveragingError": "harvester.errors",
     "OptimumError": "harvester.errors",
+    "IdentificationError": "harvester.errors",
     "EngineNotFound": "harvester.errors",
     "CompiledDeviceUnavailable": "harvester.errors",
     "MissingLibrary": "harvester.errors",

@@ -15,8 +15,10 @@ from harvester.commands import (
     completion,
     engine,
     frequency_response,
+    identify,
     load_study,
     netlist,
+    new,
     optimum,
     reproduce,
     schematic,
@@ -35,6 +37,7 @@ from harvester.files.streams import guarded_streams
 from harvester.show.quiet import quiet
 
 COMMANDS = (
+    new,
     validate,
     simulate,
     average,
@@ -46,6 +49,7 @@ COMMANDS = (
     optimum,
     sensitivity,
     load_study,
+    identify,
     reproduce,
     claims,
     schematic,
@@ -59,6 +63,13 @@ COMMANDS = (
 FORMER_OPTIONS = {"--engine": "--method", "--closure": "--method"}
 # Reading them takes the square of their number.
 MOST_ARGUMENTS = 2000
+WELCOME = """\
+harvester simulates vibration energy harvesters. What to try first:
+
+  harvester average paper       densities and power of a built-in device, in seconds
+  harvester validate paper      the same by circuit, Monte Carlo and theory, side by side
+  harvester new beam.toml       a commented scene of your own, to change and run like `paper`
+  harvester --help              all commands; each has an example in its own --help"""
 EPILOG = """\
 exit codes:
   0    done
@@ -86,6 +97,9 @@ def _run(arguments):
     if len(arguments) > MOST_ARGUMENTS:
         complain(f"{len(arguments)} arguments, and {MOST_ARGUMENTS} are the most")
         return 2
+    if not arguments:
+        print(WELCOME)
+        return 0
     options = _parsed(arguments)
     try:
         with quiet(options.quiet):

@@ -56,6 +56,10 @@ class OptimumError(HarvesterError):
     """There is no maximum inside the range, or none that can be told from noise."""
 
 
+class IdentificationError(HarvesterError):
+    """Measured records do not tell what is asked of them."""
+
+
 class SimulationError(HarvesterError):
     """A simulation did not come to its end.
 

@@ -247,6 +247,10 @@ class Result:
         """How the numbers came about, and what to know before citing one."""
         return [*self.evidence(), *self.notes]
 
+    def methods(self) -> dict[str, Result]:
+        """Itself, by the name of its engine or closure."""
+        return {self.engine: self}
+
     def figure(self) -> Figure | None:
         """Its densities, and the fit to a record; None where it has neither."""
         from harvester.show import figures

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+import harvester
+import harvester.errors
 from circuits.loads.subcircuits import read_load
 from harvester.command_line import COMMANDS, build_parser
 
@@ -91,6 +93,28 @@ def test_make_targets_and_commands_that_are_named_exist(page):
     assert not [path for path in ran if not (ROOT / path).exists()]
 
 
+def test_the_reference_has_every_public_name_once():
+    text = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
+    named = re.findall(r"^\.\. auto\w+:: harvester\.(\w+)", text, re.MULTILINE)
+    named.remove("errors")
+    kinds = [name for name in vars(harvester.errors) if not name.startswith("_")]
+    assert sorted(named) == sorted(set(harvester.__all__) - {"__version__", *kinds})
+
+
+def test_every_page_is_on_the_site():
+    text = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    listed = [line for block in blocks(text, "{toctree}") for line in block.split()]
+    pages = {path.stem for path in (ROOT / "docs").glob("*.md")} - {"index"}
+    notebooks = {f"../notebooks/{path.stem}" for path in (ROOT / "notebooks").glob("*.py")}
+    assert {line for line in listed if not line.startswith(":")} >= pages | notebooks
+
+
+def test_the_readme_fits_a_screen_and_keeps_its_two_commands():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 60
+    assert re.findall(r"^make \w+", text, re.MULTILINE) == ["make run", "make test"]
+
+
 def test_the_theory_names_functions():
     text = (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
     assert len(set(re.findall(r"`((?:harvester|circuits)\.[\w.]+)`", text))) > 30
@@ -101,7 +125,7 @@ def test_commands_are_accepted(page):
     for block in blocks(page.read_text(encoding="utf-8"), "sh"):
         for line in block.replace("\\\n", " ").splitlines():
             words = shlex.split(line.split("&&")[0], comments=True)
-            if words[:1] == ["harvester"]:
+            if words[:1] == ["harvester"] and words[1:]:
                 assert build_parser()[0].parse_args(words[1:]).command
 
 
@@ -116,8 +140,9 @@ def test_the_help_of_a_command_holds_an_example_that_is_accepted(command, capsys
     assert build_parser()[0].parse_args(words[1:]).command is command.run
 
 
-def test_the_load_of_the_readme_is_one(tmp_path):
-    (text,) = blocks((ROOT / "README.md").read_text(encoding="utf-8"), "spice")
+@pytest.mark.parametrize("page", ["loads", "start"])
+def test_the_load_that_a_page_shows_is_one(page, tmp_path):
+    (text,) = blocks((ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8"), "spice")
     path = tmp_path / "my_rectifier.lib"
     path.write_text(text)
     load = read_load(path)

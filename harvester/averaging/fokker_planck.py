@@ -28,13 +28,13 @@ from harvester.errors import AveragingError
 if TYPE_CHECKING:
     from harvester.device.system import System
 
-ROUGH = Level(5.0, 2.2, 1.7, 4, 3, 50.0)  # on which the region is found
+ROUGH = Level(5.0, 2.2, 1.7, 3, 3, 50.0)  # on which the region is found
 FIRST = Level(6.0, 3.0, 2.3, 4, 3)
 # Share of Richardson's correction for the step that is made: where steps are long, errors are of
 # higher order than the second. Share of it, and of the nodes' last change, stated as error.
 TAKEN, DOUBTED = 0.6, {"steps": 0.7, "nodes": 0.75}
-# Error, in tolerances, that nodes of Z and what is left of the stationary state's rest may have.
-UNSEEN = 0.1
+# Error, in tolerances, of nodes of Z, the range and what is left of the stationary state's rest.
+UNSEEN = 0.2
 # Change of the nodes, in tolerances, below which the step's error is told on the sparser grid.
 SPARSE = 0.2
 # Doubt in nodes between which a contact goes and comes back: of first order.
@@ -44,7 +44,7 @@ SHORTEST_CONTACT = 2e-2  # in periods of small oscillations
 FASTEST_DECAY = 60.0  # λ, in units of the period, beyond which that takes too many steps
 SLOWEST_DECAY = 2e-3  # λ, in units of the period, below which it takes too many vectors
 AMPLIFIED = 0.3  # share of the tolerance left to means from which a line is drawn
-ROUGHLY = 0.1  # tolerance on the grid that finds the region
+ROUGHLY = 0.2  # tolerance on the grid that finds the region
 HELD_BACK = 16.0  # E[X'²] in a barrier that hardly any motion passes
 UNTOLD = 2.0  # factor in E[X'²] that the first grid of all may leave in doubt
 JUDGED = (

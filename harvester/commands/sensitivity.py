@@ -34,9 +34,13 @@ def add(commands: Any) -> None:
         "--vary",
         action="append",
         default=[],
-        required=True,
         metavar="TABLE.KEY=DISTRIBUTION",
         help="±10%%, +-10%%, ±0.5, uniform:LOW:HIGH, normal:5%% or normal:MEAN:SD",
+    )
+    command.add_argument(
+        "--covariance",
+        metavar="FILE",
+        help="JSON of `harvester identify`: its values scatter as far as records leave them open",
     )
     command.add_argument(
         "--quantity",
@@ -78,6 +82,7 @@ def run(options: Namespace) -> None:
         study = sensitivity(
             scene,
             vary,
+            covariance=options.covariance,
             quantity=options.quantity,
             method=options.method,
             above=options.above,

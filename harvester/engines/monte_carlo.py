@@ -123,7 +123,7 @@ def run_realizations(
                 )
             for observer in watching:
                 observer.add(record)
-    exact = _scheme(s, scheme, paths[0].spacing / fixed) is False
+    exact = scheme_of(s, scheme, paths[0].spacing / fixed) is False
     return {
         "engine_version": f"{EXACT_DECAY if exact else SCHEMES[scheme]}, numba {numba.__version__}",
         "netlist_sha256": None,
@@ -180,7 +180,7 @@ def integrate(
         Chunks of accepted points in order, without the initial one; overwritten by the next.
     """
     edges = np.array(contact.edges(s.contacts))
-    heun = _scheme(s, scheme, path.spacing / steps_per_knot)
+    heun = scheme_of(s, scheme, path.spacing / steps_per_knot)
     record = empty_record(CHUNK)
     for done, block in knot_blocks(path, stop, CHUNK):
         segment, count = 0, block.size - 1
@@ -202,7 +202,7 @@ def integrate(
             yield part(record, 0, points)
 
 
-def _scheme(s, name, step):
+def scheme_of(s: System, name: str, step: float) -> bool | None:
     """None for Runge–Kutta, True for Heun, False for exact decay where it is faster than a step."""
     damping = s.damper.damping + s.transducer.damping()
     if max(s.transducer.decay_rate(), damping) * step > LARGEST_DECAY:
@@ -248,7 +248,7 @@ def _advance(
         x1, v1, voltage1 = x, v, voltage
         smooth = not touching
         if smooth:
-            x1, v1, voltage1 = _step(
+            x1, v1, voltage1 = one_step(
                 heun, s, False, low, high, 0.0, x, v, voltage, noise, slope, length
             )
             smooth = low <= x1 <= high and not (
@@ -257,7 +257,7 @@ def _advance(
         if smooth:
             x, v, voltage, phase = x1, v1, voltage1, end
         else:
-            piece, entered, held, x, v, voltage = _contact_piece(
+            piece, entered, held, x, v, voltage = contact_piece(
                 heun,
                 s,
                 touching,
@@ -297,9 +297,21 @@ def _advance(
 
 
 @compiled
-def _contact_piece(
-    heun, s, touching, low, high, held, x, v, voltage, noise, slope, longest, steps_per_contact
-):
+def contact_piece(
+    heun: bool | None,
+    s: System,
+    touching: bool,
+    low: float,
+    high: float,
+    held: float,
+    x: float,
+    v: float,
+    voltage: float,
+    noise: float,
+    slope: float,
+    longest: float,
+    steps_per_contact: int,
+) -> tuple[float, int, float, float, float, float]:
     """A step within a zone, or up to its edge, `low` or `high`.
 
     Returns its length, by how many zones the mass has moved (−1, 0, 1), the held speed and the
@@ -310,7 +322,7 @@ def _contact_piece(
         # A mass at rest on the stopper is pressed in by what else acts.
         speed = abs(v) + abs(system.push(s, x, v, voltage, noise)) * longest
         length = contact.step(s.contacts, x, speed * speed, longest, steps_per_contact)
-    x1, v1, voltage1 = _step(
+    x1, v1, voltage1 = one_step(
         heun, s, touching, low, high, held, x, v, voltage, noise, slope, length
     )
     entered = 0
@@ -321,7 +333,7 @@ def _contact_piece(
     if entered != 0:
         edge = high if entered == 1 else low
         length = crossing(edge, entered, x, v, x1, v1, length)
-        x1, v1, voltage1 = _step(
+        x1, v1, voltage1 = one_step(
             heun, s, touching, low, high, held, x, v, voltage, noise, slope, length
         )
         if not touching:
@@ -338,8 +350,21 @@ def _acceleration(s, touching, low, high, held, x, v, voltage, noise):
 
 
 @inlined
-def _step(heun, s, touching, low, high, held, x, v, voltage, noise, slope, h):
-    """One step of Eq. 4 as `_scheme` chose.
+def one_step(
+    heun: bool | None,
+    s: System,
+    touching: bool,
+    low: float,
+    high: float,
+    held: float,
+    x: float,
+    v: float,
+    voltage: float,
+    noise: float,
+    slope: float,
+    h: float,
+) -> tuple[float, float, float]:
+    """One step of Eq. 4 as `scheme_of` chose.
 
     `heun` is None for Runge–Kutta: a type of its own, so that no choice is left at run time.
     """

@@ -113,7 +113,7 @@ def even_samples(
         values[~good] = np.interp(np.flatnonzero(~good), np.flatnonzero(good), values[good])
         if columns.times is not None:
             times = np.interp(np.arange(values.size), np.flatnonzero(good), times[good])
-    clipped = _clipped(values)
+    clipped = flat_crests(values)
     if clipped.any():
         level = float(np.abs(values[clipped]).max())
         _refuse(file, "clipped", mend, int(clipped.sum()), values.size, f"at {level:g}")
@@ -208,8 +208,8 @@ def _refuse(file, fault, mend, count, total, where):
         )
 
 
-def _clipped(values):
-    """Where the samples stay at an extreme value, crest after crest."""
+def flat_crests(values: np.ndarray) -> np.ndarray:
+    """Where the samples stay at an extreme value, crest after crest: bool of the same shape."""
     clipped = np.zeros(values.size, dtype=bool)
     for extreme in (values.max(), values.min()):
         flat = np.concatenate([[False], values == extreme, [False]])

@@ -1,14 +1,17 @@
-"""Columns of recorded motion from CSV, .npy and .wav files."""
+"""Columns of recorded motion from CSV, .npy, .wav and .mat files."""
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from harvester.errors import SceneError
+from harvester.excitation.mat_file import MatTable
 from harvester.excitation.npy_file import NpyTable
 from harvester.excitation.text_file import TextTable
 from harvester.excitation.wav_file import WavTable
@@ -21,7 +24,7 @@ LARGEST_RECORD, LARGEST_TEXT = 2**29, 2**27
 FILE_SHARE = 0.25
 # Memory that reading and conditioning take for each sample, at most (measured: 92).
 BYTES_PER_SAMPLE = 100
-READERS = {".npy": NpyTable, ".wav": WavTable}
+READERS: dict[str, Any] = {".npy": NpyTable, ".wav": WavTable, ".mat": MatTable}
 # How files begin that are often named .csv, .npy or .wav by mistake.
 FOREIGN = {
     b"PK\x03\x04": "a zip archive (.npz, .xlsx, .zip)",
@@ -96,27 +99,61 @@ def read_columns(
     SceneError
     """
     where = named(file)
-    try:
-        table = _table(file, content)
+    with _telling(where):
+        table = read_table(file, content)
         places = _places(where, table, column, time_column)
-        if table.rows > most_samples():
-            raise ValueError(
-                f"it has {table.rows} samples, and this machine's memory allows {most_samples()}: "
-                "shorten it or lower its sampling rate"
-            )
         values, *times = table.take(places)
+    return Columns(values, times[0] if times else None, table.rate)
+
+
+@contextlib.contextmanager
+def _telling(where):
+    """What a reader finds wrong, as a refusal of the file."""
+    try:
+        yield
     except ValueError as error:
         undecodable = isinstance(error, UnicodeDecodeError)
         reason = "it is no text in UTF-8: save it so" if undecodable else named(_one_line(error))
         raise SceneError(f"{where}: not a readable record: {reason}") from None
-    return Columns(values, times[0] if times else None, table.rate)
 
 
 def _one_line(error):
     return " ".join(str(error).split())
 
 
-def _table(file, content):
+def read_named_columns(
+    file: str, content: bytes, wanted: Callable[[list[str], int], dict[str, int]]
+) -> tuple[dict[str, np.ndarray], float | None]:
+    """Several columns of a file by names of the caller's, and the rate where the file tells it.
+
+    Parameters
+    ----------
+    file : str
+    content : bytes
+        Of that file.
+    wanted : callable
+        Of the header's names (empty without a header) and the number of columns; gives the place
+        of each column by its new name.
+
+    Raises
+    ------
+    SceneError
+    """
+    with _telling(named(file)):
+        table = read_table(file, content)
+        places = wanted(table.names, table.width)
+        columns = table.take(list(places.values()))
+    return dict(zip(places, columns, strict=True)), table.rate
+
+
+def read_table(file: str, content: bytes) -> Any:
+    """A file's table by its reader: names, width, rows, rate, take.
+
+    Raises
+    ------
+    ValueError
+        It is none, or has more samples than fit into memory.
+    """
     sort = next((sort for start, sort in FOREIGN.items() if content.startswith(start)), None)
     if sort:
         raise ValueError(f"it is {sort}: unpack it, or save the samples as .csv, .npy or .wav")
@@ -125,6 +162,11 @@ def _table(file, content):
     table = READERS.get(Path(file).suffix.lower(), TextTable)(content)
     if table.width == 0 or table.rows == 0:
         raise ValueError("it holds no samples")
+    if table.rows > most_samples():
+        raise ValueError(
+            f"it has {table.rows} samples, and this machine's memory allows {most_samples()}: "
+            "shorten it or lower its sampling rate"
+        )
     return table
 
 

@@ -30,7 +30,7 @@ STRETCHES = 4
 
 @dataclass(frozen=True)
 class RecordedMotion(Excitation):
-    """Base acceleration from a file (CSV, .npy, .wav), linear between its samples.
+    """Base acceleration from a file (CSV, .npy, .wav, .mat), linear between its samples.
 
     η is minus the base acceleration, as it acts on the displacement relative to the base; in a
     scaled scene (`unit = "scaled"`) the column is η itself.

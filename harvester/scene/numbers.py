@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 def numbers(scene: Scene) -> dict[str, Any]:
     """Those of its device, load and excitation, not those of its run.
 
-    One of several tables is named by its place, as in `stoppers[1].gap`.
+    One of several tables, or of a list of numbers, is named by its place, as in `stoppers[1].gap`
+    and `oscillator.restoring_force[2]`.
 
     Parameters
     ----------
@@ -77,5 +78,7 @@ def _collect(found, name, values, keys_of):
             continue
         if spec.each and spec.each.kind is dict:
             _collect(found, f"{name}.{key}", values[key], lambda part: KINDS[part["kind"]].KEYS)
+        elif spec.each and spec.each.kind is float and name == "oscillator":
+            found |= {f"{name}.{key}[{n}]": (each, spec.each) for n, each in enumerate(values[key])}
         elif spec.kind is float and not spec.words and not spec.each:
             found[f"{name}.{key}"] = values[key], spec

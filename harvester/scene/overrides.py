@@ -1,4 +1,7 @@
-"""Values of a scene by dotted keys: `table.key`, or `table[k].key` of one of several tables."""
+"""Values of a scene by dotted keys.
+
+`table.key`, `table[k].key` of one of several tables, or `table.key[k]` of a list of numbers.
+"""
 
 from __future__ import annotations
 
@@ -88,10 +91,27 @@ def put(tables: dict[str, Any], dotted: str, value: Any, origin: str) -> None:
     if match and value is None:
         _one_of(place, match.group(1), int(match.group(2)), where)
         _without(place, match.group(1), int(match.group(2)))
+    elif match and _is_list_of_values(place.get(match.group(1))):
+        _put_in_list(place, match.group(1), int(match.group(2)), value, where)
     elif value is None:
         place.pop(last, None)
     else:
         place[last] = value
+
+
+def _is_list_of_values(found):
+    """Whether it is a list such as `restoring_force`, and not one of tables."""
+    return isinstance(found, (list, tuple)) and not any(isinstance(each, dict) for each in found)
+
+
+def _put_in_list(place, name, index, value, where):
+    values = list(place[name])
+    if index >= len(values):
+        raise SceneError(
+            f"{where}: there are {len(values)} of {named(name)}: {_listed(name, len(values))}"
+        )
+    values[index] = value
+    place[name] = values
 
 
 def _table(place, part, where):

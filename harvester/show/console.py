@@ -11,15 +11,16 @@ from typing import Any
 
 from rich import box
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from harvester.files.plain_text import one_line
 from harvester.show.quiet import is_quiet
 from harvester.show.shown import Tabled
+from harvester.show.sketch import densities
 
 # A progress bar that lasts less than this would only flicker.
-SHOW_AFTER_SECONDS = 2.0
+SHOW_AFTER_SECONDS = 0.5
 SAY_AFTER_SECONDS = 5.0
 # Letters in a line: tables are never folded.
 TABLE_WIDTH = 1000
@@ -43,6 +44,7 @@ def progress() -> Iterator[Callable]:
             yield lambda label, scene: opened.enter_context(contextlib.closing(_Lines(label)))
         return
     bar = Progress(
+        SpinnerColumn(),
         TextColumn("{task.description}", markup=False),
         BarColumn(),
         TextColumn("{task.percentage:>3.0f} %"),
@@ -51,25 +53,28 @@ def progress() -> Iterator[Callable]:
         console=console,
         transient=True,
     )
-    began = time.monotonic()
+    # Not from the first report on: what is before it, as compilation, may take long.
+    shown = threading.Timer(SHOW_AFTER_SECONDS, bar.start)
 
     def follow(label, scene):
         total = scene and (scene.run.settle + scene.run.duration) * scene.run.realizations
-        task = bar.add_task(label, total=1.0, rate="", start=True)
+        task = bar.add_task(label, total=1.0, rate="starting", start=True)
         started = time.monotonic()
 
         def update(share, words=""):
             elapsed = time.monotonic() - started
-            if time.monotonic() - began > SHOW_AFTER_SECONDS:
-                bar.start()
             rate = f"{share * total / elapsed:,.0f} s/s" if total and elapsed > 0.0 else words
             bar.update(task, completed=share, rate=rate)
 
         return update
 
+    shown.daemon = True
+    shown.start()
     try:
         yield follow
     finally:
+        shown.cancel()
+        shown.join()
         bar.stop()
 
 
@@ -127,6 +132,8 @@ def show_table(
 ) -> None:
     """A result, a comparison or a study as a table with its sentences.
 
+    Densities are sketched between the two on a terminal that has the letters for it.
+
     Parameters
     ----------
     content : Tabled
@@ -146,7 +153,8 @@ def show_table(
         table.add_column(one_line(name), justify="left" if words else "right", no_wrap=True)
     for row in rows:
         table.add_row(*map(one_line, row))
-    _print(table, content.sentences(), to_stderr, alarms)
+    sketch = densities(content.methods()) if hasattr(content, "methods") else []
+    _print(table, content.sentences(), to_stderr, alarms, sketch)
 
 
 def show_engine(found: dict[str, Any], to_stderr: bool = False) -> None:
@@ -160,7 +168,7 @@ def show_engine(found: dict[str, Any], to_stderr: bool = False) -> None:
     _print(None, lines, to_stderr)
 
 
-def _print(table, lines, to_stderr, alarms=()):
+def _print(table, lines, to_stderr, alarms=(), sketch=()):
     if is_quiet():
         return
     stream = sys.stderr if to_stderr else sys.stdout
@@ -171,5 +179,10 @@ def _print(table, lines, to_stderr, alarms=()):
         console.print(table)
     for line in alarms:
         console.print(one_line(line), soft_wrap=True, style="bold red")
-    for line in lines:
+    for line in [*(sketch if _draws(console) else ()), *lines]:
         console.print(one_line(line), soft_wrap=True)
+
+
+def _draws(console):
+    """Whether the terminal is one, shows blocks of Unicode and was not asked for plain text."""
+    return console.file.isatty() and not console.no_color and not console.options.ascii_only

@@ -6,6 +6,7 @@ import base64
 import html
 import json
 import platform
+from collections.abc import Iterable, Sequence
 from datetime import datetime
 from importlib import metadata, resources
 from string import Template
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING
 from harvester import __version__
 from harvester.errors import MissingLibrary
 from harvester.files.plain_text import one_line
-from harvester.show.verdicts import verdicts
+from harvester.show.verdicts import Verdict, verdicts
 
 if TYPE_CHECKING:
     from harvester.studies.comparison import Comparison
@@ -48,24 +49,62 @@ def report(comparison: Comparison) -> str:
     from harvester.engines.circuit import netlist_of
 
     scene = comparison.scene
-    template = resources.files("harvester.show").joinpath("page.html").read_text(encoding="utf-8")
-    digest = scene.digest()[:12]
-    date = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     header, rows = comparison.table()
     rows = [[name, unit.replace("^2", "²"), *values] for name, unit, *values in rows]
-    return Template(template).substitute(
-        title=_escaped(f"{scene.name}: circuit, Monte Carlo and averaging"),
-        facts=_escaped(f"{date}; harvester {__version__}; seed {scene.run.seed}; scene {digest}"),
-        verdicts="\n".join(map(_verdict, verdicts(comparison))),
-        quantities=_table(header, rows),
-        legend=_escaped(LEGEND),
-        figures=_figures(comparison),
-        scene=_table(("key", "value"), _scene_rows(scene), "text"),
-        schematic=_schematic(scene),
-        netlist_summary="the elements as ngspice reads them, the noise fed in from outside",
-        netlist=html.escape(netlist_of(scene).text),
-        evidence=_table(("what", "fact"), _evidence(comparison), "text"),
+    netlist = (
+        "<details><summary>the elements as ngspice reads them, the noise fed in from outside"
+        f'</summary>\n<div class="wide" tabindex="0"><pre>{html.escape(netlist_of(scene).text)}'
+        "</pre></div></details>"
     )
+    return page(
+        f"{scene.name}: circuit, Monte Carlo and averaging",
+        f"seed {scene.run.seed}; scene {scene.digest()[:12]}",
+        {
+            "Verdict": verdict_list(verdicts(comparison)),
+            "Quantities": wide(table_of(header, rows)) + facts(LEGEND),
+            "Figures": _figures(comparison),
+            "Scene": wide(table_of(("key", "value"), _scene_rows(scene), "text")),
+            "Schematic": _schematic(scene),
+            "Netlist": netlist,
+            "Evidence": wide(table_of(("what", "fact"), _evidence(comparison), "text")),
+        },
+    )
+
+
+def page(title: str, about: str, sections: dict[str, str]) -> str:
+    """A self-contained page of HTML.
+
+    Parameters
+    ----------
+    title : str
+    about : str
+        Stands below it, behind date and version.
+    sections : dict of str to str
+        HTML by its heading.
+    """
+    template = resources.files("harvester.show").joinpath("page.html").read_text(encoding="utf-8")
+    date = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
+    return Template(template).substitute(
+        title=_escaped(title),
+        facts=_escaped(f"{date}; harvester {__version__}; {about}"),
+        sections="\n".join(f"<h2>{_escaped(name)}</h2>\n{s}" for name, s in sections.items()),
+    )
+
+
+def verdict_list(found: Iterable[Verdict]) -> str:
+    """Sentences with their colours."""
+    items = "\n".join(map(_verdict, found))
+    return f'<ul class="verdict">\n{items}\n</ul>'
+
+
+def wide(content: str) -> str:
+    """What scrolls in its frame where the page is narrow."""
+    return f'<div class="wide" tabindex="0">{content}</div>'
+
+
+def facts(text: str) -> str:
+    """A paragraph in small print."""
+    return f'\n<p class="facts">{_escaped(text)}</p>'
 
 
 def _escaped(text):
@@ -77,7 +116,8 @@ def _verdict(verdict):
     return f'<li class="{kind}">{_escaped(verdict.text)}</li>'
 
 
-def _table(header, rows, kind="numbers"):
+def table_of(header: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "numbers") -> str:
+    """A table; of the kind "text" its cells wrap."""
     head = "".join(f'<th scope="col">{_escaped(cell)}</th>' for cell in header)
     body = "\n".join(
         "<tr>" + "".join(f"<td>{_escaped(cell)}</td>" for cell in row) + "</tr>" for row in rows
@@ -99,12 +139,13 @@ def _figures(comparison):
     if any(each.joint_density is not None for each in both):
         drawn.insert(1, (joint_figure.draw, both, JOINT_CAPTION))
     return "\n".join(
-        _figure(figures.picture(draw, content), f"{scene}: {caption}", caption)
+        figure_of(figures.picture(draw, content), f"{scene}: {caption}", caption)
         for draw, content, caption in drawn
     )
 
 
-def _figure(svg, alternative, caption, narrowest=NARROWEST_FIGURE):
+def figure_of(svg: bytes, alternative: str, caption: str, narrowest: str = NARROWEST_FIGURE) -> str:
+    """A picture within the page."""
     data = base64.b64encode(svg).decode()
     return (
         f'<figure><div class="wide" tabindex="0"><img style="min-width: {narrowest}" '
@@ -121,7 +162,7 @@ def _schematic(scene):
     except MissingLibrary as error:
         return f'<p class="facts">Not drawn: {_escaped(str(error))}</p>'
     caption = "Element names as in the netlist; nodes in blue."
-    return _figure(drawing.image(), f"Schematic of {scene.name}", caption, NARROWEST_SCHEMATIC)
+    return figure_of(drawing.image(), f"Schematic of {scene.name}", caption, NARROWEST_SCHEMATIC)
 
 
 def _scene_rows(scene):

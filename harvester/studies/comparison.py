@@ -15,7 +15,7 @@ from harvester.averaging.of_scene import average
 from harvester.calling import takes_scene
 from harvester.device import timescales
 from harvester.engines.pools import Workers
-from harvester.errors import AveragingError
+from harvester.errors import AveragingError, LoadError
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.paired import paired_difference
 from harvester.files.writing import finite
@@ -37,6 +37,9 @@ COMPARED = (
 )
 # Beside these, where several wells are: how often it passes and jumps, and where it stays.
 BETWEEN_WELLS = ("well_crossing_rate", "share_of_time_in_well", "jump_rate")
+# And where the load has an output: what reaches it.
+AT_THE_OUTPUT = ("mean_output_power", "end_to_end_efficiency", "output_voltage")
+BESIDE = (*BETWEEN_WELLS, *AT_THE_OUTPUT)
 # Difference as a share that is rounding, where neither has an error.
 SAME = 1e-9
 # From which to which share of the work a method lasts: Monte Carlo takes little of it.
@@ -77,7 +80,7 @@ class Comparison:
     def compared(self) -> tuple[str, ...]:
         """Names of the quantities that stand side by side."""
         found = self.monte_carlo.scaled_quantities
-        return (*COMPARED, *(name for name in found if name.startswith(BETWEEN_WELLS)))
+        return (*COMPARED, *(name for name in found if name.startswith(BESIDE)))
 
     def difference(self, name: str) -> float:
         """Circuit minus Monte Carlo in joint standard errors; nan without error bars.
@@ -167,6 +170,10 @@ class Comparison:
     def _engines(self):
         return (self.circuit, self.monte_carlo)
 
+    def methods(self) -> dict[str, Result]:
+        """The result of every method, by the name that the table has."""
+        return {"circuit": self.circuit, "Monte Carlo": self.monte_carlo, **self.closures}
+
     def figure(self) -> Figure:
         """Densities by every method, and circuit and Monte Carlo on one path of noise."""
         from harvester.show import figures
@@ -237,7 +244,7 @@ def validate(
     for closure in CLOSURES:
         try:
             closures[closure] = average(scene, method=closure, jump_rates=True)
-        except AveragingError as error:
+        except (AveragingError, LoadError) as error:
             refused[closure] = str(error)
     results = []
     with running(runner, executor, scene.run.realizations, workers) as pool:

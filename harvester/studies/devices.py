@@ -7,26 +7,33 @@ import numpy as np
 
 from harvester.errors import HarvesterError, SceneError
 from harvester.scene.model import Scene
+from harvester.studies.joint_tolerance import Direction
 from harvester.studies.objective import on_common_knots
 from harvester.studies.tolerances import Tolerance
 
 
-def parameters(tolerances: Sequence[Tolerance], shares: np.ndarray) -> dict[str, float]:
+def parameters(tolerances: Sequence[Tolerance | Direction], shares: np.ndarray) -> dict[str, float]:
     """Values of a device's parameters by their keys."""
-    return {
-        each.key: float(each.values(share)) for each, share in zip(tolerances, shares, strict=True)
-    }
+    found: dict[str, float] = {}
+    for each, share in zip(tolerances, shares, strict=True):
+        value = float(each.values(share))
+        if isinstance(each, Direction):
+            for key, step in each.steps.items():
+                found[key] = found.get(key, each.centre[key]) + value * step
+        else:
+            found[each.key] = value
+    return found
 
 
 def devices(
-    scene: Scene, tolerances: Sequence[Tolerance], shares: np.ndarray, replicates: int
+    scene: Scene, tolerances: Sequence[Tolerance | Direction], shares: np.ndarray, replicates: int
 ) -> list[list[Scene]]:
     """Scenes of each row: of every device all replicates, one after another.
 
     Parameters
     ----------
     scene : Scene
-    tolerances : sequence of Tolerance
+    tolerances : sequence of Tolerance or Direction
     shares : ndarray, shape (rows, devices, parameters)
         See `harvester.studies.sobol.design`.
     replicates : int

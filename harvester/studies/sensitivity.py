@@ -3,6 +3,7 @@
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Unpack
 
 import numpy as np
@@ -15,6 +16,7 @@ from harvester.running import Request, RunnerOptions, open_runner
 from harvester.scene.model import Scene
 from harvester.studies.devices import devices, parameters
 from harvester.studies.effects import ENDS, effects
+from harvester.studies.joint_tolerance import directions
 from harvester.studies.objective import (
     check_quantity,
     checked_method,
@@ -46,7 +48,7 @@ class Sensitivity:
     Attributes
     ----------
     scene : Scene
-    tolerances : list of Tolerance
+    tolerances : list of Tolerance or Direction
     quantity, unit, method : str
     nominal : Estimate
         Of the scene itself.
@@ -198,7 +200,7 @@ class Sensitivity:
 
     def device_table(self) -> str:
         """CSV: one line for each device that was simulated, its parameters and its values."""
-        keys = ",".join(each.key for each in self.tolerances)
+        keys = ",".join(parameters(self.tolerances, self.shares[0][0]))
         replicates = ",".join(f"replicate_{k + 1}" for k in range(len(self.values)))
         lines = [f"row,device,{keys},{replicates}"]
         names = ["a", "b", *(f"a with b's {each.key}" for each in self.tolerances)]
@@ -215,6 +217,7 @@ def sensitivity(
     scene: Scene,
     vary: Mapping[str, str],
     *,
+    covariance: Mapping[str, Any] | str | Path | None = None,
     quantity: str = "mean_power",
     method: str | None = None,
     above: float | None = None,
@@ -230,6 +233,9 @@ def sensitivity(
         Its run is that of each device, half of the realizations for each replicate.
     vary : dict of str to str
         Key of a number of the scene, to its distribution: see `harvester.studies.tolerances`.
+    covariance : dict or file, optional
+        Of an identification: what it leaves open of its values scatters too, along the principal
+        axes; see `harvester.studies.joint_tolerance`.
     quantity : str
         What every method calls it: `mean_power`, of a load with an output `mean_output_power`, …
     method : str or None
@@ -261,7 +267,13 @@ def sensitivity(
     `harvester.studies.sobol` says what is estimated, and how the noise is taken out.
     """
     clock = time.perf_counter()
-    tolerances = [tolerance(scene, key, text) for key, text in vary.items()]
+    tolerances: list[Any] = [tolerance(scene, key, text) for key, text in vary.items()]
+    if covariance is not None:
+        axes = directions(scene, covariance)
+        for key in vary:
+            if axes and key in axes[0].centre:
+                raise HarvesterError(f"--vary {key}: its scatter is in the covariance already")
+        tolerances += axes
     method = _checked(scene, tolerances, method, rows)
     shape = rows, len(tolerances) + 2
     with open_runner(**running) as opened:
@@ -271,7 +283,9 @@ def sensitivity(
 
 def _checked(scene, tolerances, method, rows):
     if not tolerances:
-        raise HarvesterError("--vary: name at least one parameter, TABLE.KEY=±10%")
+        raise HarvesterError(
+            "--vary: name at least one parameter, TABLE.KEY=±10%, or give --covariance"
+        )
     if not FEWEST_ROWS <= rows <= MOST_ROWS or rows & (rows - 1):
         raise HarvesterError(
             f"--rows {rows}: must be a power of two, {FEWEST_ROWS} to {MOST_ROWS}, such as {ROWS}"

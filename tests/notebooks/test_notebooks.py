@@ -1,18 +1,23 @@
-"""Every notebook runs from top to bottom and ends with its answer and a figure."""
+"""The site is built without a warning; every notebook in it ends with its answer and a figure."""
 
 import ast
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 jupytext = pytest.importorskip("jupytext", reason="needs the extra `notebooks`")
-nbclient = pytest.importorskip("nbclient", reason="needs the extra `notebooks`")
-pytest.importorskip("ipykernel", reason="needs the extra `notebooks`")
+nbformat = pytest.importorskip("nbformat", reason="needs the extra `notebooks`")
+pytest.importorskip("myst_nb", reason="needs the extra `docs`")
 
 ROOT = Path(__file__).parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.py"))
 
+# As `make docs` makes the site.
+MADE_BY = ("-c", "docs", "-b", "html", "--fail-on-warning", "--keep-going")
 # What the last sentence of each notebook says, and what holds of its numbers: error bars of at most
 # a fifth, engines within four joint standard errors (false alarm one in 16 000).
 ANSWERS = {
@@ -47,6 +52,12 @@ ANSWERS = {
         r"gives ([\d.]+) ± ([\d.]+) µW;.* are ([\d.]+) joint",
         lambda power, error, apart: 0.0 < error < 0.2 * power and apart < 4.0,
     ),
+    "06": (
+        r"power to ([+-][\d.]+) ± ([\d.]+) %,.*loads (\d+) kΩ gives most, ([\d.]+) ± ([\d.]+) mW",
+        lambda off, spread, place, power, error: (
+            abs(off) < 3.0 + 4.0 * spread and 50 <= place <= 2000 and 0.0 < error < 0.2 * power
+        ),
+    ),
 }
 
 
@@ -59,7 +70,7 @@ def outputs(cell, kind):
 
 def test_the_notebooks_are_there():
     numbers = [path.name[:2] for path in NOTEBOOKS]
-    assert numbers == ["01", "02", "03", "04", "05"]
+    assert numbers == ["01", "02", "03", "04", "05", "06"]
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
@@ -73,15 +84,41 @@ def test_a_notebook_opens_with_a_question_and_is_plain_python(path):
     assert title.endswith("?")
 
 
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """Folder of a site made anew, every notebook executed, and what Sphinx said of it."""
+    folder = tmp_path_factory.mktemp("site")
+    made = subprocess.run(
+        [sys.executable, "-m", "sphinx", *MADE_BY, ".", str(folder / "docs")],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+    )
+    return folder, made
+
+
+@pytest.mark.slow
+def test_the_site_is_built_without_a_warning(site):
+    folder, made = site
+    assert made.returncode == 0, made.stderr
+    theory = (folder / "docs" / "docs" / "theory.html").read_text("utf-8")
+    assert theory.count("<math ") > 40
+    assert "<merror" not in theory
+    reference = (folder / "docs" / "docs" / "reference.html").read_text("utf-8")
+    assert 'id="harvester.simulate"' in reference
+    # Nothing is fetched to show a page.
+    pages = list((folder / "docs").rglob("*.html"))
+    assert len(pages) > 20
+    fetched = re.compile(r'<(?:script|img|link)[^>]*(?:src|href)="(?:https?:)?//[^"]*"')
+    assert not [page.name for page in pages if fetched.search(page.read_text("utf-8"))]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-# The kernel's own libraries warn about themselves.
-@pytest.mark.filterwarnings("default")
-def test_a_notebook_runs_and_ends_with_an_answer_and_a_figure(path, tmp_path, monkeypatch):
-    monkeypatch.setenv("PYTHONPATH", str(ROOT), prepend=":")
-    notebook = jupytext.read(path)
-    client = nbclient.NotebookClient(notebook, kernel_name="python3", timeout=600)
-    client.execute(cwd=str(tmp_path))
+def test_a_notebook_of_the_site_ends_with_an_answer_and_a_figure(path, site):
+    executed = site[0] / "jupyter_execute" / "notebooks" / f"{path.stem}.ipynb"
+    notebook = nbformat.read(executed, as_version=4)
     last = [cell for cell in notebook.cells if cell.cell_type == "code"][-1]
     (answer,) = outputs(last, "text")
     assert answer.endswith(".\n")

@@ -4,6 +4,7 @@ import inspect
 
 import pytest
 
+from harvester.identification.identification import Identification
 from harvester.results import Result
 from harvester.show.shown import Shown, Tabled
 from harvester.studies.comparison import Comparison
@@ -23,6 +24,7 @@ from harvester.verification.work_precision.diagram import WorkPrecision
 SHOWN = [
     Comparison,
     FrequencyResponse,
+    Identification,
     Judgement,
     Optimum,
     OptimumOfSeveral,

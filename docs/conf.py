@@ -1,0 +1,76 @@
+"""How Sphinx makes the site: `make docs` writes it to build/docs.
+
+The source directory is the project's root, so that a link from one page to another, to a notebook
+or to a netlist is the same path on the site as in the repository.
+"""
+
+import html
+import re
+
+from docutils import nodes
+from docutils.utils.math import MathError
+from docutils.utils.math.latex2mathml import tex2mathml
+from sphinx.util import logging
+
+import harvester
+
+LOGGER = logging.getLogger(__name__)
+
+project = "harvester"
+author = "the authors of harvester"
+version = release = harvester.__version__
+
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+root_doc = "docs/index"
+include_patterns = ["docs/*.md", "notebooks/*.py", "CONTRIBUTING.md", "CHANGELOG.md"]
+exclude_patterns = [".*", "build", "results", "*.egg-info"]
+
+myst_enable_extensions = ["dollarmath"]
+myst_heading_anchors = 4
+
+nb_custom_formats = {".py": ["jupytext.reads", {"fmt": "py:percent"}]}
+# Executed where their code has changed since the last time; a cell that fails is a warning.
+nb_execution_mode = "cache"
+nb_execution_in_temp = True
+nb_execution_timeout = 600
+nb_execution_show_tb = True
+
+default_role = "py:obj"
+autodoc_typehints = "none"
+autodoc_preserve_defaults = True
+napoleon_google_docstring = False
+
+html_theme = "furo"
+html_title = f"harvester {version}"
+html_show_copyright = False
+html_static_path = ["site.css"]
+html_css_files = ["site.css"]
+html_math_renderer = "mathml"
+
+
+def _mathml(node, as_block=False):
+    """A formula as MathML, which browsers set without a script."""
+    # Primes are raised, as TeX has them.
+    formula = re.sub("'+", lambda primes: "^{" + r"\prime " * len(primes[0]) + "}", node.astext())
+    try:
+        return tex2mathml(formula, as_block=as_block)
+    except MathError as error:
+        LOGGER.warning("formula %r: %s", node.astext(), error, location=node)
+        return f"<code>{html.escape(node.astext())}</code>"
+
+
+def _visit_inline_math(writer, node):
+    """A formula in a line of text."""
+    writer.body.append(_mathml(node))
+    raise nodes.SkipNode
+
+
+def _visit_math_block(writer, node):
+    """A formula of its own; what is too wide scrolls."""
+    writer.body.append(f'<div class="math">{_mathml(node, as_block=True)}</div>')
+    raise nodes.SkipNode
+
+
+def setup(app):
+    """Make known how formulas are written."""
+    app.add_html_math_renderer("mathml", (_visit_inline_math, None), (_visit_math_block, None))

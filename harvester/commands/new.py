@@ -1,0 +1,148 @@
+"""`harvester new`: a commented scene of one's own, copied from a built-in one."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from typing import TYPE_CHECKING, Any
+
+from harvester.errors import OutputError, SceneError
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+
+DEFAULT = "device"
+HEAD = """\
+# A scene of your own, copied from the built-in scene `{scene}`, whose comments follow.
+# Change what you like: an unknown key or a value that no device has is refused in one line.
+# docs/scenes.md lists every key with its unit. Quickest look: `harvester average` and this file.
+
+"""
+# What is asked for at a terminal, where the scene has it.
+ASKED = (
+    "oscillator.mass",
+    "oscillator.damping",
+    "piezo.coupling",
+    "piezo.capacitance",
+    "coil.coupling",
+    "coil.resistance",
+    "load.resistance",
+    "excitation.intensity",
+    "excitation.correlation_time",
+)
+
+
+def add(commands: Any) -> None:
+    """The command's arguments."""
+    command = commands.add_parser(
+        "new",
+        help="write a commented scene of your own to start from",
+        description="write a commented scene of your own, copied from a built-in one; at a "
+        "terminal and without --from it asks for the device's values",
+        epilog="example: harvester new beam.toml --from asymmetric",
+    )
+    command.add_argument("file", metavar="FILE", help="a new .toml file; - for standard output")
+    command.add_argument(
+        "--from",
+        dest="scene",
+        metavar="SCENE",
+        help=f"the built-in scene that is copied (default: {DEFAULT})",
+    )
+    command.set_defaults(command=run, json=None, output=None)
+
+
+def run(options: Namespace) -> None:
+    """Carry it out; returns the exit code, or None for 0."""
+    from harvester.commands.options import say
+    from harvester.files.writing import is_standard_output, write_text
+
+    to_file = not is_standard_output(options.file)
+    if to_file:
+        _check_new(options.file)
+    asking = options.scene is None and all(
+        stream is not None and stream.isatty() for stream in (sys.stdin, sys.stderr)
+    )
+    name = options.scene or (_chosen() if asking else DEFAULT)
+    text = _copied(name)
+    write_text(options.file, _changed(text, name) if asking else text)
+    if to_file:
+        say(f"written: {options.file}; now try: harvester average {options.file}")
+
+
+def _check_new(file):
+    """Refuse what is there already, and what could be taken for a built-in scene's name."""
+    from harvester.files.plain_text import named
+
+    if not file.endswith(".toml"):
+        raise OutputError(f"{named(file)}: a scene's file ends in .toml: give {named(file)}.toml")
+    if os.path.lexists(file):
+        raise OutputError(f"{named(file)}: is there already, and stays; name a new file")
+
+
+def _copied(name):
+    """Text of a built-in scene with a head of its own."""
+    from harvester.files.plain_text import named, nearest
+    from harvester.scene.source import BUILT_IN, built_in_names
+
+    names = built_in_names()
+    if name not in names:
+        raise SceneError(
+            f"{named(name)}: no built-in scene{nearest(name, names)}; there are {', '.join(names)}"
+        )
+    return HEAD.format(scene=name) + (BUILT_IN / f"{name}.toml").read_text("utf-8")
+
+
+def _chosen():
+    from harvester.scene.source import built_in_names
+
+    print(f"Built-in scenes: {', '.join(built_in_names())}. Enter keeps a value.", file=sys.stderr)
+    return _answer("Scene to begin with", DEFAULT)
+
+
+def _changed(text, name):
+    """The text with the values that were given for those asked for."""
+    from harvester.scene.model import Scene
+
+    scene = Scene.load(name)
+    for key in ASKED:
+        line = _line_of(text, key)
+        if line is None:
+            continue
+        old, comment = line["value"], line["comment"] or ""
+        new, scene = _accepted(scene, key, old, " ".join(comment.split()))
+        if new != old:
+            said = f"{new}  # {f'{comment}; ' if comment else ''}{old} in `{name}`"
+            text = text[: line.start("value")] + said + text[line.end() :]
+    return text
+
+
+def _line_of(text, key):
+    """Match of the line of "table.key", with `value` and `comment`."""
+    table, _, name = key.partition(".")
+    above = rf"^\[{table}\]\n(?:(?!\[).*\n)*?"
+    line = rf"{name} *= *(?P<value>\S+)[^\S\n]*(?:# *(?P<comment>.*))?$"
+    return re.search(above + line, text, re.MULTILINE)
+
+
+def _accepted(scene, key, old, comment):
+    """An answer that the scene takes, as text of a number, and the scene with it."""
+    while True:
+        answer = _answer(f"{key} ({comment})" if comment else key, old)
+        if answer == old:
+            return old, scene
+        try:
+            number = float(answer)
+            return repr(number), scene.replace({key: number})
+        except ValueError:
+            print(f"{answer!r} is no number", file=sys.stderr)
+        except SceneError as error:
+            print(error, file=sys.stderr)
+
+
+def _answer(question, usual):
+    """What is typed, or the usual where that is nothing or the input has ended."""
+    from harvester.files.plain_text import one_line
+
+    print(f"{question} [{usual}]: ", end="", file=sys.stderr, flush=True)
+    return one_line(sys.stdin.readline().strip()) or usual

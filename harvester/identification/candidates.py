@@ -1,0 +1,181 @@
+"""Other models of the same device: what is missing in the scene, and what it can do without."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.errors import HarvesterError
+from harvester.identification.fitting import Fitted, fitted
+from harvester.identification.proof import BLOCKS
+
+if TYPE_CHECKING:
+    from harvester.identification.measurement import Measurement
+    from harvester.scene.model import Scene
+
+# Where a stopper that the scene lacks is first looked for, of the greatest displacement; and what
+# any part that it lacks begins with, of its size: so little that the fit is hardly disturbed.
+STOPPER_SHARE = 0.9
+LITTLE = 1e-3
+FORCE = "oscillator.restoring_force[{}]"
+# A model predicts better if its mean square error is lower by so many standard errors of the
+# ratio, and its root by this share.
+SURE, NOTED = 3.0, 0.02
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A model beside the scene's.
+
+    Attributes
+    ----------
+    name : str
+        How it differs, such as "with drag"; "as given" for the scene's own.
+    fitted : Fitted
+    better : float
+        Logarithm of the mean square error on what was kept aside over that of the scene's model,
+        on average over blocks; negative: better.
+    error : float
+        Standard error of that.
+    """
+
+    name: str
+    fitted: Fitted
+    better: float
+    error: float
+
+    @property
+    def is_better(self) -> bool:
+        """Whether it predicts better than the scene's model, beyond chance."""
+        return self.better < -SURE * self.error and self.better < -2.0 * NOTED
+
+    @property
+    def is_as_good(self) -> bool:
+        """Whether it predicts no worse, but for chance and what nobody would notice."""
+        return self.better < max(2.0 * self.error, 2.0 * NOTED)
+
+
+def candidates(
+    base: Fitted, measurements: Sequence[Measurement], keys: Sequence[str], sizes: dict[str, float]
+) -> list[Candidate]:
+    """The scene's own model first, then its neighbours that could be fitted."""
+    found = [Candidate("as given", base, 0.0, 0.0)]
+    for name, scene, free in variants(base.scene, keys, sizes):
+        try:
+            other = fitted(scene, measurements, free, sizes, warm=base)
+        except HarvesterError:
+            continue
+        found.append(Candidate(name, other, *_compared(base, other)))
+    return found
+
+
+def _compared(base, other):
+    """Mean logarithm of the ratio of the blocks' mean square errors, and its standard error."""
+    ratios: list[float] = []
+    for mine, theirs in zip(base.stretches, other.stretches, strict=True):
+        own, new = (
+            np.array([np.mean(part**2) for part in np.array_split(each.residuals[:, 0], BLOCKS)])
+            for each in (mine, theirs)
+        )
+        ratios += [float(ratio) for ratio in np.log(new / own)]
+    return float(np.mean(ratios)), float(np.std(ratios, ddof=1)) / math.sqrt(len(ratios))
+
+
+def proposed(found: Sequence[Candidate]) -> Candidate:
+    """The simplest that predicts as well as the best."""
+    best = min(found, key=lambda each: each.better)
+    if not best.is_better:
+        fitting = [each for each in found if each.is_as_good]
+    else:
+        fitting = [
+            each
+            for each in found
+            if each.better - best.better
+            < max(2.0 * math.hypot(each.error, best.error), 2.0 * NOTED)
+        ]
+    return min(fitting, key=lambda each: (len(each.fitted.keys), each.better))
+
+
+def variants(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list:
+    """(name, scene, keys) of the models that differ by one part."""
+    found = []
+    for make in (_symmetry, _cubic, _drag, _stoppers):
+        try:
+            made = make(scene, list(keys), sizes)
+        except HarvesterError:
+            continue
+        if made:
+            found.append(made)
+    return found
+
+
+def _force(scene):
+    return [k or 0.0 for k in scene.oscillator.coefficients]
+
+
+def _spring_keys(keys, force):
+    """Keys with those of the short form as places in the list; and the others."""
+    places = {
+        "oscillator.linear_stiffness": FORCE.format(1),
+        "oscillator.cubic_stiffness": FORCE.format(3),
+    }
+    return [places.get(key, key) for key in keys]
+
+
+def _symmetry(scene, keys, sizes):
+    """Without the spring's even powers, or with the second."""
+    force = _force(scene)
+    even = [n for n in range(2, len(force), 2) if force[n] != 0.0]
+    if even:
+        plain = [0.0 if n in even else k for n, k in enumerate(force)]
+        left_out = {FORCE.format(n) for n in even}
+        kept = [key for key in _spring_keys(keys, force) if key not in left_out]
+        return "symmetric spring", scene.replace({"oscillator.restoring_force": plain}), kept
+    if len(force) < 4 or force[3] == 0.0:
+        return None
+    force[2] = LITTLE * sizes[FORCE.format(2)]
+    uneven = scene.replace({"oscillator.restoring_force": force})
+    return "asymmetric spring", uneven, [*_spring_keys(keys, force), FORCE.format(2)]
+
+
+def _cubic(scene, keys, sizes):
+    """Without the spring's cubic term, or with it."""
+    force = _force(scene)
+    if len(force) > 4 or force[1] <= 0.0:
+        return None
+    if len(force) == 4 and force[3] != 0.0:
+        linear = scene.replace({"oscillator.restoring_force": [force[0], force[1]]})
+        nonlinear = {FORCE.format(2), FORCE.format(3)}
+        return (
+            "linear spring",
+            linear,
+            [key for key in _spring_keys(keys, force) if key not in nonlinear],
+        )
+    force = [*force[:2], 0.0, LITTLE * sizes[FORCE.format(3)]]
+    cubic = scene.replace({"oscillator.restoring_force": force})
+    return "cubic spring", cubic, [*_spring_keys(keys, force), FORCE.format(3)]
+
+
+def _drag(scene, keys, sizes):
+    """Without the air's drag, or with it."""
+    key = "oscillator.quadratic_damping"
+    if scene.oscillator.quadratic_damping > 0.0:
+        return "no drag", scene.replace({key: 0.0}), [each for each in keys if each != key]
+    return "drag", scene.replace({key: LITTLE * sizes[key]}), [*keys, key]
+
+
+def _stoppers(scene, keys, sizes):
+    """Without stoppers, or with a pair near the greatest displacement."""
+    if scene.stoppers:
+        kept = [key for key in keys if not key.startswith("stoppers")]
+        return "no stoppers", scene.replace(stoppers=None), kept
+    table = {
+        "gap": STOPPER_SHARE * sizes["stoppers.gap"],
+        "stiffness": 10.0 * LITTLE * sizes["stoppers.stiffness"],
+        "restitution": 0.7,
+    }
+    return "stoppers", scene.replace(stoppers=table), [*keys, "stoppers.gap", "stoppers.stiffness"]

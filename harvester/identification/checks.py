@@ -1,0 +1,87 @@
+"""What no fit should begin with: records that cannot tell what is asked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.errors import IdentificationError
+from harvester.identification.reconstruction import frequencies
+from harvester.scene.units import require_resistor
+
+if TYPE_CHECKING:
+    from harvester.identification.measurement import Measurement
+    from harvester.scene.model import Scene
+
+# Of a record, in periods of the motion; a third of it is kept aside.
+FEWEST_PERIODS = 12.0
+FEWEST_SAMPLES_PER_PERIOD = 5.0
+# Band about the median frequency of the motion, as factors.
+BAND = (0.5, 2.0)
+# Of the acceleration's power in that band: what a record's own rounding may leave there.
+SMALLEST_BAND_SHARE = 1e-4
+# Mean square of the last quarter over that of the first one below which a record is a ring-down.
+RINGING_DOWN = 0.5
+
+
+def check_records(scene: Scene, measurements: Sequence[Measurement]) -> None:
+    """Refuse a scene or a record that cannot be fitted.
+
+    Raises
+    ------
+    IdentificationError
+        A record is too short, too coarse, or without excitation in the band of the motion.
+    LoadError
+        The load is no resistor, or the displacement is prescribed.
+    """
+    require_resistor(scene, "identify")
+    if not measurements:
+        raise IdentificationError("--record: name at least one measured record")
+    shared = set(measurements[0].outputs)
+    for each in measurements:
+        require_resistor(scene.replace(each.changes), "identify")
+        if not shared & set(each.outputs):
+            raise IdentificationError(
+                f"{each.name}: measures {', '.join(each.outputs)}, and the first record "
+                f"{', '.join(sorted(shared))}: records need a quantity in common"
+            )
+        _check_record(each)
+
+
+def _check_record(record):
+    median, _ = frequencies(record)
+    periods, per_period = median * record.duration, record.sampling_rate / median
+    if periods < FEWEST_PERIODS:
+        raise IdentificationError(
+            f"{record.name}: too short: {periods:.3g} periods of the motion at {median:.3g} Hz, "
+            f"and {FEWEST_PERIODS:g} are the fewest"
+        )
+    if per_period < FEWEST_SAMPLES_PER_PERIOD:
+        raise IdentificationError(
+            f"{record.name}: sampled too coarsely: {per_period:.2g} samples a period of the motion "
+            f"at {median:.3g} Hz, and {FEWEST_SAMPLES_PER_PERIOD:g} are the fewest"
+        )
+    first = next(iter(record.outputs.values()))
+    quarters = np.array_split(first - np.mean(first), 4)
+    if np.mean(quarters[-1] ** 2) < RINGING_DOWN * np.mean(quarters[0] ** 2):
+        return
+    share = _share_in_band(record, median)
+    if share < SMALLEST_BAND_SHARE:
+        raise IdentificationError(
+            f"{record.name}: no excitation in the band that matters: {share:.1g} of the "
+            f"acceleration's power lies between {BAND[0] * median:.3g} and {BAND[1] * median:.3g} "
+            "Hz, where the device moves: check the acceleration's column"
+        )
+
+
+def _share_in_band(record, median):
+    from scipy import signal
+
+    values = record.acceleration - record.acceleration.mean()
+    if not values.any():
+        return 0.0
+    f, density = signal.welch(values, record.sampling_rate, nperseg=min(values.size, 4096))
+    inside = (f >= BAND[0] * median) & (f <= BAND[1] * median)
+    return float(density[inside].sum() / density.sum())

@@ -1,0 +1,91 @@
+"""Figure of an identification: what was measured beside what the scene predicts of it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.show.palette import CIRCUIT, MONTE_CARLO
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from harvester.identification.identification import Identification
+
+MEASURED, PREDICTED, RESIDUAL = "0.35", CIRCUIT, MONTE_CARLO
+SHOWN_PERIODS = 12.0
+BINS = 60
+UNITS = {"voltage": "V", "displacement": "m", "velocity": "m/s"}
+# Segments of a spectrum.
+SEGMENTS = 12
+
+
+def draw(found: Identification) -> Figure:
+    """The first record's part kept aside: waveforms, spectra, densities, residuals' correlation."""
+    from matplotlib.figure import Figure
+
+    stretch = found.fitted.stretches[0]
+    figure = Figure(figsize=(10.0, 6.4))
+    wave, spectrum, density, correlation = figure.subplots(2, 2).ravel()
+    name = stretch.outputs[0]
+    unit = UNITS[name] if found.scene.units == "SI" else "scaled"
+    _draw_waveform(wave, stretch, f"{name} [{unit}]")
+    _draw_spectra(spectrum, stretch, f"density of the {name} [{unit}²/Hz]")
+    _draw_densities(density, stretch, f"{name} [{unit}]")
+    _draw_correlation(correlation, found)
+    handles, labels = spectrum.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4)
+    figure.suptitle(
+        f"{found.scene.name}: the last third of {stretch.name}, kept aside",
+        x=0.01,
+        ha="left",
+        fontsize=9,
+    )
+    return figure
+
+
+def _draw_waveform(axes, stretch, label):
+    values = stretch.measured[:, 0]
+    crossings = np.count_nonzero(np.diff(np.sign(values - values.mean())))
+    per_period = 2.0 * values.size / max(crossings, 1)
+    count = int(min(values.size, SHOWN_PERIODS * per_period))
+    time = np.arange(count) / stretch.rate
+    axes.plot(time, values[:count], color=MEASURED, lw=2.2)
+    axes.plot(time, stretch.windowed[:count, 0], color=PREDICTED, lw=1.0)
+    axes.plot(time, stretch.residuals[:count, 0], color=RESIDUAL, lw=0.8)
+    axes.set(xlabel="time [s]", ylabel=label)
+
+
+def _draw_spectra(axes, stretch, label):
+    from scipy import signal
+
+    segment = max(16, stretch.measured.shape[0] // SEGMENTS)
+    for values, colour, text, width in (
+        (stretch.measured, MEASURED, "measured", 2.2),
+        (stretch.free, PREDICTED, "predicted", 1.0),
+        (stretch.residuals, RESIDUAL, "residuals in windows", 0.8),
+    ):
+        f, density = signal.welch(values[:, 0], stretch.rate, nperseg=segment)
+        axes.semilogy(f[1:], density[1:], color=colour, lw=width, label=text)
+    axes.set(xlabel="frequency [Hz]", ylabel=label)
+
+
+def _draw_densities(axes, stretch, label):
+    both = np.concatenate([stretch.measured[:, 0], stretch.free[:, 0]])
+    bins = np.linspace(both.min(), both.max(), BINS + 1)
+    for values, colour, width in (
+        (stretch.measured, MEASURED, 2.2),
+        (stretch.free, PREDICTED, 1.0),
+    ):
+        share, _ = np.histogram(values[:, 0], bins, density=True)
+        axes.stairs(share, bins, color=colour, lw=width)
+    axes.set(xlabel=label, ylabel="probability density")
+
+
+def _draw_correlation(axes, found):
+    white, rate = found.whiteness, found.fitted.stretches[0].rate
+    lags = np.arange(1, white.correlations.size + 1) / rate
+    axes.plot(lags, white.correlations, color=RESIDUAL, lw=1.0)
+    axes.axhspan(-white.bound, white.bound, color="0.85", lw=0)
+    axes.set(xlabel="lag [s]", ylabel="autocorrelation of residuals")

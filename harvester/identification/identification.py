@@ -1,0 +1,233 @@
+"""What an identification gives: values, intervals, proof, and how it is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from harvester.identification.candidates import Candidate, proposed
+from harvester.identification.intervals import HALF_INTERVAL
+from harvester.identification.proof import sensor_noise
+from harvester.identification.scene_file import scene_text
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from harvester.identification.fitting import Fitted
+    from harvester.identification.intervals import Undetermined
+    from harvester.identification.measurement import Measurement
+    from harvester.identification.proof import Whiteness
+    from harvester.identification.verdict import Verdict
+    from harvester.scene.model import Scene
+
+
+@dataclass(frozen=True)
+class Identification:
+    """A scene identified from records.
+
+    Attributes
+    ----------
+    scene : Scene
+        With the values that fit.
+    start : Scene
+        With which it began.
+    measurements : list of Measurement
+    fitted : Fitted
+        Values, covariance, and what the model predicts of the data kept aside.
+    kept : list of (str, Undetermined)
+        Keys that stay as in the scene, and what the records leave open.
+    candidates : list of Candidate
+        The scene's own model first.
+    whiteness : Whiteness
+        Of the residuals of the first record's part that was kept aside.
+    verdict : Verdict
+    seconds : float
+        Wall-clock.
+    """
+
+    scene: Scene
+    start: Scene
+    measurements: list[Measurement]
+    fitted: Fitted
+    kept: list[tuple[str, Undetermined]]
+    candidates: Sequence[Candidate]
+    whiteness: Whiteness
+    verdict: Verdict
+    seconds: float
+
+    @property
+    def keys(self) -> list[str]:
+        """Of the identified values."""
+        return self.fitted.keys
+
+    @property
+    def values(self) -> dict[str, float]:
+        """By key, in the scene's units."""
+        return dict(zip(self.keys, map(float, self.fitted.values), strict=True))
+
+    @property
+    def standard_errors(self) -> dict[str, float]:
+        """By key."""
+        return dict(zip(self.keys, map(float, self.fitted.standard_errors), strict=True))
+
+    @property
+    def intervals(self) -> dict[str, tuple[float, float]]:
+        """95 % intervals by key."""
+        return {
+            key: (
+                value - HALF_INTERVAL * self.standard_errors[key],
+                value + HALF_INTERVAL * self.standard_errors[key],
+            )
+            for key, value in self.values.items()
+        }
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Of the values, in the order of `keys`: shape (keys, keys)."""
+        return self.fitted.covariance
+
+    @property
+    def undetermined(self) -> set[str]:
+        """Keys whose values the records do not determine."""
+        return {key for each in self.fitted.undetermined for key in each.keys}
+
+    @property
+    def proposed(self) -> Candidate:
+        """The simplest model that predicts as well as the best."""
+        return proposed(self.candidates)
+
+    def table(self) -> tuple[list[str], list[list[str]]]:
+        """Header and rows as text: each value with its interval."""
+        header = ["parameter", "state", "value", "95 % interval", "relative half-width"]
+        rows = []
+        for key, value in self.values.items():
+            low, high = self.intervals[key]
+            half = 0.5 * (high - low)
+            share = f"{half / abs(value):.2%}" if value else "—"
+            state = "undetermined" if key in self.undetermined else "identified"
+            rows.append([key, state, f"{value:.6g}", f"{low:.6g} … {high:.6g}", share])
+        return header, rows
+
+    def sentences(self) -> list[str]:
+        """The verdict, what is not determined, the proof of each record, and the other models."""
+        lines = [self.verdict.sentence]
+        lines += [str(each) for each in self.fitted.undetermined]
+        lines += [f"{unclear}; {key} is kept as in the scene" for key, unclear in self.kept]
+        for stretch in self.fitted.stretches:
+            measured, predicted, difference = stretch.powers()
+            name, unit = stretch.compared
+            lines.append(
+                f"{stretch.name}, last third: {stretch.outputs[0]} NRMSE {stretch.nrmse():.2%} in "
+                f"{stretch.windows} windows; {name} measured {_with_error(measured)} {unit}, "
+                f"predicted {_with_error(predicted)} {unit}, difference "
+                f"{difference.estimate:+.2%} ± {difference.standard_error:.2%}"
+            )
+            if stretch.windows > 1:
+                lines.append(
+                    f"{stretch.name}: from one start alone, whose path parts from the measured "
+                    f"one, {name} {_with_error(stretch.free_power())} {unit}"
+                )
+        lines += [
+            f"model {each.name}: {len(each.fitted.keys)} values, NRMSE {each.fitted.nrmse:.2%} on "
+            "the data kept aside"
+            for each in self.candidates[1:]
+        ]
+        windows = sum(edges.size - 1 for edges in self.fitted.fit.edges)
+        lines.append(
+            f"fitted to the first two thirds of {len(self.measurements)} "
+            f"{'record' if len(self.measurements) == 1 else 'records'} in {windows} windows, "
+            f"acceleration {self.fitted.interpolation} between samples; intervals allow for "
+            f"correlated residuals; {self.seconds:.1f} s"
+        )
+        return lines
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {
+            "scene": self.scene.to_dict(),
+            "start": self.start.to_dict(),
+            "verdict": {"word": self.verdict.word, "sentence": self.verdict.sentence},
+            "parameters": {
+                key: {
+                    "value": value,
+                    "standard_error": self.standard_errors[key],
+                    "interval": list(self.intervals[key]),
+                    "determined": key not in self.undetermined,
+                }
+                for key, value in self.values.items()
+            },
+            "keys": self.keys,
+            "covariance": self.covariance.tolist(),
+            "undetermined": [str(each) for each in self.fitted.undetermined],
+            "kept": {key: str(unclear) for key, unclear in self.kept},
+            "records": [_record(each) for each in self.fitted.stretches],
+            "residuals_white": self.whiteness.white,
+            "whiteness_probability": self.whiteness.probability,
+            "candidates": [
+                {
+                    "model": each.name,
+                    "keys": each.fitted.keys,
+                    "values": [float(value) for value in each.fitted.values],
+                    "nrmse": each.fitted.nrmse,
+                    "log_ratio_of_mean_squares": each.better,
+                    "standard_error": each.error,
+                }
+                for each in self.candidates
+            ],
+            "proposed": self.proposed.name,
+            "interpolation": self.fitted.interpolation,
+            "seconds": self.seconds,
+        }
+
+    def figure(self) -> Figure:
+        """Measured and predicted: waveforms, spectra, densities, and the residuals' correlation."""
+        from harvester.identification.drawing import draw
+
+        return draw(self)
+
+    def scene_text(self, candidate: Candidate | None = None) -> str:
+        """The scene as a TOML file with intervals in comments; that of another model on demand."""
+        made = candidate.fitted if candidate else self.fitted
+        comments = {
+            key: f"identified, ± {HALF_INTERVAL * error:.2g} (95 %)"
+            for key, error in zip(made.keys, made.standard_errors, strict=True)
+        }
+        for each in made.undetermined:
+            comments |= {key: "not determined by the records" for key in each.keys}
+        names = ", ".join(each.name for each in self.measurements)
+        sensors = [
+            f"{key} = {value:.6g} ± {HALF_INTERVAL * error:.2g} (95 %)"
+            for key, value, error in zip(made.keys, made.values, made.standard_errors, strict=True)
+            if key.startswith("sensor.")
+        ]
+        heading = [f"Identified from {names}.", self.verdict.sentence, *sensors]
+        return scene_text(made.scene, comments, heading)
+
+
+def _with_error(each):
+    return f"{each.estimate:.4g} ± {each.standard_error:.2g}"
+
+
+def _record(stretch):
+    measured, predicted, difference = stretch.powers()
+    free = stretch.free_power()
+    return {
+        "name": stretch.name,
+        "outputs": list(stretch.outputs),
+        "nrmse": {name: stretch.nrmse(n) for n, name in enumerate(stretch.outputs)},
+        "sensor_noise": {name: sensor_noise(stretch, n) for n, name in enumerate(stretch.outputs)},
+        "windows": stretch.windows,
+        "compared": stretch.compared[0],
+        "free": {"estimate": free.estimate, "standard_error": free.standard_error},
+        **{
+            name: {"estimate": each.estimate, "standard_error": each.standard_error}
+            for name, each in (
+                ("measured", measured),
+                ("predicted", predicted),
+                ("relative_difference", difference),
+            )
+        },
+    }

@@ -1,0 +1,160 @@
+"""How well a fit knows its values: residuals that are correlated, and what is not determined.
+
+With residuals of covariance Γ the estimate's covariance is the sandwich N⁻¹ (Jᵀ Γ J) N⁻¹, N = Jᵀ J,
+the windows' starts eliminated from J. Γ is that of a stationary series with the residuals' own
+spectral density, so that Jᵀ Γ J is a sum over frequencies (Ljung, System Identification, ch. 9).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from harvester.identification.shooting import Fit, Shooting
+
+# Half of a 95 % interval in standard errors.
+HALF_INTERVAL = 1.96
+# Relative standard error from which on a value is not determined.
+UNDETERMINED = 0.5
+# Eigenvalue over the largest below which rounding of difference quotients is all there is.
+SMALLEST_EIGENVALUE = 1e-13
+# Of an undetermined direction, the share from which on a value belongs to it.
+SHARE_OF_DIRECTION = 0.1
+# Segments that a residual's spectrum is averaged over.
+SEGMENTS = 12
+
+
+@dataclass(frozen=True)
+class Undetermined:
+    """A direction in which the values can move without the data noticing.
+
+    Attributes
+    ----------
+    keys : tuple of str
+        Of the values that move together.
+    powers : tuple of float
+        The product of the values to these powers is what is determined; empty for a single value.
+    """
+
+    keys: tuple[str, ...]
+    powers: tuple[float, ...]
+
+    def __str__(self) -> str:
+        names = [key.rpartition(".")[2] for key in self.keys]
+        if not self.powers:
+            return f"{names[0]} is not determined"
+        factors = [
+            name if power == 1.0 else f"{name}^{power:.3g}"
+            for name, power in zip(names, self.powers, strict=True)
+        ]
+        return f"{' and '.join(names)} are not determined apart, only {' · '.join(factors)}"
+
+
+def covariance(shooting: Shooting, fit: Fit) -> np.ndarray:
+    """Of the values, in the scene's units squared, shape (unknowns, unknowns)."""
+    p = len(shooting.unknowns)
+    normal, meat = np.zeros((p, p)), np.zeros((p, p))
+    for number, edges in enumerate(fit.edges):
+        table, _ = shooting.jacobian(fit, number)
+        columns = _without_states(table, edges - edges[0], p)
+        normal += np.einsum("noi,noj->ij", columns, columns)
+        free = table.shape[0] - 3 * (edges.size - 1) - p
+        meat += _meat(columns, table[..., -1]) * table.shape[0] / max(free, 1)
+    # What has no effect at all is known as badly as can be told.
+    sizes = np.diag(normal).copy()
+    sizes[sizes < SMALLEST_EIGENVALUE * sizes.max()] = sizes.max() or 1.0
+    normal += SMALLEST_EIGENVALUE * np.diag(sizes)
+    meat += SMALLEST_EIGENVALUE * np.diag(sizes)
+    inverse = _inverse(normal)
+    return inverse @ meat @ inverse * np.outer(shooting.sizes, shooting.sizes)
+
+
+def _without_states(table, cuts, p):
+    """Columns of the unknowns with what the windows' starts explain taken out."""
+    columns = table[..., :p].copy()
+    for begin, end in pairwise(cuts):
+        states = table[begin:end, :, p : p + 3].reshape(-1, 3)
+        own = columns[begin:end].reshape(-1, p)
+        used = states[:, np.abs(states).max(axis=0) > 0.0]
+        own = own - used @ np.linalg.lstsq(used, own, rcond=1e-10)[0]
+        columns[begin:end] = own.reshape(columns[begin:end].shape)
+    return columns
+
+
+def _meat(columns, residuals):
+    """Jᵀ Γ J of one experiment, over all pairs of outputs."""
+    from scipy import signal
+
+    samples, outputs, p = columns.shape
+    segment = max(16, 2 * samples // (SEGMENTS + 1))
+    spectra = np.fft.rfft(columns, axis=0)
+    frequencies = np.fft.rfftfreq(samples)
+    # Both halves of the spectrum, the ends once.
+    weight = np.full(frequencies.size, 2.0)
+    weight[0] = 1.0
+    if samples % 2 == 0:
+        weight[-1] = 1.0
+    total = np.zeros((p, p))
+    for a in range(outputs):
+        for b in range(outputs):
+            f, density = signal.csd(
+                residuals[:, a],
+                residuals[:, b],
+                nperseg=min(segment, samples),
+                detrend=False,
+                return_onesided=False,
+            )
+            kept = f >= 0.0
+            order = np.argsort(f[kept])
+            values = np.interp(frequencies, f[kept][order], density[kept][order])
+            products = np.einsum(
+                "k,ki,kj->ij", weight * values, spectra[:, a].conj(), spectra[:, b]
+            )
+            total += products.real / samples
+    return 0.5 * (total + total.T)
+
+
+def _inverse(normal):
+    """Of a matrix that may be singular: what is not determined gets a great variance."""
+    scale = np.sqrt(np.diag(normal))
+    values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
+    values = np.maximum(values, SMALLEST_EIGENVALUE * values[-1])
+    return (vectors / values) @ vectors.T / np.outer(scale, scale)
+
+
+def undetermined(
+    keys: list[str], values: np.ndarray, sizes: np.ndarray, covariance: np.ndarray
+) -> list[Undetermined]:
+    """Directions of relative values in which the standard error is too large.
+
+    Parameters
+    ----------
+    keys : list of str
+    values, sizes : ndarray
+        Of the unknowns; a value much smaller than its size counts in sizes.
+    covariance : ndarray
+    """
+    units = np.where(np.abs(values) > 1e-3 * sizes, np.abs(values), sizes)
+    relative = covariance / np.outer(units, units)
+    spread, directions = np.linalg.eigh(relative)
+    found = []
+    for k in np.flatnonzero(np.sqrt(np.maximum(spread, 0.0)) > UNDETERMINED)[::-1]:
+        direction = directions[:, k]
+        members = np.flatnonzero(np.abs(direction) > SHARE_OF_DIRECTION * np.abs(direction).max())
+        members = members[np.argsort(-np.abs(direction[members]))]
+        names = tuple(keys[n] for n in members)
+        found.append(Undetermined(names, _determined_powers(relative, members)))
+    return found
+
+
+def _determined_powers(relative, members):
+    """Powers of the product that is known best; of values that grow with their sign."""
+    if members.size == 1:
+        return ()
+    _, directions = np.linalg.eigh(relative[np.ix_(members, members)])
+    best = directions[:, 0]
+    return tuple(float(power) for power in np.round(best / best[np.argmax(np.abs(best))], 3))

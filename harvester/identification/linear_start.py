@@ -1,0 +1,391 @@
+"""Where a fit begins: coefficients by linear regression on the measured motion.
+
+The equation of motion is multiplied by smooth functions φ that vanish outside some period and
+integrated by parts, so that nothing is differentiated twice (weak form; Messenger and Bortz,
+Multiscale Model. Simul. 19, 1474 (2021)):
+
+    s ∫φ'' z = ∫φ [η − s c w − s² C2 |w| w − Σ kₙ sⁿ zⁿ − contacts − T],   x = s z, x' = s w.
+
+What is not linear (the scale s of a motion known from its voltage, the electrical rate, a gap) is
+looked for on a grid.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.device import timescales
+from harvester.identification.reconstruction import Motion, frequencies, motion
+from harvester.scene.numbers import numbers
+
+if TYPE_CHECKING:
+    from harvester.identification.response import Responses
+
+# Periods of the motion that one test function covers, and how many begin in each.
+COVERED_PERIODS, PER_COVERED = 1.5, 8
+ELECTRICAL_FACTORS = np.geomspace(0.2, 5.0, 13)
+SCALE_FACTORS = np.geomspace(0.1, 10.0, 81)
+GAP_SHARES = np.linspace(0.35, 0.95, 13)
+# In rms values: the origin of a motion within one well lies far off.
+ORIGINS = np.sinh(np.linspace(-5.0, 5.0, 1001))
+MOST_ORIGINS = 2
+DRIVE = "sensor.acceleration_scale"
+# Smallest damping ratio that a start has.
+LEAST_DAMPING_RATIO = 0.003
+
+
+@dataclass(frozen=True)
+class Start:
+    """Values of the unknowns, and the motion of each experiment that goes with them.
+
+    Attributes
+    ----------
+    values : ndarray, shape (unknowns,)
+    motions : list of Motion
+    misfit : float
+        Of the regression, as a share; NaN where there was none.
+    """
+
+    values: np.ndarray
+    motions: list[Motion]
+    misfit: float
+
+
+def as_it_is(responses: Responses, values: np.ndarray, centre: float | None = None) -> Start:
+    """The start at given values, with the motions that follow from them, about a place or not."""
+    motions = []
+    for number, each in enumerate(responses.experiments):
+        system, scales = responses.known_device(number, values)
+        seen = motion(system, scales, each.measurement)
+        motions.append(seen if centre is None else seen.centred(centre))
+    return Start(values, motions, np.nan)
+
+
+def regressed(responses: Responses, values: np.ndarray, number: int, drifts: bool) -> list[Start]:
+    """Starts by regression on one experiment, one for each likely origin of its displacement.
+
+    Parameters
+    ----------
+    responses : Responses
+    values : ndarray
+        Of the unknowns, for what a regression does not tell.
+    number : int
+        Of the experiment.
+    drifts : bool
+        Whether the slow part of an integrated voltage is believed: it is needed where the mass
+        changes wells, and else only brings noise.
+    """
+    tried = [
+        _of_electrical(responses, values, number, factor, drifts)
+        for factor in _electrical_factors(responses)
+    ]
+    found = min((each for each in tried if each), key=lambda each: each.misfit, default=None)
+    starts: list[Start] = []
+    if found is None:
+        return starts
+    for changed, origin in found.results():
+        if responses.device(number, changed) is None:
+            continue
+        start = as_it_is(responses, changed)
+        # Only this record's origin is known; others begin about the same place.
+        motions = [each.centred(origin) for each in start.motions]
+        starts.append(Start(changed, motions, found.misfit))
+    return starts
+
+
+def _electrical_factors(responses):
+    return ELECTRICAL_FACTORS if "piezo.capacitance" in responses.keys else (1.0,)
+
+
+def _with(responses, values, changes):
+    changed = values.copy()
+    for key, value in changes.items():
+        if key in responses.keys:
+            changed[responses.keys.index(key)] = value
+    return changed
+
+
+def _value(responses, values, key, number):
+    """A number of the scene, free or not; 0 where the scene has none."""
+    if key in responses.keys:
+        return float(values[responses.keys.index(key)])
+    found = numbers(responses.experiments[number].scene).get(key)
+    return float(found[0]) if found else 0.0
+
+
+def _of_electrical(responses, values, number, factor, drifts):
+    """The regression for one capacitance, solved; None where it cannot be."""
+    capacitance = _value(responses, values, "piezo.capacitance", number) * factor
+    values = _with(responses, values, {"piezo.capacitance": capacitance})
+    made = responses.device(number, values)
+    if made is None:
+        return None
+    system, scales = made
+    seen = motion(system, scales, responses.experiments[number].measurement)
+    if not drifts:
+        seen = seen.without_drift(responses.experiments[number].measurement)
+    return _Regression(responses, values, number, system, scales, seen)
+
+
+class _Regression:
+    """Weak form of one experiment's equation of motion."""
+
+    def __init__(self, responses, values, number, system, scales, seen):
+        self.responses, self.values, self.number = responses, values, number
+        self.system, self.scales = system, scales
+        experiment = responses.experiments[number]
+        self.scene = experiment.scene
+        self.offset = float(np.mean(seen.x))
+        self.z, self.w, self.state = seen.x - self.offset, seen.v, seen.state
+        self.centred = "displacement" not in experiment.measurement.outputs
+        self.unit = float(np.std(self.z)) or 1.0
+        rate = experiment.measurement.sampling_rate
+        period = 1.0 / frequencies(experiment.measurement)[0]
+        width = int(np.clip(round(COVERED_PERIODS * period * rate), 16, self.z.size // 4))
+        self._test_functions(width, rate)
+        eta = responses.excitation(number, values)[:: experiment.steps]
+        self.drive = self._integrated(eta)
+        self.force = self._integrated(np.array(system.transducer.force(self.w, self.state)))
+        self.inertia = self._integrated(self.z, 2)
+        self.damping = -self._integrated(self.z, 1)
+        self.solved = self._best()
+        self.misfit = self.solved[0]
+
+    def _test_functions(self, width, rate):
+        """φ = (1 − u²)⁴ and its second derivative on −1 < u < 1."""
+        u = np.linspace(-1.0, 1.0, width + 2)[1:-1]
+        half = 0.5 * (width + 1) / rate
+        bump = 1.0 - u**2
+        self.phi = [
+            bump**4,
+            -8.0 * u * bump**3 / half,
+            (-8.0 * bump**3 + 48.0 * u**2 * bump**2) / half**2,
+        ]
+        self.places = np.arange(0, self.z.size - width, max(1, width // PER_COVERED))
+        self.width = width
+
+    def _integrated(self, values, order=0):
+        """∫φ⁽ᵒʳᵈᵉʳ⁾ values for all test functions."""
+        full = np.convolve(values, self.phi[order][::-1], mode="valid")
+        return full[self.places]
+
+    def _best(self):
+        """(misfit, coefficients, scale, gaps' share, names) of the best scale and gaps."""
+        known_scale = not (
+            {"piezo.coupling", "coil.coupling"} & set(self.responses.keys)
+            and self.scene.units == "SI"
+            and self.centred
+        )
+        known_scale |= not self.drive.any()
+        factors = (1.0,) if known_scale else SCALE_FACTORS
+        gap_shares = GAP_SHARES if self._gap_keys() else (None,)
+        found = []
+        for share in gap_shares:
+            columns, names = self._columns(share)
+            found += [(*self._solved(columns, s), s, share, names) for s in factors]
+        return min(found, key=lambda each: each[0])
+
+    def results(self) -> list:
+        """(values, mean displacement) for each likely origin."""
+        _, solution, s, share, names = self.solved
+        found = dict(zip(names, solution, strict=True))
+        return [self._translated(found, s, share, shift) for shift in self._shifts(found, s)]
+
+    def _gap_keys(self):
+        return [key for key in numbers(self.scene) if key.startswith("stoppers") and "gap" in key]
+
+    def _degree(self):
+        oscillator = self.scene.oscillator
+        return max(n for n, k in enumerate(oscillator.coefficients) if k or n == 1)
+
+    def _columns(self, share):
+        """Integrals of what the coefficients multiply, and its names; all over s."""
+        z = self.z / self.unit
+        names, columns = ["damping"], [self.damping]
+        if "oscillator.quadratic_damping" in self.responses.keys:
+            names.append("drag")
+            columns.append(self._integrated(np.abs(self.w) * self.w))
+        for power in range(self._degree() + 1):
+            names.append(f"k{power}")
+            columns.append(self._integrated(z**power))
+        if share is not None:
+            for place, (side, exponent) in enumerate(self._contacts()):
+                push = self._push(share, side, exponent)
+                names.append(f"contact{place}")
+                columns.append(self._integrated(push))
+                names.append(f"dashpot{place}")
+                columns.append(self._integrated(np.abs(push) * self.w))
+        if self._linear_force():
+            names.append("force")
+            columns.append(self.force)
+        if self._free_drive():
+            names.append("drive")
+            columns.append(-self.drive)
+        return np.column_stack(columns), names
+
+    def _linear_force(self):
+        """Whether the transducer's force has a coefficient of its own: a scaled scene's β."""
+        return self.scene.units != "SI" and "piezo.coupling" in self.responses.keys
+
+    def _free_drive(self):
+        """Whether the base's sensor has an unknown scale, and the motion a known one."""
+        return DRIVE in self.responses.keys and not self.centred
+
+    def _contacts(self):
+        return [(each.side, each.exponent) for each in self.scene.stoppers if each.stiffness > 0.0]
+
+    def _push(self, share, side, exponent):
+        right = np.maximum(self.z - share * self.z.max(), 0.0) ** exponent
+        left = np.maximum(-self.z + share * self.z.min() * 1.0, 0.0) ** exponent
+        return {"right": right, "left": -left, "both": right - left}[side]
+
+    def _solved(self, columns, s):
+        """(misfit, coefficients) for one scale of the motion."""
+        target = -s * self.inertia if self._free_drive() else self.drive - s * self.inertia
+        if not self._linear_force():
+            target = target - self.force / s
+        norms = np.linalg.norm(columns, axis=0)
+        norms[norms == 0.0] = 1.0
+        solution = np.linalg.lstsq(columns / norms, target, rcond=1e-10)[0] / norms
+        misfit = np.linalg.norm(target - columns @ solution)
+        size = np.linalg.norm(self.inertia if self._free_drive() else self.drive)
+        return misfit / (size or np.linalg.norm(self.inertia)), solution
+
+    def _force(self, found, s):
+        """Coefficients of F as a polynomial of s z, scaled."""
+        return np.array([found[f"k{n}"] / (s * self.unit) ** n for n in range(self._degree() + 1)])
+
+    def _translated(self, found, s, share, shift):
+        """(values, mean displacement) with x = s z + shift."""
+        moved = _shifted(self._force(found, s), shift)
+        changes = self._mechanical(found, s, moved)
+        changes |= self._transduced(found, s)
+        if found.get("drive"):
+            own = _value(self.responses, self.values, DRIVE, self.number)
+            changes[DRIVE] = own / found["drive"]
+        if share is not None:
+            changes |= self._stops(found, s, share, shift)
+        return _with(self.responses, self.values, self._within(changes)), shift
+
+    def _mass(self):
+        return self.scene.oscillator.mass if self.scene.units == "SI" else 1.0
+
+    def _mechanical(self, found, s, coefficients):
+        mass, length = self._mass(), self.scales.displacement
+        stiffness = abs(coefficients[1]) if coefficients.size > 1 else 1.0
+        least = 2.0 * LEAST_DAMPING_RATIO * np.sqrt(stiffness)
+        changes = {"oscillator.damping": mass * max(found["damping"] / s, least)}
+        if "drag" in found:
+            changes["oscillator.quadratic_damping"] = mass / length * max(found["drag"] / s**2, 0.0)
+        scaled = [mass * k * length ** (1 - n) for n, k in enumerate(coefficients)]
+        if self.scene.oscillator.restoring_force is None:
+            changes["oscillator.linear_stiffness"] = scaled[1]
+            if len(scaled) > 3:
+                changes["oscillator.cubic_stiffness"] = scaled[3]
+        else:
+            changes |= {f"oscillator.restoring_force[{n}]": k for n, k in enumerate(scaled)}
+        return changes
+
+    def _transduced(self, found, s):
+        if "force" in found:
+            coupling = _value(self.responses, self.values, "piezo.coupling", self.number)
+            return {"piezo.coupling": coupling * found["force"]}
+        return {
+            key: _value(self.responses, self.values, key, self.number) / s
+            for key in ("piezo.coupling", "coil.coupling")
+        }
+
+    def _stops(self, found, s, share, shift):
+        """Gaps and stiffnesses of the contacts."""
+        mass, length = self._mass(), self.scales.displacement
+        changes = {}
+        tables = [each for each in self.scene.stoppers if each.stiffness > 0.0]
+        several = len(tables) > 1 or tables[0].side != "both"
+        for place, each in enumerate(tables):
+            table = f"stoppers[{place}]" if several else "stoppers"
+            right = share * self.z.max() * s + shift
+            left = -share * self.z.min() * s - shift
+            gap = {"right": right, "left": left, "both": 0.5 * (right + left)}[each.side]
+            push = found[f"contact{place}"] / s**each.exponent
+            changes[f"{table}.gap"] = gap * length
+            if push > 0.0:
+                changes[f"{table}.stiffness"] = push * mass * length ** (1.0 - each.exponent)
+        return changes
+
+    def _shifts(self, found, s):
+        """Where the mean of x may lie, so that kept coefficients are nearly as in the scene."""
+        if not self.centred:
+            return [s * self.offset]
+        fixed = self._kept_coefficients()
+        if not fixed:
+            return [0.0]
+        force, rms = self._force(found, s), s * self.unit
+        off = np.zeros(ORIGINS.size)
+        for place, origin in enumerate(ORIGINS * rms):
+            moved = _shifted(force, origin)
+            off[place] = sum(
+                ((moved[n] - k) * rms**n) ** 2 for n, k in fixed.items() if n < moved.size
+            )
+        around = np.concatenate([[np.inf], off, [np.inf]])
+        dips = np.flatnonzero((off < around[:-2]) & (off <= around[2:]))
+        best = sorted(dips, key=lambda place: off[place])[:MOST_ORIGINS]
+        return [float(ORIGINS[place] * rms) for place in best]
+
+    def _kept_coefficients(self):
+        """Scaled coefficients of the spring that are not free, by their powers."""
+        mass, length = self._mass(), self.scales.displacement
+        coefficients = self.scene.oscillator.coefficients
+        fixed = {}
+        for n in range(self._degree() + 1):
+            short = {1: "linear_stiffness", 3: "cubic_stiffness"}.get(n, "none")
+            if self.scene.oscillator.restoring_force is not None:
+                short = f"restoring_force[{n}]"
+            if f"oscillator.{short}" not in self.responses.keys:
+                value = coefficients[n] if n < len(coefficients) and coefficients[n] else 0.0
+                fixed[n] = value * length ** (n - 1) / mass
+        return fixed
+
+    def _within(self, changes):
+        """Only what is free, and within its bounds."""
+        known = numbers(self.scene)
+        kept = {}
+        if DRIVE in changes and DRIVE in self.responses.keys:
+            kept[DRIVE] = changes[DRIVE]
+        for key, value in changes.items():
+            if key in known and key in self.responses.keys and np.isfinite(value):
+                low, start = known[key][1].low, abs(known[key][0])
+                least = low if known[key][1].low_allowed or low == -np.inf else low + 1e-2 * start
+                kept[key] = min(max(value, least), known[key][1].high)
+        return kept
+
+
+def _shifted(coefficients, distance):
+    """Coefficients of F(x − distance) from those of F(x)."""
+    moved = np.polynomial.Polynomial(coefficients)(np.polynomial.Polynomial([-distance, 1.0]))
+    return np.append(moved.coef, np.zeros(len(coefficients)))[: len(coefficients)]
+
+
+def _ways(measurement):
+    """Whether an integrated voltage is believed: yes and no; of a measured displacement once."""
+    return (True,) if "displacement" in measurement.outputs else (True, False)
+
+
+def starts_from(responses: Responses, values: np.ndarray) -> list[Start]:
+    """All starts worth a trial: the scene as it is, and regressions on each record."""
+    found = [
+        start
+        for number in range(len(responses.experiments))
+        for drifts in _ways(responses.experiments[number].measurement)
+        for start in regressed(responses, values, number, drifts)
+    ]
+    system, _ = responses.known_device(0, values)
+    wells, saddles = timescales.wells(system), timescales.saddles(system)
+    measured = "displacement" in responses.experiments[0].measurement.outputs
+    places = [*wells[:1]] if measured else [*wells, *saddles]
+    return [
+        *found,
+        *(as_it_is(responses, values, place) for place in places),
+    ]

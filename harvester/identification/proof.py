@@ -1,0 +1,194 @@
+"""What a fitted device predicts of the stretch of each record that it was not fitted to."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.estimates.estimate import Estimate
+from harvester.identification.reconstruction import frequencies
+from harvester.identification.search import settle_windows
+from harvester.identification.shooting import Fit, Shooting
+from harvester.scene.units import load_resistance
+
+if TYPE_CHECKING:
+    from harvester.identification.response import Responses
+
+# Blocks of a stretch whose means give an error bar.
+BLOCKS = 12
+# Share of the highest frequencies in which a record's own noise is looked for.
+NOISE_BAND = 0.25
+NOISE_SEGMENTS = 16
+# Lags of the autocorrelation, in periods of the motion.
+WHITE_PERIODS = 1.0
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Measured and simulated outputs of one experiment's stretch.
+
+    Attributes
+    ----------
+    name : str
+    outputs : tuple of str
+    rate : float
+        Hz.
+    measured, windowed, free : ndarray, shape (samples, outputs)
+        `windowed` is simulated in windows whose starts were found in this stretch, the device's
+        numbers being as they were; `free` goes on from the first start alone.
+    windows : int
+    resistance : float or None
+        Of the load (Ω).
+    """
+
+    name: str
+    outputs: tuple[str, ...]
+    rate: float
+    measured: np.ndarray
+    windowed: np.ndarray
+    free: np.ndarray
+    windows: int
+    resistance: float | None
+
+    @property
+    def residuals(self) -> np.ndarray:
+        """Simulated in windows less measured."""
+        return self.windowed - self.measured
+
+    def nrmse(self, output: int = 0) -> float:
+        """Root mean square of the residuals over the output's standard deviation."""
+        spread = float(np.std(self.measured[:, output]))
+        return float(np.sqrt(np.mean(self.residuals[:, output] ** 2))) / spread
+
+    @property
+    def compared(self) -> tuple[str, str]:
+        """Quantity and unit of `powers`."""
+        if self.resistance is not None and "voltage" in self.outputs:
+            return "mean power", "W"
+        return f"mean square {self.outputs[0]}", "scene's unit²"
+
+    def powers(self) -> tuple[Estimate, Estimate, Estimate]:
+        """Mean power (or square of an output) measured and predicted, and the relative difference.
+
+        Predicted in windows, along the measured path. Errors are those of means of blocks; that of
+        the difference of paired blocks.
+        """
+        measured, predicted = self._blocks(self.measured), self._blocks(self.windowed)
+        difference = (predicted - measured) / float(np.mean(measured))
+        return _of_blocks(measured), _of_blocks(predicted), _of_blocks(difference)
+
+    def free_power(self) -> Estimate:
+        """The same as predicted from one start alone, whose path may part from the measured one."""
+        return _of_blocks(self._blocks(self.free))
+
+    def _blocks(self, values):
+        place = self.outputs.index("voltage") if "voltage" in self.outputs else 0
+        factor = 1.0 / self.resistance if self.compared[1] == "W" and self.resistance else 1.0
+        parts = np.array_split(values[:, place], BLOCKS)
+        return factor * np.array([float(np.mean(part**2)) for part in parts])
+
+
+def _of_blocks(values):
+    error = float(np.std(values, ddof=1)) / math.sqrt(values.size)
+    return Estimate(float(np.mean(values)), error, float(values.size), "1")
+
+
+def predicted(
+    responses: Responses, shooting: Shooting, fit: Fit, stretches: Sequence[tuple[int, int]]
+) -> list[Stretch]:
+    """What the fitted device does in a stretch of each experiment.
+
+    Parameters
+    ----------
+    responses : Responses
+    shooting : Shooting
+        Of the fit, for the sizes of the states.
+    fit : Fit
+    stretches : sequence of (int, int)
+        First sample, and that behind the last.
+    """
+    frozen = Shooting(responses, [], [])
+    frozen.state_sizes, frozen.states_there = shooting.state_sizes, shooting.states_there
+    settled = settle_windows(frozen, fit, stretches)
+    found = []
+    for number, edges in enumerate(settled.edges):
+        experiment = responses.experiments[number]
+        starts = settled.starts[number]
+        _, _, windowed = responses.states(number, fit.values, edges, starts)
+        whole = edges[[0, -1]]
+        _, _, free = responses.states(number, fit.values, whole, starts[:1])
+        outputs = experiment.measurement.outputs
+        scene = experiment.scene
+        found.append(
+            Stretch(
+                name=experiment.measurement.name,
+                outputs=tuple(outputs),
+                rate=experiment.measurement.sampling_rate,
+                measured=shooting.seen(number, edges),
+                windowed=windowed,
+                free=free,
+                windows=edges.size - 1,
+                resistance=load_resistance(scene) if scene.units == "SI" else None,
+            )
+        )
+    return found
+
+
+def sensor_noise(stretch: Stretch, output: int = 0) -> float:
+    """Of an output's record, as a share of its standard deviation: the floor of its spectrum.
+
+    White noise is taken for all of the floor in the highest quarter of the frequencies.
+    """
+    from scipy import signal
+
+    values = stretch.measured[:, output]
+    f, density = signal.welch(values, stretch.rate, nperseg=max(16, values.size // NOISE_SEGMENTS))
+    floor = float(np.median(density[f > (1.0 - NOISE_BAND) * f[-1]]))
+    return math.sqrt(floor * 0.5 * stretch.rate) / float(np.std(values))
+
+
+@dataclass(frozen=True)
+class Whiteness:
+    """Autocorrelation of residuals.
+
+    Attributes
+    ----------
+    correlations : ndarray, shape (lags,)
+        From lag 1 on.
+    bound : float
+        That white residuals stay within at 95 % of the lags.
+    probability : float
+        Of a sum of squares as large as this for white residuals (Ljung and Box).
+    """
+
+    correlations: np.ndarray
+    bound: float
+    probability: float
+
+    @property
+    def white(self) -> bool:
+        """Whether nothing speaks against white residuals: a false alarm in a thousand."""
+        return self.probability > 1e-3
+
+
+def whiteness(stretch: Stretch, output: int, period: float) -> Whiteness:
+    """Autocorrelation of a stretch's residuals over a period of the motion (s)."""
+    from scipy.stats import chi2
+
+    values = stretch.residuals[:, output] - stretch.residuals[:, output].mean()
+    n = values.size
+    lags = int(np.clip(round(WHITE_PERIODS * period * stretch.rate), 4, n // 4))
+    spectrum = np.abs(np.fft.rfft(values, 2 * n)) ** 2
+    series = np.fft.irfft(spectrum)[: lags + 1]
+    correlations = series[1:] / series[0] if series[0] > 0.0 else np.zeros(lags)
+    statistic = n * (n + 2) * float(np.sum(correlations**2 / (n - np.arange(1, lags + 1))))
+    return Whiteness(correlations, 1.96 / math.sqrt(n), float(chi2.sf(statistic, lags)))
+
+
+def typical_period(responses: Responses) -> float:
+    """Of the motion of the first experiment (s)."""
+    return 1.0 / frequencies(responses.experiments[0].measurement)[0]

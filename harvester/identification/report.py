@@ -1,0 +1,51 @@
+"""One page of HTML with everything of an identification."""
+
+from __future__ import annotations
+
+import html
+from typing import TYPE_CHECKING
+
+from harvester.identification.drawing import draw
+from harvester.show import figures
+from harvester.show.page import facts, figure_of, page, table_of, verdict_list, wide
+from harvester.show.verdicts import Verdict
+
+if TYPE_CHECKING:
+    from harvester.identification.identification import Identification
+
+LEGEND = (
+    "95 % intervals, which allow for residuals that are correlated. The last third of each record "
+    "was kept aside: nothing was fitted to it but the states at the beginnings of windows."
+)
+CAPTION = (
+    "The part kept aside. Grey: measured; blue: predicted (waveforms in windows, spectra and "
+    "densities from one start alone); orange: the difference in windows."
+)
+
+
+def report(found: Identification) -> str:
+    """An identification as a self-contained page of HTML."""
+    first, *others = found.sentences()
+    good = found.verdict.good
+    header, rows = found.table()
+    models = [
+        (each.name, str(len(each.fitted.keys)), f"{each.fitted.nrmse:.2%}")
+        for each in found.candidates
+    ]
+    scene = html.escape(found.scene_text())
+    records = ", ".join(each.name for each in found.measurements)
+    return page(
+        f"{found.scene.name}: identified from {records}",
+        f"scene {found.scene.digest()[:12]}",
+        {
+            "Verdict": verdict_list(
+                [Verdict(first, good), *(Verdict(each, None) for each in others)]
+            ),
+            "Values": wide(table_of(header, rows)) + facts(LEGEND),
+            "Figures": figure_of(
+                figures.picture(draw, found), f"{found.scene.name}: proof", CAPTION
+            ),
+            "Models": wide(table_of(("model", "values", "NRMSE"), models)),
+            "Scene": wide(f"<pre>{scene}</pre>"),
+        },
+    )

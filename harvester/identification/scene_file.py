@@ -1,0 +1,76 @@
+"""A scene as a TOML file, each identified value with its interval in a comment."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+from harvester.files.plain_text import one_line
+
+if TYPE_CHECKING:
+    from harvester.scene.model import Scene
+
+# Column of the comments.
+COMMENTS = 34
+
+
+def scene_text(scene: Scene, comments: dict[str, str], heading: list[str]) -> str:
+    """TOML of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+    comments : dict of str to str
+        By the key of a number, `table.key`, `table[n].key` or `table.key[n]`.
+    heading : list of str
+        Lines of comment at the top.
+    """
+    tables = scene.to_tables()
+    lines = [f"# {one_line(text)}" for text in heading]
+    lines += [f"{key} = {_value(v)}" for key, v in tables.items() if not _is_table(v)]
+    for name, table in tables.items():
+        if isinstance(table, dict):
+            lines += ["", f"[{name}]", *_entries(name, table, comments)]
+        elif _is_table(table):
+            for place, each in enumerate(table):
+                lines += ["", f"[[{name}]]", *_entries(f"{name}[{place}]", each, comments)]
+    return "\n".join(lines) + "\n"
+
+
+def _is_table(value):
+    return isinstance(value, dict) or (
+        isinstance(value, (list, tuple)) and bool(value) and isinstance(value[0], dict)
+    )
+
+
+def _entries(table, values, comments):
+    lines = []
+    for key, value in values.items():
+        name = f"{table}.{key}"
+        if isinstance(value, (list, tuple)) and any(f"{name}[{n}]" in comments for n in range(8)):
+            lines.append(f"{key} = [")
+            lines += [
+                _commented(f"    {_value(each)},", comments.get(f"{name}[{n}]", ""))
+                for n, each in enumerate(value)
+            ]
+            lines.append("]")
+        else:
+            lines.append(_commented(f"{key} = {_value(value)}", comments.get(name, "")))
+    return lines
+
+
+def _commented(text, comment):
+    return f"{text:<{COMMENTS}} # {one_line(comment)}" if comment else text
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        # JSON's text is TOML's but for DEL.
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(map(_value, value)) + "]"
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{json.dumps(k)} = {_value(v)}" for k, v in value.items()) + "}"
+    return repr(value)

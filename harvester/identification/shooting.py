@@ -1,0 +1,261 @@
+"""Multiple shooting: windows with starts of their own, as long as errors stay small in them.
+
+Bock, in Modelling of Chemical Reaction Systems (1981), and for records of chaotic motion Baake et
+al., Phys. Rev. A 45, 5524 (1992). The least-squares problem has the unknowns of the device, and
+three states for each window; those are eliminated window by window from the normal equations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from harvester.identification.response import Responses
+    from harvester.identification.unknowns import Unknown
+
+# Steps of difference quotients, in sizes of the unknowns and rms values of the states.
+DIFFERENCE = 1e-5
+# Weighted residual per size of an unknown or a state from which on a window is hopeless.
+LARGEST_SLOPE = 1e12
+# Of Levenberg and Marquardt.
+FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e9
+
+
+@dataclass
+class Fit:
+    """Where a fit stands.
+
+    Attributes
+    ----------
+    values : ndarray, shape (unknowns,)
+        In the scene's units.
+    edges : list of ndarray of int
+        Of the windows of each experiment.
+    starts : list of ndarray, shape (windows, 3)
+        Scaled states at their beginnings.
+    noise : list of ndarray, shape (outputs,)
+        By which residuals are divided.
+    cost : float
+        Sum of squares of the weighted residuals.
+    grams, transitions, growth : list of ndarray
+        Of each window of each experiment: [J r]ᵀ[J r]; how its end follows its start; the greatest
+        output, in rms values, for an error of its start, in rms values too.
+    """
+
+    values: np.ndarray
+    edges: list[np.ndarray]
+    starts: list[np.ndarray]
+    noise: list[np.ndarray]
+    cost: float = np.inf
+    grams: list = field(default_factory=list, repr=False)
+    transitions: list = field(default_factory=list, repr=False)
+    growth: list = field(default_factory=list, repr=False)
+
+
+class Shooting:
+    """The least-squares problem of several experiments.
+
+    Parameters
+    ----------
+    responses : Responses
+    unknowns : sequence of Unknown
+    state_sizes : sequence of ndarray, shape (3,)
+        rms of each state, by experiment; a state that does not exist has 0.
+    """
+
+    def __init__(
+        self,
+        responses: Responses,
+        unknowns: Sequence[Unknown],
+        state_sizes: Sequence[np.ndarray],
+    ) -> None:
+        self.responses = responses
+        self.unknowns = list(unknowns)
+        self.sizes = np.array([each.size for each in unknowns])
+        self.low = np.array([each.low for each in unknowns])
+        self.high = np.array([each.high for each in unknowns])
+        self.state_sizes = [np.where(each > 0.0, each, 1.0) for each in state_sizes]
+        self.states_there = [each > 0.0 for each in state_sizes]
+
+    def residuals(
+        self,
+        number: int,
+        values: np.ndarray,
+        edges: np.ndarray,
+        starts: np.ndarray,
+        noise: np.ndarray,
+    ) -> tuple[Any, Any]:
+        """Weighted residuals of one experiment, shape (samples, outputs), and the ends; or None."""
+        _, ends, outputs = self.responses.states(number, values, edges, starts)
+        if outputs is None or not np.isfinite(outputs).all():
+            return None, None
+        return (outputs - self.seen(number, edges)) / noise, ends
+
+    def seen(self, number: int, edges: np.ndarray) -> np.ndarray:
+        """What was measured in the windows of one experiment, shape (samples, outputs)."""
+        outputs = self.responses.experiments[number].measurement.outputs
+        return np.column_stack([each[edges[0] : edges[-1]] for each in outputs.values()])
+
+    def cost(self, fit: Fit) -> float:
+        """Sum of squares; inf where the device runs away."""
+        total = 0.0
+        for number, (edges, starts, noise) in enumerate(
+            zip(fit.edges, fit.starts, fit.noise, strict=True)
+        ):
+            found, _ = self.residuals(number, fit.values, edges, starts, noise)
+            if found is None:
+                return np.inf
+            total += float(np.sum(found**2))
+        return total
+
+    def jacobian(self, fit: Fit, number: int) -> tuple[Any, Any]:
+        """[J_unknowns, J_states, r] of one experiment and its windows' transitions, or None.
+
+        Columns are in sizes; transitions have the shape (windows, 3, 3).
+        """
+        edges, starts, noise = fit.edges[number], fit.starts[number], fit.noise[number]
+        base, ends = self.residuals(number, fit.values, edges, starts, noise)
+        if base is None:
+            return None, None
+        p, there = len(self.unknowns), self.states_there[number]
+        table = np.zeros((*base.shape, p + 4))
+        table[..., -1] = base
+        transitions = np.zeros((len(starts), 3, 3))
+        for k in range(p):
+            moved = fit.values.copy()
+            moved[k] += DIFFERENCE * self.sizes[k] * (-1.0 if moved[k] >= self.high[k] else 1.0)
+            found, _ = self.residuals(number, moved, edges, starts, noise)
+            if found is not None:
+                table[..., k] = (found - base) / ((moved[k] - fit.values[k]) / self.sizes[k])
+        for k in map(int, np.flatnonzero(there)):
+            moved = starts.copy()
+            moved[:, k] += DIFFERENCE * self.state_sizes[number][k]
+            found, moved_ends = self.residuals(number, fit.values, edges, moved, noise)
+            if found is not None:
+                table[..., p + k] = (found - base) / DIFFERENCE
+                transitions[:, :, k] = (moved_ends - ends) / self.state_sizes[number] / DIFFERENCE
+        return table, transitions
+
+    def linearized(self, fit: Fit) -> bool:
+        """Fill the Gram matrices of all windows; whether the device stays within bounds."""
+        fit.grams, fit.transitions, fit.growth = [], [], []
+        p = len(self.unknowns)
+        for number, edges in enumerate(fit.edges):
+            table, transitions = self.jacobian(fit, number)
+            if table is None or not np.abs(table).max() < LARGEST_SLOPE:
+                fit.grams = []
+                return False
+            cuts = edges - edges[0]
+            size = table.shape[-1]
+            parts = [table[a:b].reshape(-1, size) for a, b in pairwise(cuts)]
+            fit.grams.append(np.array([part.T @ part for part in parts]))
+            fit.transitions.append(transitions)
+            shares = self._shares(number, fit.noise[number])
+            moved = np.linalg.norm(table[..., p:-1] * shares[:, None], axis=(1, 2))
+            fit.growth.append(np.maximum.reduceat(moved, cuts[:-1]))
+        fit.cost = float(sum(each[:, -1, -1].sum() for each in fit.grams))
+        return True
+
+    def _shares(self, number, noise):
+        """Noise of each output over its rms."""
+        outputs = self.responses.experiments[number].measurement.outputs
+        return noise / np.array([np.std(each) for each in outputs.values()])
+
+    def step(self, fit: Fit, damping: float) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Change of the unknowns and of all starts, in sizes, by the damped normal equations."""
+        p = len(self.unknowns)
+        normal, gradient = self.reduced(fit, damping)
+        change = np.zeros(p)
+        if p:
+            free = np.ones(p, bool)
+            for _ in range(p + 1):
+                change[:] = 0.0
+                change[free] = -np.linalg.lstsq(
+                    normal[np.ix_(free, free)], gradient[free], rcond=1e-14
+                )[0]
+                target = fit.values / self.sizes + change
+                out = (target < self.low / self.sizes) | (target > self.high / self.sizes)
+                at = (fit.values <= self.low) | (fit.values >= self.high)
+                if not (out & at & free).any():
+                    break
+                free &= ~(out & at)
+            target = np.clip(fit.values + change * self.sizes, self.low, self.high)
+            change = (target - fit.values) / self.sizes
+        moves = []
+        for grams in fit.grams:
+            inverse = self._state_inverse(grams, damping)
+            right = grams[:, p : p + 3, -1] + grams[:, p : p + 3, :p] @ change
+            moves.append(-np.einsum("wij,wj->wi", inverse, right))
+        return change, moves
+
+    def reduced(self, fit: Fit, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+        """Normal matrix and gradient of the unknowns alone, the starts eliminated."""
+        p = len(self.unknowns)
+        normal, gradient = np.zeros((p, p)), np.zeros(p)
+        diagonal = np.zeros(p)
+        for grams in fit.grams:
+            inverse = self._state_inverse(grams, damping)
+            cross = grams[:, :p, p : p + 3]
+            normal += grams[:, :p, :p].sum(axis=0)
+            diagonal += np.einsum("wii->i", grams[:, :p, :p])
+            normal -= np.einsum("wik,wkl,wjl->ij", cross, inverse, cross)
+            gradient += grams[:, :p, -1].sum(axis=0)
+            gradient -= np.einsum("wik,wkl,wl->i", cross, inverse, grams[:, p : p + 3, -1])
+        normal += damping * np.diag(np.maximum(diagonal, 1e-300))
+        return normal, gradient
+
+    def _state_inverse(self, grams, damping):
+        p = len(self.unknowns)
+        own = grams[:, p : p + 3, p : p + 3].copy()
+        sizes = np.einsum("wii->wi", own)
+        ridge = damping * sizes + 1e-10 * np.maximum(sizes.max(axis=1, keepdims=True), 1e-300)
+        own[:, range(3), range(3)] += ridge
+        return np.linalg.inv(own)
+
+    def minimized(self, fit: Fit, iterations: int, tolerance: float) -> Fit:
+        """The fit at the minimum of its cost, its windows as they are."""
+        if not self.linearized(fit):
+            return fit
+        damping = FIRST_DAMPING
+        for _ in range(iterations):
+            before = fit.cost
+            while damping <= MOST_DAMPING:
+                trial = self.moved(fit, *self.step(fit, damping))
+                trial.cost = self.cost(trial)
+                if trial.cost < fit.cost:
+                    break
+                damping *= 8.0
+            else:
+                return fit
+            damping = max(0.2 * damping, LEAST_DAMPING)
+            if not self.linearized(trial):
+                return fit
+            fit = trial
+            if before - fit.cost < tolerance * before:
+                return fit
+        return fit
+
+    def moved(self, fit: Fit, change: np.ndarray, moves: Sequence[np.ndarray]) -> Fit:
+        """The fit changed by steps in sizes."""
+        starts = [
+            each + move * size
+            for each, move, size in zip(fit.starts, moves, self.state_sizes, strict=True)
+        ]
+        values = fit.values + change * self.sizes if change.size else fit.values
+        return Fit(values, fit.edges, starts, fit.noise)
+
+    def reweighted(self, fit: Fit) -> Fit:
+        """The fit with each output's noise as its residuals show it."""
+        noise = []
+        for number, edges in enumerate(fit.edges):
+            found, _ = self.residuals(
+                number, fit.values, edges, fit.starts[number], fit.noise[number]
+            )
+            own = np.sqrt(np.mean(found**2, axis=0)) if found is not None else 1.0
+            noise.append(fit.noise[number] * np.maximum(own, 1e-6))
+        return replace(fit, noise=noise)

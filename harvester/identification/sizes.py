@@ -1,0 +1,70 @@
+"""What counts as a change of order one of a value that may begin at zero."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.identification.reconstruction import frequencies
+from harvester.scene.units import scale
+
+if TYPE_CHECKING:
+    from harvester.identification.fitting import Fitted
+    from harvester.identification.measurement import Measurement
+    from harvester.scene.model import Scene
+
+SHARE_OF_PERIOD = 0.1
+POWERS = 8
+
+
+def sizes_of(
+    scene: Scene, measurements: Sequence[Measurement], reach: float, speed: float
+) -> dict[str, float]:
+    """Sizes by key, of sensors too.
+
+    Parameters
+    ----------
+    scene : Scene
+    measurements : sequence of Measurement
+    reach, speed : float
+        Greatest displacement and rms velocity, in the scene's units.
+    """
+    force = [k or 0.0 for k in scene.oscillator.coefficients]
+    # The force at the greatest displacement, each power by itself.
+    greatest = max(abs(k) * reach**n for n, k in enumerate(force)) or 1.0
+    found = {f"oscillator.restoring_force[{n}]": greatest / reach**n for n in range(POWERS)}
+    found["oscillator.linear_stiffness"] = greatest / reach
+    found["oscillator.cubic_stiffness"] = greatest / reach**3
+    damping = scene.oscillator.damping or 1e-2 * greatest / speed
+    found["oscillator.damping"] = damping
+    found["oscillator.quadratic_damping"] = damping / speed
+    found["stoppers.gap"] = reach
+    found["stoppers.stiffness"] = greatest / reach**1.5
+    found["sensor.acceleration_offset"] = float(np.std(measurements[0].acceleration)) or 1.0
+    period = 1.0 / frequencies(measurements[0])[0]
+    for name, values in measurements[0].outputs.items():
+        found[f"sensor.{name}_offset"] = float(np.std(values))
+        for effect in ("delay", "filter"):
+            found[f"sensor.{name}_{effect}"] = SHARE_OF_PERIOD * period
+    return found
+
+
+def first_sizes(scene: Scene, measurements: Sequence[Measurement]) -> dict[str, float]:
+    """Before any fit: the scene's length unit, at the frequency of the motion."""
+    length = scale(scene)[1].displacement
+    speed = 2.0 * np.pi * frequencies(measurements[0])[0] * length
+    return sizes_of(scene, measurements, length, speed)
+
+
+def fitted_sizes(base: Fitted, measurements: Sequence[Measurement]) -> dict[str, float]:
+    """Those of the motion that was fitted."""
+    reach, speed = 0.0, 0.0
+    responses, fit = base.shooting.responses, base.fit
+    for number, edges in enumerate(fit.edges):
+        states, _, _ = responses.states(number, fit.values, edges, fit.starts[number])
+        reach = max(reach, float(np.abs(states[:, 0]).max()))
+        speed = max(speed, float(np.std(states[:, 1])))
+    length = responses.length
+    return sizes_of(base.scene, measurements, reach * length, speed * length)

@@ -1,0 +1,156 @@
+"""What a fit is free to change: numbers of the scene, and of the sensors; bounds and sizes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.errors import HarvesterError, SceneError
+from harvester.files.plain_text import named, nearest
+from harvester.scene.keys import SMALLEST
+from harvester.scene.numbers import numbers
+
+if TYPE_CHECKING:
+    from harvester.scene.model import Scene
+
+# What a sensor may add to its quantity, with the value without it.
+SENSOR_EFFECTS = {"offset": 0.0, "scale": 1.0, "delay": 0.0, "filter": 0.0}
+OUTPUTS = ("voltage", "displacement", "velocity")
+# The base's sensor: a delay of it is one of all outputs.
+BASE_EFFECTS = ("offset", "scale")
+# Tables whose numbers describe the device; a load's are known.
+DEVICE_TABLES = ("oscillator", "stoppers", "piezo", "coil")
+# Known from a scale, a data sheet or an ohmmeter, and hardly to be told from records.
+KNOWN = ("mass", "exponent", "resistance", "inductance", "leakage_resistance", "leakage_rate")
+ORIGIN = "oscillator.restoring_force[0]"
+# Of its own start, what a number that must be positive keeps at least.
+SMALLEST_SHARE = 1e-3
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One free number.
+
+    Attributes
+    ----------
+    key : str
+        `table.key` of the scene, or `sensor.QUANTITY_EFFECT`.
+    start, low, high : float
+        Where a fit begins, and its bounds, in the scene's units.
+    size : float
+        What counts as a change of order one; > 0.
+    """
+
+    key: str
+    start: float
+    low: float
+    high: float
+    size: float
+
+    def begun(self, value: float) -> Unknown:
+        """The same with another start, which may be far off the first."""
+        # A factor may be of any size; else a value near zero keeps its first one.
+        factor = self.key.endswith("_scale")
+        return replace(self, start=value, size=abs(value) if factor else max(self.size, abs(value)))
+
+
+def sensor_keys(outputs: Sequence[str]) -> dict[str, float]:
+    """Keys of the sensors that a record has, to their values without effect."""
+    found = {f"sensor.acceleration_{effect}": SENSOR_EFFECTS[effect] for effect in BASE_EFFECTS}
+    for output in outputs:
+        found |= {f"sensor.{output}_{effect}": v for effect, v in SENSOR_EFFECTS.items()}
+    return found
+
+
+def default_keys(scene: Scene, outputs: Sequence[str]) -> list[str]:
+    """What is free where nothing is said: the device's own numbers that a record tells.
+
+    Mass, winding, leak and a contact's exponent are taken as known. Without a displacement no
+    record tells where x = 0 is: then the constant force is kept.
+    """
+    keys = []
+    for key in numbers(scene):
+        table, _, name = key.rpartition(".")
+        if table.partition("[")[0] not in DEVICE_TABLES or name in KNOWN:
+            continue
+        if key == ORIGIN and "displacement" not in outputs:
+            continue
+        if _unused(scene, key):
+            continue
+        if table in ("piezo", "coil") and "voltage" not in outputs:
+            continue
+        keys.append(key)
+    return keys
+
+
+def _unused(scene, key):
+    """Whether the scene says by a zero that its device has no such part."""
+    value = numbers(scene)[key][0]
+    return value == 0.0 and key != ORIGIN and key != "oscillator.damping"
+
+
+def checked_keys(scene: Scene, keys: Sequence[str], outputs: Sequence[str]) -> list[str]:
+    """The keys that are to be free, each known.
+
+    Raises
+    ------
+    HarvesterError
+        Unknown or twice; with the nearest that there is.
+    """
+    known = [*numbers(scene), *sensor_keys(outputs)]
+    known = [key for key in known if not key.startswith("excitation.")]
+    for place, key in enumerate(keys):
+        if key not in known:
+            raise HarvesterError(
+                f"--free {named(key)}: no number of this scene or its sensors"
+                f"{nearest(key, known)}; there are {', '.join(known)}"
+            )
+        if key in keys[:place]:
+            raise HarvesterError(f"--free {named(key)}: is there twice")
+    return list(keys)
+
+
+def unknowns(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list[Unknown]:
+    """What is free, with bounds from the scene's own checks.
+
+    Parameters
+    ----------
+    scene : Scene
+    keys : sequence of str
+    sizes : dict of str to float
+        Of keys whose start may be 0.
+    """
+    known = numbers(scene)
+    found = []
+    for key in keys:
+        if key.startswith("sensor."):
+            start = sensor_keys(OUTPUTS)[key]
+            effect = key.rpartition("_")[2]
+            low = {"filter": 0.0, "scale": SMALLEST}.get(effect, -math.inf)
+            size = 1.0 if effect == "scale" else sizes[key]
+            found.append(Unknown(key, start, low, math.inf, size))
+            continue
+        start, spec = known[key]
+        size = abs(start) or sizes.get(key, 0.0) or 1.0
+        low = spec.low
+        if math.isfinite(low) and not spec.low_allowed:
+            low += SMALLEST_SHARE * size
+        found.append(Unknown(key, float(start), low, spec.high, size))
+    return found
+
+
+def with_values(scene: Scene, keys: Sequence[str], values: np.ndarray) -> Scene | None:
+    """The scene with these numbers; None where its own checks refuse them."""
+    changes = {
+        key: float(value)
+        for key, value in zip(keys, values, strict=True)
+        if not key.startswith("sensor.")
+    }
+    try:
+        return scene.replace(changes)
+    except SceneError:
+        return None

@@ -1,0 +1,83 @@
+"""One sentence on whether a fitted model is to be believed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from harvester.identification.candidates import Candidate, proposed
+from harvester.identification.proof import Whiteness, sensor_noise
+
+if TYPE_CHECKING:
+    from harvester.identification.fitting import Fitted
+
+# Part of an output's rms beyond the sensor's noise that a good model may leave.
+MISSED_SHARE = 0.05
+MOST_NOISE = 0.5
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is to be thought of the scene's model.
+
+    Attributes
+    ----------
+    word : str
+        "predicts", "wrong" or "incomplete".
+    sentence : str
+    """
+
+    word: str
+    sentence: str
+
+    @property
+    def good(self) -> bool:
+        """Whether the model may be used as it is."""
+        return self.word == "predicts"
+
+
+def verdict(base: Fitted, found: Sequence[Candidate], whiteness: Whiteness) -> Verdict:
+    """Judge a model by what it predicts of the data kept aside.
+
+    Parameters
+    ----------
+    base : Fitted
+    found : sequence of Candidate
+        The scene's own first.
+    whiteness : Whiteness
+        Of the residuals of the first record kept aside.
+    """
+    output = base.stretches[0].outputs[0]
+    noise = max(sensor_noise(each) for each in base.stretches)
+    missed = math.sqrt(max(base.nrmse**2 - min(noise, MOST_NOISE) ** 2, 0.0))
+    said = (
+        f"{output} to {base.nrmse:.2%} NRMSE on the data kept aside (about {noise:.2%} is the "
+        f"sensor's noise), residuals {'white' if whiteness.white else 'correlated'}"
+    )
+    best = proposed(found)
+    if best.is_better:
+        return Verdict(
+            "wrong",
+            f"the model is wrong: {said}; {best.name} leaves {best.fitted.nrmse:.2%} and is "
+            "proposed instead",
+        )
+    if missed > MISSED_SHARE and not whiteness.white:
+        return Verdict(
+            "incomplete",
+            f"the model is wrong or incomplete: {said}, and none of the other models that were "
+            "tried does better",
+        )
+    simpler = "" if best is found[0] else f"; {best.name} predicts as well and is simpler"
+    return Verdict("predicts", f"the model predicts {said}{_power(base)}{simpler}")
+
+
+def _power(base):
+    """What it predicts of the power, in words."""
+    first = base.stretches[0]
+    _, _, difference = first.powers()
+    return (
+        f", and the {first.compared[0]} to {difference.estimate:+.2%} ± "
+        f"{difference.standard_error:.2%}"
+    )

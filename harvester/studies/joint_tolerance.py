@@ -1,0 +1,109 @@
+"""Parameters that scatter together, by their covariance: independent directions of it.
+
+Sobol indices are of independent parameters. The principal axes of a joint normal distribution are
+independent, whatever the covariance: each is one parameter of the study, named after what it mostly
+moves.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.special import ndtri
+
+from harvester.errors import HarvesterError
+from harvester.files.plain_text import named
+from harvester.files.reading import read_input
+from harvester.scene.numbers import number
+
+if TYPE_CHECKING:
+    from harvester.scene.model import Scene
+
+# Bytes of an identification's JSON.
+LARGEST_FILE = 10_000_000
+# A share of the cases as close to 0 and 1 as the normal distribution is followed.
+SMALLEST_SHARE = 1e-12
+
+
+@dataclass(frozen=True)
+class Direction:
+    """One principal axis of a joint normal distribution.
+
+    Attributes
+    ----------
+    key : str
+        The parameter that it mostly moves, with its place among the axes.
+    centre, steps : dict of str to float
+        Of every parameter: its mean, and its change in one standard deviation of the axis.
+    """
+
+    key: str
+    centre: dict[str, float]
+    steps: dict[str, float]
+    kind: str = "normal"
+    first: float = 0.0
+    second: float = 1.0
+
+    def values(self, shares: np.ndarray) -> np.ndarray:
+        """Standard deviations below which these shares of the devices lie, same shape."""
+        return ndtri(np.clip(shares, SMALLEST_SHARE, 1.0 - SMALLEST_SHARE))
+
+    def __str__(self) -> str:
+        moved = sorted(
+            ((step / abs(self.centre[key] or 1.0), key) for key, step in self.steps.items()),
+            key=lambda each: -abs(each[0]),
+        )
+        return ", ".join(f"{key.rpartition('.')[2]} {share:+.2g}" for share, key in moved[:3])
+
+
+def directions(scene: Scene, identified: Mapping[str, Any] | str | Path) -> list[Direction]:
+    """The principal axes of what an identification left open.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its values are the means.
+    identified : dict with `keys` and `covariance`, or the file of its JSON
+        As `Identification.to_dict` and `harvester identify --json` give it.
+
+    Raises
+    ------
+    HarvesterError
+        It is no such thing, or names keys that the scene does not have.
+    """
+    where, content = "covariance", identified
+    if not isinstance(content, Mapping):
+        where = f"--covariance {named(str(content))}"
+        content = _content(content, where)
+    try:
+        keys = [str(key) for key in content["keys"]]
+        whole = np.array(content["covariance"], dtype=float)
+    except (KeyError, TypeError, ValueError):
+        raise HarvesterError(f"{where}: no identification with keys and covariance") from None
+    if whole.shape != (len(keys), len(keys)) or not np.isfinite(whole).all():
+        raise HarvesterError(f"{where}: the covariance is no square matrix of its keys' size")
+    kept = [place for place, key in enumerate(keys) if not key.startswith("sensor.")]
+    keys, whole = [keys[place] for place in kept], whole[np.ix_(kept, kept)]
+    centre = {key: number(scene, key, where)[0] for key in keys}
+    units = np.array([abs(value) or 1.0 for value in centre.values()])
+    spread, axes = np.linalg.eigh(whole / np.outer(units, units))
+    found: list[Direction] = []
+    for place in map(int, np.argsort(-spread)):
+        steps = axes[:, place] * math.sqrt(max(float(spread[place]), 0.0)) * units
+        main = keys[int(np.argmax(np.abs(axes[:, place])))]
+        label = f"axis {len(found) + 1}: {main}"
+        found.append(Direction(label, centre, dict(zip(keys, map(float, steps), strict=True))))
+    return found
+
+
+def _content(file, where):
+    try:
+        return json.loads(read_input(file, "JSON file", LARGEST_FILE))
+    except (ValueError, RecursionError):
+        raise HarvesterError(f"{where}: not a JSON file") from None

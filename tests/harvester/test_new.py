@@ -1,0 +1,109 @@
+"""`harvester new`, and the bare command that names it."""
+
+import io
+import re
+import sys
+
+import pytest
+
+from harvester.command_line import main
+from harvester.commands import new
+from harvester.scene.model import Scene
+from harvester.scene.source import BUILT_IN
+
+
+@pytest.fixture
+def answers(monkeypatch, tmp_path):
+    """What is typed at a terminal; the folder is one's own."""
+    monkeypatch.chdir(tmp_path)
+
+    def type_in(text):
+        stream = io.StringIO(text)
+        stream.isatty = lambda: True
+        monkeypatch.setattr(sys, "stdin", stream)
+        monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+
+    return type_in
+
+
+@pytest.mark.parametrize("name", Scene.names())
+def test_each_built_in_scene_is_copied_with_its_comments(name, tmp_path, capsys):
+    path = tmp_path / "mine.toml"
+    assert main(["new", str(path), "--from", name]) == 0
+    assert Scene.load(path).digest() == Scene.load(name).digest()
+    assert path.read_text("utf-8").count("#") > (BUILT_IN / f"{name}.toml").read_text(
+        "utf-8"
+    ).count("#")
+    assert f"harvester average {path}" in capsys.readouterr().err
+
+
+def test_the_new_scene_runs(tmp_path, capsys):
+    path = tmp_path / "beam.toml"
+    assert main(["new", str(path), "--from", "asymmetric"]) == 0
+    brief = ["--set", "run.realizations=2", "--set", "run.duration=4", "--set", "run.settle=1"]
+    assert main(["simulate", str(path), "--method", "monte-carlo", *brief]) == 0
+    assert "mean power" in capsys.readouterr().out
+
+
+def test_without_a_terminal_nothing_is_asked(capsys):
+    assert main(["new", "-"]) == 0
+    shown = capsys.readouterr()
+    assert "built-in scene `device`" in shown.out
+    assert shown.err == ""
+
+
+@pytest.mark.parametrize(
+    ("file", "scene", "word"),
+    [
+        ("there.toml", "paper", "is there already"),
+        ("link.toml", "paper", "is there already"),
+        ("paper", "paper", "give paper.toml"),
+        ("free.toml", "asymetric", "did you mean asymmetric"),
+    ],
+)
+def test_what_is_there_stays_and_mistakes_are_one_line(
+    file, scene, word, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "there.toml").write_text("mine")
+    (tmp_path / "link.toml").symlink_to("nowhere")
+    assert main(["new", file, "--from", scene]) == 2
+    said = capsys.readouterr().err
+    assert word in said
+    assert said.count("\n") == 1
+    assert (tmp_path / "there.toml").read_text() == "mine"
+    assert {path.name for path in tmp_path.iterdir()} == {"there.toml", "link.toml"}
+
+
+def test_answers_take_the_place_of_values_and_the_others_stay(answers, capsys):
+    # Scene, mass, damping kept, a coupling after two that are none, and the input ends.
+    answers("asymmetric\n0.03\n\nmuch\n-1\n4e-4\n")
+    assert main(["new", "beam.toml"]) == 0
+    changes = {"oscillator.mass": 0.03, "piezo.coupling": 4e-4}
+    expected = Scene.load("asymmetric").replace(changes)
+    assert Scene.load("beam.toml").digest() == expected.digest()
+    asked = capsys.readouterr().err
+    assert "'much' is no number" in asked
+    assert "piezo.coupling = -1.0: must be" in asked
+    with open("beam.toml", encoding="utf-8") as file:
+        assert re.search(r"^mass = 0.03 .*0.022 in `asymmetric`$", file.read(), re.MULTILINE)
+
+
+@pytest.mark.parametrize("name", Scene.names())
+def test_what_is_asked_for_is_found_in_the_scene_it_belongs_to(name, answers, capsys):
+    answers(f"{name}\n")
+    assert main(["new", "mine.toml"]) == 0
+    assert Scene.load("mine.toml").digest() == Scene.load(name).digest()
+    asked = set(re.findall(r"(\w+\.\w+) (?:\(.*?\) )?\[", capsys.readouterr().err))
+    tables = Scene.load(name).to_tables()
+    held = {key for key in new.ASKED if key.partition(".")[2] in tables.get(key.split(".")[0], {})}
+    assert asked == held
+    assert len(asked) >= 3
+
+
+def test_the_bare_command_says_what_to_try(capsys):
+    assert main([]) == 0
+    shown = capsys.readouterr().out
+    commands = re.findall(r"^  harvester (\S+) ", shown, re.MULTILINE)
+    assert commands == ["average", "validate", "new", "--help"]
+    assert len(shown.splitlines()) < 10
