@@ -2,9 +2,10 @@
 
 The Fokker–Planck equation of Eq. 4 with Z = X − V, Z' = λ(X − Z), is carried on in time by
 `propagator`; what P, the propagator over about one period, leaves as it is, is the stationary
-density: (1 − P) p = 0, solved by GMRES. It starts from a Gibbs density on a coarse grid, which
-tells how far the grid must reach and how fine it must be (`region`), and goes on from grid to grid,
-each finer in time, X and X', until the means change by less than the tolerance.
+density: (1 − P) p = 0 (`solution`). It starts from a Gibbs density on a coarse grid, which tells
+how far the grid must reach and how fine it must be (`region`). What the first grid for the answer
+leaves undone is told by grids that are finer in time or in X and X', each corrected from the one
+before, until it is less than the tolerance.
 
 Nothing is assumed of the device's symmetry, of the noise's memory, of the contacts' damping or of
 the load's rate. Of two wells alike that hardly any motion leaves, the grid holds one alone.

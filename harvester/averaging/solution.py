@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from harvester.device.system import System
 
 MOST_WORK = 1.6e8  # amplitudes moved by a step, on all grids together: about ten seconds
-LEAST_PERIODS = 5  # on a grid
+LEAST_PERIODS = 10  # on a grid
 LARGEST_PUSHES = 2e8  # of the noise's pushes on a grid (bytes)
 DECAY = 2.8  # greatest λ dt, times the steps of a period
 RESIDUAL = 2e-2  # of a period, in tolerances, as a share of what the load moves in it
