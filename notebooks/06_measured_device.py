@@ -111,4 +111,3 @@ print(
     f"{powers[best].standard_error * 1e3:.2f} mW."
 )
 found.figure()
-plt.show()

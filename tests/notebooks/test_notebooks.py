@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 jupytext = pytest.importorskip("jupytext", reason="needs the extra `notebooks`")
-nbformat = pytest.importorskip("nbformat", reason="needs the extra `notebooks`")
+jupyter_cache = pytest.importorskip("jupyter_cache", reason="needs the extra `docs`")
 pytest.importorskip("myst_nb", reason="needs the extra `docs`")
 
 ROOT = Path(__file__).parents[2]
@@ -117,8 +117,9 @@ def test_the_site_is_built_without_a_warning(site):
 @pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_of_the_site_ends_with_an_answer_and_a_figure(path, site):
-    executed = site[0] / "jupyter_execute" / "notebooks" / f"{path.stem}.ipynb"
-    notebook = nbformat.read(executed, as_version=4)
+    cache = jupyter_cache.get_cache(site[0] / ".jupyter_cache")
+    (record,) = (each for each in cache.list_cache_records() if Path(each.uri).stem == path.stem)
+    notebook = cache.get_cache_bundle(record.pk).nb
     last = [cell for cell in notebook.cells if cell.cell_type == "code"][-1]
     (answer,) = outputs(last, "text")
     assert answer.endswith(".\n")
