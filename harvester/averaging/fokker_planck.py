@@ -45,6 +45,7 @@ SHORTEST_CONTACT = 2e-2  # in periods of small oscillations
 FASTEST_DECAY = 60.0  # λ, in units of the period, beyond which that takes too many steps
 SLOWEST_DECAY = 2e-3  # λ, in units of the period, below which it takes too many vectors
 AMPLIFIED = 0.3  # share of the tolerance left to means from which a line is drawn
+CONTINUED_WORK = 2.0  # of the usual work, for a tolerance so much smaller
 ROUGHLY = 0.2  # tolerance on the grid that finds the region
 HELD_BACK = 16.0  # E[X'²] in a barrier that hardly any motion passes
 UNTOLD = 2.0  # factor in E[X'²] that the first grid of all may leave in doubt
@@ -124,7 +125,8 @@ def _slow_decay(device, slowest, tolerance):
     rate = device.transducer.decay_rate()
     slow = [_slowed(device, each / rate) for each in (slowest, 2.0 * slowest)]
     near, far = (
-        _refined(each, AMPLIFIED * tolerance, Work(tolerance), judged=CONTINUED) for each in slow
+        _refined(each, AMPLIFIED * tolerance, Work(tolerance, CONTINUED_WORK), judged=CONTINUED)
+        for each in slow
     )
     here, there = (_squares(*each) for each in zip(slow, (near, far), strict=True))
     share = 1.0 - rate / slowest

@@ -30,10 +30,18 @@ ENOUGH = 0.1  # share of a rest that the coarser grid leaves
 
 
 class Work:
-    """How much work an answer may take: amplitudes of a state times steps, over all its grids."""
+    """How much work an answer may take: amplitudes of a state times steps, over all its grids.
 
-    def __init__(self, tolerance):
-        self.left, self.tolerance = MOST_WORK, tolerance
+    Parameters
+    ----------
+    tolerance : float
+        Named where it is refused.
+    share : float
+        Of the usual work.
+    """
+
+    def __init__(self, tolerance, share=1.0):
+        self.left, self.tolerance = share * MOST_WORK, tolerance
 
     def take(self, work: float) -> None:
         """Take this much of what is left, or refuse."""

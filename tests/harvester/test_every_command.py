@@ -32,6 +32,7 @@ FEW_CASES = (
     Case("corner", "all", {"stiffness": 100.0, "gap_in_wells": 1.2, "decay_rate": 0.1}),
 )
 FEW_METHODS = (Method("circuit", "circuit", 2), Method("Monte Carlo", "monte-carlo", 4))
+FEW_LOAD_METHODS = (FEW_METHODS[0], Method("Monte Carlo", "monte-carlo", 2))
 
 
 @pytest.fixture(scope="module")
@@ -60,6 +61,7 @@ def briefly():
         patch.setattr(matrix, "default_cases", lambda: FEW_CASES)
         patch.setattr(matrix, "METHODS", ("circuit", "monte-carlo", "consistent"))
         patch.setattr(time_to_accuracy, "TIMED_METHODS", FEW_METHODS)
+        patch.setattr(time_to_accuracy, "TIMED_LOAD_METHODS", FEW_LOAD_METHODS)
         patch.setattr(time_to_accuracy, "MOST_REALIZATIONS", 1)
         patch.setattr(timed, "CLOSURES", ("consistent",))
         patch.setattr("harvester.verification.stability.cases.STEP_BUDGET", 4000)

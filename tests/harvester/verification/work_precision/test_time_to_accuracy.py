@@ -105,6 +105,8 @@ def test_every_method_has_a_colour_and_a_marker_of_its_own():
 @pytest.fixture
 def briefly(monkeypatch):
     monkeypatch.setattr(module, "TIMED_METHODS", FEW)
+    compiled = Method("Monte Carlo, TR-BDF2", "monte-carlo", 2)
+    monkeypatch.setattr(module, "TIMED_LOAD_METHODS", (FEW[0], compiled))
     monkeypatch.setattr(timed, "CLOSURES", ("consistent",))
     monkeypatch.setattr(module, "MOST_REALIZATIONS", 32)
 
@@ -149,5 +151,5 @@ def test_a_rectifier_is_timed_by_its_output_power():
     overrides = ["load.netlist=bridge", "run.duration=2", "run.settle=0.5"]
     found = time_to_accuracy(Scene.load("device", overrides), seconds=0.5, workers=2)
     assert found.quantities == ("mean_output_power", "power_conversion_efficiency")
-    assert [line.name for line in found.lines] == ["circuit"]
+    assert [line.name for line in found.lines] == ["circuit", "Monte Carlo, TR-BDF2"]
     assert set(found.refused) == {"consistent"}
