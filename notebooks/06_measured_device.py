@@ -18,6 +18,7 @@
 # and says how far the model predicts. Then the best load is a matter of simulation.
 
 # %%
+# %matplotlib inline
 import tempfile
 from pathlib import Path
 
