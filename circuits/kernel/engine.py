@@ -25,7 +25,13 @@ from circuits.kernel.stepping import (
 from circuits.kernel.tables import Circuit
 from harvester.compilation import numba
 from harvester.device import contact, system, timescales
-from harvester.engines.steps import knot_blocks, steps_per_knot, stop_time
+from harvester.engines.steps import (
+    STEPS_PER_CONTACT,
+    knot_blocks,
+    steps_per_contact,
+    steps_per_knot,
+    stop_time,
+)
 from harvester.errors import SimulatorAborted, SolutionDiverged
 from harvester.record.record import Record, empty_record, part
 from harvester.scene.units import scale
@@ -46,7 +52,7 @@ def prepare(scene: Scene) -> None:
     state = _beginning(s, circuit, (0.0, 0.0, 0.0))
     edges = np.array(contact.edges(s.contacts))
     advance(
-        s, circuit.tables, circuit.probes, state, edges, np.zeros(2), 0, 0, 0, 1.0, 1,
+        s, circuit.tables, circuit.probes, state, edges, np.zeros(2), 0, 0, 0, 1.0, 1, 1,
         empty_record(2), np.zeros(2),
     )  # fmt: skip
 
@@ -81,8 +87,11 @@ def run_realizations(
     s, scales = scale(scene)
     circuit = circuit_of(scene)
     fixed = steps_per_knot(scene, step, "monte-carlo")
+    in_contact = steps_per_contact(scene, step, "monte-carlo")
     for k, (path, start, watching) in enumerate(zip(paths, starts, observers, strict=True)):
-        for record, volts in integrate(s, circuit, path, start, stop_time(scene), fixed):
+        for record, volts in integrate(
+            s, circuit, path, start, stop_time(scene), fixed, in_contact
+        ):
             if not all(np.isfinite(column[-1]) for column in record):
                 raise SolutionDiverged(
                     f"Monte Carlo left the finite numbers before t = {record.time[-1]:g}; "
@@ -106,6 +115,7 @@ def integrate(
     start: tuple[float, float, float],
     stop: float,
     steps_per_knot: int = 1,
+    steps_per_contact: int = STEPS_PER_CONTACT,
 ) -> Iterator[tuple[Record, np.ndarray]]:
     """Integrate the device with its load along a noise path.
 
@@ -120,6 +130,8 @@ def integrate(
         End time (s), rounded up to a whole number of knots.
     steps_per_knot : int
         Steps between two knots where nothing asks for more.
+    steps_per_contact : int
+        Fewest steps from the beginning of a contact to its end.
 
     Yields
     ------
@@ -141,7 +153,7 @@ def integrate(
         while segment < count:
             segment, points, outcome, which = advance(
                 s, circuit.tables, circuit.probes, state, edges, block, segment, count, done,
-                path.spacing, steps_per_knot, record, volts,
+                path.spacing, steps_per_knot, steps_per_contact, record, volts,
             )  # fmt: skip
             if outcome != FINE:
                 raise SimulatorAborted(_trouble(circuit, state, outcome, which))

@@ -22,7 +22,6 @@ from circuits.kernel.tables import Probes, Tables
 from harvester.compilation import compiled, inlined, uncounted
 from harvester.device import contact
 from harvester.device import system as systems
-from harvester.engines.steps import STEPS_PER_CONTACT
 from harvester.engines.zones import crossing, overshoots
 from harvester.record.record import fill
 
@@ -75,6 +74,7 @@ def advance(
     first_knot: int,
     spacing: float,
     steps_per_knot: int,
+    steps_per_contact: int,
     record: Any,
     output: np.ndarray,
 ) -> Any:
@@ -105,7 +105,7 @@ def advance(
         if touching:
             push = noise - systems.part_force(s.damper, v)
             speed = abs(v) + abs(push) * remaining
-            longest = contact.step(s.contacts, x, speed * speed, longest, STEPS_PER_CONTACT)
+            longest = contact.step(s.contacts, x, speed * speed, longest, steps_per_contact)
         h = _length(longest, remaining, step)
         least = SHORTEST * step
         found, switch, entered = -1.0, -1, 0

@@ -1,11 +1,12 @@
 """The one loop over tasks: reused from a store, else computed by processes and kept at once."""
 
+import contextlib
 import heapq
 import itertools
 import math
 import queue
 import time
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
 
 from harvester.engines.circuit import describe
@@ -79,6 +80,16 @@ class Runner:
                 "the same command computes them again"
             )
         return [*(self.folder.notes if self.folder else ()), *lines]
+
+    @contextlib.contextmanager
+    def reserving(self, share: float) -> Iterator[None]:
+        """Leave this share of the time that is left to what comes after."""
+        whole, now = self._deadline, time.monotonic()
+        self._deadline = now + (1.0 - share) * (whole - now)
+        try:
+            yield
+        finally:
+            self._deadline = whole
 
     def run(self, tasks: Sequence[Task]) -> list:
         """Answers of some tasks, in their order.

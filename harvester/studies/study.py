@@ -27,6 +27,8 @@ JUDGED = "judged"
 METHODS = (JUDGED, *ENGINES, *CLOSURES)
 # Wall-clock seconds of a study with a precision, unless told otherwise.
 TIME_BUDGET = 540.0
+# Of the time budget, kept for the circuit as judge.
+PROOF_SHARE = 0.2
 
 
 @dataclass(frozen=True)
@@ -136,7 +138,8 @@ def load_study(
             Point(each.scene, own, step, runner.version(own), aim)
             for each, own in zip(grid.points, methods, strict=True)
         ]
-        evaluations = runner.follow([point.plan() for point in points])
+        with runner.reserving(PROOF_SHARE if method == JUDGED else 0.0):
+            evaluations = runner.follow([point.plan() for point in points])
         proofs = _proofs(runner, grid, methods, evaluations, step) if method == JUDGED else []
     return Study(
         grid=grid,
