@@ -247,7 +247,7 @@ class Result:
         """How the numbers came about, and what to know before citing one."""
         return [*self.evidence(), *self.notes]
 
-    def methods(self) -> dict[str, Result]:
+    def results_by_method(self) -> dict[str, Result]:
         """Itself, by the name of its engine or closure."""
         return {self.engine: self}
 

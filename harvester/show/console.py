@@ -153,7 +153,8 @@ def show_table(
         table.add_column(one_line(name), justify="left" if words else "right", no_wrap=True)
     for row in rows:
         table.add_row(*map(one_line, row))
-    sketch = densities(content.methods()) if hasattr(content, "methods") else []
+    by_method = getattr(content, "results_by_method", None)
+    sketch = densities(by_method()) if by_method else []
     _print(table, content.sentences(), to_stderr, alarms, sketch)
 
 

@@ -170,7 +170,7 @@ class Comparison:
     def _engines(self):
         return (self.circuit, self.monte_carlo)
 
-    def methods(self) -> dict[str, Result]:
+    def results_by_method(self) -> dict[str, Result]:
         """The result of every method, by the name that the table has."""
         return {"circuit": self.circuit, "Monte Carlo": self.monte_carlo, **self.closures}
 
