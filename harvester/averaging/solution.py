@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from harvester.averaging.region import Level, Region
     from harvester.device.system import System
 
-MOST_WORK = 1.6e8  # amplitudes moved by a step, on all grids together: about ten seconds
+MOST_WORK = 2e8  # amplitudes moved by a step, on all grids together: about ten seconds
 LEAST_PERIODS = 10  # on a grid
 LARGEST_PUSHES = 2e8  # of the noise's pushes on a grid (bytes)
 DECAY = 2.8  # greatest λ dt, times the steps of a period
