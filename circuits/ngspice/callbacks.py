@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 
-from circuits.assembly import FIRST_ORDER_SHARE
 from harvester.compilation import (
     CACHED,
     carray,
@@ -62,6 +61,7 @@ STATE = np.dtype(
         ("window", np.int64),  # float64 (copies, knots), over ω²
         ("count", np.int64),  # points written
         ("steps", np.int64),
+        ("first_share", np.float64),  # of a step, of those of first order
         ("spacing", np.float64),  # of the knots
         ("first_knot", np.int64),  # of the window
         ("steps_per_knot", np.int64),  # 0: ngspice chooses its steps
@@ -264,7 +264,7 @@ def step_setter(kind: Callable) -> Callable:
         if state.local_error:
             longest = min(longest, delta[0])
         if state.steps < FIRST_ORDER_STEPS:
-            longest = min(longest, FIRST_ORDER_SHARE * step)
+            longest = min(longest, state.first_share * step)
         pieces = np.ceil(remaining / longest - 1e-6)
         delta[0] = remaining / max(pieces, 1.0)
         return 0
