@@ -5,7 +5,6 @@ import math
 import numpy as np
 from scipy.integrate import DOP853
 from scipy.linalg import expm, solve_discrete_lyapunov
-from scipy.optimize import brentq
 
 from harvester.averaging import average
 from harvester.averaging.symmetric import symmetric_device
@@ -13,6 +12,7 @@ from harvester.engines.realization import noise_path
 from harvester.engines.steps import knot_spacing
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
+from harvester.verification.known_results.formulas import linear_piezo_power
 
 # One mass and its stoppers alone, v0 held: what `rebound_speed` is the law of.
 NOTHING_BUT_STOPPERS = [
@@ -107,22 +107,13 @@ def interpolated_linear_means(p, spacing):
 
 def oscillator_power(p):
     """E[P] of a linear harvester under Ornstein–Uhlenbeck noise, in closed form."""
-    frequency = math.sqrt(p.linear_stiffness)
-    ratio, square = 0.5 * p.damping / frequency, p.coupling / p.linear_stiffness
-    alpha, t = frequency / p.decay_rate, frequency * p.correlation_time
-    white = p.intensity * square * alpha
-    white /= 2 * ratio + (4 * ratio**2 + square) * alpha + 2 * ratio * (1 + square) * alpha**2
-    lower = alpha * (1 + square) * t**2 + 2 * ratio * alpha * t + alpha + t**3
-    return white * (t + alpha + 2 * ratio * alpha * t) / (lower + 2 * ratio * t**2 + t)
-
-
-def rebound_speed(restitution):
-    """ρ of a unit-speed drop on one Hertz-damp stopper (physics: h(1+ρ) = ln[(1+h)/(1−hρ)])."""
-    h = 0.75 * (1.0 - restitution**2)
-    if h == 0.0:
-        return 1.0
-    return brentq(
-        lambda rho: h * (1 + rho) - math.log((1 + h) / (1 - h * rho)), 0.0, 1.0, xtol=1e-14
+    return linear_piezo_power(
+        p.damping,
+        p.linear_stiffness,
+        p.coupling,
+        p.decay_rate,
+        p.intensity,
+        p.correlation_time,
     )
 
 

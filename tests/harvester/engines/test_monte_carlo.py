@@ -3,7 +3,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from scipy.linalg import expm
-from truths import Keep, drop_scene, flat, rebound_speed, reference_path
+from truths import Keep, drop_scene, flat, reference_path
 
 from harvester.engines.monte_carlo import VELOCITY, initial_state, integrate
 from harvester.engines.realization import noise_path, start_state
@@ -11,6 +11,7 @@ from harvester.excitation import NoisePath
 from harvester.record.moments import Moments
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
+from harvester.verification.known_results.formulas import rebound_speed
 
 
 def simulated(scene, knots, steps_per_knot=1, index=0):

@@ -3,7 +3,7 @@ import math
 
 import pytest
 import worker_calls
-from truths import drop_scene, flat, rebound_speed
+from truths import drop_scene, flat
 
 from harvester.command_line import main
 from harvester.device.timescales import fastest_angular_frequency, wells
@@ -13,6 +13,7 @@ from harvester.running import open_runner
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
 from harvester.simulation import simulate
+from harvester.verification.known_results.formulas import rebound_speed
 from harvester.verification.stability import matrix as module
 from harvester.verification.stability.cases import (
     STEP_BUDGET,
