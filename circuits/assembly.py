@@ -38,8 +38,6 @@ OWN_TOLERANCE = 1e-3
 SHORTEST_RUN = 1000
 # ngspice takes its first steps by backward Euler, which costs a mass at speed energy: they are this
 # share of the usual one. So is the printing interval, where ngspice falls back to first order too.
-# Whole steps of it are left where they damp what the trapezoidal rule would let ring on: beside a
-# load that decays within a step or is more than a resistor.
 FIRST_ORDER_SHARE = 1e-3
 
 
@@ -107,8 +105,6 @@ class Netlist:
         ngspice's names of the resistors and capacitors across the load's output.
     drives_current : bool
         Whether an inductance of the transducer drives the load's current on.
-    first_share : float
-        Length of the steps of first order that ngspice begins with, as a share of the usual one.
     """
 
     text: str
@@ -125,7 +121,6 @@ class Netlist:
     output_resistors: tuple = ()
     storage: tuple = ()
     drives_current: bool = False
-    first_share: float = 1.0
 
     @property
     def sha256(self) -> str:
@@ -232,13 +227,10 @@ def assemble(
     # The load was vetted when the scene was read.
     text += load.text if load else ""
     stop = stop_time(scene)
-    shortest, first_share = 0.0, 1.0
+    first, shortest = length, 0.0
     if waveform == "external":
-        shortest = SHORTEST_RUN * length
-        resistive = load is None or load.resistance is not None
-        if resistive and system.transducer.decay_rate() * length < 1.0:
-            first_share = FIRST_ORDER_SHARE
-    text += _analysis(first_share * length, max(stop, shortest), length, options, integrator, save)
+        first, shortest = FIRST_ORDER_SHARE * length, SHORTEST_RUN * length
+    text += _analysis(first, max(stop, shortest), length, options, integrator, save)
     return Netlist(  # type: ignore[misc]
         text,
         rate,
@@ -252,7 +244,6 @@ def assemble(
         electrical.current_per_ampere,
         *measured,
         drives_current=electrical.drives_current,
-        first_share=first_share,
     )
 
 

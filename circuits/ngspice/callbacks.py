@@ -8,12 +8,14 @@ window of noise must move on, some thousand steps apart.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from llvmlite import ir
 
+from circuits.assembly import FIRST_ORDER_SHARE
 from harvester.compilation import (
     CACHED,
     carray,
@@ -42,8 +44,11 @@ COLUMNS = 9
 DISPLACEMENT, VELOCITY, TERMINAL, NOISE, HELD_SPEED = range(5)
 LOAD_CURRENT, OUTPUT, REFERENCE, TRANSDUCER = range(5, COLUMNS)
 
-# Steps that ngspice begins with by backward Euler, whatever the method.
+# Steps that ngspice begins with by backward Euler, whatever the method. The following ones double
+# up to the usual length: whatever decays within that, one of them damps well. After tiny steps
+# the trapezoidal rule with whole ones would let it ring on.
 FIRST_ORDER_STEPS = 2
+LENGTHENED_STEPS = FIRST_ORDER_STEPS + math.ceil(-math.log2(FIRST_ORDER_SHARE))
 
 BUFFER_FULL, WINDOW_ENDS = 0, 1
 
@@ -61,7 +66,6 @@ STATE = np.dtype(
         ("window", np.int64),  # float64 (copies, knots), over ω²
         ("count", np.int64),  # points written
         ("steps", np.int64),
-        ("first_share", np.float64),  # of a step, of those of first order
         ("spacing", np.float64),  # of the knots
         ("first_knot", np.int64),  # of the window
         ("steps_per_knot", np.int64),  # 0: ngspice chooses its steps
@@ -263,8 +267,9 @@ def step_setter(kind: Callable) -> Callable:
             longest = _shortest(state, s, int(knot) - state.first_knot + 1, step)
         if state.local_error:
             longest = min(longest, delta[0])
-        if state.steps < FIRST_ORDER_STEPS:
-            longest = min(longest, state.first_share * step)
+        if state.steps < LENGTHENED_STEPS:
+            doublings = max(state.steps - FIRST_ORDER_STEPS + 1, 0)
+            longest = min(longest, FIRST_ORDER_SHARE * step * 2.0**doublings)
         pieces = np.ceil(remaining / longest - 1e-6)
         delta[0] = remaining / max(pieces, 1.0)
         return 0

@@ -214,7 +214,6 @@ class Session(NgSpiceShared):
             state[name] = getattr(self, f"_{name}").ctypes.data
         state["count"] = state["steps"] = state["first_knot"] = 0
         state["spacing"] = paths[0].spacing
-        state["first_share"] = netlist.first_share
         self._numbers = np.array(callbacks.numbers_of(system))
         self._free = np.array(timescales.free_zone(system))
         state["system"] = self._numbers.ctypes.data

@@ -95,12 +95,11 @@ def test_only_two_tiny_steps_are_of_first_order(pool):
     result = simulate(scene, method="circuit", window=(0.0, 1.0), runner=pool)
     time, x, v = np.array(result.waveform)[:3]
     length = np.diff(time)
-    whole = length > 0.5 * length.max()
-    assert whole.sum() >= 20
-    assert time[0] < 1e-2 * length.max()
-    assert whole[1:].all()
+    assert (length > 0.5 * length.max()).sum() >= 20
+    # The first of the two ends where the waveform begins.
+    assert time[1] < 1e-2 * length.max()
     mean_speed = np.diff(x) / length
-    np.testing.assert_allclose(mean_speed[whole], ((v[1:] + v[:-1]) / 2)[whole], atol=1e-9)
+    np.testing.assert_allclose(mean_speed[1:], ((v[1:] + v[:-1]) / 2)[1:], atol=1e-9)
 
 
 TITLE = ".title test\nInoise 0 noise external\nRnoise noise 0 1\n"
