@@ -6,6 +6,7 @@ import base64
 import html
 import json
 import platform
+import re
 from collections.abc import Iterable, Sequence
 from datetime import datetime
 from importlib import metadata, resources
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 
 # Below these widths a picture scrolls in its frame instead of becoming unreadable.
 NARROWEST_FIGURE, NARROWEST_SCHEMATIC = "36rem", "64rem"
+# Of its own size, that a picture is drawn at most.
+LARGEST_SCALE = 1.3
 LEGEND = (
     "± one standard error; beside a closure its deviation from Monte Carlo, as a share and in "
     "standard errors. Difference: circuit minus Monte Carlo in joint standard errors. Paired bias: "
@@ -145,10 +148,15 @@ def _figures(comparison):
 
 
 def figure_of(svg: bytes, alternative: str, caption: str, narrowest: str = NARROWEST_FIGURE) -> str:
-    """A picture within the page."""
+    """A picture within the page; a small one is not made as wide as the page."""
     data = base64.b64encode(svg).decode()
+    size = f"min-width: {narrowest}"
+    own = re.search(rb'<svg[^>]* width="([\d.]+)pt"', svg)
+    if own:
+        widest = f"{LARGEST_SCALE * float(own[1]):.0f}pt"
+        size = f"min-width: min({narrowest}, {widest}); max-width: {widest}"
     return (
-        f'<figure><div class="wide" tabindex="0"><img style="min-width: {narrowest}" '
+        f'<figure><div class="wide" tabindex="0"><img style="{size}" '
         f'alt="{_escaped(alternative)}" src="data:image/svg+xml;base64,{data}"></div>'
         f"<figcaption>{_escaped(caption)}</figcaption></figure>"
     )

@@ -175,10 +175,12 @@ class Verification:
         header, rows = self.table()
         sources = list(dict.fromkeys(row.truth.source for row in self.rows))
         lines = [[*header, "source"], ["---"] * (len(header) + 1)]
-        lines += [
-            [*cells, str(1 + sources.index(row.truth.source))]
-            for cells, row in zip(rows, self.rows, strict=True)
-        ]
+        before = None
+        for cells, row in zip(rows, self.rows, strict=True):
+            # What several methods are compared with is said once.
+            named = cells if row.truth is not before else ["", "", *cells[2:]]
+            lines.append([*named, str(1 + sources.index(row.truth.source))])
+            before = row.truth
         said = [
             "# Verified against others",
             f"Written by `harvester verify`, harvester {__version__}, {self.date}: closed forms, "
