@@ -29,9 +29,8 @@ HELD_DEVIATIONS = 4.0  # standard deviations of what the noise holds
 REGION_MARGIN = 1.05
 NODE_REFINEMENT = 4.0 / 3.0  # from level to level
 STEP_REFINEMENT = 1.5  # so many times the steps
-STEADY = STEP_REFINEMENT ** (
-    1.0 / 6.0
-)  # of the nodes, by which their error stays, of order six in a step
+# Of the nodes, by which their error, of order six in a step, stays.
+STEADY = STEP_REFINEMENT ** (1.0 / 6.0)
 STRONGEST_SHRINKING = 0.4  # ratio by which a region shrinks at most from one attempt to the next
 SAME_REGION_RATIOS = (0.7, 1.25)  # ratios of what describes two regions that are alike
 WHITE_MEMORY = 1e-4  # τ1, in steps, below which noise is white

@@ -24,9 +24,8 @@ MOST_WORK = 2e8  # amplitudes moved by a step, on all grids together: about ten 
 LEAST_PERIODS = 10  # on a grid
 LARGEST_PUSHES = 2e8  # of the noise's pushes on a grid (bytes)
 LARGEST_LOAD_DECAY = 2.8  # greatest λ dt, times the steps of a period
-RESIDUAL_OVER_TOLERANCE = (
-    2e-2  # of a period, in tolerances, as a share of what the load moves in it
-)
+# Rest of a period, in tolerances, as a share of what the load moves in it.
+RESIDUAL_OVER_TOLERANCE = 2e-2
 LEAST_RESIDUAL = 1e-8  # which rounding leaves
 SUFFICIENT_REDUCTION = 0.1  # share of a rest that the coarser grid leaves
 
