@@ -8,9 +8,12 @@ unknown is a power.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from circuits.measurement import Measurement
 
 
 class Tables(NamedTuple):
@@ -58,7 +61,8 @@ class Probes(NamedTuple):
 
     Attributes
     ----------
-    places : int64, shape (5,): terminal, load's current, transducer's state, output, reference.
+    places : int64, shape (5 + watched,): terminal, load's current, transducer's state, output,
+        reference, and the unknowns that the load's measures are made of.
     units : float64, shape (5,): scaled values of a volt, of the state's volt or ampere, of an
         ampere, of a watt, and the joules of a unit of mechanical energy's row.
     energy : (capacitance (F), volts) by which a store of energy counts as small.
@@ -81,6 +85,7 @@ class Circuit(NamedTuple):
     names : of the unknowns, for messages.
     switches : (name, "file:line") of each switch.
     conductance, capacitance : across the output (S, F).
+    measurement : of the load, from the unknowns watched.
     """
 
     tables: Tables
@@ -92,3 +97,4 @@ class Circuit(NamedTuple):
     switches: tuple[tuple[str, str], ...]
     conductance: float
     capacitance: float
+    measurement: Measurement

@@ -38,7 +38,7 @@ def ours(scene):
     path, stop = noise_path(scene, 0), stop_time(scene)
     chunks = [
         np.array([record.time, record.voltage, volts, record.load_power])
-        for record, volts in integrate(s, circuit, path, start_state(scene, 0), stop, fixed)
+        for record, (volts, *_) in integrate(s, circuit, path, start_state(scene, 0), stop, fixed)
     ]
     time, piezo, output, power = np.concatenate(chunks, axis=1)
     square = np.trapezoid(piezo**2, time) / stop * scales.voltage**2
