@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, NamedTuple
 
 from circuits.loads.expressions import expression_fault
-from circuits.loads.vetting import LONGEST_SHOWN, refuse
+from circuits.loads.vetting import LONGEST_SHOWN, refuse, rewritten
 from harvester.files.plain_text import nearest
 from harvester.record.output_side import LOSS, OUTPUT, STATE, STORE, TAKEN
 
@@ -88,12 +88,13 @@ def _vetted(card, scope):
         refuse(
             card, f"measure: {name[:LONGEST_SHOWN]!r} is no name of at most {LONGEST_NAME} letters"
         )
-    expressions = [part.strip() for part in _TAKING.split(text)]
+    plain = text.replace("{", "(").replace("}", ")")
+    expressions = [rewritten(part) for part in _TAKING.split(plain)]
     if len(expressions) > (2 if kind == STATE else 1):
         refuse(card, "measure: one 'taking', and of a state only")
     for expression in expressions:
         fault = expression_fault(expression, scope.parameters, scope.functions)
-        if fault or not expression:
-            refuse(card, f"measure: {fault or 'nothing'} in {expression[:LONGEST_SHOWN]!r}")
-    plain = [each.replace("{", "(").replace("}", ")") for each in expressions]
-    return Measure(kind, name, plain[0], plain[1] if plain[1:] else "", card.where)
+        if fault:
+            refuse(card, f"measure: {fault} in {expression[:LONGEST_SHOWN]!r}")
+    taking = expressions[1] if expressions[1:] else ""
+    return Measure(kind, name, expressions[0], taking, card.where)

@@ -18,8 +18,8 @@ from circuits.loads.places import places
 from circuits.loads.reader import read_cards
 from circuits.loads.tree import parse, written
 from circuits.loads.vetting import check_nodes, check_value, listed, refuse, vet_element
-from harvester.errors import NetlistError
 from circuits.measurement import measurement_of
+from harvester.errors import NetlistError
 from harvester.files.plain_text import nearest
 from harvester.record.output_side import OUTPUT
 

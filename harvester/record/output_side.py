@@ -84,17 +84,20 @@ class OutputMoments:
             latest=np.zeros(len(rows)),
         )
 
-    def add(self, time: np.ndarray, voltage: np.ndarray, values: np.ndarray) -> None:
+    def add(
+        self, time: np.ndarray, voltage: np.ndarray, values: np.ndarray | None = None
+    ) -> None:
         """Accumulate consecutive points that follow the ones before.
 
         Parameters
         ----------
         time, voltage : ndarray, shape (n,)
-        values : ndarray, shape (len(rows), n)
+        values : ndarray, shape (len(rows), n), or None
+            Of the load's measures, where it has any.
         """
         if time.size == 0:
             return
-        if self.rows:
+        if values is not None:
             _add_measured(
                 time,
                 values,
