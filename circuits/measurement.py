@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from circuits.kernel.flattening import Scope, elements, outermost
+from circuits.kernel.flattening import elements, outermost
 from circuits.kernel.formula import NotTaken, parse, resolved
 from harvester.device.terminals import GROUND
 from harvester.errors import NetlistError
@@ -114,7 +114,8 @@ def measurement_of(load: LoadCircuit, pins: Mapping[str, str]) -> Measurement:
     places = list(elements(load, pins))
     known = {GROUND, *pins.values(), *(node for place in places for node in place.nodes)}
     known |= {f"i({place.name})" for place in places if _has_current(place)}
-    trees, watched = [], {}
+    trees: list[Any] = []
+    watched: dict[str, None] = {}
     for measure in load.measures:
         tree = _tree(measure, measure.expression, scope, known, watched)
         trees.append(tree)
@@ -131,7 +132,7 @@ def _has_current(place):
     return voltage or place.letter in _WITH_CURRENT
 
 
-def _tree(measure, text, scope: Scope, known, watched):
+def _tree(measure, text, scope, known, watched):
     try:
         tree = scope.with_full_names(resolved(parse(text), scope.in_the_circuit, scope.function))
     except NotTaken as reason:

@@ -83,8 +83,8 @@ def build(scene: Scene) -> Circuit:
         code_of(tables, order),
         (*b.unknowns, "X'"),
         tuple(b.switch_names),
-        *_across(b, load),
         measurement,
+        *_across(b, load),
     )
 
 

@@ -84,8 +84,8 @@ class Circuit(NamedTuple):
     code : circuits.kernel.code.Code
     names : of the unknowns, for messages.
     switches : (name, "file:line") of each switch.
-    conductance, capacitance : across the output (S, F).
     measurement : of the load, from the unknowns watched.
+    conductance, capacitance : across the output (S, F).
     """
 
     tables: Tables
@@ -95,6 +95,6 @@ class Circuit(NamedTuple):
     code: Any
     names: tuple[str, ...]
     switches: tuple[tuple[str, str], ...]
+    measurement: Measurement
     conductance: float
     capacitance: float
-    measurement: Measurement

@@ -79,11 +79,8 @@ def _vetted(card, scope):
         refuse(card, "write it as * measure: kind name = expression")
     kind, name, text = match.groups()
     if kind not in KINDS:
-        known = ", ".join(KINDS)
-        refuse(
-            card,
-            f"measure: unknown kind {kind[:LONGEST_SHOWN]}{nearest(kind, KINDS)}; there are {known}",
-        )
+        known = f"{nearest(kind, KINDS)}; there are {', '.join(KINDS)}"
+        refuse(card, f"measure: unknown kind {kind[:LONGEST_SHOWN]}{known}")
     if not re.fullmatch(rf"[a-z]\w{{,{LONGEST_NAME - 1}}}", name, re.ASCII):
         refuse(
             card, f"measure: {name[:LONGEST_SHOWN]!r} is no name of at most {LONGEST_NAME} letters"

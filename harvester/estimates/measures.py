@@ -7,7 +7,7 @@ device itself loses, add up to 1.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -43,11 +43,11 @@ def estimate_measures(moments: Sequence[Moments]) -> dict[str, Estimate]:
         `NAME_first_time` (from the run's beginning), `NAME_starts_per_hour` and
         `NAME_stops_per_hour`, and where it takes a power `NAME_energy`, each time that it holds.
     """
-    batches = complete_batches(moments)
-    if batches is None:
+    batches, output = complete_batches(moments), moments[0].output
+    if batches is None or output is None:
         return {}
     found: dict[str, Estimate] = {}
-    for row, (kind, name) in enumerate(moments[0].output.rows):
+    for row, (kind, name) in enumerate(output.rows):
         series = measured_series(moments, row)
         found.update(_QUANTITIES[kind](name, series, batches, moments, row))
     return found
@@ -62,11 +62,12 @@ def measured_series(moments: Sequence[Moments], row: int) -> np.ndarray:
     """
     batches = complete_batches(moments)
     count = 0 if batches is None else batches.shape[1]
-    return np.stack([each.output.measured[:count, row] for each in moments])
+    outputs = [each.output for each in moments if each.output is not None]
+    return np.stack([each.measured[:count, row] for each in outputs])
 
 
 def _power(suffix):
-    def quantities(name, series, batches, moments, row) -> Iterator[tuple[str, Estimate]]:
+    def quantities(name, series, batches, moments, row):
         energy = series[:, :, INTEGRAL]
         yield f"{name}_{suffix}", _ratio(energy, _time(batches), "power")
         put_in = batches[:, :, QUANTITIES.index("input_power")]

@@ -38,9 +38,10 @@ def estimate_output(moments: Sequence[Any]) -> dict[str, Estimate]:
     Returns
     -------
     dict of str to Estimate
-        Scaled units; empty where the load has no output. What is harvested is what goes into
-        the output's resistors, its storage and what the load's file measures as an output: `converter_efficiency` is its share of the power
-        leaving the piezo, `end_to_end_efficiency` that of the mechanical input.
+        Scaled units; empty where the load has no output; with those of `estimate_measures`.
+        What is harvested is what goes into the output's resistors, its storage and what the
+        load's file measures as an output: `converter_efficiency` is its share of
+        the power leaving the piezo, `end_to_end_efficiency` that of the mechanical input.
     """
     batches = complete_batches(moments)
     if batches is None or any(m.output is None for m in moments):

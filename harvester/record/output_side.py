@@ -70,6 +70,7 @@ class OutputMoments:
     capacitance: float = np.nan
     time: float = np.nan
     voltage: float = np.nan
+
     @classmethod
     def beside(cls, moments: Moments, rows: tuple[tuple[str, str], ...] = ()) -> OutputMoments:
         """Nothing accumulated yet, in the batches of these `Moments`."""
@@ -84,9 +85,7 @@ class OutputMoments:
             latest=np.zeros(len(rows)),
         )
 
-    def add(
-        self, time: np.ndarray, voltage: np.ndarray, values: np.ndarray | None = None
-    ) -> None:
+    def add(self, time: np.ndarray, voltage: np.ndarray, values: np.ndarray | None = None) -> None:
         """Accumulate consecutive points that follow the ones before.
 
         Parameters

@@ -1,4 +1,4 @@
-"""Measures declared in a user's own file: what they say, what is refused, what both engines find."""
+"""Measures declared in a user's own file: what is read, refused, and found by both engines."""
 
 import math
 
