@@ -149,7 +149,7 @@ for k, (buffer, result) in enumerate(results.items()):
     right.barh(rows, list(stages.values()), 0.4, color=colour)
 left.set(xticks=places + 0.2, xticklabels=names.values(), ylabel="share", title="how often")
 left.legend()
-right.set(yticks=np.arange(len(parts)) + 0.2, yticklabels=parts, xscale="log")
+right.set(yticks=np.arange(len(parts)) + 0.2, yticklabels=parts, xscale="log", xlim=(1e-3, 1.0))
 right.set(xlabel="share of the input's energy", title="where the energy goes")
 right.invert_yaxis()
 plt.show()
