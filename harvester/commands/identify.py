@@ -32,8 +32,9 @@ def add(commands: Any) -> None:
         required=True,
         metavar="FILE [SETTING=VALUE]",
         help="CSV, .npy, .wav or .mat: base acceleration beside voltage, displacement or "
-        "velocity; behind it acceleration=COLUMN:UNIT, voltage=COLUMN:UNIT, …, time=COLUMN, "
-        "sampling_rate=HZ, or what differs from the scene (load.resistance=1e5); may be given "
+        "velocity; or a frequency response, frequency beside amplitude and phase; behind it "
+        "acceleration=COLUMN:UNIT, voltage=COLUMN:UNIT, …, time=COLUMN, sampling_rate=HZ, or "
+        "what differs from the scene (load.resistance=1e5); may be given "
         "again",
     )
     command.add_argument(

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from harvester.identification.proof import ResponseStretch
 from harvester.show.palette import CIRCUIT, MONTE_CARLO
 
 if TYPE_CHECKING:
@@ -26,6 +27,8 @@ def draw(found: Identification) -> Figure:
     from matplotlib.figure import Figure
 
     stretch = found.fitted.stretches[0]
+    if isinstance(stretch, ResponseStretch):
+        return _response_figure(found, stretch)
     figure = Figure(figsize=(10.0, 6.4))
     wave, spectrum, density, correlation = figure.subplots(2, 2).ravel()
     name = stretch.outputs[0]
@@ -38,6 +41,28 @@ def draw(found: Identification) -> Figure:
     figure.legend(handles, labels, loc="outside lower center", ncols=4)
     figure.suptitle(
         f"{found.scene.name}: the last third of {stretch.name}, kept aside",
+        x=0.01,
+        ha="left",
+        fontsize=9,
+    )
+    return figure
+
+
+def _response_figure(found, stretch):
+    """The lines kept aside and what the model says of them; the difference."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10.0, 4.0))
+    panels = figure.subplots(1, len(stretch.outputs), squeeze=False)[0]
+    for n, (axes, name) in enumerate(zip(panels, stretch.outputs, strict=True)):
+        axes.plot(stretch.frequency, stretch.measured[:, n], ".", color=MEASURED, label="measured")
+        axes.plot(stretch.frequency, stretch.windowed[:, n], color=PREDICTED, label="predicted")
+        axes.plot(stretch.frequency, stretch.residuals[:, n], color=RESIDUAL, label="difference")
+        axes.set(xlabel="frequency [Hz]", ylabel=f"{name} of voltage over acceleration")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    figure.suptitle(
+        f"{found.scene.name}: {stretch.aside} of {stretch.name}, kept aside",
         x=0.01,
         ha="left",
         fontsize=9,

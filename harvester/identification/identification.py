@@ -12,14 +12,14 @@ from harvester.device import timescales
 from harvester.identification.candidates import Candidate, proposed
 from harvester.identification.fitting import responses_of
 from harvester.identification.intervals import HALF_INTERVAL
-from harvester.identification.proof import sensor_noise
+from harvester.identification.proof import ResponseStretch, sensor_noise
 from harvester.identification.response import FINE_STEPS
 from harvester.identification.scene_file import scene_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from harvester.identification.fitting import Fitted
+    from harvester.identification.fitted_model import Fitted
     from harvester.identification.intervals import Undetermined
     from harvester.identification.measurement import Measurement
     from harvester.identification.proof import Whiteness
@@ -145,8 +145,8 @@ class Identification:
             measured, predicted, difference = stretch.powers()
             name, unit = stretch.compared
             lines.append(
-                f"{stretch.name}, last third: {stretch.outputs[0]} NRMSE {stretch.nrmse():.2%} in "
-                f"{stretch.windows} windows; {name} measured {_with_error(measured)} {unit}, "
+                f"{stretch.name}, {stretch.aside}: {stretch.quantity} NRMSE {stretch.nrmse():.2%}"
+                f"{_windows(stretch)}; {name} measured {_with_error(measured)} {unit}, "
                 f"predicted {_with_error(predicted)} {unit}, difference "
                 f"{difference.estimate:+.2%} ± {difference.standard_error:.2%}"
             )
@@ -160,14 +160,23 @@ class Identification:
             "the data kept aside"
             for each in self.candidates[1:]
         ]
-        windows = sum(edges.size - 1 for edges in self.fitted.fit.edges)
         lines.append(
-            f"fitted to the first two thirds of {len(self.measurements)} "
-            f"{'record' if len(self.measurements) == 1 else 'records'} in {windows} windows, "
-            f"acceleration {self.fitted.interpolation} between samples; intervals allow for "
-            f"correlated residuals; {self.seconds:.1f} s"
+            f"fitted to {self._fitted_part()}; intervals allow for correlated residuals; "
+            f"{self.seconds:.1f} s"
         )
         return lines
+
+    def _fitted_part(self):
+        """What of the records the values come from, in words."""
+        count = len(self.measurements)
+        records = f"{count} {'record' if count == 1 else 'records'}"
+        if isinstance(self.fitted.stretches[0], ResponseStretch):
+            return f"two of every three frequencies of {records}"
+        windows = sum(edges.size - 1 for edges in self.fitted.fit.edges)
+        return (
+            f"the first two thirds of {records} in {windows} windows, acceleration "
+            f"{self.fitted.interpolation} between samples"
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
@@ -230,6 +239,10 @@ class Identification:
         ]
         heading = [f"Identified from {names}.", self.verdict.sentence, *sensors]
         return scene_text(made.scene, comments, heading)
+
+
+def _windows(stretch):
+    return "" if isinstance(stretch, ResponseStretch) else f" in {stretch.windows} windows"
 
 
 def _with_error(each):

@@ -13,6 +13,7 @@ from harvester.identification.candidates import Candidate, candidates
 from harvester.identification.checks import check_records
 from harvester.identification.fitting import Fitted, fitted
 from harvester.identification.identification import Identification
+from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.measurement import Measurement, read_measurement
 from harvester.identification.proof import typical_period, whiteness
 from harvester.identification.sizes import first_sizes, fitted_sizes
@@ -23,6 +24,7 @@ from harvester.scene.model import Scene
 if TYPE_CHECKING:
     from harvester.identification.intervals import Undetermined
 
+Record = Measurement | MeasuredResponse
 # Of a direction that is not determined, those that are rather kept as in the scene.
 KEPT_FIRST = ("capacitance", "restitution", "stiffness", "quadratic_damping")
 
@@ -30,7 +32,7 @@ KEPT_FIRST = ("capacitance", "restitution", "stiffness", "quadratic_damping")
 @takes_scene
 def identify(
     scene: Scene,
-    records: Sequence[Measurement | str | Path] | Measurement | str | Path,
+    records: Sequence[Record | str | Path] | Record | str | Path,
     *,
     free: Sequence[str] | None = None,
     compare: bool = True,
@@ -42,7 +44,7 @@ def identify(
     ----------
     scene : Scene
         Where the fit begins, and all that is known: what is not free stays as it is.
-    records : sequence of Measurement or file, or one of them
+    records : sequence of Measurement, MeasuredResponse or file, or one of them
         A file's columns have their quantity and unit in the header; see `read_measurement`.
     free : sequence of str, optional
         Keys of the scene (`oscillator.damping`, `oscillator.restoring_force[2]`, …) and of sensors
@@ -69,7 +71,7 @@ def identify(
     follow = progress or (lambda share, text: None)
     measurements = _measurements(scene, records)
     check_records(scene, measurements)
-    outputs = list(measurements[0].outputs)
+    outputs = list(measurements[0].sensed)
     keys = default_keys(scene, outputs) if free is None else checked_keys(scene, free, outputs)
     if not keys:
         raise IdentificationError(f"{scene.name}: nothing is free; name keys with --free")
@@ -78,7 +80,7 @@ def identify(
     follow(0.5, "other models")
     sizes = fitted_sizes(base, measurements)
     found = [Candidate("as given", base, 0.0, 0.0)]
-    if compare:
+    if compare and any(each.acceleration is not None for each in measurements):
         found = candidates(base, measurements, base.keys, sizes)
     white = whiteness(base.stretches[0], 0, typical_period(base.shooting.responses))
     return Identification(
@@ -95,10 +97,10 @@ def identify(
 
 
 def _measurements(scene, records):
-    if isinstance(records, (Measurement, str, Path)):
+    if isinstance(records, (Measurement, MeasuredResponse, str, Path)):
         records = [records]
     return [
-        each if isinstance(each, Measurement) else read_measurement(each, units=scene.units)
+        read_measurement(each, units=scene.units) if isinstance(each, (str, Path)) else each
         for each in records
     ]
 

@@ -213,7 +213,8 @@ class Shooting:
         p = len(self.unknowns)
         own = grams[:, p : p + 3, p : p + 3].copy()
         sizes = np.einsum("wii->wi", own)
-        ridge = damping * sizes + 1e-10 * np.maximum(sizes.max(axis=1, keepdims=True), 1e-300)
+        largest = sizes.max(axis=1, keepdims=True)
+        ridge = damping * sizes + 1e-10 * np.where(largest > 0.0, largest, 1.0)
         own[:, range(3), range(3)] += ridge
         return np.linalg.inv(own)
 
