@@ -48,6 +48,12 @@ def add(commands: Any) -> None:
     command.add_argument(
         "--alone", action="store_true", help="fit no other models to compare the scene's with"
     )
+    command.add_argument(
+        "--posterior",
+        action="store_true",
+        help="sample the posterior of the values too (needs emcee: pip install "
+        "'harvester[posterior]')",
+    )
     add_results(command)
     command.add_argument(
         "--report", metavar="FILE", help="write one self-contained HTML page with everything"
@@ -74,6 +80,7 @@ def run(options: Namespace) -> None:
             records,
             free=options.free,
             compare=not options.alone,
+            posterior=options.posterior,
             progress=follow("identify", None),
         )
     try:

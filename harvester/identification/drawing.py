@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -67,6 +67,34 @@ def _response_figure(found, stretch):
         ha="left",
         fontsize=9,
     )
+    return figure
+
+
+def draw_posterior(found: Identification) -> Figure:
+    """Draws of every value and of every pair of them; 95 % intervals of the sandwich in grey."""
+    from matplotlib.figure import Figure
+
+    sampled: Any = found.posterior
+    keys, draws = sampled.keys, sampled.draws
+    figure = Figure(figsize=(2.0 * len(keys) + 1.0, 2.0 * len(keys) + 1.0))
+    panels: Any = figure.subplots(len(keys), len(keys), squeeze=False, sharex="col")
+    for row, column in np.ndindex(panels.shape):
+        axes = panels[row, column]
+        if column > row:
+            axes.remove()
+            continue
+        axes.axvspan(*found.intervals[keys[column]], color="0.85", lw=0)
+        if column == row:
+            axes.hist(draws[:, row], BINS // 2, color=PREDICTED)
+        else:
+            pair = draws[:, column], draws[:, row]
+            axes.hist2d(*pair, BINS // 2, cmap="Blues", cmin=1, rasterized=True)
+        axes.set(yticks=[])
+        axes.locator_params(axis="x", nbins=3)
+        if row == len(keys) - 1:
+            axes.set(xlabel=keys[column].rpartition(".")[2])
+        if column == 0 and row > 0:
+            axes.set(ylabel=keys[row].rpartition(".")[2])
     return figure
 
 

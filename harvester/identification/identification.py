@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from harvester.identification.fitted_model import Fitted
     from harvester.identification.intervals import Undetermined
     from harvester.identification.measurement import Measurement
+    from harvester.identification.posterior import Posterior
     from harvester.identification.proof import Whiteness
     from harvester.identification.verdict import Verdict
     from harvester.scene.model import Scene
@@ -49,6 +50,8 @@ class Identification:
     verdict : Verdict
     seconds : float
         Wall-clock.
+    posterior : Posterior, optional
+        Of the values, where it was asked for.
     """
 
     scene: Scene
@@ -60,6 +63,7 @@ class Identification:
     whiteness: Whiteness
     verdict: Verdict
     seconds: float
+    posterior: Posterior | None = None
 
     @property
     def keys(self) -> list[str]:
@@ -134,6 +138,10 @@ class Identification:
             share = f"{half / abs(value):.2%}" if value else "—"
             state = "undetermined" if key in self.undetermined else "identified"
             rows.append([key, state, f"{value:.6g}", f"{low:.6g} … {high:.6g}", share])
+        if self.posterior:
+            header.append("posterior's 95 %")
+            for row, (low, high) in zip(rows, self.posterior.intervals.values(), strict=True):
+                row.append(f"{low:.6g} … {high:.6g}")
         return header, rows
 
     def sentences(self) -> list[str]:
@@ -160,6 +168,12 @@ class Identification:
             "the data kept aside"
             for each in self.candidates[1:]
         ]
+        if self.posterior:
+            lines.append(
+                f"posterior: {self.posterior.independent:.0f} independent draws, "
+                f"{self.posterior.accepted:.0%} of the moves accepted; its residuals are taken for "
+                "independent"
+            )
         lines.append(
             f"fitted to {self._fitted_part()}; intervals allow for correlated residuals; "
             f"{self.seconds:.1f} s"
@@ -213,6 +227,7 @@ class Identification:
             ],
             "proposed": self.proposed.name,
             "interpolation": self.fitted.interpolation,
+            "posterior": self.posterior.to_dict() if self.posterior else None,
             "seconds": self.seconds,
         }
 

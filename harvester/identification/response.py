@@ -116,13 +116,13 @@ class Responses:
 
     def device(self, number: int, values: np.ndarray) -> tuple[System, Scales] | None:
         """Scaled equations of one experiment; None where the scene refuses the values."""
-        scene = with_values(self.experiments[number].scene, self.keys, values)
-        if scene is None:
+        scene = self.experiments[number].scene
+        unit = {"length_scale": self.length} if scene.units == "SI" else {}
+        made = with_values(scene, self.keys, values, unit)
+        if made is None:
             return None
-        if scene.units == "SI":
-            scene = scene.replace({"length_scale": self.length})
         try:
-            system, scales = scale(scene)
+            system, scales = scale(made)
         except (HarvesterError, ArithmeticError, ValueError):
             return None
         return _general(system), scales

@@ -186,12 +186,16 @@ class Shooting:
                 free &= ~(out & at)
             target = np.clip(fit.values + change * self.sizes, self.low, self.high)
             change = (target - fit.values) / self.sizes
-        moves = []
+        return change, self.state_moves(fit, change, damping)
+
+    def state_moves(self, fit: Fit, change: np.ndarray, damping: float = 0.0) -> list[np.ndarray]:
+        """Changes of all starts that go with one of the unknowns, in sizes."""
+        p, moves = len(self.unknowns), []
         for grams in fit.grams:
             inverse = self._state_inverse(grams, damping)
             right = grams[:, p : p + 3, -1] + grams[:, p : p + 3, :p] @ change
             moves.append(-np.einsum("wij,wj->wi", inverse, right))
-        return change, moves
+        return moves
 
     def reduced(self, fit: Fit, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Normal matrix and gradient of the unknowns alone, the starts eliminated."""

@@ -109,10 +109,8 @@ class SteadyResponses(Responses):
 def _taylor(system):
     """Stiffness where the device rests, and its slope over the squared amplitude."""
     rest = timescales.rest(system)
-    about = np.polynomial.Polynomial(system.spring.coefficients)(
-        np.polynomial.Polynomial([rest, 1.0])
-    ).coef
-    _, linear, square, cube = np.append(about, np.zeros(4))[:4]
+    force = np.polynomial.Polynomial(system.spring.coefficients)
+    linear, square, cube = (force.deriv(n)(rest) / math.factorial(n) for n in (1, 2, 3))
     return linear, 0.75 * cube - (5.0 / 6.0 * square**2 / linear if linear > 0.0 else 0.0)
 
 

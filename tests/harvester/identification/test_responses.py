@@ -1,10 +1,13 @@
 """Identification from measured frequency responses, against closed forms written out here."""
 
+import sys
+
 import numpy as np
 import pytest
 from measured_records import off, scene_of
 
 from harvester.errors import HarvesterError, IdentificationError, SceneError
+from harvester.identification import posterior as sampling
 from harvester.identification.identify import identify
 from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.measurement import Measurement, read_measurement
@@ -83,6 +86,32 @@ def test_a_response_at_a_known_amplitude_tells_the_cubic_spring():
     # Without the amplitude the same curve has no linear device.
     plain = scene_of(MASS, DAMPING, [0.0, STIFFNESS], {"coil": COIL}, 600.0)
     assert not identify(plain, MeasuredResponse(FREQUENCY, seen)).verdict.good
+
+
+def test_the_posterior_of_a_nearly_linear_problem_is_as_wide_as_the_intervals(monkeypatch):
+    truth, keys = linear(), ["oscillator.damping", "piezo.coupling"]
+    monkeypatch.setattr(sampling, "MOST_STEPS", 600)
+    made = MeasuredResponse(FREQUENCY, response(np.random.default_rng(7)))
+    found = identify(truth, made, free=keys, posterior=True)
+    drawn = found.posterior
+    assert drawn.independent > 100.0
+    for key, (low, high) in drawn.intervals.items():
+        error = found.standard_errors[key]
+        # The quantiles of 100 independent draws scatter by a quarter of the standard error, and the
+        # sandwich of 60 residuals by a tenth: three times that.
+        assert abs(0.5 * (low + high) - found.values[key]) < 0.75 * error
+        assert high - low == pytest.approx(3.92 * error, rel=0.4)
+    content = found.to_dict()["posterior"]
+    assert np.array(content["correlations"]).shape == (2, 2)
+    assert len(found.table()[0]) == len(found.table()[1][0]) == 6
+    assert "Posterior" in report(found)
+    monkeypatch.setattr(sampling, "MOST_STEPS", sampling.STEPS)
+    once, twice, other = (sampling.posterior(found.fitted, seed).draws for seed in (3, 3, 4))
+    assert np.array_equal(once, twice)
+    assert not np.array_equal(once, other)
+    monkeypatch.setitem(sys.modules, "emcee", None)
+    with pytest.raises(HarvesterError, match=r"--posterior needs emcee: pip install"):
+        sampling.posterior(found.fitted)
 
 
 def test_columns_of_a_response_have_units(tmp_path):
