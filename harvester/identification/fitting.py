@@ -105,7 +105,8 @@ def fitted(
     shooting, fit = found
     if not warm:
         fit = recentred(shooting, fit, scene)
-    fits = {responses.interpolation: fit, **_otherwise(shooting, fit)}
+    # A neighbour's path between the samples is that of the model that it is compared with.
+    fits = {responses.interpolation: fit, **({} if warm else _otherwise(shooting, fit))}
     shooting.responses = responses_of(scene, measurements, keys, length, FINE_STEPS)
     for name, each in fits.items():
         shooting.responses.interpolation = name
