@@ -65,7 +65,8 @@ def states_at_samples(
     return states, ends
 
 
-@compiled
+# Free of Python's lock: columns of a Jacobian are integrated side by side.
+@compiled(nogil=True)
 def _run(heun, s, zones, eta, spacing, every, edges, starts, states, ends):
     """Fill `states` and `ends`."""
     final = eta.size - 1
