@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from harvester.errors import UnknownOption as UnknownOption
     from harvester.errors import UnknownQuantity as UnknownQuantity
     from harvester.identification.identify import identify as identify
+    from harvester.identification.measured_response import MeasuredResponse as MeasuredResponse
     from harvester.identification.measurement import Measurement as Measurement
     from harvester.identification.measurement import read_measurement as read_measurement
     from harvester.results import Result as Result
@@ -80,6 +81,7 @@ _WHERE = {
     "optimum_of_several": "harvester.studies.optimum_of_several",
     "sensitivity": "harvester.studies.sensitivity",
     "identify": "harvester.identification.identify",
+    "MeasuredResponse": "harvester.identification.measured_response",
     "Measurement": "harvester.identification.measurement",
     "read_measurement": "harvester.identification.measurement",
     "work_precision": "harvester.verification.work_precision.measurement",

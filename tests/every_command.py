@@ -30,17 +30,17 @@ DEVICES = {
     "coil with inductance": ("electromagnetic", ("coil.inductance=0.2",)),
     "start": ("asymmetric", ("start.displacement=0.003", "start.velocity=0.1")),
 }
+# {d} is D, {a} an acceleration and {l} a length of the device, {f} the frequency of its well,
+# {k} a knot, {r} a resistance.
 LOADS = {
     "own resistor": (),
-    "netlist resistor": ("load.netlist=resistor", "load.parameters.resistance=2e5"),
+    "netlist resistor": ("load.netlist=resistor", "load.parameters.resistance={r}"),
     "bridge": ("load.netlist=bridge",),
     "sshi_parallel": ("load.netlist=sshi_parallel",),
     "sece": ("load.netlist=sece",),
     "a user's file": ("load.netlist={folder}/mine.cir",),
     "one resistor in a file": ("load.netlist={folder}/single.cir",),
 }
-# {d} is D, {a} an acceleration and {l} a length of the device, {f} the frequency of its well,
-# {k} a knot.
 EXCITATIONS = {
     "ornstein-uhlenbeck": (),
     "white": ('excitation={{kind = "white", intensity = {d}}}',),
@@ -74,7 +74,10 @@ COMMANDS = {
         (*FREQUENCIES, "--method", "circuit", *BRIEFLY),
     ),
     "load-study": (("load-study",), BRIEFLY),
-    "optimum": (("optimum",), ("--over", "excitation.intensity", *BRIEFLY)),
+    "optimum": (
+        ("optimum",),
+        ("--over", "excitation.intensity", "--closure", "consistent", *BRIEFLY),
+    ),
     "sensitivity": (
         ("sensitivity",),
         ("--vary", "oscillator.damping=±10%", "--rows", "2", *BRIEFLY),
@@ -146,6 +149,7 @@ def _values(device, folder):
         "l": 0.5 * length,
         "f": frequency,
         "k": 1.0 / (40.0 * frequency),
+        "r": 0.7 * (scene.load.resistance or 1.0 / scene.load.decay_rate),
     }
 
 

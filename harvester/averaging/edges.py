@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.optimize.elementwise import find_root
 
 from harvester.averaging.orbits import Orbits
 from harvester.errors import AveragingError
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 SCAN_STEP = 0.25  # of the level coordinate
 SCAN_NODES = 16
-FORGOTTEN = 45.0  # ln g falls by this much up to the outer end
+OUTER_EXPONENT = 45.0  # ln g falls by this much up to the outer end
 NEGLIGIBLE = 1e-8  # and by this much inside the innermost orbit of a well
 
 
@@ -85,13 +86,20 @@ def follow(
     """
     p = parameters
 
-    def mismatch(n2):
+    def mismatch(n2, level):
         frequency = 2.0 * np.pi / edge.period(level, n2, nodes)
         return n2 - p.coupling / (1.0 + (p.decay_rate / frequency) ** 2)
 
     n2 = np.zeros_like(level)
     if p.coupling > 0.0:
-        n2 = _root_between(mismatch, n2, np.full_like(level, p.coupling))
+        bracket = n2, np.full_like(level, p.coupling)
+        limits = {"xatol": 1e-15 * p.coupling, "fatol": 1e-13 * p.coupling, "xrtol": 0.0}
+        found = find_root(mismatch, bracket, args=(level,), tolerances=limits)
+        if not found.success.all():
+            raise AveragingError(
+                "N2 and ω of the orbits found no fixed point; change coupling or load"
+            )
+        n2 = found.x
     pivot = float(edge.potential.bottom(n2[:1])[0]) if edge.lobes == 2 else 0.0
     orbits = edge.orbits(level, n2, nodes, pivot)
     frequency = 2.0 * np.pi / orbits.period
@@ -126,7 +134,7 @@ def outer_range(edge: OuterEdge, parameters: SymmetricDevice) -> tuple[float, fl
     level, exponent = scan.level, scan.exponent(parameters)
     if not edge.bistable:
         first = max(first, _crossing(level, exponent - NEGLIGIBLE, level[-1]))
-    last = _crossing(level, exponent - FORGOTTEN, np.inf)
+    last = _crossing(level, exponent - OUTER_EXPONENT, np.inf)
     if not np.isfinite(last):
         raise AveragingError(
             f"damping={parameters.damping:g} with coupling={parameters.coupling:g} does not bound "
@@ -174,26 +182,3 @@ def _crossing(level, values, otherwise):
     if after == 0:
         return level[0]
     return np.interp(0.0, values[after - 1 : after + 1], level[after - 1 : after + 1])
-
-
-def _root_between(function, low, high):
-    """Roots in [low, high] of a function ≤ 0 at low and ≥ 0 at high (Illinois)."""
-    f_low, f_high = function(low), function(high)
-    scale = np.max(high)
-    for step in range(60):
-        # Every fifth step is a bisection, so that a flat function cannot stall the secants.
-        middle = 0.5 * (low + high)
-        if step % 5 < 4:
-            span = f_high - f_low
-            secant = high - f_high * (high - low) / np.where(span > 0.0, span, 1.0)
-            middle = np.where(span > 0.0, np.clip(secant, low, high), middle)
-        value = function(middle)
-        below = value < 0.0
-        f_low, f_high = (
-            np.where(below, value, 0.5 * f_low),
-            np.where(below, 0.5 * f_high, value),
-        )
-        low, high = np.where(below, middle, low), np.where(below, high, middle)
-        if np.all((np.abs(value) <= 1e-13 * scale) | (high - low <= 1e-15 * scale)):
-            return middle
-    raise AveragingError("N2 and ω of the orbits found no fixed point; change coupling or load")

@@ -39,7 +39,7 @@ def add(commands: Any) -> None:
         "--seconds",
         type=float,
         metavar="SECONDS",
-        help="of one core for the run of each method (default: 20): biases are known the better",
+        help="of one core for the run of each method (default: 10): biases are known the better",
     )
     add_study_options(command)
     command.set_defaults(command=run)

@@ -28,7 +28,7 @@ from harvester.verification.work_precision.methods import (
 from harvester.verification.work_precision.timed import Timed, closures, task
 
 # Seconds of one core that a method's run may take, and the reference's in units of it.
-SECONDS = 20.0
+SECONDS = 10.0
 REFERENCE_SHARE = 5.0
 # Realizations in one task of Monte Carlo: each by itself is done before a clock sees it.
 REALIZATIONS_TOGETHER = 16
