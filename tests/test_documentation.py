@@ -142,7 +142,7 @@ def test_the_help_of_a_command_holds_an_example_that_is_accepted(command, capsys
 
 @pytest.mark.parametrize("page", ["loads", "start"])
 def test_the_load_that_a_page_shows_is_one(page, tmp_path):
-    (text,) = blocks((ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8"), "spice")
+    text, *_ = blocks((ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8"), "spice")
     path = tmp_path / "my_rectifier.lib"
     path.write_text(text)
     load = read_load(path)
