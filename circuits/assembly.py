@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from circuits import elements
 from circuits.loads.expressions import check_netlist
+from circuits.measurement import NOTHING, Measurement, measurement_of
 from circuits.ngspice import compiled_device
 from harvester.device import timescales
 from harvester.device.system import speed_held
@@ -105,6 +106,8 @@ class Netlist:
         ngspice's names of the resistors and capacitors across the load's output.
     drives_current : bool
         Whether an inductance of the transducer drives the load's current on.
+    measurement : circuits.measurement.Measurement
+        Of the load.
     """
 
     text: str
@@ -121,6 +124,7 @@ class Netlist:
     output_resistors: tuple = ()
     storage: tuple = ()
     drives_current: bool = False
+    measurement: Measurement = NOTHING
 
     @property
     def sha256(self) -> str:
@@ -244,6 +248,7 @@ def assemble(
         electrical.current_per_ampere,
         *measured,
         drives_current=electrical.drives_current,
+        measurement=measurement_of(load, elements.load_pins(electrical)) if load else NOTHING,
     )
 
 

@@ -18,7 +18,7 @@ from harvester.device import contact as contacts
 from harvester.device import spring as springs
 from harvester.device.damper import drag_formula
 from harvester.device.system import System
-from harvester.device.terminals import LOAD_AMMETER, Element, Network
+from harvester.device.terminals import GROUND, LOAD_AMMETER, Element, Network
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -248,6 +248,11 @@ def add_resistor(circuit: Circuit, resistance: float, network: Network) -> None:
     if network.current_per_ampere > 0.0:
         node = _add_ammeter(circuit, network)
     circuit.X("load", "resistor", node, circuit.gnd, resistance=number(resistance))
+
+
+def load_pins(network: Network) -> dict[str, str]:
+    """Names of the nodes at a load's pins, behind the ammeter."""
+    return {"p": behind_ammeter(network), "n": GROUND, "out": OUTPUT, "ref": REFERENCE}
 
 
 def add_load(circuit: Circuit, load: LoadCircuit, network: Network) -> None:

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from harvester.identification.measurement import read_measurement as read_measurement
     from harvester.results import Result as Result
     from harvester.scene.model import Scene as Scene
+    from harvester.show.explorer import explore as explore
     from harvester.simulation import simulate as simulate
     from harvester.studies import Report as Report
     from harvester.studies import load_study as load_study
@@ -71,6 +72,7 @@ _WHERE = {
     "simulate": "harvester.simulation",
     "average": "harvester.averaging.of_scene",
     "validate": "harvester.studies.comparison",
+    "explore": "harvester.show.explorer",
     "frequency_response": "harvester.studies.frequency_response",
     "load_study": "harvester.studies",
     "Report": "harvester.studies",

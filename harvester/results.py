@@ -17,7 +17,7 @@ from harvester.files.writing import finite
 from harvester.record.moments import Moments
 from harvester.record.record import Record
 from harvester.scene.model import Scene
-from harvester.scene.units import Scales
+from harvester.scene.units import UNSCALED, Scales
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,6 +30,7 @@ SI_UNITS = {
     "velocity": "m/s",
     "energy": "J",
     "rate": "1/s",
+    "hourly_rate": "1/h",
     "time": "s",
     "1": "1",
 }
@@ -334,7 +335,7 @@ def unit_of(scene: Scene, dimension: str) -> str:
     base, _, exponent = dimension.partition("^")
     if base == "1":
         return "1"
-    if scene.units == "SI" or base in ("rate", "time"):
+    if scene.units == "SI" or base in UNSCALED:
         unit = SI_UNITS[base]
         unit = f"({unit})" if exponent and "/" in unit else unit
     else:

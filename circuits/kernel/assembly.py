@@ -13,6 +13,7 @@ from circuits.kernel.linear import order_of
 from circuits.kernel.memory import layout_of
 from circuits.kernel.parts import add_load
 from circuits.kernel.tables import Circuit, Probes
+from circuits.measurement import measurement_of
 from harvester.device import timescales
 from harvester.device.terminals import GROUND, LOAD_AMMETER
 from harvester.scene.units import scale, setting
@@ -54,6 +55,8 @@ def build(scene: Scene) -> Circuit:
     ends = (circuit_elements.OUTPUT, circuit_elements.REFERENCE)
     places = [b.node(name) for name in ends] if load.has_output else [inside, inside]
     row_unit = 1.0 / network.power_unit if network.power_unit > 0.0 else 1.0
+    measurement = measurement_of(load, circuit_elements.load_pins(network))
+    places += [b.unknowns[name] for name in measurement.watched]
     velocity = _add_transducer(b, network, scales, row_unit)
     state = _state(b, network, ammeter)
     b.initial = [each for each in b.initial if each[3] != 0.0]
@@ -80,6 +83,7 @@ def build(scene: Scene) -> Circuit:
         code_of(tables, order),
         (*b.unknowns, "X'"),
         tuple(b.switch_names),
+        measurement,
         *_across(b, load),
     )
 

@@ -53,7 +53,7 @@ def prepare(scene: Scene) -> None:
     edges = np.array(contact.edges(s.contacts))
     advance(
         s, circuit.tables, circuit.probes, state, edges, np.zeros(2), 0, 0, 0, 1.0, 1, 1,
-        empty_record(2), np.zeros(2),
+        empty_record(2), np.zeros((1, 2)),
     )  # fmt: skip
 
 
@@ -89,7 +89,7 @@ def run_realizations(
     fixed = steps_per_knot(scene, step, "monte-carlo")
     in_contact = steps_per_contact(scene, step, "monte-carlo")
     for k, (path, start, watching) in enumerate(zip(paths, starts, observers, strict=True)):
-        for record, volts in integrate(
+        for record, output in integrate(
             s, circuit, path, start, stop_time(scene), fixed, in_contact
         ):
             if not all(np.isfinite(column[-1]) for column in record):
@@ -100,7 +100,9 @@ def run_realizations(
             for observer in watching:
                 observer.add(record)
             if outputs is not None:
-                outputs[k].add(record.time, volts)
+                unit = circuit.probes.units[3]
+                values = circuit.measurement.values(record.time, output[1:], unit)
+                outputs[k].add(record.time, output[0], values)
         if outputs is not None:
             unit = circuit.probes.units[3] * scales.voltage**2
             outputs[k].conductance = unit * circuit.conductance
@@ -136,8 +138,9 @@ def integrate(
     Yields
     ------
     Record, ndarray
-        Chunks of accepted points in order, without the initial one, and the output's voltage
-        (scaled); overwritten by the next.
+        Chunks of accepted points in order, without the initial one, and of the same points the
+        output's voltage (scaled) and the unknowns watched (V and A), shape (1 + watched, n);
+        overwritten by the next.
 
     Raises
     ------
@@ -147,17 +150,18 @@ def integrate(
     edges = np.array(contact.edges(s.contacts))
     state = _beginning(s, circuit, start)
     state.numbers[PROPOSED] = stepping.RESTART * path.spacing / steps_per_knot
-    record, volts = empty_record(CHUNK), np.zeros(CHUNK)
+    record = empty_record(CHUNK)
+    output = np.zeros((1 + len(circuit.measurement.watched), CHUNK))
     for done, block in knot_blocks(path, stop, CHUNK):
         segment, count = 0, block.size - 1
         while segment < count:
             segment, points, outcome, which = advance(
                 s, circuit.tables, circuit.probes, state, edges, block, segment, count, done,
-                path.spacing, steps_per_knot, steps_per_contact, record, volts,
+                path.spacing, steps_per_knot, steps_per_contact, record, output,
             )  # fmt: skip
             if outcome != FINE:
                 raise SimulatorAborted(_trouble(circuit, state, outcome, which))
-            yield part(record, 0, points), volts[:points]
+            yield part(record, 0, points), output[:, :points]
 
 
 def _trouble(circuit, state, outcome, which):

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any, NamedTuple, NoReturn
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 from circuits.kernel.formula import CONSTANTS, NotTaken, parse, resolved
 from circuits.loads import tree, vetting
 from circuits.loads.expansion import called
 from circuits.loads.reader import statements
-from circuits.loads.subcircuits import LoadCircuit
 from harvester.device.terminals import GROUND
 from harvester.errors import LoadError
+
+if TYPE_CHECKING:
+    from circuits.loads.subcircuits import LoadCircuit
 
 
 class Place(NamedTuple):
@@ -77,7 +79,7 @@ class Scope:
         self,
         circuit: tree.Subcircuit,
         given: dict[str, float],
-        nodes: dict[str, str],
+        nodes: Mapping[str, str],
         path: str,
         parent: Scope | None,
     ) -> None:
@@ -170,7 +172,7 @@ class Scope:
         return scope
 
 
-def elements(load: LoadCircuit, pins: dict[str, str]) -> Iterator[Place]:
+def elements(load: LoadCircuit, pins: Mapping[str, str]) -> Iterator[Place]:
     """All elements of a load.
 
     Parameters
@@ -184,12 +186,15 @@ def elements(load: LoadCircuit, pins: dict[str, str]) -> Iterator[Place]:
     LoadError
         A value is none that a compiled circuit takes.
     """
-    root = tree.parse(statements(load.text, "load"), "load")
     found = {(each.owner, each.name): each.where for each in load.places}
-    top = root.inner[load.name]
-    outermost = Scope(root, {}, {}, "", None)
-    scope = Scope(top, dict(load.parameters), pins, "", outermost)
-    yield from _inside(scope, found)
+    yield from _inside(outermost(load, pins), found)
+
+
+def outermost(load: LoadCircuit, pins: Mapping[str, str]) -> Scope:
+    """The scope of a load's own sub-circuit."""
+    root = tree.parse(statements(load.text, "load"), "load")
+    around = Scope(root, {}, {}, "", None)
+    return Scope(root.inner[load.name], dict(load.parameters), pins, "", around)
 
 
 def _inside(scope, places):

@@ -10,7 +10,6 @@ from circuits.kernel import junction, waveform
 from circuits.kernel.builder import Builder
 from circuits.kernel.flattening import elements
 from circuits.kernel.formula import NotTaken
-from harvester.device.terminals import GROUND
 
 if TYPE_CHECKING:
     from circuits.loads.subcircuits import LoadCircuit
@@ -24,10 +23,7 @@ _PASSIVE = {"m", "scale", "ic", "tc", "tc1", "tc2", "noisy", "r", "c", "l"}
 
 def add_load(b: Builder, load: LoadCircuit, network: Any) -> None:
     """Every element of the load, and the stray capacitances of its output."""
-    pins = {
-        "p": circuit_elements.behind_ammeter(network), "n": GROUND,
-        "out": circuit_elements.OUTPUT, "ref": circuit_elements.REFERENCE,
-    }  # fmt: skip
+    pins = circuit_elements.load_pins(network)
     for pin in ("out", "ref") if load.has_output else ():
         stray = circuit_elements.STRAY_SHARE * network.reference_capacitance
         b.capacitor(b.node(pins[pin]), -1, stray, 0.0)

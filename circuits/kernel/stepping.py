@@ -78,7 +78,9 @@ def advance(
     record: Any,
     output: np.ndarray,
 ) -> Any:
-    """Fill record and output voltage from a segment of the noise on.
+    """Fill record and output from a segment of the noise on.
+
+    The output's rows are its voltage (scaled) and the unknowns watched (V and A).
 
     Returns the segment reached, the points written, and FINE, STUCK or CHATTER with the switch.
     """
@@ -329,7 +331,8 @@ def _again(record, output, point, power):
     for column in record:
         column[point] = column[point - 1]
     record.load_power[point] = power
-    output[point] = output[point - 1]
+    for row in output:
+        row[point] = row[point - 1]
 
 
 @inlined
@@ -345,4 +348,6 @@ def _write(s, probes, state, record, output, point, time, noise, left, right):
     own = systems.own_loss(s.transducer, v, electrical, amperes * units[2])
     power = volts * amperes * units[3]
     fill(record, point, time, x, v, volts * units[0], power, noise * v, loss, own, electrical)
-    output[point] = (y[places[3]] - y[places[4]]) * units[0]
+    output[0, point] = (y[places[3]] - y[places[4]]) * units[0]
+    for k in range(1, output.shape[0]):
+        output[k, point] = y[places[4 + k]]

@@ -8,9 +8,12 @@ unknown is a power.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from circuits.measurement import Measurement
 
 
 class Tables(NamedTuple):
@@ -58,7 +61,8 @@ class Probes(NamedTuple):
 
     Attributes
     ----------
-    places : int64, shape (5,): terminal, load's current, transducer's state, output, reference.
+    places : int64, shape (5 + watched,): terminal, load's current, transducer's state, output,
+        reference, and the unknowns that the load's measures are made of.
     units : float64, shape (5,): scaled values of a volt, of the state's volt or ampere, of an
         ampere, of a watt, and the joules of a unit of mechanical energy's row.
     energy : (capacitance (F), volts) by which a store of energy counts as small.
@@ -80,6 +84,7 @@ class Circuit(NamedTuple):
     code : circuits.kernel.code.Code
     names : of the unknowns, for messages.
     switches : (name, "file:line") of each switch.
+    measurement : of the load, from the unknowns watched.
     conductance, capacitance : across the output (S, F).
     """
 
@@ -90,5 +95,6 @@ class Circuit(NamedTuple):
     code: Any
     names: tuple[str, ...]
     switches: tuple[tuple[str, str], ...]
+    measurement: Measurement
     conductance: float
     capacitance: float

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from typing import Any, NamedTuple
 
+from circuits.loads.reader import MEASURE
+
 # ngspice's flat name: letters and the calls on the way, "d.xload.xbridge.dupper"; a model's name
 # follows a colon, "xload:xbridge:ideal".
 _FLAT = re.compile(r"(?<![\w.])(?:[a-z]\.)*(?:xcopy\d+[.:])?xload([.:])([^\s,;()]*[^\s,;:.()])")
@@ -39,7 +41,7 @@ def places(cards: Any) -> Any:
             owners.pop()
         elif words[0] == ".model" and len(words) > 1:
             found.append(Place(owners[-1], words[1], "", card.where))
-        elif not words[0].startswith("."):
+        elif not words[0].startswith((".", MEASURE)):
             called = words[-1] if words[0].startswith("x") else ""
             found.append(Place(owners[-1], words[0], called, card.where))
     return tuple(found)

@@ -24,6 +24,9 @@ LONGEST_CARD = 20_000
 INCLUDES = (".include", ".inc", ".lib")
 IGNORED = (".end", ".backanno")
 _COMMENT = re.compile(r";|//|(?:^|(?<=[\s,]))\$(?=\s|$)")
+# What the load's file wants to have measured: a comment to every SPICE.
+_MEASURE = re.compile(r"\*\s*measure\s*:", re.IGNORECASE)
+MEASURE = "*measure"
 
 
 class Card(NamedTuple):
@@ -153,6 +156,8 @@ def _decoded(content):
 def statements(text: str, name: str) -> list[Card]:
     """Lines of a netlist without comments, continuations joined, blanks single.
 
+    A comment "* measure: …" is a statement "*measure …" of one line.
+
     Parameters
     ----------
     text : str
@@ -167,11 +172,12 @@ def statements(text: str, name: str) -> list[Card]:
     ------
     NetlistError
     """
-    cards = []
+    cards, last = [], None
     for index, line in enumerate(re.split(r"\r\n|\r|\n", text), start=1):
         where = f"{name}:{index}"
-        stripped = line.strip()
-        if stripped.startswith("*"):
+        stripped = _MEASURE.sub(MEASURE, line.strip(), count=1)
+        measure = stripped.startswith(MEASURE)
+        if stripped.startswith("*") and not measure:
             continue
         comment = _COMMENT.search(stripped)
         if comment:
@@ -181,8 +187,9 @@ def statements(text: str, name: str) -> list[Card]:
             continue
         if not stripped.startswith("+"):
             cards.append(([stripped], where))
-        elif not cards:
+            last = last if measure else cards[-1]
+        elif last is None:
             raise NetlistError(f"{where}: a line begins with + and continues none")
         else:
-            cards[-1][0].append(stripped[1:].strip())
+            last[0].append(stripped[1:].strip())
     return [Card(" ".join(lines), where) for lines, where in cards]

@@ -13,12 +13,15 @@ from typing import Any
 from circuits import elements
 from circuits.loads import vetting
 from circuits.loads.expansion import Expansion, called
+from circuits.loads.measures import vet_measures
 from circuits.loads.places import places
 from circuits.loads.reader import read_cards
 from circuits.loads.tree import parse, written
 from circuits.loads.vetting import check_nodes, check_value, listed, refuse, vet_element
+from circuits.measurement import measurement_of
 from harvester.errors import NetlistError
 from harvester.files.plain_text import nearest
+from harvester.record.output_side import OUTPUT
 
 # What a load's sub-circuit is connected by: the piezo's terminals, and its DC side if it has one.
 PIEZO_PINS, OUTPUT_PINS = ("p", "n"), ("out", "ref")
@@ -49,6 +52,8 @@ class LoadCircuit:
         Of a load that is one resistor between p and n, in Ω.
     sources : tuple of str
         Independent sources in it that are not 0: each may deliver energy.
+    measures : tuple of circuits.loads.measures.Measure
+        What its file wants to have measured.
     places : tuple of circuits.loads.places.Place
         Where its elements stand in its files.
     """
@@ -64,12 +69,18 @@ class LoadCircuit:
     switches: bool
     resistance: float | None
     sources: tuple = ()
+    measures: tuple = ()
     places: tuple = field(default=(), compare=False, repr=False)
 
     @property
     def has_output(self) -> bool:
         """Whether it has a DC side."""
         return OUTPUT_PINS[0] in self.pins
+
+    @property
+    def measured(self) -> tuple[tuple[str, str], ...]:
+        """Kind and name of each value that its measures ask for."""
+        return tuple(row for measure in self.measures for row in measure.rows)
 
 
 def load_names() -> list[str]:
@@ -147,8 +158,9 @@ def read_load(
     letters = expansion.content(top).letters
     known = {**root.local, **top.parameters, **top.local}
     sizes = {name: vetting.number(known[name]) for name in top.parameters}
-    output_resistors, storage = _across_output(top, expansion)
-    return LoadCircuit(
+    measures = vet_measures([*root.measures, *top.measures], top.scope())
+    output_resistors, storage = _across_output(top, expansion, measures)
+    load = LoadCircuit(
         text="\n".join(written(root)) + "\n",
         name=top.name,
         pins=top.pins,
@@ -160,8 +172,12 @@ def read_load(
         switches=not letters <= {"r", "c", "d"},
         resistance=_single_resistance(top, {**known, **values}, letters),
         sources=tuple(dict.fromkeys(_sources(top, set()))),
+        measures=measures,
         places=places(cards),
     )
+    # Their nodes are there.
+    measurement_of(load, {pin: pin for pin in top.pins})
+    return load
 
 
 def _chosen(root, path, name):
@@ -280,17 +296,23 @@ def _single_resistance(top, known, letters):
     return size if size and size > 0.0 else None
 
 
-def _across_output(top, expansion):
+def _across_output(top, expansion, measures):
     """ngspice's names of the resistors and of the capacitors across the output."""
     found = {"r": [], "c": []}
     if OUTPUT_PINS[0] not in top.pins:
+        if measures:
+            refuse(top.card, f"measures are of a load with the pins {' '.join(OUTPUT_PINS)}")
         return (), ()
     for card, name, words, circuit in _across(top, {pin: pin for pin in OUTPUT_PINS}, "xload"):
         if expansion.varies(circuit, words[3:]):
             refuse(card, f"{words[0]} lies across out and ref: give it a constant value")
         found[name[0]].append(name)
-    if not any(found.values()):
-        refuse(top.card, "no resistor or capacitor lies across out and ref: nothing to harvest")
+    if not any(found.values()) and all(each.kind != OUTPUT for each in measures):
+        refuse(
+            top.card,
+            "no resistor or capacitor lies across out and ref, and no measure is an output: "
+            "nothing to harvest",
+        )
     return tuple(found["r"]), tuple(found["c"])
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from circuits.loads import vetting
 from circuits.loads.expressions import FUNCTIONS
-from circuits.loads.reader import Card
+from circuits.loads.reader import MEASURE, Card
 from circuits.loads.vetting import Scope, check_nodes, listed, refuse
 
 # Definitions within definitions.
@@ -31,6 +31,7 @@ class Subcircuit:
     functions: dict = field(default_factory=dict)
     models: dict = field(default_factory=dict)
     elements: list = field(default_factory=list)
+    measures: list = field(default_factory=list)
     inner: dict = field(default_factory=dict)
     outer: Subcircuit | None = None
 
@@ -92,6 +93,8 @@ def parse(cards: list[Card], name: str) -> Subcircuit:
         elif first == ".model":
             name, kind, values = vetting.vet_model(card)
             here.models[name] = (card, kind, values)
+        elif first == MEASURE:
+            here.measures.append(Card(rest, card.where))
         elif first.startswith("."):
             refuse(
                 card,

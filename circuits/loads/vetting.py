@@ -187,7 +187,7 @@ def _pairs(card, text, flags):
 def check_value(card: Card, value: str, scope: Scope, what: str = "value") -> str:
     """The value, a bare parameter or expression in braces; refused unless it means a number."""
     if value.startswith("{") and value.endswith("}"):
-        expression = _rewritten(value[1:-1])
+        expression = rewritten(value[1:-1])
         fault = expression_fault(expression, scope.parameters, scope.functions)
         if fault or not expression:
             refuse(card, f"{fault or 'nothing'} in {{{expression[:50]}}}")
@@ -204,7 +204,7 @@ def check_value(card: Card, value: str, scope: Scope, what: str = "value") -> st
     refuse(card, f"{what} {value[:40]!r} is no number{nearest(value, scope.parameters)}")
 
 
-def _rewritten(expression):
+def rewritten(expression: str) -> str:
     """LTspice's spelling in ngspice's."""
     text = re.sub(r"(?<![\w.])if\(", "ternary_fcn(", expression.replace(" ", ""))
     return _MIL.sub(r"(\1*25.4e-6)", _INFIX.sub(r"\1.\3\2", text))
@@ -329,7 +329,7 @@ def _behavioural(card, rest, scope):
     match = re.fullmatch(r"([iv])=(.+)", " ".join(rest))
     if not match:
         refuse(card, f"{card.text[:50]!r}: write it as Bname n+ n- i=expression")
-    expression = _rewritten(match.group(2).replace("{", "(").replace("}", ")"))
+    expression = rewritten(match.group(2).replace("{", "(").replace("}", ")"))
     fault = expression_fault(expression, scope.parameters, scope.functions)
     if fault:
         refuse(card, f"{fault} in {expression[:60]!r}")

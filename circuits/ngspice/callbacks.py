@@ -39,7 +39,8 @@ FEWEST_POINTS, FEWEST_KNOTS = 512, 1024
 KNOTS_KEPT_BEHIND = 8
 # Longest name of an element that is looked at, ngspice's prefix included.
 LONGEST_NAME = 64
-# Columns of the buffer, of each copy, the last the transducer's state; what is not there is 0.
+# Columns of the buffer, of each copy, in front of the unknowns that its load's measures are made
+# of; what is not there is 0.
 COLUMNS = 9
 DISPLACEMENT, VELOCITY, TERMINAL, NOISE, HELD_SPEED = range(5)
 LOAD_CURRENT, OUTPUT, REFERENCE, TRANSDUCER = range(5, COLUMNS)
@@ -60,9 +61,10 @@ STATE = np.dtype(
         ("knots", np.int64),  # that the window holds
         ("time_vector", np.int64),  # its place among ngspice's vectors
         # Addresses of arrays:
-        ("vectors", np.int64),  # int64 (copies, COLUMNS): place of each column, or −1
+        ("columns", np.int64),  # COLUMNS and the unknowns watched
+        ("vectors", np.int64),  # int64 (copies, columns): place of each column, or −1
         ("times", np.int64),  # float64 (points,)
-        ("buffer", np.int64),  # float64 (copies, points, COLUMNS)
+        ("buffer", np.int64),  # float64 (copies, points, columns)
         ("window", np.int64),  # float64 (copies, knots), over ω²
         ("count", np.int64),  # points written
         ("steps", np.int64),
@@ -123,14 +125,15 @@ def send_data(values: Any, count: int, identity: int, user: Any) -> int:
     """
     state = carray(user, 1)[0]
     vectors = carray(_pointer(carray(values, 2, np.int64)[1]), count, np.int64)
-    places = carray(_pointer(state.vectors), (state.copies, COLUMNS), np.int64)
+    places = carray(_pointer(state.vectors), (state.copies, state.columns), np.int64)
     times = carray(_pointer(state.times), state.points, np.float64)
-    buffer = carray(_pointer(state.buffer), (state.copies, state.points, COLUMNS), np.float64)
+    shape = (state.copies, state.points, state.columns)
+    buffer = carray(_pointer(state.buffer), shape, np.float64)
     row = state.count
     time = carray(_pointer(vectors[state.time_vector]), 2, np.float64)[1]
     times[row] = time
     for copy in range(state.copies):
-        for column in range(COLUMNS):
+        for column in range(state.columns):
             place = places[copy, column]
             if place >= 0:
                 buffer[copy, row, column] = carray(_pointer(vectors[place]), 2, np.float64)[1]
@@ -210,7 +213,8 @@ def _resolved(state, s, row, ahead, step):
 @inlined
 def _shortest(state, s, ahead, step):
     """Longest step that resolves the contacts of every copy; `ahead`: place of the next knot."""
-    buffer = carray(_pointer(state.buffer), (state.copies, state.points, COLUMNS), np.float64)
+    shape = (state.copies, state.points, state.columns)
+    buffer = carray(_pointer(state.buffer), shape, np.float64)
     window = carray(_pointer(state.window), (state.copies, state.knots), np.float64)
     row = (state.count - 1) % state.points
     shortest = step

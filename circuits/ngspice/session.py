@@ -204,12 +204,14 @@ class Session(NgSpiceShared):
         points = max(callbacks.BUFFERED_POINTS // copies, callbacks.FEWEST_POINTS)
         knots = max(callbacks.BUFFERED_KNOTS // copies, callbacks.FEWEST_KNOTS)
         self._record = empty_record(points)
-        self._vectors = np.full((copies, callbacks.COLUMNS), -1)
+        columns = callbacks.COLUMNS + len(netlist.measurement.watched)
+        self._vectors = np.full((copies, columns), -1)
         self._times = np.zeros(points)
-        self._buffer = np.zeros((copies, points, callbacks.COLUMNS))
+        self._buffer = np.zeros((copies, points, columns))
         self._window = np.array([path.read(knots) for path in paths]) / netlist.rate**2
         state = self.state[0]
         state["copies"], state["points"], state["knots"] = copies, points, knots
+        state["columns"] = columns
         for name in ("vectors", "times", "buffer", "window"):
             state[name] = getattr(self, f"_{name}").ctypes.data
         state["count"] = state["steps"] = state["first_knot"] = 0
@@ -264,7 +266,11 @@ class Session(NgSpiceShared):
                 observer.add(chunk)
             if self._outputs is not None:
                 volts = copy[start:, callbacks.OUTPUT] - copy[start:, callbacks.REFERENCE]
-                self._outputs[place].add(times[start:], volts / self._netlist.voltage_scale)
+                values = self._netlist.measurement.values(
+                    times[start:], copy[start:, callbacks.COLUMNS :].T, self._netlist.per_power
+                )
+                scaled = volts / self._netlist.voltage_scale
+                self._outputs[place].add(times[start:], scaled, values)
 
     @contextlib.contextmanager
     def _watched(self):

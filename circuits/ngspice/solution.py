@@ -42,9 +42,20 @@ def vectors(netlist: Netlist) -> Iterator[tuple[str, ...]]:
         elements.OUTPUT,
         elements.REFERENCE,
         netlist.state,
+        *(_watched(name, netlist.measurement.pins) for name in netlist.measurement.watched),
     )
     for prefix in netlist.prefixes:
         yield tuple(_in_copy(name, prefix) for name in columns)
+
+
+def _watched(name, pins):
+    """ngspice's name of an unknown that a load's measure is made of."""
+    if name in pins:
+        return name
+    if name.startswith("i("):
+        path = name[2:-1]
+        return f"{path.rpartition('.')[2][0]}.xload.{path}#branch"
+    return f"xload.{name}"
 
 
 def _in_copy(name, prefix):

@@ -162,7 +162,7 @@ def run(
     output = {}
     load = scene.load.circuit
     if load and load.has_output:
-        output["outputs"] = [OutputMoments.beside(each) for each in moments]
+        output["outputs"] = [OutputMoments.beside(each, load.measured) for each in moments]
         for each, its_output in zip(moments, output["outputs"], strict=True):
             each.output = its_output
     observers: list[list] = [[each] for each in moments]

@@ -12,7 +12,8 @@ import numpy as np
 
 from harvester.compilation import compiled
 from harvester.device import contact
-from harvester.engines.monte_carlo import contact_piece, one_step, scheme_of
+from harvester.engines.monte_carlo import contact_piece, scheme_of
+from harvester.engines.schemes import one_step
 from harvester.engines.zones import overshoots
 
 if TYPE_CHECKING:

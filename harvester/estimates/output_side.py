@@ -10,8 +10,9 @@ import numpy as np
 
 from harvester.estimates.batch_means import FEWEST_BATCHES, complete_batches, ratio_of_sums
 from harvester.estimates.estimate import TOO_SHORT, Estimate
+from harvester.estimates.measures import INTEGRAL, estimate_measures, measured_series
 from harvester.record.moments import QUANTITIES as PIEZO_QUANTITIES
-from harvester.record.output_side import QUANTITIES
+from harvester.record.output_side import OUTPUT, QUANTITIES
 
 # The output counts as started once its voltage has reached this share of the final mean voltage.
 STARTED_SHARE = 0.9
@@ -37,9 +38,10 @@ def estimate_output(moments: Sequence[Any]) -> dict[str, Estimate]:
     Returns
     -------
     dict of str to Estimate
-        Scaled units; empty where the load has no output. What is harvested is what goes into
-        the output's resistors and its storage: `converter_efficiency` is its share of the power
-        leaving the piezo, `end_to_end_efficiency` that of the mechanical input.
+        Scaled units; empty where the load has no output; with those of `estimate_measures`.
+        What is harvested is what goes into the output's resistors, its storage and what the
+        load's file measures as an output: `converter_efficiency` is its share of
+        the power leaving the piezo, `end_to_end_efficiency` that of the mechanical input.
     """
     batches = complete_batches(moments)
     if batches is None or any(m.output is None for m in moments):
@@ -59,7 +61,7 @@ def estimate_output(moments: Sequence[Any]) -> dict[str, Estimate]:
         estimates["stored_energy"] = _mean(half * output["square_voltage"], time, "energy")
         final = [half * m.output.voltage**2 for m in moments]
         estimates["final_stored_energy"] = _single(final, "energy")
-    return estimates
+    return estimates | estimate_measures(moments)
 
 
 def output_ratio(moments: Sequence[Any], name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -83,6 +85,9 @@ def output_ratio(moments: Sequence[Any], name: str) -> tuple[np.ndarray, np.ndar
     load, put_in, time = series["load_power"], series["input_power"], series["time"]
     output = _output_series(moments, batches)
     used = moments[0].output.conductance * output["square_voltage"]
+    for row, (kind, _) in enumerate(moments[0].output.rows):
+        if kind == OUTPUT:
+            used = used + measured_series(moments, row)[:, :, INTEGRAL]
     stored = 0.5 * moments[0].output.capacitance * output["change_of_square_voltage"]
     harvested = used + stored
     return {

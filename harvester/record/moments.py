@@ -13,7 +13,7 @@ import numpy as np
 
 from harvester.compilation import compiled, summing
 from harvester.record.jumps import Jumps
-from harvester.record.output_side import OutputMoments
+from harvester.record.output_side import STATE, OutputMoments
 from harvester.record.record import Record
 
 # Rows of `Moments.integrals`: time integrals of these, and the numbers of two events.
@@ -178,7 +178,8 @@ def prepare() -> None:
     moments.jumps = Jumps(0.0, 1.0, nothing, points, ends, points, ones, ones[:, None] * ones)
     time = np.array([0.0, 1.0])
     moments.add(Record(time, *[points] * (len(Record._fields) - 1)))
-    OutputMoments.beside(moments).add(time, points)
+    output = OutputMoments.beside(moments, ((STATE, ""),))
+    output.add(time, points, points[None])
 
 
 @summing

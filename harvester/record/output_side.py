@@ -14,6 +14,11 @@ if TYPE_CHECKING:
 
 # Columns of `OutputMoments.integrals`: time integrals of the first three, change of the last.
 QUANTITIES = ("time", "voltage", "square_voltage", "change_of_square_voltage")
+# Kinds of the rows of measured values: a power into what the load is for, a power lost, a stored
+# energy, 1 while a condition holds, and the power taken while it does.
+OUTPUT, LOSS, STORE, STATE, TAKEN = "output", "loss", "store", "state", "taken"
+# Last axis of `OutputMoments.measured`: time integral, change, steps from 0 up and down to it.
+MEASURED = ("integral", "change", "rises", "falls")
 # Sizes of the output voltage whose first passage is kept, from 2^-40 to 2^40 scaled volts.
 LEVELS_PER_DOUBLING = 32
 DOUBLINGS = 40
@@ -32,6 +37,14 @@ class OutputMoments:
     start, batch_length : float
         As in `harvester.record.moments.Moments` (s).
     integrals : ndarray, shape (batches, len(QUANTITIES))
+    rows : tuple of (str, str)
+        Kind and name of each measure of the load.
+    measured : ndarray, shape (batches, len(rows), len(MEASURED))
+        Powers, energies and conditions, scaled.
+    first : ndarray, shape (len(rows),)
+        When each was first above 0, settling included (s); nan: never.
+    latest : ndarray, shape (len(rows),)
+        Their values at the latest point.
     passages : ndarray, shape (len(LEVELS),)
         When the voltage's size first reached each level, settling included (s); nan: never.
     lowest, highest : float
@@ -46,6 +59,10 @@ class OutputMoments:
     start: float
     batch_length: float
     integrals: np.ndarray
+    rows: tuple[tuple[str, str], ...]
+    measured: np.ndarray
+    first: np.ndarray
+    latest: np.ndarray
     passages: np.ndarray = field(default_factory=lambda: np.full(LEVELS.size, np.nan))
     lowest: float = np.inf
     highest: float = -np.inf
@@ -55,15 +72,41 @@ class OutputMoments:
     voltage: float = np.nan
 
     @classmethod
-    def beside(cls, moments: Moments) -> OutputMoments:
+    def beside(cls, moments: Moments, rows: tuple[tuple[str, str], ...] = ()) -> OutputMoments:
         """Nothing accumulated yet, in the batches of these `Moments`."""
         batches = len(moments.integrals)
-        return cls(moments.start, moments.batch_length, np.zeros((batches, len(QUANTITIES))))
+        return cls(
+            moments.start,
+            moments.batch_length,
+            np.zeros((batches, len(QUANTITIES))),
+            rows=rows,
+            measured=np.zeros((batches, len(rows), len(MEASURED))),
+            first=np.full(len(rows), np.nan),
+            latest=np.zeros(len(rows)),
+        )
 
-    def add(self, time: np.ndarray, voltage: np.ndarray) -> None:
-        """Accumulate consecutive points that follow the ones before; arrays of shape (n,)."""
+    def add(self, time: np.ndarray, voltage: np.ndarray, values: np.ndarray | None = None) -> None:
+        """Accumulate consecutive points that follow the ones before.
+
+        Parameters
+        ----------
+        time, voltage : ndarray, shape (n,)
+        values : ndarray, shape (len(rows), n), or None
+            Of the load's measures, where it has any.
+        """
         if time.size == 0:
             return
+        if values is not None:
+            _add_measured(
+                time,
+                values,
+                self.time,
+                self.latest,
+                self.start,
+                self.batch_length,
+                self.measured,
+                self.first,
+            )
         reached = int(np.count_nonzero(np.isfinite(self.passages)))
         _add_passages(time, voltage, LEVELS, reached, self.passages)
         self.lowest, self.highest = _add_integrals(
@@ -120,3 +163,27 @@ def _add_integrals(
             row[3] += square - old
         before, last = time[i], voltage[i]
     return lowest, highest
+
+
+@compiled
+def _add_measured(time, values, before, latest, start, batch_length, measured, first):
+    """Trapezoidal integrals, changes and steps of every measured interval, and first times."""
+    batches = measured.shape[0]
+    for i in range(time.size):
+        counts = before >= start
+        step = time[i] - before
+        batch = 0
+        if counts:
+            batch = min(int((0.5 * (time[i] + before) - start) / batch_length), batches - 1)
+        for row in range(latest.size):
+            value, last = values[row, i], latest[row]
+            if value > 0.0 and np.isnan(first[row]):
+                first[row] = time[i]
+            if counts:
+                sums = measured[batch, row]
+                sums[0] += 0.5 * step * (value + last)
+                sums[1] += value - last
+                sums[2] += value > 0.0 and not last > 0.0
+                sums[3] += last > 0.0 and not value > 0.0
+            latest[row] = value
+        before = time[i]

@@ -151,8 +151,8 @@ class Realizations:
         if waveform and not np.isfinite(found["waveform"]).all():
             return "its waveform is none"
         load = self.scene.load.circuit
-        has_output = bool(load and load.has_output)
-        fit = all(_fits(m, self._template, has_output, self.density) for m in moments)
+        rows = load.measured if load and load.has_output else None
+        fit = all(_fits(m, self._template, rows, self.density) for m in moments)
         return "" if fit else "its numbers are not those of this scene"
 
     def _task(self, start, most):
@@ -210,8 +210,7 @@ def _together(scene, method, step):
     """Realizations in one task: several only where they cost less so."""
     if method != "circuit":
         return REALIZATIONS_TOGETHER
-    many = scene.replace({"run.realizations": REALIZATIONS_TOGETHER * side_by_side.FEWEST_NETLISTS})
-    return side_by_side.copies(many, lambda: REALIZATIONS_TOGETHER, step)
+    return REALIZATIONS_TOGETHER if side_by_side.share_steps(scene, step) else 1
 
 
 def _window(scene):
@@ -226,8 +225,11 @@ def _even(waveform):
     return np.array([np.interp(time_points, waveform.time, column) for column in waveform])
 
 
-def _fits(moments, template, has_output, density):
-    """Whether moments have the shapes and times that the scene gives them, and finite sums."""
+def _fits(moments, template, rows, density):
+    """Whether moments have the shapes and times that the scene gives them, and finite sums.
+
+    `rows` are the measures of a load with an output, None of one without.
+    """
     same = ("start", "batch_length", "free", "saddles", "sample_interval")
     shaped = ("integrals", "products", "bin_widths", "first", "last")
     if not all(np.array_equal(getattr(moments, name), getattr(template, name)) for name in same):
@@ -239,14 +241,16 @@ def _fits(moments, template, has_output, density):
     if not _jumps_fit(moments.jumps, template.jumps):
         return False
     output, integrals = moments.output, moments.integrals
-    if has_output != (output is not None):
+    if (rows is None) != (output is None):
         return False
-    if has_output:
-        expected = OutputMoments.beside(moments)
-        for name in ("integrals", "passages"):
+    if output is not None:
+        expected = OutputMoments.beside(moments, rows)
+        if output.rows != expected.rows:
+            return False
+        for name in ("integrals", "measured", "first", "latest", "passages"):
             if np.shape(getattr(output, name)) != np.shape(getattr(expected, name)):
                 return False
-        if not np.isfinite(output.integrals).all():
+        if not (np.isfinite(output.integrals).all() and np.isfinite(output.measured).all()):
             return False
     squares = QUANTITIES.index("square_velocity") + 1
     return bool((integrals[:, :squares] >= 0.0).all() and integrals[:, 0].sum() > 0.0)

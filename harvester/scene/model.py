@@ -318,6 +318,7 @@ class Scene:
         text = json.dumps(self._tables(lambda field: field.name != "file"), sort_keys=True)
         if self.load.circuit:
             text += self.load.circuit.text
+            text += "".join(each.text for each in self.load.circuit.measures)
         return hashlib.sha256(text.encode()).hexdigest()
 
 

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 # Knots per period of small oscillations.
 KNOTS_PER_PERIOD = 40
+# Dimensions of time, which is never rescaled.
+UNSCALED = ("rate", "hourly_rate", "time")
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,7 @@ class Scales:
     def of(self, dimension: str) -> float:
         """Factor for "displacement^2", "voltage", "power", "1" and the like."""
         base, _, exponent = dimension.partition("^")
-        if base in ("1", "rate", "time"):
+        if base in ("1", *UNSCALED):
             return 1.0
         name = {"velocity": "displacement", "energy": "power"}.get(base, base)
         return getattr(self, name) ** int(exponent or 1)

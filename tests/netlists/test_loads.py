@@ -6,34 +6,15 @@ of the bridge, SSHI and SECE: E. Lefeuvre et al., Sensors and Actuators A 126 (2
 """
 
 import math
-import re
-import subprocess
 from dataclasses import dataclass
 from importlib import resources
 
 import pytest
+from by_hand import measured, ngspice
 
 NETLISTS = str(resources.files("netlists"))
 NEAR_IDEAL, SILICON, SCHOTTKY = 0, 1, 2
 THERMAL_VOLTAGE = 8.617333e-5 * 300.15  # V, at SPICE's 27 degrees
-
-
-def ngspice(deck, folder):
-    """Measurements of one run, by name; fails with ngspice's own words."""
-    (folder / "deck.cir").write_text(deck)
-    return measured("deck.cir", folder)
-
-
-def measured(name, folder):
-    done = subprocess.run(
-        ["ngspice", "-b", name], cwd=folder, capture_output=True, text=True, timeout=60, check=False
-    )
-    text = done.stdout + done.stderr
-    assert "aborted" not in text, text[-2000:]
-    assert "fatal" not in text, text[-2000:]
-    found = re.findall(r"^(\w+)\s+=\s+([-+.\deE]+)", text, re.MULTILINE)
-    assert found, text[-2000:]
-    return {name: float(value) for name, value in found}
 
 
 @dataclass(frozen=True)

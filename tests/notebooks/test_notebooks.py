@@ -58,6 +58,16 @@ ANSWERS = {
             abs(off) < 3.0 + 4.0 * spread and 50 <= place <= 2000 and 0.0 < error < 0.2 * power
         ),
     ),
+    "07": (
+        r"is up (\d+) ± (\d+) % .* sends (\d+) ± (\d+) bursts .* ([\d.]+)% gets to the node; .* "
+        r"is up (\d+) ± (\d+) %",
+        lambda up, error, bursts, spread, share, large, margin: (
+            abs(up - 93.0) < 4.0 * max(error, 1.0)
+            and 0.0 < spread < 0.2 * bursts
+            and 1.0 < share < 20.0
+            and large + 2.0 * margin < up
+        ),
+    ),
 }
 
 
@@ -70,7 +80,7 @@ def outputs(cell, kind):
 
 def test_the_notebooks_are_there():
     numbers = [path.name[:2] for path in NOTEBOOKS]
-    assert numbers == ["01", "02", "03", "04", "05", "06"]
+    assert numbers == ["01", "02", "03", "04", "05", "06", "07"]
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

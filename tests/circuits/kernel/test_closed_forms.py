@@ -44,7 +44,7 @@ def powers(scene):
     path, stop, start = noise_path(scene, 0), stop_time(scene), start_state(scene, 0)
     found = [
         np.array([record.time, record.load_power, volts**2, record.displacement**2])
-        for record, volts in integrate(s, circuit, path, start, stop, fixed)
+        for record, (volts, *_) in integrate(s, circuit, path, start, stop, fixed)
     ]
     columns = np.concatenate(found, axis=1)
     columns = columns[:, columns[0] >= scene.run.settle]

@@ -38,7 +38,7 @@ def ours(scene):
     path, stop = noise_path(scene, 0), stop_time(scene)
     chunks = [
         np.array([record.time, record.voltage, volts, record.load_power])
-        for record, volts in integrate(s, circuit, path, start_state(scene, 0), stop, fixed)
+        for record, (volts, *_) in integrate(s, circuit, path, start_state(scene, 0), stop, fixed)
     ]
     time, piezo, output, power = np.concatenate(chunks, axis=1)
     square = np.trapezoid(piezo**2, time) / stop * scales.voltage**2
@@ -194,7 +194,7 @@ def test_what_a_diode_lets_out_at_once_is_no_more_than_its_law_allows(tmp_path):
     scene = Scene.load("device", [*SHORT, f"load.netlist={path}"])
     s, scales = scale(scene)
     path, stop, start = noise_path(scene, 0), stop_time(scene), start_state(scene, 0)
-    *_, (_, volts) = integrate(s, circuit_of(scene), path, start, stop)
+    *_, (_, (volts, *_)) = integrate(s, circuit_of(scene), path, start, stop)
     # Long after, C dV/dt is ibv exp((V - 6 V)/Vt): V = 6 V - Vt ln(ibv t/(C Vt)).
     thermal = 1.380649e-23 * 300.15 / 1.602176634e-19
     left = 6.0 - thermal * np.log(1e-3 * (stop - 5e-3) / (1e-8 * thermal))

@@ -1,0 +1,97 @@
+"""What a load's file wants to have measured: lines `* measure: kind name = expression`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, NamedTuple
+
+from circuits.loads.expressions import expression_fault
+from circuits.loads.vetting import LONGEST_SHOWN, refuse, rewritten
+from harvester.files.plain_text import nearest
+from harvester.record.output_side import LOSS, OUTPUT, STATE, STORE, TAKEN
+
+if TYPE_CHECKING:
+    from circuits.loads.reader import Card
+    from circuits.loads.vetting import Scope
+
+KINDS = (OUTPUT, LOSS, STORE, STATE)
+# Quantities and columns of tables have its name.
+LONGEST_NAME = 40
+MOST_MEASURES = 50
+_FORM = re.compile(r"(\S+) (\S+?)=(.*)")
+_TAKING = re.compile(r"\btaking\b")
+
+
+class Measure(NamedTuple):
+    """One measure of a load.
+
+    Attributes
+    ----------
+    kind : a power given to what the load is for ("output") or lost ("loss"), a stored energy
+        ("store"), or a condition ("state").
+    name : of its quantities.
+    expression : in W, J, or true above 0.
+    taking : of a state, the power taken while it holds; "" where none is told.
+    where : "file:line".
+    """
+
+    kind: str
+    name: str
+    expression: str
+    taking: str
+    where: str
+
+    @property
+    def text(self) -> str:
+        """What it says, wherever it stands."""
+        return f"{self.kind} {self.name}={self.expression} taking {self.taking}\n"
+
+    @property
+    def rows(self) -> tuple[tuple[str, str], ...]:
+        """Kind and name of its value, and of what the state takes."""
+        own = (self.kind, self.name)
+        return (own, (TAKEN, self.name)) if self.taking else (own,)
+
+
+def vet_measures(cards: Iterable[Card], scope: Scope) -> tuple[Measure, ...]:
+    """The measures of cards "kind name=expression", or "state name=condition taking watts".
+
+    Raises
+    ------
+    NetlistError
+        One line with file, line and fault.
+    """
+    found: dict[tuple[str, str], Measure] = {}
+    for card in cards:
+        measure = _vetted(card, scope)
+        if (measure.kind, measure.name) in found:
+            refuse(card, f"measure: {measure.kind} {measure.name} is there twice")
+        found[measure.kind, measure.name] = measure
+        if len(found) > MOST_MEASURES:
+            refuse(card, f"more than {MOST_MEASURES} measures")
+    return tuple(found.values())
+
+
+def _vetted(card, scope):
+    match = _FORM.fullmatch(card.text)
+    if not match:
+        refuse(card, "write it as * measure: kind name = expression")
+    kind, name, text = match.groups()
+    if kind not in KINDS:
+        known = f"{nearest(kind, KINDS)}; there are {', '.join(KINDS)}"
+        refuse(card, f"measure: unknown kind {kind[:LONGEST_SHOWN]}{known}")
+    if not re.fullmatch(rf"[a-z]\w{{,{LONGEST_NAME - 1}}}", name, re.ASCII):
+        refuse(
+            card, f"measure: {name[:LONGEST_SHOWN]!r} is no name of at most {LONGEST_NAME} letters"
+        )
+    plain = text.replace("{", "(").replace("}", ")")
+    expressions = [rewritten(part) for part in _TAKING.split(plain)]
+    if len(expressions) > (2 if kind == STATE else 1):
+        refuse(card, "measure: one 'taking', and of a state only")
+    for expression in expressions:
+        fault = expression_fault(expression, scope.parameters, scope.functions)
+        if fault:
+            refuse(card, f"measure: {fault} in {expression[:LONGEST_SHOWN]!r}")
+    taking = expressions[1] if expressions[1:] else ""
+    return Measure(kind, name, expressions[0], taking, card.where)

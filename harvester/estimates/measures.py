@@ -1,0 +1,142 @@
+"""Quantities of what a load's file has measured: its stages' losses, its states, its events.
+
+Shares are of the mechanical input, so that those of all losses, outputs and stores, with what the
+device itself loses, add up to 1.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.estimates.batch_means import FEWEST_BATCHES, complete_batches, ratio_of_sums
+from harvester.estimates.estimate import TOO_SHORT, Estimate
+from harvester.record.moments import QUANTITIES
+from harvester.record.output_side import LOSS, MEASURED, OUTPUT, STATE, STORE, TAKEN
+
+if TYPE_CHECKING:
+    from harvester.record.moments import Moments
+
+SECONDS_PER_HOUR = 3600.0
+# Events up to which their number is known no better than that of independent ones.
+FEW_EVENTS = 10
+UNCHANGED = "it never changed: no error bar tells how rare that is"
+INTEGRAL, CHANGE, RISES, FALLS = range(len(MEASURED))
+
+
+def estimate_measures(moments: Sequence[Moments]) -> dict[str, Estimate]:
+    """Quantities of the measures of a load.
+
+    Parameters
+    ----------
+    moments : sequence of harvester.record.moments.Moments
+        Of a load with an output.
+
+    Returns
+    -------
+    dict of str to Estimate
+        Scaled units. Of a loss `NAME_loss` and `NAME_loss_share`, of an output `NAME_power` and
+        `NAME_power_share`, of a store `NAME_storage_power`; of a state `NAME_time_share`,
+        `NAME_first_time` (from the run's beginning), `NAME_starts_per_hour` and
+        `NAME_stops_per_hour`, and where it takes a power `NAME_energy`, each time that it holds.
+    """
+    batches, output = complete_batches(moments), moments[0].output
+    if batches is None or output is None:
+        return {}
+    found: dict[str, Estimate] = {}
+    for row, (kind, name) in enumerate(output.rows):
+        series = measured_series(moments, row)
+        found.update(_QUANTITIES[kind](name, series, batches, moments, row))
+    return found
+
+
+def measured_series(moments: Sequence[Moments], row: int) -> np.ndarray:
+    """Sums of one measure over all complete batches.
+
+    Returns
+    -------
+    ndarray, shape (realizations, batches, len(MEASURED))
+    """
+    batches = complete_batches(moments)
+    count = 0 if batches is None else batches.shape[1]
+    outputs = [each.output for each in moments if each.output is not None]
+    return np.stack([each.measured[:count, row] for each in outputs])
+
+
+def _power(suffix):
+    def quantities(name, series, batches, moments, row):
+        energy = series[:, :, INTEGRAL]
+        yield f"{name}_{suffix}", _ratio(energy, _time(batches), "power")
+        put_in = batches[:, :, QUANTITIES.index("input_power")]
+        yield f"{name}_{suffix}_share", _ratio(energy, put_in, "1")
+
+    return quantities
+
+
+def _store(name, series, batches, moments, row):
+    yield f"{name}_storage_power", _ratio(series[:, :, CHANGE], _time(batches), "power")
+
+
+def _state(name, series, batches, moments, row):
+    share = _ratio(series[:, :, INTEGRAL], _time(batches), "1")
+    if not series[:, :, [RISES, FALLS]].any():
+        share = Estimate(share.estimate, None, None, "1", UNCHANGED)
+    yield f"{name}_time_share", share
+    yield f"{name}_first_time", _first([each.output.first[row] for each in moments])
+    yield f"{name}_starts_per_hour", _hourly(series[:, :, RISES], _time(batches))
+    yield f"{name}_stops_per_hour", _hourly(series[:, :, FALLS], _time(batches))
+
+
+def _taken(name, series, batches, moments, row):
+    """The row of the state itself stands in front."""
+    times = measured_series(moments, row - 1)[:, :, FALLS]
+    yield f"{name}_energy", _ratio(series[:, :, INTEGRAL], times, "energy")
+
+
+_QUANTITIES = {
+    OUTPUT: _power("power"),
+    LOSS: _power("loss"),
+    STORE: _store,
+    STATE: _state,
+    TAKEN: _taken,
+}
+
+
+def _time(batches):
+    return batches[:, :, QUANTITIES.index("time")]
+
+
+def _ratio(upper, lower, dimension):
+    if not lower.any():
+        return Estimate(math.nan, None, None, dimension, "there was none")
+    ratio, error = ratio_of_sums(upper, lower)
+    return Estimate(ratio, error, None, dimension, "" if error is not None else TOO_SHORT)
+
+
+def _hourly(events, time):
+    """Events per hour; of few ones, the error is that of a number of independent ones."""
+    estimate = _ratio(events, time / SECONDS_PER_HOUR, "hourly_rate")
+    count, error = float(events.sum()), estimate.standard_error
+    if count < FEW_EVENTS:
+        independent = math.sqrt(max(count, 1.0)) * SECONDS_PER_HOUR / float(time.sum())
+        error = max(error or 0.0, independent)
+    return Estimate(estimate.estimate, error, None, "hourly_rate", "" if error else TOO_SHORT)
+
+
+def _first(times):
+    """Mean over the realizations that got there; only where all did, with an error bar."""
+    reached = [each for each in times if math.isfinite(each)]
+    if not reached:
+        return Estimate(math.nan, None, None, "time", "never")
+    mean = float(np.mean(reached))
+    if len(reached) < len(times):
+        note = f"of the {len(reached)} realizations of {len(times)} that got there"
+        return Estimate(mean, None, None, "time", note)
+    if len(reached) < FEWEST_BATCHES:
+        note = f"of {len(reached)} realizations: too few for an error bar"
+        return Estimate(mean, None, None, "time", note)
+    error = float(np.std(reached, ddof=1)) / math.sqrt(len(reached))
+    return Estimate(mean, error, len(reached), "time")
