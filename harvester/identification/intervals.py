@@ -3,6 +3,8 @@
 With residuals of covariance Γ the estimate's covariance is the sandwich N⁻¹ (Jᵀ Γ J) N⁻¹, N = Jᵀ J,
 the windows' starts eliminated from J. Γ is that of a stationary series with the residuals' own
 spectral density, so that Jᵀ Γ J is a sum over frequencies (Ljung, System Identification, ch. 9).
+Where residuals are largest just where J is, as those of a noisy drive are, that is too little: a
+variance is never below that from sums of Jᵀ r over blocks of the record.
 """
 
 from __future__ import annotations
@@ -24,6 +26,8 @@ UNDETERMINED = 0.5
 SMALLEST_EIGENVALUE = 1e-13
 # Of an undetermined direction, the share from which on a value belongs to it.
 SHARE_OF_DIRECTION = 0.1
+# Of a record, whose sums of Jᵀ r are taken for independent.
+BLOCKS = 12
 # Segments that a residual's spectrum is averaged over.
 SEGMENTS = 12
 
@@ -57,20 +61,25 @@ class Undetermined:
 def covariance(shooting: Shooting, fit: Fit) -> np.ndarray:
     """Of the values, in the scene's units squared, shape (unknowns, unknowns)."""
     p = len(shooting.unknowns)
-    normal, meat = np.zeros((p, p)), np.zeros((p, p))
+    normal, meat, blocks = (np.zeros((p, p)) for _ in range(3))
     for number, edges in enumerate(fit.edges):
         table, _ = shooting.jacobian(fit, number)
         columns = _without_states(table, edges - edges[0], p)
         normal += np.einsum("noi,noj->ij", columns, columns)
         free = table.shape[0] - 3 * (edges.size - 1) - p
         meat += _meat(columns, table[..., -1]) * table.shape[0] / max(free, 1)
+        scores = np.einsum("noi,no->ni", columns, table[..., -1])
+        sums = np.array([part.sum(axis=0) for part in np.array_split(scores, BLOCKS)])
+        blocks += sums.T @ sums * BLOCKS / (BLOCKS - 1)
     # What has no effect at all is known as badly as can be told.
     sizes = np.diag(normal).copy()
     sizes[sizes < SMALLEST_EIGENVALUE * sizes.max()] = sizes.max() or 1.0
     normal += SMALLEST_EIGENVALUE * np.diag(sizes)
     meat += SMALLEST_EIGENVALUE * np.diag(sizes)
     inverse = _inverse(normal)
-    return inverse @ meat @ inverse * np.outer(shooting.sizes, shooting.sizes)
+    found, least = inverse @ meat @ inverse, np.diag(inverse @ blocks @ inverse)
+    shares = shooting.sizes * np.sqrt(np.maximum(least / np.diag(found), 1.0))
+    return found * np.outer(shares, shares)
 
 
 def _without_states(table, cuts, p):

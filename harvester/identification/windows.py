@@ -9,7 +9,7 @@ import numpy as np
 from harvester.identification.shooting import Fit, Shooting
 
 # By what an error at the start of a window may grow within it.
-LARGEST_GROWTH = 20.0
+LARGEST_GROWTH = 5.0
 # Samples in the shortest window, for three unknown states.
 FEWEST_SAMPLES = 12
 

@@ -39,7 +39,7 @@ def test_what_a_record_leaves_open_scatters_the_power_as_its_covariance_says(tmp
     assert main([*words, "--output", str(tmp_path)]) == 0
     identified = tmp_path / "made-identified.toml"
     words = ["sensitivity", str(identified), "--covariance", str(identified.with_suffix(".json"))]
-    words += ["--method", "fokker_planck", "--rows", "8", "--workers", "1"]
+    words += ["--method", "fokker_planck", "--rows", "16", "--workers", "1"]
     assert main([*words, "--output", str(tmp_path)]) == 0
     capsys.readouterr()
     found = json.loads((tmp_path / "sensitivity.json").read_text())
@@ -55,6 +55,6 @@ def test_what_a_record_leaves_open_scatters_the_power_as_its_covariance_says(tmp
         ]
     )
     wanted = np.sqrt(slopes @ table @ slopes) / power(*values)
-    # 40 devices: their deviation has a standard error of 11 %; four of those.
+    # 80 devices: their deviation has a standard error of 8 %; four of those.
     scatter = found["standard_deviation"]["estimate"] / found["nominal"]["estimate"]
-    assert scatter == pytest.approx(wanted, rel=0.45)
+    assert scatter == pytest.approx(wanted, rel=0.32)
