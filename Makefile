@@ -1,5 +1,5 @@
 # harvester: `make run` validates the paper's scene three ways, `make test` runs every test.
-# `make fast` fetches what the compiled device needs and tests it, or says why it cannot.
+# `make fast` tests the compiled device, or says why it is off.
 # `make docs` writes the site to build/docs. Each sets up first what is missing; see .ci/setup for how, and for its options.
 
 BIN := .venv/bin

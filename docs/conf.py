@@ -34,6 +34,9 @@ nb_execution_mode = "cache"
 nb_execution_in_temp = True
 nb_execution_timeout = 600
 nb_execution_show_tb = True
+# A page has no kernel that sliders could ask: of those its picture is shown, and no script fetched.
+nb_ipywidgets_js = {}
+nb_mime_priority_overrides = [("html", "application/vnd.jupyter.widget-view+json", None)]
 
 default_role = "py:obj"
 autodoc_typehints = "none"

@@ -39,10 +39,12 @@ if TYPE_CHECKING:
     from harvester.errors import UnknownOption as UnknownOption
     from harvester.errors import UnknownQuantity as UnknownQuantity
     from harvester.identification.identify import identify as identify
+    from harvester.identification.measured_response import MeasuredResponse as MeasuredResponse
     from harvester.identification.measurement import Measurement as Measurement
     from harvester.identification.measurement import read_measurement as read_measurement
     from harvester.results import Result as Result
     from harvester.scene.model import Scene as Scene
+    from harvester.show.explorer import explore as explore
     from harvester.simulation import simulate as simulate
     from harvester.studies import Report as Report
     from harvester.studies import load_study as load_study
@@ -70,6 +72,7 @@ _WHERE = {
     "simulate": "harvester.simulation",
     "average": "harvester.averaging.of_scene",
     "validate": "harvester.studies.comparison",
+    "explore": "harvester.show.explorer",
     "frequency_response": "harvester.studies.frequency_response",
     "load_study": "harvester.studies",
     "Report": "harvester.studies",
@@ -78,6 +81,7 @@ _WHERE = {
     "optimum_of_several": "harvester.studies.optimum_of_several",
     "sensitivity": "harvester.studies.sensitivity",
     "identify": "harvester.identification.identify",
+    "MeasuredResponse": "harvester.identification.measured_response",
     "Measurement": "harvester.identification.measurement",
     "read_measurement": "harvester.identification.measurement",
     "work_precision": "harvester.verification.work_precision.measurement",

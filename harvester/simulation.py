@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from harvester.calling import takes_scene
 from harvester.device import timescales
 from harvester.engines import monte_carlo, side_by_side
-from harvester.engines.circuit import best_copies
+from harvester.engines.circuit import device_used
 from harvester.engines.pools import Workers, processes
 from harvester.engines.protocol import ENGINES
 from harvester.engines.realization import Realization, run
@@ -147,14 +147,12 @@ def simulate(
 
 def _copies_that_pay(scene, engine, device, options, pool):
     """Realizations in one netlist where nothing else is asked for."""
-    if engine != "circuit":
+    shared = (options[name] for name in ("step", "source", "tolerance"))
+    count = scene.run.realizations
+    if engine != "circuit" or count == 1 or not side_by_side.share_steps(scene, *shared):
         return 1
-
-    def most():
-        return pool.map(best_copies, [{"scene": scene, "device": device}])[0]
-
-    step, source, tolerance = (options[name] for name in ("step", "source", "tolerance"))
-    return side_by_side.copies(scene, most, step, source, tolerance)
+    (used,) = pool.map(device_used, [{"scene": scene, "device": device}])
+    return side_by_side.copies(count, used)
 
 
 def _calls(scene, engine, copies, window, options):

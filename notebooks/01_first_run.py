@@ -69,6 +69,15 @@ print(*comparison.sentences(), sep="\n")
 comparison.circuit
 
 # %% [markdown]
+# ## With sliders
+#
+# In Jupyter this is a slider for each key, and a picture that follows them; here it is the picture
+# of the scene as it is.
+
+# %%
+harvester.explore(scene, ["excitation.intensity", "stoppers.gap"])
+
+# %% [markdown]
 # ## Answer
 
 # %%

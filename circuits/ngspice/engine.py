@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 from circuits.assembly import assemble, step_options
 from circuits.ngspice import compiled_device
 from circuits.ngspice.session import session
-from harvester.engines.side_by_side import MOST_COPIES
 from harvester.engines.steps import steps_per_contact, steps_per_knot
 from harvester.errors import CompiledDeviceUnavailable
 from harvester.scene.model import Scene
@@ -99,10 +98,10 @@ def run_realizations(
     }
 
 
-def best_copies(scene: Scene, device: str, report: Callable) -> int:
-    """Copies of the device in one netlist beyond which more are no faster (in a worker)."""
+def device_used(scene: Scene, device: str, report: Callable) -> str:
+    """What a device asked for comes to: "compiled" or "behavioural" (in a worker)."""
     compiled = _compiled(session(), scene, scale(scene)[0], device)
-    return MOST_COPIES["compiled" if compiled else "behavioural"]
+    return "compiled" if compiled else "behavioural"
 
 
 def _compiled(engine, scene, system, device):

@@ -35,6 +35,7 @@ def candidates() -> list[str]:
         return [chosen]
     prefix = Path(sys.prefix)
     places = [
+        *sorted(prefix.glob("ngspice-osdi/usr/lib/*/libngspice.so*")),
         *sorted(prefix.glob("ngspice/usr/lib/*/libngspice.so*")),
         *sorted(prefix.glob("lib/libngspice*")),
         *sorted(prefix.glob("Library/bin/*ngspice*.dll")),

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 SCAN_STEP = 0.25  # of the level coordinate
 SCAN_NODES = 16
-FORGOTTEN = 45.0  # ln g falls by this much up to the outer end
+OUTER_EXPONENT = 45.0  # ln g falls by this much up to the outer end
 NEGLIGIBLE = 1e-8  # and by this much inside the innermost orbit of a well
 
 
@@ -134,7 +134,7 @@ def outer_range(edge: OuterEdge, parameters: SymmetricDevice) -> tuple[float, fl
     level, exponent = scan.level, scan.exponent(parameters)
     if not edge.bistable:
         first = max(first, _crossing(level, exponent - NEGLIGIBLE, level[-1]))
-    last = _crossing(level, exponent - FORGOTTEN, np.inf)
+    last = _crossing(level, exponent - OUTER_EXPONENT, np.inf)
     if not np.isfinite(last):
         raise AveragingError(
             f"damping={parameters.damping:g} with coupling={parameters.coupling:g} does not bound "

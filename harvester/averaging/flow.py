@@ -12,7 +12,7 @@ from harvester.device import system
 from harvester.errors import AveragingError
 
 NEIGHBOURS = 6
-ACCURACY = 1e-6  # of a step along a path, as a share of the greatest displacement and speed
+PATH_TOLERANCE = 1e-6  # of a step along a path, as a share of the greatest displacement and speed
 MOST_TRIALS = 250  # steps along a path, in the mean
 SAFETY, SHRINK, GROWTH = 0.9, 0.2, 5.0
 
@@ -87,7 +87,7 @@ def _trial(s, x, v, z, a1, h):
 def _ends(s, x, z, v, time, end_x, end_v):
     """Fill in X and X' of each node's path after this time; False if they take too long."""
     trials, most = 0, MOST_TRIALS * x.size * z.size * v.size
-    least_x, least_v = ACCURACY * np.abs(x).max(), ACCURACY * np.abs(v).max()
+    least_x, least_v = PATH_TOLERANCE * np.abs(x).max(), PATH_TOLERANCE * np.abs(v).max()
     for i in range(x.size):
         for j in range(z.size):
             length = time

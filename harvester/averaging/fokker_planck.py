@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.averaging.averages import Averages
-from harvester.averaging.region import FINER, Level, Region
+from harvester.averaging.region import NODE_REFINEMENT, Level, Region
 from harvester.averaging.solution import Solution, Work, period
 from harvester.averaging.wells import between_wells, rates_of_jumps, slowest_decay_rate
 from harvester.device import timescales
@@ -27,28 +27,29 @@ from harvester.device.hertz import HertzDamp
 from harvester.errors import AveragingError
 
 if TYPE_CHECKING:
+    from harvester.averaging.grid_density import GridDensity
     from harvester.device.system import System
 
-ROUGH = Level(5.0, 2.2, 1.7, 3, 3, 50.0)  # on which the region is found
-FIRST = Level(6.0, 3.0, 2.3, 4, 3)
+REGION_LEVEL = Level(5.0, 2.2, 1.7, 3, 3, 50.0)  # on which the region is found
+FIRST_LEVEL = Level(6.0, 3.0, 2.3, 4, 3)
 # Share of Richardson's correction for the step that is made: where steps are long, errors are of
 # higher order than the second. Share of it, and of the nodes' last change, stated as error.
-TAKEN, DOUBTED = 0.6, {"steps": 0.7, "nodes": 0.75}
+CORRECTION_TAKEN, STATED_ERROR = 0.6, {"steps": 0.7, "nodes": 0.75}
 # Error, in tolerances, of nodes of Z, the range and what is left of the stationary state's rest.
-UNSEEN = 0.2
+UNSEEN_ERROR = 0.2
 # Change of the nodes, in tolerances, below which the step's error is told on the sparser grid.
-SPARSE = 0.2
+SPARSE_GRID_CHANGE = 0.2
 # Doubt in nodes between which a contact goes and comes back: of first order.
-UNRESOLVED = 1.0 / (FINER - 1.0)
-ATTEMPTS = 8  # at the region
+UNRESOLVED = 1.0 / (NODE_REFINEMENT - 1.0)
+REGION_ATTEMPTS = 8  # at the region
 SHORTEST_CONTACT = 2e-2  # in periods of small oscillations
 FASTEST_DECAY = 60.0  # λ, in units of the period, beyond which that takes too many steps
 SLOWEST_DECAY = 2e-3  # λ, in units of the period, below which it takes too many vectors
-AMPLIFIED = 0.3  # share of the tolerance left to means from which a line is drawn
+LINE_TOLERANCE_SHARE = 0.3  # share of the tolerance left to means from which a line is drawn
 CONTINUED_WORK = 2.0  # of the usual work, for a tolerance so much smaller
-ROUGHLY = 0.2  # tolerance on the grid that finds the region
+REGION_TOLERANCE = 0.2  # tolerance on the grid that finds the region
 HELD_BACK = 16.0  # E[X'²] in a barrier that hardly any motion passes
-UNTOLD = 2.0  # factor in E[X'²] that the first grid of all may leave in doubt
+UNTOLD_FACTOR = 2.0  # factor in E[X'²] that the first grid of all may leave in doubt
 JUDGED = (
     "mean_square_voltage",
     "power_conversion_efficiency",
@@ -90,6 +91,24 @@ def fokker_planck(device: System, tolerance: float, memory: bool = False) -> Ave
     return _refined(device, tolerance, Work(tolerance), memory)
 
 
+def outline(device: System) -> GridDensity:
+    """Densities on the coarse grid that finds where they are: in tenths of a second.
+
+    No error is told: means on that grid are up to a tenth off those of `fokker_planck`.
+
+    Parameters
+    ----------
+    device : harvester.device.system.System
+
+    Raises
+    ------
+    AveragingError
+        As of `fokker_planck`.
+    """
+    _check(device)
+    return _found(device, Work(REGION_TOLERANCE))[1].density
+
+
 def _check(device):
     """Refuse what the state does not hold, and what takes too many steps."""
     if any(not isinstance(each.law, HertzDamp) for each in device.contacts):
@@ -125,7 +144,12 @@ def _slow_decay(device, slowest, tolerance):
     rate = device.transducer.decay_rate()
     slow = [_slowed(device, each / rate) for each in (slowest, 2.0 * slowest)]
     near, far = (
-        _refined(each, AMPLIFIED * tolerance, Work(tolerance, CONTINUED_WORK), judged=CONTINUED)
+        _refined(
+            each,
+            LINE_TOLERANCE_SHARE * tolerance,
+            Work(tolerance, CONTINUED_WORK),
+            judged=CONTINUED,
+        )
         for each in slow
     )
     here, there = (_squares(*each) for each in zip(slow, (near, far), strict=True))
@@ -187,13 +211,15 @@ def _refined(device, tolerance, work, memory=False, judged=JUDGED):
     while (changed := _changed(nodes, judged))[1] > tolerance:
         _refine(grids, "nodes", tolerance, changed)
     # What the nodes leave undone would pass for an error of the step.
-    enough = -2 if changed[1] < SPARSE * tolerance else -1
+    enough = -2 if changed[1] < SPARSE_GRID_CHANGE * tolerance else -1
     grids["steps"] = [nodes[enough]]
     _refine(grids, "steps", tolerance)
     while True:
         means, errors = _judged(grids)
         error = {
-            name: errors["steps"][name] + errors["nodes"][name] + UNSEEN * tolerance * abs(mean)
+            name: errors["steps"][name]
+            + errors["nodes"][name]
+            + UNSEEN_ERROR * tolerance * abs(mean)
             for name, mean in means.items()
         }
         worst, excess = _worst(means, error, judged)
@@ -207,7 +233,7 @@ def _first(device, tolerance, work):
     """The answer on the first grid where the density is."""
     region, rough = _found(device, work)
     region.check(device)
-    return Solution(device, region, FIRST, tolerance, work, rough)
+    return Solution(device, region, FIRST_LEVEL, tolerance, work, rough)
 
 
 def _refine(grids, respect, tolerance, known=None):
@@ -244,15 +270,15 @@ def _found(device, work):
     linear = timescales.driven_square_velocity(device, timescales.angular_frequency(device))
     alone = HELD_BACK * linear < barrier
     region, solution = Region.guessed(device, wells[0] if alone else None), None
-    for attempt in range(ATTEMPTS):
-        solution = Solution(device, region, ROUGH, ROUGHLY, work, solution)
+    for attempt in range(REGION_ATTEMPTS):
+        solution = Solution(device, region, REGION_LEVEL, REGION_TOLERANCE, work, solution)
         fitted = Region.fitted(device, solution)
         spread = solution.totals["mean_square_velocity"]
         held_back = 0.0 < HELD_BACK * spread < barrier
         if held_back == (region.well is not None):
             if fitted.alike(region):
                 return fitted, solution
-        elif spread > 0.0 and (attempt > 0 or UNTOLD * HELD_BACK * spread < barrier):
+        elif spread > 0.0 and (attempt > 0 or UNTOLD_FACTOR * HELD_BACK * spread < barrier):
             well = wells[0] if held_back else None
             fitted, solution = Region.guessed(device, well, np.sqrt(spread)), None
         region = fitted
@@ -326,11 +352,11 @@ def _judged(grids):
             }
         )
 
-    means = combined(TAKEN, 0.0)
-    doubted = UNRESOLVED if grids["nodes"][-1].unresolved else DOUBTED["nodes"]
+    means = combined(CORRECTION_TAKEN, 0.0)
+    doubted = UNRESOLVED if grids["nodes"][-1].unresolved else STATED_ERROR["nodes"]
     less = {
-        "steps": combined(TAKEN - DOUBTED["steps"], 0.0),
-        "nodes": combined(TAKEN, doubted),
+        "steps": combined(CORRECTION_TAKEN - STATED_ERROR["steps"], 0.0),
+        "nodes": combined(CORRECTION_TAKEN, doubted),
     }
     errors = {
         respect: {name: abs(mean - each[name]) for name, mean in means.items()}

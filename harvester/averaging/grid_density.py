@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 
     from harvester.averaging.propagator import Grid
 
-JOINT = 321  # displacements, and velocities, at which the joint density is tabulated
+JOINT_POINTS = 321  # displacements, and velocities, at which the joint density is tabulated
 # Takes off what changes sign from node to node, and keeps moments up to the third.
 SMOOTHING = np.array([-1.0, 4.0, 10.0, 4.0, -1.0]) / 16.0
-VOLTAGES = 241  # at which that density is known
-COUNTS = 1e-6  # share of the greatest mass from which a place tells of Z
+VOLTAGE_POINTS = 241  # at which that density is known
+COUNTED_MASS = 1e-6  # share of the greatest mass from which a place tells of Z
 SPREAD_OUT = 0.15  # standard deviation of Z at its X, as a share of its reach
-TAIL = 5.0  # standard deviations of a normal density
+NORMAL_TAIL = 5.0  # standard deviations of a normal density
 
 
 class GridDensity:
@@ -119,7 +119,7 @@ class GridDensity:
         """Places as far out as the nodes, of a density that is mirrored on either side."""
         far = np.abs(nodes).max()
         first, last = (-far, far) if self.paired else (nodes[0], nodes[-1])
-        return np.linspace(first, last, JOINT)
+        return np.linspace(first, last, JOINT_POINTS)
 
     def _marginal(self, name, place):
         spline, place = self._marginals[name], np.asarray(place, dtype=float)
@@ -145,7 +145,7 @@ def _of_charge(grid, mass):
     Where Z is spread over its nodes, the polynomial through them; else a normal density.
     """
     held = mass.sum(axis=1)
-    counts = held > COUNTS * held.max()
+    counts = held > COUNTED_MASS * held.max()
     x, mass, held = grid.x[counts], mass[counts], held[counts]
     mean = mass @ grid.z / held
     spread = np.sqrt(np.maximum(mass @ grid.z**2 / held - mean**2, (0.5 * (x[1] - x[0])) ** 2))
@@ -153,13 +153,15 @@ def _of_charge(grid, mass):
     reach = (grid.z[-1] - grid.z[0]) / (unit[-1] - unit[0])
     centre = 0.5 * (grid.z[0] + grid.z[-1])
     if held @ spread > SPREAD_OUT * reach * held.sum():
-        charge = np.linspace(x[0] - centre - reach, x[-1] - centre + reach, VOLTAGES)
+        charge = np.linspace(x[0] - centre - reach, x[-1] - centre + reach, VOLTAGE_POINTS)
         place = x[:, None] - charge
         inside = np.abs(place - centre) <= reach
         polynomial = shares(place, grid.z) * inside / (weights * reach)[:, None, None]
         return charge, np.einsum("xj,jxq->q", mass, polynomial)
     charge = np.linspace(
-        (x - mean - TAIL * spread).min(), (x - mean + TAIL * spread).max(), VOLTAGES
+        (x - mean - NORMAL_TAIL * spread).min(),
+        (x - mean + NORMAL_TAIL * spread).max(),
+        VOLTAGE_POINTS,
     )
     away = (charge - (x - mean)[:, None]) / spread[:, None]
     return charge, (held / spread) @ np.exp(-0.5 * away**2) / np.sqrt(2.0 * np.pi)

@@ -22,7 +22,7 @@ from harvester.averaging.symmetric import (
 )
 from harvester.device.values import Values
 
-SMALLEST = 1e-150  # a speed to divide by on pieces of no length
+SMALLEST_SPEED = 1e-150  # a speed to divide by on pieces of no length
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Potential:
         change = np.where((before > 0.0) & (after > 0.0), step, after - before)
         a, b = np.sqrt(before), np.sqrt(after)  # b⁵ − a⁵ = (b² − a²) (…)/(a + b)
         powers = before**2 + after**2 + a * b * (before + a * b + after)
-        return 0.4 * self.parameters.contact_stiffness * change * powers / (a + b + SMALLEST)
+        return 0.4 * self.parameters.contact_stiffness * change * powers / (a + b + SMALLEST_SPEED)
 
     def bottom(self, added_stiffness: np.ndarray) -> np.ndarray:
         """Position of the minimum at X ≥ 0."""
@@ -294,7 +294,7 @@ def path_between(
         axis=1,
     )
     x = np.concatenate([left[:, None] + from_left, right[:, None] - from_right], axis=1)
-    speed = np.maximum(np.sqrt(2.0 * np.maximum(kinetic, 0.0)), SMALLEST)
+    speed = np.maximum(np.sqrt(2.0 * np.maximum(kinetic, 0.0)), SMALLEST_SPEED)
     return Path(x, speed, np.concatenate(weight, axis=1), left, right)
 
 

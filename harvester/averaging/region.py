@@ -17,22 +17,23 @@ if TYPE_CHECKING:
     from harvester.averaging.solution import Solution
     from harvester.device.system import System
 
-FEWEST = 20  # cores that the range of X and of X' has at least
+FEWEST_CORES = 20  # cores that the range of X and of X' has at least
 # More nodes of Z for each half width of the density by which the greatest Z displaces it.
 NODES_PER_WIDTH = 4.0
 GREATEST_DISPLACEMENT = 2.0  # in half widths: the charge decides there whether there is a well
-WIDEST = 5.3  # standard deviations of a Gibbs density at 1e-6 of its peak
+GIBBS_REACH = 5.3  # standard deviations of a Gibbs density at 1e-6 of its peak
 SEEN, BEYOND = 1e-3, 1.42  # share of the peak that a coarse grid tells; from there to 1e-6
 SECOND_PEAK = 0.2  # share of the greatest one from which a peak counts
-BARRIERS = 1.44  # of the highest saddle: least energy of the grid's edge
-HELD = 4.0  # standard deviations of what the noise holds
-MARGIN = 1.05
-FINER = 4.0 / 3.0  # from level to level
-SOONER = 1.5  # so many times the steps
-STEADY = SOONER ** (1.0 / 6.0)  # of the nodes, by which their error stays, of order six in a step
-NARROWER = 0.4  # ratio by which a region shrinks at most from one attempt to the next
-ALIKE = (0.7, 1.25)  # ratios of what describes two regions that are alike
-WHITE = 1e-4  # τ1, in steps, below which noise is white
+EDGE_ENERGY_IN_BARRIERS = 1.44  # of the highest saddle: least energy of the grid's edge
+HELD_DEVIATIONS = 4.0  # standard deviations of what the noise holds
+REGION_MARGIN = 1.05
+NODE_REFINEMENT = 4.0 / 3.0  # from level to level
+STEP_REFINEMENT = 1.5  # so many times the steps
+# Of the nodes, by which their error, of order six in a step, stays.
+STEADY = STEP_REFINEMENT ** (1.0 / 6.0)
+STRONGEST_SHRINKING = 0.4  # ratio by which a region shrinks at most from one attempt to the next
+SAME_REGION_RATIOS = (0.7, 1.25)  # ratios of what describes two regions that are alike
+WHITE_MEMORY = 1e-4  # τ1, in steps, below which noise is white
 
 
 class Level(NamedTuple):
@@ -60,9 +61,9 @@ class Level(NamedTuple):
         A little finer in space too where there are more steps, each of which shares mass anew.
         """
         steps = respect == "steps"
-        finer = STEADY if steps else FINER
+        finer = STEADY if steps else NODE_REFINEMENT
         return self._replace(
-            steps=self.steps * (SOONER if steps else 1.0),
+            steps=self.steps * (STEP_REFINEMENT if steps else 1.0),
             fine=finer * self.fine,
             fine_speed=finer * self.fine_speed,
             modes=self.modes + steps,
@@ -105,7 +106,7 @@ class Region(NamedTuple):
         if not 0.0 < speed < np.inf:
             raise AveragingError("nothing damps the motion: there is no stationary density")
         width = speed / frequency
-        return cls.of_speed(device, WIDEST * speed, (width, speed, width), well)
+        return cls.of_speed(device, GIBBS_REACH * speed, (width, speed, width), well)
 
     @classmethod
     def fitted(cls, device: System, solution: Solution) -> Region:
@@ -113,16 +114,16 @@ class Region(NamedTuple):
         p, v = solution.density.velocity, solution.grid.v
         x, before = solution.grid.x, solution.region
         # A grid much too wide tells little but that.
-        speed = max(_outermost(v, p(v)), NARROWER * before.speed)
+        speed = max(_outermost(v, p(v)), STRONGEST_SHRINKING * before.speed)
         width, core = _widths(x, solution.density.displacement(x))
         cores = core, _widths(v, p(v))[1], width
         least = before.core, before.core_speed, before.width
-        cores = tuple(np.maximum(cores, NARROWER * np.array(least)))
+        cores = tuple(np.maximum(cores, STRONGEST_SHRINKING * np.array(least)))
         return cls.of_speed(device, speed, cores, before.well)
 
     def alike(self, other: Region) -> bool:
         """Whether another one is about as wide and needs about as many nodes."""
-        low, high = ALIKE
+        low, high = SAME_REGION_RATIOS
         return low < self.speed / other.speed < high and low < self.core / other.core < high
 
     @classmethod
@@ -134,7 +135,7 @@ class Region(NamedTuple):
         deepest = min(float(potential(device, x)) for x in wells)
         if well is None:
             tops: Any = [float(potential(device, x)) - deepest for x in timescales.saddles(device)]
-            speed = max(speed, np.sqrt(2.0 * BARRIERS * max(tops, default=0.0)))
+            speed = max(speed, np.sqrt(2.0 * EDGE_ENERGY_IN_BARRIERS * max(tops, default=0.0)))
             places = (wells[-1], wells[0])
         else:
             places = (well, well)
@@ -146,8 +147,8 @@ class Region(NamedTuple):
             tops = timescales.beside(device, well)
             left = max([left, *(x for x in tops if x < well)])
             right = min([right, *(x for x in tops if x > well)])
-        spare = (MARGIN - 1.0) * 0.5 * (right - left)
-        return cls(left - spare, right + spare, MARGIN * speed, *cores, well)
+        spare = (REGION_MARGIN - 1.0) * 0.5 * (right - left)
+        return cls(left - spare, right + spare, REGION_MARGIN * speed, *cores, well)
 
     def mirrored(self, device: System) -> bool:
         """Whether half of it tells the other."""
@@ -162,7 +163,7 @@ class Region(NamedTuple):
             v=_nodes(-self.speed, self.speed, self.core_speed, level.fine_speed, level.most),
             z=self._charges(device, level.nodes, mirrored),
             mirrored=mirrored,
-            modes=level.modes if noise > WHITE * step else 1,
+            modes=level.modes if noise > WHITE_MEMORY * step else 1,
             step=step,
         )
 
@@ -201,11 +202,11 @@ class Region(NamedTuple):
             return self.well, half
         wells = timescales.wells(device)
         apart = 0.5 * (wells[0] - wells[-1])
-        return 0.5 * (wells[0] + wells[-1]), max(MARGIN * apart, _following(device, half))
+        return 0.5 * (wells[0] + wells[-1]), max(REGION_MARGIN * apart, _following(device, half))
 
 
 def _nodes(low, high, core, fine, most):
-    halves = min(max((high - low) / core, FEWEST), most) * fine / 2.0
+    halves = min(max((high - low) / core, FEWEST_CORES), most) * fine / 2.0
     return np.linspace(low, high, 2 * int(np.ceil(halves)))
 
 
@@ -216,7 +217,7 @@ def _following(device, half):
     turning = half * rate / np.hypot(rate, frequency)
     held = np.sqrt(intensity / max(memory, 1e-300)) / frequency**2
     share = rate * memory
-    return min(half, turning + HELD * held * np.sqrt(share / (1.0 + share)))
+    return min(half, turning + HELD_DEVIATIONS * held * np.sqrt(share / (1.0 + share)))
 
 
 def _turning(device, start, side, energy):

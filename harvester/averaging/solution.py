@@ -23,10 +23,11 @@ if TYPE_CHECKING:
 MOST_WORK = 2e8  # amplitudes moved by a step, on all grids together: about ten seconds
 LEAST_PERIODS = 10  # on a grid
 LARGEST_PUSHES = 2e8  # of the noise's pushes on a grid (bytes)
-DECAY = 2.8  # greatest λ dt, times the steps of a period
-RESIDUAL = 2e-2  # of a period, in tolerances, as a share of what the load moves in it
+LARGEST_LOAD_DECAY = 2.8  # greatest λ dt, times the steps of a period
+# Rest of a period, in tolerances, as a share of what the load moves in it.
+RESIDUAL_OVER_TOLERANCE = 2e-2
 LEAST_RESIDUAL = 1e-8  # which rounding leaves
-ENOUGH = 0.1  # share of a rest that the coarser grid leaves
+SUFFICIENT_REDUCTION = 0.1  # share of a rest that the coarser grid leaves
 
 
 class Work:
@@ -100,7 +101,9 @@ class Solution:
         self._inverse = Inverse(self._change, self._nearly_undone if self._coarser else None)
         # Of what a slow load leaves undone, only so small a share of the density changes at a time.
         slow = device.transducer.decay_rate() or np.inf
-        share = max(RESIDUAL * tolerance * min(1.0, slow * period(device)), LEAST_RESIDUAL)
+        share = max(
+            RESIDUAL_OVER_TOLERANCE * tolerance * min(1.0, slow * period(device)), LEAST_RESIDUAL
+        )
         start = _gibbs(device, region, grid) if coarser is None else coarser.on(grid)
         self.state = self._settled(start, share)
         self.before_flow = self.propagator.before_flow(self.state)
@@ -155,7 +158,7 @@ class Solution:
         coarser = self._coarser
         smooth = coarser._later(moved(rest, self.grid, coarser.grid))
         smooth -= smooth[..., 0].sum() * coarser.state
-        enough = max(ENOUGH * np.linalg.norm(smooth), coarser._allowed)
+        enough = max(SUFFICIENT_REDUCTION * np.linalg.norm(smooth), coarser._allowed)
         found = coarser._undone(smooth, enough)
         return rest + moved(found, coarser.grid, self.grid)
 
@@ -189,7 +192,9 @@ class Solution:
 def _laid(device, region, level):
     """The grid of a level, and its steps in a period."""
     time = period(device)
-    steps = int(np.ceil(level.steps * max(1.0, device.transducer.decay_rate() * time / DECAY)))
+    steps = int(
+        np.ceil(level.steps * max(1.0, device.transducer.decay_rate() * time / LARGEST_LOAD_DECAY))
+    )
     return region.grid(device, level, time / steps), steps
 
 

@@ -11,9 +11,11 @@ Map = Callable[[np.ndarray], np.ndarray]
 LARGEST_BASIS = 2e8  # bytes: of larger states fewer directions are held at a time
 MOST_DIRECTIONS = 150  # held at a time
 MOST_SOUGHT = 400  # for one solution
-POOR = 0.6  # share of a rest left by a direction, beyond which the inverse it began as is no help
+POOR_DIRECTION_REST = (
+    0.6  # share of a rest left by a direction, beyond which the inverse it began as is no help
+)
 KEPT, BYTES = np.float32, 4  # of what is kept: what it takes off is known as well as it is kept
-SMALLEST = 1e-6  # of a direction's part that is new, below which nothing is left to find
+SMALLEST_NEW_PART = 1e-6  # of a direction's part that is new, below which nothing is left to find
 
 
 class Inverse:
@@ -51,7 +53,7 @@ class Inverse:
             if not np.isfinite(size) or not self._extend(left.reshape(rest.shape)):
                 return None
             self._take(left, found, slice(self._count - 1, self._count))
-            if np.linalg.norm(left) > POOR * size:
+            if np.linalg.norm(left) > POOR_DIRECTION_REST * size:
                 self._near = None
         return None
 
@@ -76,7 +78,7 @@ class Inverse:
             along += part
         new = new.ravel() - along @ self._directions[:n]
         size = np.linalg.norm(change)
-        if not size > SMALLEST * whole:
+        if not size > SMALLEST_NEW_PART * whole:
             return False
         self._changes[n], self._directions[n] = change / size, new / size
         self._count = n + 1

@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from harvester.averaging.solution import Solution
     from harvester.device.system import System
 
-SETTLED = 1e-4  # of an eigenvalue, as a share of it
+EIGENVALUE_TOLERANCE = 1e-4  # of an eigenvalue, as a share of it
 LEAST_VECTORS = 20  # of Arnoldi's method, between two restarts
 # Of the mass in the cores, as a share: left to be found, for rare jumps; and the most vectors.
 REACHED, MOST_VECTORS = 1e-6, 200
 MOST_WORK = 1e8  # vectors times steps times the amplitudes of a state
-PARTS = 5  # in X and in X' that tell how much of a node's surroundings lies in a core
+PARTS_OF_NODE = 5  # in X and in X' that tell how much of a node's surroundings lies in a core
 
 
 def between_wells(device: System, density: GridDensity) -> dict[str, float]:
@@ -70,7 +70,7 @@ def slowest_decay_rate(device: System, solution: Solution) -> float | None:
             v0=start.ravel(),
             ncv=LEAST_VECTORS,
             maxiter=vectors // LEAST_VECTORS,
-            tol=SETTLED,
+            tol=EIGENVALUE_TOLERANCE,
             return_eigenvectors=False,
         )
     except ArpackNoConvergence:
@@ -127,7 +127,7 @@ def _well_at(device, x):
 def _shares_in_cores(device: System, grid: Grid) -> np.ndarray:
     """How much of the surroundings of each node lies in each core: (wells, X, X')."""
     limits = core_energies(device)[:, None, None]
-    within = (np.arange(PARTS) + 0.5) / PARTS - 0.5
+    within = (np.arange(PARTS_OF_NODE) + 0.5) / PARTS_OF_NODE - 0.5
     x = grid.x[:, None] + within * (grid.x[1] - grid.x[0])
     v = grid.v[:, None] + within * (grid.v[1] - grid.v[0])
     here = _well_at(device, x) == np.arange(limits.size)[:, None, None]

@@ -32,8 +32,9 @@ def add(commands: Any) -> None:
         required=True,
         metavar="FILE [SETTING=VALUE]",
         help="CSV, .npy, .wav or .mat: base acceleration beside voltage, displacement or "
-        "velocity; behind it acceleration=COLUMN:UNIT, voltage=COLUMN:UNIT, …, time=COLUMN, "
-        "sampling_rate=HZ, or what differs from the scene (load.resistance=1e5); may be given "
+        "velocity; or a frequency response, frequency beside amplitude and phase; behind it "
+        "acceleration=COLUMN:UNIT, voltage=COLUMN:UNIT, …, time=COLUMN, sampling_rate=HZ, or "
+        "what differs from the scene (load.resistance=1e5); may be given "
         "again",
     )
     command.add_argument(
@@ -46,6 +47,12 @@ def add(commands: Any) -> None:
     )
     command.add_argument(
         "--alone", action="store_true", help="fit no other models to compare the scene's with"
+    )
+    command.add_argument(
+        "--posterior",
+        action="store_true",
+        help="sample the posterior of the values too (needs emcee: pip install "
+        "'harvester[posterior]')",
     )
     add_results(command)
     command.add_argument(
@@ -73,6 +80,7 @@ def run(options: Namespace) -> None:
             records,
             free=options.free,
             compare=not options.alone,
+            posterior=options.posterior,
             progress=follow("identify", None),
         )
     try:

@@ -55,11 +55,11 @@ def run_compiled(*arguments: Any, **options: Any) -> dict[str, str | None]:
     return engine.run_realizations(*arguments, **options)
 
 
-def best_copies(scene: Scene, device: str, report: Callable) -> int:
-    """Copies of a device in one netlist beyond which more are no faster; called in a worker."""
+def device_used(scene: Scene, device: str, report: Callable) -> str:
+    """What a device asked for comes to: "compiled" or "behavioural"; called in a worker."""
     from circuits.ngspice import engine
 
-    return engine.best_copies(scene, device, report)
+    return engine.device_used(scene, device, report)
 
 
 def describe(report: Callable) -> dict[str, Any]:

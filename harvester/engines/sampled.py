@@ -12,7 +12,8 @@ import numpy as np
 
 from harvester.compilation import compiled
 from harvester.device import contact
-from harvester.engines.monte_carlo import contact_piece, one_step, scheme_of
+from harvester.engines.monte_carlo import contact_piece, scheme_of
+from harvester.engines.schemes import one_step
 from harvester.engines.zones import overshoots
 
 if TYPE_CHECKING:
@@ -64,7 +65,8 @@ def states_at_samples(
     return states, ends
 
 
-@compiled
+# Free of Python's lock: columns of a Jacobian are integrated side by side.
+@compiled(nogil=True)
 def _run(heun, s, zones, eta, spacing, every, edges, starts, states, ends):
     """Fill `states` and `ends`."""
     final = eta.size - 1

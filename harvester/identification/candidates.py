@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.errors import HarvesterError
-from harvester.identification.fitting import Fitted, fitted
-from harvester.identification.proof import BLOCKS
+from harvester.identification.fitted_model import Fitted
+from harvester.identification.fitting import fitted
+from harvester.identification.proof import blocks_of
 
 if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
@@ -78,7 +79,7 @@ def _compared(base, other):
     ratios: list[float] = []
     for mine, theirs in zip(base.stretches, other.stretches, strict=True):
         own, new = (
-            np.array([np.mean(part**2) for part in np.array_split(each.residuals[:, 0], BLOCKS)])
+            np.array([np.mean(part**2) for part in blocks_of(each.residuals[:, 0])])
             for each in (mine, theirs)
         )
         ratios += [float(ratio) for ratio in np.log(new / own)]

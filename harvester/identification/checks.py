@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.errors import IdentificationError
+from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.reconstruction import frequencies
 from harvester.scene.units import require_resistor
 
@@ -40,14 +41,23 @@ def check_records(scene: Scene, measurements: Sequence[Measurement]) -> None:
     if not measurements:
         raise IdentificationError("--record: name at least one measured record")
     shared = set(measurements[0].outputs)
+    kinds = {type(each) for each in measurements}
     for each in measurements:
+        if len(kinds) > 1:
+            raise IdentificationError(
+                f"{each.name}: frequency responses and records in time are not fitted together: "
+                "identify from one kind, and judge it by the other"
+            )
         require_resistor(scene.replace(each.changes), "identify")
         if not shared & set(each.outputs):
             raise IdentificationError(
                 f"{each.name}: measures {', '.join(each.outputs)}, and the first record "
                 f"{', '.join(sorted(shared))}: records need a quantity in common"
             )
-        _check_record(each)
+        if isinstance(each, MeasuredResponse):
+            each.check()
+        else:
+            _check_record(each)
 
 
 def _check_record(record):

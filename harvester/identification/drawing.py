@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from harvester.identification.proof import ResponseStretch
 from harvester.show.palette import CIRCUIT, MONTE_CARLO
 
 if TYPE_CHECKING:
@@ -26,6 +27,8 @@ def draw(found: Identification) -> Figure:
     from matplotlib.figure import Figure
 
     stretch = found.fitted.stretches[0]
+    if isinstance(stretch, ResponseStretch):
+        return _response_figure(found, stretch)
     figure = Figure(figsize=(10.0, 6.4))
     wave, spectrum, density, correlation = figure.subplots(2, 2).ravel()
     name = stretch.outputs[0]
@@ -42,6 +45,56 @@ def draw(found: Identification) -> Figure:
         ha="left",
         fontsize=9,
     )
+    return figure
+
+
+def _response_figure(found, stretch):
+    """The lines kept aside and what the model says of them; the difference."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10.0, 4.0))
+    panels = figure.subplots(1, len(stretch.outputs), squeeze=False)[0]
+    for n, (axes, name) in enumerate(zip(panels, stretch.outputs, strict=True)):
+        axes.plot(stretch.frequency, stretch.measured[:, n], ".", color=MEASURED, label="measured")
+        axes.plot(stretch.frequency, stretch.windowed[:, n], color=PREDICTED, label="predicted")
+        axes.plot(stretch.frequency, stretch.residuals[:, n], color=RESIDUAL, label="difference")
+        axes.set(xlabel="frequency [Hz]", ylabel=f"{name} of voltage over acceleration")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    figure.suptitle(
+        f"{found.scene.name}: {stretch.aside} of {stretch.name}, kept aside",
+        x=0.01,
+        ha="left",
+        fontsize=9,
+    )
+    return figure
+
+
+def draw_posterior(found: Identification) -> Figure:
+    """Draws of every value and of every pair of them; 95 % intervals of the sandwich in grey."""
+    from matplotlib.figure import Figure
+
+    sampled: Any = found.posterior
+    keys, draws = sampled.keys, sampled.draws
+    figure = Figure(figsize=(2.0 * len(keys) + 1.0, 2.0 * len(keys) + 1.0))
+    panels: Any = figure.subplots(len(keys), len(keys), squeeze=False, sharex="col")
+    for row, column in np.ndindex(panels.shape):
+        axes = panels[row, column]
+        if column > row:
+            axes.remove()
+            continue
+        axes.axvspan(*found.intervals[keys[column]], color="0.85", lw=0)
+        if column == row:
+            axes.hist(draws[:, row], BINS // 2, color=PREDICTED)
+        else:
+            pair = draws[:, column], draws[:, row]
+            axes.hist2d(*pair, BINS // 2, cmap="Blues", cmin=1, rasterized=True)
+        axes.set(yticks=[])
+        axes.locator_params(axis="x", nbins=3)
+        if row == len(keys) - 1:
+            axes.set(xlabel=keys[column].rpartition(".")[2])
+        if column == 0 and row > 0:
+            axes.set(ylabel=keys[row].rpartition(".")[2])
     return figure
 
 

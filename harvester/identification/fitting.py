@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from harvester.errors import IdentificationError
 from harvester.identification import intervals
+from harvester.identification.fitted_model import Fitted
+from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.origin import recentred
-from harvester.identification.proof import Stretch, predicted
+from harvester.identification.proof import predicted
 from harvester.identification.reconstruction import frequencies
 from harvester.identification.response import (
     COARSE_STEPS,
@@ -21,15 +23,15 @@ from harvester.identification.response import (
     experiment,
 )
 from harvester.identification.search import (
-    COARSE,
     FINE,
-    ON_THE_WAY,
-    followed,
+    LAST,
+    followed_anew,
+    opened,
     searched,
-    short_windows,
 )
-from harvester.identification.shooting import Fit, Shooting
-from harvester.identification.unknowns import Unknown, unknowns, with_values
+from harvester.identification.shooting import Shooting
+from harvester.identification.steady_fit import fitted_responses
+from harvester.identification.unknowns import unknowns, with_values
 from harvester.scene.units import scale
 
 if TYPE_CHECKING:
@@ -40,52 +42,6 @@ if TYPE_CHECKING:
 FITTED_SHARE = 2.0 / 3.0
 # Weighted cost by which one interpolation must fit better before the other is ruled out.
 RULED_OUT = 9.0
-
-
-@dataclass(frozen=True)
-class Fitted:
-    """A model with the values that fit.
-
-    Attributes
-    ----------
-    scene : Scene
-        With them.
-    unknowns : list of Unknown
-    values : ndarray, shape (unknowns,)
-    covariance : ndarray, shape (unknowns, unknowns)
-    undetermined : list of harvester.identification.intervals.Undetermined
-    stretches : list of Stretch
-        The kept-aside part of each record.
-    interpolation : str
-        Of the acceleration between its samples.
-    shooting : Shooting
-    fit : Fit
-    """
-
-    scene: Scene
-    unknowns: list[Unknown]
-    values: np.ndarray
-    covariance: np.ndarray
-    undetermined: list
-    stretches: list[Stretch]
-    interpolation: str
-    shooting: Shooting
-    fit: Fit
-
-    @property
-    def keys(self) -> list[str]:
-        """Of the values."""
-        return [each.key for each in self.unknowns]
-
-    @property
-    def standard_errors(self) -> np.ndarray:
-        """Of the values."""
-        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-
-    @property
-    def nrmse(self) -> float:
-        """Of the first output over all stretches kept aside."""
-        return float(np.sqrt(np.mean([each.nrmse() ** 2 for each in self.stretches])))
 
 
 def lengths_of(measurements: Sequence[Measurement]) -> list[int]:
@@ -120,7 +76,7 @@ def fitted(
     ----------
     scene : Scene
         Where the fit begins, and all that is not free.
-    measurements : sequence of Measurement
+    measurements : sequence of Measurement, or of MeasuredResponse
     keys : sequence of str
         What is free.
     sizes : dict of str to float
@@ -133,12 +89,15 @@ def fitted(
     IdentificationError
         No start leads to a device that follows the records.
     """
+    steady = [each for each in measurements if isinstance(each, MeasuredResponse)]
+    if steady:
+        return fitted_responses(scene, steady, keys, sizes, warm)
     length = warm.shooting.responses.length if warm else scale(scene)[1].displacement
     responses = responses_of(scene, measurements, keys, length, COARSE_STEPS)
     free = unknowns(scene, keys, sizes)
     lengths = lengths_of(measurements)
     found = _warmed(responses, free, warm) if warm else searched(responses, free, lengths)
-    if found is None or not found[1].grams:
+    if found is None:
         raise IdentificationError(
             f"{scene.name}: no values of {', '.join(keys)} follow the records: check the columns' "
             "units and signs, the load's resistance, and begin nearer (--set)"
@@ -146,17 +105,20 @@ def fitted(
     shooting, fit = found
     if not warm:
         fit = recentred(shooting, fit, scene)
-    interpolation = responses.interpolation
-    responses = responses_of(scene, measurements, keys, length, FINE_STEPS)
-    responses.interpolation = interpolation
-    shooting.responses = responses
-    fit = shooting.minimized(fit, ON_THE_WAY, FINE)
-    fit, other = _interpolated(shooting, fit)
+    # A neighbour's path between the samples is that of the model that it is compared with.
+    fits = {responses.interpolation: fit, **({} if warm else _otherwise(shooting, fit))}
+    shooting.responses = responses_of(scene, measurements, keys, length, FINE_STEPS)
+    for name, each in fits.items():
+        shooting.responses.interpolation = name
+        fits[name] = shooting.minimized(each, LAST, FINE)
+    best, *others = sorted(fits, key=lambda name: _misfit(fits[name]))
+    fit, shooting.responses.interpolation = fits[best], best
     values = fit.values
     covariance = intervals.covariance(shooting, fit)
-    if other.cost - fit.cost < RULED_OUT:
-        # Nobody knows how the base moved between the samples.
-        covariance = covariance + np.outer(other.values - values, other.values - values)
+    for other in (fits[name] for name in others):
+        if _misfit(other) - _misfit(fit) < RULED_OUT:
+            # Nobody knows how the base moved between the samples.
+            covariance = covariance + np.outer(other.values - values, other.values - values)
     unclear = intervals.undetermined(list(keys), values, shooting.sizes, covariance)
     made = with_values(scene, keys, values)
     if made is None:
@@ -164,25 +126,26 @@ def fitted(
     stretches = [
         (length, each.acceleration.size) for length, each in zip(lengths, measurements, strict=True)
     ]
-    proof = predicted(responses, shooting, fit, stretches)
-    return Fitted(
-        made, free, values, covariance, unclear, proof, responses.interpolation, shooting, fit
-    )
+    proof = predicted(shooting.responses, shooting, fit, stretches)
+    return Fitted(made, free, values, covariance, unclear, proof, best, shooting, fit)
 
 
-def _interpolated(shooting, fit):
-    """The fit with the interpolation that fits better, and that with the other."""
+def _otherwise(shooting, fit):
+    """The fit with the other interpolation, by its name; none where no motion follows."""
     responses = shooting.responses
-    own, other = INTERPOLATIONS
-    if responses.interpolation != own:
-        own, other = other, own
+    own = responses.interpolation
+    (other,) = (name for name in INTERPOLATIONS if name != own)
+    begun = opened(shooting, fit)
     responses.interpolation = other
-    trial = Fit(fit.values, fit.edges, [each.copy() for each in fit.starts], fit.noise)
-    trial = shooting.minimized(trial, ON_THE_WAY, FINE)
-    if trial.cost < fit.cost:
-        return trial, fit
+    trial = followed_anew(shooting, begun)
     responses.interpolation = own
-    return fit, trial
+    # Weighted as the first, to be compared.
+    return {other: replace(trial, noise=fit.noise)} if trial else {}
+
+
+def _misfit(fit):
+    """Cost, and what the windows' starts took off it."""
+    return fit.cost + sum(each.size for each in fit.starts)
 
 
 def _warmed(responses, free, warm):
@@ -194,17 +157,6 @@ def _warmed(responses, free, warm):
     shooting.state_sizes = warm.shooting.state_sizes
     shooting.states_there = warm.shooting.states_there
     values = np.array([each.start for each in free])
-    # Short windows, on the neighbour's own motion.
-    edges, starts = [], []
-    for number, old in enumerate(warm.fit.edges):
-        states, _, _ = warm.shooting.responses.states(
-            number, warm.values, old, warm.fit.starts[number]
-        )
-        cut = short_windows(responses.experiments[number].measurement, old[0], old[-1])
-        edges.append(cut)
-        starts.append(states[cut[:-1] - old[0]])
-    fit = shooting.minimized(Fit(values, edges, starts, warm.fit.noise), ON_THE_WAY, COARSE)
-    if not fit.grams:
-        return None
-    longest = [int(each[-1] - each[0]) for each in edges]
-    return shooting, followed(shooting, fit, longest)
+    begun = replace(opened(warm.shooting, warm.fit), values=values)
+    fit = followed_anew(shooting, begun)
+    return (shooting, fit) if fit else None

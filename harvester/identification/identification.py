@@ -12,16 +12,17 @@ from harvester.device import timescales
 from harvester.identification.candidates import Candidate, proposed
 from harvester.identification.fitting import responses_of
 from harvester.identification.intervals import HALF_INTERVAL
-from harvester.identification.proof import sensor_noise
+from harvester.identification.proof import ResponseStretch, sensor_noise
 from harvester.identification.response import FINE_STEPS
 from harvester.identification.scene_file import scene_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from harvester.identification.fitting import Fitted
+    from harvester.identification.fitted_model import Fitted
     from harvester.identification.intervals import Undetermined
     from harvester.identification.measurement import Measurement
+    from harvester.identification.posterior import Posterior
     from harvester.identification.proof import Whiteness
     from harvester.identification.verdict import Verdict
     from harvester.scene.model import Scene
@@ -49,6 +50,8 @@ class Identification:
     verdict : Verdict
     seconds : float
         Wall-clock.
+    posterior : Posterior, optional
+        Of the values, where it was asked for.
     """
 
     scene: Scene
@@ -60,6 +63,7 @@ class Identification:
     whiteness: Whiteness
     verdict: Verdict
     seconds: float
+    posterior: Posterior | None = None
 
     @property
     def keys(self) -> list[str]:
@@ -134,6 +138,10 @@ class Identification:
             share = f"{half / abs(value):.2%}" if value else "—"
             state = "undetermined" if key in self.undetermined else "identified"
             rows.append([key, state, f"{value:.6g}", f"{low:.6g} … {high:.6g}", share])
+        if self.posterior:
+            header.append("posterior's 95 %")
+            for row, (low, high) in zip(rows, self.posterior.intervals.values(), strict=True):
+                row.append(f"{low:.6g} … {high:.6g}")
         return header, rows
 
     def sentences(self) -> list[str]:
@@ -145,8 +153,8 @@ class Identification:
             measured, predicted, difference = stretch.powers()
             name, unit = stretch.compared
             lines.append(
-                f"{stretch.name}, last third: {stretch.outputs[0]} NRMSE {stretch.nrmse():.2%} in "
-                f"{stretch.windows} windows; {name} measured {_with_error(measured)} {unit}, "
+                f"{stretch.name}, {stretch.aside}: {stretch.quantity} NRMSE {stretch.nrmse():.2%}"
+                f"{_windows(stretch)}; {name} measured {_with_error(measured)} {unit}, "
                 f"predicted {_with_error(predicted)} {unit}, difference "
                 f"{difference.estimate:+.2%} ± {difference.standard_error:.2%}"
             )
@@ -160,14 +168,29 @@ class Identification:
             "the data kept aside"
             for each in self.candidates[1:]
         ]
-        windows = sum(edges.size - 1 for edges in self.fitted.fit.edges)
+        if self.posterior:
+            lines.append(
+                f"posterior: {self.posterior.independent:.0f} independent draws, "
+                f"{self.posterior.accepted:.0%} of the moves accepted; its residuals are taken for "
+                "independent"
+            )
         lines.append(
-            f"fitted to the first two thirds of {len(self.measurements)} "
-            f"{'record' if len(self.measurements) == 1 else 'records'} in {windows} windows, "
-            f"acceleration {self.fitted.interpolation} between samples; intervals allow for "
-            f"correlated residuals; {self.seconds:.1f} s"
+            f"fitted to {self._fitted_part()}; intervals allow for correlated residuals; "
+            f"{self.seconds:.1f} s"
         )
         return lines
+
+    def _fitted_part(self):
+        """What of the records the values come from, in words."""
+        count = len(self.measurements)
+        records = f"{count} {'record' if count == 1 else 'records'}"
+        if isinstance(self.fitted.stretches[0], ResponseStretch):
+            return f"two of every three frequencies of {records}"
+        windows = sum(edges.size - 1 for edges in self.fitted.fit.edges)
+        return (
+            f"the first two thirds of {records} in {windows} windows, acceleration "
+            f"{self.fitted.interpolation} between samples"
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
@@ -204,6 +227,7 @@ class Identification:
             ],
             "proposed": self.proposed.name,
             "interpolation": self.fitted.interpolation,
+            "posterior": self.posterior.to_dict() if self.posterior else None,
             "seconds": self.seconds,
         }
 
@@ -230,6 +254,10 @@ class Identification:
         ]
         heading = [f"Identified from {names}.", self.verdict.sentence, *sensors]
         return scene_text(made.scene, comments, heading)
+
+
+def _windows(stretch):
+    return "" if isinstance(stretch, ResponseStretch) else f" in {stretch.windows} windows"
 
 
 def _with_error(each):

@@ -13,7 +13,9 @@ from harvester.identification.candidates import Candidate, candidates
 from harvester.identification.checks import check_records
 from harvester.identification.fitting import Fitted, fitted
 from harvester.identification.identification import Identification
+from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.measurement import Measurement, read_measurement
+from harvester.identification.posterior import posterior as posterior_of
 from harvester.identification.proof import typical_period, whiteness
 from harvester.identification.sizes import first_sizes, fitted_sizes
 from harvester.identification.unknowns import checked_keys, default_keys
@@ -23,6 +25,9 @@ from harvester.scene.model import Scene
 if TYPE_CHECKING:
     from harvester.identification.intervals import Undetermined
 
+Record = Measurement | MeasuredResponse
+# Shares of the work: other models begin at the first, the posterior at the second.
+MODELS_BEGIN, POSTERIOR_BEGINS = 0.4, 0.7
 # Of a direction that is not determined, those that are rather kept as in the scene.
 KEPT_FIRST = ("capacitance", "restitution", "stiffness", "quadratic_damping")
 
@@ -30,10 +35,11 @@ KEPT_FIRST = ("capacitance", "restitution", "stiffness", "quadratic_damping")
 @takes_scene
 def identify(
     scene: Scene,
-    records: Sequence[Measurement | str | Path] | Measurement | str | Path,
+    records: Sequence[Record | str | Path] | Record | str | Path,
     *,
     free: Sequence[str] | None = None,
     compare: bool = True,
+    posterior: bool = False,
     progress: Callable[[float, str], None] | None = None,
 ) -> Identification:
     """Fit a scene's numbers to measured records, a third of each kept aside as proof.
@@ -42,7 +48,7 @@ def identify(
     ----------
     scene : Scene
         Where the fit begins, and all that is known: what is not free stays as it is.
-    records : sequence of Measurement or file, or one of them
+    records : sequence of Measurement, MeasuredResponse or file, or one of them
         A file's columns have their quantity and unit in the header; see `read_measurement`.
     free : sequence of str, optional
         Keys of the scene (`oscillator.damping`, `oscillator.restoring_force[2]`, …) and of sensors
@@ -51,6 +57,8 @@ def identify(
         what the records do not determine then stays as in the scene.
     compare : bool
         Fit neighbouring models too: symmetric spring or not, cubic or linear, drag, stoppers.
+    posterior : bool
+        Sample the posterior of the values too, by the scene's seed; needs emcee.
     progress : callable, optional
         Of the share done and what is being done.
 
@@ -69,17 +77,23 @@ def identify(
     follow = progress or (lambda share, text: None)
     measurements = _measurements(scene, records)
     check_records(scene, measurements)
-    outputs = list(measurements[0].outputs)
+    outputs = list(measurements[0].sensed)
     keys = default_keys(scene, outputs) if free is None else checked_keys(scene, free, outputs)
     if not keys:
         raise IdentificationError(f"{scene.name}: nothing is free; name keys with --free")
     follow(0.0, "fit")
     base, kept = _determined(scene, measurements, keys, free is None)
-    follow(0.5, "other models")
+    follow(MODELS_BEGIN, "other models")
     sizes = fitted_sizes(base, measurements)
     found = [Candidate("as given", base, 0.0, 0.0)]
-    if compare:
+    if compare and any(each.acceleration is not None for each in measurements):
         found = candidates(base, measurements, base.keys, sizes)
+    sampled = None
+    if posterior:
+        follow(POSTERIOR_BEGINS, "posterior")
+        sampled = posterior_of(
+            base, scene.run.seed, lambda share: follow(_later(share), "posterior")
+        )
     white = whiteness(base.stretches[0], 0, typical_period(base.shooting.responses))
     return Identification(
         scene=base.scene,
@@ -91,14 +105,19 @@ def identify(
         whiteness=white,
         verdict=verdict(base, found, white),
         seconds=time.perf_counter() - clock,
+        posterior=sampled,
     )
 
 
+def _later(share):
+    return POSTERIOR_BEGINS + (1.0 - POSTERIOR_BEGINS) * share
+
+
 def _measurements(scene, records):
-    if isinstance(records, (Measurement, str, Path)):
+    if isinstance(records, (Measurement, MeasuredResponse, str, Path)):
         records = [records]
     return [
-        each if isinstance(each, Measurement) else read_measurement(each, units=scene.units)
+        read_measurement(each, units=scene.units) if isinstance(each, (str, Path)) else each
         for each in records
     ]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -21,6 +22,7 @@ from harvester.excitation.conditioning import (
 from harvester.excitation.motion_file import read_named_columns, read_record
 from harvester.files.plain_text import name as plain_name
 from harvester.files.plain_text import named, nearest, shown
+from harvester.identification.measured_response import MeasuredResponse, response_of
 
 OUTPUTS = ("voltage", "displacement", "velocity")
 # Factors to the scene's units; those of a scaled scene have none.
@@ -30,10 +32,27 @@ QUANTITIES: dict[str, dict[str, float]] = {
     "voltage": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "kV": 1e3},
     "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
     "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
+    "frequency": {"Hz": 1.0, "kHz": 1e3, "rad/s": 0.5 / math.pi},
+    "phase": {"rad": 1.0, "deg": math.pi / 180.0},
 }
-SYNONYMS = {"t": "time", "base acceleration": "acceleration"}
-# A name of a header with its unit behind it, in brackets.
-HEADER = re.compile(r"\s*(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*")
+RESPONSE = {
+    f"{volts}/{bracketed}": volt / factor
+    for volts, volt in QUANTITIES["voltage"].items()
+    for unit, factor in QUANTITIES["acceleration"].items()
+    for bracketed in (f"({unit})" if "/" in unit else unit,)
+}
+QUANTITIES |= dict.fromkeys(("amplitude", "real", "imaginary"), RESPONSE)
+SYNONYMS = {
+    "t": "time",
+    "f": "frequency",
+    "base acceleration": "acceleration",
+    "voltage amplitude": "amplitude",
+    "voltage phase": "phase",
+    "real part": "real",
+    "imaginary part": "imaginary",
+}
+# A name of a header with its unit behind it, in brackets, which a unit may contain.
+HEADER = re.compile(r"\s*([^\[(]*?)\s*(?:\[\s*([^\]]*?)\s*\]|\(\s*(.*?)\s*\))\s*")
 
 
 @dataclass(frozen=True)
@@ -83,6 +102,8 @@ class Measurement:
         """What was measured of the device, by its name."""
         return {name: getattr(self, name) for name in OUTPUTS if getattr(self, name) is not None}
 
+    sensed = outputs
+
     @property
     def duration(self) -> float:
         """s."""
@@ -118,16 +139,17 @@ def _check_column(values, quantity, shape, where):
 
 def read_measurement(
     file: str | Path, settings: Mapping[str, Any] | None = None, units: str = "SI"
-) -> Measurement:
-    """A record from its file.
+) -> Measurement | MeasuredResponse:
+    """A record from its file; a column of frequencies makes it a frequency response.
 
     Parameters
     ----------
     file : str or Path
         CSV or other text, `.npy`, `.wav`, `.mat`.
     settings : dict of str to value, optional
-        `acceleration`, `voltage`, `displacement`, `velocity`, `time`: the column's name or number
-        from 0, with its unit behind a colon ("2:mV"); `sampling_rate` (Hz); any other key is one of
+        `acceleration`, `voltage`, `displacement`, `velocity`, `time`, of a response `frequency`,
+        `amplitude` and `phase`, or `real` and `imaginary`: the column's name or number from 0, with
+        its unit behind a colon ("2:mV"); `sampling_rate` (Hz); any other key is one of
         the scene, which had this value while the record was taken. A column whose header says
         "voltage [mV]" or the like needs no setting.
     units : str
@@ -156,6 +178,8 @@ def read_measurement(
     content, _ = read_record(path)
     columns, own_rate = read_named_columns(path, content, wanted)
     columns = {name: values * factors[name] for name, values in columns.items()}
+    if "frequency" in columns:
+        return response_of(columns, settings, plain_name(Path(path).name))
     if "acceleration" not in columns:
         raise SceneError(
             f"{where}: no column of the base's acceleration: write acceleration [m/s^2] in its "
@@ -174,8 +198,7 @@ def _columns(given, names, width, units, where):
     """(place, factor) of each quantity: as given, else by the header."""
     found = {}
     for place, header in enumerate(names):
-        match = HEADER.fullmatch(header)
-        title, unit = match.groups() if match else (header.strip(), None)
+        title, unit = _title_and_unit(header)
         title = title.lower().replace("_", " ")
         quantity = SYNONYMS.get(title, title)
         if quantity in QUANTITIES and quantity not in found and quantity not in given:
@@ -189,11 +212,15 @@ def _columns(given, names, width, units, where):
     return found
 
 
+def _title_and_unit(header):
+    match = HEADER.fullmatch(header)
+    return (match[1], match[2] or match[3]) if match else (header.strip(), None)
+
+
 def _column_and_unit(quantity, text, names):
     """A setting's column and unit: what follows the last colon, unless that is in the name."""
     if text in names:
-        match = HEADER.fullmatch(text)
-        return text, match.group(2) if match else None
+        return text, _title_and_unit(text)[1]
     column, colon, unit = text.rpartition(":")
     return (column, unit) if colon else (text, None)
 
@@ -223,7 +250,7 @@ def _factor(quantity, unit, units, where):
             f"header, or {quantity}=COLUMN:UNIT behind the file; units are {', '.join(known)}"
         )
     plain = unit.replace("²", "^2").replace("µ", "u").replace("μ", "u").replace("s2", "s^2")
-    if units != "SI" and quantity != "time":
+    if units != "SI" and quantity not in ("time", "frequency", "phase"):
         raise SceneError(
             f'{where}: {quantity} is in {named(unit)}, and the scene has units = "scaled": take '
             'one with units = "SI", or a record in scaled units'

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -23,6 +23,8 @@ BLOCKS = 12
 # Share of the highest frequencies in which a record's own noise is looked for.
 NOISE_BAND = 0.25
 NOISE_SEGMENTS = 16
+# rms of a normal variable over the median of its magnitude.
+NORMAL_RMS = 1.4826
 # Lags of the autocorrelation, in periods of the motion.
 WHITE_PERIODS = 1.0
 
@@ -54,10 +56,19 @@ class Stretch:
     windows: int
     resistance: float | None
 
+    aside: ClassVar[str] = "last third"
+    # Whether an error of the model would show in the residuals' correlation.
+    long: ClassVar[bool] = True
+
     @property
     def residuals(self) -> np.ndarray:
         """Simulated in windows less measured."""
         return self.windowed - self.measured
+
+    @property
+    def quantity(self) -> str:
+        """What `nrmse` is of."""
+        return self.outputs[0]
 
     def nrmse(self, output: int = 0) -> float:
         """Root mean square of the residuals over the output's standard deviation."""
@@ -88,8 +99,46 @@ class Stretch:
     def _blocks(self, values):
         place = self.outputs.index("voltage") if "voltage" in self.outputs else 0
         factor = 1.0 / self.resistance if self.compared[1] == "W" and self.resistance else 1.0
-        parts = np.array_split(values[:, place], BLOCKS)
-        return factor * np.array([float(np.mean(part**2)) for part in parts])
+        return factor * np.array([float(np.mean(part**2)) for part in blocks_of(values[:, place])])
+
+
+@dataclass(frozen=True)
+class ResponseStretch(Stretch):
+    """The frequencies of a measured response that were kept aside.
+
+    Attributes
+    ----------
+    frequency : ndarray, shape (samples,)
+        Hz.
+    """
+
+    frequency: np.ndarray
+
+    aside: ClassVar[str] = "every third frequency"
+    long: ClassVar[bool] = False
+
+    @property
+    def quantity(self) -> str:
+        """What `nrmse` is of."""
+        return "response"
+
+    def nrmse(self, output: int = 0) -> float:
+        """Root mean square of the residuals over that of the response, both parts together."""
+        return float(np.linalg.norm(self.residuals) / np.linalg.norm(self.measured))
+
+    @property
+    def compared(self) -> tuple[str, str]:
+        """Quantity and unit of `powers`."""
+        return "mean square response", "(V/(m/s²))²"
+
+    def _blocks(self, values):
+        squares = np.sum(values**2, axis=1)
+        return np.array([float(np.mean(part)) for part in blocks_of(squares)])
+
+
+def blocks_of(values: np.ndarray) -> list[np.ndarray]:
+    """A series in the blocks whose means give an error bar."""
+    return np.array_split(values, min(BLOCKS, values.size))
 
 
 def _of_blocks(values):
@@ -141,14 +190,18 @@ def predicted(
 def sensor_noise(stretch: Stretch, output: int = 0) -> float:
     """Of an output's record, as a share of its standard deviation: the floor of its spectrum.
 
-    White noise is taken for all of the floor in the highest quarter of the frequencies.
+    White noise is taken for all of the floor in the highest quarter of the frequencies. Of a
+    response it is the median of the residuals.
     """
     from scipy import signal
 
-    values = stretch.measured[:, output]
+    values, spread = stretch.measured[:, output], float(np.std(stretch.measured[:, output]))
+    if isinstance(stretch, ResponseStretch):
+        # A wrong model misses the few lines of the resonance, which the median does not see.
+        return NORMAL_RMS * float(np.median(np.abs(stretch.residuals[:, output]))) / spread
     f, density = signal.welch(values, stretch.rate, nperseg=max(16, values.size // NOISE_SEGMENTS))
     floor = float(np.median(density[f > (1.0 - NOISE_BAND) * f[-1]]))
-    return math.sqrt(floor * 0.5 * stretch.rate) / float(np.std(values))
+    return math.sqrt(floor * 0.5 * stretch.rate) / spread
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from harvester.identification.measured_response import MeasuredResponse
+
 if TYPE_CHECKING:
     from harvester.device.system import System
     from harvester.identification.measurement import Measurement
@@ -54,10 +56,12 @@ class Motion:
         return replace(self, x=signal.sosfiltfilt(sections, self.x))
 
 
-def frequencies(measurement: Measurement) -> tuple[float, float]:
+def frequencies(measurement: Measurement | MeasuredResponse) -> tuple[float, float]:
     """Median frequency of what was measured of the device, and its fastest (Hz)."""
     from scipy import signal
 
+    if isinstance(measurement, MeasuredResponse):
+        return measurement.resonance, float(measurement.frequency[-1])
     rate = measurement.sampling_rate
     medians, fastest = [], []
     for values in measurement.outputs.values():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 from typing import TYPE_CHECKING
 
-from harvester.identification.drawing import draw
+from harvester.identification.drawing import draw, draw_posterior
 from harvester.show import figures
 from harvester.show.page import facts, figure_of, page, table_of, verdict_list, wide
 from harvester.show.verdicts import Verdict
@@ -21,6 +21,9 @@ CAPTION = (
     "The part kept aside. Grey: measured; blue: predicted (waveforms in windows, spectra and "
     "densities from one start alone); orange: the difference in windows."
 )
+
+
+POSTERIOR_CAPTION = "Draws of each value and of each pair; grey: the 95 % intervals of the table."
 
 
 def report(found: Identification) -> str:
@@ -45,7 +48,16 @@ def report(found: Identification) -> str:
             "Figures": figure_of(
                 figures.picture(draw, found), f"{found.scene.name}: proof", CAPTION
             ),
+            **_posterior(found),
             "Models": wide(table_of(("model", "values", "NRMSE"), models)),
             "Scene": wide(f"<pre>{scene}</pre>"),
         },
     )
+
+
+def _posterior(found):
+    """Its section, where it was sampled."""
+    if not found.posterior:
+        return {}
+    picture = figures.picture(draw_posterior, found)
+    return {"Posterior": figure_of(picture, f"{found.scene.name}: posterior", POSTERIOR_CAPTION)}

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 SHORT_PERIODS = 2.0
 # Iterations with short windows, at each length, and at the end.
-FIRST, ON_THE_WAY, LAST = 12, 6, 20
+FIRST, ON_THE_WAY, LAST = 12, 6, 40
 # Relative fall of the cost below which a fit is done, on the way and at its end.
 COARSE, FINE = 1e-3, 1e-6
 # Share of an output's rms that its noise is taken for at first.
@@ -63,7 +63,8 @@ def searched(
     if best is None:
         return None
     shooting, fit = best
-    return shooting, followed(shooting, fit, lengths)
+    fit = followed(shooting, fit, lengths)
+    return (shooting, fit) if fit.grams else None
 
 
 def _short(responses, unknowns, start, lengths):
@@ -160,6 +161,25 @@ def short_windows(measurement: Measurement, first: int, last: int) -> np.ndarray
     period = measurement.sampling_rate / frequencies(measurement)[0]
     width = max(SHORT_PERIODS * period, (last - first) / MOST_FIRST_WINDOWS)
     return first + equal_windows(last - first, width)
+
+
+def opened(shooting: Shooting, fit: Fit) -> Fit:
+    """The fit in the shortest windows, which begin on its own motion."""
+    edges, starts = [], []
+    for number, old in enumerate(fit.edges):
+        states, _, _ = shooting.responses.states(number, fit.values, old, fit.starts[number])
+        cut = short_windows(shooting.responses.experiments[number].measurement, old[0], old[-1])
+        edges.append(cut)
+        starts.append(states[cut[:-1] - old[0]])
+    return Fit(fit.values, edges, starts, fit.noise)
+
+
+def followed_anew(shooting: Shooting, begun: Fit) -> Fit | None:
+    """A fit that begins in short windows, to the end; None where no motion follows."""
+    fit = shooting.minimized(begun, ON_THE_WAY, COARSE)
+    if fit.grams:
+        fit = followed(shooting, fit, [int(edges[-1] - edges[0]) for edges in fit.edges])
+    return fit if fit.grams else None
 
 
 def mended(shooting: Shooting, fit: Fit) -> Fit:

@@ -7,7 +7,9 @@ three states for each window; those are eliminated window by window from the nor
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -126,19 +128,28 @@ class Shooting:
         table = np.zeros((*base.shape, p + 4))
         table[..., -1] = base
         transitions = np.zeros((len(starts), 3, 3))
-        for k in range(p):
+
+        def of_value(k):
             moved = fit.values.copy()
             moved[k] += DIFFERENCE * self.sizes[k] * (-1.0 if moved[k] >= self.high[k] else 1.0)
             found, _ = self.residuals(number, moved, edges, starts, noise)
             if found is not None:
                 table[..., k] = (found - base) / ((moved[k] - fit.values[k]) / self.sizes[k])
-        for k in map(int, np.flatnonzero(there)):
+
+        def of_state(k):
             moved = starts.copy()
             moved[:, k] += DIFFERENCE * self.state_sizes[number][k]
             found, moved_ends = self.residuals(number, fit.values, edges, moved, noise)
             if found is not None:
                 table[..., p + k] = (found - base) / DIFFERENCE
                 transitions[:, :, k] = (moved_ends - ends) / self.state_sizes[number] / DIFFERENCE
+
+        # Each fills a column of its own: the same numbers in any order.
+        with ThreadPoolExecutor(os.cpu_count()) as threads:
+            work = [threads.submit(of_value, k) for k in range(p)]
+            work += [threads.submit(of_state, int(k)) for k in np.flatnonzero(there)]
+        for each in work:
+            each.result()
         return table, transitions
 
     def linearized(self, fit: Fit) -> bool:
@@ -186,12 +197,16 @@ class Shooting:
                 free &= ~(out & at)
             target = np.clip(fit.values + change * self.sizes, self.low, self.high)
             change = (target - fit.values) / self.sizes
-        moves = []
+        return change, self.state_moves(fit, change, damping)
+
+    def state_moves(self, fit: Fit, change: np.ndarray, damping: float = 0.0) -> list[np.ndarray]:
+        """Changes of all starts that go with one of the unknowns, in sizes."""
+        p, moves = len(self.unknowns), []
         for grams in fit.grams:
             inverse = self._state_inverse(grams, damping)
             right = grams[:, p : p + 3, -1] + grams[:, p : p + 3, :p] @ change
             moves.append(-np.einsum("wij,wj->wi", inverse, right))
-        return change, moves
+        return moves
 
     def reduced(self, fit: Fit, damping: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Normal matrix and gradient of the unknowns alone, the starts eliminated."""
@@ -213,7 +228,8 @@ class Shooting:
         p = len(self.unknowns)
         own = grams[:, p : p + 3, p : p + 3].copy()
         sizes = np.einsum("wii->wi", own)
-        ridge = damping * sizes + 1e-10 * np.maximum(sizes.max(axis=1, keepdims=True), 1e-300)
+        largest = sizes.max(axis=1, keepdims=True)
+        ridge = damping * sizes + 1e-10 * np.where(largest > 0.0, largest, 1.0)
         own[:, range(3), range(3)] += ridge
         return np.linalg.inv(own)
 

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.reconstruction import frequencies
 from harvester.scene.units import scale
 
 if TYPE_CHECKING:
-    from harvester.identification.fitting import Fitted
+    from harvester.identification.fitted_model import Fitted
     from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
 
@@ -42,9 +43,10 @@ def sizes_of(
     found["oscillator.quadratic_damping"] = damping / speed
     found["stoppers.gap"] = reach
     found["stoppers.stiffness"] = greatest / reach**1.5
-    found["sensor.acceleration_offset"] = float(np.std(measurements[0].acceleration)) or 1.0
+    base = measurements[0].acceleration
+    found["sensor.acceleration_offset"] = 1.0 if base is None else float(np.std(base)) or 1.0
     period = 1.0 / frequencies(measurements[0])[0]
-    for name, values in measurements[0].outputs.items():
+    for name, values in measurements[0].sensed.items():
         found[f"sensor.{name}_offset"] = float(np.std(values))
         for effect in ("delay", "filter"):
             found[f"sensor.{name}_{effect}"] = SHARE_OF_PERIOD * period
@@ -59,7 +61,9 @@ def first_sizes(scene: Scene, measurements: Sequence[Measurement]) -> dict[str, 
 
 
 def fitted_sizes(base: Fitted, measurements: Sequence[Measurement]) -> dict[str, float]:
-    """Those of the motion that was fitted."""
+    """Those of the motion that was fitted; of a response as before the fit."""
+    if isinstance(measurements[0], MeasuredResponse):
+        return first_sizes(base.scene, measurements)
     reach, speed = 0.0, 0.0
     responses, fit = base.shooting.responses, base.fit
     for number, edges in enumerate(fit.edges):

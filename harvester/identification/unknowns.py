@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -144,14 +145,19 @@ def unknowns(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list
     return found
 
 
-def with_values(scene: Scene, keys: Sequence[str], values: np.ndarray) -> Scene | None:
-    """The scene with these numbers; None where its own checks refuse them."""
+def with_values(
+    scene: Scene,
+    keys: Sequence[str],
+    values: np.ndarray,
+    others: Mapping[str, float] = MappingProxyType({}),
+) -> Scene | None:
+    """The scene with these numbers and others; None where its own checks refuse them."""
     changes = {
         key: float(value)
         for key, value in zip(keys, values, strict=True)
         if not key.startswith("sensor.")
     }
     try:
-        return scene.replace(changes)
+        return scene.replace({**changes, **others})
     except SceneError:
         return None

@@ -11,7 +11,7 @@ from harvester.identification.candidates import Candidate, proposed
 from harvester.identification.proof import Whiteness, sensor_noise
 
 if TYPE_CHECKING:
-    from harvester.identification.fitting import Fitted
+    from harvester.identification.fitted_model import Fitted
 
 # Part of an output's rms beyond the sensor's noise that a good model may leave.
 MISSED_SHARE = 0.05
@@ -49,7 +49,7 @@ def verdict(base: Fitted, found: Sequence[Candidate], whiteness: Whiteness) -> V
     whiteness : Whiteness
         Of the residuals of the first record kept aside.
     """
-    output = base.stretches[0].outputs[0]
+    output = base.stretches[0].quantity
     noise = max(sensor_noise(each) for each in base.stretches)
     missed = math.sqrt(max(base.nrmse**2 - min(noise, MOST_NOISE) ** 2, 0.0))
     said = (
@@ -63,7 +63,7 @@ def verdict(base: Fitted, found: Sequence[Candidate], whiteness: Whiteness) -> V
             f"the model is wrong: {said}; {best.name} leaves {best.fitted.nrmse:.2%} and is "
             "proposed instead",
         )
-    if missed > MISSED_SHARE and not whiteness.white:
+    if missed > MISSED_SHARE and not (whiteness.white and base.stretches[0].long):
         return Verdict(
             "incomplete",
             f"the model is wrong or incomplete: {said}, and none of the other models that were "

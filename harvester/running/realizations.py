@@ -210,8 +210,7 @@ def _together(scene, method, step):
     """Realizations in one task: several only where they cost less so."""
     if method != "circuit":
         return REALIZATIONS_TOGETHER
-    many = scene.replace({"run.realizations": REALIZATIONS_TOGETHER * side_by_side.FEWEST_NETLISTS})
-    return side_by_side.copies(many, lambda: REALIZATIONS_TOGETHER, step)
+    return REALIZATIONS_TOGETHER if side_by_side.share_steps(scene, step) else 1
 
 
 def _window(scene):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ from harvester.show.palette import CIRCUIT, LINES, MONTE_CARLO, styles
 from harvester.verification.work_precision.diagram import MEANS
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from harvester.results import Result
@@ -95,11 +96,11 @@ def draw_result(result: Result) -> Figure | None:
     figure = Figure(figsize=(3.0 * panels, 2.6))
     for place, name in enumerate(result.densities):
         axes = figure.add_subplot(1, panels, place + 1)
-        _density(axes, result, name, CIRCUIT, "-", None)
-        axes.set_xlabel(_axis(result, name))
+        draw_density(axes, result, name, CIRCUIT, "-", None)
+        axes.set_xlabel(axis_label(result, name))
         axes.set_ylabel("probability density" if place == 0 else "")
         axes.set_ylim(bottom=0.0)
-        _frame(axes, [result], name)
+        frame(axes, [result], name)
     if fitted:
         _draw_fit(figure.add_subplot(1, panels, panels), result)
     figure.suptitle(f"{result.scene.name}: {result.engine}", x=0.01, ha="left", fontsize=9)
@@ -151,19 +152,19 @@ def draw_comparison(comparison: Comparison) -> Figure:
 
 
 def _draw_densities(axes, comparison, name):
-    _density(axes, comparison.monte_carlo, name, MONTE_CARLO, "-", "Monte Carlo")
-    _density(axes, comparison.circuit, name, CIRCUIT, "--", "circuit")
+    draw_density(axes, comparison.monte_carlo, name, MONTE_CARLO, "-", "Monte Carlo")
+    draw_density(axes, comparison.circuit, name, CIRCUIT, "--", "circuit")
     # Above the simulations, which are broad where they are noisy.
     for closure, result in comparison.closures.items():
         colour, style = LINES[closure]
         if name in result.densities:
-            _density(axes, result, name, colour, style, f"averaging, {closure}")
+            draw_density(axes, result, name, colour, style, f"averaging, {closure}")
     simulated = comparison.monte_carlo.densities[name]
-    _frame(axes, [comparison.circuit, comparison.monte_carlo], name)
+    frame(axes, [comparison.circuit, comparison.monte_carlo], name)
     peak = simulated.density.max() / comparison.monte_carlo.scales.of(name)
     # A closure that is far off must not flatten the others.
     axes.set_ylim(0.0, min(axes.get_ylim()[1], 2.5 * peak))
-    axes.set_xlabel(_axis(comparison.circuit, name))
+    axes.set_xlabel(axis_label(comparison.circuit, name))
 
 
 def _draw_waveforms(top, bottom, comparison):
@@ -171,7 +172,7 @@ def _draw_waveforms(top, bottom, comparison):
     unit = comparison.circuit.scales.displacement
     top.plot(reference.time, reference.displacement * unit, color=MONTE_CARLO)
     top.plot(circuit.time, circuit.displacement * unit, "--", color=CIRCUIT)
-    top.set_ylabel(_axis(comparison.circuit, "displacement"))
+    top.set_ylabel(axis_label(comparison.circuit, "displacement"))
     top.set_title("the same noise path")
     # Both have every knot of the noise among their points.
     difference = np.interp(reference.time, circuit.time, circuit.displacement)
@@ -277,7 +278,9 @@ def _draw_sampling_error(axes, diagram, name):
         axes.plot(span, [level, level], color="0.3", linewidth=0.9, label=label)
 
 
-def _density(axes, result, name, colour, style, label):
+def draw_density(
+    axes: Axes, result: Result, name: str, colour: str, style: str, label: str | None
+) -> None:
     """One density in the scene's units, with a band of two standard errors."""
     density = result.densities[name]
     unit = result.scales.of(density.dimension)
@@ -288,7 +291,7 @@ def _density(axes, result, name, colour, style, label):
     axes.plot(centre, values, style, color=colour, label=label)
 
 
-def _frame(axes, results, name):
+def frame(axes: Axes, results: Sequence[Result], name: str) -> None:
     """Limit the axis to where the densities are worth drawing."""
     ends = []
     for result in results:
@@ -300,6 +303,7 @@ def _frame(axes, results, name):
     axes.locator_params(axis="x", nbins=MOST_TICKS)
 
 
-def _axis(result, name):
+def axis_label(result: Result, name: str) -> str:
+    """A dimension and its unit."""
     unit = result.unit(name)
     return f"{name} [{'scaled' if unit.startswith('scaled') else unit}]"

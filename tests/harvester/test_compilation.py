@@ -13,7 +13,7 @@ def test_a_change_in_one_file_reaches_the_code_compiled_from_another(tmp_path):
     shutil.copytree(PACKAGE, tmp_path / "harvester", ignore=shutil.ignore_patterns("__pycache__"))
     code = (
         "from harvester.scene.model import Scene; from harvester.scene.units import scale\n"
-        "from harvester.engines.monte_carlo import _acceleration\n"
+        "from harvester.engines.schemes import _acceleration\n"
         "p, _ = scale(Scene.load('paper'))\n"
         "print(_acceleration(p, True, 1.1, 9.0, 0.0, 1.5, 0.0, 0.0, 0.0))"
     )

@@ -16,7 +16,7 @@ from harvester import errors
 
 ROOT = Path(harvester.__file__).parents[1]
 PUBLIC = [name for name in harvester.__all__ if name != "__version__"]
-HEAVY = ("numba", "scipy", "matplotlib", "PySpice", "xarray", "dask", "rich")
+HEAVY = ("numba", "scipy", "matplotlib", "PySpice", "xarray", "dask", "rich", "ipywidgets")
 
 
 def test_every_name_leads_to_what_it_says():

@@ -1,11 +1,13 @@
 """A known result, what each method makes of it, and the table of all of them."""
 
+import datetime
 import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Unpack
 
+from harvester import __version__
 from harvester.errors import HarvesterError
 from harvester.files.writing import finite
 from harvester.running import Request, RunnerOptions, open_runner
@@ -132,10 +134,13 @@ class Verification:
     ----------
     rows : list of Row
     wall_seconds : float
+    date : str
+        Of the day, ISO 8601.
     """
 
     rows: list[Row]
     wall_seconds: float
+    date: str
 
     @property
     def scene(self) -> None:
@@ -166,12 +171,24 @@ class Verification:
         ]
 
     def markdown(self) -> str:
-        """The table with its sources, as Markdown."""
+        """A page with the table, numbered sources and everything about rows that do not hold."""
         header, rows = self.table()
+        sources = list(dict.fromkeys(row.truth.source for row in self.rows))
         lines = [[*header, "source"], ["---"] * (len(header) + 1)]
-        lines += [[*cells, row.truth.source] for cells, row in zip(rows, self.rows, strict=True)]
-        table = "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
-        return table + "\n\n" + "".join(f"- {line}\n" for line in self.sentences())
+        lines += [
+            [*cells, str(1 + sources.index(row.truth.source))]
+            for cells, row in zip(rows, self.rows, strict=True)
+        ]
+        said = [
+            "# Verified against others",
+            f"Written by `harvester verify`, harvester {__version__}, {self.date}: closed forms, "
+            "exact limits, published powers and other integrators beside this project's results.",
+            "\n".join(f"- {line}" for line in self.sentences()),
+            "\n".join(f"| {' | '.join(cells)} |" for cells in lines),
+            "## Sources",
+            "\n".join(f"{place}. {each}" for place, each in enumerate(sources, 1)),
+        ]
+        return "\n\n".join(said) + "\n"
 
     def figure(self) -> None:
         """The table says it all."""
@@ -181,6 +198,8 @@ class Verification:
         return {
             "agreeing_sigmas": AGREEING_SIGMAS,
             "wall_seconds": self.wall_seconds,
+            "version": __version__,
+            "date": self.date,
             "rows": [row.to_dict() for row in self.rows],
         }
 
@@ -216,7 +235,8 @@ def verify(
         _row(truth, method, next(answers if isinstance(each, Request) else found))
         for truth, method, each in asked
     ]
-    return Verification(rows, time.perf_counter() - clock)
+    today = datetime.date.today().isoformat()
+    return Verification(rows, time.perf_counter() - clock, today)
 
 
 def _row(truth, method, outcome):

@@ -25,6 +25,7 @@ def request(
     method: str,
     realizations: dict[str, int],
     density: bool = False,
+    closure_error: float = CLOSURE_ERROR,
     **options: Any,
 ) -> Request:
     """One scene by one method.
@@ -36,11 +37,13 @@ def request(
     realizations : dict of str to int
         Of each engine, at first.
     density : bool
+    closure_error : float
+        That is allowed for a closure whose own tolerance is smaller.
     **options
         Of `harvester.running.Request`, for simulations alone.
     """
     if method not in ENGINES:
-        tolerance = max(CLOSURE_ERROR, TOLERANCES[method])
+        tolerance = max(closure_error, TOLERANCES[method])
         return Request(scene, method, tolerance=tolerance, density=density)
     run = resolving(scene).replace({"run.duration": DURATIONS[method]})
     return Request(run, method, realizations=realizations[method], density=density, **options)

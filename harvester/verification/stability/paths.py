@@ -219,8 +219,8 @@ def _typical_start(scene):
 def _paths(scene, engine, step):
     """Realizations with their whole waveforms."""
     together, count = 1, scene.run.realizations
-    if engine == "circuit":
-        together = side_by_side.copies(scene, lambda: count, step, netlists=1)
+    if engine == "circuit" and side_by_side.share_steps(scene, step):
+        together = count
     window = (0.0, 2.0 * scene.run.duration)
     paths = []
     for first in range(0, count, together):

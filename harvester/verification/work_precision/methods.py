@@ -46,9 +46,10 @@ class Method:
         """Realizations in one netlist: as many as pay where nothing else is asked for."""
         if self.copies is not None:
             return self.copies
-        most = side_by_side.MOST_COPIES[self.device]
         options = self.step(scene), self.source, self.tolerance
-        return side_by_side.copies(scene, lambda: most, *options)
+        if not side_by_side.share_steps(scene, *options):
+            return 1
+        return side_by_side.copies(scene.run.realizations, self.device)
 
     def setting(self, scene: Scene) -> str:
         """What tells it from others of its family, as text."""

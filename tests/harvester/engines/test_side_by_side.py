@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from harvester.engines.side_by_side import MOST_COPIES, copies
+from harvester.engines.side_by_side import copies, share_steps
 from harvester.errors import HarvesterError, SimulatorCrashed
 from harvester.estimates.paired import paired_difference
 from harvester.scene.model import Scene
@@ -13,17 +13,24 @@ MEANS = ("mean_square_voltage", "mean_square_velocity", "mean_input_power", "mea
 
 
 def test_the_number_of_copies_follows_from_the_scene():
-    def number(*overrides, most=lambda: 200, **options):
-        return copies(Scene.load("paper", overrides), most, **options)
+    assert [copies(n, "behavioural") for n in (1, 7, 64, 99999)] == [1, 1, 8, 16]
+    assert [copies(n, "compiled") for n in (1, 2, 7, 64, 256, 1600, 99999)] == [
+        *(1, 1, 3, 32),
+        *(32, 200, 200),
+    ]
 
-    assert number("run.realizations=1") == 1
-    assert number("run.realizations=64") == 8
-    assert number("run.realizations=1600") == 200
-    assert number("run.realizations=99999", most=MOST_COPIES.get("behavioural").__int__) == 16
-    assert number(tolerance=1e-4) == number(source="pwl") == 1
+
+def test_what_leaves_each_realization_its_own_netlist():
+    def share(*overrides, **options):
+        return share_steps(Scene.load("paper", overrides), **options)
+
+    assert share()
+    assert not share(tolerance=1e-4)
+    assert not share(source="pwl")
+    assert not share("load.netlist=bridge")
     # A stiff contact of one copy would shorten the steps of all.
-    assert number("stoppers.stiffness=1e5") == 1
-    assert number("stoppers.stiffness=1e5", "stoppers=none") == 8
+    assert not share("stoppers.stiffness=1e5")
+    assert share("stoppers.stiffness=1e5", "stoppers=none")
 
 
 def test_copies_with_equal_steps_are_the_single_runs(pool):

@@ -14,12 +14,20 @@ from harvester.identification.measurement import Measurement
 from harvester.scene.model import Scene
 
 RATE = 1e7 / 2**14
-# The growing noise, the published test part; and some periods of the multisine behind it.
-TEST, FITTED = slice(0, 40_400), slice(40_600, 40_600 + 4 * 8192)
-# Published NRMSE of identified models; ours may be a fifth greater.
+# The published split (nonlinear_benchmarks): fitted to three quarters of the multisine; tested on
+# the rest of it, and on the growing noise, all of it or as far as it stays within the multisine's
+# amplitude; the first samples of a test are left out.
+TRAIN = slice(40_650, 105_712)
+TESTS = {
+    "multisine": slice(105_712, 127_400),
+    "within": slice(100, 32_100),
+    "beyond": slice(100, 40_575),
+}
+LEFT_OUT = 50
+# Published NRMSE of identified models (of freq-statespace, on the multisine); ours may be a fifth
+# greater. Beyond the multisine's amplitude no linear model comes near: the best filter of 400
+# coefficients, fitted there, leaves 23 %.
 LINEAR, CUBIC, SHARE = 0.132, 0.011, 1.2
-# Samples of the test part in which the amplitude is not beyond that of the multisine.
-WITHIN = 25_000
 
 pytestmark = [
     pytest.mark.slow,
@@ -31,15 +39,15 @@ pytestmark = [
 def measured():
     """Input and output, without the offsets of their sensors."""
     values = np.genfromtxt(os.environ["SILVERBOX"], delimiter=",", skip_header=1)[:, :2]
-    return values - values.mean(axis=0)
+    return values - values[TRAIN].mean(axis=0)
 
 
 @pytest.mark.parametrize(
-    ("stiffness", "published", "samples"),
-    [((0.0, 1e5), LINEAR, WITHIN), ((0.0, 1e5, 0.0, 1e5), CUBIC, TEST.stop)],
+    ("stiffness", "published", "parts"),
+    [((0.0, 1e5), LINEAR, ("multisine", "within")), ((0.0, 1e5, 0.0, 1e5), CUBIC, TESTS)],
     ids=["linear", "cubic"],
 )
-def test_the_published_errors_are_met(measured, stiffness, published, samples):
+def test_the_published_errors_are_met(measured, stiffness, published, parts):
     scene = Scene.from_tables(
         {
             "units": "scaled",
@@ -52,10 +60,11 @@ def test_the_published_errors_are_met(measured, stiffness, published, samples):
         name="silverbox",
     )
     spring = [f"oscillator.restoring_force[{n}]" for n in range(1, len(stiffness), 2)]
-    u, y = measured[FITTED].T
+    u, y = measured[TRAIN].T
     free = ["oscillator.damping", *spring, "sensor.acceleration_scale"]
     found = identify(scene, Measurement(u, RATE, displacement=y), free=free, compare=False)
-    u, y = measured[TEST].T
-    simulated = found.simulated(Measurement(u, RATE, displacement=y))["displacement"]
-    error = simulated[:samples] - y[:samples]
-    assert np.sqrt(np.mean(error**2)) / np.std(y[:samples]) < SHARE * published
+    for part in parts:
+        u, y = measured[TESTS[part]].T
+        simulated = found.simulated(Measurement(u, RATE, displacement=y))["displacement"]
+        error = (simulated - y)[LEFT_OUT:]
+        assert np.sqrt(np.mean(error**2)) / np.std(y[LEFT_OUT:]) < SHARE * published, part

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+from pathlib import Path
 
 import pytest
 
@@ -70,6 +71,14 @@ def test_the_command_ends_with_one_where_a_row_fails(tmp_path, monkeypatch, caps
         assert len(rows) == 2 * len(chosen)
         assert drop[0].source in (folder / "verify.md").read_text()
     assert "made up, circuit: FAILS" in capsys.readouterr().out
+
+
+def test_the_page_of_the_site_has_every_row():
+    page = (Path(__file__).parents[4] / "docs" / "verify.md").read_text("utf-8")
+    rows = [line.split(" | ") for line in page.splitlines() if line.startswith("| ")]
+    named = {(cells[0].removeprefix("| "), cells[2]) for cells in rows}
+    assert {(each.title, method) for each in catalogue() for method in each.asked} <= named
+    assert "FAILS" not in page
 
 
 @pytest.mark.slow

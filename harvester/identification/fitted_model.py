@@ -1,0 +1,61 @@
+"""A model fitted to records: values, covariance, and what it predicts of the data kept aside."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.identification.proof import Stretch
+from harvester.identification.shooting import Fit, Shooting
+from harvester.identification.unknowns import Unknown
+
+if TYPE_CHECKING:
+    from harvester.scene.model import Scene
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A model with the values that fit.
+
+    Attributes
+    ----------
+    scene : Scene
+        With them.
+    unknowns : list of Unknown
+    values : ndarray, shape (unknowns,)
+    covariance : ndarray, shape (unknowns, unknowns)
+    undetermined : list of harvester.identification.intervals.Undetermined
+    stretches : list of Stretch
+        The kept-aside part of each record.
+    interpolation : str
+        Of the acceleration between its samples.
+    shooting : Shooting
+    fit : Fit
+    """
+
+    scene: Scene
+    unknowns: list[Unknown]
+    values: np.ndarray
+    covariance: np.ndarray
+    undetermined: list
+    stretches: list[Stretch]
+    interpolation: str
+    shooting: Shooting
+    fit: Fit
+
+    @property
+    def keys(self) -> list[str]:
+        """Of the values."""
+        return [each.key for each in self.unknowns]
+
+    @property
+    def standard_errors(self) -> np.ndarray:
+        """Of the values."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @property
+    def nrmse(self) -> float:
+        """Of the first output over all stretches kept aside."""
+        return float(np.sqrt(np.mean([each.nrmse() ** 2 for each in self.stretches])))

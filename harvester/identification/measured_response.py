@@ -1,0 +1,125 @@
+"""Measured frequency responses: voltage over base acceleration, sine by sine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from harvester.errors import IdentificationError, SceneError
+
+# Of a record; a third of them is kept aside.
+FEWEST_FREQUENCIES = 12
+
+
+@dataclass(frozen=True)
+class MeasuredResponse:
+    """Voltage over base acceleration at some frequencies, in SI units or a scaled scene's.
+
+    Attributes
+    ----------
+    frequency : ndarray, shape (n,)
+        Hz, ascending.
+    response : ndarray, shape (n,)
+        V/(m/s²): complex, or the amplitude alone.
+    acceleration : ndarray of shape (n,), or None
+        Amplitude of the base's sine (m/s²): the response then may depend on it.
+    changes : dict of str to number or text
+        What is other than in the scene for this record: {"load.resistance": 1e5}.
+    name : str
+    """
+
+    frequency: np.ndarray
+    response: np.ndarray
+    acceleration: np.ndarray | None = None
+    changes: dict[str, Any] = field(default_factory=dict)
+    name: str = "response"
+
+    def __post_init__(self) -> None:
+        for quantity in ("frequency", "response", "acceleration"):
+            values = getattr(self, quantity)
+            if values is None:
+                continue
+            checked = np.asarray(values) * 1.0
+            object.__setattr__(self, quantity, checked)
+            if checked.shape != self.frequency.shape or checked.ndim != 1:
+                raise SceneError(
+                    f"{self.name}: {quantity} has the shape {checked.shape}, not "
+                    f"{self.frequency.shape}"
+                )
+            if not np.isfinite(checked).all():
+                raise SceneError(f"{self.name}: {quantity}: lines without a number: leave them out")
+        if self.frequency[0] <= 0.0 or np.diff(self.frequency).min() <= 0.0:
+            raise SceneError(f"{self.name}: frequency must be > 0 and rise from line to line")
+        if self.acceleration is not None and self.acceleration.min() <= 0.0:
+            raise SceneError(f"{self.name}: acceleration: the base's amplitude must be > 0")
+
+    @property
+    def outputs(self) -> dict[str, np.ndarray]:
+        """What is compared with the model: real and imaginary part, or the amplitude."""
+        if np.iscomplexobj(self.response):
+            return {"real part": self.response.real, "imaginary part": self.response.imag}
+        return {"amplitude": self.response}
+
+    @property
+    def sensed(self) -> dict[str, np.ndarray]:
+        """What a sensor measured, by its name."""
+        return {"voltage": np.abs(self.response)}
+
+    @property
+    def resonance(self) -> float:
+        """Frequency of the greatest amplitude (Hz)."""
+        return float(self.frequency[np.argmax(np.abs(self.response))])
+
+    def part(self, lines: np.ndarray) -> MeasuredResponse:
+        """Some of its lines."""
+        base = self.acceleration if self.acceleration is None else self.acceleration[lines]
+        return replace(
+            self, frequency=self.frequency[lines], response=self.response[lines], acceleration=base
+        )
+
+    def check(self) -> None:
+        """Refuse what tells nothing of a resonance.
+
+        Raises
+        ------
+        IdentificationError
+            Too few frequencies, or none on one side of the resonance.
+        """
+        if self.frequency.size < FEWEST_FREQUENCIES:
+            raise IdentificationError(
+                f"{self.name}: too short: {self.frequency.size} frequencies, and "
+                f"{FEWEST_FREQUENCIES} are the fewest"
+            )
+        if self.resonance in self.frequency[[0, -1]]:
+            raise IdentificationError(
+                f"{self.name}: no excitation in the band that matters: the response is greatest at "
+                f"{self.resonance:.4g} Hz, where the record ends: measure on both sides of the "
+                "resonance"
+            )
+
+
+def response_of(columns: dict[str, np.ndarray], changes: dict[str, Any], name: str) -> Any:
+    """A response from columns by their quantities, in the scene's units.
+
+    Raises
+    ------
+    SceneError
+        Neither an amplitude nor two parts are there.
+    """
+    phase = columns.get("phase")
+    if {"real", "imaginary"} <= set(columns):
+        response = columns["real"] + 1j * columns["imaginary"]
+    elif "amplitude" not in columns:
+        raise SceneError(
+            f"{name}: no column of the response: write amplitude [V/g] and phase [deg], or "
+            "real [V/g] and imaginary [V/g] in its header, or amplitude=COLUMN:UNIT behind the file"
+        )
+    elif phase is None:
+        response = columns["amplitude"]
+    else:
+        response = columns["amplitude"] * np.exp(1j * phase)
+    return MeasuredResponse(
+        columns["frequency"], response, columns.get("acceleration"), changes, name
+    )

@@ -1,0 +1,150 @@
+"""The posterior of a fit's values by Markov chains: flat priors within the bounds.
+
+Residuals are taken for independent and normal, as large as the fit left them; the windows' starts
+are eliminated to first order. An ensemble of walkers that is invariant under linear changes of the
+values (Goodman and Weare, Comm. App. Math. Comp. Sci. 5, 65 (2010)), by emcee.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from harvester.files.libraries import optional_library
+
+if TYPE_CHECKING:
+    from harvester.identification.fitted_model import Fitted
+
+WALKERS_PER_VALUE = 4
+# Steps between looks at the chains, and in all; the first part is left out.
+STEPS, MOST_STEPS = 100, 1500
+LEFT_OUT = 0.25
+# Correlation times after which a chain is long enough for its quantiles.
+ENOUGH_TIMES = 30.0
+# 95 %.
+QUANTILES = (0.025, 0.975)
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Draws from the posterior.
+
+    Attributes
+    ----------
+    keys : list of str
+    draws : ndarray, shape (draws, keys)
+    independent : float
+        Draws that are worth as much as independent ones.
+    accepted : float
+        Share of the proposed moves.
+    """
+
+    keys: list[str]
+    draws: np.ndarray
+    independent: float
+    accepted: float
+
+    @property
+    def intervals(self) -> dict[str, tuple[float, float]]:
+        """95 % intervals by key, from 2.5 % to 97.5 % of the draws."""
+        low, high = np.quantile(self.draws, QUANTILES, axis=0)
+        return {key: (float(low[n]), float(high[n])) for n, key in enumerate(self.keys)}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {
+            "intervals": {key: list(both) for key, both in self.intervals.items()},
+            "medians": dict(zip(self.keys, np.median(self.draws, axis=0).tolist(), strict=True)),
+            "correlations": np.atleast_2d(np.corrcoef(self.draws.T)).tolist(),
+            "independent_draws": self.independent,
+            "accepted": self.accepted,
+        }
+
+
+def posterior(
+    found: Fitted, seed: int = 0, follow: Callable[[float], None] | None = None
+) -> Posterior:
+    """Sample the posterior of a fit.
+
+    Parameters
+    ----------
+    found : Fitted
+    seed : int
+    follow : callable, optional
+        Of the share done.
+
+    Raises
+    ------
+    MissingLibrary
+        emcee is not installed.
+    """
+    emcee = optional_library("emcee", "--posterior", "posterior")
+    values, errors = found.values, np.maximum(found.standard_errors, 1e-12 * np.abs(found.values))
+    walkers, size = WALKERS_PER_VALUE * values.size, values.size
+    rng = np.random.default_rng(np.random.SeedSequence(seed))
+    root = np.linalg.cholesky(found.covariance / np.outer(errors, errors) + 1e-9 * np.eye(size))
+    begun = values + errors * (rng.standard_normal((walkers, size)) @ root.T)
+    begun = np.clip(begun, found.shooting.low, found.shooting.high)
+    sampler = emcee.EnsembleSampler(walkers, size, log_density(found))
+    state = emcee.State(
+        begun, random_state=np.random.RandomState(rng.integers(2**32)).get_state(legacy=True)
+    )
+    for done in range(STEPS, MOST_STEPS + 1, STEPS):
+        state = sampler.run_mcmc(state, STEPS, skip_initial_state_check=True)
+        times = sampler.get_autocorr_time(tol=0)
+        if follow:
+            follow(done / MOST_STEPS)
+        if done > ENOUGH_TIMES * np.max(times):
+            break
+    draws = sampler.get_chain(discard=int(LEFT_OUT * done), flat=True)
+    return Posterior(
+        found.keys,
+        draws,
+        float(draws.shape[0] / np.max(times)),
+        float(np.mean(sampler.acceptance_fraction)),
+    )
+
+
+def log_density(found: Fitted) -> Callable[[np.ndarray], float]:
+    """Logarithm of the posterior's density, but for a constant, as a function of the values."""
+    shooting, fit = found.shooting, found.fit
+    shooting.linearized(fit)
+    bases, free = [], -len(found.keys)
+    for number, edges in enumerate(fit.edges):
+        table, _ = shooting.jacobian(fit, number)
+        there = shooting.states_there[number]
+        free += table[..., 0].size - int(there.sum()) * (edges.size - 1)
+        columns = table[..., len(found.keys) : -1][..., there]
+        cuts = edges - edges[0]
+        parts = [np.concatenate(columns[a:b]) for a, b in pairwise(cuts)]
+        bases.append([np.linalg.qr(part)[0] for part in parts])
+    least = _cost(shooting, fit, bases)
+
+    def density(values: np.ndarray) -> float:
+        if (values < shooting.low).any() or (values > shooting.high).any():
+            return -np.inf
+        change = (values - fit.values) / shooting.sizes
+        moved = shooting.moved(fit, change, shooting.state_moves(fit, change))
+        cost = _cost(shooting, moved, bases)
+        return -0.5 * free * (cost - least) / least
+
+    return density
+
+
+def _cost(shooting, fit, bases):
+    """Sum of squares without what better starts of the windows would take off it."""
+    total = 0.0
+    for number, edges in enumerate(fit.edges):
+        found, _ = shooting.residuals(
+            number, fit.values, edges, fit.starts[number], fit.noise[number]
+        )
+        if found is None:
+            return np.inf
+        total += float(np.sum(found**2))
+        for (a, b), basis in zip(pairwise(edges - edges[0]), bases[number], strict=True):
+            total -= float(np.sum((basis.T @ found[a:b].ravel()) ** 2))
+    return total

@@ -1,0 +1,157 @@
+"""One model fitted to measured frequency responses, every third frequency kept aside."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.errors import IdentificationError
+from harvester.identification import intervals
+from harvester.identification.fitted_model import Fitted
+from harvester.identification.proof import ResponseStretch
+from harvester.identification.search import FINE, LAST
+from harvester.identification.shooting import Fit, Shooting
+from harvester.identification.steady_response import SteadyExperiment, SteadyResponses
+from harvester.identification.unknowns import unknowns, with_values
+from harvester.scene.units import scale
+
+if TYPE_CHECKING:
+    from harvester.identification.measured_response import MeasuredResponse
+    from harvester.scene.model import Scene
+
+# Of every so many lines one is kept aside.
+KEPT_ASIDE = 3
+# Factors of the scene's stiffness, damping and coupling from which a fit may begin, and how many
+# of those do.
+STIFFNESSES = np.geomspace(0.2, 5.0, 65)
+DAMPINGS, COUPLINGS = (0.25, 1.0, 4.0), (0.3, 1.0, 3.0)
+MOST_STARTS = 4
+# Share of a response's rms that its noise is taken for at first.
+FIRST_NOISE = 0.05
+NO_STATES = np.zeros((1, 3))
+
+
+def fitted_responses(
+    scene: Scene,
+    measurements: Sequence[MeasuredResponse],
+    keys: Sequence[str],
+    sizes: dict[str, float],
+    warm: Fitted | None = None,
+) -> Fitted:
+    """Fit one model.
+
+    Parameters
+    ----------
+    scene : Scene
+        Where the fit begins, and all that is not free.
+    measurements : sequence of MeasuredResponse
+    keys : sequence of str
+        What is free.
+    sizes : dict of str to float
+        Of keys whose start may be 0.
+    warm : Fitted, optional
+        A neighbouring model, from whose values the fit begins; else from a grid of values.
+
+    Raises
+    ------
+    IdentificationError
+        The scene has stoppers, or nothing fits.
+    """
+    if scene.stoppers:
+        raise IdentificationError(
+            f"{scene.name}: a frequency response says nothing of stoppers: identify them from a "
+            "record in time"
+        )
+    aside = [np.arange(each.frequency.size) % KEPT_ASIDE == 1 for each in measurements]
+    shooting = _shooting(scene, measurements, [~lines for lines in aside], keys, sizes)
+    if warm:
+        known = dict(zip(warm.keys, warm.values, strict=True))
+        values = np.array([known.get(each.key, each.start) for each in shooting.unknowns])
+        begun = [Fit(values, warm.fit.edges, warm.fit.starts, warm.fit.noise)]
+    else:
+        begun = sorted(_starts(shooting), key=shooting.cost)[:MOST_STARTS]
+    fits = [shooting.minimized(each, LAST, FINE) for each in begun]
+    fits = [each for each in fits if each.grams]
+    if not fits:
+        raise IdentificationError(
+            f"{scene.name}: no values of {', '.join(keys)} follow the response: check the columns' "
+            "units, the load's resistance, and begin nearer (--set)"
+        )
+    best = min(fits, key=lambda each: each.cost)
+    fit = shooting.minimized(shooting.reweighted(best), LAST, FINE)
+    covariance = intervals.covariance(shooting, fit)
+    unclear = intervals.undetermined(list(keys), fit.values, shooting.sizes, covariance)
+    made = with_values(scene, keys, fit.values)
+    if made is None:
+        raise IdentificationError(f"{scene.name}: what fits best is no device")
+    kept = _shooting(scene, measurements, aside, keys, sizes)
+    stretches = [_stretch(kept, fit.values, number) for number in range(len(measurements))]
+    name = shooting.responses.interpolation
+    return Fitted(
+        made, shooting.unknowns, fit.values, covariance, unclear, stretches, name, shooting, fit
+    )
+
+
+def _shooting(scene, measurements, lines, keys, sizes):
+    """The least-squares problem of some lines of each record."""
+    experiments = [
+        SteadyExperiment(each.part(some), scene.replace(each.changes))
+        for each, some in zip(measurements, lines, strict=True)
+    ]
+    responses = SteadyResponses(experiments, keys, scale(scene)[1].displacement)
+    return Shooting(responses, unknowns(scene, keys, sizes), [np.zeros(3)] * len(experiments))
+
+
+def _starts(shooting):
+    """Values on a grid of factors, each kind of parameter by its own."""
+    first = np.array([each.start for each in shooting.unknowns])
+    kinds = {
+        kind: np.array([word in each.key for each in shooting.unknowns])
+        for kind, word in (("spring", "restoring_force"), ("damping", "damping"))
+    }
+    kinds["spring"] |= np.array([each.key.endswith("stiffness") for each in shooting.unknowns])
+    kinds["coupling"] = np.array([each.key.endswith("coupling") for each in shooting.unknowns])
+    ranges = [
+        grid if kinds[kind].any() else (1.0,)
+        for kind, grid in (
+            ("spring", STIFFNESSES),
+            ("damping", DAMPINGS),
+            ("coupling", COUPLINGS),
+        )
+    ]
+    edges, noise = [], []
+    for each in shooting.responses.experiments:
+        outputs = list(each.measurement.outputs.values())
+        edges.append(np.array([0, outputs[0].size]))
+        rms = math.sqrt(sum(float(np.mean(values**2)) for values in outputs))
+        noise.append(np.full(len(outputs), FIRST_NOISE * rms))
+    for factors in product(*ranges):
+        values = first.copy()
+        for members, factor in zip(kinds.values(), factors, strict=True):
+            values[members] *= factor
+        values = np.clip(values, shooting.low, shooting.high)
+        yield Fit(values, edges, [NO_STATES] * len(edges), noise)
+
+
+def _stretch(kept, values, number):
+    """What the model says of the lines that were kept aside."""
+    each = kept.responses.experiments[number]
+    measured = np.column_stack(list(each.measurement.outputs.values()))
+    edges = np.array([0, measured.shape[0]])
+    _, _, found = kept.responses.states(number, values, edges, NO_STATES)
+    frequency = each.measurement.frequency
+    return ResponseStretch(
+        name=each.measurement.name,
+        outputs=tuple(each.measurement.outputs),
+        rate=float((frequency.size - 1) / (frequency[-1] - frequency[0])),
+        measured=measured,
+        windowed=found,
+        free=found,
+        windows=1,
+        resistance=None,
+        frequency=frequency,
+    )
