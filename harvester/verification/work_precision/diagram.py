@@ -10,7 +10,7 @@ from harvester.estimates.estimate import Estimate
 from harvester.files.writing import finite
 from harvester.running import Answer
 from harvester.scene.model import Scene
-from harvester.verification.work_precision.methods import REFERENCE, Method
+from harvester.verification.work_precision.methods import Method
 from harvester.verification.work_precision.throughput import ratios
 from harvester.verification.work_precision.throughput import to_dict as throughput_to_dict
 
@@ -72,6 +72,10 @@ class WorkPrecision:
         Measured order in each state of each family.
     reference : Answer
         Monte Carlo run that the means are compared with.
+    reference_method : Method
+        Of that run.
+    exact_paths : str
+        What the paths' errors are reckoned against.
     closures : dict of str to dict
         Of those that hold `quantities`, scaled, and `seconds`.
     refused : dict of str to str
@@ -82,12 +86,15 @@ class WorkPrecision:
     machine : dict
         That the throughput was measured on, and when.
     throughput : list of harvester.verification.work_precision.throughput.Throughput
+        Empty where the load is a netlist of more than a resistor.
     """
 
     scene: Scene
     rows: list
     orders: dict
     reference: Answer
+    reference_method: Method
+    exact_paths: str
     closures: dict
     refused: dict
     horizon: float
@@ -141,15 +148,15 @@ class WorkPrecision:
 
     def sentences(self) -> list[str]:
         """What the numbers say, one line each."""
-        reference, machine = self.reference, self.machine
+        reference, method, machine = self.reference, self.reference_method, self.machine
         sampling = ", ".join(
             f"{SYMBOLS[name]} {relative_error(reference, name):.2%}" for name in MEANS
         )
         lines = [
             f"error: root mean square over {self.paths} paths of {self.horizon:g} s against "
-            "scipy's DOP853, in scaled units; order: least squares over the mean steps, none where "
-            "these follow the restarts of a PWL run",
-            f"bias: against {REFERENCE.family} ({REFERENCE.step(reference.scene):g} s), on the "
+            f"{self.exact_paths}, in scaled units; order: least squares over the mean steps, none "
+            "where these follow the restarts of a PWL run",
+            f"bias: against {method.family} ({method.step(reference.scene):g} s), on the "
             f"same noise, with the error of the paired difference; {reference.realizations} × "
             f"{reference.simulated_time / reference.realizations:g} s, brief runs for "
             f"{'; '.join(self._brief_settings())}",

@@ -1,8 +1,9 @@
 """`work-precision`: the error of every method against its run time, on one scene.
 
-*Strong* error: the path itself, against scipy's integrator on the same noise, over a time in
-which paths do not separate. *Weak* error: the bias of means, paired with a fine Monte Carlo run
-on the same noise; what lies below the sampling error of the run is noise, not bias.
+*Strong* error: the path itself, against scipy's integrator on the same noise (with a netlist as
+load, against the compiled engine at a 32nd of its step), over a time in which paths do not
+separate. *Weak* error: the bias of means, paired with a fine Monte Carlo run on the same noise;
+what lies below the sampling error of the run is noise, not bias.
 """
 
 import math
@@ -13,6 +14,7 @@ import numpy as np
 
 from harvester.calling import takes_scene
 from harvester.device import timescales
+from harvester.engines.circuit import check_compiled
 from harvester.engines.realization import run
 from harvester.engines.steps import knot_spacing
 from harvester.errors import HarvesterError, OutOfTime
@@ -20,7 +22,7 @@ from harvester.estimates.paired import paired_difference
 from harvester.running import Request, RunnerOptions, Task, open_runner
 from harvester.running.request import OUT_OF_TIME, good_ones, told
 from harvester.scene.model import Scene
-from harvester.scene.units import require_resistor, scale
+from harvester.scene.units import scale
 from harvester.simulation import require_noise
 from harvester.verification.work_precision import throughput
 from harvester.verification.work_precision.diagram import (
@@ -32,6 +34,9 @@ from harvester.verification.work_precision.diagram import (
 )
 from harvester.verification.work_precision.methods import (
     COMPILED_METHODS,
+    LOAD_METHODS,
+    LOAD_PATHS,
+    LOAD_REFERENCE,
     METHODS,
     REFERENCE,
     THOROUGH_METHODS,
@@ -89,21 +94,21 @@ def work_precision(
         The time budget was spent before it was there.
     """
     require_noise(scene, "work-precision")
-    require_resistor(scene, "work-precision")
+    with_load = _has_load(scene)
+    reference = LOAD_REFERENCE if with_load else REFERENCE
     factor = THOROUGH if thorough else 1
     with open_runner(**running) as runner:
         if methods is None:
-            methods = _all_methods(thorough, runner)
-        # By itself: the other tasks would take the processors that it measures.
-        speeds = _there(runner.run([throughput.task(scene, runner.version("circuit"))]))[0]
+            methods = LOAD_METHODS if with_load else _all_methods(thorough, runner)
+        speeds = _speeds(scene, with_load, runner)
         short = _strong_scene(scene, PATHS * factor)
-        strong = _strong_errors(short, methods, runner)
+        strong = _strong_errors(short, methods, _exact_paths(short, with_load, runner), runner)
         runs = {
             False: scene.replace({"run.realizations": scene.run.realizations * factor}),
             True: _brief_scene(scene, BRIEF_REALIZATIONS * factor),
         }
         asked = [
-            Request(each, REFERENCE.engine, step=REFERENCE.step(each), moments=True)
+            Request(each, reference.engine, step=reference.step(each), moments=True)
             for each in runs.values()
         ]
         references = dict(zip(runs, _there(runner.answer(asked)), strict=True))
@@ -118,6 +123,8 @@ def work_precision(
         rows=rows,
         orders=_orders(rows),
         reference=references[False],
+        reference_method=reference,
+        exact_paths=LOAD_PATHS.family if with_load else "scipy's DOP853",
         closures=averaged,
         refused=refused,
         horizon=short.run.duration,
@@ -125,6 +132,28 @@ def work_precision(
         throughput=speeds["rows"],
         machine=speeds["machine"],
     )
+
+
+def _has_load(scene):
+    """Whether the load is a netlist that is more than a resistor, and the compiled engine takes it.
+
+    Raises
+    ------
+    LoadError
+        It does not.
+    """
+    if scene.load.is_resistor:
+        return False
+    check_compiled(scene)
+    return True
+
+
+def _speeds(scene, with_load, runner):
+    """How fast every way to run the circuit is; a load with more than a resistor has but one."""
+    if with_load:
+        return {"rows": [], "machine": throughput.machine()}
+    # By itself: the other tasks would take the processors that it measures.
+    return _there(runner.run([throughput.task(scene, runner.version("circuit"))]))[0]
 
 
 def _all_methods(thorough, runner):
@@ -191,18 +220,28 @@ def paths_at_knots(
     return {"states": np.array(states).transpose(0, 2, 1), "points": points}
 
 
-def _strong_errors(scene, methods, runner):
+def _exact_paths(scene, with_load, runner):
+    """The states that errors are reckoned against, shape (realizations, knots, 3)."""
+    paths = range(scene.run.realizations)
+    if with_load:
+        tasks = [
+            realizations_task(scene, LOAD_PATHS, [index], runner, paths_at_knots) for index in paths
+        ]
+        return np.concatenate([each["states"] for each in _there(runner.run(tasks))])
+    tasks = [Task(follow_exactly, {"scene": scene, "index": index}) for index in paths]
+    return np.array(_there(runner.run(tasks)))
+
+
+def _strong_errors(scene, methods, truth, runner):
     """(mean step, RMS error of each state) of every method."""
     paths = range(scene.run.realizations)
-    exact = [Task(follow_exactly, {"scene": scene, "index": index}) for index in paths]
     split = [[paths] if method.copies is None else [[k] for k in paths] for method in methods]
     tasks = [
         realizations_task(scene, method, together, runner, paths_at_knots)
         for method, netlists in zip(methods, split, strict=True)
         for together in netlists
     ]
-    outcomes = iter(runner.run([*exact, *tasks]))
-    truth = np.array(_there([next(outcomes) for _ in exact]))
+    outcomes = iter(runner.run(tasks))
     return [_strong_error(scene, [next(outcomes) for _ in netlists], truth) for netlists in split]
 
 

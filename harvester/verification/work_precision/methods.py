@@ -121,9 +121,19 @@ TIMED_LOAD_METHODS = (
     _local_error(1e-4),
     Method("Monte Carlo, TR-BDF2", "monte-carlo", 2),
 )
+# The same for `work-precision`.
+LOAD_METHODS = (
+    _fixed_steps("trapezoidal", 1),
+    *(_fixed_steps("trapezoidal", refinement, brief=True) for refinement in (0.5, 2)),
+    *(_fixed_steps("gear", refinement, brief=True) for refinement in (0.5, 1)),
+    *(_local_error(tolerance, brief=True) for tolerance in (1e-4, 1e-6)),
+    *(Method("Monte Carlo, TR-BDF2", "monte-carlo", 2, n) for n in (1, 2, 4)),
+)
 # What biases are reckoned against: a quarter of the default step.
 REFERENCE = Method("Monte Carlo, Runge–Kutta, a quarter of the step", "monte-carlo", 4, 4)
 LOAD_REFERENCE = Method("Monte Carlo, TR-BDF2, a quarter of the step", "monte-carlo", 2, 4)
+# What the paths' errors are reckoned against where no other integrator knows the load.
+LOAD_PATHS = Method("Monte Carlo, TR-BDF2, a 32nd of the step", "monte-carlo", 2, 32)
 THOROUGH_METHODS = (
     *METHODS,
     _fixed_steps("trapezoidal", 8, brief=True),

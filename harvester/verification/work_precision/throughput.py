@@ -66,15 +66,19 @@ def measured_alone(
     dict
         `rows`, a list of Throughput, and the `machine` that they were measured on.
     """
-    machine = {
+    with WorkerPool(workers=2) as pool:
+        return {"rows": measure(scene, pool, compiled, knots, repeats), "machine": machine()}
+
+
+def machine() -> dict[str, Any]:
+    """What the times are measured on, and when."""
+    return {
         "date": datetime.date.today().isoformat(),
         "cores": os.cpu_count(),
         "processor": platform.processor() or platform.machine(),
         "system": platform.platform(),
         "python": platform.python_version(),
     }
-    with WorkerPool(workers=2) as pool:
-        return {"rows": measure(scene, pool, compiled, knots, repeats), "machine": machine}
 
 
 def measure(
@@ -122,6 +126,8 @@ def measure(
 
 def ratios(rows: list[Throughput]) -> dict[str, float]:
     """External source over PWL, and every way over one realization, {name: ratio}."""
+    if not rows:
+        return {}
     pwl, external, single = rows[:3]
     found = {f"{external.name} / {pwl.name}": external.rate / pwl.rate}
     for row in rows[3:]:

@@ -11,7 +11,7 @@ from harvester.command_line import main
 from harvester.engines.monte_carlo import initial_state, integrate
 from harvester.engines.realization import noise_path, start_state
 from harvester.engines.steps import knot_spacing, steps_per_knot
-from harvester.errors import OutOfTime
+from harvester.errors import LoadError, OutOfTime
 from harvester.estimates.paired import paired_difference
 from harvester.running import Task, open_runner
 from harvester.scene.model import Scene
@@ -20,7 +20,12 @@ from harvester.simulation import simulate
 from harvester.verification.work_precision import measurement, reference_path
 from harvester.verification.work_precision.diagram import MEANS, STATES
 from harvester.verification.work_precision.measurement import work_precision
-from harvester.verification.work_precision.methods import METHODS, THOROUGH_METHODS, Method
+from harvester.verification.work_precision.methods import (
+    LOAD_METHODS,
+    METHODS,
+    THOROUGH_METHODS,
+    Method,
+)
 
 FAMILIES = {
     # At the default step contacts ask for shorter ones: orders are those of uniform steps.
@@ -207,6 +212,35 @@ def test_what_was_measured_is_kept_with_its_times_and_goes_on_after_an_early_end
         assert runner.reused >= early > 0
         told.append(json.dumps(diagram.to_dict(), allow_nan=False))
     assert told[0] == told[1]
+
+
+@pytest.mark.slow
+def test_a_netlist_is_measured_against_the_compiled_engines_finest_paths(pool, tmp_path):
+    """Circuit and Monte Carlo come nearer to them with shorter steps, with second order."""
+    sets = ["run.realizations=2", "run.duration=1", "run.settle=0.2", "load.netlist=bridge"]
+    scene = Scene.load("device", [*sets, "load.parameters.storage=100n"])
+    families = ("external source, trapezoidal", "Monte Carlo, TR-BDF2")
+    methods = [each for each in LOAD_METHODS if each.family in families]
+    with open_runner(tmp_path, executor=pool) as runner:
+        diagram = work_precision(scene, methods=methods, runner=runner)
+    for family in families:
+        rows = [row for row in diagram.rows if row.method.family == family]
+        rows.sort(key=lambda row: row.mean_step)
+        assert rows[0].strong["voltage"] < 0.3 * rows[-1].strong["voltage"]
+        assert diagram.orders[family]["displacement"] > 1.5
+    assert "TR-BDF2, a 32nd of the step" in diagram.sentences()[0]
+    assert "resistor" in diagram.refused["fokker_planck"]
+    json.dumps(diagram.to_dict(), allow_nan=False)
+
+
+def test_a_netlist_that_the_compiled_engine_does_not_take_is_refused(tmp_path):
+    path = tmp_path / "own.lib"
+    path.write_text(
+        "* a transistor\n.subckt own p n out ref\n.model t npn(bf=100)\nQ1 p out n t\n"
+        "Rout out ref 1k\nRref ref n 1\n.ends\n"
+    )
+    with pytest.raises(LoadError, match=r"own\.lib:4: q1"):
+        work_precision(Scene.load("device", [f"load.netlist={path}"]))
 
 
 def test_the_thorough_methods_hold_all_others():
