@@ -33,19 +33,27 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # Sliders where none are named: those of these that the scene has.
-USUAL = ("intensity", "correlation_time", "damping", "gap", "coupling", "resistance", "decay_rate")
+USUAL_KEYS = (
+    "intensity",
+    "correlation_time",
+    "damping",
+    "gap",
+    "coupling",
+    "resistance",
+    "decay_rate",
+)
 # A range that was not given: the scene's value over and times this.
-SPAN = 3.0
+RANGE_RATIO = 3.0
 # Ranges wider than this ratio have a slider in equal ratios.
-LOGARITHMIC = 3.0
+LOGARITHMIC_RATIO = 3.0
 # Steps of Monte Carlo in a picture, a quarter of a second, and the fewest realizations.
-STEPS, FEWEST = 1_000_000, 2
+STEPS_SHOWN, FEWEST_REALIZATIONS = 1_000_000, 2
 # A netlist's steps take so many times as long, and those of one that switches.
-NETLIST, SWITCHING = 4, 20
+NETLIST_COST, SWITCHING_COST = 4, 20
 # Small oscillations in the waveform.
-PERIODS = 25
+WAVEFORM_PERIODS = 25
 # Wall-clock seconds of one realization: a place that takes longer is refused.
-PATIENCE = 60.0
+TIME_LIMIT = 60.0
 QUANTITIES = (
     "mean_power",
     "power_conversion_efficiency",
@@ -138,7 +146,7 @@ class Explorer:
 
         clock = time.perf_counter()
         scene = cut_short(self._origin.replace(dict(values)))
-        solving = self._pool.submit(outlined, {"scene": scene}, PATIENCE)
+        solving = self._pool.submit(outlined, {"scene": scene}, TIME_LIMIT)
         result = self._simulated(scene)
         densities, refusal = _answer(solving)
         view = View(scene, result, densities, refusal, math.nan)
@@ -149,9 +157,9 @@ class Explorer:
     def _simulated(self, scene):
         period = 2.0 * math.pi / (timescales.angular_frequency(scale(scene)[0]) or math.inf)
         start = scene.run.settle
-        window = start, start + min(PERIODS * period or math.inf, scene.run.duration)
+        window = start, start + min(WAVEFORM_PERIODS * period or math.inf, scene.run.duration)
         return simulate(
-            scene, method="monte-carlo", window=window, time_limit=PATIENCE, runner=self._pool
+            scene, method="monte-carlo", window=window, time_limit=TIME_LIMIT, runner=self._pool
         )
 
     def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, Any]:
@@ -203,14 +211,14 @@ def cut_short(scene: Scene) -> Scene:
     per_second = steps_per_knot(scene, engine="monte-carlo") / knot_spacing(scene)
     load = scene.load.circuit
     if load and load.resistance is None:
-        per_second *= SWITCHING if load.switches else NETLIST
-    longest = STEPS / FEWEST / per_second - scene.run.settle
+        per_second *= SWITCHING_COST if load.switches else NETLIST_COST
+    longest = STEPS_SHOWN / FEWEST_REALIZATIONS / per_second - scene.run.settle
     duration = min(scene.run.duration, max(longest, scene.run.settle, knot_spacing(scene)))
-    count = int(STEPS / per_second / (scene.run.settle + duration))
+    count = int(STEPS_SHOWN / per_second / (scene.run.settle + duration))
     return scene.replace(
         {
             "run.duration": duration,
-            "run.realizations": min(scene.run.realizations, max(count, FEWEST)),
+            "run.realizations": min(scene.run.realizations, max(count, FEWEST_REALIZATIONS)),
         }
     )
 
@@ -245,14 +253,16 @@ def _answer(solving):
 
 def _usual(scene):
     """The keys of the sliders where none are named."""
-    return [key for key in numbers(scene) if key.rpartition(".")[2] in USUAL]
+    return [key for key in numbers(scene) if key.rpartition(".")[2] in USUAL_KEYS]
 
 
 def _range(scene, key, ends):
     """The ends of a slider, checked to be a range that holds the scene's own value."""
     value, spec = number(scene, key, "explore")
     try:
-        low, high = sorted((value / SPAN, value * SPAN)) if ends is None else map(float, ends)
+        low, high = (
+            sorted((value / RANGE_RATIO, value * RANGE_RATIO)) if ends is None else map(float, ends)
+        )
     except (TypeError, ValueError):
         raise HarvesterError(f"{key}: {shown(ends)} is no range; give (low, high)") from None
     if ends is None:

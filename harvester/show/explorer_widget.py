@@ -10,7 +10,7 @@ from ipywidgets import HTML, FloatLogSlider, FloatSlider, GridBox, Image, Layout
 from harvester.errors import HarvesterError
 from harvester.files.plain_text import one_line
 from harvester.scene.numbers import number
-from harvester.show.explorer import LOGARITHMIC
+from harvester.show.explorer import LOGARITHMIC_RATIO
 
 if TYPE_CHECKING:
     from harvester.show.explorer import Explorer
@@ -63,7 +63,7 @@ def _slider(key, value, low, high):
         "style": {"description_width": "12em"},
         "layout": Layout(width="auto"),
     }
-    if low > 0.0 and high / low >= LOGARITHMIC:
+    if low > 0.0 and high / low >= LOGARITHMIC_RATIO:
         low, high = log10(low), log10(high)
         return FloatLogSlider(min=low, max=high, step=(high - low) / STEPS, **common)
     return FloatSlider(min=low, max=high, step=(high - low) / STEPS, **common)

@@ -7,7 +7,7 @@ import pytest
 from truths import assert_near, flat, interpolated_linear_means
 
 import harvester
-from harvester.show.explorer import FEWEST, STEPS, cut_short
+from harvester.show.explorer import FEWEST_REALIZATIONS, STEPS_SHOWN, cut_short
 
 PNG = b"\x89PNG"
 
@@ -115,6 +115,6 @@ def test_a_run_is_cut_to_what_a_picture_has_time_for(duration):
     run = short.run
     # Two of its steps to a knot of 0.05 s or fewer.
     steps = run.realizations * (run.settle + run.duration) / 0.05
-    assert steps <= STEPS
-    assert run.realizations == 64 or steps > 0.5 * STEPS / 2
-    assert run.realizations >= FEWEST
+    assert steps <= STEPS_SHOWN
+    assert run.realizations == 64 or steps > 0.5 * STEPS_SHOWN / 2
+    assert run.realizations >= FEWEST_REALIZATIONS
