@@ -55,8 +55,8 @@ class Panel:
         Ends of the axis; not used for densities.
     curves : tuple of Curve
     quick, full : int
-        Monte Carlo points of a curve with and without --quick; lines have one more between
-        any two.
+        Monte Carlo points of a curve with and without --quick; without it lines have one more
+        between any two.
     """
 
     swept: str
@@ -70,7 +70,7 @@ class Panel:
         """(of the closures, of Monte Carlo): the second are among the first."""
         number = self.quick if quick else self.full
         simulated = np.linspace(self.first, self.last, number)
-        lines = np.linspace(self.first, self.last, 2 * number - 1)
+        lines = simulated if quick else np.linspace(self.first, self.last, 2 * number - 1)
         return [_rounded(v) for v in lines], [_rounded(v) for v in simulated]
 
 

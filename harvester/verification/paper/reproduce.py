@@ -33,7 +33,6 @@ class Effort:
 
 
 QUICK = {"monte-carlo": Effort(16, 0.05, 32), "circuit": Effort(8, 0.10, 8)}
-QUICK_CLOSURE_ERROR = 0.02
 DEFAULT = {"monte-carlo": Effort(40, 0.02, 1600), "circuit": Effort(48, 0.02, 336)}
 NOT_RUN = "not run: the time budget was spent"
 # Of one point: its answer, why there is none, or nothing yet.
@@ -312,8 +311,6 @@ def _request(scene, method, quick, precision, density=False):
     if method in efforts:
         effort = efforts[method]
         options = {"precision": precision or effort.precision, "most": effort.most}
-    elif quick:
-        options = {"closure_error": QUICK_CLOSURE_ERROR}
     return request(scene, method, first, density, **options)
 
 

@@ -6,7 +6,6 @@
 from collections.abc import Iterable
 from typing import Any
 
-from harvester.averaging import TOLERANCES
 from harvester.engines.protocol import ENGINES
 from harvester.engines.steps import resolving
 from harvester.running import Request
@@ -15,7 +14,7 @@ from harvester.scene.model import Scene
 # Measured time of one realization (s).
 DURATIONS = {"monte-carlo": 5_000.0, "circuit": 1_200.0}
 # Largest numerical error of a closure: finer grids would show in no figure.
-CLOSURE_ERROR = 5e-3
+CLOSURE_ERRORS = {"paper": 5e-3, "consistent": 5e-3, "fokker_planck": 2e-2}
 # Rough cost of a request in closure points.
 COSTS = {"circuit": 20.0, "monte-carlo": 2.0, "fokker_planck": 5.0}
 
@@ -25,7 +24,6 @@ def request(
     method: str,
     realizations: dict[str, int],
     density: bool = False,
-    closure_error: float = CLOSURE_ERROR,
     **options: Any,
 ) -> Request:
     """One scene by one method.
@@ -37,14 +35,11 @@ def request(
     realizations : dict of str to int
         Of each engine, at first.
     density : bool
-    closure_error : float
-        That is allowed for a closure whose own tolerance is smaller.
     **options
         Of `harvester.running.Request`, for simulations alone.
     """
     if method not in ENGINES:
-        tolerance = max(closure_error, TOLERANCES[method])
-        return Request(scene, method, tolerance=tolerance, density=density)
+        return Request(scene, method, tolerance=CLOSURE_ERRORS[method], density=density)
     run = resolving(scene).replace({"run.duration": DURATIONS[method]})
     return Request(run, method, realizations=realizations[method], density=density, **options)
 

@@ -30,7 +30,7 @@ def tiny(monkeypatch):
     monkeypatch.setattr(module, "QUICK", TINY)
     monkeypatch.setattr(runs, "DURATIONS", {"monte-carlo": 100.0, "circuit": 15.0})
     # Coarse grids: what a closure says of its own error is told all the same.
-    monkeypatch.setattr(runs, "CLOSURE_ERROR", 0.1)
+    monkeypatch.setattr(runs, "CLOSURE_ERRORS", dict.fromkeys(runs.CLOSURE_ERRORS, 0.1))
     sweep, density = FIGURES["fig8"], FIGURES["fig5"]
     panel = replace(
         sweep.panels[1], first=0.3, last=4.5, quick=2, curves=sweep.panels[1].curves[:1]
@@ -110,7 +110,7 @@ def synthetic(name, outcome=lambda method, value: constant(0.2)):
 
 
 def test_a_refused_point_is_a_gap_in_its_line_and_named():
-    """The first four of D's nine values are answered, the fifth is not."""
+    """The first two of D's five values are answered, the third is not."""
 
     def outcome(method, value):
         if method == "consistent" and value == 0.065:
@@ -120,15 +120,15 @@ def test_a_refused_point_is_a_gap_in_its_line_and_named():
     content = synthetic("fig7", outcome)
     with style.context(figures.STYLE):
         axes = drawing.draw(content).axes[0]
-    lines = [line for line in axes.lines if len(line.get_xdata()) == 9]
+    lines = [line for line in axes.lines if len(line.get_xdata()) == 5]
     assert len(lines) == 2 * len(CLOSURES)
     gaps = [np.flatnonzero(np.isnan(line.get_ydata())).tolist() for line in lines]
-    assert gaps == [[4] if method == "consistent" else [] for method in 2 * CLOSURES]
+    assert gaps == [[2] if method == "consistent" else [] for method in 2 * CLOSURES]
     where = "τ1 = 0.4, D = 0.065"
     assert ("consistent", where, "does not hold here") in content.refused
     assert f"fig7: refused by consistent at {where}: does not hold here" in content.sentences()
     (curve, _) = content.to_dict()["panels"][0]["curves"]
-    assert curve["methods"]["consistent"][4] == {"value": 0.065, "refused": "does not hold here"}
+    assert curve["methods"]["consistent"][2] == {"value": 0.065, "refused": "does not hold here"}
     assert content.failed_runs == 0
 
 

@@ -21,6 +21,7 @@ from harvester.verification.work_precision import measurement, reference_path
 from harvester.verification.work_precision.diagram import MEANS, STATES
 from harvester.verification.work_precision.measurement import work_precision
 from harvester.verification.work_precision.methods import (
+    COMPILED_METHODS,
     LOAD_METHODS,
     METHODS,
     THOROUGH_METHODS,
@@ -266,7 +267,8 @@ def test_the_command_writes_json_and_figure(tmp_path, capsys):
     for word in ("PWL in the netlist, gear", "averaging, consistent", "µs per unit", "s to 1 %"):
         assert word in shown
     content = json.loads((tmp_path / "linear-work-precision.json").read_text())
-    assert len(content["methods"]) == len(METHODS)
+    on = {each["device"] for each in content["methods"]} - {"behavioural"}
+    assert len(content["methods"]) == len(METHODS) + len(COMPILED_METHODS if on else ())
     assert (tmp_path / "linear-work-precision.png").read_bytes().startswith(b"\x89PNG")
 
 
