@@ -107,6 +107,8 @@ def test_every_two_of_command_kind_of_device_load_and_excitation(folder, capsys)
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("briefly")
-def test_every_two_of_command_device_load_and_excitation(folder, capsys):
-    cases = every_command.covering(2, 0)
+def test_every_two_of_command_other_device_load_and_excitation(folder, capsys):
+    kinds = every_command.KINDS_OF_DEVICE
+    others = [device for device in every_command.DEVICES if device not in kinds]
+    cases = every_command.covering(2, 0, others)
     assert not [fault for case in cases if (fault := faults(case, folder, capsys))]
