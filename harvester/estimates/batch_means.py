@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from harvester.estimates.estimate import TOO_SHORT, Estimate
+
 if TYPE_CHECKING:
     from harvester.record.moments import Moments
 
@@ -126,3 +128,13 @@ def ratio_of_sums(
     error = error_of((upper - ratio * lower) / lower.mean())
     # Of a ratio that is the same in every batch only rounding is left.
     return ratio, 0.0 if error is not None and error <= ROUNDING_SHARE * abs(ratio) else error
+
+
+def ratio_estimate(
+    upper: np.ndarray, lower: np.ndarray, dimension: str, nothing: str = "there was none"
+) -> Estimate:
+    """`ratio_of_sums` as a quantity of this dimension; `nothing` says why where `lower` is 0."""
+    if not lower.any():
+        return Estimate(math.nan, None, None, dimension, nothing)
+    ratio, error = ratio_of_sums(upper, lower)
+    return Estimate(ratio, error, None, dimension, "" if error is not None else TOO_SHORT)

@@ -11,6 +11,7 @@ import numpy as np
 from harvester.files.writing import finite
 
 NONE_SEEN = "none seen: no error bar tells how rare they are"
+NOTHING_PUT_IN = "nothing was put in"
 TOO_SHORT = "too short for an error bar: raise run.duration or run.realizations"
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from harvester.device import timescales
 from harvester.device.cores import jump_rates
 from harvester.estimates.batch_means import complete_batches, ratio_of_sums, standard_error
-from harvester.estimates.estimate import NONE_SEEN, TOO_SHORT, Estimate, root
+from harvester.estimates.estimate import NONE_SEEN, NOTHING_PUT_IN, TOO_SHORT, Estimate, root
 from harvester.record.moments import PRODUCTS, QUANTITIES, WELLS
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ def _efficiencies(series, products, error_of):
 def _efficiency(upper, lower, mean_lower, upper_square, cross, lower_square, error_of):
     """Ratio of two powers; the squares and `cross` are means of products within the run."""
     if mean_lower == 0.0:
-        return Estimate(math.nan, None, None, "1", "nothing was put in")
+        return Estimate(math.nan, None, None, "1", NOTHING_PUT_IN)
     ratio, error = ratio_of_sums(upper, lower, error_of)
     size = None
     if error:

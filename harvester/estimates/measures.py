@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.estimates.batch_means import FEWEST_BATCHES, complete_batches, ratio_of_sums
+from harvester.estimates.batch_means import FEWEST_BATCHES, complete_batches, ratio_estimate
 from harvester.estimates.estimate import TOO_SHORT, Estimate
 from harvester.record.moments import QUANTITIES
 from harvester.record.output_side import LOSS, MEASURED, OUTPUT, STATE, STORE, TAKEN
@@ -69,19 +69,19 @@ def measured_series(moments: Sequence[Moments], row: int) -> np.ndarray:
 def _power(suffix):
     def quantities(name, series, batches, moments, row):
         energy = series[:, :, INTEGRAL]
-        yield f"{name}_{suffix}", _ratio(energy, _time(batches), "power")
+        yield f"{name}_{suffix}", ratio_estimate(energy, _time(batches), "power")
         put_in = batches[:, :, QUANTITIES.index("input_power")]
-        yield f"{name}_{suffix}_share", _ratio(energy, put_in, "1")
+        yield f"{name}_{suffix}_share", ratio_estimate(energy, put_in, "1")
 
     return quantities
 
 
 def _store(name, series, batches, moments, row):
-    yield f"{name}_storage_power", _ratio(series[:, :, CHANGE], _time(batches), "power")
+    yield f"{name}_storage_power", ratio_estimate(series[:, :, CHANGE], _time(batches), "power")
 
 
 def _state(name, series, batches, moments, row):
-    share = _ratio(series[:, :, INTEGRAL], _time(batches), "1")
+    share = ratio_estimate(series[:, :, INTEGRAL], _time(batches), "1")
     if not series[:, :, [RISES, FALLS]].any():
         share = Estimate(share.estimate, None, None, "1", UNCHANGED)
     yield f"{name}_time_share", share
@@ -93,7 +93,7 @@ def _state(name, series, batches, moments, row):
 def _taken(name, series, batches, moments, row):
     """The row of the state itself stands in front."""
     times = measured_series(moments, row - 1)[:, :, FALLS]
-    yield f"{name}_energy", _ratio(series[:, :, INTEGRAL], times, "energy")
+    yield f"{name}_energy", ratio_estimate(series[:, :, INTEGRAL], times, "energy")
 
 
 _QUANTITIES = {
@@ -109,16 +109,9 @@ def _time(batches):
     return batches[:, :, QUANTITIES.index("time")]
 
 
-def _ratio(upper, lower, dimension):
-    if not lower.any():
-        return Estimate(math.nan, None, None, dimension, "there was none")
-    ratio, error = ratio_of_sums(upper, lower)
-    return Estimate(ratio, error, None, dimension, "" if error is not None else TOO_SHORT)
-
-
 def _hourly(events, time):
     """Events per hour; of few ones, the error is that of a number of independent ones."""
-    estimate = _ratio(events, time / SECONDS_PER_HOUR, "hourly_rate")
+    estimate = ratio_estimate(events, time / SECONDS_PER_HOUR, "hourly_rate")
     count, error = float(events.sum()), estimate.standard_error
     if count < FEW_EVENTS:
         independent = math.sqrt(max(count, 1.0)) * SECONDS_PER_HOUR / float(time.sum())

@@ -8,8 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from harvester.estimates.batch_means import FEWEST_BATCHES, complete_batches, ratio_of_sums
-from harvester.estimates.estimate import TOO_SHORT, Estimate
+from harvester.estimates.batch_means import (
+    FEWEST_BATCHES,
+    complete_batches,
+    ratio_estimate,
+    ratio_of_sums,
+)
+from harvester.estimates.estimate import NOTHING_PUT_IN, TOO_SHORT, Estimate
 from harvester.estimates.measures import INTEGRAL, estimate_measures, measured_series
 from harvester.record.moments import QUANTITIES as PIEZO_QUANTITIES
 from harvester.record.output_side import OUTPUT, QUANTITIES
@@ -50,7 +55,8 @@ def estimate_output(moments: Sequence[Any]) -> dict[str, Estimate]:
     time = batches[:, :, PIEZO_QUANTITIES.index("time")]
     half = 0.5 * moments[0].output.capacitance
     estimates = {
-        name: _mean(*output_ratio(moments, name), dimension) for name, dimension in RATIOS.items()
+        name: ratio_estimate(*output_ratio(moments, name), dimension, NOTHING_PUT_IN)
+        for name, dimension in RATIOS.items()
     }
     estimates |= {
         "output_ripple": _ripple(output, time),
@@ -58,7 +64,7 @@ def estimate_output(moments: Sequence[Any]) -> dict[str, Estimate]:
         "start_up_time": _start_up(moments, output["voltage"], time),
     }
     if half > 0.0:
-        estimates["stored_energy"] = _mean(half * output["square_voltage"], time, "energy")
+        estimates["stored_energy"] = ratio_estimate(half * output["square_voltage"], time, "energy")
         final = [half * m.output.voltage**2 for m in moments]
         estimates["final_stored_energy"] = _single(final, "energy")
     return estimates | estimate_measures(moments)
@@ -103,13 +109,6 @@ def output_ratio(moments: Sequence[Any], name: str) -> tuple[np.ndarray, np.ndar
 def _output_series(moments, batches):
     own = np.stack([m.output.integrals[: batches.shape[1]] for m in moments])
     return {name: own[:, :, row] for row, name in enumerate(QUANTITIES)}
-
-
-def _mean(upper, lower, dimension):
-    if not lower.any():
-        return Estimate(math.nan, None, None, dimension, "nothing was put in")
-    ratio, error = ratio_of_sums(upper, lower)
-    return Estimate(ratio, error, None, dimension, "" if error is not None else TOO_SHORT)
 
 
 def _ripple(output, time):
