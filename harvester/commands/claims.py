@@ -7,7 +7,6 @@ from harvester.commands.options import (
     add_study_options,
     check_options,
     deliver,
-    say,
     study_runner,
 )
 
@@ -32,10 +31,6 @@ def add(commands: Any) -> None:
 def run(options: Namespace) -> None:
     """Carry it out; returns the exit code, or None for 0."""
     check_options(options, "claims")
-    from harvester.files.writing import in_folder, write_text
-
-    if options.output:
-        in_folder(options.output, "claims.md")
     from harvester.scene.model import Scene
     from harvester.verification.paper.claims import claims
 
@@ -45,6 +40,3 @@ def run(options: Namespace) -> None:
     with study_runner(options, "claims") as runner:
         judgement = claims(scene, thorough=options.thorough, runner=runner)
         deliver(options, "claims", judgement, "the paper's statements")
-        if options.output:
-            write_text(in_folder(options.output, "claims.md"), judgement.markdown())
-            say(f"written to {options.output}: claims.md")

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 STEP_HELP = "default, fine, finest, or the longest step in seconds"
 # Of a list given by its ends.
 MOST_NUMBERS = 100_000
-RESULT_FILES = (".json", "-densities.csv", ".png", "-joint.png", ".csv", ".nc")
+RESULT_FILES = (".json", "-densities.csv", ".png", "-joint.png", ".csv", ".nc", ".md")
 NUMBERS_HELP = "FIRST:LAST:log:NUMBER, FIRST:LAST:linear:NUMBER, or numbers between commas"
 
 
@@ -264,7 +264,7 @@ def write_result(options: Namespace, name: str, content: Shown) -> None:
     """The files that were asked for.
 
     JSON, with `data()` of the content CSV, with its `to_xarray()` beside that NetCDF, its figure,
-    with `joint_figure()` that of displacement and velocity together.
+    with `joint_figure()` that of displacement and velocity together, with `markdown()` a page.
     """
     from harvester.files.writing import write_json
 
@@ -283,7 +283,7 @@ def _write_folder(folder: str, name: str, content: Shown) -> None:
     from harvester.show import figures
 
     places = [in_folder(folder, f"{name}{ending}") for ending in RESULT_FILES]
-    json_file, densities, picture, joint_picture, table, grid = places
+    json_file, densities, picture, joint_picture, table, grid, page = places
     write_json(json_file, content.to_dict())
     if hasattr(content, "density_table"):
         write_text(densities, content.density_table())
@@ -292,13 +292,16 @@ def _write_folder(folder: str, name: str, content: Shown) -> None:
         # An extra: what is in it is in the others too.
         if hasattr(content, "to_xarray") and importlib.util.find_spec("xarray"):
             write_netcdf(grid, content.to_xarray())
+    if hasattr(content, "markdown"):
+        write_text(page, content.markdown())
     figure = content.figure()
     if figure is not None:
         figures.write(figure, picture)
     joint = content.joint_figure() if hasattr(content, "joint_figure") else None
     if joint is not None:
         figures.write(joint, joint_picture)
-    say(f"written to {folder}: {name}.{'json' if figure is None else '*'}")
+    several = figure is not None or hasattr(content, "markdown")
+    say(f"written to {folder}: {name}.{'*' if several else 'json'}")
 
 
 def say(text: object) -> None:

@@ -7,7 +7,6 @@ from harvester.commands.options import (
     add_study_options,
     check_options,
     deliver,
-    say,
     study_runner,
 )
 
@@ -28,16 +27,9 @@ def add(commands: Any) -> None:
 def run(options: Namespace) -> int:
     """Carry it out; returns the exit code."""
     check_options(options, "verify")
-    from harvester.files.writing import in_folder, write_text
-
-    if options.output:
-        in_folder(options.output, "verify.md")
     from harvester.verification.known_results.truth import verify
 
     with study_runner(options, "verify") as runner:
         found = verify(runner=runner)
         deliver(options, "verify", found, "known results")
-        if options.output:
-            write_text(in_folder(options.output, "verify.md"), found.markdown())
-            say(f"written to {options.output}: verify.md")
     return 1 if found.failed else 0

@@ -48,6 +48,13 @@ def xarray_or_say() -> ModuleType:
     return optional_library("xarray", "NetCDF", "study")
 
 
+def markdown_table(rows: Iterable[Sequence[str]]) -> str:
+    """Rows of text as a Markdown table, the first its header."""
+    header, *others = rows
+    lines = [header, ["---"] * len(header), *others]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+
+
 def _cell(value):
     if isinstance(value, str):
         return one_line(value)

@@ -9,6 +9,7 @@ from typing import Any, Unpack
 
 from harvester import __version__
 from harvester.errors import HarvesterError
+from harvester.files.tables import markdown_table
 from harvester.files.writing import finite
 from harvester.running import Request, RunnerOptions, open_runner
 from harvester.running.request import told
@@ -174,7 +175,7 @@ class Verification:
         """A page with the table, numbered sources and everything about rows that do not hold."""
         header, rows = self.table()
         sources = list(dict.fromkeys(row.truth.source for row in self.rows))
-        lines = [[*header, "source"], ["---"] * (len(header) + 1)]
+        lines = [[*header, "source"]]
         before = None
         for cells, row in zip(rows, self.rows, strict=True):
             # What several methods are compared with is said once.
@@ -186,7 +187,7 @@ class Verification:
             f"Written by `harvester verify`, harvester {__version__}, {self.date}: closed forms, "
             "exact limits, published powers and other integrators beside this project's results.",
             "\n".join(f"- {line}" for line in self.sentences()),
-            "\n".join(f"| {' | '.join(cells)} |" for cells in lines),
+            markdown_table(lines),
             "## Sources",
             "\n".join(f"{place}. {each}" for place, each in enumerate(sources, 1)),
         ]

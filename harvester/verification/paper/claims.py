@@ -8,6 +8,7 @@ from typing import Any, Unpack
 from harvester.averaging import CLOSURES
 from harvester.calling import takes_scene
 from harvester.engines.steps import with_knots
+from harvester.files.tables import markdown_table
 from harvester.files.writing import finite
 from harvester.running import RunnerOptions, open_runner
 from harvester.scene.model import Scene
@@ -152,9 +153,11 @@ class Judgement:
             [claim.section, claim.sentence, claim.says, *(v[m].text() for m in METHODS)]
             for claim, v in zip(self.claims, self.verdicts, strict=True)
         ]
-        lines = [header, ["---"] * len(header), *rows]
-        table = "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
-        return table + "\n\n" + "".join(f"- {line}\n" for line in self.sentences())
+        return (
+            markdown_table([header, *rows])
+            + "\n\n"
+            + "".join(f"- {line}\n" for line in self.sentences())
+        )
 
     def figure(self) -> None:
         """Statements have none."""
