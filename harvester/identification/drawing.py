@@ -37,14 +37,7 @@ def draw(found: Identification) -> Figure:
     _draw_spectra(spectrum, stretch, f"density of the {name} [{unit}²/Hz]")
     _draw_densities(density, stretch, f"{name} [{unit}]")
     _draw_correlation(correlation, found)
-    handles, labels = spectrum.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4)
-    figure.suptitle(
-        f"{found.scene.name}: the last third of {stretch.name}, kept aside",
-        x=0.01,
-        ha="left",
-        fontsize=9,
-    )
+    _entitle(spectrum, f"{found.scene.name}: the {stretch.aside} of {stretch.name}, kept aside", 4)
     return figure
 
 
@@ -59,15 +52,15 @@ def _response_figure(found, stretch):
         axes.plot(stretch.frequency, stretch.windowed[:, n], color=PREDICTED, label="predicted")
         axes.plot(stretch.frequency, stretch.residuals[:, n], color=RESIDUAL, label="difference")
         axes.set(xlabel="frequency [Hz]", ylabel=f"{name} of voltage over acceleration")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3)
-    figure.suptitle(
-        f"{found.scene.name}: {stretch.aside} of {stretch.name}, kept aside",
-        x=0.01,
-        ha="left",
-        fontsize=9,
-    )
+    _entitle(panels[0], f"{found.scene.name}: {stretch.aside} of {stretch.name}, kept aside", 3)
     return figure
+
+
+def _entitle(axes, title, columns):
+    """A title above the figure, and below it the legend of these axes, in so many columns."""
+    handles, labels = axes.get_legend_handles_labels()
+    axes.figure.legend(handles, labels, loc="outside lower center", ncols=columns)
+    axes.figure.suptitle(title, x=0.01, ha="left", fontsize=9)
 
 
 def draw_posterior(found: Identification) -> Figure:

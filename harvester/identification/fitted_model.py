@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from harvester.errors import IdentificationError
+from harvester.identification.intervals import undetermined
 from harvester.identification.proof import Stretch
 from harvester.identification.shooting import Fit, Shooting
-from harvester.identification.unknowns import Unknown
+from harvester.identification.unknowns import Unknown, with_values
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -44,6 +46,38 @@ class Fitted:
     interpolation: str
     shooting: Shooting
     fit: Fit
+
+    @classmethod
+    def concluded(
+        cls,
+        scene: Scene,
+        shooting: Shooting,
+        fit: Fit,
+        covariance: np.ndarray,
+        stretches: list[Stretch],
+    ) -> Fitted:
+        """The model that a fit has come to; `scene` is the one that it began with.
+
+        Raises
+        ------
+        IdentificationError
+            No device has these values.
+        """
+        keys = [each.key for each in shooting.unknowns]
+        made = with_values(scene, keys, fit.values)
+        if made is None:
+            raise IdentificationError(f"{scene.name}: what fits best is no device")
+        return cls(
+            made,
+            shooting.unknowns,
+            fit.values,
+            covariance,
+            undetermined(keys, fit.values, shooting.sizes, covariance),
+            stretches,
+            shooting.responses.interpolation,
+            shooting,
+            fit,
+        )
 
     @property
     def keys(self) -> list[str]:

@@ -31,7 +31,7 @@ from harvester.identification.search import (
 )
 from harvester.identification.shooting import Shooting
 from harvester.identification.steady_fit import fitted_responses
-from harvester.identification.unknowns import unknowns, with_values
+from harvester.identification.unknowns import unknowns
 from harvester.scene.units import scale
 
 if TYPE_CHECKING:
@@ -119,15 +119,11 @@ def fitted(
         if _misfit(other) - _misfit(fit) < RULED_OUT:
             # Nobody knows how the base moved between the samples.
             covariance = covariance + np.outer(other.values - values, other.values - values)
-    unclear = intervals.undetermined(list(keys), values, shooting.sizes, covariance)
-    made = with_values(scene, keys, values)
-    if made is None:
-        raise IdentificationError(f"{scene.name}: what fits best is no device")
     stretches = [
         (length, each.acceleration.size) for length, each in zip(lengths, measurements, strict=True)
     ]
     proof = predicted(shooting.responses, shooting, fit, stretches)
-    return Fitted(made, free, values, covariance, unclear, proof, best, shooting, fit)
+    return Fitted.concluded(scene, shooting, fit, covariance, proof)
 
 
 def _otherwise(shooting, fit):

@@ -16,7 +16,7 @@ from harvester.identification.proof import ResponseStretch
 from harvester.identification.search import FINE, LAST
 from harvester.identification.shooting import Fit, Shooting
 from harvester.identification.steady_response import SteadyExperiment, SteadyResponses
-from harvester.identification.unknowns import unknowns, with_values
+from harvester.identification.unknowns import unknowns
 from harvester.scene.units import scale
 
 if TYPE_CHECKING:
@@ -84,16 +84,9 @@ def fitted_responses(
     best = min(fits, key=lambda each: each.cost)
     fit = shooting.minimized(shooting.reweighted(best), LAST, FINE)
     covariance = intervals.covariance(shooting, fit)
-    unclear = intervals.undetermined(list(keys), fit.values, shooting.sizes, covariance)
-    made = with_values(scene, keys, fit.values)
-    if made is None:
-        raise IdentificationError(f"{scene.name}: what fits best is no device")
     kept = _shooting(scene, measurements, aside, keys, sizes)
     stretches = [_stretch(kept, fit.values, number) for number in range(len(measurements))]
-    name = shooting.responses.interpolation
-    return Fitted(
-        made, shooting.unknowns, fit.values, covariance, unclear, stretches, name, shooting, fit
-    )
+    return Fitted.concluded(scene, shooting, fit, covariance, stretches)
 
 
 def _shooting(scene, measurements, lines, keys, sizes):
