@@ -33,7 +33,6 @@ from harvester.verification.work_precision.diagram import (
     relative_error,
 )
 from harvester.verification.work_precision.methods import (
-    COMPILED_METHODS,
     LOAD_METHODS,
     LOAD_PATHS,
     LOAD_REFERENCE,
@@ -41,6 +40,7 @@ from harvester.verification.work_precision.methods import (
     REFERENCE,
     THOROUGH_METHODS,
     Method,
+    with_compiled,
 )
 from harvester.verification.work_precision.reference_path import run as follow_exactly
 from harvester.verification.work_precision.timed import Timed, closures
@@ -99,7 +99,8 @@ def work_precision(
     factor = THOROUGH if thorough else 1
     with open_runner(**running) as runner:
         if methods is None:
-            methods = LOAD_METHODS if with_load else _all_methods(thorough, runner)
+            every = THOROUGH_METHODS if thorough else METHODS
+            methods = LOAD_METHODS if with_load else with_compiled(every, runner)
         speeds = _speeds(scene, with_load, runner)
         short = _strong_scene(scene, PATHS * factor)
         strong = _strong_errors(short, methods, _exact_paths(short, with_load, runner), runner)
@@ -154,11 +155,6 @@ def _speeds(scene, with_load, runner):
         return {"rows": [], "machine": throughput.machine()}
     # By itself: the other tasks would take the processors that it measures.
     return _there(runner.run([throughput.task(scene, runner.version("circuit"))]))[0]
-
-
-def _all_methods(thorough, runner):
-    compiled = COMPILED_METHODS if "compiled" in runner.version("circuit") else ()
-    return (*(THOROUGH_METHODS if thorough else METHODS), *compiled)
 
 
 def _there(outcomes):

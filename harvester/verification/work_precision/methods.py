@@ -1,11 +1,17 @@
 """The methods that `work-precision` compares: a new one is one more entry in `METHODS`."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from harvester.engines import side_by_side
 from harvester.engines.steps import knot_spacing, steps_per_knot
-from harvester.scene.model import Scene
+
+if TYPE_CHECKING:
+    from harvester.running import Runner
+    from harvester.scene.model import Scene
 
 
 @dataclass(frozen=True)
@@ -103,6 +109,13 @@ METHODS = (
 )
 # Where the compiled device is on.
 COMPILED_METHODS = (_batched("compiled device, trapezoidal", "compiled"),)
+
+
+def with_compiled(methods: Sequence[Method], runner: Runner) -> tuple[Method, ...]:
+    """The methods, and those of the compiled device where it is on."""
+    return (*methods, *(COMPILED_METHODS if "compiled" in runner.version("circuit") else ()))
+
+
 # What `time-to-accuracy` times, one setting of each family: ngspice's own tolerance, default steps.
 TIMED_METHODS = (
     _own_steps("trapezoidal", 1e-3),

@@ -19,11 +19,11 @@ from harvester.verification.work_precision.accuracy import (
 )
 from harvester.verification.work_precision.accuracy_table import Line, Point, TimeToAccuracy
 from harvester.verification.work_precision.methods import (
-    COMPILED_METHODS,
     LOAD_REFERENCE,
     REFERENCE,
     TIMED_LOAD_METHODS,
     TIMED_METHODS,
+    with_compiled,
 )
 from harvester.verification.work_precision.timed import Timed, closures, task
 
@@ -139,8 +139,7 @@ def _methods(scene, runner):
         require_resistor(scene, "Monte Carlo")
     except LoadError:
         return LOAD_REFERENCE, TIMED_LOAD_METHODS
-    compiled = COMPILED_METHODS if "compiled" in runner.version("circuit") else ()
-    return REFERENCE, [*TIMED_METHODS, *compiled]
+    return REFERENCE, with_compiled(TIMED_METHODS, runner)
 
 
 def _put_together(scene, reference, exact, runs, averaged, refused):

@@ -105,7 +105,7 @@ def test_every_method_has_a_colour_and_a_marker_of_its_own():
 @pytest.fixture
 def briefly(monkeypatch):
     monkeypatch.setattr(module, "TIMED_METHODS", FEW)
-    monkeypatch.setattr(module, "COMPILED_METHODS", ())
+    monkeypatch.setattr("harvester.verification.work_precision.methods.COMPILED_METHODS", ())
     compiled = Method("Monte Carlo, TR-BDF2", "monte-carlo", 2)
     monkeypatch.setattr(module, "TIMED_LOAD_METHODS", (FEW[0], compiled))
     monkeypatch.setattr(timed, "CLOSURES", ("consistent",))
