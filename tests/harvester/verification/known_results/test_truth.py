@@ -25,6 +25,7 @@ from harvester.verification.known_results.truth import (
     row_of,
     verify,
 )
+from harvester.verification.stability.paths import ignore
 
 # By title, of each kind that takes no second: a drop, loads on a prescribed sine, an orbit.
 QUICK = ("e = 0.7", "resistor on a prescribed sine, omega C R = 1", "sece", "f = 0.0922")
@@ -65,7 +66,7 @@ def test_what_agrees_holds_and_what_is_changed_by_a_tenth_fails(pool):
 
 
 def by_others():
-    # The others of a list are scipy's, compared with in the tests of their own modules.
+    # DOP853 has tests of its own, in those of work_precision.
     return [each for each in catalogue() if re.search("by (Radau|ngspice|VACASK)", each.title)]
 
 
@@ -74,7 +75,7 @@ def test_a_path_by_another_holds_and_that_of_another_damper_fails(truth, monkeyp
     task = truth.asked["monte-carlo"]
 
     def verdict():
-        return Row(truth, "monte-carlo", *task.function(report=print, **task.arguments)).verdict
+        return Row(truth, "monte-carlo", *task.function(report=ignore, **task.arguments)).verdict
 
     try:
         assert verdict() == HOLDS
@@ -82,7 +83,7 @@ def test_a_path_by_another_holds_and_that_of_another_damper_fails(truth, monkeyp
         pytest.skip(str(missing))
     other = task.arguments["other"]
     run, damping = tasks.OTHERS[other], task.arguments["scene"].oscillator.damping
-    damped = {"oscillator.damping": 1.05 * damping}
+    damped = {"oscillator.damping": 1.2 * damping}
     monkeypatch.setitem(tasks.OTHERS, other, lambda scene: run(scene.replace(damped)))
     assert verdict() == FAILS
 
@@ -93,7 +94,7 @@ def test_a_row_without_its_program_is_skipped_in_one_line(monkeypatch):
     [truth] = [each for each in by_others() if "paper by VACASK" in each.title]
     task = truth.asked["monte-carlo"]
     with pytest.raises(ProgramNotFound) as missing:
-        task.function(report=print, **task.arguments)
+        task.function(report=ignore, **task.arguments)
     row = row_of(truth, "monte-carlo", missing.value)
     assert row.verdict == NOT_HERE
     told = Verification([row], 0.0, "2026-01-01")
