@@ -94,21 +94,21 @@ class Row:
         return BLUNT if blunt else HOLDS
 
     def cells(self) -> list[str]:
-        """Of the table: result, exact, by, ours, difference, allowed, verdict."""
+        """Of the table: result, by, verdict, exact, ours, difference, allowed."""
         exact = f"{self.truth.exact:.5g}"
         if self.reason:
-            return [self.truth.title, exact, self.method, "", "", "", self.verdict]
+            return [self.truth.title, self.method, self.verdict, exact, "", "", ""]
         ours = f"{self.value:.5g}"
         if self.standard_error:
             ours += f" ± {self.standard_error:.1g}"
         return [
             self.truth.title,
-            exact,
             self.method,
+            self.verdict,
+            exact,
             ours,
             self._of_exact(self.value - self.truth.exact, "+"),
             "± " + self._of_exact(self.limit, ""),
-            self.verdict,
         ]
 
     def _of_exact(self, difference, sign):
@@ -159,7 +159,7 @@ class Verification:
 
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows of the table, as text."""
-        header = ["result", "exact", "by", "ours", "difference", "allowed", "verdict"]
+        header = ["result", "by", "verdict", "exact", "ours", "difference", "allowed"]
         return header, [row.cells() for row in self.rows]
 
     def sentences(self) -> list[str]:
@@ -184,7 +184,7 @@ class Verification:
         before = None
         for cells, row in zip(rows, self.rows, strict=True):
             # What several methods are compared with is said once.
-            named = cells if row.truth is not before else ["", "", *cells[2:]]
+            named = cells if row.truth is not before else ["", *cells[1:3], "", *cells[4:]]
             lines.append([*named, str(1 + sources.index(row.truth.source))])
             before = row.truth
         said = [

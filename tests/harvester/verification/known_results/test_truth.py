@@ -128,7 +128,7 @@ def test_the_page_of_the_site_has_every_row():
     named, title = set(), ""
     for line in page.splitlines():
         if line.startswith("| "):
-            first, _, method, *_ = line.removeprefix("| ").split(" | ")
+            first, method, *_ = line.removeprefix("| ").split(" | ")
             title = first.strip() or title
             named.add((title, method))
     assert {(each.title, method) for each in catalogue() for method in each.asked} <= named
