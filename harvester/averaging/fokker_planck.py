@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 REGION_LEVEL = Level(5.0, 2.2, 1.7, 3, 3, 50.0)  # on which the region is found
 FIRST_LEVEL = Level(6.0, 3.0, 2.3, 4, 3)
+# Nodes of Z that are kept, for each decade of the tolerance: their error falls exponentially.
+NODES_PER_DECADE = 3.0
 # Share of Richardson's correction for the step that is made: where steps are long, errors are of
 # higher order than the second. Share of it, and of the nodes' last change, stated as error.
 CORRECTION_TAKEN, STATED_ERROR = 0.6, {"steps": 0.7, "nodes": 0.75}
@@ -233,7 +235,9 @@ def _first(device, tolerance, work):
     """The answer on the first grid where the density is."""
     region, rough = _found(device, work)
     region.check(device)
-    return Solution(device, region, FIRST_LEVEL, tolerance, work, rough)
+    nodes = int(np.ceil(-NODES_PER_DECADE * np.log10(tolerance)))
+    level = FIRST_LEVEL._replace(nodes=max(nodes, FIRST_LEVEL.nodes))
+    return Solution(device, region, level, tolerance, work, rough)
 
 
 def _refine(grids, respect, tolerance, known=None):

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from harvester.averaging.region import Level, Region
     from harvester.device.system import System
 
-MOST_WORK = 2e8  # amplitudes moved by a step, on all grids together: about ten seconds
+MOST_WORK = 3e8  # amplitudes moved by a step, on all grids together: about fifteen seconds
 LEAST_PERIODS = 10  # on a grid
 LARGEST_PUSHES = 2e8  # of the noise's pushes on a grid (bytes)
 LARGEST_LOAD_DECAY = 2.8  # greatest λ dt, times the steps of a period
@@ -120,7 +120,7 @@ class Solution:
         return any(each.law.greatest_depth(energy) < apart for each in self.device.contacts)
 
     def refined(self, respect: str) -> Solution:
-        """On the next finer grid: of more "steps", "nodes" or "charges"."""
+        """On the next finer grid: of more "steps" or "nodes"."""
         level = self.level.more(respect)
         return Solution(self.device, self.region, level, self.tolerance, self.work, self)
 
