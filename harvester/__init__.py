@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from harvester.errors import OptimumError as OptimumError
     from harvester.errors import OutOfTime as OutOfTime
     from harvester.errors import OutputError as OutputError
+    from harvester.errors import ProgramNotFound as ProgramNotFound
     from harvester.errors import SceneError as SceneError
     from harvester.errors import SimulationError as SimulationError
     from harvester.errors import SimulatorAborted as SimulatorAborted
@@ -103,6 +104,7 @@ _WHERE = {
     "EngineNotFound": "harvester.errors",
     "CompiledDeviceUnavailable": "harvester.errors",
     "MissingLibrary": "harvester.errors",
+    "ProgramNotFound": "harvester.errors",
     "OutputError": "harvester.errors",
     "FolderInUse": "harvester.errors",
     "SimulationError": "harvester.errors",

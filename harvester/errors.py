@@ -103,3 +103,7 @@ class OutOfTime(SimulationError):
 
 class MissingLibrary(HarvesterError):
     """An optional library is asked for and not installed."""
+
+
+class ProgramNotFound(HarvesterError):
+    """Another program is asked for and not installed."""

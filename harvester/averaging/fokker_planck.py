@@ -269,12 +269,13 @@ def _found(device, work):
     barrier = _barrier(device) if paired else 0.0
     linear = timescales.driven_square_velocity(device, timescales.angular_frequency(device))
     alone = HELD_BACK * linear < barrier
-    region, solution = Region.guessed(device, wells[0] if alone else None), None
+    region, solution, joined = Region.guessed(device, wells[0] if alone else None), None, False
     for attempt in range(REGION_ATTEMPTS):
         solution = Solution(device, region, REGION_LEVEL, REGION_TOLERANCE, work, solution)
         fitted = Region.fitted(device, solution)
         spread = solution.totals["mean_square_velocity"]
-        held_back = 0.0 < HELD_BACK * spread < barrier
+        joined = joined or fitted.leaves_well(device)
+        held_back = not joined and 0.0 < HELD_BACK * spread < barrier
         if held_back == (region.well is not None):
             if fitted.alike(region):
                 return fitted, solution

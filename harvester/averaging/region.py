@@ -23,6 +23,7 @@ NODES_PER_WIDTH = 4.0
 GREATEST_DISPLACEMENT = 2.0  # in half widths: the charge decides there whether there is a well
 GIBBS_REACH = 5.3  # standard deviations of a Gibbs density at 1e-6 of its peak
 SEEN, BEYOND = 1e-3, 1.42  # share of the peak that a coarse grid tells; from there to 1e-6
+GATHERED = 1e-4  # share of the peak at an end of the range, beyond which there is more
 SECOND_PEAK = 0.2  # share of the greatest one from which a peak counts
 EDGE_ENERGY_IN_BARRIERS = 1.44  # of the highest saddle: least energy of the grid's edge
 HELD_DEVIATIONS = 4.0  # standard deviations of what the noise holds
@@ -119,12 +120,37 @@ class Region(NamedTuple):
         cores = core, _widths(v, p(v))[1], width
         least = before.core, before.core_speed, before.width
         cores = tuple(np.maximum(cores, STRONGEST_SHRINKING * np.array(least)))
-        return cls.of_speed(device, speed, cores, before.well)
+        region = cls.of_speed(device, speed, cores, before.well)
+        return region if before.well is None else region._reaching(x, solution.density)
+
+    def _reaching(self, x, density):
+        """As far as the displacement's density: noise with a memory takes no speed to displace."""
+        p = density.displacement(x) / density.displacement(x).max()
+        seen = x[p > SEEN]
+
+        def reach(end, last, share):
+            """Of a range that ends where the density does not, more than all of it."""
+            return BEYOND * ((end if share > GATHERED else last) - self.well)
+
+        return self._replace(
+            left=min(self.left, self.well + reach(x[0], seen[0], p[0])),
+            right=max(self.right, self.well + reach(x[-1], seen[-1], p[-1])),
+        )
+
+    def leaves_well(self, device: System) -> bool:
+        """Whether a range that is to hold one well alone goes beyond the saddle."""
+        tops = timescales.beside(device, self.well) if self.well is not None else ()
+        return any(self.left < top < self.right for top in tops)
 
     def alike(self, other: Region) -> bool:
         """Whether another one is about as wide and needs about as many nodes."""
         low, high = SAME_REGION_RATIOS
-        return low < self.speed / other.speed < high and low < self.core / other.core < high
+        ratios = (
+            self.speed / other.speed,
+            self.core / other.core,
+            (self.right - self.left) / (other.right - other.left),
+        )
+        return all(low < ratio < high for ratio in ratios)
 
     @classmethod
     def of_speed(
@@ -143,10 +169,6 @@ class Region(NamedTuple):
             _turning(device, at, side, 0.5 * speed**2 + deepest)
             for at, side in zip(places, (-1.0, 1.0), strict=True)
         )
-        if well is not None:
-            tops = timescales.beside(device, well)
-            left = max([left, *(x for x in tops if x < well)])
-            right = min([right, *(x for x in tops if x > well)])
         spare = (REGION_MARGIN - 1.0) * 0.5 * (right - left)
         return cls(left - spare, right + spare, REGION_MARGIN * speed, *cores, well)
 

@@ -94,10 +94,14 @@ def _copied(name):
 
 
 def _chosen():
+    from harvester.files.plain_text import named, nearest
     from harvester.scene.source import built_in_names
 
-    print(f"Built-in scenes: {', '.join(built_in_names())}. Enter keeps a value.", file=sys.stderr)
-    return _answer("Scene to begin with", DEFAULT)
+    names = built_in_names()
+    print(f"Built-in scenes: {', '.join(names)}. Enter keeps a value.", file=sys.stderr)
+    while (answer := _answer("Scene to begin with", DEFAULT)) not in names:
+        print(f"{named(answer)}: no built-in scene{nearest(answer, names)}", file=sys.stderr)
+    return answer
 
 
 def _changed(text, name):
@@ -110,7 +114,7 @@ def _changed(text, name):
         if line is None:
             continue
         old, comment = line["value"], line["comment"] or ""
-        new, scene = _accepted(scene, key, old, " ".join(comment.split()))
+        new, scene = _accepted(scene, key, old, re.sub(r"\s{2,}", ", ", comment))
         if new != old:
             said = f"{new}  # {f'{comment}; ' if comment else ''}{old} in `{name}`"
             text = text[: line.start("value")] + said + text[line.end() :]

@@ -49,8 +49,14 @@ def xarray_or_say() -> ModuleType:
 
 
 def markdown_table(rows: Iterable[Sequence[str]]) -> str:
-    """Rows of text as a Markdown table, the first its header."""
-    header, *others = rows
+    """Rows of text as a Markdown table, the first its header.
+
+    >>> print(markdown_table([["quantity"], ["|X|"]]))
+    | quantity |
+    | --- |
+    | \\|X\\| |
+    """
+    header, *others = [[cell.replace("|", r"\|") for cell in cells] for cells in rows]
     lines = [header, ["---"] * len(header), *others]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
 

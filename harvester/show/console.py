@@ -58,7 +58,7 @@ def progress() -> Iterator[Callable]:
 
     def follow(label, scene):
         total = scene and (scene.run.settle + scene.run.duration) * scene.run.realizations
-        task = bar.add_task(label, total=1.0, rate="starting", start=True)
+        task = bar.add_task(label, total=1.0, rate="starting; the first run compiles", start=True)
         started = time.monotonic()
 
         def update(share, words=""):

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from harvester.show.explorer import View
 
-MARGINS = {"left": 0.1, "right": 0.98, "bottom": 0.1, "top": 0.96, "hspace": 0.38}
+MARGINS = {"left": 0.115, "right": 0.98, "bottom": 0.1, "top": 0.93, "hspace": 0.34}
 
 
 def draw(view: View) -> Figure:
@@ -40,17 +40,19 @@ def _drawn(view):
             draw_density(axes, solver, name, LINES["fokker_planck"][0], ":", "stationary solver")
         axes.set_xlabel(axis_label(result, name))
         axes.set_ylim(bottom=0.0)
+        axes.locator_params(axis="x", nbins=5)
         frame(axes, [result], name)
         if place == 0:
             axes.set_ylabel("probability density")
-            axes.legend(fontsize=6)
-    motion = halves[1].subgridspec(2, 1, hspace=0.25)
+            figure.legend(*axes.get_legend_handles_labels(), loc="upper right", ncols=2)
+    motion = halves[1].subgridspec(2, 1, hspace=0.18)
     above = figure.add_subplot(motion[0])
     below = figure.add_subplot(motion[1], sharex=above)
     for axes, name in ((above, "displacement"), (below, "voltage")):
         values = getattr(result.waveform, name) * result.scales.of(name)
         axes.plot(result.waveform.time, values, color=CIRCUIT, linewidth=0.8)
-        axes.set_ylabel(axis_label(result, name).replace(" ", "\n"))
+        axes.set_ylabel(axis_label(result, name).replace(" ", "\n"), fontsize=8)
+    figure.align_ylabels((above, below))
     above.tick_params(labelbottom=False)
     below.set_xlabel("time [s]")
     return figure

@@ -47,7 +47,7 @@ def built(explorer: Explorer) -> Any:
     for slider in sliders.values():
         slider.observe(follow, "value")
     show()
-    columns = Layout(grid_template_columns="repeat(auto-fit, minmax(20em, 1fr))")
+    columns = Layout(grid_template_columns="repeat(auto-fit, minmax(min(30em, 100%), 1fr))")
     return VBox([GridBox([*sliders.values()], layout=columns), line, picture])
 
 
@@ -60,7 +60,7 @@ def _slider(key, value, low, high):
         "description": key,
         "continuous_update": False,
         "readout_format": ".4g",
-        "style": {"description_width": "12em"},
+        "style": {"description_width": "14em"},
         "layout": Layout(width="auto"),
     }
     if low > 0.0 and high / low >= LOGARITHMIC_RATIO:

@@ -3,7 +3,7 @@ import subprocess
 
 import numpy as np
 import pytest
-from raw_files import ngspice_program, read_raw, run_raw
+from raw_files import ngspice_program, run_raw
 from truths import contact_force, flat
 
 from circuits.export import stand_alone
@@ -14,6 +14,7 @@ from harvester.engines.steps import knot_spacing
 from harvester.errors import NetlistError
 from harvester.scene.model import Scene
 from harvester.simulation import simulate
+from harvester.verification.known_results.simulators import read_raw
 
 
 @pytest.fixture(scope="module")

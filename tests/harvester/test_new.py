@@ -76,13 +76,14 @@ def test_what_is_there_stays_and_mistakes_are_one_line(
 
 
 def test_answers_take_the_place_of_values_and_the_others_stay(answers, capsys):
-    # Scene, mass, damping kept, a coupling after two that are none, and the input ends.
-    answers("asymmetric\n0.03\n\nmuch\n-1\n4e-4\n")
+    # Scene at the second try, mass, damping kept, a coupling after two that are none; input ends.
+    answers("asymetric\nasymmetric\n0.03\n\nmuch\n-1\n4e-4\n")
     assert main(["new", "beam.toml"]) == 0
     changes = {"oscillator.mass": 0.03, "piezo.coupling": 4e-4}
     expected = Scene.load("asymmetric").replace(changes)
     assert Scene.load("beam.toml").digest() == expected.digest()
     asked = capsys.readouterr().err
+    assert "asymetric: no built-in scene (did you mean asymmetric?)" in asked
     assert "'much' is no number" in asked
     assert "piezo.coupling = -1.0: must be" in asked
     with open("beam.toml", encoding="utf-8") as file:

@@ -8,7 +8,24 @@ from harvester.engines.realization import run
 from harvester.engines.steps import knot_spacing
 from harvester.estimates.of_run import run_estimates
 from harvester.scene.model import Scene
+from harvester.verification.known_results import radau, simulators
 from harvester.verification.work_precision import reference_path
+
+# Of a path: X and terminal voltage, scaled, at the knots 1, 2, …
+COLUMNS = ("displacement", "voltage")
+
+
+def _dop853(scene):
+    return reference_path.run(scene, 0, None)[:, [0, 2]]
+
+
+# Who else runs a scene's first path.
+OTHERS: dict[str, Callable[[Scene], np.ndarray]] = {
+    "DOP853": _dop853,
+    "Radau": radau.bridge_path,
+    "ngspice -b": simulators.plain_ngspice,
+    "VACASK": simulators.vacask,
+}
 
 
 def rebound(scene: Scene, engine: str, report: Callable) -> tuple[float, float]:
@@ -16,13 +33,18 @@ def rebound(scene: Scene, engine: str, report: Callable) -> tuple[float, float]:
     return -float(_waveform(scene, engine, "default", report).velocity[-1]), 0.0
 
 
-def path_deviation(scene: Scene, engine: str, step: str, report: Callable) -> tuple[float, float]:
-    """Root mean square difference of X from scipy's DOP853 on one path, as a share of its rms."""
-    exact = reference_path.run(scene, 0, report)[:, 0]
+def path_deviation(
+    scene: Scene, engine: str, step: str, other: str, column: str, report: Callable
+) -> tuple[float, float]:
+    """Root mean square difference from another's path at the knots, as a share of its own rms.
+
+    `other` is one of `OTHERS`, `column` of `COLUMNS`.
+    """
+    theirs = OTHERS[other](scene)[:, COLUMNS.index(column)]
     record = _waveform(scene, engine, step, report)
-    times = knot_spacing(scene) * np.arange(1, exact.size + 1)
-    ours = np.interp(times, record.time, record.displacement)
-    return float(np.sqrt(np.mean((ours - exact) ** 2) / np.mean(exact**2))), 0.0
+    times = knot_spacing(scene) * np.arange(1, theirs.size + 1)
+    ours = np.interp(times, record.time, getattr(record, column))
+    return float(np.sqrt(np.mean((ours - theirs) ** 2) / np.mean(theirs**2))), 0.0
 
 
 def highest(

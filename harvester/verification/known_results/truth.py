@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Unpack
 
 from harvester import __version__
-from harvester.errors import HarvesterError
+from harvester.errors import HarvesterError, ProgramNotFound
 from harvester.files.tables import markdown_table
 from harvester.files.writing import finite
 from harvester.running import Request, RunnerOptions, open_runner
@@ -19,8 +19,8 @@ from harvester.running.task import Task
 AGREEING_SIGMAS = 3.0
 # Largest such error, as a share of the exact value, with which agreement says something.
 SHARPEST_NEEDED = 0.15
-HOLDS, FAILS, BLUNT, REFUSED, UNFINISHED = (
-    "holds", "FAILS", "not known well enough", "refused", "unfinished",
+HOLDS, FAILS, BLUNT, REFUSED, NOT_HERE, UNFINISHED = (
+    "holds", "FAILS", "not known well enough", "refused", "not here", "unfinished",
 )  # fmt: skip
 
 
@@ -65,6 +65,8 @@ class Row:
         nan where there is none.
     reason : str
         Why there is none.
+    skipped : bool
+        It needs another program, which is not installed.
     """
 
     truth: Truth
@@ -72,6 +74,7 @@ class Row:
     value: float = math.nan
     standard_error: float = math.nan
     reason: str = ""
+    skipped: bool = False
 
     @property
     def limit(self) -> float:
@@ -80,7 +83,9 @@ class Row:
 
     @property
     def verdict(self) -> str:
-        """holds, FAILS, not known well enough, refused or unfinished."""
+        """holds, FAILS, not known well enough, refused, not here or unfinished."""
+        if self.skipped:
+            return NOT_HERE
         if self.reason:
             return UNFINISHED if self.reason == UNFINISHED else REFUSED
         if not abs(self.value - self.truth.exact) <= self.limit:
@@ -89,21 +94,21 @@ class Row:
         return BLUNT if blunt else HOLDS
 
     def cells(self) -> list[str]:
-        """Of the table: result, exact, by, ours, difference, allowed, verdict."""
+        """Of the table: result, by, verdict, exact, ours, difference, allowed."""
         exact = f"{self.truth.exact:.5g}"
         if self.reason:
-            return [self.truth.title, exact, self.method, "", "", "", self.verdict]
+            return [self.truth.title, self.method, self.verdict, exact, "", "", ""]
         ours = f"{self.value:.5g}"
         if self.standard_error:
             ours += f" ± {self.standard_error:.1g}"
         return [
             self.truth.title,
-            exact,
             self.method,
+            self.verdict,
+            exact,
             ours,
             self._of_exact(self.value - self.truth.exact, "+"),
             "± " + self._of_exact(self.limit, ""),
-            self.verdict,
         ]
 
     def _of_exact(self, difference, sign):
@@ -154,7 +159,7 @@ class Verification:
 
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows of the table, as text."""
-        header = ["result", "exact", "by", "ours", "difference", "allowed", "verdict"]
+        header = ["result", "by", "verdict", "exact", "ours", "difference", "allowed"]
         return header, [row.cells() for row in self.rows]
 
     def sentences(self) -> list[str]:
@@ -179,7 +184,7 @@ class Verification:
         before = None
         for cells, row in zip(rows, self.rows, strict=True):
             # What several methods are compared with is said once.
-            named = cells if row.truth is not before else ["", "", *cells[2:]]
+            named = cells if row.truth is not before else ["", *cells[1:3], "", *cells[4:]]
             lines.append([*named, str(1 + sources.index(row.truth.source))])
             before = row.truth
         said = [
@@ -235,16 +240,19 @@ def verify(
         answers = iter(runner.answer(requests))
         found = iter(runner.run(tasks))
     rows = [
-        _row(truth, method, next(answers if isinstance(each, Request) else found))
+        row_of(truth, method, next(answers if isinstance(each, Request) else found))
         for truth, method, each in asked
     ]
     today = datetime.date.today().isoformat()
     return Verification(rows, time.perf_counter() - clock, today)
 
 
-def _row(truth, method, outcome):
+def row_of(truth: Truth, method: str, outcome: Any) -> Row:
+    """A method beside a truth, of its answer, of the error it ended with, or of None."""
     if outcome is None:
         return Row(truth, method, reason=UNFINISHED)
+    if isinstance(outcome, ProgramNotFound):
+        return Row(truth, method, reason=str(outcome), skipped=True)
     if isinstance(outcome, HarvesterError):
         return Row(truth, method, reason=told(outcome))
     if isinstance(outcome, (tuple, list)):

@@ -4,10 +4,11 @@ import subprocess
 
 import numpy as np
 import pytest
-from raw_files import ngspice_program, read_raw
+from raw_files import ngspice_program
 
 from circuits.kernel.formula import NotTaken, parse, resolved
 from circuits.kernel.tape import Tape, evaluate, slopes
+from harvester.verification.known_results.simulators import read_raw
 
 X, Y = -1.7, 0.6
 EXPRESSIONS = (

@@ -1,0 +1,95 @@
+"""A harvester behind the project's diode bridge by scipy's Radau, on node equations written out.
+
+M x'' = …, Cp p' = θ x' − i1 + i3, and with the diodes' currents i and s the stray capacitance
+C (o' − r') = i1 + i2 − (o − r)/R,  (C + s) r' − C o' = −i3 − i4 + (o − r)/R.
+"""
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from harvester.engines.realization import noise_path, start_state
+from harvester.scene.model import Scene
+from harvester.scene.units import scale
+
+# 1N4148, of netlists/diodes.lib: saturation current (A), series resistance and leakage (ohm).
+SATURATION, SERIES, LEAKAGE = 2.52e-9, 0.568, 0.9e9
+# Emission coefficient times k T/e at 300.15 K.
+SWING = 1.752 * 1.380649e-23 * 300.15 / 1.602176634e-19
+# What ngspice lays across every junction (S).
+GMIN = 1e-12
+# Of the bridge, between output and piezo (F); of every output node, as a share of the piezo's.
+STRAY, STRAY_SHARE = 10e-12, 1e-6
+RELATIVE_TOLERANCE, ABSOLUTE_TOLERANCE = 1e-6, 1e-9
+
+
+def bridge_path(scene: Scene) -> np.ndarray:
+    """Path of the first realization of a scene whose load is `bridge` with 1N4148s.
+
+    Parameters
+    ----------
+    scene : Scene
+        In SI, with a piezo, spring and damper of the source paper's form and no contacts; its
+        load's parameters `resistance` and `storage` given.
+
+    Returns
+    -------
+    ndarray, shape (knots, 2)
+        X and terminal voltage (scaled) at the knots 1, 2, …
+    """
+    path = noise_path(scene, 0)
+    knots = round(scene.run.duration / path.spacing)
+    noise = path.read(knots + 1)
+    state = np.array([*start_state(scene, 0)[:2], 0.0, 0.0, 0.0])
+    derivative = _equations(scene)
+    points = np.empty((knots, 2))
+    for k in range(knots):
+        begin, end = k * path.spacing, (k + 1) * path.spacing
+        slope = (noise[k + 1] - noise[k]) / path.spacing
+        solved = solve_ivp(
+            derivative, (begin, end), state, "Radau", args=(begin, noise[k], slope),
+            rtol=RELATIVE_TOLERANCE, atol=ABSOLUTE_TOLERANCE,
+        )  # fmt: skip
+        state = solved.y[:, -1]
+        points[k] = state[0], state[2]
+    return points / (1.0, scale(scene)[1].voltage)
+
+
+def _equations(scene):
+    """Right-hand side for (X, X', piezo, output and its reference in V) on a line of noise."""
+    system, scales = scale(scene)
+    damping, coupling = system.damper.damping, system.transducer.coupling / scales.voltage
+    spring = system.spring.coefficients
+    charge = scene.transducer.coupling * scales.displacement
+    capacitance = scene.transducer.capacitance
+    given = scene.load.parameters
+    storage, resistance = given["storage"], given["resistance"]
+    extra = STRAY_SHARE * capacitance
+    matrix = [[storage + extra, -storage], [-storage, storage + STRAY + extra]]
+    inverse = np.linalg.inv(matrix)
+
+    def derivative(time, state, begin, first, slope):
+        x, v, piezo, out, ref = state
+        one, two = _diode(piezo - out), _diode(-out)
+        three, four = _diode(ref - piezo), _diode(ref)
+        load = (out - ref) / resistance
+        rates = inverse @ [one + two - load, load - three - four]
+        force = first + slope * (time - begin) - damping * v - coupling * piezo
+        force -= sum(k * x**n for n, k in enumerate(spring))
+        return [v, force, (charge * v - one + three) / capacitance, *rates]
+
+    return derivative
+
+
+def _diode(volts):
+    """Current through junction, series resistance and leakage, by Newton on the junction."""
+    junction = min(volts, 0.6)
+    for _ in range(60):
+        # The integrator's trial steps go anywhere.
+        grown = np.exp(min(junction / SWING, 300.0))
+        current = SATURATION * (grown - 1.0) + GMIN * junction
+        slope = SATURATION * grown / SWING + GMIN
+        change = (volts - junction - SERIES * current) / (1.0 + SERIES * slope)
+        junction += change
+        if abs(change) < 1e-15:
+            break
+    return current + volts / LEAKAGE
