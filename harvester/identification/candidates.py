@@ -18,10 +18,11 @@ if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
     from harvester.scene.model import Scene
 
-# Where a stopper that the scene lacks is first looked for, of the greatest displacement; and what
-# any part that it lacks begins with, of its size: so little that the fit is hardly disturbed.
-STOPPER_SHARE = 0.9
-LITTLE = 1e-3
+# Where a stopper that the scene lacks is first looked for, of the greatest displacement, and how
+# stiff, of its size.
+STOPPER_PLACE, STOPPER_STIFFNESS = 0.9, 1e-2
+# What any other part that it lacks begins with, of its size: so little that no path is disturbed.
+LITTLE = 1e-6
 FORCE = "oscillator.restoring_force[{}]"
 # A model predicts better if its mean square error is lower by so many standard errors of the
 # ratio, and its root by this share.
@@ -175,8 +176,8 @@ def _stoppers(scene, keys, sizes):
         kept = [key for key in keys if not key.startswith("stoppers")]
         return "no stoppers", scene.replace(stoppers=None), kept
     table = {
-        "gap": STOPPER_SHARE * sizes["stoppers.gap"],
-        "stiffness": 10.0 * LITTLE * sizes["stoppers.stiffness"],
+        "gap": STOPPER_PLACE * sizes["stoppers.gap"],
+        "stiffness": STOPPER_STIFFNESS * sizes["stoppers.stiffness"],
         "restitution": 0.7,
     }
     return "stoppers", scene.replace(stoppers=table), [*keys, "stoppers.gap", "stoppers.stiffness"]

@@ -9,12 +9,17 @@ import numpy as np
 
 from harvester.errors import IdentificationError
 from harvester.identification.intervals import undetermined
-from harvester.identification.proof import Stretch
+from harvester.identification.proof import Stretch, sensor_noise
 from harvester.identification.shooting import Fit, Shooting
 from harvester.identification.unknowns import Unknown, with_values
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
+
+
+# Part of an output's rms beyond the sensor's noise that a good model may leave.
+MISSED_SHARE = 0.05
+MOST_NOISE = 0.5
 
 
 @dataclass(frozen=True)
@@ -78,6 +83,17 @@ class Fitted:
             shooting,
             fit,
         )
+
+    @property
+    def sensor_noise(self) -> float:
+        """Of the first output, as a share of its rms; the noisiest record's."""
+        return max(sensor_noise(each) for each in self.stretches)
+
+    @property
+    def adequate(self) -> bool:
+        """Whether what was kept aside leaves little beyond the sensor's noise."""
+        noise = min(self.sensor_noise, MOST_NOISE)
+        return max(self.nrmse**2 - noise**2, 0.0) <= MISSED_SHARE**2
 
     @property
     def keys(self) -> list[str]:

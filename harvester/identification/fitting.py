@@ -23,8 +23,11 @@ from harvester.identification.response import (
     experiment,
 )
 from harvester.identification.search import (
+    COARSE,
     FINE,
+    HOPELESS,
     LAST,
+    ON_THE_WAY,
     followed_anew,
     opened,
     searched,
@@ -133,10 +136,13 @@ def _otherwise(shooting, fit):
     (other,) = (name for name in INTERPOLATIONS if name != own)
     begun = opened(shooting, fit)
     responses.interpolation = other
-    trial = followed_anew(shooting, begun)
+    trial = followed_anew(shooting, begun, fit.cost)
+    if trial:
+        # Weighted as the first, to be compared.
+        trial = replace(trial, noise=fit.noise)
+        trial.cost = shooting.cost(trial)
     responses.interpolation = own
-    # Weighted as the first, to be compared.
-    return {other: replace(trial, noise=fit.noise)} if trial else {}
+    return {other: trial} if trial and trial.cost < HOPELESS * fit.cost else {}
 
 
 def _misfit(fit):
@@ -153,6 +159,10 @@ def _warmed(responses, free, warm):
     shooting.state_sizes = warm.shooting.state_sizes
     shooting.states_there = warm.shooting.states_there
     values = np.array([each.start for each in free])
-    begun = replace(opened(warm.shooting, warm.fit), values=values)
-    fit = followed_anew(shooting, begun)
-    return (shooting, fit) if fit else None
+    rival, fit = warm.fit.cost, replace(warm.fit, values=values)
+    if warm.adequate:
+        fit = shooting.minimized(fit, ON_THE_WAY, COARSE)
+    if not warm.adequate or not fit.cost < HOPELESS * rival:
+        fit = replace(opened(warm.shooting, warm.fit), values=values)
+    found = followed_anew(shooting, fit, rival)
+    return (shooting, found) if found else None

@@ -185,7 +185,7 @@ class _Regression:
         found = []
         for share in gap_shares:
             columns, names = self._columns(share)
-            found += [(*self._solved(columns, s), s, share, names) for s in factors]
+            found += [(*each, share, names) for each in self._solved(columns, factors)]
         return min(found, key=lambda each: each[0])
 
     def results(self) -> list:
@@ -242,17 +242,30 @@ class _Regression:
         left = np.maximum(-self.z + share * self.z.min() * 1.0, 0.0) ** exponent
         return {"right": right, "left": -left, "both": right - left}[side]
 
-    def _solved(self, columns, s):
-        """(misfit, coefficients) for one scale of the motion."""
-        target = -s * self.inertia if self._free_drive() else self.drive - s * self.inertia
-        if not self._linear_force():
-            target = target - self.force / s
+    def _solved(self, columns, factors):
+        """(misfit, coefficients, s) for each scale s of the motion.
+
+        What the coefficients are to make is a sum of terms in s⁰, s¹ and s⁻¹, each solved once.
+        """
+        drives = self._free_drive()
+        terms = np.column_stack(
+            [
+                np.zeros_like(self.drive) if drives else self.drive,
+                -self.inertia,
+                np.zeros_like(self.force) if self._linear_force() else -self.force,
+            ]
+        )
         norms = np.linalg.norm(columns, axis=0)
         norms[norms == 0.0] = 1.0
-        solution = np.linalg.lstsq(columns / norms, target, rcond=1e-10)[0] / norms
-        misfit = np.linalg.norm(target - columns @ solution)
-        size = np.linalg.norm(self.inertia if self._free_drive() else self.drive)
-        return misfit / (size or np.linalg.norm(self.inertia)), solution
+        solutions = np.linalg.lstsq(columns / norms, terms, rcond=1e-10)[0] / norms[:, None]
+        left = terms - columns @ solutions
+        size = np.linalg.norm(self.inertia if drives else self.drive)
+        size = size or np.linalg.norm(self.inertia)
+        powers = [np.array([1.0, s, 1.0 / s]) for s in factors]
+        return [
+            (np.linalg.norm(left @ each) / size, solutions @ each, s)
+            for each, s in zip(powers, factors, strict=True)
+        ]
 
     def _force(self, found, s):
         """Coefficients of F as a polynomial of s z, scaled."""

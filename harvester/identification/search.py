@@ -40,6 +40,8 @@ MOST_FIRST_WINDOWS = 2000
 # Mean square of a window's residuals over that of the others from which on its start is in doubt.
 DOUBTFUL = 4.0
 MENDINGS = 4
+# Cost, over that of a model beside it, from which on a model is not worth following further.
+HOPELESS = 1.25
 
 
 def searched(
@@ -87,8 +89,15 @@ def _short(responses, unknowns, start, lengths):
     return (shooting, fit) if fit.grams else None
 
 
-def followed(shooting: Shooting, fit: Fit, longest: Sequence[int], last: int = LAST) -> Fit:
+def followed(
+    shooting: Shooting,
+    fit: Fit,
+    longest: Sequence[int],
+    rival: float = np.inf,
+) -> Fit:
     """Fit with windows that double in length while errors stay small in them, to the end.
+
+    Longer windows do not make a fit better: one that is hopeless in short ones stays in them.
 
     Parameters
     ----------
@@ -97,12 +106,12 @@ def followed(shooting: Shooting, fit: Fit, longest: Sequence[int], last: int = L
         With short windows, linearized.
     longest : sequence of int
         Samples of each experiment.
-    last : int
-        Iterations at the end.
+    rival : float
+        Cost of a model beside it.
     """
     fit = shooting.minimized(mended(shooting, fit), ON_THE_WAY, COARSE)
-    most = [int(np.diff(edges).max()) for edges in fit.edges]
-    while any(m < n for m, n in zip(most, longest, strict=True)):
+    most, hopeless = [int(np.diff(edges).max()) for edges in fit.edges], HOPELESS * rival
+    while fit.cost < hopeless and any(m < n for m, n in zip(most, longest, strict=True)):
         most = [2 * m for m in most]
         longer = lengthened(fit, most)
         if longer is None:
@@ -112,11 +121,14 @@ def followed(shooting: Shooting, fit: Fit, longest: Sequence[int], last: int = L
             break
         fit = shooting.minimized(mended(shooting, longer), ON_THE_WAY, COARSE)
     for _ in range(MENDINGS):
-        if not fit.grams or not any(each.any() for each in _doubtful(fit)):
+        hopeful = fit.grams and fit.cost < hopeless
+        if not hopeful or not any(each.any() for each in _doubtful(fit)):
             break
         mending = shooting.minimized(mended(shooting, fit), ON_THE_WAY, COARSE)
         fit = mending if mending.grams else fit
-    return shooting.minimized(shooting.reweighted(fit), last, FINE)
+    if not fit.cost < hopeless:
+        return fit
+    return shooting.minimized(shooting.reweighted(fit), ON_THE_WAY, FINE)
 
 
 def settle_windows(shooting: Shooting, fit: Fit, stretches: Sequence[tuple[int, int]]) -> Fit:
@@ -145,7 +157,7 @@ def settle_windows(shooting: Shooting, fit: Fit, stretches: Sequence[tuple[int, 
         begun_fit.starts[number], _ = placed(shooting, number, begun_fit, seen, reach)
     if not shooting.linearized(begun_fit):
         return begun_fit
-    return followed(shooting, begun_fit, [last - first for first, last in stretches], ON_THE_WAY)
+    return followed(shooting, begun_fit, [last - first for first, last in stretches])
 
 
 def _visited(shooting, fit, number):
@@ -174,11 +186,12 @@ def opened(shooting: Shooting, fit: Fit) -> Fit:
     return Fit(fit.values, edges, starts, fit.noise)
 
 
-def followed_anew(shooting: Shooting, begun: Fit) -> Fit | None:
+def followed_anew(shooting: Shooting, begun: Fit, rival: float) -> Fit | None:
     """A fit that begins in short windows, to the end; None where no motion follows."""
     fit = shooting.minimized(begun, ON_THE_WAY, COARSE)
     if fit.grams:
-        fit = followed(shooting, fit, [int(edges[-1] - edges[0]) for edges in fit.edges])
+        longest = [int(edges[-1] - edges[0]) for edges in fit.edges]
+        fit = followed(shooting, fit, longest, rival=rival)
     return fit if fit.grams else None
 
 

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from harvester.identification.candidates import Candidate, proposed
-from harvester.identification.proof import Whiteness, sensor_noise
+from harvester.identification.proof import Whiteness
 
 if TYPE_CHECKING:
     from harvester.identification.fitted_model import Fitted
-
-# Part of an output's rms beyond the sensor's noise that a good model may leave.
-MISSED_SHARE = 0.05
-MOST_NOISE = 0.5
 
 
 @dataclass(frozen=True)
@@ -50,11 +45,9 @@ def verdict(base: Fitted, found: Sequence[Candidate], whiteness: Whiteness) -> V
         Of the residuals of the first record kept aside.
     """
     output = base.stretches[0].quantity
-    noise = max(sensor_noise(each) for each in base.stretches)
-    missed = math.sqrt(max(base.nrmse**2 - min(noise, MOST_NOISE) ** 2, 0.0))
     said = (
-        f"{output} to {base.nrmse:.2%} NRMSE on the data kept aside (about {noise:.2%} is the "
-        f"sensor's noise), residuals {'white' if whiteness.white else 'correlated'}"
+        f"{output} to {base.nrmse:.2%} NRMSE on the data kept aside (about {base.sensor_noise:.2%} "
+        f"is the sensor's noise), residuals {'white' if whiteness.white else 'correlated'}"
     )
     best = proposed(found)
     if best.is_better:
@@ -63,7 +56,7 @@ def verdict(base: Fitted, found: Sequence[Candidate], whiteness: Whiteness) -> V
             f"the model is wrong: {said}; {best.name} leaves {best.fitted.nrmse:.2%} and is "
             "proposed instead",
         )
-    if missed > MISSED_SHARE and not (whiteness.white and base.stretches[0].long):
+    if not base.adequate and not (whiteness.white and base.stretches[0].long):
         return Verdict(
             "incomplete",
             f"the model is wrong or incomplete: {said}, and none of the other models that were "
