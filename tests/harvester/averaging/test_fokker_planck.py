@@ -8,7 +8,7 @@ import pytest
 from device_scenes import device as device_scene
 from truths import averaged, flat, interpolated_linear_means, well
 
-from harvester.averaging import average, solution
+from harvester.averaging import average, fokker_planck, solution
 from harvester.averaging.of_scene import average as average_scene
 from harvester.averaging.propagator import Grid, Propagator, mirrored, shares
 from harvester.averaging.region import _widths
@@ -308,6 +308,44 @@ def test_simulation_of_other_devices(name):
         truth, answer = simulated.quantity(quantity), found.quantity(quantity)
         error = 4.0 * truth.standard_error + answer.standard_error
         assert answer.estimate == pytest.approx(truth.estimate, abs=error)
+
+
+@pytest.mark.slow
+def test_noise_with_a_memory_brings_the_mass_over_the_saddle():
+    """Barrier 16 E[X'²]: within four standard errors and the numerical error (one in 16 000)."""
+    changes = {
+        "oscillator.damping": 0.033,
+        "stoppers": {"gap": 0.87, "stiffness": 5.6, "restitution": 0.45},
+        "piezo.coupling": 0.656,
+        "load.decay_rate": 0.408,
+        "excitation.intensity": 0.131,
+        "excitation.correlation_time": 0.68,
+        "run.duration": 4e4,
+    }
+    scene = Scene.load("paper").replace(changes)
+    truth = simulate(scene, method="monte-carlo")["mean_square_voltage"]
+    answer = average_scene(scene)["mean_square_voltage"]
+    error = 4.0 * truth.standard_error + answer.standard_error
+    assert error < 0.025 * truth.estimate
+    assert answer.estimate == pytest.approx(truth.estimate, abs=error)
+
+
+@pytest.mark.slow
+def test_more_nodes_of_the_charge_change_nothing(monkeypatch):
+    """A strongly coupled, slow load tilts the wells by several E[X'²] as its charge moves."""
+    changes = {
+        "piezo.coupling": 1.17,
+        "load.decay_rate": 0.019,
+        "oscillator.damping": 0.04,
+        "excitation.intensity": 0.0145,
+        "excitation.correlation_time": 0.205,
+    }
+    scene = Scene.load("paper").replace(changes)
+    usual = average_scene(scene)["mean_square_voltage"]
+    monkeypatch.setattr(fokker_planck, "NODES_PER_DECADE", 5.0)
+    more = average_scene(scene)["mean_square_voltage"]
+    error = usual.standard_error + more.standard_error
+    assert more.estimate == pytest.approx(usual.estimate, abs=error)
 
 
 @pytest.mark.slow
