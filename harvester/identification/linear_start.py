@@ -247,20 +247,16 @@ class _Regression:
 
         What the coefficients are to make is a sum of terms in s⁰, s¹ and s⁻¹, each solved once.
         """
-        drives = self._free_drive()
+        drives, forces = self._free_drive(), self._linear_force()
+        # What has a coefficient of its own is among the columns.
         terms = np.column_stack(
-            [
-                np.zeros_like(self.drive) if drives else self.drive,
-                -self.inertia,
-                np.zeros_like(self.force) if self._linear_force() else -self.force,
-            ]
+            [self.drive * (not drives), -self.inertia, -self.force * (not forces)]
         )
         norms = np.linalg.norm(columns, axis=0)
         norms[norms == 0.0] = 1.0
         solutions = np.linalg.lstsq(columns / norms, terms, rcond=1e-10)[0] / norms[:, None]
         left = terms - columns @ solutions
-        size = np.linalg.norm(self.inertia if drives else self.drive)
-        size = size or np.linalg.norm(self.inertia)
+        size = np.linalg.norm(terms[:, 0]) or np.linalg.norm(self.inertia)
         powers = [np.array([1.0, s, 1.0 / s]) for s in factors]
         return [
             (np.linalg.norm(left @ each) / size, solutions @ each, s)
