@@ -36,3 +36,20 @@ def worker():
     one = Worker(folders=[HERE])
     yield one
     one.close()
+
+
+@pytest.fixture
+def dask_executor():
+    """Dask's executor of two local workers.
+
+    Its page takes whichever port is free: the usual one may be another program's, or the
+    other test's that runs beside this one.
+    """
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=":0"
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        yield client.get_executor()

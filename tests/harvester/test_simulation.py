@@ -1,4 +1,3 @@
-import contextlib
 import json
 import os
 import signal
@@ -54,29 +53,19 @@ def test_one_and_two_workers_give_the_same_numbers(pool):
         assert one["netlist_sha256"] == two["netlist_sha256"]
 
 
-@pytest.mark.parametrize("kind", ["processes", "dask"])
-def test_any_executor_gives_the_same_numbers(pool, kind):
+@pytest.fixture
+def process_executor():
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as executor:
+        yield executor
+
+
+@pytest.mark.parametrize("kind", ["process_executor", "dask_executor"])
+def test_any_executor_gives_the_same_numbers(pool, kind, request):
     scene = Scene.load("paper", ["run.duration=100", "run.realizations=3"])
     expected = simulate(scene, method="circuit", runner=pool).to_dict()["quantities"]
-    with _executor(kind) as executor:
-        result = simulate(scene, method="circuit", executor=executor)
+    executor = request.getfixturevalue(kind)
+    result = simulate(scene, method="circuit", executor=executor)
     assert result.to_dict()["quantities"] == expected
-
-
-@contextlib.contextmanager
-def _executor(kind):
-    if kind == "processes":
-        with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as executor:
-            yield executor
-        return
-    distributed = pytest.importorskip("distributed")
-    with (
-        distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, dashboard_address=None
-        ) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-        yield client.get_executor()
 
 
 def test_a_realization_that_fails_for_good_is_named_in_the_result(pool):

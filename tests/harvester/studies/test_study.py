@@ -224,19 +224,12 @@ def test_a_piece_of_another_study_under_this_ones_name_is_named(linear, tmp_path
 
 
 @pytest.mark.slow
-def test_a_dask_cluster_gives_identical_numbers(linear, tmp_path):
-    distributed = pytest.importorskip("distributed")
+def test_a_dask_cluster_gives_identical_numbers(linear, dask_executor):
     pytest.importorskip("xarray")
     options = {"loads": ["resistor", "bridge_ideal"], "sweeps": {RESISTANCE: [0.2, 1.0]}}
     options |= {"precision": 0.2, "time_budget": 600.0}
     expected = to_dataset(Report(load_study(linear, **options)))
-    with (
-        distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, dashboard_address=None
-        ) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-        found = load_study(linear, executor=client.get_executor(), **options)
+    found = load_study(linear, executor=dask_executor, **options)
     assert to_dataset(Report(found)).identical(expected)
 
 
