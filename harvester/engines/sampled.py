@@ -48,7 +48,8 @@ def states_at_samples(
     edges : ndarray of int, shape (windows + 1,)
         Samples at which windows begin, ascending, and behind them the end of the last one.
     starts : ndarray, shape (windows, 3)
-        X, X' and the transducer's state at each window's first sample, scaled.
+        X, X' and the transducer's state at each window's first sample, scaled; a window with NaN
+        there is left out.
 
     Returns
     -------
@@ -72,6 +73,8 @@ def _run(heun, s, zones, eta, spacing, every, edges, starts, states, ends):
     final = eta.size - 1
     for window in range(edges.size - 1):
         x, v, voltage = starts[window, 0], starts[window, 1], starts[window, 2]
+        if np.isnan(x + v + voltage):
+            continue
         held, phase = abs(v), 0.0
         zone = 0
         for edge in zones[1:-1]:

@@ -32,7 +32,7 @@ from harvester.identification.search import (
     opened,
     searched,
 )
-from harvester.identification.shooting import Shooting
+from harvester.identification.shooting import Fit, Shooting
 from harvester.identification.steady_fit import fitted_responses
 from harvester.identification.unknowns import unknowns
 from harvester.scene.units import scale
@@ -96,10 +96,17 @@ def fitted(
     if steady:
         return fitted_responses(scene, steady, keys, sizes, warm)
     length = warm.shooting.responses.length if warm else scale(scene)[1].displacement
-    responses = responses_of(scene, measurements, keys, length, COARSE_STEPS)
+    responses, fine = (
+        responses_of(scene, measurements, keys, length, steps)
+        for steps in (COARSE_STEPS, FINE_STEPS)
+    )
     free = unknowns(scene, keys, sizes)
     lengths = lengths_of(measurements)
-    found = _warmed(responses, free, warm) if warm else searched(responses, free, lengths)
+    if warm:
+        responses.interpolation = fine.interpolation = warm.interpolation
+        found = _warmed(responses, fine, free, warm)
+    else:
+        found = searched(responses, free, lengths)
     if found is None:
         raise IdentificationError(
             f"{scene.name}: no values of {', '.join(keys)} follow the records: check the columns' "
@@ -110,12 +117,12 @@ def fitted(
         fit = recentred(shooting, fit, scene)
     # A neighbour's path between the samples is that of the model that it is compared with.
     fits = {responses.interpolation: fit, **({} if warm else _otherwise(shooting, fit))}
-    shooting.responses = responses_of(scene, measurements, keys, length, FINE_STEPS)
+    shooting.responses = fine
     for name, each in fits.items():
-        shooting.responses.interpolation = name
+        fine.interpolation = name
         fits[name] = shooting.minimized(each, LAST, FINE)
     best, *others = sorted(fits, key=lambda name: _misfit(fits[name]))
-    fit, shooting.responses.interpolation = fits[best], best
+    fit, fine.interpolation = fits[best], best
     values = fit.values
     covariance = intervals.covariance(shooting, fit)
     for other in (fits[name] for name in others):
@@ -125,7 +132,7 @@ def fitted(
     stretches = [
         (length, each.acceleration.size) for length, each in zip(lengths, measurements, strict=True)
     ]
-    proof = predicted(shooting.responses, shooting, fit, stretches)
+    proof = predicted(fine, shooting, fit, stretches)
     return Fitted.concluded(scene, shooting, fit, covariance, proof)
 
 
@@ -150,19 +157,21 @@ def _misfit(fit):
     return fit.cost + sum(each.size for each in fit.starts)
 
 
-def _warmed(responses, free, warm):
-    """The fit from a neighbouring model's."""
+def _warmed(coarse, fine, free, warm):
+    """The fit from a neighbour's: in its windows where that one is adequate, else in short ones."""
     known = dict(zip(warm.keys, warm.values, strict=True))
     free = [each.begun(known.get(each.key, each.start)) for each in free]
-    responses.interpolation = warm.interpolation
-    shooting = Shooting(responses, free, [])
+    shooting = Shooting(fine, free, [])
     shooting.state_sizes = warm.shooting.state_sizes
     shooting.states_there = warm.shooting.states_there
     values = np.array([each.start for each in free])
-    rival, fit = warm.fit.cost, replace(warm.fit, values=values)
+    rival, fit = warm.fit.cost, warm.fit
     if warm.adequate:
-        fit = shooting.minimized(fit, ON_THE_WAY, COARSE)
-    if not warm.adequate or not fit.cost < HOPELESS * rival:
-        fit = replace(opened(warm.shooting, warm.fit), values=values)
-    found = followed_anew(shooting, fit, rival)
+        begun = Fit(values, fit.edges, fit.starts, fit.noise)
+        found = shooting.minimized(begun, ON_THE_WAY, COARSE)
+        if found.cost < HOPELESS * rival:
+            return shooting, found
+    begun = replace(opened(warm.shooting, fit), values=values)
+    shooting.responses = coarse
+    found = followed_anew(shooting, begun, rival)
     return (shooting, found) if found else None

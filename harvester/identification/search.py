@@ -10,13 +10,7 @@ import numpy as np
 from harvester.identification.linear_start import starts_from
 from harvester.identification.reconstruction import frequencies
 from harvester.identification.shooting import Fit, Shooting
-from harvester.identification.window_states import (
-    measured_motion,
-    placed,
-    reach_of,
-    repaired,
-    states_of,
-)
+from harvester.identification.window_states import placed, reach_of, repaired, states_of
 from harvester.identification.windows import (
     LARGEST_GROWTH,
     equal_windows,
@@ -84,7 +78,8 @@ def _short(responses, unknowns, start, lengths):
         noise.append(
             np.array([FIRST_NOISE * np.std(values) for values in each.measurement.outputs.values()])
         )
-    fit = repaired(shooting, Fit(start.values.copy(), edges, begun, noise))
+    everywhere = [np.ones(len(each), bool) for each in begun]
+    fit, _ = repaired(shooting, Fit(start.values.copy(), edges, begun, noise), everywhere)
     fit = shooting.minimized(fit, FIRST, COARSE)
     return (shooting, fit) if fit.grams else None
 
@@ -109,7 +104,7 @@ def followed(
     rival : float
         Cost of a model beside it.
     """
-    fit = shooting.minimized(mended(shooting, fit), ON_THE_WAY, COARSE)
+    fit = mended(shooting, fit)
     most, hopeless = [int(np.diff(edges).max()) for edges in fit.edges], HOPELESS * rival
     while fit.cost < hopeless and any(m < n for m, n in zip(most, longest, strict=True)):
         most = [2 * m for m in most]
@@ -119,13 +114,11 @@ def followed(
         longer = shooting.minimized(longer, ON_THE_WAY, COARSE)
         if not longer.grams:
             break
-        fit = shooting.minimized(mended(shooting, longer), ON_THE_WAY, COARSE)
+        fit = mended(shooting, longer)
     for _ in range(MENDINGS):
-        hopeful = fit.grams and fit.cost < hopeless
-        if not hopeful or not any(each.any() for each in _doubtful(fit)):
+        if not fit.cost < hopeless or not any(each.any() for each in _doubtful(fit)):
             break
-        mending = shooting.minimized(mended(shooting, fit), ON_THE_WAY, COARSE)
-        fit = mending if mending.grams else fit
+        fit = mended(shooting, fit)
     if not fit.cost < hopeless:
         return fit
     return shooting.minimized(shooting.reweighted(fit), ON_THE_WAY, FINE)
@@ -143,21 +136,18 @@ def settle_windows(shooting: Shooting, fit: Fit, stretches: Sequence[tuple[int, 
     stretches : sequence of (int, int)
         First sample of each experiment, and that behind the last.
     """
-    edges, begun = [], []
-    for number, (first, last) in enumerate(stretches):
-        measurement = shooting.responses.experiments[number].measurement
-        cut = short_windows(measurement, first, last)
-        seen = measured_motion(shooting, number, fit.values)
-        edges.append(cut)
-        begun.append(states_of(seen, cut[:-1]))
-    reaches = [_visited(shooting, fit, number) for number in range(len(fit.edges))]
-    begun_fit = Fit(fit.values, edges, begun, fit.noise)
-    for number, reach in enumerate(reaches):
-        seen = measured_motion(shooting, number, fit.values)
-        begun_fit.starts[number], _ = placed(shooting, number, begun_fit, seen, reach)
-    if not shooting.linearized(begun_fit):
-        return begun_fit
-    return followed(shooting, begun_fit, [last - first for first, last in stretches])
+    experiments = shooting.responses.experiments
+    edges = [
+        short_windows(each.measurement, first, last)
+        for each, (first, last) in zip(experiments, stretches, strict=True)
+    ]
+    begun = Fit(fit.values, edges, [], fit.noise)
+    for number, cut in enumerate(edges):
+        everywhere, reach = np.ones(cut.size - 1, bool), _visited(shooting, fit, number)
+        begun.starts.append(placed(shooting, number, begun, everywhere, reach)[0])
+    if not shooting.linearized(begun):
+        return begun
+    return followed(shooting, begun, [last - first for first, last in stretches])
 
 
 def _visited(shooting, fit, number):
@@ -198,25 +188,31 @@ def followed_anew(shooting: Shooting, begun: Fit, rival: float) -> Fit | None:
 def mended(shooting: Shooting, fit: Fit) -> Fit:
     """The fit with better starts of windows in doubt, or with those cut in half.
 
-    Windows in which an error at the start grows beyond what is allowed are cut, too.
+    Windows in which an error at the start grows beyond what is allowed are cut, too. Itself where
+    nothing is to be mended, or mending leads nowhere.
     """
-    doubtful = _doubtful(fit)
-    if any(each.any() for each in doubtful):
-        better = repaired(shooting, fit)
-        if not shooting.linearized(better):
-            return fit
-        fit, doubtful = better, _doubtful(better)
-    wild = [growth > 2.0 * LARGEST_GROWTH for growth in fit.growth]
-    cut = [a | b for a, b in zip(doubtful, wild, strict=True)]
+    better, cut = fit, _doubtful(fit)
     if any(each.any() for each in cut):
-        fit = shortened(shooting, fit, cut)
-    return fit
+        better, sums = repaired(shooting, fit, cut)
+        cut = [_far_off(each, edges) for each, edges in zip(sums, fit.edges, strict=True)]
+    cut = [
+        doubtful | (growth > 2.0 * LARGEST_GROWTH)
+        for doubtful, growth in zip(cut, fit.growth, strict=True)
+    ]
+    if any(each.any() for each in cut):
+        better = shortened(shooting, better, cut)
+    if better is not fit:
+        better = shooting.minimized(better, ON_THE_WAY, COARSE)
+    return better if better.grams else fit
 
 
 def _doubtful(fit):
     """Windows whose residuals are far beyond those of the others."""
-    found = []
-    for grams, edges in zip(fit.grams, fit.edges, strict=True):
-        mean_squares = grams[:, -1, -1] / np.diff(edges)
-        found.append(mean_squares > DOUBTFUL * np.median(mean_squares))
-    return found
+    return [
+        _far_off(grams[:, -1, -1], edges) for grams, edges in zip(fit.grams, fit.edges, strict=True)
+    ]
+
+
+def _far_off(sums, edges):
+    mean_squares = sums / np.diff(edges)
+    return mean_squares > DOUBTFUL * np.median(mean_squares)

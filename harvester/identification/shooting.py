@@ -8,7 +8,7 @@ three states for each window; those are eliminated window by window from the nor
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -26,6 +26,15 @@ DIFFERENCE = 1e-5
 LARGEST_SLOPE = 1e12
 # Of Levenberg and Marquardt.
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e9
+
+
+def side_by_side(function: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
+    """A function of each, by as many threads as there are processors.
+
+    The integrator is free of Python's lock.
+    """
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        return list(threads.map(function, items))
 
 
 @dataclass
@@ -145,11 +154,10 @@ class Shooting:
                 transitions[:, :, k] = (moved_ends - ends) / self.state_sizes[number] / DIFFERENCE
 
         # Each fills a column of its own: the same numbers in any order.
-        with ThreadPoolExecutor(os.cpu_count()) as threads:
-            work = [threads.submit(of_value, k) for k in range(p)]
-            work += [threads.submit(of_state, int(k)) for k in np.flatnonzero(there)]
-        for each in work:
-            each.result()
+        side_by_side(
+            lambda column: of_value(column) if column < p else of_state(column - p),
+            [*range(p), *(p + np.flatnonzero(there))],
+        )
         return table, transitions
 
     def linearized(self, fit: Fit) -> bool:
@@ -234,27 +242,53 @@ class Shooting:
         return np.linalg.inv(own)
 
     def minimized(self, fit: Fit, iterations: int, tolerance: float) -> Fit:
-        """The fit at the minimum of its cost, its windows as they are."""
+        """The fit at the minimum of its cost, its windows as they are.
+
+        Parameters
+        ----------
+        fit : Fit
+        iterations : int
+            At most.
+        tolerance : float
+            Share of the cost: a step that promises or brings less is the last one.
+        """
         if not self.linearized(fit):
             return fit
         damping = FIRST_DAMPING
         for _ in range(iterations):
-            before = fit.cost
             while damping <= MOST_DAMPING:
-                trial = self.moved(fit, *self.step(fit, damping))
+                change, moves = self.step(fit, damping)
+                trial = self.moved(fit, change, moves)
                 trial.cost = self.cost(trial)
-                if trial.cost < fit.cost:
+                last = self.promised(fit, change, moves) < tolerance * fit.cost
+                if last or trial.cost < fit.cost:
                     break
                 damping *= 8.0
             else:
                 return fit
+            if last:
+                # So short a step leaves the linearization as it was.
+                trial.grams, trial.transitions, trial.growth = (
+                    fit.grams,
+                    fit.transitions,
+                    fit.growth,
+                )
+                return trial if trial.cost < fit.cost else fit
             damping = max(0.2 * damping, LEAST_DAMPING)
             if not self.linearized(trial):
                 return fit
-            fit = trial
-            if before - fit.cost < tolerance * before:
+            gained, fit = fit.cost - trial.cost, trial
+            if gained < tolerance * fit.cost:
                 return fit
         return fit
+
+    def promised(self, fit: Fit, change: np.ndarray, moves: Sequence[np.ndarray]) -> float:
+        """By how much a damped step lowers the cost at least, were the problem linear."""
+        p, total = len(self.unknowns), 0.0
+        for grams, move in zip(fit.grams, moves, strict=True):
+            total -= float(np.sum(grams[:, :p, -1] @ change))
+            total -= float(np.sum(grams[:, p : p + 3, -1] * move))
+        return total
 
     def moved(self, fit: Fit, change: np.ndarray, moves: Sequence[np.ndarray]) -> Fit:
         """The fit changed by steps in sizes."""

@@ -5,12 +5,13 @@ A voltage tells velocity and charge, but not in which well the mass is: displace
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from harvester.identification.reconstruction import motion
-from harvester.identification.shooting import DIFFERENCE, Fit, Shooting
+from harvester.identification.shooting import DIFFERENCE, Fit, Shooting, side_by_side
 
 if TYPE_CHECKING:
     from harvester.identification.reconstruction import Motion
@@ -19,58 +20,74 @@ DISPLACEMENTS = 15
 # Of all displacements tried in a window, those whose states are fitted.
 MOST_TRIED = 2
 ITERATIONS = 8
+# Share of a window's cost: a step that promises less is its last one.
+SETTLED = 1e-4
 
 
-def window_costs(shooting: Shooting, number: int, fit: Fit, starts: np.ndarray) -> np.ndarray:
-    """Sum of squares of each window with these starts; inf where a solution runs away."""
-    edges, noise = fit.edges[number], fit.noise[number]
+def weighted_residuals(
+    shooting: Shooting, number: int, fit: Fit, starts: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Weighted residuals of windows with these starts, and each window's sum of squares.
+
+    Where a solution runs away residuals are 0, and the sum is inf.
+    """
+    edges = fit.edges[number]
     _, _, outputs = shooting.responses.states(number, fit.values, edges, starts)
     if outputs is None:
-        return np.full(len(starts), np.inf)
-    found = (outputs - shooting.seen(number, edges)) / noise
-    squares = np.sum(found**2, axis=1)
-    costs = np.add.reduceat(squares, edges[:-1] - edges[0])
-    return np.where(np.isfinite(costs), costs, np.inf)
+        outputs = np.nan
+    found = (outputs - shooting.seen(number, edges)) / fit.noise[number]
+    costs = np.add.reduceat(np.sum(found**2, axis=1), edges[:-1] - edges[0])
+    costs[~np.isfinite(costs)] = np.inf
+    return np.nan_to_num(found, posinf=0.0, neginf=0.0), costs
 
 
 def settled(
     shooting: Shooting, number: int, fit: Fit, starts: np.ndarray, iterations: int = ITERATIONS
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Starts at the minimum of each window's own cost, and those costs."""
-    sizes, there = shooting.state_sizes[number], shooting.states_there[number]
-    edges, noise = fit.edges[number], fit.noise[number]
-    cuts = edges[:-1] - edges[0]
-    costs = window_costs(shooting, number, fit, starts)
+    """Starts at the minimum of each window's own cost, and those costs.
+
+    Windows whose starts are NaN stay as they are.
+    """
+    sizes, lengths = shooting.state_sizes[number], np.diff(fit.edges[number])
+    residuals, costs = weighted_residuals(shooting, number, fit, starts)
     damping = np.full(len(starts), 1e-2)
-
-    def weighted(begun):
-        _, _, outputs = shooting.responses.states(number, fit.values, edges, begun)
-        return np.nan_to_num((outputs - shooting.seen(number, edges)) / noise, posinf=0, neginf=0)
-
+    moving = np.isfinite(starts).all(axis=1)
     for _ in range(iterations):
-        base = weighted(starts)
-        columns = np.zeros((*base.shape, 3))
-        for k in np.flatnonzero(there):
-            moved = starts.copy()
-            moved[:, k] += DIFFERENCE * sizes[k]
-            columns[..., k] = (weighted(moved) - base) / DIFFERENCE
-        products = np.einsum("nok,nol->nkl", columns, columns)
-        normal = np.add.reduceat(products, cuts, axis=0)
-        gradient = np.add.reduceat(np.einsum("nok,no->nk", columns, base), cuts, axis=0)
-        diagonal = np.einsum("wii->wi", normal)
-        ridge = damping[:, None] * diagonal + 1e-9 * diagonal.max(axis=1, keepdims=True) + 1e-300
-        normal[:, range(3), range(3)] += ridge
-        step = -np.linalg.solve(normal, gradient[..., None])[..., 0]
-        trial = starts + step * sizes
-        tried = window_costs(shooting, number, fit, trial)
+        begun = np.where(moving[:, None], starts, np.nan)
+        step, promised = _step(shooting, number, fit, begun, residuals, damping)
+        trial = begun + step * sizes
+        found, tried = weighted_residuals(shooting, number, fit, trial)
         better = tried < costs
-        done = np.all(~better | (costs - tried < 1e-4 * costs))
         starts = np.where(better[:, None], trial, starts)
+        residuals = np.where(np.repeat(better, lengths)[:, None], found, residuals)
+        moving &= promised > SETTLED * costs
         costs = np.where(better, tried, costs)
         damping = np.where(better, 0.1 * damping, np.minimum(10.0 * damping, 1e6))
-        if done and not (damping < 1.0).all():
+        if not moving.any():
             break
     return starts, costs
+
+
+def _step(shooting, number, fit, starts, residuals, damping):
+    """Damped step of each window's start, in sizes, and what it takes off the cost at least."""
+    sizes = shooting.state_sizes[number]
+    columns = np.zeros((*residuals.shape, 3))
+
+    def of_state(k):
+        moved = starts.copy()
+        moved[:, k] += DIFFERENCE * sizes[k]
+        found, _ = weighted_residuals(shooting, number, fit, moved)
+        columns[..., k] = (found - residuals) / DIFFERENCE
+
+    side_by_side(of_state, np.flatnonzero(shooting.states_there[number]))
+    cuts = fit.edges[number][:-1] - fit.edges[number][0]
+    normal = np.add.reduceat(np.einsum("nok,nol->nkl", columns, columns), cuts, axis=0)
+    gradient = np.add.reduceat(np.einsum("nok,no->nk", columns, residuals), cuts, axis=0)
+    diagonal = np.einsum("wii->wi", normal)
+    ridge = damping[:, None] * diagonal + 1e-9 * diagonal.max(axis=1, keepdims=True) + 1e-300
+    normal[:, range(3), range(3)] += ridge
+    step = -np.linalg.solve(normal, gradient[..., None])[..., 0]
+    return step, -np.einsum("wk,wk->w", gradient, step)
 
 
 def measured_motion(shooting: Shooting, number: int, values: np.ndarray) -> Motion:
@@ -80,47 +97,84 @@ def measured_motion(shooting: Shooting, number: int, values: np.ndarray) -> Moti
 
 
 def placed(
-    shooting: Shooting, number: int, fit: Fit, seen: Motion, reach: tuple[float, float]
+    shooting: Shooting,
+    number: int,
+    fit: Fit,
+    where: np.ndarray,
+    reach: tuple[float, float],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The best starts with the displacement anywhere within reach, settled, and their costs."""
+    """The best starts with the displacement anywhere within reach, settled, and their costs.
+
+    Parameters
+    ----------
+    shooting : Shooting
+    number : int
+        Of the experiment.
+    fit : Fit
+    where : ndarray of bool, shape (windows,)
+        Windows to look at; the others' starts are NaN.
+    reach : (float, float)
+        Least and greatest displacement.
+    """
+    seen = measured_motion(shooting, number, fit.values)
     places = fit.edges[number][:-1]
-    known = states_of(seen, places)
+    known = np.where(where[:, None], states_of(seen, places), np.nan)
     if seen.measured:
         return settled(shooting, number, fit, known)
-    tried, costs = [], []
-    for x in np.linspace(*reach, DISPLACEMENTS):
-        begun = known.copy()
-        begun[:, 0] = x
-        tried.append(begun)
-        costs.append(window_costs(shooting, number, fit, begun))
+
+    def begun_at(x):
+        return np.column_stack([np.where(where, x, np.nan), known[:, 1:]])
+
+    tried = np.linspace(*reach, DISPLACEMENTS)
+    costs = side_by_side(lambda x: weighted_residuals(shooting, number, fit, begun_at(x))[1], tried)
     order = np.argsort(costs, axis=0)
-    best, least = known, np.full(places.size, np.inf)
+    best = known, np.full(places.size, np.inf)
     for rank in range(MOST_TRIED):
-        begun = np.array(tried)[order[rank], np.arange(places.size)]
-        found, cost = settled(shooting, number, fit, begun)
-        better = cost < least
-        best, least = np.where(better[:, None], found, best), np.where(better, cost, least)
-    return best, least
+        best = _better(best, settled(shooting, number, fit, begun_at(tried[order[rank]])))
+    return best
 
 
-def repaired(shooting: Shooting, fit: Fit) -> Fit:
-    """The fit with each window's start at the best place that can be found for it."""
-    starts = []
-    for number, edges in enumerate(fit.edges):
-        own, costs = settled(shooting, number, fit, fit.starts[number], ITERATIONS // 2)
-        states, ends, _ = shooting.responses.states(number, fit.values, edges, own)
+def repaired(
+    shooting: Shooting, fit: Fit, where: Sequence[np.ndarray]
+) -> tuple[Fit, list[np.ndarray]]:
+    """The fit with some windows' starts at the best places that can be found for them.
+
+    Parameters
+    ----------
+    shooting : Shooting
+    fit : Fit
+    where : sequence of ndarray of bool, shape (windows,)
+        Those windows, by experiment.
+
+    Returns
+    -------
+    Fit
+    list of ndarray, shape (windows,)
+        Each window's sum of squares.
+    """
+    starts, sums = [], []
+    for number, chosen in enumerate(where):
+        own = fit.starts[number]
+        best = own, weighted_residuals(shooting, number, fit, own)[1]
+        begun = np.where(chosen[:, None], own, np.nan)
+        best = _better(best, settled(shooting, number, fit, begun, ITERATIONS // 2))
+        own = best[0]
+        states, ends, _ = shooting.responses.states(number, fit.values, fit.edges[number], own)
         if np.isfinite(states[:, 0]).any():
             reach = reach_of(states[:, 0])
-            seen = measured_motion(shooting, number, fit.values)
-            other, other_costs = placed(shooting, number, fit, seen, reach)
-            going_on = np.vstack([own[:1], np.where(np.isfinite(ends[:-1]), ends[:-1], own[1:])])
-            last, last_costs = settled(shooting, number, fit, going_on)
-            for found, cost in ((other, other_costs), (last, last_costs)):
-                better = cost < costs
-                own = np.where(better[:, None], found, own)
-                costs = np.where(better, cost, costs)
-        starts.append(own)
-    return Fit(fit.values, fit.edges, starts, fit.noise)
+            best = _better(best, placed(shooting, number, fit, chosen, reach))
+            before = np.vstack([own[:1], ends[:-1]])
+            begun = np.where(chosen[:, None] & np.isfinite(before), before, begun)
+            best = _better(best, settled(shooting, number, fit, begun))
+        starts.append(best[0])
+        sums.append(best[1])
+    return Fit(fit.values, fit.edges, starts, fit.noise), sums
+
+
+def _better(own, other):
+    """Of (starts, costs) each window's better."""
+    better = other[1] < own[1]
+    return np.where(better[:, None], other[0], own[0]), np.where(better, other[1], own[1])
 
 
 def reach_of(x: np.ndarray) -> tuple[float, float]:
