@@ -13,7 +13,7 @@ from harvester.identification import intervals
 from harvester.identification.fitted_model import Fitted
 from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.origin import recentred
-from harvester.identification.proof import predicted
+from harvester.identification.proof import predicted, typical_period, whiteness
 from harvester.identification.reconstruction import frequencies
 from harvester.identification.response import (
     COARSE_STEPS,
@@ -132,7 +132,7 @@ def fitted(
     stretches = [
         (length, each.acceleration.size) for length, each in zip(lengths, measurements, strict=True)
     ]
-    proof = predicted(fine, shooting, fit, stretches)
+    proof = predicted(shooting, fit, stretches)
     return Fitted.concluded(scene, shooting, fit, covariance, proof)
 
 
@@ -158,15 +158,15 @@ def _misfit(fit):
 
 
 def _warmed(coarse, fine, free, warm):
-    """The fit from a neighbour's: in its windows where that one is adequate, else in short ones."""
+    """The fit from a neighbour's, in its windows where that one leaves noise only, else anew."""
     known = dict(zip(warm.keys, warm.values, strict=True))
     free = [each.begun(known.get(each.key, each.start)) for each in free]
     shooting = Shooting(fine, free, [])
     shooting.state_sizes = warm.shooting.state_sizes
     shooting.states_there = warm.shooting.states_there
     values = np.array([each.start for each in free])
-    rival, fit = warm.fit.cost, warm.fit
-    if warm.adequate:
+    rival, fit, period = warm.fit.cost, warm.fit, typical_period(fine)
+    if all(whiteness(each, 0, period).white for each in warm.stretches):
         begun = Fit(values, fit.edges, fit.starts, fit.noise)
         found = shooting.minimized(begun, ON_THE_WAY, COARSE)
         if found.cost < HOPELESS * rival:

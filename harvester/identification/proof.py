@@ -146,24 +146,18 @@ def _of_blocks(values):
     return Estimate(float(np.mean(values)), error, float(values.size), "1")
 
 
-def predicted(
-    responses: Responses, shooting: Shooting, fit: Fit, stretches: Sequence[tuple[int, int]]
-) -> list[Stretch]:
+def predicted(shooting: Shooting, fit: Fit, stretches: Sequence[tuple[int, int]]) -> list[Stretch]:
     """What the fitted device does in a stretch of each experiment.
 
     Parameters
     ----------
-    responses : Responses
     shooting : Shooting
-        Of the fit, for the sizes of the states.
     fit : Fit
     stretches : sequence of (int, int)
         First sample, and that behind the last.
     """
-    frozen = Shooting(responses, [], [])
-    frozen.state_sizes, frozen.states_there = shooting.state_sizes, shooting.states_there
-    settled = settle_windows(frozen, fit, stretches)
-    found = []
+    settled = settle_windows(shooting.frozen(), fit, stretches)
+    responses, found = shooting.responses, []
     for number, edges in enumerate(settled.edges):
         experiment = responses.experiments[number]
         starts = settled.starts[number]

@@ -59,7 +59,7 @@ def searched(
     if best is None:
         return None
     shooting, fit = best
-    fit = followed(shooting, fit, lengths)
+    fit = followed(shooting, fit)
     return (shooting, fit) if fit.grams else None
 
 
@@ -84,12 +84,7 @@ def _short(responses, unknowns, start, lengths):
     return (shooting, fit) if fit.grams else None
 
 
-def followed(
-    shooting: Shooting,
-    fit: Fit,
-    longest: Sequence[int],
-    rival: float = np.inf,
-) -> Fit:
+def followed(shooting: Shooting, fit: Fit, rival: float = np.inf) -> Fit:
     """Fit with windows that double in length while errors stay small in them, to the end.
 
     Longer windows do not make a fit better: one that is hopeless in short ones stays in them.
@@ -99,16 +94,15 @@ def followed(
     shooting : Shooting
     fit : Fit
         With short windows, linearized.
-    longest : sequence of int
-        Samples of each experiment.
     rival : float
         Cost of a model beside it.
     """
     fit = mended(shooting, fit)
-    most, hopeless = [int(np.diff(edges).max()) for edges in fit.edges], HOPELESS * rival
-    while fit.cost < hopeless and any(m < n for m, n in zip(most, longest, strict=True)):
-        most = [2 * m for m in most]
-        longer = lengthened(fit, most)
+    most, hopeless = _longest(fit), HOPELESS * rival
+    # As long as some window is longer than any was allowed to be before.
+    while fit.cost < hopeless and (2 * _longest(fit) > most).any():
+        most = 2 * most
+        longer = lengthened(fit, _in_short_windows(shooting, fit), most)
         if longer is None:
             continue
         longer = shooting.minimized(longer, ON_THE_WAY, COARSE)
@@ -122,6 +116,18 @@ def followed(
     if not fit.cost < hopeless:
         return fit
     return shooting.minimized(shooting.reweighted(fit), ON_THE_WAY, FINE)
+
+
+def _longest(fit):
+    """Samples of each experiment's longest window."""
+    return np.array([np.diff(edges).max() for edges in fit.edges])
+
+
+def _in_short_windows(shooting, fit):
+    """The same motion in the shortest windows, linearized in their starts."""
+    short = opened(shooting, fit)
+    shooting.frozen().linearized(short)
+    return short
 
 
 def settle_windows(shooting: Shooting, fit: Fit, stretches: Sequence[tuple[int, int]]) -> Fit:
@@ -147,7 +153,7 @@ def settle_windows(shooting: Shooting, fit: Fit, stretches: Sequence[tuple[int, 
         begun.starts.append(placed(shooting, number, begun, everywhere, reach)[0])
     if not shooting.linearized(begun):
         return begun
-    return followed(shooting, begun, [last - first for first, last in stretches])
+    return followed(shooting, begun)
 
 
 def _visited(shooting, fit, number):
@@ -170,7 +176,8 @@ def opened(shooting: Shooting, fit: Fit) -> Fit:
     edges, starts = [], []
     for number, old in enumerate(fit.edges):
         states, _, _ = shooting.responses.states(number, fit.values, old, fit.starts[number])
-        cut = short_windows(shooting.responses.experiments[number].measurement, old[0], old[-1])
+        measurement = shooting.responses.experiments[number].measurement
+        cut = np.union1d(short_windows(measurement, old[0], old[-1]), old)
         edges.append(cut)
         starts.append(states[cut[:-1] - old[0]])
     return Fit(fit.values, edges, starts, fit.noise)
@@ -180,8 +187,7 @@ def followed_anew(shooting: Shooting, begun: Fit, rival: float) -> Fit | None:
     """A fit that begins in short windows, to the end; None where no motion follows."""
     fit = shooting.minimized(begun, ON_THE_WAY, COARSE)
     if fit.grams:
-        longest = [int(edges[-1] - edges[0]) for edges in fit.edges]
-        fit = followed(shooting, fit, longest, rival=rival)
+        fit = followed(shooting, fit, rival)
     return fit if fit.grams else None
 
 

@@ -93,6 +93,12 @@ class Shooting:
         self.state_sizes = [np.where(each > 0.0, each, 1.0) for each in state_sizes]
         self.states_there = [each > 0.0 for each in state_sizes]
 
+    def frozen(self) -> Shooting:
+        """The same with no unknowns but the windows' starts."""
+        other = Shooting(self.responses, [], [])
+        other.state_sizes, other.states_there = self.state_sizes, self.states_there
+        return other
+
     def residuals(
         self,
         number: int,

@@ -8,8 +8,8 @@ import numpy as np
 
 from harvester.identification.shooting import Fit, Shooting
 
-# By what an error at the start of a window may grow within it.
-LARGEST_GROWTH = 5.0
+# By what an error may grow within a window: one of its start, and one that arises on the way.
+LARGEST_GROWTH, LARGEST_GROWTH_WITHIN = 5.0, 1000.0
 # Samples in the shortest window, for three unknown states.
 FEWEST_SAMPLES = 12
 
@@ -20,36 +20,45 @@ def equal_windows(samples: int, width: float) -> np.ndarray:
     return np.unique(np.linspace(0, samples, count + 1).round().astype(int))
 
 
-def lengthened(fit: Fit, most: Sequence[int]) -> Fit | None:
+def lengthened(fit: Fit, short: Fit, most: Sequence[int]) -> Fit | None:
     """The fit with neighbouring windows joined as far as errors stay small; None: none can be.
 
     Parameters
     ----------
-    fit : Fit
-        Linearized.
+    fit, short : Fit
+        `short` is the same motion in the shortest windows, linearized.
     most : sequence of int
         Samples in a window at most, by experiment.
     """
     edges, starts, joined = [], [], False
-    for number, old in enumerate(fit.edges):
-        kept = _kept(fit.transitions[number], fit.growth[number], old, most[number])
-        joined |= kept.size < old.size - 1
+    if not short.grams:
+        return None
+    for number, old in enumerate(short.edges):
+        kept = _kept(short.transitions[number], short.growth[number], old, most[number])
+        joined |= kept.size < len(fit.starts[number])
         edges.append(np.append(old[kept], old[-1]))
-        starts.append(fit.starts[number][kept])
+        starts.append(short.starts[number][kept])
     return Fit(fit.values, edges, starts, fit.noise) if joined else None
 
 
 def _kept(transitions, growth, edges, most):
-    """Numbers of the windows at which joined ones begin."""
-    kept, total = [0], transitions[0]
+    """Numbers of the windows at which joined ones begin.
+
+    An error that is forgotten soon after the start may yet arise anew within, by a value that is
+    not quite right: `totals` lead from the start, and from all places whose errors grow.
+    """
+    kept, totals = [0], transitions[:1]
     for window in range(1, len(transitions)):
-        grown = growth[window] * np.linalg.norm(total, 2)
-        long = edges[window + 1] - edges[kept[-1]] > most
-        if long or not grown <= LARGEST_GROWTH:
+        sizes = np.linalg.norm(totals, 2, axis=(1, 2)) * growth[window]
+        small = sizes[0] <= LARGEST_GROWTH and sizes.max() <= LARGEST_GROWTH_WITHIN
+        if not small or edges[window + 1] - edges[kept[-1]] > most:
             kept.append(window)
-            total = transitions[window]
+            totals = transitions[window : window + 1]
         else:
-            total = transitions[window] @ total
+            totals = transitions[window] @ np.concatenate([totals, np.eye(3)[None]])
+            grows = np.linalg.norm(totals, 2, axis=(1, 2)) > 1.0
+            grows[0] = True
+            totals = totals[grows]
     return np.array(kept)
 
 
