@@ -67,8 +67,10 @@ def candidates(
     """The scene's own model first, then its neighbours that could be fitted."""
     found = [Candidate("as given", base, 0.0, 0.0)]
     for name, scene, free in variants(base.scene, keys, sizes):
+        # A stopper that a wrong model lacks does not grow out of that model: all begins anew.
+        anew = scene.stoppers and not base.scene.stoppers and not base.adequate
         try:
-            other = fitted(scene, measurements, free, sizes, warm=base)
+            other = fitted(scene, measurements, free, sizes, warm=None if anew else base)
         except HarvesterError:
             continue
         found.append(Candidate(name, other, *_compared(base, other)))
