@@ -95,6 +95,18 @@ def test_a_symmetric_model_of_asymmetric_data_is_called_wrong():
     assert found.proposed.fitted.nrmse < 0.5 * found.fitted.nrmse
 
 
+@pytest.mark.slow
+def test_stoppers_that_a_scene_lacks_are_proposed():
+    stoppers = {"gap": 1.5e-3, "stiffness": 8e4, "restitution": 0.6}
+    truth = device([0.0, STIFFNESS], stoppers=stoppers)
+    found = identify(truth.replace(stoppers=None), record(truth, 7))
+    assert found.verdict.word == "wrong"
+    assert found.proposed.name == "stoppers"
+    # Its restitution is a guess.
+    assert found.proposed.fitted.nrmse < 0.1 * found.fitted.nrmse
+    assert found.proposed.fitted.scene.stoppers[0].gap == pytest.approx(1.5e-3, rel=0.01)
+
+
 def test_motion_between_wells_gives_the_double_well_within_three_percent():
     truth = bistable()
     keys = ("oscillator.restoring_force[1]", "oscillator.restoring_force[3]")
