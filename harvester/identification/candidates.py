@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.errors import HarvesterError
-from harvester.identification.fitted_model import Fitted
+from harvester.identification.fitted_model import NOTED, Fitted
 from harvester.identification.fitting import fitted
 from harvester.identification.proof import blocks_of
 
@@ -25,8 +25,8 @@ STOPPER_PLACE, STOPPER_STIFFNESS = 0.9, 1e-2
 LITTLE = 1e-6
 FORCE = "oscillator.restoring_force[{}]"
 # A model predicts better if its mean square error is lower by so many standard errors of the
-# ratio, and its root by this share.
-SURE, NOTED = 3.0, 0.02
+# ratio, and its root by what would be noticed.
+SURE = 3.0
 
 
 @dataclass(frozen=True)

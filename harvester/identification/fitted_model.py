@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 # Part of an output's rms beyond the sensor's noise that a good model may leave.
 MISSED_SHARE = 0.05
 MOST_NOISE = 0.5
+# Share of an error that nobody would notice.
+NOTED = 0.02
 
 
 @dataclass(frozen=True)
@@ -94,6 +96,11 @@ class Fitted:
         """Whether what was kept aside leaves little beyond the sensor's noise."""
         noise = min(self.sensor_noise, MOST_NOISE)
         return max(self.nrmse**2 - noise**2, 0.0) <= MISSED_SHARE**2
+
+    @property
+    def leaves_noise(self) -> bool:
+        """Whether no model could predict what was kept aside noticeably better."""
+        return all(each.nrmse() <= (1.0 + NOTED) * sensor_noise(each) for each in self.stretches)
 
     @property
     def keys(self) -> list[str]:

@@ -13,7 +13,7 @@ from harvester.identification import intervals
 from harvester.identification.fitted_model import Fitted
 from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.origin import recentred
-from harvester.identification.proof import predicted, typical_period, whiteness
+from harvester.identification.proof import predicted
 from harvester.identification.reconstruction import frequencies
 from harvester.identification.response import (
     COARSE_STEPS,
@@ -165,8 +165,8 @@ def _warmed(coarse, fine, free, warm):
     shooting.state_sizes = warm.shooting.state_sizes
     shooting.states_there = warm.shooting.states_there
     values = np.array([each.start for each in free])
-    rival, fit, period = warm.fit.cost, warm.fit, typical_period(fine)
-    if all(whiteness(each, 0, period).white for each in warm.stretches):
+    rival, fit = warm.fit.cost, warm.fit
+    if warm.leaves_noise:
         begun = Fit(values, fit.edges, fit.starts, fit.noise)
         found = shooting.minimized(begun, ON_THE_WAY, COARSE)
         if found.cost < HOPELESS * rival:
