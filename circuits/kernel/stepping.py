@@ -141,7 +141,7 @@ def advance(
                 entered = 0
                 continue
             break
-        power = y[probes.places[0]] * y[probes.places[1]]
+        power, stored = _load_power(probes, state), _stored(s, probes, state)
         _accept(probes, state, h, x1, ratio, step)
         if entered != 0:
             numbers[ZONE] = place + entered
@@ -168,14 +168,14 @@ def advance(
         numbers[PHASE] = phase
         time = (first_knot + segment) * spacing + phase
         numbers[TIME] = time
-        last = y[probes.places[0]] * y[probes.places[1]]
-        mean = numbers[MEAN_POWER]
+        last = _load_power(probes, state)
+        mean = numbers[MEAN_POWER] - (_stored(s, probes, state) - stored) / h
         if points > 0 and abs(2.0 * mean - power - last) > POWER_DIFFERENCE * (
             abs(power) + abs(last)
         ):
             # A current that jumped at the step's beginning: the point before it once more, with
             # the power that makes the mean of both ends the step's.
-            _again(record, output, points, (2.0 * mean - last) * probes.units[3])
+            _again(record, output, points, 2.0 * mean - last)
             points += 1
         _write(s, probes, state, record, output, points, time, noise, left, right)
         points += 1
@@ -237,11 +237,10 @@ def _try_step(s, tables, probes, state, time, h, noise, slope, x, zone, row_unit
         if not settled:
             break
         moved = base - x + delta * (y[n - 1] + state.change[n - 1])
-        place, branch = probes.places[0], probes.places[1]
-        power = (y[place] + state.change[place]) * (y[branch] + state.change[branch])
+        power = _given_power(s, probes, state, 1.0)
         weights = POWER_WEIGHTS[0] if known else POWER_WEIGHTS[1]
         if stage == 0:
-            mean = weights[0] * y[place] * y[branch] + weights[1] * power
+            mean = weights[0] * _given_power(s, probes, state, 0.0) + weights[1] * power
             base = x + factor * moved
             if behavioural:
                 for i in range(n):
@@ -254,6 +253,40 @@ def _try_step(s, tables, probes, state, time, h, noise, slope, x, zone, row_unit
             error = call(code.error, memory, slot, 0.0, 0.0, 0.0)
             missed = missed_controls(tables, state)
     return settled, error, x + moved, missed
+
+
+@inlined
+def _load_power(probes, state):
+    """Voltage times current at the terminals, scaled."""
+    y = state.y
+    return y[probes.places[0]] * y[probes.places[1]] * probes.units[3]
+
+
+@inlined
+def _stored(s, probes, state):
+    """The transducer's energy, scaled; 0 where it keeps none."""
+    place = probes.places[2]
+    if place < 0:
+        return 0.0
+    return systems.transducer_energy(s.transducer, state.y[place] * probes.units[1])
+
+
+@inlined
+def _given_power(s, probes, state, share):
+    """What the mass gives the transducer beyond its own loss, a share of the change ahead (scaled).
+
+    Less what the transducer stores it is the load's power, also over a step in which a pulse
+    empties it: the motion is smooth there, voltage times current is not.
+    """
+    y, change, places, units = state.y, state.change, probes.places, probes.units
+    branch, place = places[1], places[2]
+    amperes = y[branch] + share * change[branch]
+    if place < 0:
+        return (y[places[0]] + share * change[places[0]]) * amperes * units[3]
+    v = y[y.size - 1] + share * change[y.size - 1]
+    electrical = (y[place] + share * change[place]) * units[1]
+    own = systems.own_loss(s.transducer, v, electrical, amperes * units[2])
+    return systems.part_force(s.transducer, v, electrical) * v - own
 
 
 @compiled

@@ -214,10 +214,14 @@ def _together(scene, method, step):
 
 
 def _window(scene):
-    parameters, _ = scale(scene)
     start = scene.run.settle
-    stop = start + PERIODS * 2.0 * math.pi / timescales.angular_frequency(parameters)
-    return start, min(stop, start + scene.run.duration)
+    return start, start + min(periods_of(scene), scene.run.duration)
+
+
+def periods_of(scene: Scene) -> float:
+    """Time of `PERIODS` periods of the small oscillations, in the scene's units."""
+    parameters, _ = scale(scene)
+    return PERIODS * 2.0 * math.pi / timescales.angular_frequency(parameters)
 
 
 def _even(waveform):

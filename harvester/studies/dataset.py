@@ -100,13 +100,19 @@ def _value(evaluation, name, attribute):
 
 def _proofs(report, dimensions):
     """(circuit − Monte Carlo)/Monte Carlo of the output power; nan where there is no proof."""
-    found = np.full((2, len(report.study.evaluations)), math.nan)
+    attributes = ("difference", "standard_error", "early_difference", "early_standard_error")
+    names = (
+        "difference",
+        "difference_standard_error",
+        "early_difference",
+        "early_difference_standard_error",
+    )
+    found = np.full((len(names), len(report.study.evaluations)), math.nan)
     for each in report.study.proofs:
-        found[:, each.place] = each.difference, each.standard_error
-    names = ("circuit_difference", "circuit_difference_standard_error")
+        found[:, each.place] = [getattr(each, name) for name in attributes]
     shape = report.evaluations.shape
     return {
-        name: (dimensions, row.reshape(shape), {"unit": "1"})
+        f"circuit_{name}": (dimensions, row.reshape(shape), {"unit": "1"})
         for name, row in zip(names, found, strict=True)
     }
 

@@ -14,6 +14,7 @@ import numpy as np
 from harvester.estimates.estimate import Estimate
 from harvester.files.writing import finite
 from harvester.results import with_error
+from harvester.running.realizations import PERIODS
 from harvester.running.request import COMPLETE
 from harvester.scene.model import Scene
 from harvester.studies.curves import Difference, optimum_of, rank
@@ -179,7 +180,7 @@ class Report:
         proofs = self.study.proofs
         if not proofs:
             return []
-        judged = [each for each in proofs if not math.isnan(each.standard_error)]
+        judged = [each for each in proofs if each.judges]
         apart = sum(each.disagrees for each in judged)
         verdict = f"DISAGREES at {apart} of them" if apart else "agrees at all of them"
         head = (
@@ -192,14 +193,17 @@ class Report:
         point = self.study.grid.points[proof.place]
         place = ", ".join(f"{value:g}" for value in point.place)
         where = f"{point.load}{' at ' * bool(place)}{place}{' (optimum)' * proof.highest}"
-        if math.isnan(proof.standard_error):
+        parts = {
+            f"in the first {PERIODS:g} periods": (
+                proof.early_difference,
+                proof.early_standard_error,
+            ),
+            "settled": (proof.difference, proof.standard_error),
+        }
+        told = [f"{_apart(*of)} {part}" for part, of in parts.items() if not math.isnan(of[1])]
+        if not told:
             return f"{where}: {proof.trouble}"
-        share = Estimate(100.0 * proof.difference, 100.0 * proof.standard_error, None, "1")
-        distance = abs(proof.difference) / proof.standard_error if proof.standard_error else 0.0
-        return (
-            f"{where}: circuit over Monte Carlo {with_error(share)} % (paired), "
-            f"{distance:.1f} standard errors"
-        )
+        return f"{where}: circuit over Monte Carlo, paired, {', '.join(told)}"
 
     def figure(self) -> Figure:
         """Output power over the swept value."""
@@ -238,6 +242,8 @@ class Report:
                     "highest": each.highest,
                     "difference": finite(each.difference),
                     "standard_error": finite(each.standard_error),
+                    "early_difference": finite(each.early_difference),
+                    "early_standard_error": finite(each.early_standard_error),
                     "disagrees": each.disagrees,
                     "trouble": each.trouble,
                 }
@@ -277,3 +283,10 @@ class Report:
             if evaluation.outcome != COMPLETE:
                 place = ", ".join(f"{value:g}" for value in point.place)
                 yield f"{point.load} at {place}: {evaluation.outcome}"
+
+
+def _apart(difference, standard_error):
+    """A paired difference in words."""
+    share = Estimate(100.0 * difference, 100.0 * standard_error, None, "1")
+    distance = abs(difference) / standard_error if standard_error else 0.0
+    return f"{with_error(share)} % ({distance:.1f} σ)"

@@ -1,25 +1,31 @@
 """The circuit as judge of a load study: the same noise by both engines, at a few of its places.
 
 At each load's highest point, where the study's answer comes from, and at a place drawn at random.
+Paths of a device between its wells part after some ten periods, however well they are computed, so
+that long ones tell a difference to some percent only. The first periods from rest tell it to
+some tenths of a percent, and the settled part what they cannot hold: a store that is charged.
 """
 
 import math
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from harvester.errors import HarvesterError
 from harvester.estimates.batch_means import ratio_of_sums
-from harvester.running.realizations import Realizations
+from harvester.running.realizations import Realizations, periods_of
 from harvester.running.request import good_ones, told
 from harvester.running.task import Wanted
 from harvester.scene.model import Scene
 from harvester.studies.evaluation import Evaluation, series_of
 from harvester.studies.grid import Grid
 
-# Realizations of a place that both engines run.
-PROOF_REALIZATIONS = 8
+# Realizations of a place that both engines run, of its own length and of the first periods alone.
+PROOF_REALIZATIONS, EARLY_REALIZATIONS = 8, 64
+# Share of the settled power from which the early one is worth a comparison: a store that has yet
+# to be charged leaves leakage alone.
+LEAST_EARLY_SHARE = 1e-3
 # A difference counts from so many of its standard errors and from this share on.
 SIGNIFICANT_SIGMAS, SIGNIFICANT_SHARE = 3.0, 0.01
 
@@ -38,6 +44,8 @@ class Proof:
         (circuit − Monte Carlo)/Monte Carlo of the output power on the same noise; nan without.
     standard_error : float
         Of the paired difference; nan without.
+    early_difference, early_standard_error : float
+        The same over the first `PERIODS` periods from rest; nan without.
     trouble : str
         What came instead of a difference.
     """
@@ -46,13 +54,26 @@ class Proof:
     highest: bool
     difference: float = math.nan
     standard_error: float = math.nan
+    early_difference: float = math.nan
+    early_standard_error: float = math.nan
     trouble: str = ""
 
     @property
+    def judges(self) -> bool:
+        """Whether there is a difference with an error bar."""
+        return not math.isnan(self.standard_error) or not math.isnan(self.early_standard_error)
+
+    @property
     def disagrees(self) -> bool:
-        """Whether the difference is beyond its error and no trifle."""
-        beyond = abs(self.difference) > SIGNIFICANT_SIGMAS * self.standard_error
-        return bool(beyond and abs(self.difference) > SIGNIFICANT_SHARE)
+        """Whether one of the differences is beyond its error and no trifle."""
+        return _beyond(self.difference, self.standard_error) or _beyond(
+            self.early_difference, self.early_standard_error
+        )
+
+
+def _beyond(difference, standard_error):
+    beyond = abs(difference) > SIGNIFICANT_SIGMAS * standard_error
+    return bool(beyond and abs(difference) > SIGNIFICANT_SHARE)
 
 
 def places_to_prove(
@@ -95,24 +116,55 @@ def proving(
     versions : (str, str)
         Of Monte Carlo and of the circuit, see `Runner.version`.
     """
-    cuts = [
-        Realizations.of(scene, method, step, version, waveform=True)
-        for method, version in zip(("monte-carlo", "circuit"), versions, strict=True)
-    ]
-    count = min(PROOF_REALIZATIONS, scene.run.realizations)
-    tasks = [cut.tasks(0, count, scene.run.realizations) for cut in cuts]
-    answers = yield Wanted([*tasks[0], *tasks[1]])
-    series = []
-    for found in (answers[: len(tasks[0])], answers[len(tasks[0]) :]):
-        good, ended = good_ones(found)
-        powers = series_of(scene, good)
-        if powers is None:
-            words = told(ended) if isinstance(ended, HarvesterError) else str(ended)
-            return Proof(place, highest, trouble=words)
-        series.append(powers)
-    ours, theirs = series
+    settled, early = [], []
+    for method, version in zip(("monte-carlo", "circuit"), versions, strict=True):
+        settled.append(_tasks(scene, PROOF_REALIZATIONS, method, step, version))
+        early.append(_tasks(early_part(scene), EARLY_REALIZATIONS, method, step, version))
+    parts = [*settled, *early]
+    answers = iter((yield Wanted([task for tasks in parts for task in tasks])))
+    found = [[next(answers) for _ in tasks] for tasks in parts]
+    powers = [_powers(scene, part) for part in found]
+    trouble = next((each for each in powers[:2] if isinstance(each, str)), "")
+    if trouble:
+        return Proof(place, highest, trouble=trouble)
+    difference, standard_error = _difference(*powers[:2])
+    proof = Proof(place, highest, difference, standard_error)
+    if math.isnan(standard_error):
+        proof = replace(proof, trouble="too short for an error bar")
+    if any(isinstance(each, str) for each in powers[2:]):
+        return proof
+    if powers[2].mean() < LEAST_EARLY_SHARE * powers[0].mean():
+        return proof
+    early_difference, early_standard_error = _difference(*powers[2:])
+    return replace(
+        proof, early_difference=early_difference, early_standard_error=early_standard_error
+    )
+
+
+def early_part(scene: Scene) -> Scene:
+    """The scene from rest on, for the first `PERIODS` periods of its small oscillations."""
+    duration = min(periods_of(scene), scene.run.settle + scene.run.duration)
+    return scene.replace({"run.settle": 0.0, "run.duration": duration})
+
+
+def _tasks(scene, most, method, step, version):
+    cut = Realizations.of(scene, method, step, version, waveform=True)
+    return cut.tasks(0, min(most, scene.run.realizations), scene.run.realizations)
+
+
+def _powers(scene, answers):
+    """Output power of tasks batch by batch, or in words why there is none."""
+    good, ended = good_ones(answers)
+    series = series_of(scene, good)
+    if series is None:
+        return told(ended) if isinstance(ended, HarvesterError) else str(ended)
+    return series
+
+
+def _difference(ours, theirs):
+    """(circuit − Monte Carlo)/Monte Carlo on the same noise, and its standard error or nan."""
     shared = min(len(ours), len(theirs))
+    if not ours[:shared].any():
+        return math.nan, math.nan
     ratio, error = ratio_of_sums(theirs[:shared], ours[:shared])
-    if error is None:
-        return Proof(place, highest, ratio - 1.0, trouble="too short for an error bar")
-    return Proof(place, highest, ratio - 1.0, error)
+    return ratio - 1.0, math.nan if error is None else error

@@ -144,3 +144,17 @@ def test_no_extreme_is_missed_by_default(pool):
     error = 4.0 * np.hypot(usual.standard_error, finest.standard_error)
     assert error < 0.05 * finest.estimate
     assert usual.estimate == pytest.approx(finest.estimate, abs=error)
+
+
+def test_pulses_into_a_full_store_are_counted(pool):
+    """SECE at tens of volts empties the piezo within microseconds, between two knots."""
+    parameters = ["load.parameters.resistance=1e7", "load.parameters.storage=1e-7"]
+    run = ["run.duration=0.5", "run.settle=0", "run.realizations=16"]
+    scene = Scene.load("device", ["load.netlist=sece", *parameters, *run])
+    usual, finest = (
+        simulate(scene, method="monte-carlo", runner=pool, step=step)
+        for step in ("default", "finest")
+    )
+    assert abs(usual.energy_balance_residual) < 0.005
+    power = finest["mean_power"].estimate
+    assert usual["mean_power"].estimate == pytest.approx(power, rel=5e-3)

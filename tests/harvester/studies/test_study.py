@@ -106,13 +106,36 @@ def test_the_circuit_is_the_judge(linear, pool):
 
 def test_a_difference_is_named_and_red(study, capsys):
     proofs = [Proof(4, True, 0.05, 0.01), Proof(2, False, 0.005, 1e-4), Proof(1, False, 0.05, 0.02)]
+    proofs.append(Proof(0, False, 0.05, 0.1, early_difference=-0.02, early_standard_error=0.002))
     report = Report(replace(study, proofs=proofs))
-    assert [each.disagrees for each in proofs] == [True, False, False]
-    (line,) = report.alarms()
-    assert "DISAGREE: resistor at 0.5 (optimum): circuit over Monte Carlo 5.0 ± 1.0 %" in line
-    assert any("DISAGREES at 1 of them" in line for line in report.sentences())
+    assert [each.disagrees for each in proofs] == [True, False, False, True]
+    line, early = report.alarms()
+    assert "DISAGREE: resistor at 0.5 (optimum): circuit over Monte Carlo" in line
+    assert line.endswith("paired, 5.0 ± 1.0 % (5.0 σ) settled")
+    assert "paired, -2.00 ± 0.20 % (10.0 σ) in the first 6 periods, 5 ± 10 % (0.5 σ)" in early
+    assert any("DISAGREES at 2 of them" in line for line in report.sentences())
     show_table(report, "load study", alarms=[line])
     assert line in capsys.readouterr().out
+
+
+def test_a_device_between_its_wells_is_judged_to_a_tenth_of_a_percent(pool):
+    """Its paths part: eight settled ones know the same difference twenty times worse."""
+    scene = Scene.load("device", ["run.duration=4", "run.settle=1"])
+    study = load_study(scene, loads=["bridge"], executor=pool)
+    (proof,) = study.proofs
+    assert 0.0 < proof.early_standard_error < 0.002
+    # 0.2 % is the step of both engines; false alarms are one in 370.
+    assert abs(proof.early_difference) < 0.002 + 3.0 * proof.early_standard_error
+    assert proof.standard_error > 5.0 * proof.early_standard_error
+
+
+def test_leakage_of_a_closed_converter_is_no_early_power(pool):
+    """Its lockout opens after the first periods; until then a resistor's picowatts pass."""
+    scene = Scene.load("device", ["run.duration=4", "run.settle=2", "run.realizations=8"])
+    study = load_study(scene, loads=["bridge_buck"], executor=pool)
+    (proof,) = study.proofs
+    assert math.isnan(proof.early_standard_error)
+    assert proof.standard_error > 0.0
 
 
 def test_what_only_the_circuit_takes_is_run_by_it(linear, tmp_path, pool):
