@@ -37,7 +37,7 @@ GROWING = 0.9**3
 # Weights of power at the step's beginning and its stages in its mean, for either method.
 POWER_WEIGHTS = ((0.25 * ROOT, 0.25 * ROOT, DIAGONAL), (0.0, 1.0 - DIAGONAL, DIAGONAL))
 # Of the power at both ends, a difference of their mean from the step's that asks for a point more:
-# at five times this, a tenth of a percent of SECE's energy was missing.
+# at five times this, two tenths of a percent of SECE's energy was missing.
 POWER_DIFFERENCE = 0.002
 # What is known of the rates of change at a step's beginning: all, nothing, that a switch turned.
 KNOWN, UNKNOWN, TURNED = 1.0, 0.0, -1.0
