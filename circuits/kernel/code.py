@@ -5,10 +5,17 @@ compiled once for every shape, in a fraction of a second; values stand in the me
 has the arguments of `circuits.kernel.emitter`:
 
 - ``factor``: the slot's matrix C + δ G, its linear unknowns eliminated.
-- ``begin``: from `right`, less δ (G y − s) of the constant sources, `ordered`.
+- ``predict``: guesses of the junctions' voltages, from the last step by the share of it given.
+- ``begin``: from `right`, less δ (G y − s) of the constant sources, and the rates times a weight,
+  `ordered`; the last number comes onto the velocity's row.
+- ``again``: the same of the second stage, with the first one's `stored` for the rates.
 - ``iterate``: one of Newton's iterations; 1 where the junctions moved by little.
-- ``finish``: `change` and `stored` from the last iteration.
+- ``finish``: `change` and `stored` from the last iteration, and guesses of the junctions' voltages
+  further ahead by a share of what they moved.
+- ``conclude``: `new_rates` and `error` of a step, from δ, the weight of the first stage in the
+  second and the length.
 - ``error``: `filtered` from `error`; gives the energy of the error.
+- ``accept``: the step's end becomes the state.
 """
 
 from __future__ import annotations
@@ -23,6 +30,9 @@ from circuits.kernel.emitter import Emitter, Number, compile_module
 from circuits.kernel.linear import Order
 from circuits.kernel.memory import Layout, layout_of
 from circuits.kernel.tables import Tables
+
+# The third-order formula on TR-BDF2's rates, less the second-order one.
+ERROR = ((1.0 - 2.0**0.5) / 3.0, 1.0 / 3.0, (2.0**0.5 - 2.0) / 3.0)
 
 Matrix = dict[tuple[int, int], Number]
 
@@ -58,10 +68,14 @@ class Code(NamedTuple):
     """Addresses of a circuit's functions."""
 
     factor: int
+    predict: int
     begin: int
+    again: int
     iterate: int
     finish: int
+    conclude: int
     error: int
+    accept: int
 
 
 def code_of(tables: Tables, order: Order) -> Code:
@@ -91,7 +105,10 @@ def _tuples(array):
 def _compiled(shape: Shape) -> tuple[Any, Code]:
     """The engine that owns the code, and its addresses."""
     module = ir.Module()
-    for name, write in zip(Code._fields, (_factor, _begin, _iterate, _finish, _error), strict=True):
+    writers = (
+        _factor, _predict, _begin, _again, _iterate, _finish, _conclude, _error, _accept,
+    )  # fmt: skip
+    for name, write in zip(Code._fields, writers, strict=True):
         write(Emitter(module, name), shape)
     engine, addresses = compile_module(module)
     return engine, Code(**addresses)
@@ -113,10 +130,43 @@ def _factor(e: Emitter, shape: Shape) -> None:
     e.give(e.constant(0.0))
 
 
+def _predict(e: Emitter, shape: Shape) -> None:
+    at = shape.layout
+    for k in range(len(shape.junctions)):
+        v = e.load(at.voltages + k)
+        change = e.numbers[0] * (v - e.load(at.before + k))
+        e.store(at.iterated + k, _ahead(e, shape, k, v, change))
+    e.give(e.constant(0.0))
+
+
+def _ahead(e, shape, k, v, change):
+    """A junction's voltage further on, but not up the exponential."""
+    swing = e.load(shape.layout.junctions + k * junction.COLUMNS + junction.SWING)
+    return v + change.lesser((-v).greater(0.0) + swing)
+
+
 def _begin(e: Emitter, shape: Shape) -> None:
-    delta, at, n = e.numbers[0], shape.layout, len(shape.rows)
+    rates = [e.load(shape.layout.rates + i) for i in range(len(shape.rows))]
+    _begin_with(e, shape, rates)
+
+
+def _again(e: Emitter, shape: Shape) -> None:
+    at, n = shape.layout, len(shape.rows)
+    stored = [e.load(at.stored + i) for i in range(n)]
+    for i in range(n):
+        e.store(at.first + i, stored[i])
+    _begin_with(e, shape, stored)
+
+
+def _begin_with(e, shape, known):
+    """Begin a stage with a weight times what is known."""
+    delta, weight, push = e.numbers
+    at, n = shape.layout, len(shape.rows)
     y = [e.load(at.y + i) for i in range(n)]
-    right = [e.load(at.right + i) + delta * e.load(at.steady + i) for i in range(n)]
+    right = [
+        e.load(at.right + i) + weight * known[i] + delta * e.load(at.steady + i) for i in range(n)
+    ]
+    right[n - 1] = right[n - 1] + push
     for k, (row, column) in enumerate(shape.entries):
         right[row] = right[row] - delta * e.load(at.conductance + k) * y[column]
     for k, (plus, minus) in enumerate(shape.switches):
@@ -198,9 +248,38 @@ def _finish(e: Emitter, shape: Shape) -> None:
             charge = law.charge(e.load(at.iterated + k))
             e.store(at.new_charges + k, charge)
             _through(stored, a, z, e.load(at.charges + k) - charge)
+        v = e.load(at.iterated + k)
+        change_ahead = e.numbers[0] * (v - e.load(at.voltages + k))
+        e.store(at.iterated + k, _ahead(e, shape, k, v, change_ahead))
     for i in range(n):
         e.store(at.change + i, change[i])
         e.store(at.stored + i, stored[i])
+    e.give(e.constant(0.0))
+
+
+def _conclude(e: Emitter, shape: Shape) -> None:
+    delta, factor, h = e.numbers
+    at, per_delta = shape.layout, 1.0 / delta
+    for i in range(len(shape.rows)):
+        rate, first = e.load(at.rates + i), e.load(at.first + i)
+        new = (e.load(at.stored + i) - factor * first) * per_delta
+        middle = first * per_delta - rate
+        e.store(at.new_rates + i, new)
+        e.store(at.error + i, h * (rate * ERROR[0] + middle * ERROR[1] + new * ERROR[2]))
+    e.give(e.constant(0.0))
+
+
+def _accept(e: Emitter, shape: Shape) -> None:
+    at = shape.layout
+    for i in range(len(shape.rows)):
+        y = e.load(at.y + i) + e.load(at.change + i)
+        e.store(at.y + i, y)
+        e.store(at.largest + i, e.load(at.largest + i).greater(y.function("fabs")))
+        e.store(at.rates + i, e.load(at.new_rates + i))
+    for k in range(len(shape.junctions)):
+        e.store(at.before + k, e.load(at.voltages + k))
+        e.store(at.voltages + k, e.load(at.iterated + k))
+        e.store(at.charges + k, e.load(at.new_charges + k))
     e.give(e.constant(0.0))
 
 

@@ -26,7 +26,7 @@ class Number:
         self.builder, self.value = builder, value
 
     def _with(self, operation, other):
-        return Number(self.builder, operation(self.value, self._of(other)))
+        return Number(self.builder, operation(self.value, self._of(other), flags=("contract",)))
 
     def _of(self, other):
         return other.value if isinstance(other, Number) else ir.Constant(DOUBLE, float(other))
@@ -47,7 +47,7 @@ class Number:
         return Number(self.builder, ir.Constant(DOUBLE, other)) / self
 
     def __neg__(self) -> Number:
-        return Number(self.builder, self.builder.fneg(self.value))
+        return Number(self.builder, self.builder.fneg(self.value, flags=("contract",)))
 
     def __gt__(self, other: Number | float) -> Any:
         return self.builder.fcmp_ordered(">", self.value, self._of(other))

@@ -20,14 +20,16 @@ class Layout(NamedTuple):
     Attributes
     ----------
     y, rates : n unknowns and d/dt [C y + q].
+    largest : n, greatest size of each unknown so far.
     change : n, of the unknowns in the stage.
-    stored : n, change of C y + q in the stage.
+    stored, first : n, change of C y + q in the stage, and in the step's first one.
+    new_rates : n, rates at the step's end.
     right, ordered : n, right-hand side, and in the order of pivots the linear ones eliminated.
     error, filtered : n, a step's error of C y + q, and of y.
     steady : n, constant sources.
     solution : c, changes of the core's unknowns; ground's last, 0.
     core : factors of the core in the latest iteration, as `Order.places` counts.
-    iterated : m, voltages of the junctions.
+    iterated, voltages, before : m, of the junctions in the stage, now and a step ago.
     charges, new_charges : m, at the step's beginning and in the stage.
     capacity, conductance : of the tables' entries.
     switches : conductance of each as it is.
@@ -39,8 +41,11 @@ class Layout(NamedTuple):
 
     y: int
     rates: int
+    largest: int
     change: int
     stored: int
+    first: int
+    new_rates: int
     right: int
     ordered: int
     error: int
@@ -49,6 +54,8 @@ class Layout(NamedTuple):
     solution: int
     core: int
     iterated: int
+    voltages: int
+    before: int
     charges: int
     new_charges: int
     capacity: int
@@ -66,7 +73,7 @@ def layout_of(tables: Tables, order: Order) -> Layout:
     n, m, core = tables.steady.size, len(tables.junctions), len(order.rows) - order.linear
     entries, factors = len(tables.entries), len(order.places)
     sizes = [
-        *[n] * 9, core + 1, factors, *[m] * 3, entries, entries, len(tables.switches),
+        *[n] * 12, core + 1, factors, *[m] * 5, entries, entries, len(tables.switches),
         m * junction.COLUMNS, len(tables.inputs), len(tables.behavioural), SLOTS * factors,
     ]  # fmt: skip
     return Layout(0, *(int(place) for place in np.cumsum(sizes)))
@@ -76,6 +83,7 @@ def fresh_memory(tables: Tables, layout: Layout) -> np.ndarray:
     """A block of memory with the tables' numbers in it; float64."""
     memory = np.zeros(layout.end)
     for place, numbers in (
+        (layout.largest, np.full(tables.steady.size, 1e-9)),
         (layout.steady, tables.steady),
         (layout.capacity, tables.capacity),
         (layout.conductance, tables.conductance),

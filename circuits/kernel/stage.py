@@ -44,9 +44,7 @@ class State(NamedTuple):
         (SLOTS + 1, 2) the step's δ and the switches' states that they are for, and which is next.
     motion : place of the velocity in `solution`; `core` (c,) the unknowns there.
     y … switches : views of the memory, see `circuits.kernel.memory.Layout`.
-    voltages, before : (m,) of the junctions, now and a step ago.
     latest : (n + 1,) y + u of the last iteration, ground last.
-    largest : (n,) greatest size of each unknown so far.
     closed : (k,) int64, of the switches.
     values, shares : (k,) of the tape.
     numbers : (NUMBERS,)
@@ -61,22 +59,21 @@ class State(NamedTuple):
     keys: np.ndarray
     y: np.ndarray
     rates: np.ndarray
+    largest: np.ndarray
     change: np.ndarray
-    stored: np.ndarray
     right: np.ndarray
     error: np.ndarray
     filtered: np.ndarray
     solution: np.ndarray
     iterated: np.ndarray
+    voltages: np.ndarray
+    before: np.ndarray
     charges: np.ndarray
     new_charges: np.ndarray
     slopes: np.ndarray
     sizes: np.ndarray
     switches: np.ndarray
-    voltages: np.ndarray
-    before: np.ndarray
     latest: np.ndarray
-    largest: np.ndarray
     closed: np.ndarray
     values: np.ndarray
     shares: np.ndarray
@@ -90,9 +87,9 @@ def fresh_state(circuit: Circuit) -> State:
     n, m, k = tables.steady.size, len(tables.junctions), len(tables.tape)
     core = order.columns[order.linear :].copy()
     lengths = {
-        **dict.fromkeys(("y", "rates", "change", "stored", "right", "error", "filtered"), n),
+        **dict.fromkeys(("y", "rates", "largest", "change", "right", "error", "filtered"), n),
         "solution": core.size + 1,
-        **dict.fromkeys(("iterated", "charges", "new_charges"), m),
+        **dict.fromkeys(("iterated", "voltages", "before", "charges", "new_charges"), m),
         "slopes": len(tables.inputs),
         "sizes": len(tables.behavioural),
         "switches": len(tables.switches),
@@ -107,10 +104,7 @@ def fresh_state(circuit: Circuit) -> State:
         core,
         np.zeros((SLOTS + 1, 2)),
         **dict(zip(lengths, views, strict=True)),
-        voltages=np.zeros(m),
-        before=np.zeros(m),
         latest=np.zeros(n + 1),
-        largest=np.full(n, 1e-9),
         closed=tables.switches[:, 4].copy(),
         values=tables.tape_values.copy(),
         shares=np.zeros(k),
@@ -214,15 +208,15 @@ def solve_stage(
     zone: Any,
     row_unit: float,
 ) -> bool:
-    """Fill the state's `change` and `stored`; whether Newton's iterations came to an end.
+    """Newton's iterations of a stage that has begun; whether they came to an end.
 
     Parameters
     ----------
     s : harvester.device.system.System
     tables : circuits.kernel.tables.Tables
     state : State
-        `right` holds r + δ s of what changes with the force of the base, `latest` a guess of y + u,
-        `iterated` one of the junctions'.
+        `latest` holds a guess of y + u, of the velocity at least where no behavioural source asks
+        for more, `iterated` one of the junctions'.
     slot : int
         From `slot_of`.
     delta, time : float
@@ -236,7 +230,6 @@ def solve_stage(
     code, memory = state.code, state.address
     last = state.y.size - 1
     touching, low, high, held = zone
-    call(code.begin, memory, slot, delta, 0.0, 0.0)
     v = state.latest[last]
     pull = force(s, touching, low, high, held, x_base + delta * v, v)
     nearby = DIFFERENCE * state.largest[last]
@@ -257,5 +250,4 @@ def solve_stage(
             break
         v = state.latest[last]
         pull = force(s, touching, low, high, held, x_base + delta * v, v)
-    call(code.finish, memory, slot, delta, 0.0, 0.0)
     return settled

@@ -14,7 +14,7 @@ import numpy as np
 from harvester.compilation import compiled, summing
 from harvester.record.jumps import Jumps
 from harvester.record.output_side import STATE, OutputMoments
-from harvester.record.record import Record
+from harvester.record.record import Record, part
 
 # Rows of `Moments.integrals`: time integrals of these, and the numbers of two events.
 QUANTITIES = (
@@ -138,20 +138,20 @@ class Moments:
         self.points += record.time.size
         if self.jumps is not None:
             self.jumps.add(record)
-        # The latest point again in front: every interval then lies within one array.
-        points = np.empty((len(record), record.time.size + 1))
-        points[:, 0] = self.last
-        for row, column in enumerate(record):
-            points[row, 1:] = column
-        self.last = points[:, -1].copy()
+        before, self.last = self.last, np.array([column[-1] for column in record])
         if not self.last[0] >= self.start:
             return
-        if not points[0, 0] >= self.start:
-            points = np.ascontiguousarray(points[:, points[0] >= self.start])
+        if not before[0] >= self.start:
+            place = int(np.searchsorted(record.time, self.start))
+            before = np.array([column[place] for column in record])
+            record = part(record, place + 1, record.time.size)
         if np.isnan(self.first[0]):
-            self.first = points[:, 0].copy()
+            self.first = before
+        if record.time.size == 0:
+            return
         _add_integrals(
-            points,
+            before,
+            record,
             self.start,
             self.batch_length,
             *self.free,
@@ -160,7 +160,8 @@ class Moments:
             self.products,
         )
         _add_samples(
-            points,
+            before,
+            record,
             self.start,
             self.batch_length * len(self.integrals) / len(self.histograms),
             self.sample_interval,
@@ -183,67 +184,82 @@ def prepare() -> None:
 
 
 @summing
-def _add_integrals(points, start, batch_length, low, high, saddles, integrals, products):
-    """Trapezoidal integrals of every interval; each belongs to the batch of its middle."""
-    batches = integrals.shape[0]
-    time, x = points[0], points[1]
-    begin = 0
-    while begin < time.size - 1:
-        middle = 0.5 * (time[begin] + time[begin + 1])
+def _add_integrals(before, record, start, batch_length, low, high, saddles, integrals, products):
+    """Trapezoidal integrals of every interval; each belongs to the batch of its middle.
+
+    `before` is the point in front of the record's first.
+    """
+    batches, time = integrals.shape[0], record.time
+    final, begin = time.size - 1, -1
+    while begin < final:
+        previous = before[0] if begin < 0 else time[begin]
+        middle = 0.5 * (previous + time[begin + 1])
         batch = min(int((middle - start) / batch_length), batches - 1)
         stop = start + (batch + 1) * batch_length if batch < batches - 1 else np.inf
         end = begin + 1
-        while end + 1 < time.size and 0.5 * (time[end] + time[end + 1]) < stop:
+        if end < final and 0.5 * (time[final - 1] + time[final]) < stop:
+            end = final
+        while end < final and 0.5 * (time[end] + time[end + 1]) < stop:
             end += 1
-        _add_stretch(points, begin, end, integrals[batch], products)
-        for i in range(begin, end):
-            outside = (x[i + 1] > high) | (x[i + 1] < low)
-            integrals[batch, 8] += outside & (low <= x[i]) & (x[i] <= high)
-        for saddle in saddles:
-            for i in range(begin, end):
-                integrals[batch, 7] += (x[i] - saddle) * (x[i + 1] - saddle) < 0.0
-        _add_loss(points, begin, end, integrals[batch])
-        if integrals.shape[1] > WELLS:
-            _add_wells(points, begin, end, saddles, integrals[batch])
+        _add_stretch(before, record, begin, end, saddles, integrals[batch], products)
+        x = before[1] if begin < 0 else record.displacement[begin]
+        _count_events(
+            x, record.displacement[begin + 1 : end + 1], low, high, saddles, integrals[batch]
+        )
         begin = end
 
 
 @summing
-def _add_loss(points, begin, end, integrals):
-    """Add the transducer's loss, trapezoidal, to one batch."""
-    time, loss = points[0], points[7]
-    total = 0.0
-    for i in range(begin, end):
-        total += 0.5 * (time[i + 1] - time[i]) * (loss[i] + loss[i + 1])
-    integrals[9] += total
+def _count_events(before, x, low, high, saddles, integrals):
+    """Add the crossings of saddles and the impacts on the way through displacements."""
+    impacts = np.int64(((x[0] > high) | (x[0] < low)) & (low <= before) & (before <= high))
+    for i in range(1, x.size):
+        outside = (x[i] > high) | (x[i] < low)
+        impacts += np.int64(outside & (low <= x[i - 1]) & (x[i - 1] <= high))
+    crossings = 0
+    for saddle in saddles:
+        crossings += np.int64((before - saddle) * (x[0] - saddle) < 0.0)
+        for i in range(1, x.size):
+            crossings += np.int64((x[i - 1] - saddle) * (x[i] - saddle) < 0.0)
+    integrals[7] += crossings
+    integrals[8] += impacts
 
 
 @summing
-def _add_wells(points, begin, end, saddles, integrals):
-    """Add the time in each well, from the left, to one batch."""
-    time, x = points[0], points[1]
-    for i in range(begin, end):
-        half = 0.5 * (time[i + 1] - time[i])
-        integrals[WELLS + np.searchsorted(saddles, x[i])] += half
-        integrals[WELLS + np.searchsorted(saddles, x[i + 1])] += half
-
-
-@summing
-def _add_stretch(points, begin, end, integrals, products):
+def _add_stretch(before, record, begin, end, saddles, integrals, products):
     """Add the intervals between two points to one batch's integrals and to the products."""
-    time = points[0]
+    time = record.time
     # Half of both intervals that meet at a point.
     weights = np.empty(end - begin + 1)
-    weights[0] = 0.5 * (time[begin + 1] - time[begin])
-    weights[-1] = 0.5 * (time[end] - time[end - 1])
-    for i in range(begin + 1, end):
+    previous = before[0] if begin < 0 else time[begin]
+    weights[0] = weights[-1] = 0.5 * (time[begin + 1] - previous)
+    if end > begin + 1:
+        weights[1] = 0.5 * (time[begin + 2] - previous)
+        weights[-1] = 0.5 * (time[end] - time[end - 1])
+    for i in range(begin + 2, end):
         weights[i - begin] = 0.5 * (time[i + 1] - time[i - 1])
-    s0 = s1 = s2 = s3 = s4 = s5 = 0.0
+    integrals[0] += time[end] - previous
+    if begin < 0:
+        point = Record(
+            before[0:1], before[1:2], before[2:3], before[3:4], before[4:5], before[5:6],
+            before[6:7], before[7:8], before[8:9],
+        )  # fmt: skip
+        _add_points(point, 0, weights[:1], saddles, integrals, products)
+        _add_points(record, 0, weights[1:], saddles, integrals, products)
+    else:
+        _add_points(record, begin, weights, saddles, integrals, products)
+
+
+@summing
+def _add_points(record, begin, weights, saddles, integrals, products):
+    """Add points with their weights to one batch's integrals and to the products."""
+    s0 = s1 = s2 = s3 = s4 = s5 = s6 = 0.0
     p0 = p1 = p2 = p3 = p4 = p5 = p6 = p7 = 0.0
-    for i in range(begin, end + 1):
-        weight = weights[i - begin]
-        x, v, voltage = points[1, i], points[2, i], points[3, i]
-        load, put_in, loss = points[4, i], points[5, i], points[6, i]
+    for i in range(weights.size):
+        weight = weights[i]
+        x, v = record.displacement[begin + i], record.velocity[begin + i]
+        voltage, load = record.voltage[begin + i], record.load_power[begin + i]
+        put_in, loss = record.input_power[begin + i], record.loss_power[begin + i]
         xx, vv, voltage2 = x * x, v * v, voltage * voltage
         s0 += weight * voltage2
         s1 += weight * xx
@@ -251,6 +267,7 @@ def _add_stretch(points, begin, end, integrals, products):
         s3 += weight * load
         s4 += weight * put_in
         s5 += weight * loss
+        s6 += weight * record.transducer_loss[begin + i]
         p0 += weight * voltage2 * voltage2
         p1 += weight * xx * xx
         p2 += weight * vv * vv
@@ -259,33 +276,43 @@ def _add_stretch(points, begin, end, integrals, products):
         p5 += weight * loss * loss
         p6 += weight * put_in * load
         p7 += weight * load * loss
-    integrals[0] += time[end] - time[begin]
     for k, value in enumerate((s0, s1, s2, s3, s4, s5)):
         integrals[k + 1] += value
+    integrals[9] += s6
     for k, value in enumerate((p0, p1, p2, p3, p4, p5, p6, p7)):
         products[k] += value
+    if integrals.size > WELLS:
+        for i in range(weights.size):
+            well = np.searchsorted(saddles, record.displacement[begin + i])
+            integrals[WELLS + well] += weights[i]
 
 
 @compiled
-def _add_samples(points, start, group_length, interval, histograms, widths):
+def _add_samples(before, record, start, group_length, interval, histograms, widths):
     """Count samples at whole multiples of the interval, linear between points."""
     groups = histograms.shape[0]
-    time = points[0]
-    half = BINS // 2
-    sample = np.floor(time[0] / interval + 1e-9) + 1.0
-    for i in range(time.size - 1):
-        while sample * interval <= time[i + 1] + 1e-9 * interval:
-            share = (sample * interval - time[i]) / (time[i + 1] - time[i])
-            group = min(int((sample * interval - start) / group_length), groups - 1)
-            for k in range(3):
-                value = points[k + 1, i] + share * (points[k + 1, i + 1] - points[k + 1, i])
-                place = np.floor(value / widths[k])
-                while place >= half or place < -half:
-                    _double_bins(histograms[:, k])
-                    widths[k] *= 2.0
-                    place = np.floor(value / widths[k])
-                histograms[group, k, int(place) + half] += 1.0
-            sample += 1.0
+    time, columns = record.time, (record.displacement, record.velocity, record.voltage)
+    half, per_width = BINS // 2, 1.0 / widths
+    sample = np.floor(before[0] / interval + 1e-9) + 1.0
+    end, place = time[-1] + 1e-9 * interval, 0
+    while sample * interval <= end:
+        moment = sample * interval
+        while moment > time[place] + 1e-9 * interval:
+            place += 1
+        earlier = time[place - 1] if place > 0 else before[0]
+        share = (moment - earlier) / (time[place] - earlier)
+        group = min(int((moment - start) / group_length), groups - 1)
+        for k, column in enumerate(columns):
+            value = column[place - 1] if place > 0 else before[k + 1]
+            value += share * (column[place] - value)
+            into = np.floor(value * per_width[k])
+            while into >= half or into < -half:
+                _double_bins(histograms[:, k])
+                widths[k] *= 2.0
+                per_width[k] = 1.0 / widths[k]
+                into = np.floor(value * per_width[k])
+            histograms[group, k, int(into) + half] += 1.0
+        sample += 1.0
 
 
 @compiled

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -41,7 +40,7 @@ def empty_record(count: int) -> Record:
     return Record(*(np.empty(count) for _ in Record._fields))
 
 
-def part(record: Record, start: int, stop: Callable) -> Record:
+def part(record: Record, start: int, stop: int) -> Record:
     """Points start … stop − 1 of a record, as views."""
     return Record(*(column[start:stop] for column in record))
 
