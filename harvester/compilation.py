@@ -36,6 +36,7 @@ __all__ += ["overload", "register_jitable", "summing", "types", "uncounted"]
 numba.core.config._config_fname = ""
 
 numba_cache.keep_to_own_types()
+numba_cache.wait_for_other_processes()
 # Without it everything is compiled at every start: slower by some seconds, and the same.
 CACHED = numba_cache.is_safe()
 compiled = partial(njit, cache=CACHED, error_model="numpy")

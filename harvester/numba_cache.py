@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import functools
+import hashlib
 import os
 import pickle
+from collections.abc import Iterator
 from pathlib import Path
 
 from harvester.files.surroundings import PACKAGE, who_else_writes
@@ -32,6 +36,61 @@ def keep_to_own_types() -> None:
                 return {}
 
     caching.IndexDataCacheFile = OwnIndex
+
+
+def wait_for_other_processes() -> None:
+    """Let a process that needs code which another is just compiling wait and take that one's.
+
+    Workers that begin together would all compile the same for seconds.
+    """
+    from numba.core import caching, dispatcher
+    from numba.core.compiler_lock import global_compiler_lock
+
+    compile_now = dispatcher.Dispatcher.compile
+
+    @functools.wraps(compile_now)
+    def compile_once(self, signature):
+        if isinstance(self._cache, caching.NullCache):
+            return compile_now(self, signature)
+        name = f"{self.py_func.__module__}.{self.py_func.__qualname__}{signature}"
+        # The process's own lock first: of its threads only one then waits for other processes.
+        with global_compiler_lock, _alone(Path(self._cache.cache_path), name):
+            return compile_now(self, signature)
+
+    dispatcher.Dispatcher.compile = compile_once  # type: ignore[method-assign, assignment]
+
+
+@contextlib.contextmanager
+def _alone(folder: Path, name: str) -> Iterator[None]:
+    """The only process of this machine that compiles this; with others where it cannot be had.
+
+    A byte of one file is locked, which the system gives back when the process ends and refuses
+    where two would wait for each other.
+    """
+    place = int.from_bytes(hashlib.sha256(name.encode()).digest()[:4])
+    handle, fcntl = _lock_file(folder)
+    held = False
+    if handle is not None:
+        with contextlib.suppress(OSError):
+            fcntl.lockf(handle, fcntl.LOCK_EX, 1, place)
+            held = True
+    try:
+        yield
+    finally:
+        if held:
+            fcntl.lockf(handle, fcntl.LOCK_UN, 1, place)
+
+
+@functools.cache
+def _lock_file(folder):
+    """Open for as long as the process lives: closing it would give up all its locks."""
+    try:
+        import fcntl
+
+        folder.mkdir(parents=True, exist_ok=True)
+        return os.open(folder / "compiling.lock", os.O_RDWR | os.O_CREAT, 0o600), fcntl
+    except (ImportError, OSError):
+        return None, None
 
 
 def _foreign(kind):
