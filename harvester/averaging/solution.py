@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from harvester.averaging.region import Level, Region
     from harvester.device.system import System
 
-MOST_WORK = 2e8  # amplitudes moved by a step, on all grids together: about ten seconds
-USUAL_TOLERANCE = 1e-2  # below which more work is allowed
+MOST_WORK = 3e8  # amplitudes moved by a step, on all grids together: about fifteen seconds
 LEAST_PERIODS = 10  # on a grid
 LARGEST_PUSHES = 2e8  # of the noise's pushes on a grid (bytes)
 LARGEST_LOAD_DECAY = 2.8  # greatest λ dt, times the steps of a period
@@ -37,15 +36,13 @@ class Work:
     Parameters
     ----------
     tolerance : float
-        Named where it is refused. One below the usual allows for more work: steps as its cube root,
-        since what is left of their error falls about so fast.
+        Named where it is refused.
     share : float
         Of the usual work.
     """
 
     def __init__(self, tolerance, share=1.0):
-        self.left = share * MOST_WORK * max(1.0, np.cbrt(USUAL_TOLERANCE / tolerance))
-        self.tolerance = tolerance
+        self.left, self.tolerance = share * MOST_WORK, tolerance
 
     def take(self, work: float) -> None:
         """Take this much of what is left, or refuse."""
