@@ -203,7 +203,8 @@ class Report:
         told = [f"{_apart(*of)} {part}" for part, of in parts.items() if not math.isnan(of[1])]
         if not told:
             return f"{where}: {proof.trouble}"
-        return f"{where}: circuit over Monte Carlo, paired, {', '.join(told)}"
+        words = [*told, proof.trouble] if proof.trouble else told
+        return f"{where}: circuit over Monte Carlo, paired, {', '.join(words)}"
 
     def figure(self) -> Figure:
         """Output power over the swept value."""

@@ -47,7 +47,7 @@ class Proof:
     early_difference, early_standard_error : float
         The same over the first `PERIODS` periods from rest; nan without.
     trouble : str
-        What came instead of a difference.
+        What came instead of a difference, the settled one's first.
     """
 
     place: int
@@ -123,21 +123,16 @@ def proving(
     parts = [*settled, *early]
     answers = iter((yield Wanted([task for tasks in parts for task in tasks])))
     found = [[next(answers) for _ in tasks] for tasks in parts]
-    powers = [_powers(scene, part) for part in found]
-    trouble = next((each for each in powers[:2] if isinstance(each, str)), "")
-    if trouble:
-        return Proof(place, highest, trouble=trouble)
-    difference, standard_error = _difference(*powers[:2])
-    proof = Proof(place, highest, difference, standard_error)
-    if math.isnan(standard_error):
-        proof = replace(proof, trouble="too short for an error bar")
-    if any(isinstance(each, str) for each in powers[2:]):
+    difference, standard_error, trouble, power = _difference(scene, *found[:2])
+    proof = Proof(place, highest, difference, standard_error, trouble=trouble)
+    difference, standard_error, trouble, early_power = _difference(scene, *found[2:])
+    if early_power < LEAST_EARLY_SHARE * power:
         return proof
-    if powers[2].mean() < LEAST_EARLY_SHARE * powers[0].mean():
-        return proof
-    early_difference, early_standard_error = _difference(*powers[2:])
     return replace(
-        proof, early_difference=early_difference, early_standard_error=early_standard_error
+        proof,
+        early_difference=difference,
+        early_standard_error=standard_error,
+        trouble=proof.trouble or (trouble and f"from rest: {trouble}"),
     )
 
 
@@ -152,19 +147,24 @@ def _tasks(scene, most, method, step, version):
     return cut.tasks(0, min(most, scene.run.realizations), scene.run.realizations)
 
 
-def _powers(scene, answers):
-    """Output power of tasks batch by batch, or in words why there is none."""
-    good, ended = good_ones(answers)
-    series = series_of(scene, good)
-    if series is None:
-        return told(ended) if isinstance(ended, HarvesterError) else str(ended)
-    return series
+def _difference(scene, ours, theirs):
+    """(circuit − Monte Carlo)/Monte Carlo on the same noise, its standard error, both nan without.
 
-
-def _difference(ours, theirs):
-    """(circuit − Monte Carlo)/Monte Carlo on the same noise, and its standard error or nan."""
+    Then what came instead, and the power by Monte Carlo.
+    """
+    powers = []
+    for answers in (ours, theirs):
+        good, ended = good_ones(answers)
+        series = series_of(scene, good)
+        if series is None:
+            words = told(ended) if isinstance(ended, HarvesterError) else str(ended)
+            return math.nan, math.nan, words, math.nan
+        powers.append(series)
+    ours, theirs = powers
     shared = min(len(ours), len(theirs))
     if not ours[:shared].any():
-        return math.nan, math.nan
+        return math.nan, math.nan, "no power by Monte Carlo", 0.0
     ratio, error = ratio_of_sums(theirs[:shared], ours[:shared])
-    return ratio - 1.0, math.nan if error is None else error
+    if error is None:
+        return ratio - 1.0, math.nan, "too short for an error bar", float(ours.mean())
+    return ratio - 1.0, error, "", float(ours.mean())

@@ -19,12 +19,14 @@ from harvester.errors import HarvesterError
 from harvester.scene.model import Scene
 from harvester.show.console import show_table
 from harvester.studies import Report, load_study, save, to_dataset
-from harvester.studies.proof import Proof
+from harvester.studies import proof as proof_module
+from harvester.studies.proof import Proof, proving
 
 RESISTANCE = "load.parameters.resistance"
 BRIEF = {"run.duration": 20.0, "run.settle": 5.0}
 # Two resistors, so that Monte Carlo refuses it and ngspice runs it.
 LOAD = ".subckt two p n resistance=1\nR1 p m {resistance}\nR2 m n 0.01\n.ends\n"
+TOLD = "HarvesterError: it stopped"
 
 
 @pytest.fixture
@@ -127,6 +129,27 @@ def test_a_device_between_its_wells_is_judged_to_a_tenth_of_a_percent(pool):
     # 0.2 % is the step of both engines; false alarms are one in 370.
     assert abs(proof.early_difference) < 0.002 + 3.0 * proof.early_standard_error
     assert proof.standard_error > 5.0 * proof.early_standard_error
+
+
+@pytest.mark.parametrize(("failing", "trouble"), [(1, TOLD), (3, f"from rest: {TOLD}"), (None, "")])
+def test_a_part_that_fails_is_told_and_the_other_judges(linear, monkeypatch, failing, trouble):
+    """Parts: settled by Monte Carlo and by the circuit, and both from rest."""
+    scene = linear.replace({"run.realizations": 1})
+    monkeypatch.setattr(
+        proof_module, "good_ones", lambda found: (found, HarvesterError("it stopped"))
+    )
+    monkeypatch.setattr(proof_module, "series_of", lambda _, good: good[0])
+    plan = proving(0, True, scene, "default", ("", ""))
+    assert len(next(plan).tasks) == 4
+    power = np.random.default_rng(1).uniform(1.0, 2.0, (1, 64))
+    answers = [None if part == failing else power for part in range(4)]
+    with pytest.raises(StopIteration) as end:
+        plan.send(answers)
+    proof = end.value.value
+    assert proof.trouble == trouble
+    assert proof.judges
+    assert math.isnan(proof.standard_error) == (failing == 1)
+    assert math.isnan(proof.early_standard_error) == (failing == 3)
 
 
 def test_leakage_of_a_closed_converter_is_no_early_power(pool):
