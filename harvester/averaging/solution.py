@@ -20,14 +20,16 @@ if TYPE_CHECKING:
     from harvester.averaging.region import Level, Region
     from harvester.device.system import System
 
-MOST_WORK = 3e8  # amplitudes moved by a step, on all grids together: about fifteen seconds
+MOST_WORK = 3e8  # amplitudes moved by a step, on all grids together: five to ten seconds
 LEAST_PERIODS = 10  # on a grid
 LARGEST_PUSHES = 2e8  # of the noise's pushes on a grid (bytes)
 LARGEST_LOAD_DECAY = 2.8  # greatest λ dt, times the steps of a period
 # Rest of a period, in tolerances, as a share of what the load moves in it.
 RESIDUAL_OVER_TOLERANCE = 2e-2
 LEAST_RESIDUAL = 1e-8  # which rounding leaves
-LEAST_SINGLE_SHARE = 1e-6  # of a density that may change in a period, for single precision
+LEAST_SINGLE_SHARE = 1e-6  # of a density, down to which a rest is known in single precision
+# Share of a rest that is left at least, before it is told anew: directions are kept in that too.
+REDUCTION_IN_ONE_GO = 3e-3
 SUFFICIENT_REDUCTION = 0.1  # share of a rest that the coarser grid leaves
 
 
@@ -104,8 +106,9 @@ class Solution:
         share = max(
             RESIDUAL_OVER_TOLERANCE * tolerance * min(1.0, slow * period(device)), LEAST_RESIDUAL
         )
-        precision = np.float32 if share >= LEAST_SINGLE_SHARE else np.float64
-        self.propagator = Propagator(device, grid, precision)
+        self.propagator = self._exact = Propagator(device, grid, np.float32)
+        if share < LEAST_SINGLE_SHARE:
+            self._exact = Propagator(device, grid)
         start = _gibbs(device, region, grid) if coarser is None else coarser.on(grid)
         self.state = self._settled(start, share)
         self.before_flow = self.propagator.before_flow(self.state)
@@ -133,10 +136,15 @@ class Solution:
     def _settled(self, start, share):
         """The stationary state, from one that is near it; a period changes so small a share."""
         # What a new grid makes of its start at once is no part of what is sought.
-        start = self._later(start).astype(float)
-        start /= start[:, :, 0].sum()
-        self._allowed = share * np.linalg.norm(start)
-        state = start + self._undone(-self._change(start), self._allowed)
+        state = self._later(start).astype(float)
+        state /= state[:, :, 0].sum()
+        self._allowed = share * np.linalg.norm(state)
+        enough = np.inf
+        while enough > self._allowed:
+            self.work.take(self.cost)
+            rest = self._exact.repeated(state, self.steps) - state
+            enough = max(self._allowed, REDUCTION_IN_ONE_GO * np.linalg.norm(rest))
+            state += self._undone(rest, enough)
         return state / state[:, :, 0].sum()
 
     def _undone(self, rest, allowed):

@@ -9,9 +9,10 @@ from device_scenes import device as device_scene
 from truths import averaged, flat, interpolated_linear_means, well
 
 from harvester.averaging import average, fokker_planck, solution
+from harvester.averaging.fokker_planck import REGION_LEVEL
 from harvester.averaging.of_scene import average as average_scene
 from harvester.averaging.propagator import Grid, Propagator, mirrored, shares
-from harvester.averaging.region import _widths
+from harvester.averaging.region import Region, _widths
 from harvester.averaging.symmetric import potential
 from harvester.device import system as systems
 from harvester.device import timescales
@@ -230,6 +231,31 @@ def test_steps_of_a_free_mass(memory):
     gained = 2.0 * p.intensity * memory * (time - 1.0 + math.exp(-time))
     assert state[:, :, 0].sum() == pytest.approx(1.0, abs=1e-9)
     assert np.sum(state[:, :, 0] * v**2) == pytest.approx(width**2 + gained, rel=1e-3)
+
+
+@pytest.mark.parametrize("columns", [8, 9, 46])
+def test_steps_in_single_precision(columns):
+    """The same as in double precision but for rounding; all mass is kept, whatever fills a row."""
+    x, v = np.linspace(-1.6, 1.6, 40), np.linspace(-1.2, 1.2, columns)
+    grid = Grid(x, v, np.linspace(-1.5, 1.5, 6), True, 3, 0.7)
+    start = np.random.default_rng(5).normal(size=grid.shape)
+    exact, single = (
+        Propagator(PAPER.system, grid, precision).repeated(start, 4)
+        for precision in (np.float64, np.float32)
+    )
+    assert single.dtype == np.float32
+    assert np.abs(single - exact).max() < 1e-5 * np.abs(exact).max()
+    assert exact[:, :, 0].sum() == pytest.approx(start[:, :, 0].sum(), abs=1e-10)
+
+
+def test_a_slow_load_is_told_beyond_single_precision():
+    """What a period changes is below what the load moves in it, by the tolerance's share."""
+    device = PAPER._replace(decay_rate=2e-3).system
+    region = Region.guessed(device)
+    found = solution.Solution(device, region, REGION_LEVEL, 0.002, solution.Work(0.002), None)
+    later = Propagator(device, found.grid).repeated(found.state, found.steps)
+    rest = np.linalg.norm(later - found.state) / np.linalg.norm(found.state)
+    assert rest < 2e-2 * 0.002 * 2e-3 * solution.period(device)
 
 
 def test_mirrored_twice_is_the_same():
