@@ -20,10 +20,15 @@ if TYPE_CHECKING:
     from harvester.averaging.region import Level, Region
     from harvester.device.system import System
 
-MOST_WORK = 3e8  # amplitudes moved by a step, on all grids together: five to ten seconds
-LEAST_PERIODS = 10  # on a grid
+MOST_WORK = 4e8  # amplitudes moved by a step, on all grids together: five to ten seconds
+LEAST_PERIODS = 6  # on a grid
 LARGEST_PUSHES = 2e8  # of the noise's pushes on a grid (bytes)
 LARGEST_LOAD_DECAY = 2.8  # greatest λ dt, times the steps of a period
+# More of them by the share of its stiffness that a device has from its coupling.
+STEPS_OF_STRONG_COUPLING = 3.0
+# Of a contact that lasts less than a sixth of a period; where it is much shorter, the noise moves
+# little in it.
+CONTACTS_OF_A_STEP, MOST_STEPS_FOR_CONTACTS = 1.0 / 6.0, 2.0
 # Rest of a period, in tolerances, as a share of what the load moves in it.
 RESIDUAL_OVER_TOLERANCE = 2e-2
 LEAST_RESIDUAL = 1e-8  # which rounding leaves
@@ -202,10 +207,16 @@ class Solution:
 def _laid(device, region, level):
     """The grid of a level, and its steps in a period."""
     time = period(device)
-    steps = int(
-        np.ceil(level.steps * max(1.0, device.transducer.decay_rate() * time / LARGEST_LOAD_DECAY))
-    )
+    steps = int(np.ceil(level.steps * max(1.0, *_hurry(device, time))))
     return region.grid(device, level, time / steps), steps
+
+
+def _hurry(device, time):
+    """How many times as many steps of a period its load, and its contacts, ask for."""
+    stiffened = getattr(device.transducer, "coupling", 0.0) * (time / (2.0 * np.pi)) ** 2
+    decay = device.transducer.decay_rate() * time * (1.0 + STEPS_OF_STRONG_COUPLING * stiffened)
+    contacts = CONTACTS_OF_A_STEP * time / timescales.contact_time(device)
+    return decay / LARGEST_LOAD_DECAY, min(contacts, MOST_STEPS_FOR_CONTACTS)
 
 
 def moved(state: np.ndarray, old: Grid, new: Grid) -> np.ndarray:

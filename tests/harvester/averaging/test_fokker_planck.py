@@ -337,6 +337,25 @@ def test_simulation_of_other_devices(name):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("resistance", "coupling"), [(2e6, 1e-3), (6e5, 1e-3), (4e6, 1.5e-3)])
+def test_a_stopper_on_one_side_and_a_strong_coupling(resistance, coupling):
+    """The charge follows motion that is not about its well, and contacts are shorter than steps.
+
+    Within four standard errors and the numerical error: one failure in 4000 choices of seed.
+    """
+    changes = {"run.duration": 1000.0, "run.settle": 20.0, "run.realizations": 16}
+    scene = Scene.load("one_sided").replace(
+        {"load.resistance": resistance, "piezo.coupling": coupling, **changes}
+    )
+    simulated, found = simulate(scene, method="monte-carlo"), average_scene(scene)
+    for quantity in ("mean_square_voltage", "mean_square_velocity", "mean_power"):
+        truth, answer = simulated.quantity(quantity), found.quantity(quantity)
+        error = 4.0 * truth.standard_error + answer.standard_error
+        assert truth.standard_error < 0.01 * truth.estimate
+        assert answer.estimate == pytest.approx(truth.estimate, abs=error)
+
+
+@pytest.mark.slow
 def test_noise_with_a_memory_brings_the_mass_over_the_saddle():
     """Barrier 16 E[X'²]: within four standard errors and the numerical error (one in 16 000)."""
     changes = {
