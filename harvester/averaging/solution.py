@@ -108,6 +108,9 @@ class Solution:
         self._inverse = Inverse(self._change, self._nearly_undone if self._coarser else None)
         # Of what a slow load leaves undone, only so small a share of the density changes at a time.
         slow = device.transducer.decay_rate() or np.inf
+        # And of what rare jumps between wells that are not alike leave undone.
+        if coarser is not None and "share_of_time_in_well_1" in coarser.totals:
+            slow = min(slow, coarser.totals["well_crossing_rate"])
         share = max(
             RESIDUAL_OVER_TOLERANCE * tolerance * min(1.0, slow * period(device)), LEAST_RESIDUAL
         )

@@ -267,28 +267,38 @@ SKEW = (-0.15, -2.0, 0.5, 2.2)
 TRISTABLE = (0.05, 1.3, 0.0, -3.0, 0.0, 1.2)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("force", "loss"), [(SKEW, 0.2), (TRISTABLE, 0.25)], ids=["skew", "tristable"]
-)
-def test_gibbs_of_uneven_wells(force, loss):
-    """White noise and no coupling: shares of time and rate of crossings by quadrature."""
+def of_uneven_wells(force, loss, intensity):
+    """White noise and no coupling."""
     scene = Scene.from_tables(
         {
             "units": "scaled",
             "oscillator": {"damping": loss, "restoring_force": list(force)},
             "piezo": {"coupling": 1e-9},
             "load": {"decay_rate": 1.0},
-            "excitation": {"kind": "white", "intensity": 0.1},
+            "excitation": {"kind": "white", "intensity": intensity},
             "run": {"duration": 10.0, "seed": 1},
         }
     )
-    s, _ = scale(scene)
-    result = average(s)
-    temperature = 0.1 / loss
+    return scale(scene)[0]
+
+
+def gibbs(s, temperature):
+    """Displacements and their Gibbs density."""
     x = np.linspace(-4.0, 4.0, 16001)
-    weight = np.exp(-systems.potential(s, x) / temperature)
-    weight /= np.trapezoid(weight, x)
+    energy = systems.potential(s, x)
+    weight = np.exp((energy.min() - energy) / temperature)
+    return x, weight / np.trapezoid(weight, x)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("force", "loss"), [(SKEW, 0.2), (TRISTABLE, 0.25)], ids=["skew", "tristable"]
+)
+def test_gibbs_of_uneven_wells(force, loss):
+    """White noise and no coupling: shares of time and rate of crossings by quadrature."""
+    s = of_uneven_wells(force, loss, intensity=0.1)
+    result = average(s)
+    x, weight = gibbs(s, 0.1 / loss)
     saddles = sorted(timescales.saddles(s))
     edges = [-4.0, *saddles, 4.0]
     for number, (low, high) in enumerate(pairwise(edges), start=1):
@@ -296,10 +306,34 @@ def test_gibbs_of_uneven_wells(force, loss):
         share = np.trapezoid(weight[inside], x[inside])
         found = result.between_wells[f"share_of_time_in_well_{number}"]
         assert found == pytest.approx(share, abs=3e-3)
-    speed = math.sqrt(2.0 * temperature / math.pi)
+    speed = math.sqrt(2.0 * 0.1 / loss / math.pi)
     crossings = speed * sum(np.interp(place, x, weight) for place in saddles)
     assert result.between_wells["well_crossing_rate"] == pytest.approx(crossings, rel=0.01)
     assert np.trapezoid(abs(result.density.displacement(x) - weight), x) < 0.01
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("intensity", [0.05, 0.012])
+@pytest.mark.parametrize(("force", "loss"), [(SKEW, 0.2), (TRISTABLE, 0.25)])
+def test_wells_are_not_left_as_they_began(force, loss, intensity, monkeypatch):
+    """From shares of time that are wrong, however rare the jumps: right or refused."""
+    s = of_uneven_wells(force, loss, intensity)
+
+    def wrong(device, region, grid):
+        start = (
+            begun(device, region, grid) * np.where(abs(grid.x) > 0.8, 3.0, 1.0)[:, None, None, None]
+        )
+        return start / start[:, :, 0].sum()
+
+    begun = solution._gibbs
+    monkeypatch.setattr(solution, "_gibbs", wrong)
+    try:
+        result = average(s)
+    except AveragingError:
+        assert intensity < 0.02
+        return
+    x, weight = gibbs(s, intensity / loss)
+    assert within(result, "mean_square_displacement", np.trapezoid(weight * x * x, x))
 
 
 @pytest.mark.slow
