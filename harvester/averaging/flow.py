@@ -6,12 +6,14 @@ is given to six by six of them, such that its moments up to the fifth arrive as 
 """
 
 import numpy as np
+from llvmlite import ir
 
-from harvester.compilation import compiled, inlined, summing
+from harvester.compilation import compiled, inlined, intrinsic, summing, types
 from harvester.device import system
 from harvester.errors import AveragingError
 
 NEIGHBOURS = 6
+LANES = 8  # nodes of X' in a row that take their shares together, some of them none
 PATH_TOLERANCE = 1e-6  # of a step along a path, as a share of the greatest displacement and speed
 MOST_TRIALS = 250  # steps along a path, in the mean
 SAFETY, SHRINK, GROWTH = 0.9, 0.2, 5.0
@@ -24,6 +26,8 @@ class Flow:
     ----------
     device : harvester.device.system.System
     grid : harvester.averaging.propagator.Grid
+    precision : dtype
+        Of the mass and its shares: float32 or float64.
 
     Raises
     ------
@@ -31,23 +35,20 @@ class Flow:
         A contact so short that its paths take too many steps.
     """
 
-    def __init__(self, device, grid):
-        self._shape = grid.shape
+    def __init__(self, device, grid, precision):
         ends = [np.empty((len(grid.x), len(grid.kept), len(grid.v))) for _ in range(2)]
         if not _ends(device, grid.x, grid.kept, grid.v, grid.step, *ends):
             raise AveragingError(
                 "contacts or spring are too stiff for the steps that fokker_planck has: soften "
                 "them, or simulate"
             )
-        self._first, self._weights = zip(
-            *(_sharing(end, nodes) for end, nodes in zip(ends, (grid.x, grid.v), strict=True)),
-            strict=True,
-        )
+        self._along_x = _sharing(ends[0], grid.x, NEIGHBOURS, precision)
+        self._along_v = _sharing(ends[1], grid.v, LANES, precision)
 
     def __call__(self, state):
         """The state one step later."""
-        moved = np.zeros(self._shape)
-        _share(state, *self._first, *self._weights, moved)
+        moved = np.zeros_like(state)
+        _share(np.ascontiguousarray(state), *self._along_x, *self._along_v, moved)
         return moved
 
 
@@ -113,48 +114,82 @@ def _ends(s, x, z, v, time, end_x, end_v):
     return True
 
 
-def _sharing(places, nodes):
-    """Index of the first of six nodes about each place, and Lagrange's weights of all six.
+def _sharing(places, nodes, width, precision):
+    """Index of the first of so many nodes about each place, and their shares of its mass.
 
-    Mass beyond the last node stays there.
+    Those of six of them are Lagrange's weights, and none of the others'. Mass beyond the last node
+    stays there.
     """
     position = (places - nodes[0]) / (nodes[1] - nodes[0])
     position = np.clip(position, 0.0, nodes.size - 1.0)
-    first = np.clip(position.astype(np.int32) - 2, 0, nodes.size - NEIGHBOURS).astype(np.int32)
-    weights = np.empty((*places.shape, NEIGHBOURS))
-    _lagrange((position - first).ravel(), weights.reshape(-1, NEIGHBOURS))
-    return first, weights
+    neighbour = np.clip(position.astype(np.int32) - 2, 0, nodes.size - NEIGHBOURS)
+    first = np.minimum(neighbour, nodes.size - width).astype(np.int32)
+    shares = np.zeros((*places.shape, width), precision)
+    _lagrange(position.ravel(), neighbour.ravel(), first.ravel(), shares.reshape(-1, width))
+    return first, shares
 
 
 @compiled
-def _lagrange(place, weights):
-    for n in range(place.size):
+def _lagrange(position, neighbour, first, shares):
+    for n in range(position.size):
+        place = position[n] - neighbour[n]
         for node in range(NEIGHBOURS):
             weight = 1.0
             for other in range(NEIGHBOURS):
                 if other != node:
-                    weight *= (place[n] - other) / (node - other)
-            weights[n, node] = weight
+                    weight *= (place - other) / (node - other)
+            shares[n, neighbour[n] - first[n] + node] = weight
+
+
+@intrinsic
+def _add_multiple(typingctx, target, here, factor, source, there):
+    """target[here + n] += factor · source[there + n] for all lanes n, at once."""
+
+    def generate(context, builder, signature, arguments):
+        to, here, factor, of, there = arguments
+        number = context.get_value_type(target.dtype)
+        lanes = ir.VectorType(number, LANES)
+        bytes_apart = context.get_abi_sizeof(number)
+
+        def place(array, kind, index):
+            first = builder.gep(context.make_array(kind)(context, builder, array).data, [index])
+            return builder.bitcast(first, lanes.as_pointer())
+
+        into = place(to, target, here)
+        added = builder.load(place(of, source, there), align=bytes_apart)
+        held = builder.load(into, align=bytes_apart)
+        one = builder.insert_element(ir.Constant(lanes, ir.Undefined), factor, ir.IntType(32)(0))
+        every = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
+        factors = builder.shuffle_vector(one, one, every)
+        product = builder.fmul(factors, added, flags=("contract",))
+        total = builder.fadd(held, product, flags=("contract",))
+        builder.store(total, into, align=bytes_apart)
+        return context.get_dummy_value()
+
+    return types.void(target, here, factor, source, there), generate
 
 
 @summing
-def _share(state, first_x, first_v, by_x, by_v, moved):
-    rows, layers, columns, modes = state.shape
-    # Flat arrays, and all modes of a node together: several numbers at a time.
+def _share(state, first_x, by_x, first_v, by_v, moved):
+    """Add to `moved` what each node's mass becomes, one layer after the other: it stays at hand."""
+    rows, layers, modes, columns = state.shape
+    # Flat arrays and unsigned numbers: no index is then checked for being negative.
     source, target = state.reshape(-1), moved.reshape(-1)
     to_x, to_v = first_x.reshape(-1), first_v.reshape(-1)
     share_x, share_v = by_x.reshape(-1), by_v.reshape(-1)
-    line = np.empty(NEIGHBOURS * modes)
-    length, row = np.uint64(line.size), np.uint64(layers * columns * modes)
-    for node in range(rows * layers * columns):
-        for b in range(NEIGHBOURS):
-            for m in range(modes):
-                line[b * modes + m] = share_v[NEIGHBOURS * node + b] * source[node * modes + m]
-        layer = node // columns % layers
-        start = np.uint64(to_x[node]) * row + np.uint64((layer * columns + to_v[node]) * modes)
-        for a in range(NEIGHBOURS):
-            share = share_x[NEIGHBOURS * node + a]
-            first = start + np.uint64(a) * row
-            part = target[first : first + length]
-            for n in range(line.size):
-                part[n] += share * line[n]
+    plane = np.uint64(modes * columns)
+    row = np.uint64(layers) * plane
+    for layer in range(layers):
+        for x in range(rows):
+            line = np.uint64(x * layers + layer)
+            for v in range(columns):
+                node = line * np.uint64(columns) + np.uint64(v)
+                start = np.uint64(to_x[node]) * row + np.uint64(layer) * plane
+                for mode in range(modes):
+                    offset = np.uint64(mode * columns)
+                    amount = source[line * plane + offset + np.uint64(v)]
+                    here = start + offset + np.uint64(to_v[node])
+                    for n in range(NEIGHBOURS):
+                        share = amount * share_x[np.uint64(NEIGHBOURS) * node + np.uint64(n)]
+                        _add_multiple(target, here, share, share_v, np.uint64(LANES) * node)
+                        here += row

@@ -54,9 +54,9 @@ class GridDensity:
     @classmethod
     def of_state(cls, transducer: Any, grid: Grid, state: np.ndarray, paired: bool) -> GridDensity:
         """From the mass at each node."""
-        mass = state[..., 0]
+        mass = state[:, :, 0]
         if grid.mirrored:
-            mass = 0.5 * np.concatenate([mirrored(state)[..., 0], mass], axis=1)
+            mass = 0.5 * np.concatenate([mirrored(state)[:, :, 0], mass], axis=1)
         step_x, step_v = grid.x[1] - grid.x[0], grid.v[1] - grid.v[0]
         joint = mass.sum(axis=1) / (step_x * step_v)
         if len(grid.z) == 1:

@@ -61,8 +61,8 @@ class Grid(NamedTuple):
 
     @property
     def shape(self) -> tuple[int, int, int, int]:
-        """Of a state: nodes of X, Z and X', Hermite functions of η."""
-        return len(self.x), len(self.kept), len(self.v), self.modes
+        """Of a state: nodes of X and Z, Hermite functions of η, nodes of X'."""
+        return len(self.x), len(self.kept), self.modes, len(self.v)
 
     @property
     def push_bytes(self) -> int:
@@ -78,15 +78,21 @@ class Propagator:
     ----------
     device : harvester.device.system.System
     grid : Grid
+    precision : dtype
+        Of all its numbers: float32 or float64.
     odd : bool
         On a mirrored grid the state changes its sign from one half to the other.
     """
 
-    def __init__(self, device, grid, odd=False):
-        self.grid, self._parity = grid, -1.0 if odd else 1.0
-        self.flowed = Flow(device, grid)
+    def __init__(self, device, grid, precision=np.float64, odd=False):
+        self.grid, self._precision = grid, np.dtype(precision)
+        self._parity = self._precision.type(-1.0 if odd else 1.0)
+        self.flowed = Flow(device, grid, precision)
         self._whole, self._half = (
-            (_drift(device, grid, share * grid.step), _noise(device, grid, share))
+            (
+                _drift(device, grid, share * grid.step, precision),
+                _noise(device, grid, share).astype(np.result_type(precision, np.complex64)),
+            )
             for share in (1.0, 0.5)
         )
 
@@ -110,21 +116,22 @@ class Propagator:
         return self._slow(state, *self._half)
 
     def _slow(self, state, drift, noise):
-        shape = state.shape
+        state, shape = state.astype(self._precision, copy=False), state.shape
         if drift is not None:
             if self.grid.mirrored:
                 other = self._parity * mirrored(state)
                 state = np.concatenate([other, state], axis=1)
             state = drift @ state.reshape(shape[0], -1, shape[2] * shape[3])
-        waves = rfft(state.reshape(shape), axis=2)
-        mixed = np.empty_like(waves)
+        waves = rfft(state.reshape(shape))
+        mixed = np.zeros_like(waves)
         _mix(noise, waves, mixed)
-        return irfft(mixed, n=shape[2], axis=2)
+        return irfft(mixed, n=shape[3])
 
 
 def mirrored(state: np.ndarray) -> np.ndarray:
     """The state at −(X, X', Z, η), its layers of Z ascending."""
-    return (state * (-1.0) ** np.arange(state.shape[-1]))[::-1, ::-1, ::-1]
+    signs = (-1.0) ** np.arange(state.shape[2])
+    return (state * signs[:, None].astype(state.dtype))[::-1, ::-1, :, ::-1]
 
 
 def shares(places: np.ndarray, nodes: np.ndarray) -> np.ndarray:
@@ -137,7 +144,7 @@ def shares(places: np.ndarray, nodes: np.ndarray) -> np.ndarray:
     return np.stack(weights)
 
 
-def _drift(device, grid, time):
+def _drift(device, grid, time, precision):
     """Matrices (X, kept Z, all Z) of Z' = λ(X − Z) over this time; None without Z."""
     if len(grid.z) == 1:
         return None
@@ -145,24 +152,22 @@ def _drift(device, grid, time):
     rate = -state_rate(device.transducer, 0.0, 1.0)
     ends = grid.x[:, None] + (grid.z - grid.x[:, None]) * np.exp(-rate * time)
     weights = np.moveaxis(shares(ends, grid.z), 0, 1)
-    return np.ascontiguousarray(weights[:, len(grid.z) - len(grid.kept) :])
+    return np.ascontiguousarray(weights[:, len(grid.z) - len(grid.kept) :], precision)
 
 
 @summing
 def _mix(matrices, waves, mixed):
-    rows, layers, numbers, modes = waves.shape
+    rows, layers, modes, numbers = waves.shape
     for i in range(rows):
         for j in range(layers):
-            for k in range(numbers):
-                for n in range(modes):
-                    total = 0.0j
-                    for m in range(modes):
-                        total += matrices[i, k, n, m] * waves[i, j, k, m]
-                    mixed[i, j, k, n] = total
+            for n in range(modes):
+                for m in range(modes):
+                    for k in range(numbers):
+                        mixed[i, j, n, k] += matrices[i, n, m, k] * waves[i, j, m, k]
 
 
 def _noise(device, grid, share):
-    """Matrices (X, wave numbers k of X', modes, modes) of X'' = η over this share of a step.
+    """Matrices (X, modes, modes, wave numbers k of X') of X'' = η over this share of a step.
 
     In the ladder operators of the Hermite functions the generator is −a†a/τ1 − ikσ(a + a†),
     σ² = D/τ1, and its exponential, with s the time over τ1 and α = −ikστ1(1 − exp(−s)),
@@ -178,7 +183,8 @@ def _noise(device, grid, share):
     raising = _raising(-1j * push * forgotten, grid.modes)
     kept = np.exp(-passed * np.arange(grid.modes))
     spread = np.exp(-(push**2) * (passed - forgotten))
-    return spread[..., None, None] * (raising * kept) @ np.swapaxes(raising, -1, -2)
+    mixing = spread[..., None, None] * (raising * kept) @ np.swapaxes(raising, -1, -2)
+    return np.ascontiguousarray(np.moveaxis(mixing, 1, -1))
 
 
 def _raising(alpha, modes):

@@ -34,6 +34,7 @@ STEP_REFINEMENT = 1.5  # so many times the steps
 STEADY = STEP_REFINEMENT ** (1.0 / 6.0)
 STRONGEST_SHRINKING = 0.4  # ratio by which a region shrinks at most from one attempt to the next
 SAME_REGION_RATIOS = (0.7, 1.25)  # ratios of what describes two regions that are alike
+SAME_MEAN = 0.05  # of the range of X, between their means
 WHITE_MEMORY = 1e-4  # τ1, in steps, below which noise is white
 
 
@@ -84,6 +85,8 @@ class Region(NamedTuple):
         Half widths of the densities of X and of X' about their peaks, or of their steepest side.
     width : float
         Half width of the density of X about its narrowest peak.
+    mean : float
+        Of X, and so of Z.
     well : float or None
         The only well in it; None for all.
     """
@@ -94,6 +97,7 @@ class Region(NamedTuple):
     core: float
     core_speed: float
     width: float
+    mean: float
     well: float | None
 
     @classmethod
@@ -106,8 +110,9 @@ class Region(NamedTuple):
             speed = np.sqrt(timescales.driven_square_velocity(device, frequency))
         if not 0.0 < speed < np.inf:
             raise AveragingError("nothing damps the motion: there is no stationary density")
-        width = speed / frequency
-        return cls.of_speed(device, GIBBS_REACH * speed, (width, speed, width), well)
+        width, wells = speed / frequency, timescales.wells(device)
+        mean = 0.5 * (wells[0] + wells[-1]) if well is None else well
+        return cls.of_speed(device, GIBBS_REACH * speed, (width, speed, width), mean, well)
 
     @classmethod
     def fitted(cls, device: System, solution: Solution) -> Region:
@@ -116,11 +121,13 @@ class Region(NamedTuple):
         x, before = solution.grid.x, solution.region
         # A grid much too wide tells little but that.
         speed = max(_outermost(v, p(v)), STRONGEST_SHRINKING * before.speed)
-        width, core = _widths(x, solution.density.displacement(x))
+        along_x = solution.density.displacement(x)
+        width, core = _widths(x, along_x)
         cores = core, _widths(v, p(v))[1], width
         least = before.core, before.core_speed, before.width
         cores = tuple(np.maximum(cores, STRONGEST_SHRINKING * np.array(least)))
-        region = cls.of_speed(device, speed, cores, before.well)
+        mean = float(x @ along_x / along_x.sum())
+        region = cls.of_speed(device, speed, cores, mean, before.well)
         return region if before.well is None else region._reaching(x, solution.density)
 
     def _reaching(self, x, density):
@@ -150,11 +157,17 @@ class Region(NamedTuple):
             self.core / other.core,
             (self.right - self.left) / (other.right - other.left),
         )
-        return all(low < ratio < high for ratio in ratios)
+        moved = abs(self.mean - other.mean) / (other.right - other.left)
+        return moved < SAME_MEAN and all(low < ratio < high for ratio in ratios)
 
     @classmethod
     def of_speed(
-        cls, device: System, speed: float, cores: tuple[float, float, float], well: float | None
+        cls,
+        device: System,
+        speed: float,
+        cores: tuple[float, float, float],
+        mean: float,
+        well: float | None,
     ) -> Region:
         """The range in X that motion of this greatest speed has."""
         wells = timescales.wells(device)
@@ -170,7 +183,7 @@ class Region(NamedTuple):
             for at, side in zip(places, (-1.0, 1.0), strict=True)
         )
         spare = (REGION_MARGIN - 1.0) * 0.5 * (right - left)
-        return cls(left - spare, right + spare, REGION_MARGIN * speed, *cores, well)
+        return cls(left - spare, right + spare, REGION_MARGIN * speed, *cores, mean, well)
 
     def mirrored(self, device: System) -> bool:
         """Whether half of it tells the other."""
@@ -223,8 +236,10 @@ class Region(NamedTuple):
         if self.well is not None:
             return self.well, half
         wells = timescales.wells(device)
-        apart = 0.5 * (wells[0] - wells[-1])
-        return 0.5 * (wells[0] + wells[-1]), max(REGION_MARGIN * apart, _following(device, half))
+        spare = (REGION_MARGIN - 1.0) * 0.5 * (max(wells) - min(wells))
+        low = min(min(wells) - spare, self.mean - _following(device, self.mean - self.left))
+        high = max(max(wells) + spare, self.mean + _following(device, self.right - self.mean))
+        return 0.5 * (low + high), 0.5 * (high - low)
 
 
 def _nodes(low, high, core, fine, most):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import RectBivariateSpline
+from scipy.interpolate import make_interp_spline
 
 from harvester.averaging.grid_density import GridDensity
 from harvester.averaging.propagator import Propagator, mirrored, shares
@@ -20,13 +20,21 @@ if TYPE_CHECKING:
     from harvester.averaging.region import Level, Region
     from harvester.device.system import System
 
-MOST_WORK = 3e8  # amplitudes moved by a step, on all grids together: about fifteen seconds
-LEAST_PERIODS = 10  # on a grid
+MOST_WORK = 4e8  # amplitudes moved by a step, on all grids together: five to ten seconds
+LEAST_PERIODS = 6  # on a grid
 LARGEST_PUSHES = 2e8  # of the noise's pushes on a grid (bytes)
 LARGEST_LOAD_DECAY = 2.8  # greatest λ dt, times the steps of a period
+# More of them by the share of its stiffness that a device has from its coupling.
+STEPS_OF_STRONG_COUPLING = 3.0
+# Of a contact that lasts less than a sixth of a period; where it is much shorter, the noise moves
+# little in it.
+CONTACTS_OF_A_STEP, MOST_STEPS_FOR_CONTACTS = 1.0 / 6.0, 2.0
 # Rest of a period, in tolerances, as a share of what the load moves in it.
 RESIDUAL_OVER_TOLERANCE = 2e-2
 LEAST_RESIDUAL = 1e-8  # which rounding leaves
+LEAST_SINGLE_SHARE = 1e-6  # of a density, down to which a rest is known in single precision
+# Share of a rest that is left at least, before it is told anew: directions are kept in that too.
+REDUCTION_IN_ONE_GO = 3e-3
 SUFFICIENT_REDUCTION = 0.1  # share of a rest that the coarser grid leaves
 
 
@@ -96,14 +104,19 @@ class Solution:
                 f"takes {grid.push_bytes / 1e9:.2g} GB, more than {LARGEST_PUSHES / 1e9:g} GB: "
                 "simulate"
             )
-        self.propagator = Propagator(device, grid)
         self._coarser = coarser if coarser and coarser.region == region else None
         self._inverse = Inverse(self._change, self._nearly_undone if self._coarser else None)
         # Of what a slow load leaves undone, only so small a share of the density changes at a time.
         slow = device.transducer.decay_rate() or np.inf
+        # And of what rare jumps between wells that are not alike leave undone.
+        if coarser is not None and "share_of_time_in_well_1" in coarser.totals:
+            slow = min(slow, coarser.totals["well_crossing_rate"])
         share = max(
             RESIDUAL_OVER_TOLERANCE * tolerance * min(1.0, slow * period(device)), LEAST_RESIDUAL
         )
+        self.propagator = self._exact = Propagator(device, grid, np.float32)
+        if share < LEAST_SINGLE_SHARE:
+            self._exact = Propagator(device, grid)
         start = _gibbs(device, region, grid) if coarser is None else coarser.on(grid)
         self.state = self._settled(start, share)
         self.before_flow = self.propagator.before_flow(self.state)
@@ -131,11 +144,16 @@ class Solution:
     def _settled(self, start, share):
         """The stationary state, from one that is near it; a period changes so small a share."""
         # What a new grid makes of its start at once is no part of what is sought.
-        start = self._later(start)
-        start /= start[..., 0].sum()
-        self._allowed = share * np.linalg.norm(start)
-        state = start + self._undone(-self._change(start), self._allowed)
-        return state / state[..., 0].sum()
+        state = self._later(start).astype(float)
+        state /= state[:, :, 0].sum()
+        self._allowed = share * np.linalg.norm(state)
+        enough = np.inf
+        while enough > self._allowed:
+            self.work.take(self.cost)
+            rest = self._exact.repeated(state, self.steps) - state
+            enough = max(self._allowed, REDUCTION_IN_ONE_GO * np.linalg.norm(rest))
+            state += self._undone(rest, enough)
+        return state / state[:, :, 0].sum()
 
     def _undone(self, rest, allowed):
         """x of which a period takes off `rest`, of sum 0, but for a norm of `allowed`."""
@@ -157,13 +175,13 @@ class Solution:
         """The same but for what changes from node to node, by the coarser grid's slow states."""
         coarser = self._coarser
         smooth = coarser._later(moved(rest, self.grid, coarser.grid))
-        smooth -= smooth[..., 0].sum() * coarser.state
+        smooth -= smooth[:, :, 0].sum() * coarser.state
         enough = max(SUFFICIENT_REDUCTION * np.linalg.norm(smooth), coarser._allowed)
         found = coarser._undone(smooth, enough)
         return rest + moved(found, coarser.grid, self.grid)
 
     def _totals(self):
-        mass, grid, transducer = self.state[..., 0], self.grid, self.device.transducer
+        mass, grid, transducer = self.state[:, :, 0], self.grid, self.device.transducer
         both = mass.sum(axis=1)
         charge = grid.x[:, None, None] - grid.kept[:, None]
         voltage = transducer.voltage(grid.v, charge)
@@ -185,17 +203,23 @@ class Solution:
         That is known far better than what the contacts take, in times shorter than a step.
         """
         flowed = self.propagator.flowed(self.before_flow)
-        gained = np.sum((self.propagator.pushed(flowed) - flowed)[..., 0] * self.grid.v**2)
+        gained = np.sum((self.propagator.pushed(flowed) - flowed)[:, :, 0] * self.grid.v**2)
         return 0.5 * gained / self.grid.step
 
 
 def _laid(device, region, level):
     """The grid of a level, and its steps in a period."""
     time = period(device)
-    steps = int(
-        np.ceil(level.steps * max(1.0, device.transducer.decay_rate() * time / LARGEST_LOAD_DECAY))
-    )
+    steps = int(np.ceil(level.steps * max(1.0, *_hurry(device, time))))
     return region.grid(device, level, time / steps), steps
+
+
+def _hurry(device, time):
+    """How many times as many steps of a period its load, and its contacts, ask for."""
+    stiffened = getattr(device.transducer, "coupling", 0.0) * (time / (2.0 * np.pi)) ** 2
+    decay = device.transducer.decay_rate() * time * (1.0 + STEPS_OF_STRONG_COUPLING * stiffened)
+    contacts = CONTACTS_OF_A_STEP * time / timescales.contact_time(device)
+    return decay / LARGEST_LOAD_DECAY, min(contacts, MOST_STEPS_FOR_CONTACTS)
 
 
 def moved(state: np.ndarray, old: Grid, new: Grid) -> np.ndarray:
@@ -204,16 +228,19 @@ def moved(state: np.ndarray, old: Grid, new: Grid) -> np.ndarray:
         if old.mirrored:
             state = np.concatenate([mirrored(state), state], axis=1)
         across = shares(np.clip(old.z, new.z[0], new.z[-1]), new.z)
-        state = np.einsum("ij,xjvm->xivm", across[len(new.z) - len(new.kept) :], state)
+        state = np.einsum("ij,xjmv->ximv", across[len(new.z) - len(new.kept) :], state)
+    modes = min(old.modes, new.modes)
+    along_v = state[:, :, :modes] @ _interpolation(old.v, new.v).T
     answer = np.zeros(new.shape)
-    x_inside = (new.x >= old.x[0]) & (new.x <= old.x[-1])
-    inside = x_inside[:, None] & (np.abs(new.v) <= old.v[-1])
-    cells = np.ptp(new.x[:2]) * np.ptp(new.v[:2]) / (np.ptp(old.x[:2]) * np.ptp(old.v[:2]))
-    for z in range(state.shape[1]):
-        for mode in range(min(state.shape[-1], new.modes)):
-            spline = RectBivariateSpline(old.x, old.v, state[:, z, :, mode])
-            answer[:, z, :, mode] = spline(new.x, new.v) * inside * cells
+    answer[:, :, :modes] = np.tensordot(_interpolation(old.x, new.x), along_v, 1)
     return answer
+
+
+def _interpolation(old, new):
+    """Matrix that takes masses at evenly spaced nodes to others, by cubic splines; 0 beyond."""
+    cells = (new[1] - new[0]) / (old[1] - old[0])
+    inside = (new >= old[0]) & (new <= old[-1])
+    return cells * inside[:, None] * make_interp_spline(old, np.eye(old.size))(new)
 
 
 def _gibbs(device, region, grid):
@@ -229,8 +256,8 @@ def _gibbs(device, region, grid):
     if grid.kept.size == 1:
         charges[:] = 1.0
     state = np.zeros(grid.shape)
-    state[..., 0] = charges[:, :, None] * density[:, None, :]
-    return state / state[..., 0].sum()
+    state[:, :, 0] = charges[:, :, None] * density[:, None, :]
+    return state / state[:, :, 0].sum()
 
 
 def period(device: System) -> float:

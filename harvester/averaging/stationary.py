@@ -44,13 +44,13 @@ class Inverse:
             shape = max(1, min(MOST_DIRECTIONS, held)), rest.size
             # Pages of these that are never written are never taken.
             self._directions, self._changes = (np.empty(shape, KEPT) for _ in range(2))
-        left, found = rest.ravel().copy(), np.zeros(rest.size)
+        left, found = rest.ravel().astype(float), np.zeros(rest.size)
         self._take(left, found, slice(0, self._count))
         for _ in range(MOST_SOUGHT):
             size = np.linalg.norm(left)
             if size <= allowed:
                 return found.reshape(rest.shape)
-            if not np.isfinite(size) or not self._extend(left.reshape(rest.shape)):
+            if not np.isfinite(size) or not self._extend(left.astype(KEPT).reshape(rest.shape)):
                 return None
             self._take(left, found, slice(self._count - 1, self._count))
             if np.linalg.norm(left) > POOR_DIRECTION_REST * size:

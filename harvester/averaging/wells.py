@@ -52,7 +52,7 @@ def slowest_decay_rate(device: System, solution: Solution) -> float | None:
     k12 + k21. On a mirrored grid this is an odd state. None where it takes too many steps.
     """
     grid, steps = solution.grid, solution.steps
-    propagator = Propagator(device, grid, odd=True) if grid.mirrored else solution.propagator
+    propagator = Propagator(device, grid, odd=grid.mirrored)
     start = solution.before_flow * grid.x[:, None, None, None]
     operator = LinearOperator(
         (start.size, start.size),
@@ -91,15 +91,15 @@ def rates_of_jumps(device: System, solution: Solution) -> dict[str, float] | Non
     cores = _shares_in_cores(device, grid)
     sides = _well_at(device, grid.x) == np.arange(len(cores))[:, None]
     combinations, odd = _combinations(len(cores), grid.mirrored)
-    other = Propagator(device, grid, odd=True) if any(odd) else solution.propagator
+    even, other = (Propagator(device, grid, odd=each) for each in (False, True))
     held, moved = [], []
     for weights, is_odd in zip(combinations, odd, strict=True):
-        propagator = other if is_odd else solution.propagator
+        propagator = other if is_odd else even
         found = _last_in_cores(propagator, cores, weights, weights @ sides, solution)
         if found is None:
             return None
-        held.append(found[..., 0].sum())
-        moved.append(propagator.step(found)[..., 0].sum(axis=1))
+        held.append(found[:, :, 0].sum())
+        moved.append(propagator.step(found)[:, :, 0].sum(axis=1))
     single = np.linalg.inv(combinations)
     times = single @ held
     counts = np.einsum("wc,cxv,uxv->wu", single, moved, cores)
@@ -156,8 +156,8 @@ def _last_in_cores(propagator, cores, weights, guess, solution):
     from the mass between the saddles beside each core, `guess` along X. None if it was not reached.
     """
     p, steps = solution.before_flow, solution.steps
-    outside = (1.0 - cores.sum(axis=0))[:, None, :, None]
-    source = np.tensordot(weights, cores, 1)[:, None, :, None] * p
+    outside = (1.0 - cores.sum(axis=0))[:, None, None, :]
+    source = np.tensordot(weights, cores, 1)[:, None, None, :] * p
     start = guess[:, None, None, None] * p
 
     def later(state, added):
