@@ -18,6 +18,7 @@ from circuits.kernel.stepping import (
     FINE,
     HELD_SPEED,
     PROPOSED,
+    STRICTNESS,
     TIME,
     ZONE,
     advance,
@@ -26,6 +27,7 @@ from circuits.kernel.tables import Circuit
 from harvester.compilation import numba
 from harvester.device import contact, system, timescales
 from harvester.engines.steps import (
+    STEP_LEVELS,
     STEPS_PER_CONTACT,
     knot_blocks,
     steps_per_contact,
@@ -42,6 +44,8 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
 CHUNK = 4096
+# Refinement beyond which no less error is asked of a step.
+FINEST = STEP_LEVELS["finest"]
 SCHEME = "TR-BDF2"
 
 
@@ -88,9 +92,10 @@ def run_realizations(
     circuit = circuit_of(scene)
     fixed = steps_per_knot(scene, step, "monte-carlo")
     in_contact = steps_per_contact(scene, step, "monte-carlo")
+    refinement = fixed / steps_per_knot(scene, engine="monte-carlo")
     for k, (path, start, watching) in enumerate(zip(paths, starts, observers, strict=True)):
         for record, output in integrate(
-            s, circuit, path, start, stop_time(scene), fixed, in_contact
+            s, circuit, path, start, stop_time(scene), fixed, in_contact, refinement
         ):
             if not all(np.isfinite(column[-1]) for column in record):
                 raise SolutionDiverged(
@@ -118,6 +123,7 @@ def integrate(
     stop: float,
     steps_per_knot: int = 1,
     steps_per_contact: int = STEPS_PER_CONTACT,
+    refinement: float = 1.0,
 ) -> Iterator[tuple[Record, np.ndarray]]:
     """Integrate the device with its load along a noise path.
 
@@ -134,6 +140,10 @@ def integrate(
         Steps between two knots where nothing asks for more.
     steps_per_contact : int
         Fewest steps from the beginning of a contact to its end.
+    refinement : float
+        Of the steps against the default ones. A step's tolerated error goes with its square, down
+        to what Newton's iterations leave: else where the error alone sets the steps a finer grid
+        would change nothing.
 
     Yields
     ------
@@ -149,6 +159,7 @@ def integrate(
     """
     edges = np.array(contact.edges(s.contacts))
     state = _beginning(s, circuit, start)
+    state.numbers[STRICTNESS] = min(max(refinement, 1.0), FINEST) ** 2
     state.numbers[PROPOSED] = stepping.RESTART * path.spacing / steps_per_knot
     record = empty_record(CHUNK)
     output = np.zeros((1 + len(circuit.measurement.watched), CHUNK))

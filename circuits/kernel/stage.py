@@ -31,7 +31,7 @@ SMOOTH_STEP, RELATIVE_STEP = 1e-2, 1e-5
 # Of a displacement and a velocity, for slopes of the force.
 DIFFERENCE = 1e-6
 # Numbers of a state beside its vectors, see `circuits.kernel.stepping`.
-NUMBERS = 11
+NUMBERS = 12
 
 
 class State(NamedTuple):

@@ -30,7 +30,8 @@ DIAGONAL = 1.0 - 0.5 * ROOT
 STAGE = 2.0 - ROOT
 # Of the first stage's change in the second, for either method.
 BACKWARD, ALEXANDER = 0.5 * (1.0 + ROOT), 1.0 + ROOT
-# A step's error against the transducer's energy, both as roots.
+# A step's error against the transducer's energy, both as roots; it and the switches' controls are
+# known the better the finer the grid of steps is chosen (STRICTNESS).
 TOLERANCE = 1e-3
 # A step's error against what it may be up to which the next is no shorter.
 GROWING = 0.9**3
@@ -54,7 +55,7 @@ MEMORY, SMALL_VOLTAGE = 200.0, 1e-3
 # Places among the numbers of a state.
 (
     DISPLACEMENT, HELD_SPEED, ZONE, PHASE, PROPOSED, RATES_KNOWN, LAST_STEP, ENERGY, SWITCHINGS,
-    TIME, MEAN_POWER,
+    TIME, MEAN_POWER, STRICTNESS,
 ) = range(NUMBERS)  # fmt: skip
 FINE, STUCK, CHATTER = range(3)
 
@@ -122,7 +123,7 @@ def advance(
                 numbers[RATES_KNOWN] = UNKNOWN
                 continue
             scale = probes.energy[0] * max(numbers[ENERGY], (SMALL_VOLTAGE * probes.energy[1]) ** 2)
-            ratio = max(np.sqrt(error / scale) / TOLERANCE, missed)
+            ratio = numbers[STRICTNESS] * max(np.sqrt(error / scale) / TOLERANCE, missed)
             if ratio > 1.0 and entered == 0:
                 numbers[PROPOSED] = h * max(0.1, 0.9 / np.cbrt(ratio))
                 h = _length(numbers[PROPOSED], remaining, step)

@@ -8,8 +8,9 @@ from circuits.kernel.tables import Tables
 from harvester.compilation import inlined
 
 # A switch's control is known to this share of its distance from the threshold and its hysteresis.
-# At a tenth, series SSHI missed extremes of the voltage: 7 % of its mean square.
-CONTROL_TOLERANCE = 0.01
+# At a tenth, series SSHI missed extremes of the voltage, 7 % of its mean square; at a hundredth, a
+# ringing behind a diode's breakdown was a fifth too deep.
+CONTROL_TOLERANCE = 0.001
 
 
 @inlined

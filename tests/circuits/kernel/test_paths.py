@@ -136,14 +136,14 @@ def test_energy_is_balanced_by_default(pool, load):
 @pytest.mark.slow
 def test_no_extreme_is_missed_by_default(pool):
     """Series SSHI, whose voltage grows by every inversion; by chance one failure in 16 000."""
-    scene = Scene.load("device", ["load.netlist=sshi_series", "run.realizations=32"])
-    usual, finest = (
+    scene = Scene.load("device", ["load.netlist=sshi_series", "run.realizations=64"])
+    usual, fine = (
         simulate(scene, method="monte-carlo", runner=pool, step=step)["mean_square_voltage"]
-        for step in ("default", "finest")
+        for step in ("default", "fine")
     )
-    error = 4.0 * np.hypot(usual.standard_error, finest.standard_error)
-    assert error < 0.05 * finest.estimate
-    assert usual.estimate == pytest.approx(finest.estimate, abs=error)
+    error = 4.0 * np.hypot(usual.standard_error, fine.standard_error)
+    assert error < 0.05 * fine.estimate
+    assert usual.estimate == pytest.approx(fine.estimate, abs=error)
 
 
 def test_pulses_into_a_full_store_are_counted(pool):

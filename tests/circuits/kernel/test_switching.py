@@ -1,0 +1,96 @@
+"""How well the compiled engine knows a switch's control, against scipy on the equations."""
+
+import functools
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from circuits.kernel.engine import circuit_of, integrate
+from harvester.engines.realization import noise_path, start_state
+from harvester.engines.steps import steps_per_knot
+from harvester.scene.model import Scene
+from harvester.scene.units import scale
+
+# A diode's breakdown behind a coil clamps the piezo, whose voltage then falls by a tenth of a volt
+# while it rings: a switch sees the slope.
+CLAMPED = """* a switch that closes where the slope of a clamped voltage rings far enough below zero
+.subckt clamped p n out ref gain=1
+.model clamp d(is=2.5n n=1.75 bv=100 ibv=10u)
+.model gate sw(vt=0 vh=30 ron=1 roff=1g)
+L1 p a 94m
+R1 a b 740
+R2 p b 300k
+C2 b n 1p ic=97
+D1 n b clamp
+C3 p sense 10p
+R3 sense n 10meg
+E1 control n n sense {gain}
+S1 one out control n gate
+V1 one n 1
+R4 ref n 1
+R5 out ref 1k
+.ends
+"""
+START = {"displacement": -5e-3, "velocity": 0.3, "voltage": 97.0}
+STOP = 4e-3
+
+
+@functools.cache
+def deepest_slope():
+    """The lowest voltage of `sense`, V: of the scene's equations without noise."""
+    swing = 1.75 * 1.380649e-23 * 300.15 / 1.602176634e-19
+    breaking = 2.5e-9 * (1.0 + 10e-6 / 2.5e-9) ** (1.0 / 1.75)
+
+    def rates(_, y):
+        x, v, piezo, coil, clamp, sense = y
+        through = coil + (piezo - clamp) / 300e3
+        rise = (3.69e-4 * v - through - sense / 10e6) / 43e-9
+        let_through = 2.5e-9 + 1e-12 * clamp + breaking * math.exp((clamp - 100.0) / swing)
+        return [
+            v,
+            (63.451 * x - 634509.0 * x**3 - 0.03342 * v - 3.69e-4 * piezo) / 0.022,
+            rise,
+            (piezo - 740.0 * coil - clamp) / 94e-3,
+            (through - let_through) / 1e-12,
+            rise - sense / 1e-4,
+        ]
+
+    start = [START["displacement"], START["velocity"], START["voltage"], 0.0, 97.0, 0.0]
+    path = solve_ivp(
+        rates, (0.0, STOP), start, method="Radau", rtol=1e-9, atol=1e-12, max_step=2e-6
+    )
+    assert path.y[2].max() > 100.3
+    return path.y[5].min()
+
+
+@pytest.mark.parametrize(("step", "known"), [("default", 0.05), ("fine", 0.02), ("finest", 0.005)])
+def test_a_ringing_turns_a_switch_where_it_passes_its_threshold(step, known, tmp_path):
+    """By so little more it closes, by so little less it does not."""
+    netlist = tmp_path / "clamped.lib"
+    netlist.write_text(CLAMPED)
+    for share in (1.0 - known, 1.0 + known):
+        gain = float(-30.0 * share / deepest_slope())
+        scene = Scene.load("device").replace(
+            {
+                "load": {"netlist": str(netlist), "parameters": {"gain": gain}},
+                "start": START,
+                "excitation.intensity": 1e-20,
+                "run.settle": 0,
+                "run.duration": 0.8,
+            }
+        )
+        s, scales = scale(scene)
+        fixed = steps_per_knot(scene, step, "monte-carlo")
+        refinement = fixed / steps_per_knot(scene, engine="monte-carlo")
+        path, start = noise_path(scene, 0), start_state(scene, 0)
+        chunks = [
+            np.array([record.time, volts])
+            for record, (volts, *_) in integrate(
+                s, circuit_of(scene), path, start, STOP, fixed, refinement=refinement
+            )
+        ]
+        time, volts = np.concatenate(chunks, axis=1)
+        closed = volts[time < STOP].max() * scales.voltage > 0.5
+        assert closed == (share > 1.0)
