@@ -29,7 +29,7 @@ STEPS_OF_STRONG_COUPLING = 3.0
 # Of a contact that lasts less than a sixth of a period; where it is much shorter, the noise moves
 # little in it.
 CONTACTS_OF_A_STEP, MOST_STEPS_FOR_CONTACTS = 1.0 / 6.0, 2.0
-# Rest of a period, in tolerances, as a share of what the load moves in it.
+# Rest of a period, in tolerances, as a share of what the slowest part moves in it.
 RESIDUAL_OVER_TOLERANCE = 2e-2
 LEAST_RESIDUAL = 1e-8  # which rounding leaves
 LEAST_SINGLE_SHARE = 1e-6  # of a density, down to which a rest is known in single precision
@@ -106,14 +106,9 @@ class Solution:
             )
         self._coarser = coarser if coarser and coarser.region == region else None
         self._inverse = Inverse(self._change, self._nearly_undone if self._coarser else None)
-        # Of what a slow load leaves undone, only so small a share of the density changes at a time.
-        slow = device.transducer.decay_rate() or np.inf
-        # And of what rare jumps between wells that are not alike leave undone.
-        if coarser is not None and "share_of_time_in_well_1" in coarser.totals:
-            slow = min(slow, coarser.totals["well_crossing_rate"])
-        share = max(
-            RESIDUAL_OVER_TOLERANCE * tolerance * min(1.0, slow * period(device)), LEAST_RESIDUAL
-        )
+        # Of what a slow part leaves undone, only so small a share of the density changes at a time.
+        slow = min(1.0, _slowest_rate(device, coarser) * period(device))
+        share = max(RESIDUAL_OVER_TOLERANCE * tolerance * slow, LEAST_RESIDUAL)
         self.propagator = self._exact = Propagator(device, grid, np.float32)
         if share < LEAST_SINGLE_SHARE:
             self._exact = Propagator(device, grid)
@@ -123,7 +118,7 @@ class Solution:
         self.density = GridDensity.of_state(
             device.transducer, grid, self.state, region.well is not None
         )
-        self.totals = self._totals()
+        self.totals: dict[str, float] = self._totals()
 
     @property
     def unresolved(self) -> bool:
@@ -205,6 +200,14 @@ class Solution:
         flowed = self.propagator.flowed(self.before_flow)
         gained = np.sum((self.propagator.pushed(flowed) - flowed)[:, :, 0] * self.grid.v**2)
         return 0.5 * gained / self.grid.step
+
+
+def _slowest_rate(device, coarser):
+    """At which the load moves Z, or rare jumps the mass between wells that are not alike (1/s)."""
+    rate = device.transducer.decay_rate() or np.inf
+    if coarser is not None and "share_of_time_in_well_1" in coarser.totals:
+        rate = min(rate, coarser.totals["well_crossing_rate"])
+    return rate
 
 
 def _laid(device, region, level):
