@@ -35,6 +35,7 @@ LEAST_RESIDUAL = 1e-8  # which rounding leaves
 LEAST_SINGLE_SHARE = 1e-6  # of a density, down to which a rest is known in single precision
 # Share of a rest that is left at least, before it is told anew: directions are kept in that too.
 REDUCTION_IN_ONE_GO = 3e-3
+NOT_REACHED = "the stationary density was not reached: raise the tolerance, or simulate"
 SUFFICIENT_REDUCTION = 0.1  # share of a rest that the coarser grid leaves
 
 
@@ -142,11 +143,15 @@ class Solution:
         state = self._later(start).astype(float)
         state /= state[:, :, 0].sum()
         self._allowed = share * np.linalg.norm(state)
-        enough = np.inf
+        size = enough = np.inf
         while enough > self._allowed:
             self.work.take(self.cost)
             rest = self._exact.repeated(state, self.steps) - state
-            enough = max(self._allowed, REDUCTION_IN_ONE_GO * np.linalg.norm(rest))
+            before, size = size, np.linalg.norm(rest)
+            # Nodes of Z from which much is shared beyond their range magnify what rounding leaves.
+            if not size < before:
+                raise AveragingError(NOT_REACHED)
+            enough = max(self._allowed, REDUCTION_IN_ONE_GO * size)
             state += self._undone(rest, enough)
         return state / state[:, :, 0].sum()
 
@@ -154,7 +159,7 @@ class Solution:
         """x of which a period takes off `rest`, of sum 0, but for a norm of `allowed`."""
         found = self._inverse(rest, allowed)
         if found is None:
-            raise AveragingError("the stationary density was not reached: simulate")
+            raise AveragingError(NOT_REACHED)
         return found
 
     def _later(self, state):

@@ -336,6 +336,27 @@ def test_wells_are_not_left_as_they_began(force, loss, intensity, monkeypatch):
     assert within(result, "mean_square_displacement", np.trapezoid(weight * x * x, x))
 
 
+def test_nodes_that_magnify_rounding_are_told():
+    """Many nodes of Z and a fast load: near the answer of few nodes, or refused, and no overflow."""
+    changes = {
+        "oscillator.damping": 0.02004,
+        "stoppers": {"gap": 1.17336, "stiffness": 2.61347, "restitution": 0.91450},
+        "piezo.coupling": 0.75840,
+        "load.decay_rate": 0.67053,
+        "excitation.intensity": 0.067168,
+        "excitation.correlation_time": 0.70118,
+        "excitation.knot_spacing": None,
+    }
+    device = scale(Scene.load("paper").replace(changes))[0]
+    few = average(device, tolerance=0.01)
+    try:
+        many = average(device, tolerance=0.002)
+    except AveragingError as refusal:
+        assert "was not reached" in str(refusal)
+    else:
+        assert many.mean_square_voltage == pytest.approx(few.mean_square_voltage, rel=0.01)
+
+
 @pytest.mark.slow
 def test_kramers():
     """Rate out of a well of a damped, weakly shaken device: within 15 % of the formula."""
