@@ -337,7 +337,7 @@ def test_wells_are_not_left_as_they_began(force, loss, intensity, monkeypatch):
 
 
 def test_nodes_that_magnify_rounding_are_told():
-    """Many nodes of Z and a fast load: near the answer of few nodes, or refused, and no overflow."""
+    """Many nodes of Z and a fast load: the answer of few nodes, or refused; no overflow."""
     changes = {
         "oscillator.damping": 0.02004,
         "stoppers": {"gap": 1.17336, "stiffness": 2.61347, "restitution": 0.91450},
@@ -351,10 +351,9 @@ def test_nodes_that_magnify_rounding_are_told():
     few = average(device, tolerance=0.01)
     try:
         many = average(device, tolerance=0.002)
-    except AveragingError as refusal:
-        assert "was not reached" in str(refusal)
-    else:
-        assert many.mean_square_voltage == pytest.approx(few.mean_square_voltage, rel=0.01)
+    except AveragingError:
+        return
+    assert many.mean_square_voltage == pytest.approx(few.mean_square_voltage, rel=0.01)
 
 
 @pytest.mark.slow
