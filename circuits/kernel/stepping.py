@@ -123,6 +123,8 @@ def advance(
                 numbers[RATES_KNOWN] = UNKNOWN
                 continue
             scale = probes.energy[0] * max(numbers[ENERGY], (SMALL_VOLTAGE * probes.energy[1]) ** 2)
+            if h < LOCATED * step:  # No turning is located better; what is left is Newton's rest.
+                missed = 0.0
             ratio = numbers[STRICTNESS] * max(np.sqrt(error / scale) / TOLERANCE, missed)
             if ratio > 1.0 and entered == 0:
                 numbers[PROPOSED] = h * max(0.1, 0.9 / np.cbrt(ratio))

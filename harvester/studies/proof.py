@@ -11,6 +11,7 @@ from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import ndtr, stdtrit
 
 from harvester.errors import HarvesterError
 from harvester.estimates.batch_means import ratio_of_sums
@@ -43,7 +44,7 @@ class Proof:
     difference : float
         (circuit − Monte Carlo)/Monte Carlo of the output power on the same noise; nan without.
     standard_error : float
-        Of the paired difference; nan without.
+        Of the paired difference, wider where few realizations tell it; nan without.
     early_difference, early_standard_error : float
         The same over the first `PERIODS` periods from rest; nan without.
     trouble : str
@@ -167,4 +168,13 @@ def _difference(scene, ours, theirs):
     ratio, error = ratio_of_sums(theirs[:shared], ours[:shared])
     if error is None:
         return ratio - 1.0, math.nan, "too short for an error bar", float(ours.mean())
-    return ratio - 1.0, error, "", float(ours.mean())
+    return ratio - 1.0, _of_few(shared) * error, "", float(ours.mean())
+
+
+def _of_few(realizations):
+    """Factor by which Student's distribution is wider than the normal one, at as rare a chance.
+
+    Batches of a realization may know of each other: only realizations count.
+    """
+    least = max(realizations - 1, 1)
+    return float(stdtrit(least, ndtr(SIGNIFICANT_SIGMAS))) / SIGNIFICANT_SIGMAS
