@@ -158,3 +158,18 @@ def test_pulses_into_a_full_store_are_counted(pool):
     assert abs(usual.energy_balance_residual) < 0.005
     power = finest["mean_power"].estimate
     assert usual["mean_power"].estimate == pytest.approx(power, rel=5e-3)
+
+
+def test_a_control_known_no_better_than_newton_leaves_it_stops_nothing():
+    """SECE into an open circuit, its store full: the one of twenty paths that found no step."""
+    parameters = ["load.parameters.resistance=1e8", "load.parameters.storage=1e-8"]
+    run = ["run.duration=4.2", "run.settle=5", "run.realizations=128"]
+    scene = Scene.load("device", ["load.netlist=sece", *parameters, *run])
+    s, _ = scale(scene)
+    times = [
+        record.time[-1]
+        for record, _ in integrate(
+            s, circuit_of(scene), noise_path(scene, 105), start_state(scene, 105), stop_time(scene)
+        )
+    ]
+    assert times[-1] == pytest.approx(stop_time(scene))

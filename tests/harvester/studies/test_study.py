@@ -87,6 +87,16 @@ def test_loads_are_compared_on_the_same_noise(linear, pool):
     assert all(e.relative_error > 0.02 for e in study.evaluations)
 
 
+@pytest.mark.parametrize("realizations", [4, 8, 64])
+def test_three_standard_errors_of_few_realizations_are_as_rare_as_of_many(realizations):
+    """Of normal differences: 0.27 % of 200 000 sets beyond, within four of its own errors."""
+    random = np.random.default_rng(7).normal(size=(200_000, realizations))
+    error = random.std(axis=1, ddof=1) / math.sqrt(realizations)
+    beyond = abs(random.mean(axis=1)) > 3.0 * proof_module._of_few(realizations) * error
+    chance = 0.0027
+    assert beyond.mean() == pytest.approx(chance, abs=4.0 * math.sqrt(chance / len(random)))
+
+
 def test_the_circuit_is_the_judge(linear, pool):
     """At the highest of three places and at one of the others, on the realizations themselves."""
     sweeps = {RESISTANCE: [0.1, 0.4, 2.0]}
