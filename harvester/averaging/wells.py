@@ -91,10 +91,10 @@ def rates_of_jumps(device: System, solution: Solution) -> dict[str, float] | Non
     cores = _shares_in_cores(device, grid)
     sides = _well_at(device, grid.x) == np.arange(len(cores))[:, None]
     combinations, odd = _combinations(len(cores), grid.mirrored)
-    even, other = (Propagator(device, grid, odd=each) for each in (False, True))
+    propagators = {each: Propagator(device, grid, odd=each) for each in set(odd)}
     held, moved = [], []
     for weights, is_odd in zip(combinations, odd, strict=True):
-        propagator = other if is_odd else even
+        propagator = propagators[is_odd]
         found = _last_in_cores(propagator, cores, weights, weights @ sides, solution)
         if found is None:
             return None
