@@ -123,6 +123,9 @@ def tables_of(b: Builder, velocity: int) -> Tables:
         if place >= 0:
             flags[int(kind == "column"), place] = True
 
+    # Those alike one after another.
+    junctions = sorted(b.junctions, key=lambda each: junction.traits(each[2]))
+
     def places(found, width):
         table = np.array(found, dtype=np.int64).reshape(-1, width)
         return np.where(table < 0, n, table)
@@ -138,8 +141,8 @@ def tables_of(b: Builder, velocity: int) -> Tables:
         sources=np.array([wave[:2] for wave in b.waves], dtype=np.int64).reshape(-1, 2),
         waves=numbers([wave[2:] for wave in b.waves], waveform.COLUMNS),
         corners=numbers(b.corners, 2),
-        junctions=places([each[:2] for each in b.junctions], 2),
-        junction_values=numbers([each[2] for each in b.junctions], junction.COLUMNS),
+        junctions=places([each[:2] for each in junctions], 2),
+        junction_values=numbers([each[2] for each in junctions], junction.COLUMNS),
         switches=places([each[0] for each in b.switches], 6),
         switch_values=numbers([each[1] for each in b.switches], 4),
         tape=np.array(b.tape.rows, dtype=np.int64).reshape(-1, 4),

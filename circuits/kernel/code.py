@@ -21,18 +21,22 @@ has the arguments of `circuits.kernel.emitter`:
 from __future__ import annotations
 
 import functools
+import itertools
 from typing import Any, NamedTuple
 
 from llvmlite import ir
 
 from circuits.kernel import junction
-from circuits.kernel.emitter import Emitter, Number, compile_module
+from circuits.kernel.emitter import Emitter, Number, beside, compile_module
 from circuits.kernel.linear import Order
 from circuits.kernel.memory import Layout, layout_of
 from circuits.kernel.tables import Tables
 
 # The third-order formula on TR-BDF2's rates, less the second-order one.
 ERROR = ((1.0 - 2.0**0.5) / 3.0, 1.0 / 3.0, (2.0**0.5 - 2.0) / 3.0)
+
+# Junctions that stand side by side, at most: as many numbers as a processor takes at once.
+MOST_BESIDE = 8
 
 Matrix = dict[tuple[int, int], Number]
 
@@ -132,17 +136,17 @@ def _factor(e: Emitter, shape: Shape) -> None:
 
 def _predict(e: Emitter, shape: Shape) -> None:
     at = shape.layout
-    for k in range(len(shape.junctions)):
-        v = e.load(at.voltages + k)
-        change = e.numbers[0] * (v - e.load(at.before + k))
-        e.store(at.iterated + k, _ahead(e, shape, k, v, change))
+    for group in _groups(shape):
+        v = e.load(at.voltages + group.first, count=group.width)
+        change = (v - e.load(at.before + group.first, count=group.width)) * e.numbers[0]
+        e.store(at.iterated + group.first, _ahead(e, shape, group, v, change))
     e.give(e.constant(0.0))
 
 
-def _ahead(e, shape, k, v, change):
-    """A junction's voltage further on, but not up the exponential."""
-    swing = e.load(shape.layout.junctions + k * junction.COLUMNS + junction.SWING)
-    return v + change.lesser((-v).greater(0.0) + swing)
+def _ahead(e, shape, group, v, change):
+    """Junctions' voltages further on, but not up the exponential."""
+    place = shape.layout.junctions + junction.SWING * len(shape.junctions) + group.first
+    return v + change.lesser((-v).greater(0.0) + e.load(place, count=group.width))
 
 
 def _begin(e: Emitter, shape: Shape) -> None:
@@ -195,16 +199,18 @@ def _iterate(e: Emitter, shape: Shape) -> None:
     _add(matrix, position(n - 1, n - 1), slope)
     onto(n - 1, push)
     laws = []
-    for k, (a, z) in enumerate(shape.junctions):
-        law = junction.Law(e, at.junctions + k * junction.COLUMNS, shape.traits[k])
-        v = e.load(at.iterated + k)
-        g, flow = law.linear(v, delta, e.load(at.charges + k))
-        begin = _across(e, [e.load(at.y + u) if u in (a, z) else None for u in range(n)], a, z)
+    y = [e.load(at.y + i) for i in range(n)]
+    for group in _groups(shape):
+        law, ends = _law(e, shape, group), group.ends(shape)
+        v = e.load(at.iterated + group.first, count=group.width)
+        g, flow = law.linear(v, delta, e.load(at.charges + group.first, count=group.width))
+        begin = beside([_across(e, y, a, z) for a, z in ends])
         flow = flow + g * (begin - v)
-        _stamp(matrix, position, a, z, g, shape)
-        onto(a, -flow)
-        onto(z, flow)
-        laws.append((law, v, begin))
+        for (a, z), slope_there, current in zip(ends, g.parts(), flow.parts(), strict=True):
+            _stamp(matrix, position, a, z, slope_there, shape)
+            onto(a, -current)
+            onto(z, current)
+        laws.append((group, law, v, begin))
     for k, (to, source) in enumerate(shape.behavioural):
         size = delta * e.load(at.sizes + k)
         onto(to, -size)
@@ -223,11 +229,11 @@ def _iterate(e: Emitter, shape: Shape) -> None:
         if min(where) >= first:
             e.store(at.core + place, matrix[where])
     settled = e.constant(1.0)
-    for k, (a, z) in enumerate(shape.junctions):
-        law, old, across = laws[k]
-        change = [right[column_position[u]] if u in (a, z) else None for u in range(n)]
-        chosen, near = law.moved(old, across + _across(e, change, a, z))
-        e.store(at.iterated + k, chosen)
+    change = [right[column_position[u]] for u in range(n)]
+    for group, law, old, begin in laws:
+        across = begin + beside([_across(e, change, a, z) for a, z in group.ends(shape)])
+        chosen, near = law.moved(old, across)
+        e.store(at.iterated + group.first, chosen)
         settled = settled * e.truth(near)
     e.give(settled)
 
@@ -242,15 +248,16 @@ def _finish(e: Emitter, shape: Shape) -> None:
     stored = [e.constant(0.0)] * n
     for k, (row, column) in enumerate(shape.entries):
         stored[row] = stored[row] + e.load(at.capacity + k) * change[column]
-    for k, (a, z) in enumerate(shape.junctions):
-        if shape.traits[k].charge:
-            law = junction.Law(e, at.junctions + k * junction.COLUMNS, shape.traits[k])
-            charge = law.charge(e.load(at.iterated + k))
-            e.store(at.new_charges + k, charge)
-            _through(stored, a, z, e.load(at.charges + k) - charge)
-        v = e.load(at.iterated + k)
-        change_ahead = e.numbers[0] * (v - e.load(at.voltages + k))
-        e.store(at.iterated + k, _ahead(e, shape, k, v, change_ahead))
+    for group in _groups(shape):
+        v = e.load(at.iterated + group.first, count=group.width)
+        if group.traits.charge:
+            charge = _law(e, shape, group).charge(v)
+            e.store(at.new_charges + group.first, charge)
+            lost = e.load(at.charges + group.first, count=group.width) - charge
+            for (a, z), each in zip(group.ends(shape), lost.parts(), strict=True):
+                _through(stored, a, z, each)
+        moved = (v - e.load(at.voltages + group.first, count=group.width)) * e.numbers[0]
+        e.store(at.iterated + group.first, _ahead(e, shape, group, v, moved))
     for i in range(n):
         e.store(at.change + i, change[i])
         e.store(at.stored + i, stored[i])
@@ -274,7 +281,7 @@ def _accept(e: Emitter, shape: Shape) -> None:
     for i in range(len(shape.rows)):
         y = e.load(at.y + i) + e.load(at.change + i)
         e.store(at.y + i, y)
-        e.store(at.largest + i, e.load(at.largest + i).greater(y.function("fabs")))
+        e.store(at.largest + i, e.load(at.largest + i).greater(y.size()))
         e.store(at.rates + i, e.load(at.new_rates + i))
     for k in range(len(shape.junctions)):
         e.store(at.before + k, e.load(at.voltages + k))
@@ -298,8 +305,35 @@ def _error(e: Emitter, shape: Shape) -> None:
         filtered = values[shape.columns.index(i)]
         e.store(at.filtered + i, filtered)
         if i < n - 1:
-            total = total + (error[i] * filtered).function("fabs")
+            total = total + (error[i] * filtered).size()
     e.give(total)
+
+
+class _Group(NamedTuple):
+    """Junctions of the same traits, one after another."""
+
+    first: int
+    width: int
+    traits: junction.Traits
+
+    def ends(self, shape):
+        return shape.junctions[self.first : self.first + self.width]
+
+
+def _groups(shape):
+    """Junctions that stand side by side."""
+    first = 0
+    for traits, alike in itertools.groupby(shape.traits):
+        left = len(list(alike))
+        while left > 0:
+            group = _Group(first, min(left, MOST_BESIDE), traits)
+            yield group
+            first, left = first + group.width, left - group.width
+
+
+def _law(e, shape, group):
+    place = shape.layout.junctions + group.first
+    return junction.Law(e, place, len(shape.junctions), group.width, group.traits)
 
 
 def _positions(shape):

@@ -1,12 +1,14 @@
 """Numbers of machine code yet to be made: written with Python's operators, compiled by LLVM.
 
 A function of a circuit takes the circuit's memory (`circuits.kernel.memory`), a place in it and
-three numbers, and gives a number. It is straight-line code but for `choose`.
+three numbers, and gives a number. It is straight-line code but for `choose`. A number may stand for
+several side by side, on which the processor works at once.
 """
 
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -15,21 +17,38 @@ from llvmlite import ir
 
 from harvester.compilation import intrinsic, types
 
-DOUBLE, INTEGER = ir.DoubleType(), ir.IntType(64)
+DOUBLE, INTEGER, INDEX = ir.DoubleType(), ir.IntType(64), ir.IntType(32)
 TYPE = ir.FunctionType(DOUBLE, [DOUBLE.as_pointer(), INTEGER, DOUBLE, DOUBLE, DOUBLE])
 
 
+# On top of it a number is rounded to a whole one, which its last bits then tell.
+ROUNDING = 1.5 * 2.0**52
+# ln 2, the first part with few enough digits that a multiple of it is exact.
+LN_2 = (6.93147180369123816490e-01, 1.90821492927058770002e-10)
+# Of the exponential within ln 2/2 of 0; what is left out is 6e-15 of it.
+SERIES = [1.0 / math.factorial(k) for k in range(12)]
+
+
 class Number:
-    """A double that the code computes when it runs."""
+    """A double that the code computes when it runs, or several side by side."""
 
     def __init__(self, builder: Any, value: Any) -> None:
         self.builder, self.value = builder, value
+
+    @property
+    def count(self) -> int:
+        """How many there are side by side; 0 for one that stands alone."""
+        return getattr(self.value.type, "count", 0)
 
     def _with(self, operation, other):
         return Number(self.builder, operation(self.value, self._of(other), flags=("contract",)))
 
     def _of(self, other):
-        return other.value if isinstance(other, Number) else ir.Constant(DOUBLE, float(other))
+        if not isinstance(other, Number):
+            return _constant(other, self.count)
+        if self.count and not other.count:
+            return beside([other] * self.count).value
+        return other.value
 
     def __add__(self, other: Number | float) -> Number:
         return self._with(self.builder.fadd, other)
@@ -44,7 +63,7 @@ class Number:
         return self._with(self.builder.fdiv, other)
 
     def __rtruediv__(self, other: float) -> Number:
-        return Number(self.builder, ir.Constant(DOUBLE, other)) / self
+        return Number(self.builder, _constant(other, self.count)) / self
 
     def __neg__(self) -> Number:
         return Number(self.builder, self.builder.fneg(self.value, flags=("contract",)))
@@ -58,6 +77,10 @@ class Number:
     def __le__(self, other: Number | float) -> Any:
         return self.builder.fcmp_ordered("<=", self.value, self._of(other))
 
+    def where(self, condition: Any, other: Number) -> Number:
+        """These numbers where a condition holds, others elsewhere."""
+        return Number(self.builder, self.builder.select(condition, self.value, other.value))
+
     def greater(self, other: Number | float) -> Number:
         """The greater of two."""
         return Number(self.builder, self.builder.select(self > other, self.value, self._of(other)))
@@ -66,14 +89,61 @@ class Number:
         """The lesser of two."""
         return Number(self.builder, self.builder.select(self < other, self.value, self._of(other)))
 
+    def size(self) -> Number:
+        """What it is without its sign."""
+        return self.greater(-self)
+
+    def parts(self) -> list[Number]:
+        """Those that stand side by side, one by one."""
+        return [
+            Number(self.builder, self.builder.extract_element(self.value, ir.Constant(INDEX, k)))
+            for k in range(self.count)
+        ]
+
     def function(self, name: str, *others: Number) -> Number:
-        """One of LLVM's: exp, log, pow, fabs."""
+        """One of LLVM's: log, pow."""
+        if self.count:
+            columns = zip(self.parts(), *(other.parts() for other in others), strict=True)
+            return beside([one.function(name, *rest) for one, *rest in columns])
         module = self.builder.module
         called = module.declare_intrinsic(f"llvm.{name}", [DOUBLE])
         if others:
             called.ftype.args = (DOUBLE,) * (1 + len(others))
         values = [self.value, *(other.value for other in others)]
         return Number(self.builder, self.builder.call(called, values))
+
+    def exponential(self) -> Number:
+        """The exponential of a number between −700 and 700: 2 to a whole number times a series."""
+        shifted = self * (1.0 / math.log(2.0)) + ROUNDING
+        whole = shifted - ROUNDING
+        power, terms = self - whole * LN_2[0] - whole * LN_2[1], [*map(self._like, SERIES)]
+        while len(terms) > 1:
+            pairs = zip(terms[::2], terms[1::2], strict=False)
+            terms = [low + high * power for low, high in pairs] + terms[len(terms) & ~1 :]
+            power = power * power
+        bits = ir.VectorType(INTEGER, self.count) if self.count else INTEGER
+        digits = self.builder.bitcast(shifted.value, bits)
+        exponent = self.builder.shl(digits, _constant(52, self.count, INTEGER))
+        total = self.builder.add(self.builder.bitcast(terms[0].value, bits), exponent)
+        return Number(self.builder, self.builder.bitcast(total, self.value.type))
+
+    def _like(self, value):
+        return Number(self.builder, _constant(value, self.count))
+
+
+def _constant(value, count, kind=DOUBLE):
+    if not count:
+        return ir.Constant(kind, value)
+    return ir.Constant(ir.VectorType(kind, count), [value] * count)
+
+
+def beside(numbers: Sequence[Number]) -> Number:
+    """Numbers put side by side."""
+    builder = numbers[0].builder
+    value = ir.Constant(ir.VectorType(DOUBLE, len(numbers)), ir.Undefined)
+    for k, number in enumerate(numbers):
+        value = builder.insert_element(value, number.value, ir.Constant(INDEX, k))
+    return Number(builder, value)
 
 
 class Emitter:
@@ -87,27 +157,41 @@ class Emitter:
         self.builder = ir.IRBuilder(self._function.append_basic_block())
         self.numbers = [Number(self.builder, each) for each in numbers]
 
-    def constant(self, value: float) -> Number:
-        """A number known now."""
-        return Number(self.builder, ir.Constant(DOUBLE, value))
+    def constant(self, value: float, count: int = 0) -> Number:
+        """A number known now, or as many of it side by side."""
+        return Number(self.builder, _constant(value, count))
 
-    def load(self, place: int, in_slot: bool = False) -> Number:
-        """A number of the memory, counted from its beginning or from the slot's."""
-        return Number(self.builder, self.builder.load(self._pointer(place, in_slot)))
+    def load(self, place: int, in_slot: bool = False, count: int = 0) -> Number:
+        """A number of the memory, counted from its beginning or from the slot's, or several."""
+        return Number(
+            self.builder, self.builder.load(self._pointer(place, in_slot, count), align=8)
+        )
 
     def store(self, place: int, number: Number, in_slot: bool = False) -> None:
-        """Write a number into the memory."""
-        self.builder.store(number.value, self._pointer(place, in_slot))
+        """Write a number, or several, into the memory."""
+        self.builder.store(number.value, self._pointer(place, in_slot, number.count), align=8)
 
-    def _pointer(self, place, in_slot):
+    def _pointer(self, place, in_slot, count):
         index = ir.Constant(INTEGER, place)
         if in_slot:
             index = self.builder.add(self._slot, index)
-        return self.builder.gep(self._memory, [index])
+        pointer = self.builder.gep(self._memory, [index])
+        kind = ir.VectorType(DOUBLE, count).as_pointer()
+        return self.builder.bitcast(pointer, kind) if count else pointer
 
     def both(self, one: Any, other: Any) -> Any:
         """Whether two conditions hold."""
         return self.builder.and_(one, other)
+
+    def any(self, conditions: Any) -> Any:
+        """Whether one of the conditions side by side holds."""
+        kind = ir.IntType(conditions.type.count)
+        bits = self.builder.bitcast(conditions, kind)
+        return self.builder.icmp_unsigned("!=", bits, ir.Constant(kind, 0))
+
+    def all(self, conditions: Any) -> Any:
+        """Whether all conditions side by side hold."""
+        return self.builder.not_(self.any(self.builder.not_(conditions)))
 
     def choose(
         self,
@@ -124,7 +208,7 @@ class Emitter:
                     ends.append((numbers, self.builder.block))
         chosen = []
         for pair in zip(*(numbers for numbers, _ in ends), strict=True):
-            phi = self.builder.phi(DOUBLE)
+            phi = self.builder.phi(pair[0].value.type)
             for number, (_, block) in zip(pair, ends, strict=True):
                 phi.add_incoming(number.value, block)
             chosen.append(Number(self.builder, phi))

@@ -8,7 +8,7 @@ exponential goes on as its tangent, so that Newton's iterations stay among finit
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -92,22 +92,28 @@ def table_row(model: dict[str, float], area: float) -> np.ndarray:
 
 
 class Law:
-    """One junction's law, written into a function's code.
+    """The law of junctions with the same traits, side by side, written into a function's code.
 
     Parameters
     ----------
     e : Emitter
         Of the function.
-    place : int
-        Of the junction's numbers in the memory.
+    place, stride : int
+        Of the first one's numbers in the memory, and from there to its next column.
+    count : int
+        How many there are.
     has : Traits
     """
 
-    def __init__(self, e: Emitter, place: int, has: Traits) -> None:
-        self._e, self._place, self._has = e, place, has
+    def __init__(self, e: Emitter, place: int, stride: int, count: int, has: Traits) -> None:
+        self._e, self._place, self._stride, self._count = e, place, stride, count
+        self._has = has
 
     def _value(self, column: int) -> Number:
-        return self._e.load(self._place + column)
+        return self._e.load(self._place + column * self._stride, count=self._count)
+
+    def _constant(self, value: float) -> Number:
+        return self._e.constant(value, self._count)
 
     def _current(self, v: Number) -> tuple[Number, Number]:
         """Current (A) and its slope (S) at a junction voltage."""
@@ -115,14 +121,15 @@ class Law:
 
         def conducting():
             excess = (v - self._value(HIGHEST)).greater(0.0)
-            rise = saturation * ((v - excess) * per_swing).function("exp")
+            rise = saturation * ((v - excess) * per_swing).greater(BLOCKED).exponential()
             slope = rise * per_swing
             return rise - saturation + slope * excess, slope
 
         def blocked():
-            return -saturation, self._e.constant(0.0)
+            return -saturation, self._constant(0.0)
 
-        through, slope = self._e.choose(v * per_swing > BLOCKED, conducting, blocked)
+        live = self._e.any(v * per_swing > BLOCKED)
+        through, slope = self._e.choose(live, conducting, blocked)
         if self._has.breakdown:
             lost, steeper = self._breakdown(v)
             through, slope = through - lost, slope + steeper
@@ -133,19 +140,22 @@ class Law:
 
         def breaking():
             excess = (beyond - self._value(LOWEST)).greater(0.0)
-            rise = self._value(BREAKDOWN_CURRENT) * ((beyond - excess) * per_swing).function("exp")
+            swings = ((beyond - excess) * per_swing).greater(BLOCKED)
+            rise = self._value(BREAKDOWN_CURRENT) * swings.exponential()
             return rise + rise * per_swing * excess, rise * per_swing
 
-        nothing = self._e.constant(0.0)
-        return self._e.choose(beyond * per_swing > BLOCKED, breaking, lambda: (nothing, nothing))
+        nothing = self._constant(0.0)
+        live = self._e.any(beyond * per_swing > BLOCKED)
+        return self._e.choose(live, breaking, lambda: (nothing, nothing))
 
     def linear(self, v: Number, delta: Number, charge: Number) -> tuple[Number, Number]:
         """Slope and value, at the iterated voltage, of δ i and the change of charge."""
         self._through, self._slope = self._current(v)
-        self._share = self._e.constant(1.0)
+        self._share = self._constant(1.0)
         if self._has.resistance:
             self._share = 1.0 / (self._slope * self._value(RESISTANCE) + 1.0)
-        g, i = delta * self._slope * self._share, delta * self._through * self._share
+        share = self._share * delta
+        g, i = self._slope * share, self._through * share
         if self._has.charge:
             stored, capacitance = self._stored(v, self._through, self._slope)
             g, i = g + capacitance, i + (stored - charge)
@@ -157,7 +167,7 @@ class Law:
 
     def _stored(self, v, through, slope):
         """Charge (C) and capacitance (F) at a voltage with this current and slope."""
-        stored, capacitance = self._e.constant(0.0), self._e.constant(0.0)
+        stored, capacitance = self._constant(0.0), self._constant(0.0)
         if self._has.transit:
             stored = self._value(TRANSIT) * through
             capacitance = self._value(TRANSIT) * slope
@@ -173,10 +183,10 @@ class Law:
             capacitance = capacitance + here + bend * beyond
         return stored, capacitance
 
-    def moved(self, old: Number, across: Number) -> tuple[Number, object]:
-        """The voltage to go on from when `across` stands over junction and resistance.
+    def moved(self, old: Number, across: Number) -> tuple[Number, Any]:
+        """The voltages to go on from when `across` stands over junction and resistance.
 
-        After `linear`; also whether it moved by little. Where Newton's step leads up the
+        After `linear`; also whether all moved by little. Where Newton's step leads up the
         exponential, the current that it predicts tells the voltage: one iteration then goes as far
         as many.
         """
@@ -184,29 +194,39 @@ class Law:
         new = across
         if self._has.resistance:
             new = across - self._value(RESISTANCE) * predicted
+        chosen = self._up(old, new, predicted)
+        if self._has.breakdown:
+            chosen = self._into_breakdown(old, chosen, predicted)
         swing = self._value(SWING)
-
-        def up():
-            def by_voltage():
-                return [new.lesser(old.greater(0.0) + swing)]
-
-            def by_current():
-                v = swing * (predicted / self._value(SATURATION) + 1.0).function("log")
-                return [v.greater(old).lesser(new)]
-
-            return self._e.choose(predicted <= 0.0, by_voltage, by_current)
-
-        def down():
-            return [self._into_breakdown(old, new, predicted) if self._has.breakdown else new]
-
-        (chosen,) = self._e.choose(new - old > swing, up, down)
         free = swing * JUNCTION_STEP * self._flatness(old, chosen)
         if self._has.depletion:
             free = free.lesser((swing + (-chosen).greater(0.0)) * JUNCTION_STEP)
-        near = self._e.both(
-            (chosen - old).function("fabs") <= free, (chosen - new).function("fabs") <= free
-        )
-        return chosen, near
+        # Not a number is not near.
+        near = self._e.both((chosen - old).size() <= free, (chosen - new).size() <= free)
+        return chosen, self._e.all(near)
+
+    def _up(self, old, new, predicted):
+        swing = self._value(SWING)
+        up = new - old > swing
+
+        def limited():
+            by_voltage = new.lesser(old.greater(0.0) + swing)
+            current = (predicted / self._value(SATURATION) + 1.0).greater(1.0)
+            by_current = (swing * current.function("log")).greater(old).lesser(new)
+            return [by_current.where(predicted > 0.0, by_voltage).where(up, new)]
+
+        return self._e.choose(self._e.any(up), limited, lambda: [new])[0]
+
+    def _into_breakdown(self, old, new, predicted):
+        breakdown = self._value(BREAKDOWN)
+        into = self._e.both(-new > breakdown, new < old)
+
+        def limited():
+            size = (-predicted / self._value(BREAKDOWN_CURRENT)).greater(1.0)
+            v = -breakdown - self._value(BREAKDOWN_SWING) * size.function("log")
+            return [v.greater(new).where(into, new)]
+
+        return self._e.choose(self._e.any(into), limited, lambda: [new])[0]
 
     def _flatness(self, old, new):
         """A bound of exp(depth/2), with the swings by which both voltages lie within the flat.
@@ -219,14 +239,3 @@ class Law:
             depth = depth.lesser(above * self._value(PER_BREAKDOWN_SWING))
         depth = depth.greater(0.0)
         return (depth * (depth * (depth * (1.0 / 48.0) + 0.125) + 0.5)) + 1.0
-
-    def _into_breakdown(self, old, new, predicted):
-        breakdown = self._value(BREAKDOWN)
-
-        def limited():
-            size = (-predicted / self._value(BREAKDOWN_CURRENT)).greater(1.0)
-            v = -breakdown - self._value(BREAKDOWN_SWING) * size.function("log")
-            return [v.greater(new)]
-
-        into = self._e.both(-new > breakdown, new < old)
-        return self._e.choose(into, limited, lambda: [new])[0]

@@ -33,7 +33,7 @@ class Layout(NamedTuple):
     charges, new_charges : m, at the step's beginning and in the stage.
     capacity, conductance : of the tables' entries.
     switches : conductance of each as it is.
-    junctions : m rows of `junction.COLUMNS`.
+    junctions : `junction.COLUMNS` rows of m.
     slopes, sizes : of behavioural sources, by input and by source.
     slots : `SLOTS` times the factors of the linear unknowns and the core without junctions.
     end : the size.
@@ -87,7 +87,7 @@ def fresh_memory(tables: Tables, layout: Layout) -> np.ndarray:
         (layout.steady, tables.steady),
         (layout.capacity, tables.capacity),
         (layout.conductance, tables.conductance),
-        (layout.junctions, tables.junction_values.ravel()),
+        (layout.junctions, tables.junction_values.T.ravel()),
     ):
         memory[place : place + numbers.size] = numbers
     return memory
