@@ -283,10 +283,12 @@ def _accept(e: Emitter, shape: Shape) -> None:
         e.store(at.y + i, y)
         e.store(at.largest + i, e.load(at.largest + i).greater(y.size()))
         e.store(at.rates + i, e.load(at.new_rates + i))
-    for k in range(len(shape.junctions)):
-        e.store(at.before + k, e.load(at.voltages + k))
-        e.store(at.voltages + k, e.load(at.iterated + k))
-        e.store(at.charges + k, e.load(at.new_charges + k))
+    for group in _groups(shape):
+        for old, new in ((at.before, at.voltages), (at.voltages, at.iterated)):
+            e.store(old + group.first, e.load(new + group.first, count=group.width))
+        if group.traits.charge:
+            charges = e.load(at.new_charges + group.first, count=group.width)
+            e.store(at.charges + group.first, charges)
     e.give(e.constant(0.0))
 
 

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from harvester.excitation.ornstein_uhlenbeck import NoisePath
     from harvester.scene.model import Scene
 
-CHUNK = 4096
+CHUNK = 16384
 # Refinement beyond which no less error is asked of a step.
 FINEST = STEP_LEVELS["finest"]
 SCHEME = "TR-BDF2"
@@ -159,7 +159,7 @@ def integrate(
     """
     edges = np.array(contact.edges(s.contacts))
     state = _beginning(s, circuit, start)
-    state.numbers[STRICTNESS] = min(max(refinement, 1.0), FINEST) ** 2
+    state.numbers[STRICTNESS] = min(max(refinement, 1.0), FINEST) ** 4
     state.numbers[PROPOSED] = stepping.RESTART * path.spacing / steps_per_knot
     record = empty_record(CHUNK)
     output = np.zeros((1 + len(circuit.measurement.watched), CHUNK))

@@ -233,8 +233,9 @@ def solve_stage(
     v = state.latest[last]
     pull = force(s, touching, low, high, held, x_base + delta * v, v)
     nearby = DIFFERENCE * state.largest[last]
+    per_nearby = delta * row_unit / nearby
     slope = force(s, touching, low, high, held, x_base + delta * (v + nearby), v + nearby)
-    slope = delta * row_unit * (slope - pull) / nearby
+    slope = (slope - pull) * per_nearby
     behavioural = tables.behavioural.shape[0] > 0
     settled = False
     for _ in range(MOST_ITERATIONS):

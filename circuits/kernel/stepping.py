@@ -33,13 +33,17 @@ BACKWARD, ALEXANDER = 0.5 * (1.0 + ROOT), 1.0 + ROOT
 # A step's error against the transducer's energy, both as roots; it and the switches' controls are
 # known the better the finer the grid of steps is chosen (STRICTNESS).
 TOLERANCE = 1e-3
-# A step's error against what it may be up to which the next is no shorter.
-GROWING = 0.9**3
+# Share of the length that the error would allow; the square of a step's error against what it may
+# be up to which the next is no shorter.
+CAUTION = 0.9
+GROWING = CAUTION**6
 # Weights of power at the step's beginning and its stages in its mean, for either method.
 POWER_WEIGHTS = ((0.25 * ROOT, 0.25 * ROOT, DIAGONAL), (0.0, 1.0 - DIAGONAL, DIAGONAL))
 # Of the power at both ends, a difference of their mean from the step's that asks for a point more:
 # at five times this, two tenths of a percent of SECE's energy was missing.
 POWER_DIFFERENCE = 0.002
+# Of the transducer's energy, what a step's mean power may miss without one.
+LEAST_ENERGY = 1e-5
 # What is known of the rates of change at a step's beginning: all, nothing, that a switch turned.
 KNOWN, UNKNOWN, TURNED = 1.0, 0.0, -1.0
 # After a switch, the first step against the usual one; the shortest; how well its time is known.
@@ -125,9 +129,9 @@ def advance(
             scale = probes.energy[0] * max(numbers[ENERGY], (SMALL_VOLTAGE * probes.energy[1]) ** 2)
             if h < LOCATED * step:  # No turning is located better; what is left is Newton's rest.
                 missed = 0.0
-            ratio = numbers[STRICTNESS] * max(np.sqrt(error / scale) / TOLERANCE, missed)
+            ratio = numbers[STRICTNESS] * max(error / scale / TOLERANCE**2, missed * missed)
             if ratio > 1.0 and entered == 0:
-                numbers[PROPOSED] = h * max(0.1, 0.9 / np.cbrt(ratio))
+                numbers[PROPOSED] = h * max(0.1, _growth(ratio))
                 h = _length(numbers[PROPOSED], remaining, step)
                 continue
             v1 = y[n - 1] + state.change[n - 1]
@@ -173,9 +177,9 @@ def advance(
         numbers[TIME] = time
         last = _load_power(probes, state)
         mean = numbers[MEAN_POWER] - (_stored(s, probes, state) - stored) / h
-        if points > 0 and abs(2.0 * mean - power - last) > POWER_DIFFERENCE * (
-            abs(power) + abs(last)
-        ):
+        missing = abs(2.0 * mean - power - last)
+        counts = missing * h > LEAST_ENERGY * probes.units[3] * scale
+        if points > 0 and counts and missing > POWER_DIFFERENCE * (abs(power) + abs(last)):
             # A current that jumped at the step's beginning: the point before it once more, with
             # the power that makes the mean of both ends the step's.
             _again(record, output, points, 2.0 * mean - last)
@@ -183,6 +187,12 @@ def advance(
         _write(s, probes, state, record, output, points, time, noise, left, right)
         points += 1
     return segment, points, FINE, 0
+
+
+@inlined
+def _growth(ratio):
+    """By how much the next step may be longer, from the square of this one's error."""
+    return CAUTION / np.cbrt(np.sqrt(ratio))
 
 
 @compiled
@@ -315,7 +325,7 @@ def _accept(probes, state, h, x1, ratio, step):
     numbers[LAST_STEP] = h
     numbers[RATES_KNOWN] = KNOWN
     if ratio > GROWING or numbers[PROPOSED] < step:
-        growth = min(0.9 / np.cbrt(ratio), 4.0)
+        growth = min(_growth(ratio), 4.0)
         if growth >= 1.0:
             numbers[PROPOSED] = min(max(h * growth, numbers[PROPOSED]), step)
         else:
