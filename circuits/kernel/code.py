@@ -27,7 +27,8 @@ from typing import Any, NamedTuple
 from llvmlite import ir
 
 from circuits.kernel import junction
-from circuits.kernel.emitter import Emitter, Number, beside, compile_module
+from circuits.kernel.elimination import Matrix, add, backward, eliminate, forward
+from circuits.kernel.emitter import Emitter, beside, compile_module
 from circuits.kernel.linear import Order
 from circuits.kernel.memory import Layout, layout_of
 from circuits.kernel.tables import Tables
@@ -37,8 +38,6 @@ ERROR = ((1.0 - 2.0**0.5) / 3.0, 1.0 / 3.0, (2.0**0.5 - 2.0) / 3.0)
 
 # Junctions that stand side by side, at most: as many numbers as a processor takes at once.
 MOST_BESIDE = 8
-
-Matrix = dict[tuple[int, int], Number]
 
 
 class Shape(NamedTuple):
@@ -124,10 +123,10 @@ def _factor(e: Emitter, shape: Shape) -> None:
     position = _positions(shape)
     for k, (row, column) in enumerate(shape.entries):
         change = e.load(at.capacity + k) + delta * e.load(at.conductance + k)
-        _add(matrix, position(row, column), change)
+        add(matrix, position(row, column), change)
     for k, (plus, minus) in enumerate(shape.switches):
         _stamp(matrix, position, plus, minus, delta * e.load(at.switches + k), shape)
-    _eliminate(matrix, 0, shape.linear)
+    eliminate(matrix, 0, shape.linear)
     for where, place in shape.places:
         if where in matrix:
             e.store(place, matrix[where], in_slot=True)
@@ -177,59 +176,31 @@ def _begin_with(e, shape, known):
         across = _across(e, y, plus, minus)
         _through(right, plus, minus, delta * e.load(at.switches + k) * across)
     ordered = [right[row] for row in shape.rows]
-    _forward(_loaded(e, shape), ordered, 0, shape.linear)
+    forward(_loaded(e, shape), ordered, 0, shape.linear)
     for i, value in enumerate(ordered):
         e.store(at.ordered + i, value)
     e.give(e.constant(0.0))
 
 
 def _iterate(e: Emitter, shape: Shape) -> None:
-    delta, push, slope = e.numbers
+    _, push, slope = e.numbers
     at, n, first = shape.layout, len(shape.rows), shape.linear
-    position = _positions(shape)
-    row_position = {row: i for i, row in enumerate(shape.rows)}
-    column_position = {column: i for i, column in enumerate(shape.columns)}
     matrix = {key: v for key, v in _loaded(e, shape).items() if min(key) >= first}
     right = [e.load(at.ordered + i) if i >= first else e.constant(0.0) for i in range(n)]
-
-    def onto(row, value):
-        if row < n:
-            right[row_position[row]] = right[row_position[row]] + value
-
-    _add(matrix, position(n - 1, n - 1), slope)
-    onto(n - 1, push)
-    laws = []
-    y = [e.load(at.y + i) for i in range(n)]
-    for group in _groups(shape):
-        law, ends = _law(e, shape, group), group.ends(shape)
-        v = e.load(at.iterated + group.first, count=group.width)
-        g, flow = law.linear(v, delta, e.load(at.charges + group.first, count=group.width))
-        begin = beside([_across(e, y, a, z) for a, z in ends])
-        flow = flow + g * (begin - v)
-        for (a, z), slope_there, current in zip(ends, g.parts(), flow.parts(), strict=True):
-            _stamp(matrix, position, a, z, slope_there, shape)
-            onto(a, -current)
-            onto(z, current)
-        laws.append((group, law, v, begin))
-    for k, (to, source) in enumerate(shape.behavioural):
-        size = delta * e.load(at.sizes + k)
-        onto(to, -size)
-        onto(source, size)
-    for k, (number, unknown) in enumerate(shape.inputs):
-        size = delta * e.load(at.slopes + k)
-        for row, slope in zip(shape.behavioural[number], (size, -size), strict=True):
-            if row < n:
-                _add(matrix, position(row, unknown), slope)
-    _eliminate(matrix, first, n)
-    _forward(matrix, right, first, n)
-    _backward(matrix, right, first, n)
+    _onto(shape, right, n - 1, push)
+    add(matrix, _positions(shape)(n - 1, n - 1), slope)
+    laws = _add_junctions(e, shape, matrix, right)
+    _add_behavioural(e, shape, matrix, right)
+    eliminate(matrix, first, n)
+    forward(matrix, right, first, n)
+    backward(matrix, right, first, n)
     for i in range(first, n):
         e.store(at.solution + i - first, right[i])
     for where, place in shape.places:
         if min(where) >= first:
             e.store(at.core + place, matrix[where])
     settled = e.constant(1.0)
-    change = [right[column_position[u]] for u in range(n)]
+    change = [right[shape.columns.index(u)] for u in range(n)]
     for group, law, old, begin in laws:
         across = begin + beside([_across(e, change, a, z) for a, z in group.ends(shape)])
         chosen, near = law.moved(old, across)
@@ -238,12 +209,52 @@ def _iterate(e: Emitter, shape: Shape) -> None:
     e.give(settled)
 
 
+def _onto(shape, right, row, value):
+    """Add to a row of the right-hand side in the order of pivots; ground takes nothing."""
+    if row < len(shape.rows):
+        place = shape.rows.index(row)
+        right[place] = right[place] + value
+
+
+def _add_junctions(e, shape, matrix, right):
+    """The junctions' slopes and currents; their groups, laws, old voltages and the step's first."""
+    at, position, laws = shape.layout, _positions(shape), []
+    y = [e.load(at.y + i) for i in range(len(shape.rows))]
+    for group in _groups(shape):
+        law, ends = _law(e, shape, group), group.ends(shape)
+        v = e.load(at.iterated + group.first, count=group.width)
+        charges = e.load(at.charges + group.first, count=group.width)
+        g, flow = law.linear(v, e.numbers[0], charges)
+        begin = beside([_across(e, y, a, z) for a, z in ends])
+        flow = flow + g * (begin - v)
+        for (a, z), slope, current in zip(ends, g.parts(), flow.parts(), strict=True):
+            _stamp(matrix, position, a, z, slope, shape)
+            _onto(shape, right, a, -current)
+            _onto(shape, right, z, current)
+        laws.append((group, law, v, begin))
+    return laws
+
+
+def _add_behavioural(e, shape, matrix, right):
+    """Behavioural sources and their slopes."""
+    delta, at, position = e.numbers[0], shape.layout, _positions(shape)
+    for k, (to, source) in enumerate(shape.behavioural):
+        size = delta * e.load(at.sizes + k)
+        _onto(shape, right, to, -size)
+        _onto(shape, right, source, size)
+    for k, (number, unknown) in enumerate(shape.inputs):
+        size = delta * e.load(at.slopes + k)
+        for row, slope in zip(shape.behavioural[number], (size, -size), strict=True):
+            if row < len(shape.rows):
+                add(matrix, position(row, unknown), slope)
+
+
 def _finish(e: Emitter, shape: Shape) -> None:
     at, n, first = shape.layout, len(shape.rows), shape.linear
     values = [
         e.load(at.ordered + i) if i < first else e.load(at.solution + i - first) for i in range(n)
     ]
-    _backward(_loaded(e, shape), values, 0, first)
+    backward(_loaded(e, shape), values, 0, first)
     change = [values[shape.columns.index(i)] for i in range(n)]
     stored = [e.constant(0.0)] * n
     for k, (row, column) in enumerate(shape.entries):
@@ -300,8 +311,8 @@ def _error(e: Emitter, shape: Shape) -> None:
             matrix[where] = e.load(at.core + place)
     error = [e.load(at.error + i) for i in range(n)]
     values = [error[row] for row in shape.rows]
-    _forward(matrix, values, 0, n)
-    _backward(matrix, values, 0, n)
+    forward(matrix, values, 0, n)
+    backward(matrix, values, 0, n)
     total = e.constant(0.0)
     for i in range(n):
         filtered = values[shape.columns.index(i)]
@@ -349,17 +360,13 @@ def _loaded(e, shape):
     return {where: e.load(place, in_slot=True) for where, place in shape.places}
 
 
-def _add(matrix, where, value):
-    matrix[where] = matrix[where] + value if where in matrix else value
-
-
 def _stamp(matrix, position, plus, minus, value, shape):
     """A conductance between two nodes."""
     n = len(shape.rows)
     ends = [(node, sign) for node, sign in ((plus, 1), (minus, -1)) if node < n]
     for row, sign in ends:
         for column, other in ends:
-            _add(matrix, position(row, column), value if sign == other else -value)
+            add(matrix, position(row, column), value if sign == other else -value)
 
 
 def _across(e, values, plus, minus):
@@ -375,34 +382,3 @@ def _through(values, plus, minus, current):
         values[plus] = values[plus] - current
     if minus < len(values):
         values[minus] = values[minus] + current
-
-
-def _eliminate(matrix: Matrix, start: int, stop: int) -> None:
-    """Eliminate pivots, which get inverted; below them what rows lose, beside them as they were."""
-    for k in range(start, stop):
-        inverse = 1.0 / matrix[k, k]
-        matrix[k, k] = inverse
-        below = [i for i, j in matrix if j == k and i > k]
-        beside = [j for i, j in matrix if i == k and j > k]
-        for i in below:
-            share = matrix[i, k] * inverse
-            matrix[i, k] = share
-            for j in beside:
-                _add(matrix, (i, j), -(share * matrix[k, j]))
-
-
-def _forward(matrix: Matrix, values: list[Number], start: int, stop: int) -> None:
-    """Eliminate from a right-hand side in the order of pivots."""
-    for k in range(start, stop):
-        for i, j in matrix:
-            if j == k and i > k:
-                values[i] = values[i] - matrix[i, k] * values[k]
-
-
-def _backward(matrix: Matrix, values: list[Number], start: int, stop: int) -> None:
-    """The unknowns from `stop` back to `start` in place of the right-hand side."""
-    for k in range(stop - 1, start - 1, -1):
-        for i, j in matrix:
-            if i == k and j > k:
-                values[k] = values[k] - matrix[k, j] * values[j]
-        values[k] = values[k] * matrix[k, k]
