@@ -294,8 +294,11 @@ def test_nothing_fires_at_rest(load, tmp_path):
     assert result["rest"] < 1e-4 * result["peak"]
 
 
-def test_breakdown_is_no_turn_of_the_motion(tmp_path):
-    """Series SSHI far below its best resistance: the coil swings at the extrema alone.
+@pytest.mark.parametrize(
+    ("load", "resistance", "initial"), [("sshi_series", 1e5, 3.0), ("sshi_parallel", 1e8, 99.0)]
+)
+def test_breakdown_is_no_turn_of_the_motion(load, resistance, initial, tmp_path):
+    """Series SSHI far below its best resistance, parallel SSHI far above: it swings at extrema.
 
     What breaks through in mid motion, 0.4 mA at most, is under 1/20 of a swing's current.
     """
@@ -307,8 +310,9 @@ Bclamped clamped 0 v=abs(v(p))
 .measure tran highest max v(clamped)
 .measure tran peak max v(coil)
 .measure tran moving max v(moving)"""
-    options = {"diode": SILICON, "initial": 3.0, "cycles": 8, "settle": 4}
-    result = ngspice(deck("sshi_series", piezo, 1e5, extra=extra, **options), tmp_path)
+    options = {"diode": SILICON, "initial": initial, "cycles": 8, "settle": 4}
+    result = ngspice(deck(load, piezo, resistance, extra=extra, **options), tmp_path)
+    print(result)
     assert 100.0 < result["highest"] < 105.0
     assert result["moving"] < 0.05 * result["peak"]
 
