@@ -312,7 +312,6 @@ Bclamped clamped 0 v=abs(v(p))
 .measure tran moving max v(moving)"""
     options = {"diode": SILICON, "initial": initial, "cycles": 8, "settle": 4}
     result = ngspice(deck(load, piezo, resistance, extra=extra, **options), tmp_path)
-    print(result)
     assert 100.0 < result["highest"] < 105.0
     assert result["moving"] < 0.05 * result["peak"]
 
