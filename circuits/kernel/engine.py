@@ -11,18 +11,16 @@ import numpy as np
 from circuits.kernel import stepping
 from circuits.kernel.assembly import build, with_start
 from circuits.kernel.emitter import call_once
-from circuits.kernel.stage import fresh_state
-from circuits.kernel.stepping import (
-    CHATTER,
+from circuits.kernel.stage import (
     DISPLACEMENT,
-    FINE,
     HELD_SPEED,
     PROPOSED,
     STRICTNESS,
     TIME,
     ZONE,
-    advance,
+    fresh_state,
 )
+from circuits.kernel.stepping import CHATTER, FINE, advance
 from circuits.kernel.tables import Circuit
 from harvester.compilation import numba
 from harvester.device import contact, system, timescales

@@ -30,8 +30,12 @@ MOST_ITERATIONS = 40
 SMOOTH_STEP, RELATIVE_STEP = 1e-2, 1e-5
 # Of a displacement and a velocity, for slopes of the force.
 DIFFERENCE = 1e-6
-# Numbers of a state beside its vectors, see `circuits.kernel.stepping`.
-NUMBERS = 12
+# Places among the numbers of a state, beside its vectors, see `circuits.kernel.stepping`.
+(
+    DISPLACEMENT, HELD_SPEED, ZONE, PHASE, PROPOSED, RATES_KNOWN, LAST_STEP, ENERGY, SWITCHINGS,
+    TIME, MEAN_POWER, STRICTNESS,
+) = range(12)  # fmt: skip
+NUMBERS = STRICTNESS + 1
 
 
 class State(NamedTuple):

@@ -15,14 +15,31 @@ from typing import Any
 import numpy as np
 
 from circuits.kernel.emitter import call
-from circuits.kernel.stage import NUMBERS, State, add_waves, slot_of, solve_stage
+from circuits.kernel.points import add_points, given_power, load_power, stored_energy
+from circuits.kernel.stage import (
+    DISPLACEMENT,
+    ENERGY,
+    HELD_SPEED,
+    LAST_STEP,
+    MEAN_POWER,
+    PHASE,
+    PROPOSED,
+    RATES_KNOWN,
+    STRICTNESS,
+    SWITCHINGS,
+    TIME,
+    ZONE,
+    State,
+    add_waves,
+    slot_of,
+    solve_stage,
+)
 from circuits.kernel.switching import missed_controls, switched, turn
 from circuits.kernel.tables import Probes, Tables
 from harvester.compilation import compiled, inlined, uncounted
 from harvester.device import contact
 from harvester.device import system as systems
 from harvester.engines.zones import crossing, overshoots
-from harvester.record.record import fill
 
 ROOT = np.sqrt(2.0)
 # δ over the step; the first stages' place in it.
@@ -39,11 +56,6 @@ CAUTION = 0.9
 GROWING = CAUTION**6
 # Weights of power at the step's beginning and its stages in its mean, for either method.
 POWER_WEIGHTS = ((0.25 * ROOT, 0.25 * ROOT, DIAGONAL), (0.0, 1.0 - DIAGONAL, DIAGONAL))
-# Of the power at both ends, a difference of their mean from the step's that asks for a point more:
-# at five times this, two tenths of a percent of SECE's energy was missing.
-POWER_DIFFERENCE = 0.002
-# Of the transducer's energy, what a step's mean power may miss without one.
-LEAST_ENERGY = 1e-5
 # What is known of the rates of change at a step's beginning: all, nothing, that a switch turned.
 KNOWN, UNKNOWN, TURNED = 1.0, 0.0, -1.0
 # After a switch, the first step against the usual one; the shortest; how well its time is known.
@@ -56,11 +68,6 @@ MOST_SWITCHINGS = 400
 # scaled volt below which a voltage does not count.
 MEMORY, SMALL_VOLTAGE = 200.0, 1e-3
 
-# Places among the numbers of a state.
-(
-    DISPLACEMENT, HELD_SPEED, ZONE, PHASE, PROPOSED, RATES_KNOWN, LAST_STEP, ENERGY, SWITCHINGS,
-    TIME, MEAN_POWER, STRICTNESS,
-) = range(NUMBERS)  # fmt: skip
 FINE, STUCK, CHATTER = range(3)
 
 
@@ -87,86 +94,37 @@ def advance(
 
     Returns the segment reached, the points written, and FINE, STUCK or CHATTER with the switch.
     """
-    numbers, y = state.numbers, state.y
-    n = y.size
+    numbers = state.numbers
     step = spacing / steps_per_knot
-    row_unit = probes.units[4]
     capacity = record.time.size
     points = 0
-    free = np.searchsorted(edges, 0.0)
-    left, right = edges[free - 1], edges[free]
+    middle = np.searchsorted(edges, 0.0)
+    free = (edges[middle - 1], edges[middle])
     while segment < count and points + 1 < capacity:
         slope = (block[segment + 1] - block[segment]) / spacing
         phase = numbers[PHASE]
         end = (np.floor(phase / step + 1e-9) + 1.0) * step
         noise = block[segment] + slope * phase
         time = (first_knot + segment) * spacing + phase
-        place = int(numbers[ZONE])
+        place, remaining = int(numbers[ZONE]), end - phase
         low, high = edges[place], edges[place + 1]
-        touching = not low < 0.0 < high
-        x, v = numbers[DISPLACEMENT], y[n - 1]
-        remaining = end - phase
-        longest = min(numbers[PROPOSED], step)
-        if touching:
-            push = noise - systems.part_force(s.damper, v)
-            speed = abs(v) + abs(push) * remaining
-            longest = contact.step(s.contacts, x, speed * speed, longest, steps_per_contact)
-        h = _length(longest, remaining, step)
-        least = SHORTEST * step
-        found, switch, entered = -1.0, -1, 0
-        while True:
-            if h < least:
-                return segment, points, STUCK, 0
-            settled, error, x1, missed = _try_step(
-                s, tables, probes, state, time, h, noise, slope, x,
-                (touching, low, high, numbers[HELD_SPEED]), row_unit,
-            )  # fmt: skip
-            if not settled:
-                h *= 0.25
-                numbers[PROPOSED] = h
-                numbers[RATES_KNOWN] = UNKNOWN
-                continue
-            scale = probes.energy[0] * max(numbers[ENERGY], (SMALL_VOLTAGE * probes.energy[1]) ** 2)
-            if h < LOCATED * step:  # No turning is located better; what is left is Newton's rest.
-                missed = 0.0
-            ratio = numbers[STRICTNESS] * max(error / scale / TOLERANCE**2, missed * missed)
-            if ratio > 1.0 and entered == 0:
-                numbers[PROPOSED] = h * max(0.1, _growth(ratio))
-                h = _length(numbers[PROPOSED], remaining, step)
-                continue
-            v1 = y[n - 1] + state.change[n - 1]
-            if entered == 0:
-                entered, share = _leaves(low, high, x, v, x1, v1, h)
-                if entered != 0 and share < 1.0:
-                    h *= share
-                    continue
-            switch, share = switched(tables, state)
-            if switch >= 0 and found < 0.0:
-                found = max(min(LOCATED * step, LOCATED_SHARE * h), 4.0 * least)
-            if switch >= 0 and h * (1.0 - share) > found:
-                h = h * share + 0.5 * found
-                entered = 0
-                continue
-            break
-        power, stored = _load_power(probes, state), _stored(s, probes, state)
+        zone = (not low < 0.0 < high, low, high, numbers[HELD_SPEED])
+        longest = _longest(s, state, zone, noise, remaining, step, steps_per_contact)
+        h, x1, ratio, scale, entered, switch = _find_step(
+            s, tables, probes, state, time, longest, remaining, step, noise, slope, zone
+        )
+        if h < 0.0:
+            return segment, points, STUCK, 0
+        before = (load_power(probes, state), stored_energy(s, probes, state))
         _accept(probes, state, h, x1, ratio, step)
         if entered != 0:
-            numbers[ZONE] = place + entered
-            numbers[RATES_KNOWN] = UNKNOWN
-            if not touching:
-                numbers[HELD_SPEED] = abs(y[n - 1])
-        if switch >= 0:
-            numbers[SWITCHINGS] += 1.0
-            if numbers[SWITCHINGS] > MOST_SWITCHINGS:
-                return segment, points, CHATTER, switch
-            turn(tables, state)
-            numbers[RATES_KNOWN] = TURNED
-            numbers[PROPOSED] = RESTART * step
+            _enter(state, place + entered, zone)
+        if switch >= 0 and _turn(tables, state, step):
+            return segment, points, CHATTER, switch
+        phase += h
         if h >= remaining:
             phase = end
             numbers[SWITCHINGS] = 0.0
-        else:
-            phase += h
         noise = block[segment] + slope * phase
         if phase > spacing * (1.0 - 1e-9):
             phase = 0.0
@@ -175,18 +133,91 @@ def advance(
         numbers[PHASE] = phase
         time = (first_knot + segment) * spacing + phase
         numbers[TIME] = time
-        last = _load_power(probes, state)
-        mean = numbers[MEAN_POWER] - (_stored(s, probes, state) - stored) / h
-        missing = abs(2.0 * mean - power - last)
-        counts = missing * h > LEAST_ENERGY * probes.units[3] * scale
-        if points > 0 and counts and missing > POWER_DIFFERENCE * (abs(power) + abs(last)):
-            # A current that jumped at the step's beginning: the point before it once more, with
-            # the power that makes the mean of both ends the step's.
-            _again(record, output, points, 2.0 * mean - last)
-            points += 1
-        _write(s, probes, state, record, output, points, time, noise, left, right)
-        points += 1
+        points = add_points(
+            s, probes, state, record, output, points, h, before, scale, time, noise, free
+        )
     return segment, points, FINE, 0
+
+
+@inlined
+def _longest(s, state, zone, noise, remaining, step, steps_per_contact):
+    """Length of the next step that the last one's error and a contact allow."""
+    longest = min(state.numbers[PROPOSED], step)
+    if zone[0]:
+        x, v = state.numbers[DISPLACEMENT], state.y[state.y.size - 1]
+        speed = abs(v) + abs(noise - systems.part_force(s.damper, v)) * remaining
+        longest = contact.step(s.contacts, x, speed * speed, longest, steps_per_contact)
+    return longest
+
+
+@inlined
+def _find_step(s, tables, probes, state, time, longest, remaining, step, noise, slope, zone):
+    """A step that is short enough for its error, the end of its zone and the switches.
+
+    Returns its length (−1: none is), the new X, the square of its error against what it may be, the
+    transducer's energy that counts, by how many zones it leads and the switch that turns.
+    """
+    numbers, last = state.numbers, state.y.size - 1
+    x, v = numbers[DISPLACEMENT], state.y[last]
+    h, least = _length(longest, remaining, step), SHORTEST * step
+    found, switch, entered = -1.0, -1, 0
+    x1, ratio, scale = x, 0.0, 0.0
+    while True:
+        if h < least:
+            h = -1.0
+            break
+        settled, error, x1, missed = _try_step(
+            s, tables, probes, state, time, h, noise, slope, x, zone
+        )
+        if not settled:
+            h *= 0.25
+            numbers[PROPOSED] = h
+            numbers[RATES_KNOWN] = UNKNOWN
+            continue
+        scale = probes.energy[0] * max(numbers[ENERGY], (SMALL_VOLTAGE * probes.energy[1]) ** 2)
+        if h < LOCATED * step:  # No turning is located better; what is left is Newton's rest.
+            missed = 0.0
+        ratio = numbers[STRICTNESS] * max(error / scale / TOLERANCE**2, missed * missed)
+        if ratio > 1.0 and entered == 0:
+            numbers[PROPOSED] = h * max(0.1, _growth(ratio))
+            h = _length(numbers[PROPOSED], remaining, step)
+            continue
+        if entered == 0:
+            v1 = v + state.change[last]
+            entered, share = _leaves(zone[1], zone[2], x, v, x1, v1, h)
+            if entered != 0 and share < 1.0:
+                h *= share
+                continue
+        switch, share = switched(tables, state)
+        if switch >= 0 and found < 0.0:
+            found = max(min(LOCATED * step, LOCATED_SHARE * h), 4.0 * least)
+        if switch >= 0 and h * (1.0 - share) > found:
+            h = h * share + 0.5 * found
+            entered = 0
+            continue
+        break
+    return h, x1, ratio, scale, entered, switch
+
+
+@inlined
+def _enter(state, place, zone):
+    """The state stands in another zone."""
+    numbers = state.numbers
+    numbers[ZONE] = place
+    numbers[RATES_KNOWN] = UNKNOWN
+    if not zone[0]:
+        numbers[HELD_SPEED] = abs(state.y[state.y.size - 1])
+
+
+@inlined
+def _turn(tables, state, step):
+    """Turn the switches that ask for it; whether that is chatter."""
+    numbers = state.numbers
+    numbers[SWITCHINGS] += 1.0
+    turn(tables, state)
+    numbers[RATES_KNOWN] = TURNED
+    numbers[PROPOSED] = RESTART * step
+    return numbers[SWITCHINGS] > MOST_SWITCHINGS
 
 
 @inlined
@@ -207,14 +238,14 @@ def _length(longest, remaining, step):
 
 
 @inlined
-def _try_step(s, tables, probes, state, time, h, noise, slope, x, zone, row_unit):
+def _try_step(s, tables, probes, state, time, h, noise, slope, x, zone):
     """A step of length h from the state.
 
     Returns whether Newton settled, its error's energy, the new X, and the error of the switches'
     controls against what they may have. Its change stands in `state.change`.
     """
     y, numbers, code, memory = state.y, state.numbers, state.code, state.address
-    n = y.size
+    n, row_unit = y.size, probes.units[4]
     known, euler = numbers[RATES_KNOWN] == KNOWN, numbers[RATES_KNOWN] == TURNED
     delta = h if euler else DIAGONAL * h
     slot = slot_of(tables, state, delta)
@@ -250,10 +281,10 @@ def _try_step(s, tables, probes, state, time, h, noise, slope, x, zone, row_unit
         if not settled:
             break
         moved = base - x + delta * (y[n - 1] + state.change[n - 1])
-        power = _given_power(s, probes, state, 1.0)
+        power = given_power(s, probes, state, 1.0)
         weights = POWER_WEIGHTS[0] if known else POWER_WEIGHTS[1]
         if stage == 0:
-            mean = weights[0] * _given_power(s, probes, state, 0.0) + weights[1] * power
+            mean = weights[0] * given_power(s, probes, state, 0.0) + weights[1] * power
             base = x + factor * moved
             if behavioural:
                 for i in range(n):
@@ -266,40 +297,6 @@ def _try_step(s, tables, probes, state, time, h, noise, slope, x, zone, row_unit
             error = call(code.error, memory, slot, 0.0, 0.0, 0.0)
             missed = missed_controls(tables, state)
     return settled, error, x + moved, missed
-
-
-@inlined
-def _load_power(probes, state):
-    """Voltage times current at the terminals, scaled."""
-    y = state.y
-    return y[probes.places[0]] * y[probes.places[1]] * probes.units[3]
-
-
-@inlined
-def _stored(s, probes, state):
-    """The transducer's energy, scaled; 0 where it keeps none."""
-    place = probes.places[2]
-    if place < 0:
-        return 0.0
-    return systems.transducer_energy(s.transducer, state.y[place] * probes.units[1])
-
-
-@inlined
-def _given_power(s, probes, state, share):
-    """What the mass gives the transducer beyond its own loss, a share of the change ahead (scaled).
-
-    Less what the transducer stores it is the load's power, also over a step in which a pulse
-    empties it: the motion is smooth there, voltage times current is not.
-    """
-    y, change, places, units = state.y, state.change, probes.places, probes.units
-    branch, place = places[1], places[2]
-    amperes = y[branch] + share * change[branch]
-    if place < 0:
-        return (y[places[0]] + share * change[places[0]]) * amperes * units[3]
-    v = y[y.size - 1] + share * change[y.size - 1]
-    electrical = (y[place] + share * change[place]) * units[1]
-    own = systems.own_loss(s.transducer, v, electrical, amperes * units[2])
-    return systems.part_force(s.transducer, v, electrical) * v - own
 
 
 @compiled
@@ -332,31 +329,3 @@ def _accept(probes, state, h, x1, ratio, step):
             numbers[PROPOSED] = h * growth
     square = y[probes.places[0]] ** 2
     numbers[ENERGY] += (square - numbers[ENERGY]) * min(h / (MEMORY * step), 1.0)
-
-
-@compiled
-def _again(record, output, point, power):
-    """The last point of a record once more, with another power into the load."""
-    for column in record:
-        column[point] = column[point - 1]
-    record.load_power[point] = power
-    for row in output:
-        row[point] = row[point - 1]
-
-
-@inlined
-def _write(s, probes, state, record, output, point, time, noise, left, right):
-    """One point of the record."""
-    numbers, y = state.numbers, state.y
-    n = y.size
-    places, units = probes.places, probes.units
-    x, v = numbers[DISPLACEMENT], y[n - 1]
-    volts, amperes = y[places[0]], y[places[1]]
-    electrical = y[places[2]] * units[1] if places[2] >= 0 else 0.0
-    loss = systems.loss_power(s, x, v, numbers[HELD_SPEED], x < left or x > right)
-    own = systems.own_loss(s.transducer, v, electrical, amperes * units[2])
-    power = volts * amperes * units[3]
-    fill(record, point, time, x, v, volts * units[0], power, noise * v, loss, own, electrical)
-    output[0, point] = (y[places[3]] - y[places[4]]) * units[0]
-    for k in range(1, output.shape[0]):
-        output[k, point] = y[places[4 + k]]
