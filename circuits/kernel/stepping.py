@@ -238,6 +238,25 @@ def _length(longest, remaining, step):
 
 
 @inlined
+def _guess(tables, state, share):
+    """A guess of the unknowns for Newton: as they are, and a share of the latest change.
+
+    Of the velocity alone, where no behavioural source asks for more.
+    """
+    n = state.y.size
+    for i in range(0 if tables.behavioural.shape[0] > 0 else n - 1, n):
+        state.latest[i] = state.y[i] + (share * state.change[i] if share > 0.0 else 0.0)
+
+
+@inlined
+def _set_sources(tables, state, time, delta):
+    """The right-hand side of a stage's sources that change."""
+    if tables.sources.shape[0] > 0:
+        state.right[:] = 0.0
+        add_waves(tables.sources, tables.waves, tables.corners, state.right, time, delta)
+
+
+@inlined
 def _try_step(s, tables, probes, state, time, h, noise, slope, x, zone):
     """A step of length h from the state.
 
@@ -254,22 +273,14 @@ def _try_step(s, tables, probes, state, time, h, noise, slope, x, zone):
         share = 1.0
     last = numbers[LAST_STEP]
     call(code.predict, memory, slot, share * h / last if last > 0.0 else 0.0, 0.0, 0.0)
-    behavioural = tables.behavioural.shape[0] > 0
-    if behavioural:
-        for i in range(n):
-            state.latest[i] = y[i]
-    state.latest[n - 1] = y[n - 1]
+    _guess(tables, state, 0.0)
     if known:
         state.latest[n - 1] += STAGE * h * state.rates[n - 1] / row_unit
     base = x + (delta * y[n - 1] if known else 0.0)
     settled, error, missed, moved, mean, power = True, 0.0, 0.0, 0.0, 0.0, 0.0
     for stage in range(1 if euler else 2):
         ahead = share * h if stage == 0 else h
-        if tables.sources.shape[0] > 0:
-            state.right[:] = 0.0
-            add_waves(
-                tables.sources, tables.waves, tables.corners, state.right, time + ahead, delta
-            )
+        _set_sources(tables, state, time + ahead, delta)
         push = delta * row_unit * (noise + slope * ahead)
         if stage == 0:
             call(code.begin, memory, slot, delta, delta if known else 0.0, push)
@@ -286,10 +297,7 @@ def _try_step(s, tables, probes, state, time, h, noise, slope, x, zone):
         if stage == 0:
             mean = weights[0] * given_power(s, probes, state, 0.0) + weights[1] * power
             base = x + factor * moved
-            if behavioural:
-                for i in range(n):
-                    state.latest[i] = y[i] + state.change[i] / share
-            state.latest[n - 1] = y[n - 1] + state.change[n - 1] / share
+            _guess(tables, state, 1.0 / share)
     if settled:
         numbers[MEAN_POWER] = power if euler else mean + DIAGONAL * power
         call(code.conclude, memory, slot, delta, 0.0 if euler else factor, h)
