@@ -21,6 +21,19 @@ R2 ref n 1
 .ends
 """
 
+# More diodes than stand side by side, of two sorts in turn.
+MANY = """* diodes in parallel
+.subckt many p n out ref
+.model plain d(is=2n n=1.4 rs=3)
+.model broken d(is=5n n=1.2 bv=6 ibv=1m nbv=1.2)
+{diodes}
+R1 out ref 100k
+C1 out ref 1n
+R2 ref n 1
+.ends
+""".format(diodes="\n".join(f"D{k} p out {('plain', 'broken')[k % 2]} {k}" for k in range(1, 20)))
+FILES = {"diode": DIODE, "diodes": MANY}
+
 
 def law(row, v):
     """Current, slope, charge and capacitance by the formulas of ngspice's manual."""
@@ -68,12 +81,13 @@ def stamp(matrix, a, z, value):
     matrix[[a, z], [z, a]] -= value
 
 
-@pytest.mark.parametrize("load", [*LOADS, "diode"])
+@pytest.mark.parametrize("load", [*LOADS, *FILES])
 @pytest.mark.parametrize("voltage", [-5.9, -0.3, 0.3, 0.55])
 def test_an_iteration_is_numpys(tmp_path, load, voltage):
     """All switches open and all closed, junctions from breakdown to conducting, three steps."""
-    (tmp_path / "one.lib").write_text(DIODE)
-    name = str(tmp_path / "one.lib") if load == "diode" else load
+    path = tmp_path / "own.lib"
+    path.write_text(FILES.get(load, ""))
+    name = str(path) if load in FILES else load
     circuit = build(Scene.load("device", [f"load.netlist={name}"]))
     tables, code = circuit.tables, circuit.code
     n = tables.steady.size
