@@ -62,7 +62,9 @@ JUDGED = (
     "mean_square_velocity",
     "mean_square_displacement",
 )
-# Of those, the ones that a line towards slow decay is drawn through: the efficiency follows.
+# Of efficiencies above it the error is judged as a share of this: 0.3 points at a tolerance of 1 %.
+HIGH_EFFICIENCY = 0.3
+# Of the means judged, those that a line towards slow decay is drawn through; efficiency follows.
 CONTINUED = tuple(name for name in JUDGED if name != "power_conversion_efficiency")
 
 
@@ -73,8 +75,9 @@ def fokker_planck(device: System, tolerance: float, memory: bool = False) -> Ave
     ----------
     device : harvester.device.system.System
     tolerance : float
-        Largest numerical error of each mean, as a share of it. Not of the mechanical loss, the
-        difference of two powers, which may be small against both.
+        Largest numerical error of each mean, as a share of it; of an efficiency above 0.3, as a
+        share of 0.3. Not of the mechanical loss, the difference of two powers, which may be small
+        against both.
     memory : bool
         Also find `slowest_decay_rate` and the rates of jumps where motion joins several wells:
         about as long again.
@@ -386,6 +389,9 @@ def _means(totals):
 
 def _worst(means, error, judged=JUDGED):
     """The judged mean with the largest error as a share of it, in words, and that share."""
-    excess = {name: error[name] / abs(means[name] or np.inf) for name in judged}
+    scale = {name: abs(means[name]) or np.inf for name in judged}
+    if (efficiency := "power_conversion_efficiency") in scale:
+        scale[efficiency] = min(scale[efficiency], HIGH_EFFICIENCY)
+    excess = {name: error[name] / scale[name] for name in judged}
     worst = max(excess, key=excess.get)
     return worst, excess[worst]
