@@ -62,8 +62,9 @@ JUDGED = (
     "mean_square_velocity",
     "mean_square_displacement",
 )
-# Of efficiencies above it the error is judged as a share of this: 0.3 points at a tolerance of 1 %.
-HIGH_EFFICIENCY = 0.3
+# An efficiency's error beyond the second is judged as a share of the first at most: where 1 % of a
+# high one would be more, 0.3 points are asked for.
+HIGH_EFFICIENCY, FEW_POINTS = 0.3, 3e-3
 # Of the means judged, those that a line towards slow decay is drawn through; efficiency follows.
 CONTINUED = tuple(name for name in JUDGED if name != "power_conversion_efficiency")
 
@@ -75,9 +76,9 @@ def fokker_planck(device: System, tolerance: float, memory: bool = False) -> Ave
     ----------
     device : harvester.device.system.System
     tolerance : float
-        Largest numerical error of each mean, as a share of it; of an efficiency above 0.3, as a
-        share of 0.3. Not of the mechanical loss, the difference of two powers, which may be small
-        against both.
+        Largest numerical error of each mean, as a share of it; of an efficiency above 0.3 at most
+        0.3 points, or 0.3 times this if that is more. Not of the mechanical loss, the difference
+        of two powers, which may be small against both.
     memory : bool
         Also find `slowest_decay_rate` and the rates of jumps where motion joins several wells:
         about as long again.
@@ -390,7 +391,7 @@ def _means(totals):
 def _worst(means, error, judged=JUDGED):
     """The judged mean with the largest error as a share of it, in words, and that share."""
     scale = {name: abs(means[name]) or np.inf for name in judged}
-    if (efficiency := "power_conversion_efficiency") in scale:
+    if (efficiency := "power_conversion_efficiency") in scale and error[efficiency] > FEW_POINTS:
         scale[efficiency] = min(scale[efficiency], HIGH_EFFICIENCY)
     excess = {name: error[name] / scale[name] for name in judged}
     worst = max(excess, key=excess.get)
