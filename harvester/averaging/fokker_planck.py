@@ -14,6 +14,7 @@ the load's rate. Of two wells alike that hardly any motion leaves, the grid hold
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,10 +36,13 @@ FIRST_LEVEL = Level(6.0, 3.0, 2.3, 4, 3)
 # Nodes of Z that are kept, for each decade of the tolerance: their error falls exponentially.
 NODES_PER_DECADE = 3.0
 # Share of Richardson's correction for the step that is made: where steps are long, errors are of
-# higher order than the second. Share of it, and of the nodes' last change, stated as error.
-CORRECTION_TAKEN, STATED_ERROR = 0.6, {"steps": 0.7, "nodes": 0.75}
+# higher order than the second. Share of it, and of the last change by nodes, stated as error.
+CORRECTION_TAKEN, STATED_ERROR = 0.6, {"steps": 0.7, "nodes": 0.75, "charges": 0.75}
 # Error, in tolerances, of nodes of Z, the range and what is left of the stationary state's rest.
 UNSEEN_ERROR = 0.2
+# λ, in units of the period, below which nodes of Z are no part of it where motion leaves its well
+# less often than the charge does: jumps are much more frequent at some of the nodes than at others.
+SLOW_CHARGE = 0.1
 # Change of the nodes, in tolerances, below which the step's error is told on the sparser grid.
 SPARSE_GRID_CHANGE = 0.2
 # Doubt in nodes between which a contact goes and comes back: of first order.
@@ -58,7 +62,10 @@ JUDGED = (
     "mean_square_velocity",
     "mean_square_displacement",
 )
-# Of those, the ones that a line towards slow decay is drawn through: the efficiency follows.
+# An efficiency's error beyond the second is judged as a share of the first at most: where 1 % of a
+# high one would be more, 0.3 points are asked for.
+HIGH_EFFICIENCY, FEW_POINTS = 0.3, 3e-3
+# Of the means judged, those that a line towards slow decay is drawn through; efficiency follows.
 CONTINUED = tuple(name for name in JUDGED if name != "power_conversion_efficiency")
 
 
@@ -69,8 +76,9 @@ def fokker_planck(device: System, tolerance: float, memory: bool = False) -> Ave
     ----------
     device : harvester.device.system.System
     tolerance : float
-        Largest numerical error of each mean, as a share of it. Not of the mechanical loss, the
-        difference of two powers, which may be small against both.
+        Largest numerical error of each mean, as a share of it; of an efficiency above 0.3 at most
+        0.3 points, or 0.3 times this if that is more. Not of the mechanical loss, the difference
+        of two powers, which may be small against both.
     memory : bool
         Also find `slowest_decay_rate` and the rates of jumps where motion joins several wells:
         about as long again.
@@ -214,14 +222,15 @@ def _refined(device, tolerance, work, memory=False, judged=JUDGED):
         _refine(grids, "nodes", tolerance, changed)
     # What the nodes leave undone would pass for an error of the step.
     enough = -2 if changed[1] < SPARSE_GRID_CHANGE * tolerance else -1
-    grids["steps"] = [nodes[enough]]
+    grids |= {"steps": [nodes[enough]], "charges": [nodes[0]]}
     _refine(grids, "steps", tolerance)
+    rate = device.transducer.decay_rate()
+    if nodes[0].totals.get("well_crossing_rate", np.inf) < rate < SLOW_CHARGE / period(device):
+        _refine(grids, "charges", tolerance)
     while True:
         means, errors = _judged(grids)
         error = {
-            name: errors["steps"][name]
-            + errors["nodes"][name]
-            + UNSEEN_ERROR * tolerance * abs(mean)
+            name: sum(each[name] for each in errors.values()) + UNSEEN_ERROR * tolerance * abs(mean)
             for name, mean in means.items()
         }
         worst, excess = _worst(means, error, judged)
@@ -300,15 +309,13 @@ def _barrier(device):
 
 def _answer(device, grids, means, error, memory):
     """The means, with what several wells have in common."""
-    densest, before = grids["nodes"][-1], grids["nodes"][-2]
-    own = {name: means.pop(name) for name in between_wells(device, densest.density)}
+    own = {name: means.pop(name) for name in between_wells(device, grids["nodes"][-1].density)}
     if own and memory:
-        rates = [slowest_decay_rate(device, each) for each in (before, densest)]
-        if None not in rates:
-            own["slowest_decay_rate"] = rates[1]
-            error["slowest_decay_rate"] = abs(rates[1] - rates[0])
-        jumps, doubts = _jumps(device, grids)
-        own, error = own | jumps, error | doubts
+        ends = {respect: (each[0], each[-1]) for respect, each in grids.items()}
+        ends["nodes"] = grids["nodes"][-2:]
+        for find in (slowest_decay_rate, rates_of_jumps):
+            rates, doubts = _compared(ends, partial(find, device))
+            own, error = own | rates, error | doubts
     return Averages(
         "fokker_planck",
         **means,
@@ -318,56 +325,55 @@ def _answer(device, grids, means, error, memory):
     )
 
 
-def _jumps(device, grids):
-    """Rates of jumps between the wells, and their errors: what step and nodes changed, as a whole.
+def _compared(grids, find):
+    """What `find` gives, and its errors: what each respect's grids changed, as a whole.
 
-    The errors of both add up, as those of the means do. Empty where they take too many steps.
+    Empty where it takes too many steps.
     """
-    used = *grids["nodes"][-2:], grids["steps"][0], grids["steps"][-1]
-    found = {id(each): rates_of_jumps(device, each) for each in {id(u): u for u in used}.values()}
+    solutions = {id(each): each for pair in grids.values() for each in pair}
+    found = {key: find(each) for key, each in solutions.items()}
     if None in found.values():
         return {}, {}
-    sparser, densest, first, soonest = (found[id(each)] for each in used)
-    rates = {name: densest[name] + soonest[name] - first[name] for name in first}
-    errors = {
-        name: abs(densest[name] - sparser[name]) + abs(soonest[name] - first[name])
-        for name in first
-    }
-    return rates, errors
+    changes = [
+        {name: found[id(last)][name] - value for name, value in found[id(first)].items()}
+        for first, last in grids.values()
+    ]
+    start = found[id(grids["nodes"][0])]
+    return (
+        {name: value + sum(each[name] for each in changes) for name, value in start.items()},
+        {name: sum(abs(each[name]) for each in changes) for name in start},
+    )
 
 
 def _judged(grids):
     """Means without the errors that grids tell, and what of these is in doubt, by respect.
 
-    The errors of step and nodes add up, so that each is known from grids that differ in it alone:
-    the step's is of second order or higher and most of it taken off; the nodes' vanishes faster.
+    The errors of steps and nodes add up, so that each is known from grids that differ in it alone:
+    the step's is of second order or higher and most of it taken off; that of nodes vanishes faster.
     """
-    first, sooner, soonest = (grids["steps"][k] for k in (0, -2, -1))
-    sparser, densest = (grids["nodes"][k].totals for k in (-2, -1))
+    sooner, soonest = grids["steps"][-2:]
     left = 1.0 / ((soonest.steps / sooner.steps) ** 2 - 1.0)
-
-    def combined(step, nodes):
-        return _means(
-            {
-                name: densest[name]
-                - nodes * (densest[name] - sparser[name])
-                + (last - first.totals[name])
-                + step * left * (last - sooner.totals[name])
-                for name, last in soonest.totals.items()
-            }
-        )
-
-    means = combined(CORRECTION_TAKEN, 0.0)
-    doubted = UNRESOLVED if grids["nodes"][-1].unresolved else STATED_ERROR["nodes"]
-    less = {
-        "steps": combined(CORRECTION_TAKEN - STATED_ERROR["steps"], 0.0),
-        "nodes": combined(CORRECTION_TAKEN, doubted),
-    }
-    errors = {
-        respect: {name: abs(mean - each[name]) for name, mean in means.items()}
-        for respect, each in less.items()
-    }
+    doubted = STATED_ERROR | {"steps": left * STATED_ERROR["steps"]}
+    if grids["nodes"][-1].unresolved:
+        doubted["nodes"] = UNRESOLVED
+    taken = {"steps": CORRECTION_TAKEN * left}
+    means = _combined(grids, taken)
+    errors = {}
+    for respect, doubt in doubted.items():
+        less = _combined(grids, taken | {respect: taken.get(respect, 0.0) - doubt})
+        errors[respect] = {name: abs(mean - less[name]) for name, mean in means.items()}
     return means, errors
+
+
+def _combined(grids, further):
+    """Means with all that finer grids changed, and further shares of each respect's last change."""
+    totals = dict(grids["nodes"][0].totals)
+    for respect, solutions in grids.items():
+        first, before, last = (solutions[k].totals for k in (0, max(len(solutions) - 2, 0), -1))
+        for name in totals:
+            change = last[name] - first[name]
+            totals[name] += change + further.get(respect, 0.0) * (last[name] - before[name])
+    return _means(totals)
 
 
 def _means(totals):
@@ -384,6 +390,9 @@ def _means(totals):
 
 def _worst(means, error, judged=JUDGED):
     """The judged mean with the largest error as a share of it, in words, and that share."""
-    excess = {name: error[name] / abs(means[name] or np.inf) for name in judged}
+    scale = {name: abs(means[name]) or np.inf for name in judged}
+    if (efficiency := "power_conversion_efficiency") in scale and error[efficiency] > FEW_POINTS:
+        scale[efficiency] = min(scale[efficiency], HIGH_EFFICIENCY)
+    excess = {name: error[name] / scale[name] for name in judged}
     worst = max(excess, key=excess.get)
     return worst, excess[worst]

@@ -30,6 +30,8 @@ HELD_DEVIATIONS = 4.0  # standard deviations of what the noise holds
 REGION_MARGIN = 1.05
 NODE_REFINEMENT = 4.0 / 3.0  # from level to level
 STEP_REFINEMENT = 1.5  # so many times the steps
+CHARGES_ADDED = 3  # nodes of Z, of those that are kept
+LARGEST_WEIGHT = 1e2  # by which nodes of Z share what is beyond the last of them
 # Of the nodes, by which their error, of order six in a step, stays.
 STEADY = STEP_REFINEMENT ** (1.0 / 6.0)
 STRONGEST_SHRINKING = 0.4  # ratio by which a region shrinks at most from one attempt to the next
@@ -58,10 +60,12 @@ class Level(NamedTuple):
     most: float = np.inf
 
     def more(self, respect: str) -> Level:
-        """The next finer one: of more "steps", or of more "nodes" of X and X'.
+        """The next finer one: of more "steps", more "nodes" of X and X', or of Z for "charges".
 
         A little finer in space too where there are more steps, each of which shares mass anew.
         """
+        if respect == "charges":
+            return self._replace(nodes=self.nodes + CHARGES_ADDED)
         steps = respect == "steps"
         finer = STEADY if steps else NODE_REFINEMENT
         return self._replace(
@@ -196,7 +200,7 @@ class Region(NamedTuple):
         return Grid(
             x=_nodes(self.left, self.right, self.core, level.fine, level.most),
             v=_nodes(-self.speed, self.speed, self.core_speed, level.fine_speed, level.most),
-            z=self._charges(device, level.nodes, mirrored),
+            z=self._charges(device, level.nodes, mirrored, step),
             mirrored=mirrored,
             modes=level.modes if noise > WHITE_MEMORY * step else 1,
             step=step,
@@ -220,15 +224,19 @@ class Region(NamedTuple):
                 "simulate"
             )
 
-    def _charges(self, device, nodes, mirrored):
-        """Nodes of Z."""
+    def _charges(self, device, nodes, mirrored, step):
+        """Nodes of Z: as wide as keeps what a step shares beyond the last of them bounded."""
         if device.transducer.decay_rate() == 0.0:
             return np.zeros(1)
         centre, reach = self._charge(device)
         displaced = min(self.displaced(device), GREATEST_DISPLACEMENT)
-        nodes += int(np.ceil(NODES_PER_WIDTH * displaced))
-        unit = np.polynomial.legendre.leggauss(2 * nodes if mirrored else nodes)[0]
-        return centre + reach * unit
+        nodes = (nodes + int(np.ceil(NODES_PER_WIDTH * displaced))) * (2 if mirrored else 1)
+        far = max(self.right - centre, centre - self.left)
+        moved = -np.expm1(-device.transducer.decay_rate() * step)
+        # As a share of the reach: there polynomials of so high a degree are at most so large.
+        beyond = np.cosh(np.arccosh(LARGEST_WEIGHT) / nodes) - 1.0
+        reach = max(reach, far * moved / (moved + beyond))
+        return centre + reach * np.polynomial.legendre.leggauss(nodes)[0]
 
     def _charge(self, device):
         """Centre and reach of Z."""

@@ -129,7 +129,7 @@ class Solution:
         return any(each.law.greatest_depth(energy) < apart for each in self.device.contacts)
 
     def refined(self, respect: str) -> Solution:
-        """On the next finer grid: of more "steps" or "nodes"."""
+        """On the next finer grid: of more "steps", "nodes" or "charges"."""
         level = self.level.more(respect)
         return Solution(self.device, self.region, level, self.tolerance, self.work, self)
 

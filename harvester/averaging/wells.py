@@ -45,7 +45,7 @@ def between_wells(device: System, density: GridDensity) -> dict[str, float]:
     return answer
 
 
-def slowest_decay_rate(device: System, solution: Solution) -> float | None:
+def slowest_decay_rate(device: System, solution: Solution) -> dict[str, float] | None:
     """Rate at which the last memory of the well, or of the charge it left, decays (1/s).
 
     Of two wells that exchange mass at the rates k12 and k21, faster than nothing else decays, it is
@@ -77,7 +77,7 @@ def slowest_decay_rate(device: System, solution: Solution) -> float | None:
         return None
     # All but the stationary state's own.
     slowest = np.sort(np.abs(values))[0]
-    return float(-np.log(slowest) / (steps * grid.step))
+    return {"slowest_decay_rate": float(-np.log(slowest) / (steps * grid.step))}
 
 
 def rates_of_jumps(device: System, solution: Solution) -> dict[str, float] | None:

@@ -336,8 +336,8 @@ def test_wells_are_not_left_as_they_began(force, loss, intensity, monkeypatch):
     assert within(result, "mean_square_displacement", np.trapezoid(weight * x * x, x))
 
 
-def test_nodes_that_magnify_rounding_are_told():
-    """Many nodes of Z and a fast load: the answer of few nodes, or refused; no overflow."""
+def test_many_nodes_of_charge_and_a_fast_load():
+    """What the load moves beyond the nodes of Z is not magnified: the answer of few nodes."""
     changes = {
         "oscillator.damping": 0.02004,
         "stoppers": {"gap": 1.17336, "stiffness": 2.61347, "restitution": 0.91450},
@@ -348,12 +348,9 @@ def test_nodes_that_magnify_rounding_are_told():
         "excitation.knot_spacing": None,
     }
     device = scale(Scene.load("paper").replace(changes))[0]
-    few = average(device, tolerance=0.01)
-    try:
-        many = average(device, tolerance=0.002)
-    except AveragingError:
-        return
-    assert many.mean_square_voltage == pytest.approx(few.mean_square_voltage, rel=0.01)
+    few, many = (average(device, tolerance=tolerance) for tolerance in (0.01, 0.002))
+    for name in ("mean_square_voltage", "power_conversion_efficiency"):
+        assert within(few, name, getattr(many, name))
 
 
 @pytest.mark.slow
@@ -413,6 +410,27 @@ def test_a_stopper_on_one_side_and_a_strong_coupling(resistance, coupling):
     for name in names:
         truth = simulated.quantity(name)
         assert truth.standard_error < 0.01 * truth.estimate
+
+
+@pytest.mark.slow
+def test_a_charge_that_outlasts_the_stay_in_a_well():
+    """Jumps are frequent at some nodes of Z and rare at others: few of them tell 27 % less.
+
+    Within four standard errors and the numerical error: one failure in 8000 choices of seed.
+    """
+    changes = {
+        "oscillator.damping": 0.5,
+        "stoppers": {"gap": 1.2, "stiffness": 20.0, "restitution": 0.8},
+        "piezo.coupling": 1.2,
+        "load.decay_rate": 0.005,
+        "excitation.intensity": 0.1,
+        "excitation.correlation_time": 0.02,
+        "excitation.knot_spacing": None,
+        "run.duration": 6000.0,
+        "run.settle": 1200.0,
+    }
+    scene = Scene.load("paper").replace(changes)
+    assert_as_simulated(scene, ("mean_square_voltage", "mean_square_displacement"))
 
 
 @pytest.mark.slow
