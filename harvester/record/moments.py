@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harvester.compilation import compiled, summing
+from harvester.compilation import summing, uncounted
 from harvester.record.jumps import Jumps
 from harvester.record.output_side import STATE, OutputMoments
 from harvester.record.record import Record, part
@@ -236,30 +236,29 @@ def _add_stretch(before, record, begin, end, saddles, integrals, products):
     if end > begin + 1:
         weights[1] = 0.5 * (time[begin + 2] - previous)
         weights[-1] = 0.5 * (time[end] - time[end - 1])
-    for i in range(begin + 2, end):
-        weights[i - begin] = 0.5 * (time[i + 1] - time[i - 1])
+        weights[2:-1] = 0.5 * (time[begin + 3 : end + 1] - time[begin + 1 : end - 1])
     integrals[0] += time[end] - previous
     if begin < 0:
         point = Record(
             before[0:1], before[1:2], before[2:3], before[3:4], before[4:5], before[5:6],
             before[6:7], before[7:8], before[8:9],
         )  # fmt: skip
-        _add_points(point, 0, weights[:1], saddles, integrals, products)
-        _add_points(record, 0, weights[1:], saddles, integrals, products)
+        _add_points(point, weights[:1], saddles, integrals, products)
+        _add_points(part(record, 0, end + 1), weights[1:], saddles, integrals, products)
     else:
-        _add_points(record, begin, weights, saddles, integrals, products)
+        _add_points(part(record, begin, end + 1), weights, saddles, integrals, products)
 
 
 @summing
-def _add_points(record, begin, weights, saddles, integrals, products):
+def _add_points(record, weights, saddles, integrals, products):
     """Add points with their weights to one batch's integrals and to the products."""
     s0 = s1 = s2 = s3 = s4 = s5 = s6 = 0.0
     p0 = p1 = p2 = p3 = p4 = p5 = p6 = p7 = 0.0
     for i in range(weights.size):
         weight = weights[i]
-        x, v = record.displacement[begin + i], record.velocity[begin + i]
-        voltage, load = record.voltage[begin + i], record.load_power[begin + i]
-        put_in, loss = record.input_power[begin + i], record.loss_power[begin + i]
+        x, v = record.displacement[i], record.velocity[i]
+        voltage, load = record.voltage[i], record.load_power[i]
+        put_in, loss = record.input_power[i], record.loss_power[i]
         xx, vv, voltage2 = x * x, v * v, voltage * voltage
         s0 += weight * voltage2
         s1 += weight * xx
@@ -267,7 +266,7 @@ def _add_points(record, begin, weights, saddles, integrals, products):
         s3 += weight * load
         s4 += weight * put_in
         s5 += weight * loss
-        s6 += weight * record.transducer_loss[begin + i]
+        s6 += weight * record.transducer_loss[i]
         p0 += weight * voltage2 * voltage2
         p1 += weight * xx * xx
         p2 += weight * vv * vv
@@ -283,16 +282,16 @@ def _add_points(record, begin, weights, saddles, integrals, products):
         products[k] += value
     if integrals.size > WELLS:
         for i in range(weights.size):
-            well = np.searchsorted(saddles, record.displacement[begin + i])
+            well = np.searchsorted(saddles, record.displacement[i])
             integrals[WELLS + well] += weights[i]
 
 
-@compiled
+@uncounted
 def _add_samples(before, record, start, group_length, interval, histograms, widths):
     """Count samples at whole multiples of the interval, linear between points."""
     groups = histograms.shape[0]
     time, columns = record.time, (record.displacement, record.velocity, record.voltage)
-    half, per_width = BINS // 2, 1.0 / widths
+    half = BINS // 2
     sample = np.floor(before[0] / interval + 1e-9) + 1.0
     end, place = time[-1] + 1e-9 * interval, 0
     while sample * interval <= end:
@@ -305,17 +304,16 @@ def _add_samples(before, record, start, group_length, interval, histograms, widt
         for k, column in enumerate(columns):
             value = column[place - 1] if place > 0 else before[k + 1]
             value += share * (column[place] - value)
-            into = np.floor(value * per_width[k])
+            into = np.floor(value / widths[k])
             while into >= half or into < -half:
                 _double_bins(histograms[:, k])
                 widths[k] *= 2.0
-                per_width[k] = 1.0 / widths[k]
-                into = np.floor(value * per_width[k])
+                into = np.floor(value / widths[k])
             histograms[group, k, int(into) + half] += 1.0
         sample += 1.0
 
 
-@compiled
+@uncounted
 def _double_bins(histograms):
     """Merge bins in pairs about the centre, in place; shape (groups, BINS)."""
     half = BINS // 2

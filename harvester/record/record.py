@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from harvester.compilation import compiled
+from harvester.compilation import compiled, register_jitable
 
 
 class Record(NamedTuple):
@@ -40,9 +40,20 @@ def empty_record(count: int) -> Record:
     return Record(*(np.empty(count) for _ in Record._fields))
 
 
+@register_jitable
 def part(record: Record, start: int, stop: int) -> Record:
     """Points start … stop − 1 of a record, as views."""
-    return Record(*(column[start:stop] for column in record))
+    return Record(
+        record.time[start:stop],
+        record.displacement[start:stop],
+        record.velocity[start:stop],
+        record.voltage[start:stop],
+        record.load_power[start:stop],
+        record.input_power[start:stop],
+        record.loss_power[start:stop],
+        record.transducer_loss[start:stop],
+        record.transducer_state[start:stop],
+    )
 
 
 @compiled
