@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.averaging.averages import Averages
-from harvester.averaging.region import NODE_REFINEMENT, Level, Region
+from harvester.averaging.grid_errors import JUDGED, changed, compared, corrected, means_of, worst
+from harvester.averaging.region import Level, Region
 from harvester.averaging.solution import Solution, Work, period
 from harvester.averaging.wells import between_wells, rates_of_jumps, slowest_decay_rate
 from harvester.device import timescales
@@ -35,9 +36,6 @@ REGION_LEVEL = Level(5.0, 2.2, 1.7, 3, 3, 50.0)  # on which the region is found
 FIRST_LEVEL = Level(6.0, 3.0, 2.3, 4, 3)
 # Nodes of Z that are kept, for each decade of the tolerance: their error falls exponentially.
 NODES_PER_DECADE = 3.0
-# Share of Richardson's correction for the step that is made: where steps are long, errors are of
-# higher order than the second. Share of it, and of the last change by nodes, stated as error.
-CORRECTION_TAKEN, STATED_ERROR = 0.6, {"steps": 0.7, "nodes": 0.75, "charges": 0.75}
 # Error, in tolerances, of nodes of Z, the range and what is left of the stationary state's rest.
 UNSEEN_ERROR = 0.2
 # λ, in units of the period, below which nodes of Z are no part of it where motion leaves its well
@@ -45,8 +43,6 @@ UNSEEN_ERROR = 0.2
 SLOW_CHARGE = 0.1
 # Change of the nodes, in tolerances, below which the step's error is told on the sparser grid.
 SPARSE_GRID_CHANGE = 0.2
-# Doubt in nodes between which a contact goes and comes back: of first order.
-UNRESOLVED = 1.0 / (NODE_REFINEMENT - 1.0)
 REGION_ATTEMPTS = 8  # at the region
 SHORTEST_CONTACT = 2e-2  # in periods of small oscillations
 FASTEST_DECAY = 60.0  # λ, in units of the period, beyond which that takes too many steps
@@ -56,15 +52,6 @@ CONTINUED_WORK = 2.0  # of the usual work, for a tolerance so much smaller
 REGION_TOLERANCE = 0.2  # tolerance on the grid that finds the region
 HELD_BACK = 16.0  # E[X'²] in a barrier that hardly any motion passes
 UNTOLD_FACTOR = 2.0  # factor in E[X'²] that the first grid of all may leave in doubt
-JUDGED = (
-    "mean_square_voltage",
-    "power_conversion_efficiency",
-    "mean_square_velocity",
-    "mean_square_displacement",
-)
-# An efficiency's error beyond the second is judged as a share of the first at most: where 1 % of a
-# high one would be more, 0.3 points are asked for.
-HIGH_EFFICIENCY, FEW_POINTS = 0.3, 3e-3
 # Of the means judged, those that a line towards slow decay is drawn through; efficiency follows.
 CONTINUED = tuple(name for name in JUDGED if name != "power_conversion_efficiency")
 
@@ -171,11 +158,11 @@ def _slow_decay(device, slowest, tolerance):
         + abs(mean - level[name])
         for name, mean in means.items()
     }
-    worst, excess = _worst(means, error)
+    name, excess = worst(means, error)
     if excess > tolerance:
         raise AveragingError(
             f"decay_rate={rate:g}: from {slowest:.3g} /s, the slowest that fokker_planck takes by "
-            f"itself, {worst.replace('_', ' ')} is continued by {excess:.2g} of itself, more than "
+            f"itself, {name.replace('_', ' ')} is continued by {excess:.2g} of itself, more than "
             f"the tolerance of {tolerance:g}: jumps between the wells are as slow; simulate"
         )
     return replace(near, **means, numerical_error=error, between_wells={})
@@ -203,7 +190,7 @@ def _of_squares(device, squares):
     part, totals = device.transducer, dict(squares)
     square = totals.pop("square_state")
     voltage, current = part.voltage(0.0, 1.0), part.current(0.0, 1.0)
-    return _means(
+    return means_of(
         totals
         | {
             "mean_square_voltage": square * voltage**2,
@@ -218,26 +205,26 @@ def _refined(device, tolerance, work, memory=False, judged=JUDGED):
     nodes = [_first(device, tolerance, work)]
     grids = {"nodes": nodes}
     _refine(grids, "nodes", tolerance)
-    while (changed := _changed(nodes, judged))[1] > tolerance:
-        _refine(grids, "nodes", tolerance, changed)
+    while (known := changed(nodes, judged))[1] > tolerance:
+        _refine(grids, "nodes", tolerance, known)
     # What the nodes leave undone would pass for an error of the step.
-    enough = -2 if changed[1] < SPARSE_GRID_CHANGE * tolerance else -1
+    enough = -2 if known[1] < SPARSE_GRID_CHANGE * tolerance else -1
     grids |= {"steps": [nodes[enough]], "charges": [nodes[0]]}
     _refine(grids, "steps", tolerance)
     rate = device.transducer.decay_rate()
     if nodes[0].totals.get("well_crossing_rate", np.inf) < rate < SLOW_CHARGE / period(device):
         _refine(grids, "charges", tolerance)
     while True:
-        means, errors = _judged(grids)
+        means, errors = corrected(grids)
         error = {
             name: sum(each[name] for each in errors.values()) + UNSEEN_ERROR * tolerance * abs(mean)
             for name, mean in means.items()
         }
-        worst, excess = _worst(means, error, judged)
+        known = name, excess = worst(means, error, judged)
         if excess <= tolerance:
             return _answer(device, grids, means, error, memory)
-        larger = max(errors, key=lambda respect: errors[respect][worst])
-        _refine(grids, larger, tolerance, (worst, excess))
+        larger = max(errors, key=lambda respect: errors[respect][name])
+        _refine(grids, larger, tolerance, known)
 
 
 def _first(device, tolerance, work):
@@ -264,12 +251,6 @@ def _refine(grids, respect, tolerance, known=None):
             f"{known[0].replace('_', ' ')} is known to {known[1]:.2g} of itself, not to the "
             f"tolerance of {tolerance:g}, on as fine a grid as is tried: raise it, or simulate"
         ) from refusal
-
-
-def _changed(solutions, judged):
-    """The judged mean that changes most from the last grid but one to the last, and its share."""
-    before, last = (_means(each.totals) for each in solutions[-2:])
-    return _worst(last, {name: abs(last[name] - before[name]) for name in judged}, judged)
 
 
 def _found(device, work):
@@ -314,7 +295,7 @@ def _answer(device, grids, means, error, memory):
         ends = {respect: (each[0], each[-1]) for respect, each in grids.items()}
         ends["nodes"] = grids["nodes"][-2:]
         for find in (slowest_decay_rate, rates_of_jumps):
-            rates, doubts = _compared(ends, partial(find, device))
+            rates, doubts = compared(ends, partial(find, device))
             own, error = own | rates, error | doubts
     return Averages(
         "fokker_planck",
@@ -323,76 +304,3 @@ def _answer(device, grids, means, error, memory):
         density=grids["steps"][-1].density,
         between_wells=own,
     )
-
-
-def _compared(grids, find):
-    """What `find` gives, and its errors: what each respect's grids changed, as a whole.
-
-    Empty where it takes too many steps.
-    """
-    solutions = {id(each): each for pair in grids.values() for each in pair}
-    found = {key: find(each) for key, each in solutions.items()}
-    if None in found.values():
-        return {}, {}
-    changes = [
-        {name: found[id(last)][name] - value for name, value in found[id(first)].items()}
-        for first, last in grids.values()
-    ]
-    start = found[id(grids["nodes"][0])]
-    return (
-        {name: value + sum(each[name] for each in changes) for name, value in start.items()},
-        {name: sum(abs(each[name]) for each in changes) for name in start},
-    )
-
-
-def _judged(grids):
-    """Means without the errors that grids tell, and what of these is in doubt, by respect.
-
-    The errors of steps and nodes add up, so that each is known from grids that differ in it alone:
-    the step's is of second order or higher and most of it taken off; that of nodes vanishes faster.
-    """
-    sooner, soonest = grids["steps"][-2:]
-    left = 1.0 / ((soonest.steps / sooner.steps) ** 2 - 1.0)
-    doubted = STATED_ERROR | {"steps": left * STATED_ERROR["steps"]}
-    if grids["nodes"][-1].unresolved:
-        doubted["nodes"] = UNRESOLVED
-    taken = {"steps": CORRECTION_TAKEN * left}
-    means = _combined(grids, taken)
-    errors = {}
-    for respect, doubt in doubted.items():
-        less = _combined(grids, taken | {respect: taken.get(respect, 0.0) - doubt})
-        errors[respect] = {name: abs(mean - less[name]) for name, mean in means.items()}
-    return means, errors
-
-
-def _combined(grids, further):
-    """Means with all that finer grids changed, and further shares of each respect's last change."""
-    totals = dict(grids["nodes"][0].totals)
-    for respect, solutions in grids.items():
-        first, before, last = (solutions[k].totals for k in (0, max(len(solutions) - 2, 0), -1))
-        for name in totals:
-            change = last[name] - first[name]
-            totals[name] += change + further.get(respect, 0.0) * (last[name] - before[name])
-    return _means(totals)
-
-
-def _means(totals):
-    """The totals, and what the power that comes in turns to."""
-    means = dict(totals)
-    power_in = means.pop("power_in")
-    power = means["mean_power"]
-    loss = power_in - power - means["mean_transducer_loss"]
-    return means | {
-        "mechanical_loss": loss,
-        "power_conversion_efficiency": power / power_in,
-    }
-
-
-def _worst(means, error, judged=JUDGED):
-    """The judged mean with the largest error as a share of it, in words, and that share."""
-    scale = {name: abs(means[name]) or np.inf for name in judged}
-    if (efficiency := "power_conversion_efficiency") in scale and error[efficiency] > FEW_POINTS:
-        scale[efficiency] = min(scale[efficiency], HIGH_EFFICIENCY)
-    excess = {name: error[name] / scale[name] for name in judged}
-    worst = max(excess, key=excess.get)
-    return worst, excess[worst]
