@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from circuits.kernel.stage import DISPLACEMENT, HELD_SPEED, MEAN_POWER
 from harvester.compilation import compiled, inlined
 from harvester.device import system as systems
 from harvester.record.record import fill
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from circuits.kernel.stage import State
+    from circuits.kernel.tables import Probes
+    from harvester.device.system import System
+    from harvester.record.record import Record
 
 # Of the power at both ends, a difference of their mean from the step's that asks for a point more:
 # at five times this, two tenths of a percent of SECE's energy was missing.
@@ -15,14 +25,14 @@ LEAST_ENERGY = 1e-5
 
 
 @inlined
-def load_power(probes, state):
+def load_power(probes: Probes, state: State) -> float:
     """Voltage times current at the terminals, scaled."""
     y = state.y
     return y[probes.places[0]] * y[probes.places[1]] * probes.units[3]
 
 
 @inlined
-def stored_energy(s, probes, state):
+def stored_energy(s: System, probes: Probes, state: State) -> float:
     """The transducer's energy, scaled; 0 where it keeps none."""
     place = probes.places[2]
     if place < 0:
@@ -31,7 +41,7 @@ def stored_energy(s, probes, state):
 
 
 @inlined
-def given_power(s, probes, state, share):
+def given_power(s: System, probes: Probes, state: State, share: float) -> float:
     """What the mass gives the transducer beyond its own loss, a share of the change ahead (scaled).
 
     Less what the transducer stores it is the load's power, also over a step in which a pulse
@@ -49,7 +59,20 @@ def given_power(s, probes, state, share):
 
 
 @inlined
-def add_points(s, probes, state, record, output, points, h, before, scale, time, noise, free):
+def add_points(
+    s: System,
+    probes: Probes,
+    state: State,
+    record: Record,
+    output: np.ndarray,
+    points: int,
+    h: float,
+    before: tuple[float, float],
+    scale: float,
+    time: float,
+    noise: float,
+    free: tuple[float, float],
+) -> int:
     """A step's end as a point, behind the beginning once more where the power jumped there.
 
     `before` are the load's power and the transducer's energy at the step's beginning, `scale` is
