@@ -18,6 +18,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from harvester.averaging.averages import Averages
 from harvester.averaging.grid_errors import JUDGED, changed, compared, corrected, means_of, worst
@@ -54,6 +55,8 @@ HELD_BACK = 16.0  # E[X'²] in a barrier that hardly any motion passes
 UNTOLD_FACTOR = 2.0  # factor in E[X'²] that the first grid of all may leave in doubt
 # Of the means judged, those that a line towards slow decay is drawn through; efficiency follows.
 CONTINUED = tuple(name for name in JUDGED if name != "power_conversion_efficiency")
+# Arrays are small: threads of BLAS double the processor time and take nothing off the clock's.
+ONE_THREAD = {"limits": 1, "user_api": "blas"}
 
 
 def fokker_planck(device: System, tolerance: float, memory: bool = False) -> Averages:
@@ -83,9 +86,10 @@ def fokker_planck(device: System, tolerance: float, memory: bool = False) -> Ave
     _check(device)
     slowest = SLOWEST_DECAY / period(device)
     rate = device.transducer.decay_rate()
-    if 0.0 < rate < slowest:
-        return _slow_decay(device, slowest, tolerance)
-    return _refined(device, tolerance, Work(tolerance), memory)
+    with threadpool_limits(**ONE_THREAD):
+        if 0.0 < rate < slowest:
+            return _slow_decay(device, slowest, tolerance)
+        return _refined(device, tolerance, Work(tolerance), memory)
 
 
 def outline(device: System) -> GridDensity:
@@ -103,7 +107,8 @@ def outline(device: System) -> GridDensity:
         As of `fokker_planck`.
     """
     _check(device)
-    return _found(device, Work(REGION_TOLERANCE))[1].density
+    with threadpool_limits(**ONE_THREAD):
+        return _found(device, Work(REGION_TOLERANCE))[1].density
 
 
 def _check(device):
