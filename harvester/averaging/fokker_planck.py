@@ -4,8 +4,8 @@ The Fokker–Planck equation of Eq. 4 with Z = X − V, Z' = λ(X − Z), is car
 `propagator`; what P, the propagator over about one period, leaves as it is, is the stationary
 density: (1 − P) p = 0 (`solution`). It starts from a Gibbs density on a coarse grid, which tells
 how far the grid must reach and how fine it must be (`region`). What the first grid for the answer
-leaves undone is told by grids that are finer in time or in X and X', each corrected from the one
-before, until it is less than the tolerance.
+leaves undone is told by grids that are finer in time, in X and X' or in Z, each corrected from the
+one before, until it is less than the tolerance (`grid_errors`).
 
 Nothing is assumed of the device's symmetry, of the noise's memory, of the contacts' damping or of
 the load's rate. Of two wells alike that hardly any motion leaves, the grid holds one alone.

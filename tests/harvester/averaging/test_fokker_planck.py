@@ -120,14 +120,7 @@ def test_simulation(overrides):
     """
     run = ["run.duration=4000", "run.realizations=64", "run.seed=11"]
     scene = Scene.load("paper", overrides + run)
-    simulated, found = (
-        simulate(scene, method="monte-carlo"),
-        average_scene(scene, method="fokker_planck"),
-    )
-    for name in ("mean_square_voltage", "power_conversion_efficiency"):
-        truth, answer = simulated.quantity(name), found.quantity(name)
-        error = 4.0 * truth.standard_error + answer.standard_error
-        assert answer.estimate == pytest.approx(truth.estimate, abs=error)
+    assert_as_simulated(scene, ("mean_square_voltage", "power_conversion_efficiency"))
 
 
 @pytest.mark.slow
