@@ -42,37 +42,35 @@ class Layer:
         level = np.linspace(orbits.level[0], orbits.level[-1], FINER * (orbits.level.size - 1) + 1)
         self._energy, self._added, self._fine = CubicSpline(orbits.level, columns, axis=1)(level)
 
-    def _line(self, x, v=None):
-        """(values, their weights) on a line through the phase plane at one x, at these v.
+    def _kinetic(self, x):
+        """½X'² of every orbit at one x, ascending; negative where the edge has no orbit."""
+        if x < self.orbits.left[-1]:
+            return np.full_like(self._energy, -1.0)
+        return self._energy - self.orbits.edge.energy(x, self._added)
 
-        Without v at nodes of a quadrature over all v ≥ 0.
-        """
-        # ½X'² of every orbit here, ascending.
-        kinetic = self._energy - self.orbits.edge.energy(x, self._added)
-        weights = np.empty(0)
-        if v is None:
-            v, weights = _quadrature(np.append(0.0, np.sqrt(2.0 * np.maximum(kinetic, 0.0))))
-        square = 0.5 * v * v
+    def _values(self, kinetic, square):
+        """Values where ½X'² is `square`, at the place where it is `kinetic` on the orbits."""
         values = np.exp(np.interp(square, kinetic, self._fine, left=self._within)) - self._floor
-        inside = (square <= kinetic[-1]) & (x >= self.orbits.left[-1])
-        return np.where(inside, values, 0.0), weights
+        return np.where(square <= kinetic[-1], values, 0.0)
 
     def at(self, x: ArrayLike, v: ArrayLike) -> np.ndarray:
         """Value at (x, v), arrays that broadcast, with x on the edge's own side."""
         x, v = np.broadcast_arrays(x, v)
-        found = np.zeros(x.shape)
-        order = np.argsort(x, axis=None)
+        found, order = np.zeros(x.shape), np.argsort(x, axis=None)
         for same in np.split(order, 1 + np.flatnonzero(np.diff(x.flat[order]))):
             if same.size:
-                found.flat[same], _ = self._line(x.flat[same[0]], v.flat[same])
+                kinetic = self._kinetic(x.flat[same[0]])
+                found.flat[same] = self._values(kinetic, 0.5 * v.flat[same] ** 2)
         return found
 
     def over_velocity(self, x: np.ndarray) -> np.ndarray:
         """Integral over all velocities at each x."""
         totals = np.zeros(x.shape)
         for k, place in np.ndenumerate(x):
-            values, weights = self._line(place)
-            totals[k] = 2.0 * values @ weights
+            kinetic = self._kinetic(place)
+            speeds = np.append(0.0, np.sqrt(2.0 * np.maximum(kinetic, 0.0)))
+            v, weights = _quadrature(speeds)
+            totals[k] = 2.0 * weights @ self._values(kinetic, 0.5 * v * v)
         return totals
 
     def over_displacement(self, v: np.ndarray) -> np.ndarray:
@@ -129,11 +127,12 @@ class Density:
 
     def _both_sides(self, x, function):
         """Sum over the layers; orbits in the right well stand for those in the left one."""
-        total = 0.0
-        for layer in self.layers:
-            sides = (x, -x) if layer.orbits.edge.inside else (np.abs(x),)
-            total = total + sum(function(layer, side) for side in sides)
-        return total
+        sides = {True: (x, -x), False: (np.abs(x),)}
+        return sum(
+            function(layer, side)
+            for layer in self.layers
+            for side in sides[layer.orbits.edge.inside]
+        )
 
     def tabulated(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """Places as far out as a density matters, finer where orbits crowd, and it there."""

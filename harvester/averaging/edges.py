@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from harvester.device.system import System
 
 SCAN_STEP, SCAN_NODES = 0.25, 24  # of the level; of an orbit on either side of the stopper
-WELL_LEVELS = -15.0, 11.5  # of the scan
-SMALL_ORBIT = -5.0  # level below which ω is that of the bottom
-OUTER_LEVELS = -32.0, 32.0  # of the scan, from that of D over the rate of loss
+WELL_LEVELS = -15.0, 11.5
+NEGLIGIBLE = 1e-8  # fall of ln g within the innermost orbit of a well
+SMALL_ORBIT = -5.0  # level of a well's orbits from which on down ω is that of its bottom
+OUTER_LEVELS = -20.0, 32.0  # from that of D over the rate of loss
 OUTER_EXPONENT = 45.0  # ln g falls by this much up to the outer end
-NEGLIGIBLE = 1e-8  # and by this much inside the innermost orbit
 
 
 def edges(system: System, closure: str) -> list[tuple[Edge, float, float]]:
@@ -51,34 +51,31 @@ def edges(system: System, closure: str) -> list[tuple[Edge, float, float]]:
 def _well_range(edge, reach):
     """First and last level of the wells, which end at the latest where they come to `reach`."""
     scan = _scan(edge, *WELL_LEVELS)
-    level = scan.level
-    first = min([SMALL_ORBIT, *_zeros(level, scan.exponent() - NEGLIGIBLE)])
+    first = min([SMALL_ORBIT, *_zeros(scan.level, scan.exponent() - NEGLIGIBLE)])
+    # Of smaller orbits rounding alone may tell that they cross.
     crossings = [fold for fold in _folds(scan) if fold > first]
-    last = min([level[-1], *crossings, *_zeros(level, scan.right - reach)])
-    return min(first, last - 1.0), last
+    return first, min([scan.level[-1], *crossings, *_zeros(scan.level, scan.right - reach)])
 
 
 def _outer_range(edge):
     """First and last level of the outer edge."""
     s = edge.system
     coupling, decay_rate = s.transducer.coupling, s.transducer.decay_rate()
-    rate = s.damper.damping + coupling / decay_rate
-    middle = np.log(s.noise.intensity / (rate or 1.0 / s.noise.correlation_time))
+    rate = s.damper.damping + coupling / decay_rate or 1.0 / s.noise.correlation_time
+    middle = np.log(s.noise.intensity / rate)
     scan = _scan(edge, *(middle + end for end in OUTER_LEVELS))
+    exponent = scan.exponent()
     fold = max([scan.level[0], *_folds(scan)])
     followed = scan.level > fold
-    at_fold = np.interp(fold, scan.level, scan.exponent())
     level = np.append(fold, scan.level[followed])
-    exponent = np.append(0.0, scan.exponent()[followed] - at_fold)
-    last = _zeros(level, exponent - OUTER_EXPONENT)
+    fall = np.append(0.0, exponent[followed] - np.interp(fold, scan.level, exponent))
+    last = _zeros(level, fall - OUTER_EXPONENT)
     if last.size == 0:
         raise AveragingError(
             f"damping={s.damper.damping:g} with coupling={coupling:g} does not bound the energy; "
             "raise one of them or let the stoppers dissipate (restitution < 1)"
         )
-    if stiffnesses(s)[0] < 0.0:
-        return fold, last[0]
-    return max([fold, *_zeros(level, exponent - NEGLIGIBLE)]), last[0]
+    return fold, last[0]
 
 
 def _scan(edge: Edge, low: float, high: float) -> Orbits:
