@@ -64,16 +64,8 @@ def average(
     `paper` is Eqs. 10–37 with κ in Eq. 15, the stoppers' spring opposed on either side and 2T in
     Eq. 26 below the barrier. `consistent` keeps the force −N2 X* of Eq. 11 in the potential, takes
     V about each well's rest position, and lets g = p/T obey d ln g/dH = −B/(πSJ), the flux form,
-    where Eqs. 21, 22 and 25 have a further 1/S(ω) in g: the drift πS(ω) lacks dS/dH. Deviation of
-    E[V²] from simulation of the scene `paper` in percent, at (D, τ1):
-
-    ==========================  =========  ========  ========  =======
-    `consistent`, other choice  .005, .4   .02, .4   .02, 1    .1, .4
-    ==========================  =========  ========  ========  =======
-    as built                    +1.2       +1.2      −0.5      −36
-    with 1/S(ω)                 +1.0       −3.8      −0.7      −49
-    wells joined at equal g     +1.2       −2.5      −0.5      −46
-    ==========================  =========  ========  ========  =======
+    where Eqs. 21, 22 and 25 have a further 1/S(ω) in g: the drift πS(ω) lacks dS/dH. The page
+    `theory` tells what these choices change.
 
     `consistent` is for motion inside a well: it misses the slow part of V after a jump. Noise and
     contact must be weak per period; on a preloaded stopper (gap 0.95, D = 0.01) it is 11 % low.
