@@ -1,13 +1,20 @@
 """Answers that this project did not compute: closed forms and scipy's integrators."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from scipy.integrate import DOP853
 from scipy.linalg import expm, solve_discrete_lyapunov
 
 from harvester.averaging import average
-from harvester.averaging.symmetric import symmetric_device
+from harvester.device import timescales
+from harvester.device.contact import Contact
+from harvester.device.damper import damper
+from harvester.device.hertz import hertz_damp
+from harvester.device.piezo import piezo
+from harvester.device.spring import spring
+from harvester.device.system import Noise, System
 from harvester.engines.monte_carlo import integrate, record_of
 from harvester.engines.realization import noise_path, start_state
 from harvester.engines.steps import knot_spacing
@@ -37,9 +44,58 @@ def assert_near(result, truths, largest_error):
         assert abs(found.estimate - truth) < 3.0 * found.standard_error, name
 
 
+class Coefficients(NamedTuple):
+    """Those of Eqs. 4–6 in scaled form, by name; `gap` is infinite without stoppers."""
+
+    damping: float
+    linear_stiffness: float
+    cubic_stiffness: float
+    gap: float
+    contact_stiffness: float
+    restitution: float
+    held_impact_velocity: bool
+    coupling: float
+    decay_rate: float
+    intensity: float
+    correlation_time: float
+
+    @property
+    def system(self):
+        """The same as a sum of parts."""
+        law = hertz_damp(self.contact_stiffness, self.restitution, event=self.held_impact_velocity)
+        touches = math.isfinite(self.gap) and self.contact_stiffness > 0.0
+        return System(
+            spring=spring((0.0, self.linear_stiffness, 0.0, self.cubic_stiffness)),
+            damper=damper(self.damping),
+            contacts=(Contact(0.0, self.gap, law),) if touches else (),
+            transducer=piezo(self.coupling, self.decay_rate),
+            noise=Noise(self.intensity, self.correlation_time),
+        )
+
+    @property
+    def rest(self):
+        """Stable rest position X ≥ 0 with the stoppers, without charge on the piezo."""
+        return timescales.rest(self.system)
+
+
 def flat(scene):
-    """Coefficients of Eqs. 4–6 of a scene with the source paper's parts, by name."""
-    return symmetric_device(scale(scene)[0])
+    """Coefficients of a scene with the source paper's parts."""
+    s = scale(scene)[0]
+    linear, cubic = (*s.spring.odd, 0.0, 0.0)[:2]
+    law = s.contacts[0].law if s.contacts else hertz_damp(0.0, 1.0)
+    return Coefficients(
+        damping=s.damper.damping,
+        linear_stiffness=linear,
+        cubic_stiffness=cubic,
+        gap=s.contacts[0].gap if s.contacts else math.inf,
+        contact_stiffness=law.stiffness,
+        restitution=math.sqrt(1.0 - law.damping_factor / 0.75),
+        held_impact_velocity=bool(law.holds),
+        coupling=s.transducer.coupling,
+        decay_rate=s.transducer.load_rate,
+        intensity=s.noise.intensity,
+        correlation_time=s.noise.correlation_time,
+    )
 
 
 def averaged(p, closure="fokker_planck", tolerance=None):

@@ -1,366 +1,267 @@
-"""Conservative orbits of one well or around both, and their integrals over a closed orbit.
+"""Conservative orbits of the source paper's device, and their integrals (Eqs. 10–17, 23, 24).
 
-Everything is an array over levels: one entry is one orbit in the potential of its own N2. The
-right well stands for both wells, and of the symmetric outer orbits the quarter X, X' ≥ 0 is
-followed; integrals are those of the whole closed orbit.
+The device is symmetric, so that the quarter of the phase plane with X, X' ≥ 0 is enough, or all of
+a well's upper half. There an orbit runs from its left end, a turning point inside a well or X = 0
+outside, to its right turning point, and every integral is over that part alone. Arrays are over
+orbits, one by one or, where they say so, orbits × nodes of a quadrature.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.optimize.elementwise import find_root
 
-from harvester.averaging.symmetric import (
-    SymmetricDevice,
-    contact_damping,
-    potential,
-    restoring_force,
-)
-from harvester.device.values import Values
+from harvester.device import contact as contacts
+from harvester.device import spring as springs
+from harvester.device import timescales
+from harvester.device.system import elastic_force, potential
+from harvester.errors import AveragingError
 
-SMALLEST_SPEED = 1e-150  # a speed to divide by on pieces of no length
+if TYPE_CHECKING:
+    from harvester.device.system import System
+    from harvester.device.values import Values
+
+SMALLEST = 1e-150  # what to divide by where nothing is left
+
+
+def stiffnesses(system: System) -> tuple[float, float]:
+    """(−ω0², κ) of a symmetric spring of first and third power."""
+    linear, cubic = (*system.spring.odd, 0.0, 0.0)[:2]
+    return linear, cubic
 
 
 @dataclass(frozen=True)
-class Potential:
-    """U(X) = −½ω0² X² + ¼κ X⁴ + ½N2 (X − X*)² + contact (Eq. 15), at X ≥ −δ.
+class Edge:
+    """All orbits of one kind: inside the right well, or around both wells.
 
-    N2, the `added_stiffness` of the piezo (Eq. 12), is an argument of the methods because it
-    belongs to the orbit. With `anchor` X* = 0 this is Eq. 15 but for its constant; an array gives
-    each orbit its own.
+    A monostable device has orbits around X = 0 alone, which are as those around both wells. An
+    orbit is known by its `level`: inside a well ln(r/(1 − r)), r the way of its left turning point
+    from the bottom (0) to the well's end (1), and else ln(H − U(0)). Both are logarithmic where
+    orbits change on every scale.
+
+    Attributes
+    ----------
+    system : harvester.device.system.System
+    inside : bool
+        In the right well, which stands for both.
+    anchor : float
+        X* of the potential U(X) = −½ω0² X² + ¼κ X⁴ + ½N2 (X − X*)² + contact (Eq. 15 with X* = 0).
+        Methods take N2, the `added` stiffness of the piezo (Eq. 12), with the orbits.
     """
 
-    parameters: SymmetricDevice
+    system: System
+    inside: bool = False
     anchor: float = 0.0
 
-    def energy(self, x: Values, added_stiffness: Values) -> Values:
+    def energy(self, x: Values, added: Values) -> Values:
         """U(x)."""
-        return potential(self.parameters, x) + 0.5 * added_stiffness * (x - self._at(x)) ** 2
+        return potential(self.system, x) + 0.5 * added * (x - self.anchor) ** 2
 
-    def _at(self, x):
-        """The anchor, for orbits' nodes as a column."""
-        return self.anchor[:, None] if np.ndim(x) > np.ndim(self.anchor) > 0 else self.anchor
+    def rise(self, start: Values, end: Values, added: Values) -> Values:
+        """U(end) − U(start), that of spring and piezo without cancellation."""
+        linear, cubic = stiffnesses(self.system)
+        both = start + end
+        spring = both * (0.5 * linear + 0.25 * cubic * (start * start + end * end))
+        piezo = 0.5 * added * (both - 2.0 * self.anchor)
+        before, after = (contacts.energy(self.system.contacts, x) for x in (start, end))
+        return (end - start) * (spring + piezo) + after - before
 
-    def slope(self, x: Values, added_stiffness: Values) -> Values:
+    def slope(self, x: Values, added: Values) -> Values:
         """dU/dx."""
-        return restoring_force(self.parameters, x) + added_stiffness * (x - self._at(x))
+        return elastic_force(self.system, x) + added * (x - self.anchor)
 
-    def curvature(self, x: Values, added_stiffness: Values) -> Values:
-        """d²U/dx² at x ≥ 0."""
-        p = self.parameters
-        spring = p.linear_stiffness + added_stiffness + 3.0 * p.cubic_stiffness * x * x
-        if not p.has_stoppers:
-            return spring
-        return spring + 1.5 * p.contact_stiffness * np.sqrt(np.maximum(x - p.gap, 0.0))
-
-    def rise(self, x: Values, step: Values, added_stiffness: Values) -> Values:
-        """U(x + step) − U(x) without cancellation."""
-        p = self.parameters
-        linear, cubic = p.linear_stiffness + added_stiffness, p.cubic_stiffness
-        first = (linear + cubic * x * x) * x - added_stiffness * self._at(x)
-        second = 0.5 * (linear + 3.0 * cubic * x * x)
-        spring = step * (first + step * (second + step * cubic * (x + 0.25 * step)))
-        for side in (1.0, -1.0):
-            ahead, way = side * x, side * step
-            if p.has_stoppers and (np.any(ahead > p.gap) or np.any(ahead + way > p.gap)):
-                spring = spring + self._contact_rise(ahead, way)
-        return spring
-
-    def _contact_rise(self, x, step):
-        gap = self.parameters.gap
-        before, after = np.maximum(x - gap, 0.0), np.maximum(x + step - gap, 0.0)
-        change = np.where((before > 0.0) & (after > 0.0), step, after - before)
-        a, b = np.sqrt(before), np.sqrt(after)  # b⁵ − a⁵ = (b² − a²) (…)/(a + b)
-        powers = before**2 + after**2 + a * b * (before + a * b + after)
-        return 0.4 * self.parameters.contact_stiffness * change * powers / (a + b + SMALLEST_SPEED)
-
-    def bottom(self, added_stiffness: np.ndarray) -> np.ndarray:
+    def bottom(self, added: np.ndarray) -> np.ndarray:
         """Position of the minimum at X ≥ 0."""
-        p = self.parameters
-        if self.anchor > 0.0 or p.linear_stiffness >= 0.0:
-            return np.full_like(added_stiffness, self.anchor)
-        if p.cubic_stiffness > 0.0:
-            free = np.sqrt(-(p.linear_stiffness + added_stiffness) / p.cubic_stiffness)
-        else:
-            free = np.full_like(added_stiffness, np.inf)
-        if not p.has_stoppers or np.all(free <= p.gap):
-            return free
-        start = np.full_like(added_stiffness, p.gap)
-        pressed = root_beyond(self.slope, self.curvature, start, 0.1 * start, added_stiffness)
-        return np.where(free <= p.gap, free, pressed)
+        rest = np.full_like(added, timescales.rest(self.system))
+        if self.anchor == rest[0]:
+            return rest
+        laws = [(each.law, each.gap) for each in self.system.contacts]
 
-    def well_end(self, added_stiffness: np.ndarray) -> np.ndarray:
+        def curvature(x):
+            contact = sum(law.elastic_stiffness(np.maximum(x - gap, 0.0)) for law, gap in laws)
+            return springs.slope(self.system.spring, x) + added + contact
+
+        return _root_of_convex(lambda x: self.slope(x, added), curvature, rest)
+
+    def well_end(self, added: np.ndarray) -> np.ndarray:
         """Where the well gives way: its saddle; without one, where the pull back is weakest.
 
         Middle root of κx³ − (ω0² − N2) x − N2 X* = 0. For N2 X* so large that it has gone, the
         clipped formula gives the point of zero curvature. A far stopper ends the well as well.
         """
-        p = self.parameters
-        softening = -(p.linear_stiffness + added_stiffness)
-        offset = added_stiffness * self.anchor
-        if p.cubic_stiffness > 0.0:
-            third = np.sqrt(softening / (3.0 * p.cubic_stiffness))
-            ratio = 1.5 * offset / (softening * third)
-            end = 2.0 * third * np.cos((np.arccos(np.minimum(ratio, 1.0)) - 2.0 * np.pi) / 3.0)
+        linear, cubic = stiffnesses(self.system)
+        softening, offset = -(linear + added), added * self.anchor
+        end = -offset / softening
+        if cubic > 0.0:
+            third = np.sqrt(softening / (3.0 * cubic))
+            angle = np.arccos(np.minimum(-1.5 * end / third, 1.0))
+            end = 2.0 * third * np.cos((angle - 2.0 * np.pi) / 3.0)
+        return np.maximum(end, timescales.free_zone(self.system)[0])
+
+    def ends(self, level: np.ndarray, added: np.ndarray) -> tuple[np.ndarray, ...]:
+        """(left end, ½X'² there, right end, way on which the speed near the left end varies)."""
+        bottom, left, excess = self.bottom(added), np.zeros_like(level), np.zeros_like(level)
+        if self.inside:
+            depth = bottom - self.well_end(added)
+            left, way = bottom - depth / (1.0 + np.exp(-level)), depth / (1.0 + np.exp(level))
         else:
-            end = -offset / softening
-        return np.maximum(end, -p.gap)
+            excess, linear = np.exp(level), stiffnesses(self.system)[0]
+            way = np.sqrt(0.5 * excess / np.maximum(np.abs(linear + added), SMALLEST))
+
+        def height(x):
+            return self.rise(left, x, added) - excess
+
+        step = np.maximum(bottom - left, 1e-9 * np.sqrt(excess))
+        while np.any(short := height(bottom + step) < 0.0):
+            step = np.where(short, 2.0 * step, step)
+        right = _root_of_convex(height, lambda x: self.slope(x, added), bottom + step)
+        return left, excess, right, way
 
 
-@dataclass(frozen=True)
 class Orbits:
-    """Orbits of one edge and their closed-orbit integrals, arrays over levels.
+    """Orbits of one edge at some levels, each in the potential of an N2 of its own.
+
+    Nodes are Gauss's and Legendre's in an angle θ from 0 to π/2, on either side of the stopper.
+    Short of it x = left + 2d sinh²(s sin θ): smooth at turning points, and where a saddle at the
+    distance d slows the mass. Beyond it x grows as sin² θ.
+
+    Parameters
+    ----------
+    edge : Edge
+    level, added : ndarray
+        Levels, evenly spaced and ascending where they are integrated over, and N2.
+    nodes : int
 
     Attributes
     ----------
-    added_stiffness, energy, left, right, bottom : ndarray
-        N2, ½X'² + U, turning points (`left` is 0 for outer orbits), minimum of U.
-    period, area : ndarray
-        T (Eq. 16) and J = ∮X'² dt, the enclosed area of the phase plane (Eq. 23).
-    contact_work : ndarray
-        ∮(contact damping) X'² dt (Eq. 24).
-    first_moment, second_moment, speed_moment : ndarray
-        Integrals over the enclosed area of X − pivot, (X − pivot)² and X'².
+    energy, left, right : ndarray
+        H = ½X'² + U and the ends.
+    x, speed : ndarray
+        X and X' at the nodes (orbits × nodes).
+    time : ndarray
+        ∫dt, half of the period T (Eq. 16) inside a well and a quarter outside.
+    frequency, gain : ndarray
+        ω (Eq. 17, rad/s) and ω²/(λ² + ω²), which is N2/β of Eq. 12.
     """
 
-    added_stiffness: np.ndarray
-    energy: np.ndarray
-    left: np.ndarray
-    right: np.ndarray
-    bottom: np.ndarray
-    period: np.ndarray
-    area: np.ndarray
-    contact_work: np.ndarray
-    first_moment: np.ndarray
-    second_moment: np.ndarray
-    speed_moment: np.ndarray
+    def __init__(self, edge: Edge, level: np.ndarray, added: np.ndarray, nodes: int) -> None:
+        self.edge, self.level, self.added = edge, level, added
+        self.left, self._excess, self.right, way = edge.ends(level, added)
+        self.energy = self._excess + edge.energy(self.left, added)
+        angle, weights = _quarter_turn(nodes)
+        touch = np.clip(timescales.free_zone(edge.system)[1], self.left, self.right)
+        span = np.arcsinh(np.sqrt(0.5 * (touch - self.left) / way))[:, None]
+        turn, twice, beyond = (
+            span * np.sin(angle),
+            2.0 * way[:, None],
+            (self.right - touch)[:, None],
+        )
+        before = self.left[:, None] + twice * np.sinh(turn) ** 2
+        self.x = np.hstack([before, touch[:, None] + beyond * np.sin(angle) ** 2])
+        before = twice * np.sinh(2.0 * turn) * span * np.cos(angle)
+        self._weight = np.hstack([before * weights, beyond * np.sin(2.0 * angle) * weights])
+        kinetic = self._excess[:, None] - edge.rise(self.left[:, None], self.x, added[:, None])
+        self.speed = np.maximum(np.sqrt(2.0 * np.maximum(kinetic, 0.0)), SMALLEST)
+        self.time = np.sum(self._weight / self.speed, axis=1)
+        self.frequency = (1.0 if edge.inside else 0.5) * np.pi / self.time
+        self.gain = 1.0 / (1.0 + (edge.system.transducer.decay_rate() / self.frequency) ** 2)
 
-    def take(self, selection: slice | np.ndarray) -> Orbits:
-        """The same for some of the levels (slice or index array)."""
-        return Orbits(*(getattr(self, field.name)[selection] for field in fields(self)))
-
-
-class WellEdge:
-    """Orbits inside the right well.
-
-    The level coordinate is ln(r/(1 − r)), r the inner turning point's way from the bottom (0)
-    to the well's end (1): logarithmic at both ends, where the orbits change on every scale.
-    """
-
-    lobes = 2  # left and right well
-    widest = (-15.0, 11.5)
-
-    def __init__(self, potential):
-        self.potential = potential
-
-    def path(self, level: np.ndarray, added_stiffness: np.ndarray, nodes: int) -> Path:
-        """Nodes along the orbits, as `Path`."""
-        u, n2 = self.potential, added_stiffness
-        bottom, end = u.bottom(n2), u.well_end(n2)
-        left = bottom - (bottom - end) / (1.0 + np.exp(-level))
-        distance = (bottom - end) / (1.0 + np.exp(level))
-        zero = np.zeros_like(level)
-        right = turning_point(u, left, zero, bottom, bottom - left, n2)
-        return path_between(u, n2, left, zero, distance, bottom, right, nodes)
-
-    def period(self, level: np.ndarray, added_stiffness: np.ndarray, nodes: int) -> np.ndarray:
-        """T of the closed orbits (Eq. 16)."""
-        return self.path(level, added_stiffness, nodes).half_period * 2.0
-
-    def orbits(
-        self, level: np.ndarray, added_stiffness: np.ndarray, nodes: int, pivot: float
-    ) -> Orbits:
-        """`Orbits` at these levels and N2, moments about `pivot`."""
-        path = self.path(level, added_stiffness, nodes)
-        energy = self.potential.energy(path.left, added_stiffness)
-        bottom = self.potential.bottom(added_stiffness)
-        return _integrals(self.potential, path, added_stiffness, energy, bottom, pivot)
-
-
-class OuterEdge:
-    """Orbits around both wells, or all orbits of a monostable device.
-
-    The level coordinate is ln(E − U(0)).
-    """
-
-    lobes = 1
-
-    def __init__(self, potential, energy_scale):
-        self.potential = potential
-        self.bistable = potential.parameters.linear_stiffness < 0.0
-        self.widest = (np.log(energy_scale) - 32.0, np.log(energy_scale) + 32.0)
-
-    def path(self, level: np.ndarray, added_stiffness: np.ndarray, nodes: int) -> Path:
-        """Nodes along a quarter of the orbits, as `Path`."""
-        u, n2 = self.potential, added_stiffness
-        excess, zero = np.exp(level), np.zeros_like(level)
-        bottom = u.bottom(n2)
-        first_step = bottom if self.bistable else 1e-9 * np.sqrt(excess)
-        right = turning_point(u, zero, excess, bottom, first_step, n2)
-        distance = 1e3 * right
-        if self.bistable:
-            distance = 0.5 * np.sqrt(-2.0 * excess / (u.parameters.linear_stiffness + n2))
-        return path_between(u, n2, zero, excess, distance, 0.5 * right, right, nodes)
-
-    def period(self, level: np.ndarray, added_stiffness: np.ndarray, nodes: int) -> np.ndarray:
-        """T of the closed orbits (Eq. 16)."""
-        return self.path(level, added_stiffness, nodes).half_period * 4.0
-
-    def orbits(
-        self, level: np.ndarray, added_stiffness: np.ndarray, nodes: int, pivot: float
-    ) -> Orbits:
-        """`Orbits` at these levels and N2; the first moment is not that of the whole orbit."""
-        path = self.path(level, added_stiffness, nodes)
-        energy = np.exp(level) + self.potential.energy(0.0, added_stiffness)
-        bottom = self.potential.bottom(added_stiffness)
-        half = _integrals(self.potential, path, added_stiffness, energy, bottom, pivot)
-        doubled = {
-            name: 2.0 * getattr(half, name)
-            for name in ("period", "area", "contact_work", "second_moment", "speed_moment")
-        }
-        moments = {"first_moment": np.zeros_like(energy)}
-        return Orbits(**{**vars(half), **doubled, **moments})
-
-
-@dataclass(frozen=True)
-class Path:
-    """x, speed and weight dx at the nodes (levels × nodes) from `left` to `right`."""
-
-    x: np.ndarray
-    speed: np.ndarray
-    weight: np.ndarray
-    left: np.ndarray
-    right: np.ndarray
+    def loop(self, values: Values) -> np.ndarray:
+        """∫ values X' dX = ∫ values X'² dt, values at the nodes; of 1 the area J (Eq. 23)."""
+        return np.sum(self._weight * self.speed * values, axis=1)
 
     @property
-    def half_period(self) -> np.ndarray:
-        """Time from left to right."""
-        return np.sum(self.weight / self.speed, axis=1)
+    def enclosed(self) -> dict[str, np.ndarray]:
+        """∬ 1, X, X² and X'² dX dX' over what each orbit encloses."""
+        values = {"1": 1.0, "X": self.x, "X²": self.x**2, "X'²": self.speed**2 / 3.0}
+        return {name: self.loop(each) for name, each in values.items()}
+
+    @property
+    def contact_work(self) -> np.ndarray:
+        """∫(contact damping) X'² dt (Eq. 24); where v0 is held, it is the orbit's speed there."""
+        system, damping = self.edge.system, 0.0
+        for each in system.contacts:
+            kinetic = self._excess - self.edge.rise(self.left, each.gap, self.added)
+            held = np.sqrt(2.0 * np.maximum(kinetic, 0.0))[:, None]
+            gain = springs.energy(system.spring, self.x) - springs.energy(system.spring, each.gap)
+            depth = np.maximum(self.x - each.gap, 0.0)
+            damping = damping + each.law.damping(depth, self.speed, gain, held)
+        return self.loop(damping)
+
+    @property
+    def height(self) -> np.ndarray:
+        """H above the minimum of U at X ≥ 0."""
+        bottom = self.edge.bottom(self.added)
+        return np.maximum(self.energy - self.edge.energy(bottom, self.added), 0.0)
+
+    @property
+    def spectrum(self) -> np.ndarray:
+        """S(ω)/S(0) = 1/(1 + ω² τ1²) of Eq. 6."""
+        return 1.0 / (1.0 + (self.frequency * self.edge.system.noise.correlation_time) ** 2)
+
+    def over_energy(self, rate: Values) -> np.ndarray:
+        """∫ rate dH from the first level on, with dH = dJ/T.
+
+        dJ/T is the energy from one orbit to the next; the constant of Eq. 15 and the saddle of
+        each N2 do not enter, so that a thin layer of changing N2 adds no range of energy.
+        """
+        area = CubicSpline(self.level, self.loop(1.0)).derivative()(self.level)
+        return CubicSpline(self.level, rate * area / self.time).antiderivative()(self.level)
+
+    def exponent(self) -> np.ndarray:
+        """∫ B/(πSJ) dH from the first level on, B the loss (Eqs. 21 and 22)."""
+        system = self.edge.system
+        damping = system.damper.damping + system.transducer.loss_rate(self.frequency)
+        loss = damping + self.contact_work / self.loop(1.0)
+        return self.over_energy(loss / (system.noise.intensity * self.spectrum))
+
+
+def settled_orbits(edge: Edge, level: np.ndarray, nodes: int) -> Orbits:
+    """The orbits at these levels, each in the potential of the N2 of its own frequency (Eq. 12).
+
+    Raises
+    ------
+    AveragingError
+        The fixed point of ω and N2 was not found.
+    """
+    coupling, added = edge.system.transducer.coupling, np.zeros_like(level)
+
+    def mismatch(added, level):
+        return added - coupling * Orbits(edge, level, added, nodes).gain
+
+    if coupling > 0.0:
+        limits = {"xatol": 1e-15 * coupling, "fatol": 1e-13 * coupling, "xrtol": 0.0}
+        bracket = added, np.full_like(level, coupling)
+        found = find_root(mismatch, bracket, args=(level,), tolerances=limits)
+        if not found.success.all():
+            raise AveragingError(
+                "N2 and ω of the orbits found no fixed point; change coupling or load"
+            )
+        added = found.x
+    return Orbits(edge, level, added, nodes)
 
 
 @cache
-def unit_nodes(nodes: int) -> tuple[np.ndarray, np.ndarray]:
-    """Gauss–Legendre nodes and weights on [0, 1]."""
+def _quarter_turn(nodes):
+    """Gauss–Legendre nodes and weights on [0, π/2]."""
     points, weights = np.polynomial.legendre.leggauss(nodes)
-    return 0.5 * (points + 1.0), 0.5 * weights
+    return 0.25 * np.pi * (points + 1.0), 0.25 * np.pi * weights
 
 
-def path_between(
-    u: Potential,
-    added_stiffness: np.ndarray,
-    left: np.ndarray,
-    excess: np.ndarray,
-    distance: np.ndarray,
-    middle: np.ndarray,
-    right: np.ndarray,
-    nodes: int,
-) -> Path:
-    """Nodes between left and right, split at the gap and at `middle`.
-
-    Speeds left of the middle are measured from the energy U(left) + `excess`, those right of it
-    from U(right), so that they keep their digits at both ends. `distance` is the scale on which
-    the speed varies near the left end; the map x = left + 2 · distance · sinh² makes a near saddle
-    as smooth as the sin² on the other pieces makes turning points and the contact's start.
-    """
-    gap = u.parameters.gap
-    split = np.where((left < gap) & (gap < middle), gap, middle)
-    touch = np.clip(gap, middle, right)
-    points, weights = unit_nodes(nodes)
-
-    reach = np.arcsinh(np.sqrt(0.5 * (split - left) / distance))
-    turn = reach[:, None] * points
-    from_left: Any = [2.0 * distance[:, None] * np.sinh(turn) ** 2]
-    weight = [2.0 * (distance * reach)[:, None] * np.sinh(2.0 * turn) * weights]
-
-    sine, sine_weight = np.sin(0.5 * np.pi * points) ** 2, np.sin(np.pi * points) * weights
-    lengths = [(part * 1.0)[:, None] for part in (middle - split, touch - middle, right - touch)]
-    weight += [0.5 * np.pi * length * sine_weight for length in lengths]
-    from_left += [(split - left)[:, None] + lengths[0] * sine]
-    from_left = np.concatenate(from_left, axis=1)
-    # Measured back from the right end; 1 − sin² = cos².
-    cosine = 1.0 - sine
-    from_right = np.concatenate([lengths[2] + lengths[1] * cosine, lengths[2] * cosine], axis=1)
-
-    n2 = added_stiffness[:, None]
-    kinetic = np.concatenate(
-        [
-            excess[:, None] - u.rise(left[:, None], from_left, n2),
-            -u.rise(right[:, None], -from_right, n2),
-        ],
-        axis=1,
-    )
-    x = np.concatenate([left[:, None] + from_left, right[:, None] - from_right], axis=1)
-    speed = np.maximum(np.sqrt(2.0 * np.maximum(kinetic, 0.0)), SMALLEST_SPEED)
-    return Path(x, speed, np.concatenate(weight, axis=1), left, right)
-
-
-def _integrals(u, path, added_stiffness, energy, bottom, pivot):
-    """`Orbits` for a path that is half of the closed orbit."""
-    element = 2.0 * path.weight * path.speed  # of the area: X' dX, upper and lower half
-    offset = path.x - pivot
-    return Orbits(
-        added_stiffness=added_stiffness,
-        energy=energy,
-        left=path.left,
-        right=path.right,
-        bottom=bottom,
-        period=2.0 * path.half_period,
-        area=np.sum(element, axis=1),
-        contact_work=np.sum(element * contact_damping_on(u, path, added_stiffness), axis=1),
-        first_moment=np.sum(element * offset, axis=1),
-        second_moment=np.sum(element * offset**2, axis=1),
-        speed_moment=np.sum(element * path.speed**2, axis=1) / 3.0,
-    )
-
-
-def contact_damping_on(u: Potential, path: Path, added_stiffness: np.ndarray) -> np.ndarray:
-    """Contact damping at the nodes; in `event` mode v0 is the orbit's speed at the gap."""
-    p = u.parameters
-    if not p.has_stoppers or p.damping_factor == 0.0:
-        return np.zeros_like(path.x)
-    right, left = (
-        np.sqrt(2.0 * np.maximum(-u.rise(path.right, at - path.right, added_stiffness), 0.0))
-        for at in (p.gap, -p.gap)
-    )
-    held = np.where(path.x > 0.0, right[:, None], left[:, None])
-    return contact_damping(p, path.x, path.speed, held)
-
-
-def turning_point(
-    u: Potential,
-    left: np.ndarray,
-    excess: np.ndarray,
-    start: np.ndarray,
-    step: Values,
-    added_stiffness: np.ndarray,
-) -> np.ndarray:
-    """Where U comes to U(left) + excess right of `start`, beyond which U is convex."""
-
-    def height(x, n2):
-        return u.rise(left, x - left, n2) - excess
-
-    return root_beyond(height, u.slope, start, step, added_stiffness)
-
-
-def root_beyond(
-    function: Callable,
-    derivative: Callable,
-    start: np.ndarray,
-    step: Values,
-    added_stiffness: np.ndarray,
-) -> np.ndarray:
-    """Root right of `start` of a function convex there: Newton's method from beyond it."""
-    x = start + step
-    while np.any(short := function(x, added_stiffness) < 0.0):
-        step = np.where(short, 2.0 * step, step)
-        x = np.where(short, start + step, x)
+def _root_of_convex(function: Callable, derivative: Callable, x: np.ndarray) -> np.ndarray:
+    """Root of a function that is convex and rising from there to x, by Newton's method."""
+    found = np.zeros(x.shape, dtype=bool)
     for _ in range(100):
-        change = function(x, added_stiffness) / derivative(x, added_stiffness)
-        x = x - change
-        if np.all(np.abs(change) <= 1e-15 * np.abs(x)):
+        change = function(x) / derivative(x)
+        # From beyond the root every change but those of rounding is positive.
+        found |= change <= 1e-15 * np.abs(x)
+        if found.all():
             break
+        x = np.where(found, x, x - change)
     return x

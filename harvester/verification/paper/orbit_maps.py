@@ -14,11 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from harvester.averaging.density import Branch
-from harvester.averaging.edges import follow, outer_range, well_range
-from harvester.averaging.orbits import OuterEdge, Potential, WellEdge
-from harvester.averaging.symmetric import symmetric_device
-from harvester.device.system import elastic_force
+from harvester.averaging.density import Layer
+from harvester.averaging.edges import edges as edges_of
+from harvester.averaging.orbits import settled_orbits
 from harvester.files.writing import finite
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
@@ -172,22 +170,18 @@ class FrequencyResponse:
 def surfaces(scene: Scene) -> Surfaces:
     """Fig. 2 of a bistable scene."""
     clock = time.perf_counter()
-    parameters = symmetric_device(scale(scene)[0])
-    wells, outer = _stretches(parameters)
-    height = _height(outer)
+    wells, outer = _families(scale(scene)[0])
     # A rectangle whose corners lie on the outermost orbit: half of its energy at rest, half of
     # it in motion.
-    speed = MARGIN * np.sqrt(height[-1])
-    reach = MARGIN * np.interp(0.5 * height[-1], height, outer.orbits.right)
+    speed = MARGIN * np.sqrt(outer.height[-1])
+    reach = MARGIN * np.interp(0.5 * outer.height[-1], outer.height, outer.right)
     x, v = np.linspace(-reach, reach, GRID), np.linspace(-speed, speed, GRID)
-    energies = [np.log(_height(stretch)) for stretch in (wells, outer)]
-    frequencies = [np.log(stretch.frequency) for stretch in (wells, outer)]
     return Surfaces(
         scene=scene,
         displacement=x,
         velocity=v,
-        energy=_over_plane(x, v, (wells, outer), energies),
-        frequency=_over_plane(x, v, (wells, outer), frequencies),
+        energy=_over_plane(x, v, [(each, each.height) for each in (wells, outer)]),
+        frequency=_over_plane(x, v, [(each, each.frequency) for each in (wells, outer)]),
         wall_seconds=time.perf_counter() - clock,
     )
 
@@ -198,72 +192,64 @@ def frequency_response(scene: Scene) -> FrequencyResponse:
     devices = {"with stoppers": scene, "without": scene.replace(stoppers=None)}
     responses = {}
     for device, changed in devices.items():
-        parameters = symmetric_device(scale(changed)[0])
-        stretches = zip(("wells", "outer"), _stretches(parameters), strict=True)
-        responses[device] = {edge: _response(parameters, stretch) for edge, stretch in stretches}
+        families = zip(("wells", "outer"), _families(scale(changed)[0]), strict=True)
+        responses[device] = {edge: _response(orbits) for edge, orbits in families}
     return FrequencyResponse(scene, responses, time.perf_counter() - clock)
 
 
-def _stretches(p):
+def _families(system):
     """Wells and outer orbits in the potential of Eq. 15, which they share at the separatrix."""
-    outer = OuterEdge(Potential(p), HIGHEST)
-    first, _ = outer_range(outer, p)
-    around = follow(outer, p, np.linspace(first, np.log(HIGHEST), LEVELS), NODES)
-    wells = WellEdge(Potential(p))
-    low, high = well_range(wells, p, around.orbits.right[0])
-    return follow(wells, p, np.linspace(low, high, LEVELS), NODES), around
+    (wells, low, high), (outer, first, _) = edges_of(system, "paper")
+    return (
+        settled_orbits(wells, np.linspace(low, high, LEVELS), NODES),
+        settled_orbits(outer, np.linspace(first, np.log(HIGHEST), LEVELS), NODES),
+    )
 
 
-def _height(stretch):
-    """H with Eq. 15's constant: above the bottom of the orbit's own wells."""
-    o = stretch.orbits
-    return o.energy - stretch.edge.potential.energy(o.bottom, o.added_stiffness)
-
-
-def _over_plane(x, v, stretches, logarithms):
+def _over_plane(x, v, families):
     """A quantity that each orbit has one value of, at every point; nan beyond the outermost."""
     wells, outer = (
-        Branch(s, logarithm, True).joint(np.abs(x)[None, :], v[:, None])
-        for s, logarithm in zip(stretches, logarithms, strict=True)
+        Layer(orbits, np.log(values)).at(np.abs(x)[None, :], v[:, None])
+        for orbits, values in families
     )
     values = np.where(wells > 0.0, wells, outer)
     return np.where(values > 0.0, values, np.nan)
 
 
-def _response(p, stretch):
+def _response(orbits):
     """Voltages of Eq. 10 along the orbits of one edge."""
-    o, u = stretch.orbits, stretch.edge.potential
-    start = o.left if stretch.edge.lobes == 2 else -o.right
-    x = start[:, None] + (o.right - start)[:, None] * np.linspace(0.0, 1.0, POINTS)
-    kinetic = o.energy[:, None] - u.energy(np.abs(x), o.added_stiffness[:, None])
+    edge, right = orbits.edge, orbits.right[:, None]
+    start = orbits.left[:, None] if edge.inside else -right
+    x = start + (right - start) * np.linspace(0.0, 1.0, POINTS)
+    kinetic = orbits.energy[:, None] - edge.energy(x, orbits.added[:, None])
     speed = np.sqrt(2.0 * np.maximum(kinetic, 0.0))
-    centre = o.bottom if stretch.edge.lobes == 2 else np.zeros_like(o.bottom)
-    gain = stretch.gain[:, None]
-    slow = gain * (x - centre[:, None])
-    fast = p.decay_rate * gain / stretch.frequency[:, None] ** 2 * speed
-    chosen = np.linspace(0, len(o.energy) - 1, CHECKED + 2).astype(int)[1:-1]
+    centre = edge.bottom(orbits.added) if edge.inside else np.zeros_like(orbits.added)
+    slow = orbits.gain[:, None] * (x - centre[:, None])
+    decay_rate = edge.system.transducer.decay_rate()
+    fast = (decay_rate * orbits.gain / orbits.frequency**2)[:, None] * speed
+    chosen = np.linspace(0, len(orbits.level) - 1, CHECKED + 2).astype(int)[1:-1]
     return Response(
-        frequency=stretch.frequency,
+        frequency=orbits.frequency,
         lowest=(slow - fast).min(axis=1),
         highest=(slow + fast).max(axis=1),
-        checked=np.array([_solved(p, stretch, k) for k in chosen]),
+        checked=np.array([_solved(orbits, k) for k in chosen]),
     )
 
 
-def _solved(p, stretch, k):
+def _solved(orbits, k):
     """(ω, lowest, highest V) of Eq. 4b along one orbit, harmonic by harmonic."""
-    o, period = stretch.orbits, float(stretch.orbits.period[k])
-    added = o.added_stiffness[k]
-
-    system = p.system
+    edge, frequency, added = orbits.edge, orbits.frequency[k], orbits.added[k]
+    period = 2.0 * np.pi / frequency
 
     def motion(t, state):
         x, v = state
-        return [v, -elastic_force(system, x) - added * x]
+        return [v, -edge.slope(x, added)]
 
     times = period * np.arange(POINTS) / POINTS
-    path = solve_ivp(motion, (0.0, period), [o.right[k], 0.0], t_eval=times, rtol=1e-9, atol=1e-10)
+    start = [orbits.right[k], 0.0]
+    path = solve_ivp(motion, (0.0, period), start, t_eval=times, rtol=1e-9, atol=1e-10)
     # V_n = iω_n X_n/(λ + iω_n).
     rates = 2j * np.pi * np.fft.rfftfreq(POINTS, period / POINTS)
-    voltage = np.fft.irfft(np.fft.rfft(path.y[0]) * rates / (p.decay_rate + rates), POINTS)
-    return stretch.frequency[k], voltage.min(), voltage.max()
+    shares = rates / (edge.system.transducer.decay_rate() + rates)
+    voltage = np.fft.irfft(np.fft.rfft(path.y[0]) * shares, POINTS)
+    return frequency, voltage.min(), voltage.max()

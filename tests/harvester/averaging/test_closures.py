@@ -32,7 +32,7 @@ MEANS = (
     ],
 )
 def test_in_well_simulation(intensity, correlation_time, voltage, efficiency, deviation):
-    """Deviations of E[V²] from Monte Carlo as the notes of `average` tell them, to 0.1 %."""
+    """Deviations of E[V²] from Monte Carlo as the page `theory` tells them, to 0.1 %."""
     p = PAPER._replace(intensity=intensity, correlation_time=correlation_time)
     result = averaged(p, "consistent")
     assert result.mean_square_voltage == pytest.approx((1.0 + deviation) * voltage, rel=1e-3)

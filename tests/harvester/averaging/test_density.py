@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from truths import averaged, flat, well
 
-from harvester.averaging.symmetric import potential
+from harvester.device.system import potential
 from harvester.scene.model import Scene
 
 PAPER = flat(Scene.load("paper"))
@@ -37,14 +37,18 @@ def test_gibbs(p, closure):
     reach = max(2.5 * well(p), 6.0 * np.sqrt(result.mean_square_displacement))
     x, weights = composite_nodes(-reach, reach, 100)
     rate = p.damping / p.intensity
-    shape = np.exp(-rate * (potential(p, x) - potential(p, p.rest)))
+    shape = np.exp(-rate * (potential(p.system, x) - potential(p.system, p.rest)))
     expected = shape / (weights @ shape)
     likely = expected > 1e-6 * expected.max()
     assert result.density.displacement(x)[likely] == pytest.approx(expected[likely], rel=1e-4)
     v = np.linspace(-4.0, 4.0, 15) / np.sqrt(rate)
     gauss = np.sqrt(rate / (2.0 * np.pi)) * np.exp(-0.5 * rate * v * v)
     assert result.density.velocity(v) == pytest.approx(gauss, rel=1e-4)
-    top = np.sqrt(rate / (2.0 * np.pi)) * np.exp(rate * potential(p, p.rest)) / (weights @ shape)
+    top = (
+        np.sqrt(rate / (2.0 * np.pi))
+        * np.exp(rate * potential(p.system, p.rest))
+        / (weights @ shape)
+    )
     assert result.density.joint(0.0, 0.0) == pytest.approx(top, rel=1e-4)
     joint = result.density.joint(x[likely][::10, None], v[None, :])
     product = expected[likely][::10, None] * gauss

@@ -13,7 +13,6 @@ from harvester.averaging.fokker_planck import REGION_LEVEL
 from harvester.averaging.of_scene import average as average_scene
 from harvester.averaging.propagator import Grid, Propagator, mirrored, shares
 from harvester.averaging.region import Region, _widths
-from harvester.averaging.symmetric import potential
 from harvester.device import system as systems
 from harvester.device import timescales
 from harvester.errors import AveragingError
@@ -47,7 +46,11 @@ def test_gibbs(p):
     result = averaged(p, "fokker_planck")
     reach = well(p) + 8.0 * math.sqrt(p.intensity / p.damping)
     x = np.linspace(-reach, reach, 8001)
-    shape = np.exp(-p.damping / p.intensity * (potential(p, x) - potential(p, p.rest)))
+    shape = np.exp(
+        -p.damping
+        / p.intensity
+        * (systems.potential(p.system, x) - systems.potential(p.system, p.rest))
+    )
     expected = shape / np.trapezoid(shape, x)
     assert within(result, "mean_square_velocity", p.intensity / p.damping)
     assert within(result, "mean_square_displacement", np.trapezoid(expected * x * x, x))
