@@ -117,7 +117,7 @@ class Solution:
         self.state = self._settled(start, share)
         self.before_flow = self.propagator.before_flow(self.state)
         self.density = GridDensity.of_state(
-            device.transducer, grid, self.state, region.well is not None
+            device.transducer, grid, self.state, region.well is not None and device.symmetric
         )
         self.totals: dict[str, float] = self._totals()
 
