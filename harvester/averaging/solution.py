@@ -10,7 +10,7 @@ from scipy.interpolate import make_interp_spline
 from harvester.averaging.grid_density import GridDensity
 from harvester.averaging.propagator import Propagator, mirrored, shares
 from harvester.averaging.stationary import Inverse
-from harvester.averaging.wells import between_wells
+from harvester.averaging.wells import between_wells, unlike_wells
 from harvester.device import system as systems
 from harvester.device import timescales
 from harvester.errors import AveragingError
@@ -31,6 +31,7 @@ STEPS_OF_STRONG_COUPLING = 3.0
 CONTACTS_OF_A_STEP, MOST_STEPS_FOR_CONTACTS = 1.0 / 6.0, 2.0
 # Rest of a period, in tolerances, as a share of what the slowest part moves in it.
 RESIDUAL_OVER_TOLERANCE = 2e-2
+RARE_JUMPS = 1e-2  # crossings in a period, below which the wells are parts of a density of their own
 LEAST_RESIDUAL = 1e-8  # which rounding leaves
 LEAST_SINGLE_SHARE = 1e-6  # of a density, down to which a rest is known in single precision
 # Share of a rest that is left at least, before it is told anew: directions are kept in that too.
@@ -107,8 +108,10 @@ class Solution:
             )
         self._coarser = coarser if coarser and coarser.region == region else None
         self._inverse = Inverse(self._change, self._nearly_undone if self._coarser else None)
+        jumps = _rate_of_rare_jumps(coarser) * period(device)
+        self._wells = unlike_wells(device, grid) if jumps < RARE_JUMPS else np.ones((1, grid.x.size))
         # Of what a slow part leaves undone, only so small a share of the density changes at a time.
-        slow = min(1.0, _slowest_rate(device, coarser) * period(device))
+        slow = min(1.0, jumps, (device.transducer.decay_rate() or np.inf) * period(device))
         share = max(RESIDUAL_OVER_TOLERANCE * tolerance * slow, LEAST_RESIDUAL)
         self.propagator = self._exact = Propagator(device, grid, np.float32)
         if share < LEAST_SINGLE_SHARE:
@@ -143,6 +146,9 @@ class Solution:
         state = self._later(start).astype(float)
         state /= state[:, :, 0].sum()
         self._allowed = share * np.linalg.norm(state)
+        # What jumps move is slow against all else: many other directions would not tell it.
+        for alone in self._of_wells(state)[1:]:
+            self._inverse.extend(alone - state)
         size = enough = np.inf
         while enough > self._allowed:
             self.work.take(self.cost)
@@ -178,7 +184,15 @@ class Solution:
         smooth -= smooth[:, :, 0].sum() * coarser.state
         enough = max(SUFFICIENT_REDUCTION * np.linalg.norm(smooth), coarser._allowed)
         found = coarser._undone(smooth, enough)
+        # Of the mass of wells between which jumps are rare, a coarser grid's errors are too large.
+        for well, alone in zip(coarser._wells, coarser._of_wells(coarser.state), strict=True):
+            found -= (well @ found[:, :, 0].sum(axis=(1, 2))) * alone
         return rest + moved(found, coarser.grid, self.grid)
+
+    def _of_wells(self, state):
+        """Its part in each of the wells between which jumps are rare, of sum 1."""
+        parts = self._wells[:, :, None, None, None] * state
+        return parts / parts[:, :, :, 0].sum(axis=(1, 2, 3))[:, None, None, None, None]
 
     def _totals(self):
         mass, grid, transducer = self.state[:, :, 0], self.grid, self.device.transducer
@@ -207,12 +221,10 @@ class Solution:
         return 0.5 * gained / self.grid.step
 
 
-def _slowest_rate(device, coarser):
-    """At which the load moves Z, or rare jumps the mass between wells that are not alike (1/s)."""
-    rate = device.transducer.decay_rate() or np.inf
-    if coarser is not None and "share_of_time_in_well_1" in coarser.totals:
-        rate = min(rate, coarser.totals["well_crossing_rate"])
-    return rate
+def _rate_of_rare_jumps(coarser):
+    """At which jumps move the mass between wells that are not alike (1/s)."""
+    several = coarser is not None and "share_of_time_in_well_1" in coarser.totals
+    return coarser.totals["well_crossing_rate"] if several else np.inf
 
 
 def _laid(device, region, level):

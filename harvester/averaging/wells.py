@@ -124,6 +124,14 @@ def _well_at(device, x):
     return np.searchsorted(sorted(timescales.saddles(device)), x)
 
 
+def unlike_wells(device: System, grid: Grid) -> np.ndarray:
+    """Which displacements lie in each well, of two alike in either: (wells, X) of 0 and 1."""
+    number = _well_at(device, grid.x)
+    if grid.mirrored:
+        number = np.minimum(number, number[::-1])
+    return (number == np.unique(number)[:, None]).astype(float)
+
+
 def _shares_in_cores(device: System, grid: Grid) -> np.ndarray:
     """How much of the surroundings of each node lies in each core: (wells, X, X')."""
     limits = core_energies(device)[:, None, None]
