@@ -8,7 +8,7 @@ leaves undone is told by grids that are finer in time, in X and X' or in Z, each
 one before, until it is less than the tolerance (`grid_errors`).
 
 Nothing is assumed of the device's symmetry, of the noise's memory, of the contacts' damping or of
-the load's rate. Of two wells alike that hardly any motion leaves, the grid holds one alone.
+the load's rate. Where hardly any motion leaves its well, the grid holds one alone (`lone_well`).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from harvester.averaging.grid_errors import JUDGED, changed, compared, corrected
 from harvester.averaging.lone_well import HELD_BACK, barrier, driven, lone_well
 from harvester.averaging.region import Level, Region
 from harvester.averaging.solution import Solution, Work, period
-from harvester.averaging.wells import between_wells, rates_of_jumps, slowest_decay_rate
+from harvester.averaging.wells import rates_of_jumps, slowest_decay_rate
 from harvester.device import timescales
 from harvester.device.hertz import HertzDamp
 from harvester.errors import AveragingError
@@ -285,8 +285,8 @@ def _found(device, work):
 
 def _answer(device, grids, means, error, memory):
     """The means, with what several wells have in common."""
-    own = {name: means.pop(name) for name in between_wells(device, grids["nodes"][-1].density)}
-    if own and memory:
+    own = {name: means.pop(name) for name in grids["nodes"][-1].between_wells}
+    if "well_crossing_rate" in own and memory:
         ends = {respect: (each[0], each[-1]) for respect, each in grids.items()}
         ends["nodes"] = grids["nodes"][-2:]
         for find in (slowest_decay_rate, rates_of_jumps):

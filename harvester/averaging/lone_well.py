@@ -29,7 +29,8 @@ def lone_well(device: System) -> float | None:
     if len(wells) < 2:
         return None
     well = max(wells, key=lambda well: barrier(device, well) / driven(device, well))
-    others = [x for x in wells if not (x == well or device.symmetric and np.isclose(x, -well))]
+    alike = (well, -well) if device.symmetric else (well,)
+    others = [x for x in wells if not np.isclose(x, alike).any()]
     if not others:
         return well
     if barrier(device, well) < HELD_BACK * driven(device, well):
@@ -67,7 +68,7 @@ def _exponent(device, well):
     above = energies[:, None] - (potential(device, x) - float(potential(device, well)))
     v = np.sqrt(2.0 * np.maximum(above, 0.0))
     # Of what is lost at X' the integral over time is that of loss/X' over X, both ways.
-    lost = np.array([[loss_power(device, *each, 0.0, True) for each in zip(x, w)] for w in v])
+    lost = np.vectorize(lambda x, v: loss_power(device, x, v, 0.0, True))(x, v)
     action = 2.0 * np.trapezoid(v, x)
     loss = 2.0 * np.trapezoid(lost / np.maximum(v, np.finfo(float).tiny), x)
     frequency = 2.0 * np.pi / np.gradient(action, energies)

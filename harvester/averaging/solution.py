@@ -31,7 +31,8 @@ STEPS_OF_STRONG_COUPLING = 3.0
 CONTACTS_OF_A_STEP, MOST_STEPS_FOR_CONTACTS = 1.0 / 6.0, 2.0
 # Rest of a period, in tolerances, as a share of what the slowest part moves in it.
 RESIDUAL_OVER_TOLERANCE = 2e-2
-RARE_JUMPS = 1e-2  # crossings in a period, below which the wells are parts of a density of their own
+# Crossings in a period below which wells that are not alike are told apart where they hold so much.
+RARE_JUMPS, LEAST_SHARE_OF_WELL = 1e-2, 1e-9
 LEAST_RESIDUAL = 1e-8  # which rounding leaves
 LEAST_SINGLE_SHARE = 1e-6  # of a density, down to which a rest is known in single precision
 # Share of a rest that is left at least, before it is told anew: directions are kept in that too.
@@ -80,6 +81,8 @@ class Solution:
     totals : dict of str to float
         Means that are sums over the state, and `power_in`.
     density : harvester.averaging.grid_density.GridDensity
+    between_wells : dict of str to float
+        Those of the totals that tell of several wells.
     steps : int
         Of a period.
     cost : int
@@ -109,7 +112,6 @@ class Solution:
         self._coarser = coarser if coarser and coarser.region == region else None
         self._inverse = Inverse(self._change, self._nearly_undone if self._coarser else None)
         jumps = _rate_of_rare_jumps(coarser) * period(device)
-        self._wells = unlike_wells(device, grid) if jumps < RARE_JUMPS else np.ones((1, grid.x.size))
         # Of what a slow part leaves undone, only so small a share of the density changes at a time.
         slow = min(1.0, jumps, (device.transducer.decay_rate() or np.inf) * period(device))
         share = max(RESIDUAL_OVER_TOLERANCE * tolerance * slow, LEAST_RESIDUAL)
@@ -117,12 +119,17 @@ class Solution:
         if share < LEAST_SINGLE_SHARE:
             self._exact = Propagator(device, grid)
         start = _gibbs(device, region, grid) if coarser is None else coarser.on(grid)
+        self._wells = np.ones((1, grid.x.size))
+        if jumps < RARE_JUMPS:
+            wells = unlike_wells(device, grid)
+            self._wells = wells[wells @ start[:, :, 0].sum(axis=(1, 2)) > LEAST_SHARE_OF_WELL]
         self.state = self._settled(start, share)
         self.before_flow = self.propagator.before_flow(self.state)
         self.density = GridDensity.of_state(
             device.transducer, grid, self.state, region.well is not None and device.symmetric
         )
-        self.totals: dict[str, float] = self._totals()
+        self.between_wells = between_wells(device, self.density)
+        self.totals: dict[str, float] = self._totals() | self.between_wells
 
     @property
     def unresolved(self) -> bool:
@@ -208,7 +215,6 @@ class Solution:
             "mean_square_velocity": np.sum(both * grid.v**2),
             "mean_square_displacement": np.sum(both * grid.x[:, None] ** 2),
         }
-        totals |= between_wells(self.device, self.density)
         return {name: float(total) for name, total in totals.items()}
 
     def _power_in(self):
@@ -224,7 +230,7 @@ class Solution:
 def _rate_of_rare_jumps(coarser):
     """At which jumps move the mass between wells that are not alike (1/s)."""
     several = coarser is not None and "share_of_time_in_well_1" in coarser.totals
-    return coarser.totals["well_crossing_rate"] if several else np.inf
+    return coarser.totals.get("well_crossing_rate", np.inf) if several else np.inf
 
 
 def _laid(device, region, level):
