@@ -146,9 +146,12 @@ def simulate(
 
 
 def _copies_that_pay(scene, engine, device, options, pool):
-    """Realizations in one netlist where nothing else is asked for."""
+    """Realizations in one call of an engine where nothing else is asked for."""
     shared = (options[name] for name in ("step", "source", "tolerance"))
     count = scene.run.realizations
+    if engine == "monte-carlo":
+        workers = getattr(pool, "size", math.inf)
+        return side_by_side.together(count, workers) if scene.load.is_resistor else 1
     if engine != "circuit" or count == 1 or not side_by_side.share_steps(scene, *shared):
         return 1
     (used,) = pool.map(device_used, [{"scene": scene, "device": device}])

@@ -8,7 +8,8 @@ from scipy.linalg import expm, solve_discrete_lyapunov
 
 from harvester.averaging import average
 from harvester.averaging.symmetric import symmetric_device
-from harvester.engines.realization import noise_path
+from harvester.engines.monte_carlo import integrate, record_of
+from harvester.engines.realization import noise_path, start_state
 from harvester.engines.steps import knot_spacing
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
@@ -184,3 +185,12 @@ class Keep:
         knots = np.round(record[0] / spacing)
         on_knot = np.abs(record[0] - knots * spacing) < 1e-6 * spacing
         return record[1:4, on_knot].T
+
+
+def records_of(scene, stop, index=0, path=None, start=None, **options):
+    """Monte Carlo's record of one realization, chunk by chunk; overwritten by the next."""
+    system, _ = scale(scene)
+    start = start_state(scene, index) if start is None else start
+    path = noise_path(scene, index) if path is None else path
+    for columns, points in integrate(system, [path], [start], stop, **options):
+        yield record_of(columns, points, 0)

@@ -50,7 +50,7 @@ class Contact(NamedTuple):
 @register_jitable
 def direction(contact: Contact, x: Values) -> Values:
     """The side s on which x may touch: ±1."""
-    return contact.side if contact.side != 0.0 else np.sign(x)
+    return contact.side if contact.side != 0.0 else np.copysign(1.0, x)
 
 
 @register_jitable

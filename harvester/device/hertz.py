@@ -20,8 +20,8 @@ from harvester.device.values import Values
 # An elastic Hertz contact lasts so many times its greatest depth over the approach speed.
 HERTZ_EXPONENT, HERTZ_DURATION = 1.5, 2.9432752
 # Compiled code finds a part's other equations by name.
-elastic_energy, impact_speed, duration = map(
-    equation, ("elastic_energy", "impact_speed", "duration")
+elastic_energy, impact_speed, duration, power_below = map(
+    equation, ("elastic_energy", "impact_speed", "duration", "power_below")
 )
 
 
@@ -43,23 +43,22 @@ class HertzDamp(NamedTuple):
     holds: float
     duration_factor: float
 
+    def power_below(self, depth: Values) -> Values:
+        """d^(n−1)."""
+        return depth ** (self.exponent - 1.0)
+
     def elastic_force(self, depth: Values) -> Values:
         """K d^n; `depth` ≥ 0, a float or an array of any shape."""
-        if self.exponent == HERTZ_EXPONENT:
-            return self.stiffness * depth * np.sqrt(depth)
-        return self.stiffness * depth**self.exponent
+        return self.stiffness * depth * power_below(self, depth)
 
     def elastic_energy(self, depth: Values) -> Values:
         """K d^(n+1)/(n+1) (Eq. 15)."""
-        if self.exponent == HERTZ_EXPONENT:
-            return 0.4 * self.stiffness * depth * depth * np.sqrt(depth)
-        return self.stiffness * depth ** (self.exponent + 1.0) / (self.exponent + 1.0)
+        share = self.stiffness / (self.exponent + 1.0)
+        return share * depth * depth * power_below(self, depth)
 
     def elastic_stiffness(self, depth: float) -> float:
         """n K d^(n−1), the slope of the elastic force."""
-        if self.exponent == HERTZ_EXPONENT:
-            return 1.5 * self.stiffness * np.sqrt(depth)
-        return self.exponent * self.stiffness * depth ** (self.exponent - 1.0)
+        return self.exponent * self.stiffness * power_below(self, depth)
 
     def greatest_depth(self, energy: float) -> float:
         """Depth at which the contact holds this energy per mass."""
@@ -87,9 +86,7 @@ class HertzDamp(NamedTuple):
         else:
             speed = impact_speed(self, depth, v, spring_energy)
         factor = self.damping_factor * self.stiffness
-        if self.exponent == HERTZ_EXPONENT:
-            return factor * depth * np.sqrt(depth) / np.maximum(speed, 1e-300)
-        return factor * depth**self.exponent / np.maximum(speed, 1e-300)
+        return factor * depth * power_below(self, depth) / np.maximum(speed, 1e-300)
 
     def force_formula(
         self, depth: str, sign: str, u: str, gain: str, number: Callable, held: str, rate: float
@@ -145,16 +142,28 @@ class HertzDamp(NamedTuple):
         return min(longest, duration(self, np.sqrt(square_speed)) / steps)
 
 
+class Hertz(HertzDamp):
+    """The law with Hertz's own exponent n = 3/2: a type of its own, compiled without a power."""
+
+    __slots__ = ()
+
+    def power_below(self, depth: Values) -> Values:
+        """√d."""
+        return np.sqrt(depth)
+
+
 def hertz_damp(
     stiffness: float, restitution: float, exponent: float = HERTZ_EXPONENT, event: bool = False
 ) -> HertzDamp:
     """The law with this stiffness (scaled), restitution e and exponent n ≥ 1."""
     factor = HERTZ_DURATION
+    law: type[HertzDamp] = Hertz
     if exponent != HERTZ_EXPONENT:
+        law = HertzDamp
         # 2 ∫ du/√(1 − u^(n+1)) from 0 to 1.
         share = 1.0 / (exponent + 1.0)
         factor = 2.0 * math.sqrt(math.pi) * math.gamma(1.0 + share) / math.gamma(0.5 + share)
-    return HertzDamp(
+    return law(
         stiffness=float(stiffness),
         exponent=float(exponent),
         damping_factor=0.75 * (1.0 - restitution * restitution),

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.compilation import compiled
-from harvester.device import contact
-from harvester.engines.monte_carlo import contact_piece, scheme_of
+from harvester.device import contact, system
+from harvester.engines.monte_carlo import scheme_of
 from harvester.engines.schemes import one_step
-from harvester.engines.zones import overshoots
+from harvester.engines.zones import crossing, overshoots
 
 if TYPE_CHECKING:
     from harvester.device.system import System
@@ -101,7 +101,7 @@ def _run(heun, s, zones, eta, spacing, every, edges, starts, states, ends):
             if smooth:
                 x, v, voltage, phase = x1, v1, voltage1, spacing
             else:
-                piece, entered, held, x, v, voltage = contact_piece(
+                piece, entered, held, x, v, voltage = _contact_piece(
                     heun,
                     s,
                     touching,
@@ -131,3 +131,36 @@ def _run(heun, s, zones, eta, spacing, every, edges, starts, states, ends):
                     states[place, 0], states[place, 1], states[place, 2] = x, v, voltage
         if knot >= stop:
             ends[window, 0], ends[window, 1], ends[window, 2] = x, v, voltage
+
+
+@compiled
+def _contact_piece(
+    heun, s, touching, low, high, held, x, v, voltage, noise, slope, longest, steps_per_contact
+):
+    """A step within a zone, or up to its edge, `low` or `high`.
+
+    Returns its length, by how many zones the mass has moved (−1, 0, 1), the held speed and the
+    new state.
+    """
+    length = longest
+    if touching:
+        # A mass at rest on the stopper is pressed in by what else acts.
+        speed = abs(v) + abs(system.push(s, x, v, voltage, noise)) * longest
+        length = contact.step(s.contacts, x, speed * speed, longest, steps_per_contact)
+    x1, v1, voltage1 = one_step(
+        heun, s, touching, low, high, held, x, v, voltage, noise, slope, length
+    )
+    entered = 0
+    if x1 > high or x1 < low:
+        entered = 1 if x1 > high else -1
+    elif v * v1 < 0.0 and overshoots(low, high, x, v, x1, v1, length):
+        entered = 1 if v > 0.0 else -1
+    if entered != 0:
+        edge = high if entered == 1 else low
+        length = crossing(edge, entered, x, v, x1, v1, length)
+        x1, v1, voltage1 = one_step(
+            heun, s, touching, low, high, held, x, v, voltage, noise, slope, length
+        )
+        if not touching:
+            held = abs(v1)
+    return length, entered, held, x1, v1, voltage1

@@ -1,10 +1,12 @@
-"""How many realizations the circuit engine takes side by side in one netlist."""
+"""How many realizations an engine takes side by side: in one netlist, or in Monte Carlo's loop."""
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from harvester.device import timescales
+from harvester.engines.monte_carlo import MOST_TOGETHER
 from harvester.engines.steps import knot_spacing, steps_per_contact, steps_per_knot
 from harvester.scene.units import scale
 
@@ -39,6 +41,22 @@ def copies(realizations: int, device: str) -> int:
         min(realizations // FEWEST_FOR_COPIES, FEWEST_COPIES[device]),
     )
     return max(1, min(share, MOST_COPIES[device]))
+
+
+def together(realizations: int, workers: float) -> int:
+    """Realizations that Monte Carlo takes at a time: as many for each worker, if not too many.
+
+    They share nothing: the numbers are the same whatever runs beside a realization.
+
+    Parameters
+    ----------
+    realizations : int
+    workers : float
+        Processes; inf where nobody knows.
+    """
+    among = FEWEST_NETLISTS if math.isinf(workers) else int(workers)
+    rounds = math.ceil(realizations / among / MOST_TOGETHER)
+    return math.ceil(realizations / (rounds * among))
 
 
 def share_steps(

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 # Steps per period of the fastest oscillation. The trapezoidal rule is of order two, Runge–Kutta of
 # order four; as `work-precision` shows, each then biases the means by less than 1 %.
 STEPS_PER_PERIOD = {"circuit": 80, "monte-carlo": 40}
-# Steps from the beginning of a contact to its end, at the default step and longer ones.
+# Steps from the beginning of a contact to its end, at the default step and longer ones; see also
+# `harvester.engines.monte_carlo.STEPS_PER_CONTACT`.
 STEPS_PER_CONTACT = 30
 # Steps by name, as divisions of the default one.
 STEP_LEVELS = {"default": 1, "fine": 4, "finest": 32}
@@ -100,16 +101,23 @@ def steps_per_knot(scene: Scene, step: str | float = "default", engine: str = "c
     return max(1, math.ceil(spacing / longest - 1e-9)) * STEP_LEVELS[step] * finer
 
 
-def steps_per_contact(scene: Scene, step: str | float = "default", engine: str = "circuit") -> int:
+def steps_per_contact(
+    scene: Scene,
+    step: str | float = "default",
+    engine: str = "circuit",
+    fewest: int = STEPS_PER_CONTACT,
+) -> int:
     """Fewest steps of an engine in a contact: a shorter step makes these as much shorter.
 
     Parameters
     ----------
     scene, step, engine
         See `steps_per_knot`.
+    fewest : int
+        At the default step and longer ones.
     """
     finer = steps_per_knot(scene, step, engine) / steps_per_knot(scene, engine=engine)
-    return math.ceil(STEPS_PER_CONTACT * max(finer, 1.0))
+    return math.ceil(fewest * max(finer, 1.0))
 
 
 def stop_time(scene: Scene) -> float:

@@ -72,11 +72,18 @@ class Jumps:
             counts=np.zeros((batches, wells, wells)),
         )
 
+    @classmethod
+    def between_no_wells(cls, batches: int) -> Jumps:
+        """Of a device with one well: there is nothing to count."""
+        nothing = np.zeros(0)
+        ends, times = (0.0, 0.0), np.zeros((batches, 0))
+        return cls(0.0, 1.0, nothing, nothing, ends, nothing, times, times[:, None])
+
     def add(self, record: Record) -> None:
         """Count in one chunk that follows the ones before."""
         if record.time.size == 0:
             return
-        self.well = _add_jumps(
+        self.well = add_jumps(
             record.time,
             record.displacement,
             record.velocity,
@@ -95,27 +102,38 @@ class Jumps:
 
 
 @compiled
-def _add_jumps(
-    time, x, v, last, start, batch_length, saddles, limits, low, high, energies, well, times, counts
-):
-    """Add up times and jumps; returns the well that was reached last.
+def add_jumps(
+    time: np.ndarray,
+    x: np.ndarray,
+    v: np.ndarray,
+    last: float,
+    start: float,
+    batch_length: float,
+    saddles: np.ndarray,
+    limits: np.ndarray,
+    low: float,
+    high: float,
+    energies: np.ndarray,
+    well: int,
+    times: np.ndarray,
+    counts: np.ndarray,
+) -> int:
+    """Add up times and jumps, see `Jumps`; returns the well that was reached last.
+
+    `last` is the time of the point before.
 
     An interval belongs to the batch of its middle and to the well reached before it.
     """
-    batches, batch, stop, total = len(times), 0, -np.inf, 0.0
+    batches, batch, stop, since = len(times), 0, -np.inf, last
     spacing = (high - low) / (energies.size - 1)
     left, right = _between(saddles, well)
     for i in range(time.size):
-        measured = last >= start
         middle = 0.5 * (last + time[i])
-        if measured and middle >= stop:
-            if well >= 0:
-                times[batch, well] += total
-            total = 0.0
-            batch = min(int((middle - start) / batch_length), batches - 1)
+        if middle >= stop and last >= start:
+            if well >= 0 and since >= start:
+                times[batch, well] += last - since
+            batch, since = min(int((middle - start) / batch_length), batches - 1), last
             stop = start + (batch + 1) * batch_length if batch < batches - 1 else np.inf
-        if measured:
-            total += time[i] - last
         last = time[i]
         if left < x[i] < right or not low < x[i] < high:
             continue
@@ -126,13 +144,13 @@ def _add_jumps(
         rise = energies[below + 1] - energies[below]
         energy = 0.5 * v[i] * v[i] + energies[below] + (place - below) * rise
         if energy <= limits[here]:
-            if measured and well >= 0:
-                times[batch, well] += total
+            if well >= 0 and since >= start:
+                times[batch, well] += last - since
                 counts[batch, well, here] += 1.0
-            total, well = 0.0, here
+            since, well = last, here
             left, right = _between(saddles, well)
-    if well >= 0 and total > 0.0:
-        times[batch, well] += total
+    if well >= 0 and since >= start:
+        times[batch, well] += last - since
     return well
 
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harvester.compilation import summing, uncounted
+from harvester.compilation import compiled, summing, uncounted
 from harvester.record.jumps import Jumps
 from harvester.record.output_side import STATE, OutputMoments
-from harvester.record.record import Record, part
+from harvester.record.record import Record, copy_point, part
 
 # Rows of `Moments.integrals`: time integrals of these, and the numbers of two events.
 QUANTITIES = (
@@ -138,35 +138,19 @@ class Moments:
         self.points += record.time.size
         if self.jumps is not None:
             self.jumps.add(record)
-        before, self.last = self.last, np.array([column[-1] for column in record])
-        if not self.last[0] >= self.start:
-            return
-        if not before[0] >= self.start:
-            place = int(np.searchsorted(record.time, self.start))
-            before = np.array([column[place] for column in record])
-            record = part(record, place + 1, record.time.size)
-        if np.isnan(self.first[0]):
-            self.first = before
-        if record.time.size == 0:
-            return
-        _add_integrals(
-            before,
+        add_points(
             record,
             self.start,
             self.batch_length,
             *self.free,
             self.saddles,
+            self.sample_interval,
             self.integrals,
             self.products,
-        )
-        _add_samples(
-            before,
-            record,
-            self.start,
-            self.batch_length * len(self.integrals) / len(self.histograms),
-            self.sample_interval,
             self.histograms,
             self.bin_widths,
+            self.first,
+            self.last,
         )
 
 
@@ -181,6 +165,42 @@ def prepare() -> None:
     moments.add(Record(time, *[points] * (len(Record._fields) - 1)))
     output = OutputMoments.beside(moments, ((STATE, ""),))
     output.add(time, points, points[None])
+
+
+@compiled
+def add_points(
+    record: Record,
+    start: float,
+    batch_length: float,
+    low: float,
+    high: float,
+    saddles: np.ndarray,
+    interval: float,
+    integrals: np.ndarray,
+    products: np.ndarray,
+    histograms: np.ndarray,
+    widths: np.ndarray,
+    first: np.ndarray,
+    last: np.ndarray,
+) -> None:
+    """Accumulate one chunk that follows the ones before; see `Moments` for the rest."""
+    count, before = record.time.size, last.copy()
+    place = np.int64(0)
+    copy_point(record, count - 1, last)
+    if not last[0] >= start:
+        return
+    if not before[0] >= start:
+        place = np.searchsorted(record.time, start)
+        copy_point(record, place, before)
+        place += 1
+    if np.isnan(first[0]):
+        first[:] = before
+    if place == count:
+        return
+    record = part(record, place, count)
+    _add_integrals(before, record, start, batch_length, low, high, saddles, integrals, products)
+    length = batch_length * len(integrals) / len(histograms)
+    _add_samples(before, record, start, length, interval, histograms, widths)
 
 
 @summing
@@ -243,14 +263,14 @@ def _add_stretch(before, record, begin, end, saddles, integrals, products):
             before[0:1], before[1:2], before[2:3], before[3:4], before[4:5], before[5:6],
             before[6:7], before[7:8], before[8:9],
         )  # fmt: skip
-        _add_points(point, weights[:1], saddles, integrals, products)
-        _add_points(part(record, 0, end + 1), weights[1:], saddles, integrals, products)
+        _sum_points(point, weights[:1], saddles, integrals, products)
+        _sum_points(part(record, 0, end + 1), weights[1:], saddles, integrals, products)
     else:
-        _add_points(part(record, begin, end + 1), weights, saddles, integrals, products)
+        _sum_points(part(record, begin, end + 1), weights, saddles, integrals, products)
 
 
 @summing
-def _add_points(record, weights, saddles, integrals, products):
+def _sum_points(record, weights, saddles, integrals, products):
     """Add points with their weights to one batch's integrals and to the products."""
     s0 = s1 = s2 = s3 = s4 = s5 = s6 = 0.0
     p0 = p1 = p2 = p3 = p4 = p5 = p6 = p7 = 0.0

@@ -57,6 +57,16 @@ def part(record: Record, start: int, stop: int) -> Record:
     )
 
 
+@register_jitable
+def copy_point(record: Record, index: int, point: np.ndarray) -> None:
+    """Write one point of a record into an array of shape (9,)."""
+    point[0], point[1] = record.time[index], record.displacement[index]
+    point[2] = record.velocity[index]
+    point[3], point[4] = record.voltage[index], record.load_power[index]
+    point[5], point[6] = record.input_power[index], record.loss_power[index]
+    point[7], point[8] = record.transducer_loss[index], record.transducer_state[index]
+
+
 @compiled
 def fill(
     record: Record,

@@ -3,9 +3,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from scipy.linalg import expm
-from truths import Keep, drop_scene, flat, reference_path
+from truths import Keep, drop_scene, flat, records_of, reference_path
 
-from harvester.engines.monte_carlo import VELOCITY, initial_state, integrate
+from harvester.engines.monte_carlo import integrate, record_of
 from harvester.engines.realization import noise_path, start_state
 from harvester.excitation import NoisePath
 from harvester.record.moments import Moments
@@ -15,11 +15,8 @@ from harvester.verification.known_results.formulas import rebound_speed
 
 
 def simulated(scene, knots, steps_per_knot=1, index=0):
-    system, _ = scale(scene)
-    keep = Keep()
-    state = initial_state(system, start_state(scene, index))
-    path = noise_path(scene, index)
-    for record in integrate(system, path, state, knots * path.spacing, steps_per_knot):
+    keep, stop = Keep(), knots * noise_path(scene, index).spacing
+    for record in records_of(scene, stop, index, steps_per_knot=steps_per_knot):
         keep.add(record)
     return keep
 
@@ -44,11 +41,9 @@ def test_the_order_is_four_against_scipy_on_the_same_path(name):
 @pytest.mark.parametrize("stiffness", [10.0, 1e6])
 def test_a_drop_on_one_stopper_rebounds_as_the_exact_law_says(restitution, stiffness):
     scene = drop_scene(restitution, stiffness)
-    system, _ = scale(scene)
-    state = initial_state(system, (0.0, 1.0, 0.0))
-    for _record in integrate(system, noise_path(scene, 0), state, 3.0, steps_per_knot=4):
-        pass
-    assert -state[VELOCITY] == pytest.approx(rebound_speed(restitution), abs=1e-3)
+    for record in records_of(scene, 3.0, start=(0.0, 1.0, 0.0), steps_per_knot=4):
+        velocity = record.velocity[-1]
+    assert -velocity == pytest.approx(rebound_speed(restitution), abs=1e-3)
 
 
 def test_white_noise_without_coupling_follows_gibbs_and_rice():
@@ -95,20 +90,57 @@ def test_chunks_do_not_change_the_numbers_and_a_stiff_contact_is_resolved():
     assert np.all(np.diff(record[0]) > 0.0)
     system, _ = scale(scene)
     moments = Moments.empty(0.0, 400.0, (-1.1, 1.1), (0.0,), False, 4, 1, 0.2)
-    state = initial_state(system, start_state(scene, 0))
-    for chunk in integrate(system, noise_path(scene, 0), state, 400.0):
+    for chunk in records_of(scene, 400.0):
         moments.add(chunk)
     from harvester.estimates.balance import energy_balance_residual
 
     assert abs(energy_balance_residual([moments], system)) < 0.01
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        "stoppers.stiffness=10",
+        "stoppers.stiffness=1e6",
+        "stoppers.exponent=2.2",
+        "stoppers.impact_velocity=event",
+    ],
+)
+def test_a_realization_is_the_same_beside_any_others(change):
+    """Bit for bit, alone and in step with others, which cut the record into other chunks."""
+    scene = Scene.load("paper", ["excitation.intensity=0.1", change])
+    system, _ = scale(scene)
+    indices, knots = range(21), 5000
+    keeps = [Keep() for _ in indices]
+    paths = [noise_path(scene, k) for k in indices]
+    starts = [start_state(scene, k) for k in indices]
+    for columns, points in integrate(system, paths, starts, knots * paths[0].spacing):
+        for k in indices:
+            keeps[k].add(record_of(columns, points, k))
+    for k in indices:
+        np.testing.assert_array_equal(keeps[k].record(), simulated(scene, knots, index=k).record())
+
+
+def test_more_points_than_there_is_room_for_are_handed_over_in_chunks():
+    """A mass that bounces and comes to rest on a stiff stopper within a few knots."""
+    scene = drop_scene(0.3, 1e8)
+    room = Keep()
+    chunks = 0
+    for record in records_of(scene, 3.0, start=(0.0, 1.0, 0.0), steps_per_contact=300_000):
+        room.add(record)
+        chunks += 1
+    time = room.record()[0]
+    assert chunks > 2
+    assert np.all(np.diff(time) > 0.0)
+    for record in records_of(scene, 3.0, start=(0.0, 1.0, 0.0), steps_per_contact=1000):
+        velocity = record.velocity[-1]
+    assert room.record()[2, -1] == pytest.approx(velocity, abs=1e-6)
+
+
 def test_a_path_of_no_noise_leaves_the_mass_at_rest():
     scene = Scene.load("paper", ["stoppers.gap=0.95"])
-    system, _ = scale(scene)
-    state = initial_state(system, start_state(scene, 1))
     path = NoisePath(1e-300, 1.0, 0.05, np.random.SeedSequence(1))
-    for record in integrate(system, path, state, 50.0):
+    for record in records_of(scene, 50.0, 1, path):
         np.testing.assert_allclose(record.displacement, -flat(scene).rest, atol=1e-9)
 
 

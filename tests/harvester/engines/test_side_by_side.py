@@ -1,9 +1,11 @@
 """Realizations side by side in one netlist: the same paths, and each outcome its own."""
 
+import math
+
 import numpy as np
 import pytest
 
-from harvester.engines.side_by_side import copies, share_steps
+from harvester.engines.side_by_side import copies, share_steps, together
 from harvester.errors import HarvesterError, SimulatorCrashed
 from harvester.estimates.paired import paired_difference
 from harvester.scene.model import Scene
@@ -102,3 +104,11 @@ def test_a_number_of_copies_that_is_none_is_refused(bad):
         simulate(Scene.load("paper"), method="circuit", copies=bad)
     with pytest.raises(HarvesterError, match="only the circuit"):
         simulate(Scene.load("paper"), method="monte-carlo", copies=2)
+
+
+@pytest.mark.parametrize(
+    ("realizations", "workers", "expected"),
+    [(64, 2, 32), (64, 1, 64), (160, 2, 40), (4, 2, 2), (1, 4, 1), (64, math.inf, 8)],
+)
+def test_monte_carlo_keeps_every_worker_busy(realizations, workers, expected):
+    assert together(realizations, workers) == expected

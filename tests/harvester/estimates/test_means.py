@@ -1,10 +1,9 @@
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from truths import flat
+from truths import flat, records_of
 
-from harvester.engines.monte_carlo import initial_state, integrate
-from harvester.engines.realization import empty_moments, noise_path, start_state
+from harvester.engines.realization import empty_moments
 from harvester.estimates.balance import energy_balance_residual
 from harvester.estimates.batch_means import ratio_of_sums, standard_error, standard_error_of_drift
 from harvester.estimates.densities import densities
@@ -63,13 +62,11 @@ def test_independent_realizations_of_one_batch_each_give_an_error_bar():
 
 
 def moments_of(scene, chunk=None):
-    system, _ = scale(scene)
     stop = scene.run.settle + scene.run.duration
     found = []
     for index in range(scene.run.realizations):
         m = empty_moments(scene)
-        state = initial_state(system, start_state(scene, index))
-        for record in integrate(system, noise_path(scene, index), state, stop):
+        for record in records_of(scene, stop, index):
             for part in _split(record, chunk):
                 m.add(part)
         found.append(m)
@@ -97,9 +94,8 @@ def test_moments_do_not_depend_on_the_chunks(chunk):
 
 def test_moments_are_the_integrals_of_the_record():
     scene = Scene.load("paper", [*SHORT, "run.settle=0", "run.realizations=1"])
-    p, (system, _) = flat(scene), scale(scene)
-    state = initial_state(system, start_state(scene, 0))
-    chunks = [np.array(record) for record in integrate(system, noise_path(scene, 0), state, 400.0)]
+    p = flat(scene)
+    chunks = [np.array(record) for record in records_of(scene, 400.0)]
     time, x, v, voltage = np.concatenate(chunks, axis=1)[:4]
     total = moments_of(scene)[0].integrals.sum(axis=0)
     assert total[0] == pytest.approx(time[-1] - time[0])

@@ -2,14 +2,12 @@ import numpy as np
 import pytest
 from scipy import signal
 from scipy.io import wavfile
-from truths import Keep, flat
+from truths import Keep, flat, records_of
 
-from harvester.engines.monte_carlo import initial_state, integrate
-from harvester.engines.realization import noise_path, start_state
+from harvester.engines.realization import noise_path
 from harvester.errors import SceneError
 from harvester.excitation import conditioning
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 from harvester.simulation import simulate
 
 RATE = 100.0
@@ -44,9 +42,7 @@ def test_a_linear_device_answers_a_record_as_lsim_says(tmp_path):
     scene = recorded(saved(tmp_path, samples))
     p = flat(scene)
     keep = Keep()
-    whole, _ = scale(scene)
-    state = initial_state(whole, start_state(scene, 0))
-    for record in integrate(whole, noise_path(scene, 0), state, 30.0):
+    for record in records_of(scene, 30.0):
         keep.add(record)
     matrix = np.array(
         [[0, 1, 0], [-p.linear_stiffness, -p.damping, -p.coupling], [0, 1, -p.decay_rate]]

@@ -4,18 +4,15 @@ import math
 import numpy as np
 import pytest
 import worker_calls
-from truths import Keep
+from truths import Keep, records_of
 from truths import reference_path as independent_path
 
 from harvester.command_line import main
-from harvester.engines.monte_carlo import initial_state, integrate
-from harvester.engines.realization import noise_path, start_state
 from harvester.engines.steps import knot_spacing, steps_per_knot
 from harvester.errors import LoadError, OutOfTime
 from harvester.estimates.paired import paired_difference
 from harvester.running import Task, open_runner
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 from harvester.simulation import simulate
 from harvester.verification.work_precision import measurement, reference_path
 from harvester.verification.work_precision.diagram import MEANS, STATES
@@ -143,11 +140,9 @@ def test_the_reference_follows_every_part(name, overrides):
     scene = Scene.load(name, [*overrides, "run.settle=0", "run.realizations=1"])
     spacing = knot_spacing(scene)
     scene = scene.replace({"run.duration": 150 * spacing, "excitation.knot_spacing": spacing})
-    system, _ = scale(scene)
     expected = reference_path.run(scene, 0, report=None)
     keep, fine = Keep(), steps_per_knot(scene, "finest", "monte-carlo")
-    state = initial_state(system, start_state(scene, 0))
-    for record in integrate(system, noise_path(scene, 0), state, 150 * spacing, fine):
+    for record in records_of(scene, 150 * spacing, steps_per_knot=fine):
         keep.add(record)
     found = keep.at_knots(spacing)
     scatter = expected.std(axis=0)
