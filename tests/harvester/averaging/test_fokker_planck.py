@@ -428,7 +428,7 @@ def test_the_well_that_holds_all_where_jumps_are_rare(name, changes):
     choices of seed.
     """
     scene = Scene.load(name).replace(changes)
-    run = {"run.duration": 8000.0, "run.settle": 50.0, "run.realizations": 1}
+    run = {"run.duration": 5000.0, "run.settle": 50.0, "run.realizations": 1}
     truth = simulate(scene.replace(run), method="monte-carlo")
     assert truth["well_crossing_rate"].estimate == 0.0
     answer = average_scene(scene)
