@@ -8,7 +8,7 @@ leaves undone is told by grids that are finer in time, in X and X' or in Z, each
 one before, until it is less than the tolerance (`grid_errors`).
 
 Nothing is assumed of the device's symmetry, of the noise's memory, of the contacts' damping or of
-the load's rate. Of two wells alike that hardly any motion leaves, the grid holds one alone.
+the load's rate. Where hardly any motion leaves its well, the grid holds one alone (`lone_well`).
 """
 
 from __future__ import annotations
@@ -22,9 +22,10 @@ from threadpoolctl import threadpool_limits
 
 from harvester.averaging.averages import Averages
 from harvester.averaging.grid_errors import JUDGED, changed, compared, corrected, means_of, worst
+from harvester.averaging.lone_well import HELD_BACK, barrier, driven, lone_well
 from harvester.averaging.region import Level, Region
 from harvester.averaging.solution import Solution, Work, period
-from harvester.averaging.wells import between_wells, rates_of_jumps, slowest_decay_rate
+from harvester.averaging.wells import rates_of_jumps, slowest_decay_rate
 from harvester.device import timescales
 from harvester.device.hertz import HertzDamp
 from harvester.errors import AveragingError
@@ -51,7 +52,6 @@ SLOWEST_DECAY = 2e-3  # λ, in units of the period, below which it takes too man
 LINE_TOLERANCE_SHARE = 0.3  # share of the tolerance left to means from which a line is drawn
 CONTINUED_WORK = 2.0  # of the usual work, for a tolerance so much smaller
 REGION_TOLERANCE = 0.2  # tolerance on the grid that finds the region
-HELD_BACK = 16.0  # E[X'²] in a barrier that hardly any motion passes
 UNTOLD_FACTOR = 2.0  # factor in E[X'²] that the first grid of all may leave in doubt
 # Of the means judged, those that a line towards slow decay is drawn through; efficiency follows.
 CONTINUED = tuple(name for name in JUDGED if name != "power_conversion_efficiency")
@@ -261,42 +261,32 @@ def _refine(grids, respect, tolerance, known=None):
 def _found(device, work):
     """Where the density is, and that density on a coarse grid.
 
-    A well that hardly any motion leaves stands for two alike.
+    A well that hardly any motion leaves stands for all, as half or whole of the motion.
     """
-    wells = timescales.wells(device)
-    paired = len(wells) == 2 and device.symmetric
-    barrier = _barrier(device) if paired else 0.0
-    linear = timescales.driven_square_velocity(device, timescales.angular_frequency(device))
-    alone = HELD_BACK * linear < barrier
-    region, solution, joined = Region.guessed(device, wells[0] if alone else None), None, False
+    lone = lone_well(device)
+    height = 0.0 if lone is None else barrier(device, lone)
+    alone = lone is not None and HELD_BACK * driven(device, lone) < height
+    region, solution, joined = Region.guessed(device, lone if alone else None), None, False
     for attempt in range(REGION_ATTEMPTS):
         solution = Solution(device, region, REGION_LEVEL, REGION_TOLERANCE, work, solution)
         fitted = Region.fitted(device, solution)
         spread = solution.totals["mean_square_velocity"]
         joined = joined or fitted.leaves_well(device)
-        held_back = not joined and 0.0 < HELD_BACK * spread < barrier
+        held_back = not joined and 0.0 < HELD_BACK * spread < height
         if held_back == (region.well is not None):
             if fitted.alike(region):
                 return fitted, solution
-        elif spread > 0.0 and (attempt > 0 or UNTOLD_FACTOR * HELD_BACK * spread < barrier):
-            well = wells[0] if held_back else None
-            fitted, solution = Region.guessed(device, well, np.sqrt(spread)), None
+        elif spread > 0.0 and (attempt > 0 or UNTOLD_FACTOR * HELD_BACK * spread < height):
+            fitted = Region.guessed(device, lone if held_back else None, np.sqrt(spread))
+            solution = None
         region = fitted
     raise AveragingError("the range of the motion was not found: simulate")
 
 
-def _barrier(device):
-    """Energy from a well over the saddle of two wells alike, a slow charge staying behind."""
-    (well, _), frequency = timescales.wells(device), timescales.angular_frequency(device)
-    rate, coupling = device.transducer.decay_rate(), getattr(device.transducer, "coupling", 0.0)
-    left_behind = 0.5 * coupling * well**2 / (1.0 + (2.0 * rate / frequency) ** 2)
-    return timescales.barrier(device, well) + left_behind
-
-
 def _answer(device, grids, means, error, memory):
     """The means, with what several wells have in common."""
-    own = {name: means.pop(name) for name in between_wells(device, grids["nodes"][-1].density)}
-    if own and memory:
+    own = {name: means.pop(name) for name in grids["nodes"][-1].between_wells}
+    if "well_crossing_rate" in own and memory:
         ends = {respect: (each[0], each[-1]) for respect, each in grids.items()}
         ends["nodes"] = grids["nodes"][-2:]
         for find in (slowest_decay_rate, rates_of_jumps):

@@ -91,8 +91,10 @@ class GridDensity:
 
     def below(self, x: float) -> float:
         """Probability of a displacement below x."""
-        spline = self._marginals["displacement"]
-        return float(spline.integrate(self.x[0], np.clip(x, self.x[0], self.x[-1])))
+        spline, first, last = self._marginals["displacement"], self.x[0], self.x[-1]
+        here, there = (spline.integrate(first, np.clip(end, first, last)) for end in (x, -x))
+        whole = spline.integrate(first, last)
+        return float(0.5 * (here + whole - there) if self.paired else here)
 
     def tabulated(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """Places where a density is known as far out as it reaches, and it there: two ndarrays."""

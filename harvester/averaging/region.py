@@ -110,6 +110,8 @@ class Region(NamedTuple):
     ) -> Region:
         """About a Gibbs density, its rms speed by default that of small oscillations."""
         frequency = timescales.angular_frequency(device)
+        if well is not None:
+            frequency = timescales.well_frequency(device, well)
         if speed is None:
             speed = np.sqrt(timescales.driven_square_velocity(device, frequency))
         if not 0.0 < speed < np.inf:
@@ -175,13 +177,11 @@ class Region(NamedTuple):
     ) -> Region:
         """The range in X that motion of this greatest speed has."""
         wells = timescales.wells(device)
-        deepest = min(float(potential(device, x)) for x in wells)
+        places = (wells[-1], wells[0]) if well is None else (well, well)
+        deepest = min(float(potential(device, x)) for x in (wells if well is None else places))
         if well is None:
             tops: Any = [float(potential(device, x)) - deepest for x in timescales.saddles(device)]
             speed = max(speed, np.sqrt(2.0 * EDGE_ENERGY_IN_BARRIERS * max(tops, default=0.0)))
-            places = (wells[-1], wells[0])
-        else:
-            places = (well, well)
         left, right = (
             _turning(device, at, side, 0.5 * speed**2 + deepest)
             for at, side in zip(places, (-1.0, 1.0), strict=True)

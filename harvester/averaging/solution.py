@@ -10,7 +10,7 @@ from scipy.interpolate import make_interp_spline
 from harvester.averaging.grid_density import GridDensity
 from harvester.averaging.propagator import Propagator, mirrored, shares
 from harvester.averaging.stationary import Inverse
-from harvester.averaging.wells import between_wells
+from harvester.averaging.wells import between_wells, unlike_wells
 from harvester.device import system as systems
 from harvester.device import timescales
 from harvester.errors import AveragingError
@@ -31,6 +31,8 @@ STEPS_OF_STRONG_COUPLING = 3.0
 CONTACTS_OF_A_STEP, MOST_STEPS_FOR_CONTACTS = 1.0 / 6.0, 2.0
 # Rest of a period, in tolerances, as a share of what the slowest part moves in it.
 RESIDUAL_OVER_TOLERANCE = 2e-2
+# Crossings in a period below which wells that are not alike are told apart where they hold so much.
+RARE_JUMPS, LEAST_SHARE_OF_WELL = 1e-2, 1e-9
 LEAST_RESIDUAL = 1e-8  # which rounding leaves
 LEAST_SINGLE_SHARE = 1e-6  # of a density, down to which a rest is known in single precision
 # Share of a rest that is left at least, before it is told anew: directions are kept in that too.
@@ -79,6 +81,8 @@ class Solution:
     totals : dict of str to float
         Means that are sums over the state, and `power_in`.
     density : harvester.averaging.grid_density.GridDensity
+    between_wells : dict of str to float
+        Those of the totals that tell of several wells.
     steps : int
         Of a period.
     cost : int
@@ -107,19 +111,25 @@ class Solution:
             )
         self._coarser = coarser if coarser and coarser.region == region else None
         self._inverse = Inverse(self._change, self._nearly_undone if self._coarser else None)
+        jumps = _rate_of_rare_jumps(coarser) * period(device)
         # Of what a slow part leaves undone, only so small a share of the density changes at a time.
-        slow = min(1.0, _slowest_rate(device, coarser) * period(device))
+        slow = min(1.0, jumps, (device.transducer.decay_rate() or np.inf) * period(device))
         share = max(RESIDUAL_OVER_TOLERANCE * tolerance * slow, LEAST_RESIDUAL)
         self.propagator = self._exact = Propagator(device, grid, np.float32)
         if share < LEAST_SINGLE_SHARE:
             self._exact = Propagator(device, grid)
         start = _gibbs(device, region, grid) if coarser is None else coarser.on(grid)
+        self._wells = np.ones((1, grid.x.size))
+        if jumps < RARE_JUMPS:
+            wells = unlike_wells(device, grid)
+            self._wells = wells[wells @ start[:, :, 0].sum(axis=(1, 2)) > LEAST_SHARE_OF_WELL]
         self.state = self._settled(start, share)
         self.before_flow = self.propagator.before_flow(self.state)
         self.density = GridDensity.of_state(
-            device.transducer, grid, self.state, region.well is not None
+            device.transducer, grid, self.state, region.well is not None and device.symmetric
         )
-        self.totals: dict[str, float] = self._totals()
+        self.between_wells = between_wells(device, self.density)
+        self.totals: dict[str, float] = self._totals() | self.between_wells
 
     @property
     def unresolved(self) -> bool:
@@ -143,6 +153,9 @@ class Solution:
         state = self._later(start).astype(float)
         state /= state[:, :, 0].sum()
         self._allowed = share * np.linalg.norm(state)
+        # What jumps move is slow against all else: many other directions would not tell it.
+        for alone in self._of_wells(state)[1:]:
+            self._inverse.extend(alone - state)
         size = enough = np.inf
         while enough > self._allowed:
             self.work.take(self.cost)
@@ -178,7 +191,15 @@ class Solution:
         smooth -= smooth[:, :, 0].sum() * coarser.state
         enough = max(SUFFICIENT_REDUCTION * np.linalg.norm(smooth), coarser._allowed)
         found = coarser._undone(smooth, enough)
+        # Of the mass of wells between which jumps are rare, a coarser grid's errors are too large.
+        for well, alone in zip(coarser._wells, coarser._of_wells(coarser.state), strict=True):
+            found -= (well @ found[:, :, 0].sum(axis=(1, 2))) * alone
         return rest + moved(found, coarser.grid, self.grid)
+
+    def _of_wells(self, state):
+        """Its part in each of the wells between which jumps are rare, of sum 1."""
+        parts = self._wells[:, :, None, None, None] * state
+        return parts / parts[:, :, :, 0].sum(axis=(1, 2, 3))[:, None, None, None, None]
 
     def _totals(self):
         mass, grid, transducer = self.state[:, :, 0], self.grid, self.device.transducer
@@ -194,7 +215,6 @@ class Solution:
             "mean_square_velocity": np.sum(both * grid.v**2),
             "mean_square_displacement": np.sum(both * grid.x[:, None] ** 2),
         }
-        totals |= between_wells(self.device, self.density)
         return {name: float(total) for name, total in totals.items()}
 
     def _power_in(self):
@@ -207,12 +227,10 @@ class Solution:
         return 0.5 * gained / self.grid.step
 
 
-def _slowest_rate(device, coarser):
-    """At which the load moves Z, or rare jumps the mass between wells that are not alike (1/s)."""
-    rate = device.transducer.decay_rate() or np.inf
-    if coarser is not None and "share_of_time_in_well_1" in coarser.totals:
-        rate = min(rate, coarser.totals["well_crossing_rate"])
-    return rate
+def _rate_of_rare_jumps(coarser):
+    """At which jumps move the mass between wells that are not alike (1/s)."""
+    several = coarser is not None and "share_of_time_in_well_1" in coarser.totals
+    return coarser.totals.get("well_crossing_rate", np.inf) if several else np.inf
 
 
 def _laid(device, region, level):

@@ -12,7 +12,7 @@ LARGEST_BASIS = 2e8  # bytes: of larger states fewer directions are held at a ti
 MOST_DIRECTIONS = 150  # held at a time
 MOST_SOUGHT = 400  # for one solution
 POOR_DIRECTION_REST = (
-    0.6  # share of a rest left by a direction, beyond which the inverse it began as is no help
+    0.9  # share of a rest left by a direction, beyond which the inverse it began as is no help
 )
 KEPT, BYTES = np.float32, 4  # of what is kept: what it takes off is known as well as it is kept
 SMALLEST_NEW_PART = 1e-6  # of a direction's part that is new, below which nothing is left to find
@@ -39,18 +39,15 @@ class Inverse:
 
     def __call__(self, rest: np.ndarray, allowed: float) -> np.ndarray | None:
         """x with |rest − change(x)| ≤ allowed; None if it was not reached."""
-        if self._directions.size == 0:
-            held = int(LARGEST_BASIS / (2 * BYTES * rest.size))
-            shape = max(1, min(MOST_DIRECTIONS, held)), rest.size
-            # Pages of these that are never written are never taken.
-            self._directions, self._changes = (np.empty(shape, KEPT) for _ in range(2))
         left, found = rest.ravel().astype(float), np.zeros(rest.size)
-        self._take(left, found, slice(0, self._count))
+        if self._count:
+            self._take(left, found, slice(0, self._count))
         for _ in range(MOST_SOUGHT):
             size = np.linalg.norm(left)
             if size <= allowed:
                 return found.reshape(rest.shape)
-            if not np.isfinite(size) or not self._extend(left.astype(KEPT).reshape(rest.shape)):
+            kept = left.astype(KEPT).reshape(rest.shape)
+            if not np.isfinite(size) or not self.extend(self._near(kept) if self._near else kept):
                 return None
             self._take(left, found, slice(self._count - 1, self._count))
             if np.linalg.norm(left) > POOR_DIRECTION_REST * size:
@@ -63,12 +60,16 @@ class Inverse:
         left -= along @ self._changes[which]
         found += along @ self._directions[which]
 
-    def _extend(self, left):
-        """One more direction, which begins about what is left; False if it tells nothing new."""
+    def extend(self, new: np.ndarray) -> bool:
+        """Learn one more direction; False if it tells nothing new."""
+        if self._directions.size == 0:
+            held = int(LARGEST_BASIS / (2 * BYTES * new.size))
+            shape = max(1, min(MOST_DIRECTIONS, held)), new.size
+            # Pages of these that are never written are never taken.
+            self._directions, self._changes = (np.empty(shape, KEPT) for _ in range(2))
         if self._count == len(self._changes):
             self._count = 0
         n = self._count
-        new = self._near(left) if self._near else left
         change = self._change(new).ravel()
         whole = np.linalg.norm(change)
         along = np.zeros(n, KEPT)

@@ -30,14 +30,14 @@ def between_wells(device: System, density: GridDensity) -> dict[str, float]:
     """Rate of crossings of all saddles, and shares of time from the left; empty for one well.
 
     The rate is the flux Σ ∫ |X'| p(saddle, X') dX', both ways, as Monte Carlo counts it; shares
-    are given where symmetry does not tell them. Empty as well where a density holds one well alone.
+    are given where symmetry does not tell them. A density of one well alone tells no rate.
     """
-    saddles = sorted(timescales.saddles(device))
-    if not saddles or density.paired:
+    saddles, v, answer = sorted(timescales.saddles(device)), density.v, {}
+    if not saddles:
         return {}
-    v = density.v
-    flux = sum(float(density.joint(x, v) @ np.abs(v)) * (v[1] - v[0]) for x in saddles)
-    answer = {"well_crossing_rate": flux}
+    if density.x[0] < saddles[0] and saddles[-1] < density.x[-1]:
+        flux = sum(float(density.joint(x, v) @ np.abs(v)) * (v[1] - v[0]) for x in saddles)
+        answer["well_crossing_rate"] = flux
     if not _alike(device):
         shares = np.diff([0.0, *(density.below(x) for x in saddles), density.below(np.inf)])
         for number, share in enumerate(shares / shares.sum(), start=1):
@@ -122,6 +122,14 @@ def _alike(device):
 def _well_at(device, x):
     """Number of the well between whose saddles each displacement lies."""
     return np.searchsorted(sorted(timescales.saddles(device)), x)
+
+
+def unlike_wells(device: System, grid: Grid) -> np.ndarray:
+    """Which displacements lie in each well, of two alike in either: (wells, X) of 0 and 1."""
+    number = _well_at(device, grid.x)
+    if grid.mirrored:
+        number = np.minimum(number, number[::-1])
+    return (number == np.unique(number)[:, None]).astype(float)
 
 
 def _shares_in_cores(device: System, grid: Grid) -> np.ndarray:

@@ -408,6 +408,59 @@ def test_a_stopper_on_one_side_and_a_strong_coupling(resistance, coupling):
         assert truth.standard_error < 0.01 * truth.estimate
 
 
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        (
+            "tristable",
+            {
+                "oscillator.damping": 0.10725,
+                "load.resistance": 379e3,
+                "excitation.intensity": 0.12835,
+                "excitation.correlation_time": 0.00994,
+            },
+        ),
+        ("asymmetric", {"excitation.intensity": 0.03}),
+    ],
+)
+def test_the_well_that_holds_all_where_jumps_are_rare(name, changes):
+    """One path that starts in the right well, which holds all motion or half, and stays there.
+
+    The middle well of the tristable device is left 4e-4 times a second in simulation, the outer
+    ones never in 5e5 s. Within four standard errors and the numerical error: one failure in 8000
+    choices of seed.
+    """
+    scene = Scene.load(name).replace(changes)
+    run = {"run.duration": 5000.0, "run.settle": 50.0, "run.realizations": 1}
+    truth = simulate(scene.replace(run), method="monte-carlo")
+    assert truth["well_crossing_rate"].estimate == 0.0
+    answer = average_scene(scene)
+    for quantity in ("mean_square_voltage", "mean_square_velocity"):
+        one, other = answer[quantity], truth[quantity]
+        error = 4.0 * other.standard_error + one.standard_error
+        assert error < 0.06 * other.estimate
+        assert one.estimate == pytest.approx(other.estimate, abs=error)
+    other = len(timescales.wells(scale(scene)[0])) - 1
+    assert answer[f"share_of_time_in_well_{other}"].estimate < 1e-3
+
+
+@pytest.mark.slow
+def test_rare_jumps_between_wells_that_are_not_alike():
+    """Left after 500 and 3000 s: Monte Carlo of 64 × 16 000 s gives 19.46 V² ± 1.5 %.
+
+    Within four standard errors and the numerical error: one failure in 8000 choices of seed.
+    """
+    changes = {
+        "oscillator.damping": 0.15306,
+        "load.resistance": 245.75e3,
+        "excitation.intensity": 0.15336,
+        "excitation.correlation_time": 0.00444,
+    }
+    answer = average_scene(Scene.load("tristable").replace(changes))["mean_square_voltage"]
+    error = 4.0 * 0.015 * 19.46 + answer.standard_error
+    assert answer.estimate == pytest.approx(19.46, abs=error)
+
+
 @pytest.mark.slow
 def test_a_charge_that_outlasts_the_stay_in_a_well():
     """Jumps are frequent at some nodes of Z and rare at others: few of them tell 27 % less.

@@ -1,0 +1,90 @@
+"""Which well holds the stationary motion by itself, where jumps between the wells are rare.
+
+Then no grid tells the rates of jumps, far below what nodes share wrongly, and none is needed: of
+two wells alike each holds half, and of others the one that motion leaves the least often holds all.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.device import timescales
+from harvester.device.system import loss_power, potential
+
+if TYPE_CHECKING:
+    from harvester.device.system import System
+
+HELD_BACK = 16.0  # E[X'²] in a barrier that hardly any motion passes
+# Share of the exponent of the rate of jumps out of a well that is sure, and by how much that is
+# above the exponent of any other: the time in the other is then below exp(−6) of the whole.
+SURE_SHARE, LEAST_LEAD = 0.8, 6.0
+ENERGIES, PLACES = 24, 201  # of orbits, and along each, that tell that exponent
+
+
+def lone_well(device: System) -> float | None:
+    """The well that may hold all motion, or one of two alike; None where several share it."""
+    wells = timescales.wells(device)
+    if len(wells) < 2:
+        return None
+    well = max(wells, key=lambda well: barrier(device, well) / driven(device, well))
+    alike = (well, -well) if device.symmetric else (well,)
+    others = [x for x in wells if not np.isclose(x, alike).any()]
+    if not others:
+        return well
+    if barrier(device, well) < HELD_BACK * driven(device, well):
+        return None
+    sure = SURE_SHARE * _exponent(device, well)
+    return well if all(sure > LEAST_LEAD + _exponent(device, x) for x in others) else None
+
+
+def driven(device: System, well: float) -> float:
+    """E[X'²] of small oscillations about a well."""
+    frequency = timescales.well_frequency(device, well)
+    return timescales.driven_square_velocity(device, frequency)
+
+
+def barrier(device: System, well: float) -> float:
+    """Energy from a well over the lowest saddle beside it, a slow charge staying behind."""
+    rate, coupling = device.transducer.decay_rate(), getattr(device.transducer, "coupling", 0.0)
+    frequency = timescales.well_frequency(device, well)
+    held = 0.5 * coupling / (1.0 + (2.0 * rate / frequency) ** 2)
+    bottom = float(potential(device, well))
+    return min(
+        float(potential(device, saddle)) - bottom + held * (saddle - well) ** 2
+        for saddle in timescales.beside(device, well)
+    )
+
+
+def _exponent(device, well):
+    """∫ dH/T(H) up to the saddle, T the power of the noise over the rate of loss on the orbit H.
+
+    The rate of jumps of weakly damped motion falls as exp(−∫ dH/T) (Eqs. 20–25).
+    """
+    height = timescales.barrier(device, well)
+    energies = height * (np.arange(ENERGIES) + 0.5) / ENERGIES
+    x = np.linspace(*_ends(device, well, height), PLACES)
+    above = energies[:, None] - (potential(device, x) - float(potential(device, well)))
+    v = np.sqrt(2.0 * np.maximum(above, 0.0))
+    # Of what is lost at X' the integral over time is that of loss/X' over X, both ways.
+    lost = np.vectorize(lambda x, v: loss_power(device, x, v, 0.0, True))(x, v)
+    action = 2.0 * np.trapezoid(v, x)
+    loss = 2.0 * np.trapezoid(lost / np.maximum(v, np.finfo(float).tiny), x)
+    frequency = 2.0 * np.pi / np.gradient(action, energies)
+    rate = loss / action + [device.transducer.loss_rate(each) for each in frequency]
+    intensity, memory = device.noise
+    return float(np.mean(rate * (1.0 + (frequency * memory) ** 2))) * height / intensity
+
+
+def _ends(device, well, height):
+    """Displacements between which a well's orbits below its lower saddle lie."""
+    ends = []
+    saddles = timescales.beside(device, well)
+    for side in (-1.0, 1.0):
+        found = [x for x in saddles if side * (x - well) > 0.0]
+        end = found[0] if found else well + side * min(abs(x - well) for x in saddles)
+        while not found and potential(device, end) < potential(device, well) + height:
+            end += 0.2 * (end - well)
+        ends.append(end)
+    return ends
