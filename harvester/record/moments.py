@@ -43,7 +43,7 @@ PRODUCTS = {
     ("load_power", "loss_power"): 7,
 }
 HISTOGRAMS = ("displacement", "velocity", "voltage")
-BINS = 512
+BINS = 1024
 FINEST_BIN = 2.0**-40
 
 
@@ -61,7 +61,7 @@ class Moments:
         Displacements that part the wells, ascending, to count crossings.
     integrals : ndarray, shape (batches, len(QUANTITIES) or more)
     products : ndarray, shape (len(PRODUCTS),)
-    histograms : ndarray, shape (groups, 3, BINS)
+    histograms : ndarray of uint32, shape (groups, 3, BINS)
         Samples in each bin of displacement, velocity, voltage; bins symmetric about 0.
     sample_interval : float
         Time between the histograms' samples (s), which are taken at regular times: an engine's
@@ -120,7 +120,7 @@ class Moments:
             sample_interval=sample_interval,
             integrals=np.zeros((batches, rows)),
             products=np.zeros(len(PRODUCTS)),
-            histograms=np.zeros((groups, len(HISTOGRAMS), BINS)),
+            histograms=np.zeros((groups, len(HISTOGRAMS), BINS), dtype=np.uint32),
             bin_widths=np.full(len(HISTOGRAMS), FINEST_BIN),
             first=np.full(columns, np.nan),
             last=np.full(columns, np.nan),
@@ -329,7 +329,7 @@ def _add_samples(before, record, start, group_length, interval, histograms, widt
                 _double_bins(histograms[:, k])
                 widths[k] *= 2.0
                 into = np.floor(value / widths[k])
-            histograms[group, k, int(into) + half] += 1.0
+            histograms[group, k, int(into) + half] += 1
         sample += 1.0
 
 
@@ -342,5 +342,5 @@ def _double_bins(histograms):
         for k in range(half // 2):
             row[half + k] = row[half + 2 * k] + row[half + 2 * k + 1]
             row[half - 1 - k] = row[half - 1 - 2 * k] + row[half - 2 - 2 * k]
-        row[: half // 2] = 0.0
-        row[half + half // 2 :] = 0.0
+        row[: half // 2] = 0
+        row[half + half // 2 :] = 0
