@@ -255,8 +255,8 @@ def _go_on(s, edges, knots, begin, end, steps_per_contact, count, room):
 @inlined
 def _land(apart, i, tried, k):
     """Shorten a step that leaves its zone to where it does; the step tried ends in column `k`."""
-    x, v, x1, v1 = apart[DISPLACEMENT, i], apart[VELOCITY, i], tried[DISPLACEMENT, k], tried[1, k]
-    low, high = apart[LOW, i], apart[HIGH, i]
+    x, v, low, high = apart[DISPLACEMENT, i], apart[VELOCITY, i], apart[LOW, i], apart[HIGH, i]
+    x1, v1 = tried[DISPLACEMENT, k], tried[VELOCITY, k]
     upwards = x1 > high or (x1 >= low and v > 0.0)
     edge, direction = (high, 1) if upwards else (low, -1)
     apart[LENGTH, i] = crossing(edge, direction, x, v, x1, v1, apart[LENGTH, i])
