@@ -326,7 +326,8 @@ def _add_samples(before, record, start, group_length, interval, histograms, widt
             value += share * (column[place] - value)
             into = np.floor(value / widths[k])
             while into >= half or into < -half:
-                _double_bins(histograms[:, k])
+                # None behind this group has a sample yet.
+                _double_bins(histograms[: group + 1, k])
                 widths[k] *= 2.0
                 into = np.floor(value / widths[k])
             histograms[group, k, int(into) + half] += 1

@@ -61,10 +61,10 @@ def check_density(result):
     half = 0.5 * (density.centre[1] - density.centre[0])
     weight = gibbs(result.scene)
     truth = np.array(
-        [gibbs_share(weight, c - half, c + half, 4.0) / (2.0 * half) for c in density.centre[::8]]
+        [gibbs_share(weight, c - half, c + half, 4.0) / (2.0 * half) for c in density.centre[::16]]
     )
     counted = truth > 0.05 * truth.max()
-    distance = (density.density[::8] - truth)[counted] / density.standard_error[::8][counted]
+    distance = (density.density[::16] - truth)[counted] / density.standard_error[::16][counted]
     assert np.sqrt(np.mean(distance**2)) < 1.5
     assert np.abs(distance).max() < 4.0
 

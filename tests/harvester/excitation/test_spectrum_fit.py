@@ -4,6 +4,7 @@ from scipy import signal
 from truths import flat
 
 from harvester.averaging.of_scene import average
+from harvester.device import timescales
 from harvester.excitation import NoisePath
 from harvester.excitation.spectrum_fit import fit_spectrum
 from harvester.scene.model import Scene
@@ -32,7 +33,7 @@ def noise(seed, count=24001):
 
 
 def device_frequency(scene):
-    return flat(scene).angular_frequency / (2 * np.pi)
+    return timescales.angular_frequency(flat(scene).system) / (2 * np.pi)
 
 
 def test_the_fit_finds_the_noise_with_errors_that_hold(tmp_path):

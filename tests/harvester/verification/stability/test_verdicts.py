@@ -150,9 +150,9 @@ def word_of(scene, monkeypatch, change, longer=1):
 
 
 def scene_of(*overrides):
-    return Scene.load("paper", ["excitation.intensity=0.1", "excitation.knot_spacing=0.2"]).replace(
-        dict(overrides)
-    )
+    """Paths of this seed stay comparable for nine periods, of others for two to thirteen."""
+    changes = ["excitation.intensity=0.1", "excitation.knot_spacing=0.2", "run.seed=3"]
+    return Scene.load("paper", changes).replace(dict(overrides))
 
 
 @pytest.mark.parametrize("change", BROKEN.values(), ids=BROKEN)
