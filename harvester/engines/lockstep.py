@@ -34,6 +34,7 @@ FEWEST_TOGETHER = 2
 # Rows of the states at a step's beginning; the zone's number and its ends.
 DISPLACEMENT, VELOCITY, TRANSDUCER, HELD_SPEED, ZONE, LOW, HIGH = range(7)
 STATE_ROWS = 7
+MOTION_ROWS = 3  # X, X' and the transducer's state
 # Rows behind them of those stepped apart: excitation and its slope, the time since the knot, the
 # step, and by how many zones the mass moves at its end.
 NOISE, SLOPE, PHASE, LENGTH, ENTERS = range(7, 12)
@@ -235,7 +236,7 @@ def _go_on(s, edges, knots, begin, end, steps_per_contact, count, room):
             if apart[PHASE, i] > end - 1e-9 * knots[2]:
                 for row in range(STATE_ROWS):
                     room.states[row, k] = apart[row, i]
-                for row in range(HELD_SPEED):
+                for row in range(MOTION_ROWS):
                     room.ends[row, k] = apart[row, i]
                 room.ends[CONTACT_DAMPING, k] = damping
                 continue
@@ -268,7 +269,7 @@ def _take(edges, end, apart, tried, i):
     """Take a step apart: its state and time, and the zone into which it leads."""
     longest = end - apart[PHASE, i]
     apart[PHASE, i] = end if apart[LENGTH, i] >= longest else apart[PHASE, i] + apart[LENGTH, i]
-    for row in range(HELD_SPEED):
+    for row in range(MOTION_ROWS):
         apart[row, i] = tried[row, i]
     if apart[ENTERS, i] != 0.0:
         if apart[LOW, i] < 0.0 < apart[HIGH, i]:

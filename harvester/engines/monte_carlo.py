@@ -23,7 +23,12 @@ from harvester.compilation import numba
 from harvester.device import contact
 from harvester.engines import circuit
 from harvester.engines.lockstep import Room, advance
-from harvester.engines.steps import steps_per_contact, steps_per_knot, stop_time
+from harvester.engines.steps import (
+    EVEN_STEPS_PER_CONTACT,
+    steps_per_contact,
+    steps_per_knot,
+    stop_time,
+)
 from harvester.errors import LoadError, SolutionDiverged
 from harvester.record import several
 from harvester.record.moments import Moments
@@ -42,9 +47,6 @@ MOST_TOGETHER = 64
 # Segments between knots that are worked on at a time, of all realizations together: the points that
 # belong to them stay in the processor's cache.
 SEGMENTS = 65536
-# Fewest steps from the beginning of a contact to its end, at the default step and longer ones: as
-# accurate as 30 that end where they may, since those between two knots are even.
-STEPS_PER_CONTACT = 26
 # Decay of V or X' by load or damper, as an exponent, in a step of an explicit scheme: those are
 # stable up to 2 (Heun) and 2.78 (Runge–Kutta). Beyond it the decay is taken exactly.
 LARGEST_DECAY = 1.0
@@ -111,7 +113,7 @@ def run_realizations(
         return circuit.run_compiled(scene, paths, starts, observers, step, outputs)
     s, _ = scale(scene)
     fixed = steps_per_knot(scene, step, "monte-carlo")
-    in_contact = steps_per_contact(scene, step, "monte-carlo", STEPS_PER_CONTACT)
+    in_contact = steps_per_contact(scene, step, "monte-carlo")
     for first in range(0, len(paths), MOST_TOGETHER):
         some = slice(first, first + MOST_TOGETHER)
         chunks = integrate(
@@ -157,7 +159,7 @@ def integrate(
     stop: float,
     steps_per_knot: int = 1,
     scheme: str = "runge-kutta",
-    steps_per_contact: int = STEPS_PER_CONTACT,
+    steps_per_contact: int = EVEN_STEPS_PER_CONTACT,
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Integrate Eq. 4 along several noise paths, side by side.
 

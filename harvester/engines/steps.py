@@ -23,9 +23,11 @@ if TYPE_CHECKING:
 # Steps per period of the fastest oscillation. The trapezoidal rule is of order two, Runge–Kutta of
 # order four; as `work-precision` shows, each then biases the means by less than 1 %.
 STEPS_PER_PERIOD = {"circuit": 80, "monte-carlo": 40}
-# Steps from the beginning of a contact to its end, at the default step and longer ones; see also
-# `harvester.engines.monte_carlo.STEPS_PER_CONTACT`.
+# Fewest steps from the beginning of a contact to its end, at the default step and longer ones.
 STEPS_PER_CONTACT = 30
+# Those of Runge–Kutta: as accurate as 30 that end where they may, since those between two knots are
+# even.
+EVEN_STEPS_PER_CONTACT = 26
 # Steps by name, as divisions of the default one.
 STEP_LEVELS = {"default": 1, "fine": 4, "finest": 32}
 # A load that switches rejects steps, and after each of them ngspice takes one of first order: at a
@@ -101,21 +103,16 @@ def steps_per_knot(scene: Scene, step: str | float = "default", engine: str = "c
     return max(1, math.ceil(spacing / longest - 1e-9)) * STEP_LEVELS[step] * finer
 
 
-def steps_per_contact(
-    scene: Scene,
-    step: str | float = "default",
-    engine: str = "circuit",
-    fewest: int = STEPS_PER_CONTACT,
-) -> int:
+def steps_per_contact(scene: Scene, step: str | float = "default", engine: str = "circuit") -> int:
     """Fewest steps of an engine in a contact: a shorter step makes these as much shorter.
 
     Parameters
     ----------
     scene, step, engine
         See `steps_per_knot`.
-    fewest : int
-        At the default step and longer ones.
     """
+    even = engine == "monte-carlo" and scene.load.is_resistor
+    fewest = EVEN_STEPS_PER_CONTACT if even else STEPS_PER_CONTACT
     finer = steps_per_knot(scene, step, engine) / steps_per_knot(scene, engine=engine)
     return math.ceil(fewest * max(finer, 1.0))
 
