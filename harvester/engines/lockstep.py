@@ -21,31 +21,30 @@ from harvester.compilation import inlined, uncounted
 from harvester.device import contact, system
 from harvester.engines.schemes import one_step
 from harvester.engines.zones import crossing, overshoots
+from harvester.record import several
 from harvester.record.record import Record
+from harvester.record.several import TOGETHER
 
 if TYPE_CHECKING:
     from harvester.device.system import System
+    from harvester.record.several import Tally
 
-# Realizations that one instruction takes: numbers of double precision in the widest registers.
-TOGETHER = 8
-# From so many on, eight take no longer than these one after the other.
-FEWEST_TOGETHER = 2
-
-# Rows of the states at a step's beginning; the zone's number and its ends.
-DISPLACEMENT, VELOCITY, TRANSDUCER, HELD_SPEED, ZONE, LOW, HIGH = range(7)
-STATE_ROWS = 7
-MOTION_ROWS = 3  # X, X' and the transducer's state
-# Rows behind them of those stepped apart: excitation and its slope, the time since the knot, the
+# Where none are kept.
+MOST_POINTS = 2**62
+# Where a block's rows of eight begin: the state at a step's beginning, with the zone's number and
+# its ends, and for those stepped apart the excitation and its slope, the time since the knot, the
 # step, and by how many zones the mass moves at its end.
-NOISE, SLOPE, PHASE, LENGTH, ENTERS = range(7, 12)
-APART_ROWS = 12
-# Rows of a step's ends, behind X, X' and the transducer's state: the excitation, damping by
-# contacts (1/s), and whether the flight does not hold.
-CONTACT_DAMPING, LEAVES, EXCITED = 3, 4, 5
-END_ROWS = 6
-# Columns of a record under way that are still to be completed: they hold what is named here.
-EXCITATION, DAMPING = Record._fields.index("input_power"), Record._fields.index("loss_power")
-STATE = Record._fields.index("transducer_state")
+STATE_ROWS = 12
+(
+    DISPLACEMENT, VELOCITY, TRANSDUCER, HELD_SPEED, ZONE, LOW, HIGH, NOISE, SLOPE, PHASE, LENGTH,
+    ENTERS,
+) = range(0, STATE_ROWS * TOGETHER, TOGETHER)  # fmt: skip
+MOTION_ROWS = 3  # X, X' and the transducer's state
+# Behind them the step's end: the motion, damping by contacts (1/s), the excitation, and whether the
+# step does not hold.
+ROWS = STATE_ROWS + 6
+END = STATE_ROWS * TOGETHER
+CONTACT_DAMPING, EXCITED, LEAVES = range(END + MOTION_ROWS * TOGETHER, ROWS * TOGETHER, TOGETHER)
 
 
 class Room(NamedTuple):
@@ -53,24 +52,21 @@ class Room(NamedTuple):
 
     Attributes
     ----------
-    states : ndarray, shape (STATE_ROWS, realizations)
-    ends : ndarray, shape (END_ROWS, realizations)
-    apart, tried : ndarray, shape (APART_ROWS, ·) and (END_ROWS, ·)
-        Those stepped apart, and where their steps end.
+    states, apart : ndarray, shape (blocks of eight, ROWS · 8)
+        All realizations, and copies of those stepped apart.
     which : ndarray of int64
         The realization that stands in each place of `apart`.
-    columns : ndarray, shape (realizations, fields of `Record`, points)
     points : ndarray of int64, shape (realizations,)
-        Points written of each.
+        Points of each since it was last zero.
+    columns : ndarray, shape (realizations, fields of `Record`, points)
+        Where these points are kept, if it has any room.
     """
 
     states: np.ndarray
-    ends: np.ndarray
     apart: np.ndarray
-    tried: np.ndarray
     which: np.ndarray
-    columns: np.ndarray
     points: np.ndarray
+    columns: np.ndarray
 
     @classmethod
     def of(cls, s: System, starts: Sequence[tuple[float, float, float]], points: int) -> Room:
@@ -81,26 +77,24 @@ class Room(NamedTuple):
         s : harvester.device.system.System
         starts : sequence of (float, float, float)
         points : int
-            Of each realization, at least 2.
+            Of each realization, at least 2, or 0 to keep none.
         """
-        count = len(starts)
-        whole = math.ceil(count / TOGETHER) * TOGETHER
-        states = np.zeros((STATE_ROWS, count))
-        states[: TRANSDUCER + 1] = np.transpose(starts)
+        blocks = math.ceil(len(starts) / TOGETHER)
+        states = np.zeros((blocks, ROWS, TOGETHER))
         edges = contact.edges(s.contacts)
-        for state in states.T:
-            x = state[DISPLACEMENT]
+        for k in range(blocks * TOGETHER):
+            state = states[k // TOGETHER, :, k % TOGETHER]
+            # Places behind the last realization repeat its start and stand for nothing.
+            x, v, transducer = starts[min(k, len(starts) - 1)]
             zone = sum(x > edge if edge > 0.0 else x >= edge for edge in edges[1:-1])
-            state[HELD_SPEED] = system.speed_held(s, x, state[VELOCITY])
-            state[ZONE], state[LOW], state[HIGH] = zone, edges[zone], edges[zone + 1]
+            held, ends = system.speed_held(s, x, v), edges[zone : zone + 2]
+            state[: NOISE // TOGETHER] = x, v, transducer, held, zone, *ends
         return cls(
-            states=states,
-            ends=np.zeros((END_ROWS, count)),
-            apart=np.zeros((APART_ROWS, whole)),
-            tried=np.zeros((END_ROWS, whole)),
-            which=np.zeros(whole, dtype=np.int64),
-            columns=np.empty((count, len(Record._fields), points)),
-            points=np.zeros(count, dtype=np.int64),
+            states=states.reshape(blocks, -1),
+            apart=np.zeros((blocks, ROWS * TOGETHER)),
+            which=np.zeros(blocks * TOGETHER, dtype=np.int64),
+            points=np.zeros(len(starts), dtype=np.int64),
+            columns=np.empty((len(starts), len(Record._fields), points)),
         )
 
 
@@ -115,219 +109,251 @@ def advance(
     steps_per_knot: int,
     steps_per_contact: int,
     room: Room,
+    tally: Tally,
     place: np.ndarray,
 ) -> None:
     """Integrate until the noise is at its end or a realization has no room for points.
 
     `heun` as in `harvester.engines.schemes.one_step`; `edges` are those of the zones; `noise` has
-    a row for each knot, a column for each realization. `place`, changed, is the segment between
-    knots, the step in it, and how many realizations are stepped apart in it.
+    shape (knots, blocks, 8). `place`, changed, is the segment between knots, the step in it, how
+    many realizations are stepped apart in it, and the batch under way.
     """
     free = np.searchsorted(edges, 0.0)
     left, right = edges[free - 1], edges[free]
     step = spacing / steps_per_knot
-    segment, part, waiting = place[0], place[1], place[2]
-    fullest, full = 0, room.columns.shape[2] - 1
+    segment, part, waiting, batch = place[0], place[1], place[2], place[3]
+    # Eight. Loops over a number known beforehand would be written out place by place.
+    lanes = noise.shape[2]
+    room_for = room.columns.shape[2]
+    fullest, full = 0, room_for - 1 if room_for > 0 else MOST_POINTS
     while segment < noise.shape[0] - 1 and fullest < full:
         knots = (noise[segment], noise[segment + 1], spacing)
         begin = (first_knot + segment) * spacing
         start, end = part * step, (part + 1) * step
         if waiting == 0:
             at_knot = part == steps_per_knot - 1
-            _fly(heun, s, left, right, knots, start, end, at_knot, room.states, room.ends)
+            now = several.batch_of(tally, begin + start, begin + end)
+            if now != batch:
+                several.end_batch(tally, batch)
+                batch = now
+            _fly(heun, s, left, right, knots, start, end, at_knot, lanes, room.states)
             waiting = _gather(s, knots, start, end, steps_per_contact, room)
         while waiting > 0 and fullest < full:
-            _try(heun, s, left, right, waiting, room.apart, room.tried)
-            waiting, fullest = _go_on(s, edges, knots, begin, end, steps_per_contact, waiting, room)
+            _try(heun, s, left, right, waiting, lanes, room.apart)
+            waiting, fullest = _go_on(
+                s, edges, knots, begin, end, steps_per_contact, waiting, batch, room, tally
+            )
         if waiting > 0:
             break
         part += 1
         if part == steps_per_knot:
             segment, part = segment + 1, 0
             begin, end = (first_knot + segment) * spacing, 0.0
-        fullest = _arrive(begin + end, room)
-    place[0], place[1], place[2] = segment, part, waiting
-    for k in range(room.points.size):
-        _complete(s, room.columns[k], room.points[k])
+        fullest = _arrive(s, begin + end, batch, lanes, room, tally)
+        if part == 0 and batch >= 0 and (first_knot + segment) % tally.every == 0:
+            several.sample(tally, begin)
+    if batch >= 0:
+        several.end_batch(tally, batch)
+    place[0], place[1], place[2], place[3] = segment, part, waiting, batch
 
 
 @inlined
-def _excitation(knots, k, phase):
+def _excitation(knots, block, k, phase):
     """The excitation of a realization and its slope, so long after the earlier of two knots."""
     before, after, spacing = knots
-    slope = (after[k] - before[k]) / spacing
-    return before[k] + slope * phase, slope
+    slope = (after[block, k] - before[block, k]) / spacing
+    return before[block, k] + slope * phase, slope
 
 
 @uncounted
-def _fly(heun, s, left, right, knots, start, end, at_knot, states, ends):
+def _fly(heun, s, left, right, knots, start, end, at_knot, lanes, states):
     """Step all realizations as if all flew freely between `left` and `right`.
 
     Here and in `_try` no condition ends a turn early: LLVM asks for it.
     """
     length = end - start
-    for k in range(states.shape[1]):
-        x, v, state = states[DISPLACEMENT, k], states[VELOCITY, k], states[TRANSDUCER, k]
-        noise, slope = _excitation(knots, k, start)
-        x1, v1, state1 = one_step(
-            heun, s, False, left, right, 0.0, x, v, state, noise, slope, length
-        )
-        turned = (v * v1 < 0.0) & overshoots(left, right, x, v, x1, v1, length)
-        touches = (states[LOW, k] >= 0.0) | (states[HIGH, k] <= 0.0)
-        ends[DISPLACEMENT, k], ends[VELOCITY, k], ends[TRANSDUCER, k] = x1, v1, state1
-        ends[CONTACT_DAMPING, k] = 0.0
-        ends[EXCITED, k] = knots[1][k] if at_knot else knots[0][k] + slope * end
-        ends[LEAVES, k] = 1.0 if touches | (x1 > right) | (x1 < left) | turned else 0.0
+    for block in range(states.shape[0]):
+        cells = states[block]
+        for k in range(lanes):
+            x, v, state = cells[DISPLACEMENT + k], cells[VELOCITY + k], cells[TRANSDUCER + k]
+            noise, slope = _excitation(knots, block, k, start)
+            x1, v1, state1 = one_step(
+                heun, s, False, left, right, 0.0, x, v, state, noise, slope, length
+            )
+            turned = (v * v1 < 0.0) & overshoots(left, right, x, v, x1, v1, length)
+            touches = (cells[LOW + k] >= 0.0) | (cells[HIGH + k] <= 0.0)
+            leaves = touches | (x1 > right) | (x1 < left) | turned
+            cells[END + DISPLACEMENT + k], cells[END + VELOCITY + k] = x1, v1
+            cells[END + TRANSDUCER + k], cells[CONTACT_DAMPING + k] = state1, 0.0
+            cells[EXCITED + k] = knots[1][block, k] if at_knot else knots[0][block, k] + slope * end
+            cells[LEAVES + k] = 1.0 if leaves else 0.0
 
 
 @uncounted
-def _try(heun, s, left, right, count, apart, tried):
+def _try(heun, s, left, right, count, lanes, apart):
     """Step those apart as if none left its zone, and some places more that stand for nothing."""
-    if count >= FEWEST_TOGETHER:
-        count = (count + TOGETHER - 1) // TOGETHER * TOGETHER
-    for i in range(count):
-        x, v, state = apart[DISPLACEMENT, i], apart[VELOCITY, i], apart[TRANSDUCER, i]
-        low, high, held = apart[LOW, i], apart[HIGH, i], apart[HELD_SPEED, i]
-        noise, slope, length = apart[NOISE, i], apart[SLOPE, i], apart[LENGTH, i]
-        x1, v1, state1 = one_step(heun, s, True, low, high, held, x, v, state, noise, slope, length)
-        turned = (v * v1 < 0.0) & overshoots(low, high, x, v, x1, v1, length)
-        tried[DISPLACEMENT, i], tried[VELOCITY, i], tried[TRANSDUCER, i] = x1, v1, state1
-        damping = contact.loss_rate(s.contacts, s.spring, x1, v1, held)
-        tried[CONTACT_DAMPING, i] = damping if (x1 < left) | (x1 > right) else 0.0
-        tried[LEAVES, i] = 1.0 if (x1 > high) | (x1 < low) | turned else 0.0
+    for block in range((count + TOGETHER - 1) // TOGETHER):
+        cells = apart[block]
+        for k in range(lanes):
+            x, v, state = cells[DISPLACEMENT + k], cells[VELOCITY + k], cells[TRANSDUCER + k]
+            low, high, held = cells[LOW + k], cells[HIGH + k], cells[HELD_SPEED + k]
+            noise, slope, length = cells[NOISE + k], cells[SLOPE + k], cells[LENGTH + k]
+            x1, v1, state1 = one_step(
+                heun, s, True, low, high, held, x, v, state, noise, slope, length
+            )
+            turned = (v * v1 < 0.0) & overshoots(low, high, x, v, x1, v1, length)
+            damping = contact.loss_rate(s.contacts, s.spring, x1, v1, held)
+            cells[END + DISPLACEMENT + k], cells[END + VELOCITY + k] = x1, v1
+            cells[END + TRANSDUCER + k] = state1
+            cells[CONTACT_DAMPING + k] = damping if (x1 < left) | (x1 > right) else 0.0
+            cells[LEAVES + k] = 1.0 if (x1 > high) | (x1 < low) | turned else 0.0
 
 
 @uncounted
 def _gather(s, knots, start, end, steps_per_contact, room):
     """Put those for which the flight does not hold apart; returns how many."""
-    states, ends, apart = room.states, room.ends, room.apart
     count = 0
-    for k in range(states.shape[1]):
-        if ends[LEAVES, k] == 0.0:
+    for realization in range(room.points.size):
+        block, k = realization // TOGETHER, realization % TOGETHER
+        states = room.states[block]
+        if states[LEAVES + k] == 0.0:
             continue
-        room.which[count] = k
-        for row in range(STATE_ROWS):
-            apart[row, count] = states[row, k]
-        apart[NOISE, count], apart[SLOPE, count] = _excitation(knots, k, start)
-        apart[PHASE, count], apart[LENGTH, count], apart[ENTERS, count] = start, end - start, 0.0
-        if states[LOW, k] < 0.0 < states[HIGH, k]:
-            _land(apart, count, ends, k)
+        room.which[count] = realization
+        cells, i = room.apart[count // TOGETHER], count % TOGETHER
+        for row in range(0, NOISE, TOGETHER):
+            cells[row + i] = states[row + k]
+        cells[NOISE + i], cells[SLOPE + i] = _excitation(knots, block, k, start)
+        cells[PHASE + i], cells[LENGTH + i], cells[ENTERS + i] = start, end - start, 0.0
+        if states[LOW + k] < 0.0 < states[HIGH + k]:
+            _land(cells, i, states[END + DISPLACEMENT + k], states[END + VELOCITY + k])
         else:
-            _resolve(s, end, steps_per_contact, apart, count)
+            _resolve(s, end, steps_per_contact, cells, i)
         count += 1
     return count
 
 
 @uncounted
-def _go_on(s, edges, knots, begin, end, steps_per_contact, count, room):
+def _go_on(s, edges, knots, begin, end, steps_per_contact, count, batch, room, tally):
     """Take the steps tried apart, those that leave their zone again and shorter.
 
     Returns how many are not at the end yet, and the points of the realization with most.
     """
-    apart, tried, columns, points = room.apart, room.tried, room.columns, room.points
     rest, fullest = 0, 0
-    for i in range(count):
-        if tried[LEAVES, i] != 0.0 and apart[ENTERS, i] == 0.0:
-            _land(apart, i, tried, i)
+    for place in range(count):
+        cells, i = room.apart[place // TOGETHER], place % TOGETHER
+        if cells[LEAVES + i] != 0.0 and cells[ENTERS + i] == 0.0:
+            _land(cells, i, cells[END + DISPLACEMENT + i], cells[END + VELOCITY + i])
         else:
-            _take(edges, end, apart, tried, i)
-            k, x, v = room.which[i], apart[DISPLACEMENT, i], apart[VELOCITY, i]
-            damping = tried[CONTACT_DAMPING, i]
-            if apart[PHASE, i] > end - 1e-9 * knots[2]:
-                for row in range(STATE_ROWS):
-                    room.states[row, k] = apart[row, i]
-                for row in range(MOTION_ROWS):
-                    room.ends[row, k] = apart[row, i]
-                room.ends[CONTACT_DAMPING, k] = damping
+            _take(edges, end, cells, i)
+            realization = room.which[place]
+            block, k = realization // TOGETHER, realization % TOGETHER
+            if cells[PHASE + i] > end - 1e-9 * knots[2]:
+                states = room.states[block]
+                for row in range(0, NOISE, TOGETHER):
+                    states[row + k] = cells[row + i]
+                for row in range(END, END + MOTION_ROWS * TOGETHER, TOGETHER):
+                    states[row + k] = cells[row + i]
+                states[CONTACT_DAMPING + k] = cells[CONTACT_DAMPING + i]
                 continue
-            apart[NOISE, i], _ = _excitation(knots, k, apart[PHASE, i])
-            time, noise = begin + apart[PHASE, i], apart[NOISE, i]
-            _write(columns, points, k, time, x, v, apart[TRANSDUCER, i], damping, noise)
-            fullest = max(fullest, points[k])
-            _resolve(s, end, steps_per_contact, apart, i)
-        if rest < i:
-            for row in range(APART_ROWS):
-                apart[row, rest] = apart[row, i]
-            room.which[rest] = room.which[i]
+            cells[NOISE + i], _ = _excitation(knots, block, k, cells[PHASE + i])
+            time, rows = begin + cells[PHASE + i], tally.rows[block]
+            _point(s, cells, i, DISPLACEMENT, NOISE, time, batch >= 0, tally, rows, k)
+            several.follow(tally, block, k, k + 1, batch)
+            fullest = max(fullest, _keep(room, rows, realization))
+            _resolve(s, end, steps_per_contact, cells, i)
+        if rest < place:
+            others, j = room.apart[rest // TOGETHER], rest % TOGETHER
+            for row in range(0, LEAVES, TOGETHER):
+                others[row + j] = cells[row + i]
+            room.which[rest] = room.which[place]
         rest += 1
     return rest, fullest
 
 
 @inlined
-def _land(apart, i, tried, k):
-    """Shorten a step that leaves its zone to where it does; the step tried ends in column `k`."""
-    x, v, low, high = apart[DISPLACEMENT, i], apart[VELOCITY, i], apart[LOW, i], apart[HIGH, i]
-    x1, v1 = tried[DISPLACEMENT, k], tried[VELOCITY, k]
+def _land(cells, i, x1, v1):
+    """Shorten a step that leaves its zone, tried up to (x1, v1), to where it does."""
+    x, v, low, high = cells[DISPLACEMENT + i], cells[VELOCITY + i], cells[LOW + i], cells[HIGH + i]
     upwards = x1 > high or (x1 >= low and v > 0.0)
     edge, direction = (high, 1) if upwards else (low, -1)
-    apart[LENGTH, i] = crossing(edge, direction, x, v, x1, v1, apart[LENGTH, i])
-    apart[ENTERS, i] = direction
+    cells[LENGTH + i] = crossing(edge, direction, x, v, x1, v1, cells[LENGTH + i])
+    cells[ENTERS + i] = direction
 
 
 @inlined
-def _take(edges, end, apart, tried, i):
+def _take(edges, end, cells, i):
     """Take a step apart: its state and time, and the zone into which it leads."""
-    longest = end - apart[PHASE, i]
-    apart[PHASE, i] = end if apart[LENGTH, i] >= longest else apart[PHASE, i] + apart[LENGTH, i]
-    for row in range(MOTION_ROWS):
-        apart[row, i] = tried[row, i]
-    if apart[ENTERS, i] != 0.0:
-        if apart[LOW, i] < 0.0 < apart[HIGH, i]:
-            apart[HELD_SPEED, i] = abs(apart[VELOCITY, i])
-        apart[ZONE, i] += apart[ENTERS, i]
-        zone = int(apart[ZONE, i])
-        apart[LOW, i], apart[HIGH, i] = edges[zone], edges[zone + 1]
-        apart[ENTERS, i] = 0.0
+    longest = end - cells[PHASE + i]
+    length = cells[LENGTH + i]
+    cells[PHASE + i] = end if length >= longest else cells[PHASE + i] + length
+    for row in range(0, MOTION_ROWS * TOGETHER, TOGETHER):
+        cells[row + i] = cells[END + row + i]
+    if cells[ENTERS + i] != 0.0:
+        if cells[LOW + i] < 0.0 < cells[HIGH + i]:
+            cells[HELD_SPEED + i] = abs(cells[VELOCITY + i])
+        cells[ZONE + i] += cells[ENTERS + i]
+        zone = int(cells[ZONE + i])
+        cells[LOW + i], cells[HIGH + i] = edges[zone], edges[zone + 1]
+        cells[ENTERS + i] = 0.0
 
 
 @inlined
-def _resolve(s, end, steps_per_contact, apart, i):
+def _resolve(s, end, steps_per_contact, cells, i):
     """Choose the step apart: to the end, or in contact one that resolves it."""
-    longest = end - apart[PHASE, i]
-    apart[LENGTH, i] = longest
-    if not apart[LOW, i] < 0.0 < apart[HIGH, i]:
-        x, v, state = apart[DISPLACEMENT, i], apart[VELOCITY, i], apart[TRANSDUCER, i]
+    longest = end - cells[PHASE + i]
+    cells[LENGTH + i] = longest
+    if not cells[LOW + i] < 0.0 < cells[HIGH + i]:
+        x, v, state = cells[DISPLACEMENT + i], cells[VELOCITY + i], cells[TRANSDUCER + i]
         # A mass at rest on the stopper is pressed in by what else acts.
-        speed = abs(v) + abs(system.push(s, x, v, state, apart[NOISE, i])) * longest
+        speed = abs(v) + abs(system.push(s, x, v, state, cells[NOISE + i])) * longest
         length = contact.step(s.contacts, x, speed * speed, longest, steps_per_contact)
         if length < longest:
             # Steps of one length, as integrals by trapezoids are best with.
-            apart[LENGTH, i] = longest / np.ceil(longest / length)
+            cells[LENGTH + i] = longest / np.ceil(longest / length)
 
 
 @inlined
-def _write(columns, points, k, time, x, v, state, damping, noise):
-    """Write a realization's next point, to be completed."""
-    place = points[k]
-    columns[k, 0, place], columns[k, 1, place], columns[k, 2, place] = time, x, v
-    columns[k, STATE, place], columns[k, DAMPING, place] = state, damping
-    columns[k, EXCITATION, place] = noise
-    points[k] = place + 1
+def _point(s, cells, i, motion, excited, time, measured, tally, rows, k):
+    """Add a point to a realization's sums.
+
+    Its motion and its excitation begin at these rows of `cells`, in the place `i`; `rows` and `k`
+    are where the sums are.
+    """
+    x, v = cells[motion + DISPLACEMENT + i], cells[motion + VELOCITY + i]
+    state, noise = cells[motion + TRANSDUCER + i], cells[excited + i]
+    damping = system.damping_rate(s.damper, v) + cells[CONTACT_DAMPING + i]
+    own = system.own_loss(s.transducer, v, state, system.load_current(s.transducer, v, state))
+    several.add_point(
+        rows, k, measured, tally.low, tally.high, time, x, v,
+        system.terminal_voltage(s.transducer, v, state),
+        system.load_power(s.transducer, v, state), noise * v, damping * v * v + own, own, state,
+    )  # fmt: skip
+
+
+@inlined
+def _keep(room, rows, realization):
+    """Keep a realization's latest point where that is wanted; returns how many it has."""
+    k, place = realization % TOGETHER, room.points[realization]
+    if place < room.columns.shape[2]:
+        for row in range(room.columns.shape[1]):
+            room.columns[realization, row, place] = rows[row * TOGETHER + k]
+    room.points[realization] = place + 1
+    return place + 1
 
 
 @uncounted
-def _arrive(time, room):
+def _arrive(s, time, batch, lanes, room, tally):
     """Let all realizations be at the step's end; returns the points of the one with most."""
-    states, ends, fullest = room.states, room.ends, 0
-    for k in range(states.shape[1]):
-        x, v, state = ends[DISPLACEMENT, k], ends[VELOCITY, k], ends[TRANSDUCER, k]
-        states[DISPLACEMENT, k], states[VELOCITY, k], states[TRANSDUCER, k] = x, v, state
-        damping, noise = ends[CONTACT_DAMPING, k], ends[EXCITED, k]
-        _write(room.columns, room.points, k, time, x, v, state, damping, noise)
-        fullest = max(fullest, room.points[k])
+    measured, fullest, count = batch >= 0, 0, room.points.size
+    for block in range(room.states.shape[0]):
+        cells, rows = room.states[block], tally.rows[block]
+        for k in range(lanes):
+            cells[DISPLACEMENT + k] = cells[END + DISPLACEMENT + k]
+            cells[VELOCITY + k] = cells[END + VELOCITY + k]
+            cells[TRANSDUCER + k] = cells[END + TRANSDUCER + k]
+            _point(s, cells, k, END, EXCITED, time, measured, tally, rows, k)
+        several.follow(tally, block, 0, min(TOGETHER, count - block * TOGETHER), batch)
+    for realization in range(count):
+        points = _keep(room, tally.rows[realization // TOGETHER], realization)
+        fullest = max(fullest, points)
     return fullest
-
-
-@uncounted
-def _complete(s, columns, count):
-    """Turn what points hold into a `Record`'s columns."""
-    for i in range(count):
-        v, state, noise = columns[2, i], columns[STATE, i], columns[EXCITATION, i]
-        damping = system.damping_rate(s.damper, v) + columns[DAMPING, i]
-        current = system.load_current(s.transducer, v, state)
-        own = system.own_loss(s.transducer, v, state, current)
-        columns[3, i] = system.terminal_voltage(s.transducer, v, state)
-        columns[4, i] = system.load_power(s.transducer, v, state)
-        columns[EXCITATION, i] = noise * v
-        columns[DAMPING, i] = damping * v * v + own
-        columns[7, i] = own

@@ -13,6 +13,7 @@ Heun's scheme of second order takes the same steps; it is there for work-precisi
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
@@ -30,10 +31,9 @@ from harvester.engines.steps import (
     stop_time,
 )
 from harvester.errors import LoadError, SolutionDiverged
-from harvester.record import several
 from harvester.record.moments import Moments
 from harvester.record.record import Record
-from harvester.record.several import SeveralMoments
+from harvester.record.several import TOGETHER, SeveralMoments
 from harvester.scene.units import require_mass, scale
 
 if TYPE_CHECKING:
@@ -72,9 +72,10 @@ def prepare(scene: Scene) -> None:
         circuit.prepare_compiled(scene)
         return
     s, _ = scale(scene)
-    room, place = Room.of(s, [(0.0, 0.0, 0.0)], 2), np.zeros(3, dtype=np.int64)
-    advance(None, s, _edges(s), np.zeros((1, 1)), 0, 1.0, 1, 1, room, place)
-    several.prepare()
+    tally = SeveralMoments([_unwanted(0.0, 1.0)], 1.0).tally
+    room, place = Room.of(s, [(0.0, 0.0, 0.0)], 0), _beginning()
+    noise = np.zeros((1, 1, TOGETHER))
+    advance(None, s, _edges(s), noise, 0, 1.0, 1, 1, room, tally, place)
 
 
 def run_realizations(
@@ -116,10 +117,20 @@ def run_realizations(
     in_contact = steps_per_contact(scene, step, "monte-carlo")
     for first in range(0, len(paths), MOST_TOGETHER):
         some = slice(first, first + MOST_TOGETHER)
+        moments = [each for each in itertools.chain(*observers[some]) if isinstance(each, Moments)]
+        others = [
+            (k, each)
+            for k, watching in enumerate(observers[some])
+            for each in watching
+            if not isinstance(each, Moments)
+        ]
         chunks = integrate(
-            s, paths[some], starts[some], stop_time(scene), fixed, scheme, in_contact
-        )
-        _observe(chunks, observers[some])
+            s, paths[some], starts[some], stop_time(scene), fixed, scheme, in_contact,
+            moments, any(each.keeps_points for _, each in others),
+        )  # fmt: skip
+        for columns, points in chunks:
+            for k, other in others:
+                other.add(record_of(columns, points, k))
     exact = scheme_of(s, scheme, paths[0].spacing / fixed) is False
     return {
         "engine_version": f"{EXACT_DECAY if exact else SCHEMES[scheme]}, numba {numba.__version__}",
@@ -127,28 +138,8 @@ def run_realizations(
     }
 
 
-def _observe(chunks, observers):
-    """Hand chunks on: to moments, which all or none have, in one call, to others as records."""
-    flat = [(k, one) for k, some in enumerate(observers) for one in some]
-    moments = [one for _, one in flat if isinstance(one, Moments)]
-    others = [(k, one) for k, one in flat if not isinstance(one, Moments)]
-    together = SeveralMoments(moments) if moments else None
-    each = np.arange(len(observers))
-    for columns, points in chunks:
-        latest = columns[each, :, points - 1][points > 0]
-        if not np.isfinite(latest).all():
-            raise SolutionDiverged(
-                f"Monte Carlo left the finite numbers before t = {np.nanmax(latest[:, 0]):g}; "
-                "choose a shorter --step"
-            )
-        if together:
-            together.add(columns, points)
-        for k, other in others:
-            other.add(record_of(columns, points, k))
-
-
 def record_of(columns: np.ndarray, points: np.ndarray, k: int) -> Record:
-    """The chunk of one realization, of those that `integrate` yields."""
+    """The chunk of one realization, of those that `integrate` yields; empty where none is kept."""
     return Record(*columns[k, :, : points[k]])
 
 
@@ -160,6 +151,8 @@ def integrate(
     steps_per_knot: int = 1,
     scheme: str = "runge-kutta",
     steps_per_contact: int = EVEN_STEPS_PER_CONTACT,
+    moments: Sequence[Moments] = (),
+    keep: bool = True,
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Integrate Eq. 4 along several noise paths, side by side.
 
@@ -178,35 +171,61 @@ def integrate(
         A name in `SCHEMES`.
     steps_per_contact : int
         Fewest steps from the beginning of a contact to its end.
+    moments : sequence of Moments
+        Of each path, empty: added to; or none.
+    keep : bool
+        Whether points are wanted.
 
     Yields
     ------
     ndarray, shape (len(paths), 9, ·)
         A chunk of accepted points in order, a `Record`'s columns of each path, without the initial
-        point; overwritten by the next.
+        point; overwritten by the next; without room for a point if none is wanted.
     ndarray of int64, shape (len(paths),)
         How many points of each are meant.
+
+    Raises
+    ------
+    SolutionDiverged
     """
     spacing, edges = paths[0].spacing, _edges(s)
     heun = scheme_of(s, scheme, spacing / steps_per_knot)
     knots = math.ceil(stop / spacing - 1e-9)
     most = SEGMENTS // len(paths)
-    room, place = Room.of(s, starts, _points(most)), np.zeros(3, dtype=np.int64)
-    noise = np.empty((most + 1, len(paths)))
-    noise[0] = [path.read(1)[0] for path in paths]
+    room, place = Room.of(s, starts, _points(most) if keep else 0), _beginning()
+    several = SeveralMoments(moments or [_unwanted(stop, spacing) for _ in paths], spacing)
+    noise = np.zeros((most + 1, len(room.states), TOGETHER))
+    samples = noise.reshape(most + 1, -1)
+    samples[0, : len(paths)] = [path.read(1)[0] for path in paths]
     for first in range(0, knots, most):
         count = min(most, knots - first)
         for k, path in enumerate(paths):
-            noise[1 : count + 1, k] = path.read(count)
-        place[:] = 0
+            samples[1 : count + 1, k] = path.read(count)
+        place[:3] = 0
         while place[0] < count:
             room.points[:] = 0
             advance(
                 heun, s, edges, noise[: count + 1], first, spacing,
-                steps_per_knot, steps_per_contact, room, place,
+                steps_per_knot, steps_per_contact, room, several.tally, place,
             )  # fmt: skip
+            several.collect(room.points)
+            if several.diverged is not None:
+                raise SolutionDiverged(
+                    f"Monte Carlo left the finite numbers before t = {several.diverged:g}; "
+                    "choose a shorter --step"
+                )
             yield room.columns, room.points
         noise[0] = noise[count]
+
+
+def _beginning():
+    """Where `advance` begins: at no segment, step or waiting realization, before the first batch."""
+    return np.array([0, 0, 0, -1])
+
+
+def _unwanted(stop, spacing):
+    """Moments that nobody asks for."""
+    return Moments.empty(0.0, stop, (-math.inf, math.inf), (), False, 1, 1, spacing)
 
 
 def _points(segments):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -28,6 +29,8 @@ class JointHistogram:
     latest : ndarray, shape (3,)
         Time, displacement and velocity of the latest point.
     """
+
+    keeps_points: ClassVar[bool] = True
 
     start: float
     interval: float

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.compilation import compiled
+from harvester.compilation import compiled, inlined
 from harvester.device import timescales
 from harvester.device.cores import core_energies, cores_within
 from harvester.device.system import potential
@@ -125,8 +125,7 @@ def add_jumps(
     An interval belongs to the batch of its middle and to the well reached before it.
     """
     batches, batch, stop, since = len(times), 0, -np.inf, last
-    spacing = (high - low) / (energies.size - 1)
-    left, right = _between(saddles, well)
+    left, right = neighbours(saddles, well)
     for i in range(time.size):
         middle = 0.5 * (last + time[i])
         if middle >= stop and last >= start:
@@ -139,23 +138,28 @@ def add_jumps(
             continue
         # Beside the well reached last: in the core of the one that is here?
         here = np.searchsorted(saddles, x[i])
-        place = (x[i] - low) / spacing
-        below = int(place)
-        rise = energies[below + 1] - energies[below]
-        energy = 0.5 * v[i] * v[i] + energies[below] + (place - below) * rise
+        energy = 0.5 * v[i] * v[i] + energy_at(energies, low, high, x[i])
         if energy <= limits[here]:
             if well >= 0 and since >= start:
                 times[batch, well] += last - since
                 counts[batch, well, here] += 1.0
             since, well = last, here
-            left, right = _between(saddles, well)
+            left, right = neighbours(saddles, well)
     if well >= 0 and since >= start:
         times[batch, well] += last - since
     return well
 
 
+@inlined
+def energy_at(energies: np.ndarray, low: float, high: float, x: float) -> float:
+    """U(x) between two displacements from a table over them, linear between its entries."""
+    place = (x - low) / ((high - low) / (energies.size - 1))
+    below = int(place)
+    return energies[below] + (place - below) * (energies[below + 1] - energies[below])
+
+
 @compiled
-def _between(saddles, well):
+def neighbours(saddles: np.ndarray, well: int) -> tuple[float, float]:
     """The saddles on either side of a well; nothing for none."""
     if well < 0:
         return np.inf, -np.inf

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harvester.compilation import compiled, summing, uncounted
+from harvester.compilation import compiled, inlined, summing, uncounted
 from harvester.record.jumps import Jumps
 from harvester.record.output_side import STATE, OutputMoments
 from harvester.record.record import Record, copy_point, part
@@ -311,7 +311,6 @@ def _add_samples(before, record, start, group_length, interval, histograms, widt
     """Count samples at whole multiples of the interval, linear between points."""
     groups = histograms.shape[0]
     time, columns = record.time, (record.displacement, record.velocity, record.voltage)
-    half = BINS // 2
     sample = np.floor(before[0] / interval + 1e-9) + 1.0
     end, place = time[-1] + 1e-9 * interval, 0
     while sample * interval <= end:
@@ -324,14 +323,23 @@ def _add_samples(before, record, start, group_length, interval, histograms, widt
         for k, column in enumerate(columns):
             value = column[place - 1] if place > 0 else before[k + 1]
             value += share * (column[place] - value)
-            into = np.floor(value / widths[k])
-            while into >= half or into < -half:
-                # None behind this group has a sample yet.
-                _double_bins(histograms[: group + 1, k])
-                widths[k] *= 2.0
-                into = np.floor(value / widths[k])
-            histograms[group, k, int(into) + half] += 1
+            count_sample(histograms, widths, group, k, value)
         sample += 1.0
+
+
+@inlined
+def count_sample(
+    histograms: np.ndarray, widths: np.ndarray, group: int, k: int, value: float
+) -> None:
+    """Count a sample of the k-th of `HISTOGRAMS`, in bins wide enough for it; see `Moments`."""
+    half = BINS // 2
+    into = np.floor(value / widths[k])
+    while into >= half or into < -half:
+        # None behind this group has a sample yet.
+        _double_bins(histograms[: group + 1, k])
+        widths[k] *= 2.0
+        into = np.floor(value / widths[k])
+    histograms[group, k, int(into) + half] += np.uint32(1)
 
 
 @uncounted

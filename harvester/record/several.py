@@ -1,108 +1,282 @@
-"""Moments of several realizations, added to in one compiled call."""
+"""Moments of several realizations, added to while they are integrated, eight to an instruction.
+
+All realizations take the same steps, and some of them have points of their own within a step. A
+step belongs to the batch of its middle, and is measured if it begins at or after the start.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from harvester.compilation import compiled
-from harvester.record.jumps import Jumps, add_jumps
-from harvester.record.moments import Moments, add_points
+from harvester.compilation import inlined, uncounted
+from harvester.record.jumps import Jumps, energy_at, neighbours
+from harvester.record.moments import PRODUCTS, QUANTITIES, WELLS, Moments, count_sample
 from harvester.record.record import Record
 
-SUMS = ("integrals", "products", "histograms", "bin_widths", "first", "last")
+# Realizations that one instruction takes: numbers of double precision in the widest registers.
+# They share a block of memory, in which each number has a row of eight, one beside the other.
+TOGETHER = 8
+FIELDS, SUMS = len(Record._fields), len(QUANTITIES) + len(PRODUCTS)
+# Where rows begin: those of the latest point, of the sums in the order of `Moments.integrals` and
+# `Moments.products`, the displacement before, the time since (0 before the start), and the saddles
+# beside the well reached last.
+TIME, DISPLACEMENT, VELOCITY, VOLTAGE, LOAD_POWER, INPUT_POWER, LOSS_POWER, OWN_LOSS, STATE = range(
+    0, FIELDS * TOGETHER, TOGETHER
+)
+TOTALS = FIELDS * TOGETHER
+SQUARES, POWERS, CROSSINGS, IMPACTS, OWN_LOSSES = (
+    TOTALS + TOGETHER * row for row in (1, 4, 7, 8, 9)
+)
+PRODUCT_SUMS = TOTALS + len(QUANTITIES) * TOGETHER
+BEFORE, LASTING, LEFT, RIGHT = range(
+    TOTALS + SUMS * TOGETHER, TOTALS + (SUMS + 4) * TOGETHER, TOGETHER
+)
+BLOCK = RIGHT + TOGETHER
+
+
+class Tally(NamedTuple):
+    """What compiled code adds to; leading axes are realizations, else as in `Moments` and `Jumps`.
+
+    Attributes
+    ----------
+    rows : ndarray, shape (blocks of eight, BLOCK)
+    wells : ndarray of int64
+        Reached last; −1 before the first.
+    since : ndarray
+        From when on the time in that well is still to be added (s).
+    """
+
+    start: float
+    batch_length: float
+    low: float
+    high: float
+    saddles: np.ndarray
+    every: int
+    rows: np.ndarray
+    integrals: np.ndarray
+    products: np.ndarray
+    histograms: np.ndarray
+    bin_widths: np.ndarray
+    first: np.ndarray
+    limits: np.ndarray
+    core_low: float
+    core_high: float
+    energies: np.ndarray
+    times: np.ndarray
+    counts: np.ndarray
+    wells: np.ndarray
+    since: np.ndarray
 
 
 class SeveralMoments:
     """Moments of several realizations of one scene, without an output side.
 
-    What is added here appears in each of them.
+    What is added to `tally` appears in each of them, with `collect`.
 
     Parameters
     ----------
     moments : sequence of Moments
+        Empty, their samples at multiples of the knots' spacing.
+    spacing : float
+        Between knots (s).
     """
 
-    def __init__(self, moments: Sequence[Moments]) -> None:
+    def __init__(self, moments: Sequence[Moments], spacing: float) -> None:
         self._moments = moments
-        one, batches = moments[0], len(moments[0].integrals)
-        self._setting = (one.start, one.batch_length, *one.free, one.saddles, one.sample_interval)
-        self._sums = _stacked(moments, SUMS)
-        jumps = [each.jumps for each in moments if each.jumps is not None]
-        self._jumps = jumps
-        counted = jumps or [Jumps.between_no_wells(batches)] * len(moments)
-        self._cores = (counted[0].limits, *counted[0].ends, counted[0].energies)
-        self._counts = _stacked(counted, ("times", "counts"))
-        self._wells = np.array([each.well for each in counted])
-        self._reached = np.array([each.time for each in counted])
-
-    def add(self, columns: np.ndarray, points: np.ndarray) -> None:
-        """Accumulate one chunk of each that follows the ones before.
-
-        Parameters
-        ----------
-        columns : ndarray, shape (realizations, 9, ·)
-            Of a `Record` each.
-        points : ndarray of int64, shape (realizations,)
-            How many of them are meant.
-        """
-        _add(
-            columns,
-            points,
-            self._setting,
-            self._sums,
-            self._cores,
-            self._counts,
-            self._wells,
-            self._reached,
+        one, count = moments[0], len(moments)
+        self._jumps = [each.jumps for each in moments if each.jumps is not None]
+        counted = self._jumps or [Jumps.between_no_wells(len(one.integrals))] * count
+        rows = np.zeros((math.ceil(count / TOGETHER), BLOCK))
+        rows[:, TIME : TIME + TOGETHER] = np.nan
+        # Until a first well is reached, no place lies between the saddles beside it.
+        rows[:, LEFT : LEFT + TOGETHER], rows[:, RIGHT : RIGHT + TOGETHER] = np.inf, -np.inf
+        self._last = _stacked(moments, "last")
+        self.tally = Tally(
+            start=one.start,
+            batch_length=one.batch_length,
+            low=one.free[0],
+            high=one.free[1],
+            saddles=one.saddles,
+            every=round(one.sample_interval / spacing),
+            rows=rows,
+            **{
+                name: _stacked(moments, name)
+                for name in ("integrals", "products", "histograms", "bin_widths", "first")
+            },
+            limits=counted[0].limits,
+            core_low=counted[0].ends[0],
+            core_high=counted[0].ends[1],
+            energies=counted[0].energies,
+            **{name: _stacked(counted, name) for name in ("times", "counts")},
+            wells=np.full(count, -1),
+            since=np.full(count, np.nan),
         )
+
+    def collect(self, points: np.ndarray) -> None:
+        """Tell each its latest point and how many more points it has, shape (realizations,)."""
+        tally = self.tally
+        latest = tally.rows[:, :TOTALS].reshape(-1, FIELDS, TOGETHER).transpose(0, 2, 1)
+        self._last[:] = latest.reshape(-1, FIELDS)[: len(self._last)]
         for each, count in zip(self._moments, points.tolist(), strict=True):
             each.points += count
-        reached = zip(self._wells.tolist(), self._reached.tolist(), strict=True)
+        reached = zip(tally.wells.tolist(), self._last[:, 0].tolist(), strict=True)
         for jumps, (well, time) in zip(self._jumps, reached, strict=False):
             jumps.well, jumps.time = well, time
 
-
-def prepare() -> None:
-    """Load the compiled code, so that it does not count as simulation."""
-    nothing = Moments.empty(0.0, 1.0, (-1.0, 1.0), (), False, 1, 1, 1.0)
-    SeveralMoments([nothing]).add(np.zeros((1, len(Record._fields), 1)), np.zeros(1, np.int64))
-
-
-def _stacked(parts, names):
-    """Arrays of several objects as one with a leading axis, of which each object keeps its own."""
-    stacks = []
-    for name in names:
-        stack = np.stack([getattr(each, name) for each in parts])
-        for each, row in zip(parts, stack, strict=True):
-            setattr(each, name, row)
-        stacks.append(stack)
-    return tuple(stacks)
+    @property
+    def diverged(self) -> float | None:
+        """The latest time at which some had left the finite numbers (s); None if none has."""
+        if np.isfinite(self._last).all():
+            return None
+        return float(np.nanmax(self._last[:, 0]))
 
 
-@compiled
-def _add(columns, points, setting, sums, cores, counts, wells, reached):
-    start, length, low, high, saddles, interval = setting
-    integrals, products, histograms, widths, first, last = sums
-    limits, left, right, energies = cores
-    times, jumps = counts
-    for k in range(points.size):
-        n = points[k]
-        if n == 0:
-            continue
-        row = columns[k]
-        record = Record(
-            row[0, :n], row[1, :n], row[2, :n], row[3, :n], row[4, :n], row[5, :n], row[6, :n],
-            row[7, :n], row[8, :n],
-        )  # fmt: skip
-        if limits.size > 0:
-            wells[k] = add_jumps(
-                record.time, record.displacement, record.velocity, reached[k], start, length,
-                saddles, limits, left, right, energies, wells[k], times[k], jumps[k],
-            )  # fmt: skip
-            reached[k] = record.time[-1]
-        add_points(
-            record, start, length, low, high, saddles, interval, integrals[k], products[k],
-            histograms[k], widths[k], first[k], last[k],
-        )  # fmt: skip
+def _stacked(parts, name):
+    """An array of several objects as one with a leading axis, of which each keeps its own."""
+    stack = np.stack([getattr(each, name) for each in parts])
+    for each, row in zip(parts, stack, strict=True):
+        setattr(each, name, row)
+    return stack
+
+
+@inlined
+def batch_of(tally: Tally, begin: float, end: float) -> int:
+    """The batch of a step between two times; −1 before the start.
+
+    A run's first step is never measured: where it begins is no point of a record.
+    """
+    if begin < tally.start or begin == 0.0:
+        return -1
+    batches = tally.integrals.shape[1]
+    return min(int((0.5 * (begin + end) - tally.start) / tally.batch_length), batches - 1)
+
+
+@uncounted
+def end_batch(tally: Tally, batch: int) -> None:
+    """Hand the sums over to a batch; −1 is what was before the first, whose points are kept."""
+    quantities = len(QUANTITIES)
+    for k in range(tally.wells.size):
+        cells, lane = tally.rows[k // TOGETHER], k % TOGETHER
+        if batch < 0:
+            for row in range(FIELDS):
+                tally.first[k, row] = cells[row * TOGETHER + lane]
+        else:
+            for row in range(SUMS):
+                place = TOTALS + row * TOGETHER + lane
+                if row < quantities:
+                    tally.integrals[k, batch, row] += cells[place]
+                else:
+                    tally.products[k, row - quantities] += cells[place]
+                cells[place] = 0.0
+            if tally.wells[k] >= 0:
+                tally.times[k, batch, tally.wells[k]] += cells[TIME + lane] - tally.since[k]
+        tally.since[k] = cells[TIME + lane]
+
+
+@inlined
+def add_point(
+    cells: np.ndarray,
+    k: int,
+    measured: bool,
+    low: float,
+    high: float,
+    time: float,
+    x: float,
+    v: float,
+    voltage: float,
+    load_power: float,
+    input_power: float,
+    loss_power: float,
+    own_loss: float,
+    state: float,
+) -> None:
+    """Add one realization's interval from the latest point to this, by trapezoids.
+
+    `cells` are a block's rows, `k` the place in them; the rest as in `Record`.
+    """
+    before = cells[DISPLACEMENT + k]
+    interval = time - cells[TIME + k] if measured else 0.0
+    half = 0.5 * interval
+    square, earlier_square = x * x, before * before
+    squares = (voltage * voltage, cells[VOLTAGE + k] * cells[VOLTAGE + k])
+    speeds = (v * v, cells[VELOCITY + k] * cells[VELOCITY + k])
+    loads = (load_power, cells[LOAD_POWER + k])
+    inputs = (input_power, cells[INPUT_POWER + k])
+    losses = (loss_power, cells[LOSS_POWER + k])
+    cells[TOTALS + k] += interval
+    cells[SQUARES + k] += half * (squares[0] + squares[1])
+    cells[SQUARES + TOGETHER + k] += half * (square + earlier_square)
+    cells[SQUARES + 2 * TOGETHER + k] += half * (speeds[0] + speeds[1])
+    cells[POWERS + k] += half * (loads[0] + loads[1])
+    cells[POWERS + TOGETHER + k] += half * (inputs[0] + inputs[1])
+    cells[POWERS + 2 * TOGETHER + k] += half * (losses[0] + losses[1])
+    cells[OWN_LOSSES + k] += half * (own_loss + cells[OWN_LOSS + k])
+    entered = ((x > high) | (x < low)) & (low <= before) & (before <= high) & measured
+    cells[IMPACTS + k] += 1.0 if entered else 0.0
+    products = PRODUCT_SUMS + k
+    cells[products] += half * (squares[0] * squares[0] + squares[1] * squares[1])
+    cells[products + TOGETHER] += half * (square * square + earlier_square * earlier_square)
+    cells[products + 2 * TOGETHER] += half * (speeds[0] * speeds[0] + speeds[1] * speeds[1])
+    cells[products + 3 * TOGETHER] += half * (loads[0] * loads[0] + loads[1] * loads[1])
+    cells[products + 4 * TOGETHER] += half * (inputs[0] * inputs[0] + inputs[1] * inputs[1])
+    cells[products + 5 * TOGETHER] += half * (losses[0] * losses[0] + losses[1] * losses[1])
+    cells[products + 6 * TOGETHER] += half * (inputs[0] * loads[0] + inputs[1] * loads[1])
+    cells[products + 7 * TOGETHER] += half * (loads[0] * losses[0] + loads[1] * losses[1])
+    cells[BEFORE + k], cells[LASTING + k] = before, interval
+    cells[TIME + k], cells[DISPLACEMENT + k], cells[VELOCITY + k] = time, x, v
+    cells[VOLTAGE + k], cells[LOAD_POWER + k], cells[INPUT_POWER + k] = voltage, loads[0], inputs[0]
+    cells[LOSS_POWER + k], cells[OWN_LOSS + k], cells[STATE + k] = losses[0], own_loss, state
+
+
+@uncounted
+def follow(tally: Tally, block: int, first: int, end: int, batch: int) -> None:
+    """Count where the intervals just added of some places in a block lead to."""
+    cells = tally.rows[block]
+    if batch >= 0:
+        for saddle in tally.saddles:
+            for k in range(first, end):
+                crosses = (cells[BEFORE + k] - saddle) * (cells[DISPLACEMENT + k] - saddle) < 0.0
+                cells[CROSSINGS + k] += 1.0 if crosses else 0.0
+        if tally.integrals.shape[2] > WELLS:
+            for k in range(first, end):
+                integrals = tally.integrals[block * TOGETHER + k, batch]
+                for x in (cells[BEFORE + k], cells[DISPLACEMENT + k]):
+                    integrals[WELLS + np.searchsorted(tally.saddles, x)] += 0.5 * cells[LASTING + k]
+    if tally.limits.size > 0:
+        for k in range(first, end):
+            x = cells[DISPLACEMENT + k]
+            beside = not cells[LEFT + k] < x < cells[RIGHT + k]
+            if beside and tally.core_low < x < tally.core_high:
+                _reach(tally, cells, block * TOGETHER + k, k, batch)
+
+
+@uncounted
+def _reach(tally, cells, realization, k, batch):
+    """Count a jump where a mass beside the well reached last is in the core of another one."""
+    x, v, time = cells[DISPLACEMENT + k], cells[VELOCITY + k], cells[TIME + k]
+    here, well = np.searchsorted(tally.saddles, x), tally.wells[realization]
+    potential = energy_at(tally.energies, tally.core_low, tally.core_high, x)
+    if 0.5 * v * v + potential > tally.limits[here]:
+        return
+    if well >= 0 and batch >= 0:
+        tally.times[realization, batch, well] += time - tally.since[realization]
+        tally.counts[realization, batch, well, here] += 1.0
+    tally.since[realization], tally.wells[realization] = time, here
+    cells[LEFT + k], cells[RIGHT + k] = neighbours(tally.saddles, here)
+
+
+@uncounted
+def sample(tally: Tally, time: float) -> None:
+    """Count the latest points, of this time, in the histograms."""
+    groups = tally.histograms.shape[1]
+    length = tally.batch_length * tally.integrals.shape[1] / groups
+    group = min(int((time - tally.start) / length), groups - 1)
+    for k in range(tally.wells.size):
+        cells, lane = tally.rows[k // TOGETHER], k % TOGETHER
+        count_sample(tally.histograms[k], tally.bin_widths[k], group, 0, cells[DISPLACEMENT + lane])
+        count_sample(tally.histograms[k], tally.bin_widths[k], group, 1, cells[VELOCITY + lane])
+        count_sample(tally.histograms[k], tally.bin_widths[k], group, 2, cells[VOLTAGE + lane])
