@@ -24,7 +24,7 @@ from harvester.scene.units import scale
 
 if TYPE_CHECKING:
     from circuits.assembly import Netlist
-    from harvester.excitation.ornstein_uhlenbeck import NoisePath
+    from harvester.excitation.base import ExcitationPath
     from harvester.scene.model import Scene
 
 POINTS_PER_LINE = 4
@@ -42,7 +42,7 @@ def saved(scene: Scene) -> tuple[str, ...]:
 
 def stand_alone(
     scene: Scene,
-    path: NoisePath,
+    path: ExcitationPath,
     start: tuple[float, float, float] | None = None,
     step: str | float = "default",
     tolerance: float | None = None,
@@ -54,7 +54,7 @@ def stand_alone(
     Parameters
     ----------
     scene : Scene
-    path : NoisePath
+    path : ExcitationPath
         At its beginning; its knots are written out.
     start : (float, float, float) or None
         X, X' and transducer's state at the beginning, scaled; None: as the first realization.

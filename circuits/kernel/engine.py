@@ -38,7 +38,7 @@ from harvester.scene.units import scale
 
 if TYPE_CHECKING:
     from harvester.device.system import System
-    from harvester.excitation.ornstein_uhlenbeck import NoisePath
+    from harvester.excitation.base import ExcitationPath
     from harvester.scene.model import Scene
 
 CHUNK = 16384
@@ -67,7 +67,7 @@ def circuit_of(scene: Scene) -> Circuit:
 
 def run_realizations(
     scene: Scene,
-    paths: list[NoisePath],
+    paths: list[ExcitationPath],
     starts: list[tuple[float, float, float]],
     observers: list[Any],
     step: str | float,
@@ -116,7 +116,7 @@ def run_realizations(
 def integrate(
     s: System,
     circuit: Circuit,
-    path: NoisePath,
+    path: ExcitationPath,
     start: tuple[float, float, float],
     stop: float,
     steps_per_knot: int = 1,
@@ -129,7 +129,7 @@ def integrate(
     ----------
     s : harvester.device.system.System
     circuit : circuits.kernel.tables.Circuit
-    path : harvester.excitation.NoisePath
+    path : harvester.excitation.base.ExcitationPath
     start : (float, float, float)
         X, X' and the transducer's state, scaled.
     stop : float

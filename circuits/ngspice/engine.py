@@ -18,7 +18,7 @@ from harvester.scene.units import scale
 
 if TYPE_CHECKING:
     from circuits.ngspice.session import Session
-    from harvester.excitation.ornstein_uhlenbeck import NoisePath
+    from harvester.excitation.base import ExcitationPath
 
 
 def prepare(scene: Scene) -> None:
@@ -29,7 +29,7 @@ def prepare(scene: Scene) -> None:
 
 def run_realizations(
     scene: Scene,
-    paths: list[NoisePath],
+    paths: list[ExcitationPath],
     starts: list[tuple[float, float, float]],
     observers: list[Any],
     step: str | float,
@@ -44,7 +44,7 @@ def run_realizations(
     Parameters
     ----------
     scene : Scene
-    paths : sequence of NoisePath
+    paths : sequence of ExcitationPath
         One for each realization.
     starts : sequence of (float, float, float)
         X, X' and transducer's state of each realization at the beginning, scaled.

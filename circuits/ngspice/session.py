@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from circuits.assembly import Netlist
     from harvester.device.system import System
-    from harvester.excitation.ornstein_uhlenbeck import NoisePath
+    from harvester.excitation.base import ExcitationPath
     from harvester.record.output_side import OutputMoments
 
 # A run that takes this much processor time (s) for less than this share of its longest step would
@@ -137,7 +137,7 @@ class Session(NgSpiceShared):
         self,
         netlist: Netlist,
         system: System,
-        paths: Sequence[NoisePath],
+        paths: Sequence[ExcitationPath],
         observers: Sequence[Sequence[Any]],
         steps_per_knot: int,
         steps_per_contact: int = STEPS_PER_CONTACT,
@@ -150,7 +150,7 @@ class Session(NgSpiceShared):
         ----------
         netlist : circuits.assembly.Netlist
         system : harvester.device.system.System
-        paths : sequence of NoisePath
+        paths : sequence of ExcitationPath
             One for each copy of the device in the netlist.
         observers : sequence of sequences of objects with `add(record)`
             Those of each copy.

@@ -137,7 +137,7 @@ def advance(
                 several.end_batch(tally, batch)
                 batch = now
             _fly(heun, s, left, right, knots, start, end, at_knot, lanes, room.states)
-            waiting = _gather(s, knots, start, end, steps_per_contact, room)
+            waiting = _gather(s, start, end, steps_per_contact, room)
         while waiting > 0 and fullest < full:
             _try(heun, s, left, right, waiting, lanes, room.apart)
             waiting, fullest = _go_on(
@@ -165,7 +165,7 @@ def _excitation(knots, block, k, phase):
     return before[block, k] + slope * phase, slope
 
 
-@uncounted
+@inlined
 def _fly(heun, s, left, right, knots, start, end, at_knot, lanes, states):
     """Step all realizations as if all flew freely between `left` and `right`.
 
@@ -177,6 +177,7 @@ def _fly(heun, s, left, right, knots, start, end, at_knot, lanes, states):
         for k in range(lanes):
             x, v, state = cells[DISPLACEMENT + k], cells[VELOCITY + k], cells[TRANSDUCER + k]
             noise, slope = _excitation(knots, block, k, start)
+            cells[NOISE + k], cells[SLOPE + k] = noise, slope
             x1, v1, state1 = one_step(
                 heun, s, False, left, right, 0.0, x, v, state, noise, slope, length
             )
@@ -189,7 +190,7 @@ def _fly(heun, s, left, right, knots, start, end, at_knot, lanes, states):
             cells[LEAVES + k] = 1.0 if leaves else 0.0
 
 
-@uncounted
+@inlined
 def _try(heun, s, left, right, count, lanes, apart):
     """Step those apart as if none left its zone, and some places more that stand for nothing."""
     for block in range((count + TOGETHER - 1) // TOGETHER):
@@ -209,8 +210,8 @@ def _try(heun, s, left, right, count, lanes, apart):
             cells[LEAVES + k] = 1.0 if (x1 > high) | (x1 < low) | turned else 0.0
 
 
-@uncounted
-def _gather(s, knots, start, end, steps_per_contact, room):
+@inlined
+def _gather(s, start, end, steps_per_contact, room):
     """Put those for which the flight does not hold apart; returns how many."""
     count = 0
     for realization in range(room.points.size):
@@ -220,9 +221,8 @@ def _gather(s, knots, start, end, steps_per_contact, room):
             continue
         room.which[count] = realization
         cells, i = room.apart[count // TOGETHER], count % TOGETHER
-        for row in range(0, NOISE, TOGETHER):
+        for row in range(0, PHASE, TOGETHER):
             cells[row + i] = states[row + k]
-        cells[NOISE + i], cells[SLOPE + i] = _excitation(knots, block, k, start)
         cells[PHASE + i], cells[LENGTH + i], cells[ENTERS + i] = start, end - start, 0.0
         if states[LOW + k] < 0.0 < states[HIGH + k]:
             _land(cells, i, states[END + DISPLACEMENT + k], states[END + VELOCITY + k])
@@ -232,7 +232,7 @@ def _gather(s, knots, start, end, steps_per_contact, room):
     return count
 
 
-@uncounted
+@inlined
 def _go_on(s, edges, knots, begin, end, steps_per_contact, count, batch, room, tally):
     """Take the steps tried apart, those that leave their zone again and shorter.
 
@@ -259,7 +259,10 @@ def _go_on(s, edges, knots, begin, end, steps_per_contact, count, batch, room, t
             time, rows = begin + cells[PHASE + i], tally.rows[block]
             _point(s, cells, i, DISPLACEMENT, NOISE, time, batch >= 0, tally, rows, k)
             several.follow(tally, block, k, k + 1, batch)
-            fullest = max(fullest, _keep(room, rows, realization))
+            if room.columns.shape[2] > 0:
+                _keep(room, rows, realization)
+            room.points[realization] += 1
+            fullest = max(fullest, room.points[realization])
             _resolve(s, end, steps_per_contact, cells, i)
         if rest < place:
             others, j = room.apart[rest // TOGETHER], rest % TOGETHER
@@ -332,16 +335,13 @@ def _point(s, cells, i, motion, excited, time, measured, tally, rows, k):
 
 @inlined
 def _keep(room, rows, realization):
-    """Keep a realization's latest point where that is wanted; returns how many it has."""
+    """Keep a realization's latest point."""
     k, place = realization % TOGETHER, room.points[realization]
-    if place < room.columns.shape[2]:
-        for row in range(room.columns.shape[1]):
-            room.columns[realization, row, place] = rows[row * TOGETHER + k]
-    room.points[realization] = place + 1
-    return place + 1
+    for row in range(room.columns.shape[1]):
+        room.columns[realization, row, place] = rows[row * TOGETHER + k]
 
 
-@uncounted
+@inlined
 def _arrive(s, time, batch, lanes, room, tally):
     """Let all realizations be at the step's end; returns the points of the one with most."""
     measured, fullest, count = batch >= 0, 0, room.points.size
@@ -354,6 +354,8 @@ def _arrive(s, time, batch, lanes, room, tally):
             _point(s, cells, k, END, EXCITED, time, measured, tally, rows, k)
         several.follow(tally, block, 0, min(TOGETHER, count - block * TOGETHER), batch)
     for realization in range(count):
-        points = _keep(room, tally.rows[realization // TOGETHER], realization)
-        fullest = max(fullest, points)
+        if room.columns.shape[2] > 0:
+            _keep(room, tally.rows[realization // TOGETHER], realization)
+        room.points[realization] += 1
+        fullest = max(fullest, room.points[realization])
     return fullest

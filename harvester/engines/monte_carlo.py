@@ -39,14 +39,14 @@ from harvester.scene.units import require_mass, scale
 if TYPE_CHECKING:
     from harvester.device.system import System
     from harvester.engines.realization import Reporter
-    from harvester.excitation.ornstein_uhlenbeck import NoisePath
+    from harvester.excitation.base import ExcitationPath
     from harvester.scene.model import Scene
 
 # Realizations in step with each other: more are hardly faster.
 MOST_TOGETHER = 64
-# Segments between knots that are worked on at a time, of all realizations together: the points that
-# belong to them stay in the processor's cache.
-SEGMENTS = 65536
+# Segments between knots worked on at a time, of all realizations together: their noise and,
+# where points are kept, these stay in the processor's cache.
+SEGMENTS, SEGMENTS_KEPT = 262144, 65536
 # Decay of V or X' by load or damper, as an exponent, in a step of an explicit scheme: those are
 # stable up to 2 (Heun) and 2.78 (Runge–Kutta). Beyond it the decay is taken exactly.
 LARGEST_DECAY = 1.0
@@ -80,7 +80,7 @@ def prepare(scene: Scene) -> None:
 
 def run_realizations(
     scene: Scene,
-    paths: list[NoisePath],
+    paths: list[ExcitationPath],
     starts: list[tuple[float, float, float]],
     observers: list[list[Reporter | Moments]],
     step: str | float,
@@ -145,7 +145,7 @@ def record_of(columns: np.ndarray, points: np.ndarray, k: int) -> Record:
 
 def integrate(
     s: System,
-    paths: Sequence[NoisePath],
+    paths: Sequence[ExcitationPath],
     starts: Sequence[tuple[float, float, float]],
     stop: float,
     steps_per_knot: int = 1,
@@ -159,7 +159,7 @@ def integrate(
     Parameters
     ----------
     s : harvester.device.system.System
-    paths : sequence of harvester.excitation.NoisePath
+    paths : sequence of harvester.excitation.base.ExcitationPath
         Of one spacing.
     starts : sequence of (float, float, float)
         X, X' and the transducer's state, scaled.
@@ -191,7 +191,7 @@ def integrate(
     spacing, edges = paths[0].spacing, _edges(s)
     heun = scheme_of(s, scheme, spacing / steps_per_knot)
     knots = math.ceil(stop / spacing - 1e-9)
-    most = SEGMENTS // len(paths)
+    most = (SEGMENTS_KEPT if keep else SEGMENTS) // len(paths)
     room, place = Room.of(s, starts, _points(most) if keep else 0), _beginning()
     several = SeveralMoments(moments or [_unwanted(stop, spacing) for _ in paths], spacing)
     noise = np.zeros((most + 1, len(room.states), TOGETHER))
@@ -200,7 +200,7 @@ def integrate(
     for first in range(0, knots, most):
         count = min(most, knots - first)
         for k, path in enumerate(paths):
-            samples[1 : count + 1, k] = path.read(count)
+            path.read_into(samples[1 : count + 1, k])
         place[:3] = 0
         while place[0] < count:
             room.points[:] = 0
@@ -219,7 +219,7 @@ def integrate(
 
 
 def _beginning():
-    """Where `advance` begins: at no segment, step or waiting realization, before the first batch."""
+    """Where `advance` begins: the first segment and step, nobody apart, before the first batch."""
     return np.array([0, 0, 0, -1])
 
 

@@ -24,7 +24,7 @@ from harvester.record.record import Record
 from harvester.scene.units import scale, setting
 
 if TYPE_CHECKING:
-    from harvester.excitation.ornstein_uhlenbeck import NoisePath
+    from harvester.excitation.base import ExcitationPath
     from harvester.scene.model import Scene
 
 REPORT_SECONDS = 0.25
@@ -117,7 +117,7 @@ def start_state(scene: Scene, index: int) -> tuple[float, float, float]:
     return displacement, velocity, state
 
 
-def noise_path(scene: Scene, index: int) -> NoisePath:
+def noise_path(scene: Scene, index: int) -> ExcitationPath:
     """The excitation of one realization, at its beginning; the same for every engine."""
     _, scales = scale(scene)
     seed = realization_seed(scene.run.seed, index)

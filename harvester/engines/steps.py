@@ -17,7 +17,7 @@ from harvester.excitation.ornstein_uhlenbeck import (
 from harvester.scene.units import longest_spacing, scale
 
 if TYPE_CHECKING:
-    from harvester.excitation.ornstein_uhlenbeck import NoisePath
+    from harvester.excitation.base import ExcitationPath
     from harvester.scene.model import Scene
 
 # Steps per period of the fastest oscillation. The trapezoidal rule is of order two, Runge–Kutta of
@@ -124,12 +124,12 @@ def stop_time(scene: Scene) -> float:
     return math.ceil(total / spacing - 1e-9) * spacing
 
 
-def knot_blocks(path: NoisePath, stop: float, most: int) -> Iterator[tuple[int, np.ndarray]]:
+def knot_blocks(path: ExcitationPath, stop: float, most: int) -> Iterator[tuple[int, np.ndarray]]:
     """The noise from the beginning to the first knot at or after the end, in blocks.
 
     Parameters
     ----------
-    path : harvester.excitation.NoisePath
+    path : harvester.excitation.base.ExcitationPath
     stop : float
         End time (s).
     most : int

@@ -30,6 +30,29 @@ def kernel_loss(spacing: float, angular_frequency: float) -> float:
     return 1.0 - float(np.sinc(0.5 * spacing * angular_frequency / np.pi)) ** 4
 
 
+class ExcitationPath(ABC):
+    """The samples of η of one realization, one after the other, at equally spaced knots.
+
+    Attributes
+    ----------
+    spacing : float
+        Time between knots (s).
+    """
+
+    spacing: float
+
+    @abstractmethod
+    def read(self, count: int) -> np.ndarray:
+        """The next `count` samples, float64 of shape (count,), in blocks of any size the same.
+
+        An engine may read past the end of the run.
+        """
+
+    def read_into(self, samples: np.ndarray) -> None:
+        """Fill an array of shape (count,) with the next samples."""
+        samples[:] = self.read(samples.size)
+
+
 class Excitation(ABC):
     """One kind of the right-hand side η of Eq. 4a, linear between equally spaced knots.
 
@@ -109,11 +132,8 @@ class Excitation(ABC):
         """
 
     @abstractmethod
-    def path(self, spacing: float, length: float, seed: Any) -> Any:
-        """The path of one realization: an object with `.spacing` and `.read(count)`.
-
-        `read` returns the next samples of η, float64 of shape (count,): the same seed gives
-        the same bytes in blocks of any size. An engine may read past the end of the run.
+    def path(self, spacing: float, length: float, seed: Any) -> ExcitationPath:
+        """The path of one realization: the same seed gives the same bytes.
 
         Parameters
         ----------

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from harvester.compilation import compiled
 from harvester.errors import SceneError
-from harvester.excitation.base import Excitation
+from harvester.excitation.base import Excitation, ExcitationPath
+from harvester.excitation.normals import NormalSequence
 from harvester.scene.keys import positive
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ class OrnsteinUhlenbeck(Excitation):
     def equivalent_noise(self, relaxation_time: float, longest: float) -> tuple[float, float]:
         return self.intensity, self.correlation_time
 
-    def path(self, spacing: float, length: float, seed: SeedSequence) -> Any:
+    def path(self, spacing: float, length: float, seed: SeedSequence) -> ExcitationPath:
         return NoisePath(self.intensity / length**2, self.correlation_time, spacing, seed)
 
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
@@ -68,7 +68,7 @@ class OrnsteinUhlenbeck(Excitation):
         return ""
 
 
-class NoisePath:
+class NoisePath(ExcitationPath):
     """A stream of Ornstein–Uhlenbeck samples at equally spaced knots (Eq. 6).
 
     Exact in law at the knots: η_{k+1} = a η_k + √(D/τ1 (1 − a²)) ξ_k, a = exp(−spacing/τ1),
@@ -89,19 +89,17 @@ class NoisePath:
         self, intensity: float, correlation_time: float, spacing: float, seed: SeedSequence
     ) -> None:
         self.spacing = spacing
-        self._deviation = math.sqrt(intensity / correlation_time)
-        self._memory = math.exp(-spacing / correlation_time)
-        self._kick = math.sqrt(-math.expm1(-2.0 * spacing / correlation_time))
-        self._generator = np.random.default_rng(seed)
-        self._last = math.nan
+        deviation, decay = math.sqrt(intensity / correlation_time), spacing / correlation_time
+        self._sequence = NormalSequence(seed, deviation, decay)
 
     def read(self, count: int) -> np.ndarray:
         """The next `count` samples, float64 of shape (count,)."""
-        samples = self._generator.standard_normal(count)
-        if count:
-            self._last = _filter(samples, self._last, self._memory, self._kick)
-            samples *= self._deviation
+        samples = np.empty(count)
+        self.read_into(samples)
         return samples
+
+    def read_into(self, samples: np.ndarray) -> None:
+        self._sequence.write(samples)
 
 
 def interpolation_loss(spacing: float, correlation_time: float) -> float:
@@ -110,16 +108,3 @@ def interpolation_loss(spacing: float, correlation_time: float) -> float:
     The mean over a segment of ((1−u) η0 + u η1)² is D/τ1 (2 + a)/3 with a = exp(−spacing/τ1).
     """
     return -math.expm1(-spacing / correlation_time) / 3.0
-
-
-@compiled
-def _filter(samples, last, memory, kick):
-    """Turn white samples of unit variance into the stationary sequence, in place."""
-    start = 0
-    if math.isnan(last):
-        last = samples[0]
-        start = 1
-    for index in range(start, samples.size):
-        last = memory * last + kick * samples[index]
-        samples[index] = last
-    return last

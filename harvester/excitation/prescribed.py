@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from harvester.excitation.base import Excitation
+from harvester.excitation.base import Excitation, ExcitationPath
 from harvester.scene.keys import positive
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ class PrescribedDisplacement(Excitation):
     def equivalent_noise(self, relaxation_time: float, longest: float) -> tuple[float, float]:
         return 0.0, 1.0 / (2.0 * math.pi * self.frequency)
 
-    def path(self, spacing: float, length: float, seed: Any) -> Any:
+    def path(self, spacing: float, length: float, seed: Any) -> ExcitationPath:
         return _Nothing(spacing)
 
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
@@ -66,7 +66,7 @@ class PrescribedDisplacement(Excitation):
 
 
 @dataclass(frozen=True)
-class _Nothing:
+class _Nothing(ExcitationPath):
     """No noise: the netlist itself holds the motion."""
 
     spacing: float

@@ -6,13 +6,13 @@ import math
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from harvester.errors import SceneError
 from harvester.excitation import conditioning
-from harvester.excitation.base import Excitation, kernel_loss
+from harvester.excitation.base import Excitation, ExcitationPath, kernel_loss
 from harvester.excitation.motion_file import most_samples, read_columns, read_record
 from harvester.files import plain_text
 from harvester.files.plain_text import named
@@ -158,7 +158,7 @@ class RecordedMotion(Excitation):
     def equivalent_noise(self, relaxation_time: float, longest: float) -> tuple[float, float]:
         return _equivalent_noise(self)
 
-    def path(self, spacing: float, length: float, seed: SeedSequence) -> Any:
+    def path(self, spacing: float, length: float, seed: SeedSequence) -> ExcitationPath:
         sign = 1.0 if self.unit == "scaled" else -1.0
         start = 0
         if self.repetition == "periodic":
@@ -205,7 +205,7 @@ class RecordedMotion(Excitation):
         )
 
 
-class RecordPath:
+class RecordPath(ExcitationPath):
     """Samples of a record at knots, from an offset on.
 
     Parameters

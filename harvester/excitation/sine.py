@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from harvester.errors import SceneError
-from harvester.excitation.base import Excitation
+from harvester.excitation.base import Excitation, ExcitationPath
 from harvester.scene.keys import Key, not_negative, positive
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ class Sine(Excitation):
             1.0 / (2.0 * math.pi * self.frequency),
         )
 
-    def path(self, spacing: float, length: float, seed: Any) -> Any:
+    def path(self, spacing: float, length: float, seed: Any) -> ExcitationPath:
         return SinePath(self.amplitude / length, (self.frequency,), math.inf, spacing, self.phase)
 
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
@@ -106,14 +106,14 @@ class SteppedSine(Excitation):
         sines = [Sine(self.amplitude, frequency) for frequency in self.frequencies]
         return max(sine.equivalent_noise(relaxation_time, longest) for sine in sines)
 
-    def path(self, spacing: float, length: float, seed: Any) -> Any:
+    def path(self, spacing: float, length: float, seed: Any) -> ExcitationPath:
         return SinePath(self.amplitude / length, self.frequencies, self.dwell, spacing)
 
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
         return ()
 
 
-class SinePath:
+class SinePath(ExcitationPath):
     """Samples of sines, each for the same time, with a phase that never jumps.
 
     Parameters

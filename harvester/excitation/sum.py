@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from harvester.errors import SceneError
-from harvester.excitation.base import Excitation
+from harvester.excitation.base import Excitation, ExcitationPath
 from harvester.excitation.motion_file import most_samples
 from harvester.scene.keys import Key, positive
 
@@ -81,7 +81,7 @@ class Sum(Excitation):
         intensity = sum(d for d, _ in pairs)
         return intensity, intensity / sum(d / time for d, time in pairs)
 
-    def path(self, spacing: float, length: float, seed: SeedSequence) -> Any:
+    def path(self, spacing: float, length: float, seed: SeedSequence) -> ExcitationPath:
         # The children that `seed.spawn` would give, without changing the seed.
         return SumPath(
             [
@@ -99,7 +99,7 @@ class Sum(Excitation):
         return tuple(dict.fromkeys(line for part in lines for line in part))
 
 
-class SumPath:
+class SumPath(ExcitationPath):
     """The sum of paths with the same knots."""
 
     def __init__(self, paths: Sequence[Any]) -> None:

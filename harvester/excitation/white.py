@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from harvester.errors import SceneError
-from harvester.excitation.base import Excitation, kernel_loss
+from harvester.excitation.base import Excitation, ExcitationPath, kernel_loss
+from harvester.excitation.normals import NormalSequence
 from harvester.scene.keys import positive
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ class White(Excitation):
         # 1/(1 + ω²τ1²) and sinc⁴(ω spacing/2) agree to second order for this τ1.
         return self.intensity, self.spacing(longest) / math.sqrt(6.0)
 
-    def path(self, spacing: float, length: float, seed: SeedSequence) -> Any:
+    def path(self, spacing: float, length: float, seed: SeedSequence) -> ExcitationPath:
         return WhitePath(self.intensity / length**2, spacing, seed)
 
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
@@ -64,7 +65,7 @@ class White(Excitation):
         return ""
 
 
-class WhitePath:
+class WhitePath(ExcitationPath):
     """A stream of independent samples of variance 2 D/spacing.
 
     Parameters
@@ -78,9 +79,13 @@ class WhitePath:
 
     def __init__(self, intensity: float, spacing: float, seed: SeedSequence) -> None:
         self.spacing = spacing
-        self._deviation = math.sqrt(2.0 * intensity / spacing)
-        self._generator = np.random.default_rng(seed)
+        self._sequence = NormalSequence(seed, math.sqrt(2.0 * intensity / spacing))
 
     def read(self, count: int) -> np.ndarray:
         """The next `count` samples, float64 of shape (count,)."""
-        return self._deviation * self._generator.standard_normal(count)
+        samples = np.empty(count)
+        self.read_into(samples)
+        return samples
+
+    def read_into(self, samples: np.ndarray) -> None:
+        self._sequence.write(samples)

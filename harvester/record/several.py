@@ -232,7 +232,7 @@ def add_point(
     cells[LOSS_POWER + k], cells[OWN_LOSS + k], cells[STATE + k] = losses[0], own_loss, state
 
 
-@uncounted
+@inlined
 def follow(tally: Tally, block: int, first: int, end: int, batch: int) -> None:
     """Count where the intervals just added of some places in a block lead to."""
     cells = tally.rows[block]

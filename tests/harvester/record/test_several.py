@@ -1,4 +1,4 @@
-"""Moments of several realizations in one call against those of each by itself."""
+"""Moments added to while several realizations are integrated against those of their records."""
 
 from dataclasses import fields
 
@@ -7,36 +7,67 @@ import pytest
 
 from harvester.engines.monte_carlo import integrate, record_of
 from harvester.engines.realization import empty_moments, noise_path, start_state
-from harvester.engines.steps import stop_time
-from harvester.record.several import SeveralMoments
+from harvester.engines.steps import knot_spacing, stop_time
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
 
+REALIZATIONS = 11  # a block of eight and a part of one
+KNOTS = 6144  # 24 batches of whole knots: a contact's points then lie in one of them
 
-@pytest.mark.parametrize("name", ["linear", "paper", "tristable"])
-def test_several_in_one_call_are_as_each_by_itself(name):
-    """With one well, two alike, and three with shares of time and jumps of their own."""
-    scene = Scene.load(name, ["run.realizations=3"])
-    scene = scene.replace({"run.duration": scene.run.duration / 20, "run.settle": 0.0})
-    system, _ = scale(scene)
-    alone, several = ([empty_moments(scene) for _ in range(3)] for _ in range(2))
-    together = SeveralMoments(several)
-    paths = [noise_path(scene, k) for k in range(3)]
-    starts = [start_state(scene, k) for k in range(3)]
-    for columns, points in integrate(system, paths, starts, stop_time(scene)):
-        together.add(columns, points)
-        for k, each in enumerate(alone):
+
+@pytest.mark.parametrize("name", ["linear", "paper", "tristable", "asymmetric"])
+@pytest.mark.parametrize("settle", [0, 100])
+def test_moments_are_those_of_the_records(name, settle):
+    """With one well, two alike, and three and two uneven ones with shares of time of their own."""
+    scene = scene_of(name, settle)
+    own = [empty_moments(scene) for _ in range(REALIZATIONS)]
+    of_records = [empty_moments(scene) for _ in range(REALIZATIONS)]
+    for columns, points in run(scene, own, True):
+        for k, each in enumerate(of_records):
             each.add(record_of(columns, points, k))
-    for one, other in zip(alone, several, strict=True):
-        assert one.points == other.points > 1000
+    for one, other in zip(own, of_records, strict=True):
+        assert one.points == other.points >= KNOTS
         assert_same(one, other)
         assert (one.jumps is None) == (name == "linear")
         if one.jumps is not None:
             assert_same(one.jumps, other.jumps)
 
 
+def test_moments_are_the_same_where_no_point_is_kept():
+    scene = scene_of("paper", 100)
+    kept, others = ([empty_moments(scene) for _ in range(REALIZATIONS)] for _ in range(2))
+    for columns, _ in run(scene, kept, True):
+        assert columns.shape[2] > 0
+    for columns, _ in run(scene, others, False):
+        assert columns.shape[2] == 0
+    for one, other in zip(kept, others, strict=True):
+        assert one.points == other.points
+        np.testing.assert_allclose(one.integrals, other.integrals, rtol=1e-12)
+        np.testing.assert_array_equal(one.last, other.last)
+
+
+def scene_of(name, settle):
+    """A run of whole batches in knots, with enough noise for contacts and jumps."""
+    scene = Scene.load(name)
+    spacing = knot_spacing(scene)
+    times = {"run.duration": KNOTS * spacing, "run.settle": settle * spacing}
+    noise = {"excitation.intensity": 4.0 * scene.excitation.intensity}
+    return scene.replace({"run.realizations": REALIZATIONS, **times, **noise})
+
+
+def run(scene, moments, keep):
+    system, _ = scale(scene)
+    paths = [noise_path(scene, k) for k in range(REALIZATIONS)]
+    starts = [start_state(scene, k) for k in range(REALIZATIONS)]
+    return integrate(system, paths, starts, stop_time(scene), moments=moments, keep=keep)
+
+
 def assert_same(one, other):
+    """Numbers to the rounding of their sums."""
     for each in fields(one):
-        found = getattr(other, each.name)
+        found, truth = getattr(other, each.name), getattr(one, each.name)
         if isinstance(found, np.ndarray | float | int):
-            np.testing.assert_array_equal(found, getattr(one, each.name), err_msg=each.name)
+            scale = np.max(np.abs(truth), initial=0.0, where=np.isfinite(truth))
+            np.testing.assert_allclose(
+                found, truth, rtol=1e-11, atol=1e-12 * scale, err_msg=each.name
+            )

@@ -1,0 +1,108 @@
+"""Normal sequences from numpy's generator, bit for bit its numbers, in less than half its time.
+
+numpy calls its generator of bits for each number. Here a block of words is drawn at once, and
+compiled code makes of them the normal numbers that numpy makes: by the ziggurat of G. Marsaglia and
+W. W. Tsang, J. Stat. Softw. 5 (8) (2000), with the tables that numba has of numpy's.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.compilation import compiled, uncounted
+
+# Below `harvester.compilation`, which guards numba's import.
+from numba.np.random._constants import (  # isort: skip
+    fi_double,
+    ki_double,
+    wi_double,
+    ziggurat_nor_inv_r,
+    ziggurat_nor_r,
+)
+
+if TYPE_CHECKING:
+    from numpy.random.bit_generator import SeedSequence
+
+# One word makes a number, but for 1.2 % of the numbers, which take some more.
+WORDS_FOR_A_NUMBER = 1.02
+# Left unused at a block's end, so that no number begins that could run out of words.
+SPARE_WORDS = 64
+DOUBLES_IN_ONE = 2.0**53
+
+
+class NormalSequence:
+    """Stationary normal numbers of mean zero, each of which keeps a share of the one before.
+
+    x_{k+1} = a x_k + √(1 − a²) ξ_k in units of their deviation, where ξ are the numbers of
+    `numpy.random.default_rng(seed).standard_normal`, and the first of them is the first x.
+
+    Parameters
+    ----------
+    seed : numpy.random.SeedSequence
+    deviation : float
+    decay : float
+        −ln a, from one number to the next; inf for independent numbers.
+    """
+
+    def __init__(self, seed: SeedSequence, deviation: float, decay: float = math.inf) -> None:
+        self._bits = np.random.default_rng(seed).bit_generator
+        self._words = np.empty(0, dtype=np.uint64)
+        self._law = deviation, math.exp(-decay), math.sqrt(-math.expm1(-2.0 * decay))
+        self._last = math.nan
+
+    def write(self, numbers: np.ndarray) -> None:
+        """Write the next numbers into an array, in parts of any size the same."""
+        done = 0
+        while done < numbers.size:
+            wanted = int((numbers.size - done) * WORDS_FOR_A_NUMBER) + 2 * SPARE_WORDS
+            if wanted > self._words.size:
+                more = self._bits.random_raw(wanted - self._words.size)
+                self._words = np.concatenate([self._words, more])
+            done, self._last, used = _write(self._words, self._law, self._last, numbers, done)
+            self._words = self._words[used:]
+
+
+@uncounted
+def _write(words, law, last, numbers, done):
+    """Write numbers while words last; returns how many are written, the last, and words used."""
+    deviation, memory, kick = law
+    place = 0
+    while done < numbers.size and place < words.size - SPARE_WORDS:
+        word = words[place]
+        place += 1
+        # 8 bits choose a strip of the bell, one the sign, 52 the place in the strip.
+        strip, across = word & np.uint64(0xFF), (word >> np.uint64(9)) & np.uint64(2**52 - 1)
+        normal = across * wi_double[strip]
+        normal = -normal if (word >> np.uint64(8)) & np.uint64(1) else normal
+        if across >= ki_double[strip]:
+            normal, place = _beyond(words, place, strip, across, normal)
+            if math.isnan(normal):
+                continue
+        last = memory * last + kick * normal if not math.isnan(last) else normal
+        numbers[done] = last * deviation
+        done += 1
+    return done, last, place
+
+
+@compiled
+def _beyond(words, place, strip, across, normal):
+    """A number outside the rectangle within a strip, nan if it is refused; and the next place."""
+    if strip > 0:
+        density = (fi_double[strip - 1] - fi_double[strip]) * _unit(words[place]) + fi_double[strip]
+        return normal if density < math.exp(-0.5 * normal * normal) else math.nan, place + 1
+    while True:
+        over = -ziggurat_nor_inv_r * math.log1p(-_unit(words[place]))
+        height = -math.log1p(-_unit(words[place + 1]))
+        place += 2
+        if height + height > over * over:
+            tail = ziggurat_nor_r + over
+            return -tail if (across >> np.uint64(8)) & np.uint64(1) else tail, place
+
+
+@compiled
+def _unit(word):
+    """A number of [0, 1) from a word's 53 highest bits."""
+    return (word >> np.uint64(11)) * (1.0 / DOUBLES_IN_ONE)
