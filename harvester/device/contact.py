@@ -54,21 +54,21 @@ def direction(contact: Contact, x: Values) -> Values:
 
 
 @register_jitable
-def one_force(
+def one_reaction(
     contact: Contact, spring: Spring, x: float, v: float, held_speed: float, low: float, high: float
-) -> float:
-    """Force of one contact against X' if it acts throughout the zone from `low` to `high`."""
+) -> tuple[float, float]:
+    """Elastic force and damping (1/s) of one contact, as `reaction`."""
     s = contact.side
     if s == 0.0:
         s = 1.0 if low >= contact.gap else -1.0
     acts = low >= contact.gap if s > 0.0 else high <= -contact.gap
     if not acts:
-        return 0.0
+        return 0.0, 0.0
     # A step of the zone may begin a rounding short of its edge, where a dashpot already acts.
     depth = max(s * x - contact.gap, 0.0)
     gain = springs.energy(spring, x) - springs.energy(spring, s * contact.gap)
     push = s * elastic_force(contact.law, depth)
-    return push + damping(contact.law, depth, v, gain, held_speed) * v
+    return push, damping(contact.law, depth, v, gain, held_speed)
 
 
 def _of_one_sort(contacts):
@@ -76,6 +76,44 @@ def _of_one_sort(contacts):
     return isinstance(contacts, types.UniTuple) and len(contacts) > 2
 
 
+def reaction(
+    contacts: tuple[Contact, ...],
+    spring: Spring,
+    x: float,
+    v: float,
+    held_speed: float,
+    low: float,
+    high: float,
+) -> tuple[float, float]:
+    """Elastic force and damping (1/s) of the contacts that act in the zone from `low` to `high`.
+
+    Those that act at a displacement are those of the zone from x to x.
+    """
+    each = [one_reaction(one, spring, x, v, held_speed, low, high) for one in contacts]
+    return sum(push for push, _ in each), sum(rate for _, rate in each)
+
+
+@overload(reaction)
+def _reaction(contacts, spring, x, v, held_speed, low, high):
+    if len(contacts) == 0:
+        return lambda contacts, spring, x, v, held_speed, low, high: (0.0, 0.0)
+
+    def in_turn(contacts, spring, x, v, held_speed, low, high):
+        push, rate = 0.0, 0.0
+        for each in contacts:
+            more, faster = one_reaction(each, spring, x, v, held_speed, low, high)
+            push, rate = push + more, rate + faster
+        return push, rate
+
+    def add(contacts, spring, x, v, held_speed, low, high):
+        push, rate = one_reaction(contacts[0], spring, x, v, held_speed, low, high)
+        more, faster = reaction(contacts[1:], spring, x, v, held_speed, low, high)
+        return push + more, rate + faster
+
+    return in_turn if _of_one_sort(contacts) else add
+
+
+@register_jitable
 def force(
     contacts: tuple[Contact, ...],
     spring: Spring,
@@ -85,62 +123,17 @@ def force(
     low: float,
     high: float,
 ) -> float:
-    """Sum of the forces of the contacts that act in the zone from `low` to `high`."""
-    return sum(one_force(each, spring, x, v, held_speed, low, high) for each in contacts)
-
-
-@overload(force)
-def _force(contacts, spring, x, v, held_speed, low, high):
-    if len(contacts) == 0:
-        return lambda contacts, spring, x, v, held_speed, low, high: 0.0
-
-    def in_turn(contacts, spring, x, v, held_speed, low, high):
-        total = 0.0
-        for each in contacts:
-            total += one_force(each, spring, x, v, held_speed, low, high)
-        return total
-
-    def add(contacts, spring, x, v, held_speed, low, high):
-        first = one_force(contacts[0], spring, x, v, held_speed, low, high)
-        return first + force(contacts[1:], spring, x, v, held_speed, low, high)
-
-    return in_turn if _of_one_sort(contacts) else add
+    """Force against X' of the contacts that act in the zone from `low` to `high`."""
+    push, rate = reaction(contacts, spring, x, v, held_speed, low, high)
+    return push + rate * v
 
 
 @register_jitable
-def one_loss_rate(contact: Contact, spring: Spring, x: float, v: float, held_speed: float) -> float:
-    """Damping force over velocity of one contact at a displacement (1/s)."""
-    s = direction(contact, x)
-    depth = s * x - contact.gap
-    if depth <= 0.0:
-        return 0.0
-    gain = springs.energy(spring, x) - springs.energy(spring, s * contact.gap)
-    return damping(contact.law, depth, v, gain, held_speed)
-
-
 def loss_rate(
     contacts: tuple[Contact, ...], spring: Spring, x: float, v: float, held_speed: float
 ) -> float:
-    """Damping force over velocity of all contacts at one displacement (1/s)."""
-    return sum(one_loss_rate(each, spring, x, v, held_speed) for each in contacts)
-
-
-@overload(loss_rate)
-def _loss_rate(contacts, spring, x, v, held_speed):
-    if len(contacts) == 0:
-        return lambda contacts, spring, x, v, held_speed: 0.0
-
-    def in_turn(contacts, spring, x, v, held_speed):
-        total = 0.0
-        for each in contacts:
-            total += one_loss_rate(each, spring, x, v, held_speed)
-        return total
-
-    def add(contacts, spring, x, v, held_speed):
-        first = one_loss_rate(contacts[0], spring, x, v, held_speed)
-        return first + loss_rate(contacts[1:], spring, x, v, held_speed)
-
-    return in_turn if _of_one_sort(contacts) else add
+    """Damping force over velocity of the contacts that act at a displacement (1/s)."""
+    return reaction(contacts, spring, x, v, held_speed, x, x)[1]
 
 
 @register_jitable

@@ -31,20 +31,22 @@ if TYPE_CHECKING:
 
 # Where none are kept.
 MOST_POINTS = 2**62
-# Where a block's rows of eight begin: the state at a step's beginning, with the zone's number and
-# its ends, and for those stepped apart the excitation and its slope, the time since the knot, the
-# step, and by how many zones the mass moves at its end.
-STATE_ROWS = 12
+# Where a block's rows of eight begin: the state at a step's beginning, with the zone's number, its
+# ends and the contacts' force, and for those stepped apart the excitation and its slope, the time
+# since the knot, the step, and by how many zones the mass moves at its end.
+STATE_ROWS = 13
 (
-    DISPLACEMENT, VELOCITY, TRANSDUCER, HELD_SPEED, ZONE, LOW, HIGH, NOISE, SLOPE, PHASE, LENGTH,
-    ENTERS,
+    DISPLACEMENT, VELOCITY, TRANSDUCER, HELD_SPEED, ZONE, LOW, HIGH, REACTION, NOISE, SLOPE, PHASE,
+    LENGTH, ENTERS,
 ) = range(0, STATE_ROWS * TOGETHER, TOGETHER)  # fmt: skip
 MOTION_ROWS = 3  # X, X' and the transducer's state
-# Behind them the step's end: the motion, damping by contacts (1/s), the excitation, and whether the
-# step does not hold.
-ROWS = STATE_ROWS + 6
+# Behind them the step's end: the motion, the contacts' force and damping (1/s), the excitation, and
+# whether the step does not hold.
+ROWS = STATE_ROWS + 7
 END = STATE_ROWS * TOGETHER
-CONTACT_DAMPING, EXCITED, LEAVES = range(END + MOTION_ROWS * TOGETHER, ROWS * TOGETHER, TOGETHER)
+END_REACTION, CONTACT_DAMPING, EXCITED, LEAVES = range(
+    END + MOTION_ROWS * TOGETHER, ROWS * TOGETHER, TOGETHER
+)
 
 
 class Room(NamedTuple):
@@ -88,7 +90,8 @@ class Room(NamedTuple):
             x, v, transducer = starts[min(k, len(starts) - 1)]
             zone = sum(x > edge if edge > 0.0 else x >= edge for edge in edges[1:-1])
             held, ends = system.speed_held(s, x, v), edges[zone : zone + 2]
-            state[: NOISE // TOGETHER] = x, v, transducer, held, zone, *ends
+            reaction = system.contact_force(s, x, v, held, *ends)
+            state[: NOISE // TOGETHER] = x, v, transducer, held, zone, *ends, reaction
         return cls(
             states=states.reshape(blocks, -1),
             apart=np.zeros((blocks, ROWS * TOGETHER)),
@@ -122,8 +125,9 @@ def advance(
     left, right = edges[free - 1], edges[free]
     step = spacing / steps_per_knot
     segment, part, waiting, batch = place[0], place[1], place[2], place[3]
-    # Eight. Loops over a number known beforehand would be written out place by place.
-    lanes = noise.shape[2]
+    # Loops over a number known beforehand would be written out place by place. One alone takes as
+    # long as eight do, or less.
+    lanes = noise.shape[2] if room.points.size > 1 else 1
     room_for = room.columns.shape[2]
     fullest, full = 0, room_for - 1 if room_for > 0 else MOST_POINTS
     while segment < noise.shape[0] - 1 and fullest < full:
@@ -139,7 +143,7 @@ def advance(
             _fly(heun, s, left, right, knots, start, end, at_knot, lanes, room.states)
             waiting = _gather(s, start, end, steps_per_contact, room)
         while waiting > 0 and fullest < full:
-            _try(heun, s, left, right, waiting, lanes, room.apart)
+            _try(heun, s, waiting, lanes, room.apart)
             waiting, fullest = _go_on(
                 s, edges, knots, begin, end, steps_per_contact, waiting, batch, room, tally
             )
@@ -179,7 +183,7 @@ def _fly(heun, s, left, right, knots, start, end, at_knot, lanes, states):
             noise, slope = _excitation(knots, block, k, start)
             cells[NOISE + k], cells[SLOPE + k] = noise, slope
             x1, v1, state1 = one_step(
-                heun, s, False, left, right, 0.0, x, v, state, noise, slope, length
+                heun, s, False, left, right, 0.0, x, v, state, noise, slope, length, 0.0
             )
             turned = (v * v1 < 0.0) & overshoots(left, right, x, v, x1, v1, length)
             touches = (cells[LOW + k] >= 0.0) | (cells[HIGH + k] <= 0.0)
@@ -191,22 +195,23 @@ def _fly(heun, s, left, right, knots, start, end, at_knot, lanes, states):
 
 
 @inlined
-def _try(heun, s, left, right, count, lanes, apart):
+def _try(heun, s, count, lanes, apart):
     """Step those apart as if none left its zone, and some places more that stand for nothing."""
     for block in range((count + TOGETHER - 1) // TOGETHER):
         cells = apart[block]
-        for k in range(lanes):
+        for k in range(lanes if count > 1 else 1):
             x, v, state = cells[DISPLACEMENT + k], cells[VELOCITY + k], cells[TRANSDUCER + k]
             low, high, held = cells[LOW + k], cells[HIGH + k], cells[HELD_SPEED + k]
             noise, slope, length = cells[NOISE + k], cells[SLOPE + k], cells[LENGTH + k]
             x1, v1, state1 = one_step(
-                heun, s, True, low, high, held, x, v, state, noise, slope, length
-            )
+                heun, s, True, low, high, held, x, v, state, noise, slope, length,
+                cells[REACTION + k],
+            )  # fmt: skip
             turned = (v * v1 < 0.0) & overshoots(low, high, x, v, x1, v1, length)
-            damping = contact.loss_rate(s.contacts, s.spring, x1, v1, held)
+            push, damping = contact.reaction(s.contacts, s.spring, x1, v1, held, low, high)
             cells[END + DISPLACEMENT + k], cells[END + VELOCITY + k] = x1, v1
             cells[END + TRANSDUCER + k] = state1
-            cells[CONTACT_DAMPING + k] = damping if (x1 < left) | (x1 > right) else 0.0
+            cells[END_REACTION + k], cells[CONTACT_DAMPING + k] = push + damping * v1, damping
             cells[LEAVES + k] = 1.0 if (x1 > high) | (x1 < low) | turned else 0.0
 
 
@@ -244,7 +249,7 @@ def _go_on(s, edges, knots, begin, end, steps_per_contact, count, batch, room, t
         if cells[LEAVES + i] != 0.0 and cells[ENTERS + i] == 0.0:
             _land(cells, i, cells[END + DISPLACEMENT + i], cells[END + VELOCITY + i])
         else:
-            _take(edges, end, cells, i)
+            _take(s, edges, end, cells, i)
             realization = room.which[place]
             block, k = realization // TOGETHER, realization % TOGETHER
             if cells[PHASE + i] > end - 1e-9 * knots[2]:
@@ -266,7 +271,7 @@ def _go_on(s, edges, knots, begin, end, steps_per_contact, count, batch, room, t
             _resolve(s, end, steps_per_contact, cells, i)
         if rest < place:
             others, j = room.apart[rest // TOGETHER], rest % TOGETHER
-            for row in range(0, LEAVES, TOGETHER):
+            for row in range(0, END, TOGETHER):
                 others[row + j] = cells[row + i]
             room.which[rest] = room.which[place]
         rest += 1
@@ -284,20 +289,23 @@ def _land(cells, i, x1, v1):
 
 
 @inlined
-def _take(edges, end, cells, i):
+def _take(s, edges, end, cells, i):
     """Take a step apart: its state and time, and the zone into which it leads."""
     longest = end - cells[PHASE + i]
     length = cells[LENGTH + i]
     cells[PHASE + i] = end if length >= longest else cells[PHASE + i] + length
     for row in range(0, MOTION_ROWS * TOGETHER, TOGETHER):
         cells[row + i] = cells[END + row + i]
+    cells[REACTION + i] = cells[END_REACTION + i]
     if cells[ENTERS + i] != 0.0:
         if cells[LOW + i] < 0.0 < cells[HIGH + i]:
             cells[HELD_SPEED + i] = abs(cells[VELOCITY + i])
         cells[ZONE + i] += cells[ENTERS + i]
         zone = int(cells[ZONE + i])
-        cells[LOW + i], cells[HIGH + i] = edges[zone], edges[zone + 1]
-        cells[ENTERS + i] = 0.0
+        low, high = edges[zone], edges[zone + 1]
+        x, v, held = cells[DISPLACEMENT + i], cells[VELOCITY + i], cells[HELD_SPEED + i]
+        cells[LOW + i], cells[HIGH + i], cells[ENTERS + i] = low, high, 0.0
+        cells[REACTION + i] = system.contact_force(s, x, v, held, low, high)
 
 
 @inlined

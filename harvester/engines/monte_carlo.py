@@ -126,7 +126,7 @@ def run_realizations(
         ]
         chunks = integrate(
             s, paths[some], starts[some], stop_time(scene), fixed, scheme, in_contact,
-            moments, any(each.keeps_points for _, each in others),
+            moments, any(getattr(each, "reads_points", True) for _, each in others),
         )  # fmt: skip
         for columns, points in chunks:
             for k, other in others:

@@ -63,8 +63,6 @@ class Realization:
 class Waveform:
     """Keeps the points of a record between two times."""
 
-    keeps_points = True
-
     def __init__(self, start: float, stop: float) -> None:
         self.start, self.stop = start, stop
         self._parts: list[np.ndarray] = []
@@ -86,7 +84,8 @@ class Waveform:
 class Reporter:
     """Sends the moments of all realizations so far, several times a second."""
 
-    keeps_points = False
+    # A record without points will do.
+    reads_points = False
 
     def __init__(self, moments: list[Moments], report: Callable) -> None:
         self._moments, self._report = moments, report

@@ -93,7 +93,7 @@ def _run(heun, s, zones, eta, spacing, every, edges, starts, states, ends):
             smooth = not touching
             if smooth:
                 x1, v1, voltage1 = one_step(
-                    heun, s, False, low, high, 0.0, x, v, voltage, noise, slope, length
+                    heun, s, False, low, high, 0.0, x, v, voltage, noise, slope, length, 0.0
                 )
                 smooth = low <= x1 <= high and not (
                     v * v1 < 0.0 and overshoots(low, high, x, v, x1, v1, length)
@@ -147,8 +147,9 @@ def _contact_piece(
         # A mass at rest on the stopper is pressed in by what else acts.
         speed = abs(v) + abs(system.push(s, x, v, voltage, noise)) * longest
         length = contact.step(s.contacts, x, speed * speed, longest, steps_per_contact)
+    reaction = system.contact_force(s, x, v, held, low, high) if touching else 0.0
     x1, v1, voltage1 = one_step(
-        heun, s, touching, low, high, held, x, v, voltage, noise, slope, length
+        heun, s, touching, low, high, held, x, v, voltage, noise, slope, length, reaction
     )
     entered = 0
     if x1 > high or x1 < low:
@@ -159,7 +160,7 @@ def _contact_piece(
         edge = high if entered == 1 else low
         length = crossing(edge, entered, x, v, x1, v1, length)
         x1, v1, voltage1 = one_step(
-            heun, s, touching, low, high, held, x, v, voltage, noise, slope, length
+            heun, s, touching, low, high, held, x, v, voltage, noise, slope, length, reaction
         )
         if not touching:
             held = abs(v1)

@@ -34,20 +34,22 @@ def one_step(
     noise: float,
     slope: float,
     h: float,
+    reaction: float,
 ) -> tuple[float, float, float]:
     """One step of Eq. 4 as `harvester.engines.monte_carlo.scheme_of` chose.
 
     `heun` is None for Runge–Kutta: a type of its own, so that no choice is left at run time.
+    `reaction` is the contacts' force at the step's beginning, which the step before has told.
     """
     if heun is None:
-        return _runge_kutta(s, touching, low, high, held, x, v, voltage, noise, slope, h)
+        return _runge_kutta(s, touching, low, high, held, x, v, voltage, noise, slope, h, reaction)
     if heun:
-        return _heun(s, touching, low, high, held, x, v, voltage, noise, slope, h)
-    return _exponential(s, touching, low, high, held, x, v, voltage, noise, slope, h)
+        return _heun(s, touching, low, high, held, x, v, voltage, noise, slope, h, reaction)
+    return _exponential(s, touching, low, high, held, x, v, voltage, noise, slope, h, reaction)
 
 
 @compiled
-def _exponential(s, touching, low, high, held, x, v, voltage, noise, slope, h):
+def _exponential(s, touching, low, high, held, x, v, voltage, noise, slope, h, reaction):
     """Step of third order that takes the decay of X' and V exactly, however fast.
 
     X' decays driven by all other forces, V decays driven by X': each drive is a parabola through
@@ -56,7 +58,7 @@ def _exponential(s, touching, low, high, held, x, v, voltage, noise, slope, h):
     half = 0.5 * h
     middle = noise + slope * half
     c, rate = s.damper.damping + system.own_damping(s.transducer), system.decay_rate(s.transducer)
-    start = _acceleration(s, touching, low, high, held, x, v, voltage, noise) + c * v
+    start = system.push(s, x, v, voltage, noise) - reaction + c * v
     force = start
     v2 = voltage2 = 0.0
     for _ in range(2):
@@ -76,9 +78,9 @@ def _exponential(s, touching, low, high, held, x, v, voltage, noise, slope, h):
 
 
 @compiled
-def _heun(s, touching, low, high, held, x, v, voltage, noise, slope, h):
+def _heun(s, touching, low, high, held, x, v, voltage, noise, slope, h, reaction):
     """Heun's step of second order: the mean of the slopes at both ends."""
-    a1 = _acceleration(s, touching, low, high, held, x, v, voltage, noise)
+    a1 = system.push(s, x, v, voltage, noise) - reaction
     u1 = system.state_rate(s.transducer, v, voltage)
     v2 = v + h * a1
     e2 = voltage + h * u1
@@ -89,11 +91,11 @@ def _heun(s, touching, low, high, held, x, v, voltage, noise, slope, h):
 
 
 @inlined
-def _runge_kutta(s, touching, low, high, held, x, v, voltage, noise, slope, h):
+def _runge_kutta(s, touching, low, high, held, x, v, voltage, noise, slope, h, reaction):
     """Classical Runge–Kutta step of Eq. 4; the contact acts or not throughout the step."""
     half = 0.5 * h
     middle = noise + slope * half
-    a1 = _acceleration(s, touching, low, high, held, x, v, voltage, noise)
+    a1 = system.push(s, x, v, voltage, noise) - reaction
     u1 = system.state_rate(s.transducer, v, voltage)
     v2 = v + half * a1
     e2 = voltage + half * u1

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -29,8 +28,6 @@ class JointHistogram:
     latest : ndarray, shape (3,)
         Time, displacement and velocity of the latest point.
     """
-
-    keeps_points: ClassVar[bool] = True
 
     start: float
     interval: float
