@@ -99,6 +99,9 @@ def _foreign(kind):
     if made is not None and made.__module__.partition(".")[0] not in OWN:
         return True
     inner = kind if isinstance(kind, tuple) else getattr(kind, "types", ())
+    # An array, or a pointer.
+    if hasattr(kind, "dtype"):
+        inner = (*inner, kind.dtype)
     return any(_foreign(each) for each in inner)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from circuits.kernel import stepping
 from circuits.kernel.assembly import build, with_start
 from circuits.kernel.emitter import call_once
+from circuits.kernel.mechanics import device_of
 from circuits.kernel.stage import (
     DISPLACEMENT,
     HELD_SPEED,
@@ -54,7 +55,7 @@ def prepare(scene: Scene) -> None:
     state = _beginning(s, circuit, (0.0, 0.0, 0.0))
     edges = np.array(contact.edges(s.contacts))
     advance(
-        s, circuit.tables, circuit.probes, state, edges, np.zeros(2), 0, 0, 0, 1.0, 1, 1,
+        device_of(s), circuit.tables, circuit.probes, state, edges, np.zeros(2), 0, 0, 0, 1.0, 1, 1,
         empty_record(2), np.zeros((1, 2)),
     )  # fmt: skip
 
@@ -156,7 +157,7 @@ def integrate(
         Newton's iterations find no solution, or a switch chatters.
     """
     edges = np.array(contact.edges(s.contacts))
-    state = _beginning(s, circuit, start)
+    device, state = device_of(s), _beginning(s, circuit, start)
     state.numbers[STRICTNESS] = min(max(refinement, 1.0), FINEST) ** 4
     state.numbers[PROPOSED] = stepping.RESTART * path.spacing / steps_per_knot
     record = empty_record(CHUNK)
@@ -165,7 +166,7 @@ def integrate(
         segment, count = 0, block.size - 1
         while segment < count:
             segment, points, outcome, which = advance(
-                s, circuit.tables, circuit.probes, state, edges, block, segment, count, done,
+                device, circuit.tables, circuit.probes, state, edges, block, segment, count, done,
                 path.spacing, steps_per_knot, steps_per_contact, record, output,
             )  # fmt: skip
             if outcome != FINE:

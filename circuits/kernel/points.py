@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from circuits.kernel.mechanics import Device, evaluate
 from circuits.kernel.stage import DISPLACEMENT, HELD_SPEED, MEAN_POWER
 from harvester.compilation import compiled, inlined
 from harvester.device import system as systems
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
 
     from circuits.kernel.stage import State
     from circuits.kernel.tables import Probes
-    from harvester.device.system import System
     from harvester.record.record import Record
 
 # Of the power at both ends, a difference of their mean from the step's that asks for a point more:
@@ -32,16 +32,16 @@ def load_power(probes: Probes, state: State) -> float:
 
 
 @inlined
-def stored_energy(s: System, probes: Probes, state: State) -> float:
+def stored_energy(device: Device, probes: Probes, state: State) -> float:
     """The transducer's energy, scaled; 0 where it keeps none."""
     place = probes.places[2]
     if place < 0:
         return 0.0
-    return systems.transducer_energy(s.transducer, state.y[place] * probes.units[1])
+    return systems.transducer_energy(device.transducer, state.y[place] * probes.units[1])
 
 
 @inlined
-def given_power(s: System, probes: Probes, state: State, share: float) -> float:
+def given_power(device: Device, probes: Probes, state: State, share: float) -> float:
     """What the mass gives the transducer beyond its own loss, a share of the change ahead (scaled).
 
     Less what the transducer stores it is the load's power, also over a step in which a pulse
@@ -54,13 +54,13 @@ def given_power(s: System, probes: Probes, state: State, share: float) -> float:
         return (y[places[0]] + share * change[places[0]]) * amperes * units[3]
     v = y[y.size - 1] + share * change[y.size - 1]
     electrical = (y[place] + share * change[place]) * units[1]
-    own = systems.own_loss(s.transducer, v, electrical, amperes * units[2])
-    return systems.part_force(s.transducer, v, electrical) * v - own
+    own = systems.own_loss(device.transducer, v, electrical, amperes * units[2])
+    return systems.part_force(device.transducer, v, electrical) * v - own
 
 
 @inlined
 def add_points(
-    s: System,
+    device: Device,
     probes: Probes,
     state: State,
     record: Record,
@@ -81,14 +81,14 @@ def add_points(
     """
     power, stored = before
     last = load_power(probes, state)
-    mean = state.numbers[MEAN_POWER] - (stored_energy(s, probes, state) - stored) / h
+    mean = state.numbers[MEAN_POWER] - (stored_energy(device, probes, state) - stored) / h
     missing = abs(2.0 * mean - power - last)
     counts = missing * h > LEAST_ENERGY * probes.units[3] * scale
     if points > 0 and counts and missing > POWER_DIFFERENCE * (abs(power) + abs(last)):
         # The power there that makes the mean of both ends the step's.
         _again(record, output, points, 2.0 * mean - last)
         points += 1
-    _write(s, probes, state, record, output, points, time, noise, free)
+    _write(device, probes, state, record, output, points, time, noise, free)
     return points + 1
 
 
@@ -103,7 +103,7 @@ def _again(record, output, point, power):
 
 
 @inlined
-def _write(s, probes, state, record, output, point, time, noise, free):
+def _write(device, probes, state, record, output, point, time, noise, free):
     """One point of the record."""
     numbers, y = state.numbers, state.y
     n = y.size
@@ -111,8 +111,9 @@ def _write(s, probes, state, record, output, point, time, noise, free):
     x, v = numbers[DISPLACEMENT], y[n - 1]
     volts, amperes = y[places[0]], y[places[1]]
     electrical = y[places[2]] * units[1] if places[2] >= 0 else 0.0
-    loss = systems.loss_power(s, x, v, numbers[HELD_SPEED], x < free[0] or x > free[1])
-    own = systems.own_loss(s.transducer, v, electrical, amperes * units[2])
+    touches = 1.0 if x < free[0] or x > free[1] else 0.0
+    loss = evaluate(device.loss_power, device.numbers, (x, v, numbers[HELD_SPEED], touches))
+    own = systems.own_loss(device.transducer, v, electrical, amperes * units[2])
     power = volts * amperes * units[3]
     fill(record, point, time, x, v, volts * units[0], power, noise * v, loss, own, electrical)
     output[0, point] = (y[places[3]] - y[places[4]]) * units[0]

@@ -17,11 +17,10 @@ import numpy as np
 from circuits.kernel import tape, waveform
 from circuits.kernel.code import Code
 from circuits.kernel.emitter import call
+from circuits.kernel.mechanics import Device, evaluate
 from circuits.kernel.memory import SLOTS, fresh_memory
 from circuits.kernel.tables import Circuit, Tables
 from harvester.compilation import compiled, inlined
-from harvester.device import spring as springs
-from harvester.device import system as systems
 
 MOST_ITERATIONS = 40
 # Newton's step at which the iterations end; the next would be about its square. Of the velocity out
@@ -142,12 +141,12 @@ def slot_of(tables: Tables, state: State, delta: float) -> int:
 
 
 @inlined
-def force(s: Any, touching: bool, low: float, high: float, held: float, x: float, v: float) -> Any:
+def force(
+    device: Device, touching: bool, low: float, high: float, held: float, x: float, v: float
+) -> float:
     """Spring, damper and the contacts that act, against the motion."""
-    total = springs.force(s.spring, x) + systems.part_force(s.damper, v)
-    if touching:
-        total += systems.contact_force(s, x, v, held, low, high)
-    return total
+    acts = 1.0 if touching else 0.0
+    return evaluate(device.pull, device.numbers, (acts, low, high, held, x, v))
 
 
 @compiled
@@ -202,7 +201,7 @@ def _near(state, only_motion, smooth):
 
 @inlined
 def solve_stage(
-    s: Any,
+    device: Device,
     tables: Tables,
     state: State,
     slot: int,
@@ -216,7 +215,7 @@ def solve_stage(
 
     Parameters
     ----------
-    s : harvester.device.system.System
+    device : circuits.kernel.mechanics.Device
     tables : circuits.kernel.tables.Tables
     state : State
         `latest` holds a guess of y + u, of the velocity at least where no behavioural source asks
@@ -235,10 +234,10 @@ def solve_stage(
     last = state.y.size - 1
     touching, low, high, held = zone
     v = state.latest[last]
-    pull = force(s, touching, low, high, held, x_base + delta * v, v)
+    pull = force(device, touching, low, high, held, x_base + delta * v, v)
     nearby = DIFFERENCE * state.largest[last]
     per_nearby = delta * row_unit / nearby
-    slope = force(s, touching, low, high, held, x_base + delta * (v + nearby), v + nearby)
+    slope = force(device, touching, low, high, held, x_base + delta * (v + nearby), v + nearby)
     slope = (slope - pull) * per_nearby
     behavioural = tables.behavioural.shape[0] > 0
     settled = False
@@ -254,5 +253,5 @@ def solve_stage(
         if settled:
             break
         v = state.latest[last]
-        pull = force(s, touching, low, high, held, x_base + delta * v, v)
+        pull = force(device, touching, low, high, held, x_base + delta * v, v)
     return settled

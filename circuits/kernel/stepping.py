@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from circuits.kernel.emitter import call
+from circuits.kernel.mechanics import Device, evaluate
 from circuits.kernel.points import add_points, given_power, load_power, stored_energy
 from circuits.kernel.stage import (
     DISPLACEMENT,
@@ -37,8 +38,6 @@ from circuits.kernel.stage import (
 from circuits.kernel.switching import missed_controls, switched, turn
 from circuits.kernel.tables import Probes, Tables
 from harvester.compilation import compiled, inlined, uncounted
-from harvester.device import contact
-from harvester.device import system as systems
 from harvester.engines.zones import crossing, overshoots
 
 ROOT = np.sqrt(2.0)
@@ -73,7 +72,7 @@ FINE, STUCK, CHATTER = range(3)
 
 @uncounted
 def advance(
-    s: Any,
+    device: Device,
     tables: Tables,
     probes: Probes,
     state: State,
@@ -109,13 +108,13 @@ def advance(
         place, remaining = int(numbers[ZONE]), end - phase
         low, high = edges[place], edges[place + 1]
         zone = (not low < 0.0 < high, low, high, numbers[HELD_SPEED])
-        longest = _longest(s, state, zone, noise, remaining, step, steps_per_contact)
+        longest = _longest(device, state, zone, noise, remaining, step, steps_per_contact)
         h, x1, ratio, scale, entered, switch = _find_step(
-            s, tables, probes, state, time, longest, remaining, step, noise, slope, zone
+            device, tables, probes, state, time, longest, remaining, step, noise, slope, zone
         )
         if h < 0.0:
             return segment, points, STUCK, 0
-        before = (load_power(probes, state), stored_energy(s, probes, state))
+        before = (load_power(probes, state), stored_energy(device, probes, state))
         _accept(probes, state, h, x1, ratio, step)
         if entered != 0:
             _enter(state, place + entered, zone)
@@ -134,24 +133,24 @@ def advance(
         time = (first_knot + segment) * spacing + phase
         numbers[TIME] = time
         points = add_points(
-            s, probes, state, record, output, points, h, before, scale, time, noise, free
+            device, probes, state, record, output, points, h, before, scale, time, noise, free
         )
     return segment, points, FINE, 0
 
 
 @inlined
-def _longest(s, state, zone, noise, remaining, step, steps_per_contact):
+def _longest(device, state, zone, noise, remaining, step, steps_per_contact):
     """Length of the next step that the last one's error and a contact allow."""
     longest = min(state.numbers[PROPOSED], step)
     if zone[0]:
         x, v = state.numbers[DISPLACEMENT], state.y[state.y.size - 1]
-        speed = abs(v) + abs(noise - systems.part_force(s.damper, v)) * remaining
-        longest = contact.step(s.contacts, x, speed * speed, longest, steps_per_contact)
+        now = (x, v, noise, remaining, longest, float(steps_per_contact))
+        longest = evaluate(device.contact_step, device.numbers, now)
     return longest
 
 
 @inlined
-def _find_step(s, tables, probes, state, time, longest, remaining, step, noise, slope, zone):
+def _find_step(device, tables, probes, state, time, longest, remaining, step, noise, slope, zone):
     """A step that is short enough for its error, the end of its zone and the switches.
 
     Returns its length (−1: none is), the new X, the square of its error against what it may be, the
@@ -167,7 +166,7 @@ def _find_step(s, tables, probes, state, time, longest, remaining, step, noise, 
             h = -1.0
             break
         settled, error, x1, missed = _try_step(
-            s, tables, probes, state, time, h, noise, slope, x, zone
+            device, tables, probes, state, time, h, noise, slope, x, zone
         )
         if not settled:
             h *= 0.25
@@ -257,7 +256,7 @@ def _set_sources(tables, state, time, delta):
 
 
 @inlined
-def _try_step(s, tables, probes, state, time, h, noise, slope, x, zone):
+def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone):
     """A step of length h from the state.
 
     Returns whether Newton settled, its error's energy, the new X, and the error of the switches'
@@ -286,16 +285,18 @@ def _try_step(s, tables, probes, state, time, h, noise, slope, x, zone):
             call(code.begin, memory, slot, delta, delta if known else 0.0, push)
         else:
             call(code.again, memory, slot, delta, factor, push)
-        settled = solve_stage(s, tables, state, slot, delta, time + ahead, base, zone, row_unit)
+        settled = solve_stage(
+            device, tables, state, slot, delta, time + ahead, base, zone, row_unit
+        )
         further = 1.0 / share - 1.0 if stage == 0 else 0.0
         call(code.finish, memory, slot, further, 0.0, 0.0)
         if not settled:
             break
         moved = base - x + delta * (y[n - 1] + state.change[n - 1])
-        power = given_power(s, probes, state, 1.0)
+        power = given_power(device, probes, state, 1.0)
         weights = POWER_WEIGHTS[0] if known else POWER_WEIGHTS[1]
         if stage == 0:
-            mean = weights[0] * given_power(s, probes, state, 0.0) + weights[1] * power
+            mean = weights[0] * given_power(device, probes, state, 0.0) + weights[1] * power
             base = x + factor * moved
             _guess(tables, state, 1.0 / share)
     if settled:

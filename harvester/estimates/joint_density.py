@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import RegularGridInterpolator
 
 from harvester.estimates.batch_means import FEWEST_BATCHES
 from harvester.record.joint import JointHistogram
@@ -36,6 +35,8 @@ class JointDensity:
 
     def on(self, other: JointDensity) -> np.ndarray:
         """This density at the places of another one, linear between its own; 0 beyond."""
+        from scipy.interpolate import RegularGridInterpolator
+
         places = np.meshgrid(other.displacement, other.velocity, indexing="ij")
         axes = self.displacement, self.velocity
         within = RegularGridInterpolator(axes, self.density, bounds_error=False, fill_value=0.0)

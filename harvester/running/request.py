@@ -4,7 +4,6 @@ import math
 from collections.abc import Generator, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 
-from harvester.averaging import CLOSURES
 from harvester.engines import monte_carlo
 from harvester.engines.protocol import ENGINES
 from harvester.engines.steps import knot_spacing
@@ -79,7 +78,10 @@ class Request:
     moments: bool = False
 
     def __post_init__(self):
-        check_name("method", self.method, (*ENGINES, *CLOSURES))
+        if self.method not in ENGINES and not self.is_averaged:
+            from harvester.averaging import CLOSURES
+
+            check_name("method", self.method, (*ENGINES, *CLOSURES))
         check_step(self.step)
         if self.precision is not None and not 0.0 < self.precision < 1.0:
             raise HarvesterError(f"precision {self.precision}: must be a number in (0, 1)")

@@ -20,7 +20,6 @@ too; the even cover of Sobol's sequence is not counted on, so they are wide rath
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import qmc
 
 RESAMPLES = 2000
 # Share of all resamples within an interval.
@@ -74,6 +73,8 @@ def design(rows: int, parameters: int, seed: int) -> np.ndarray:
     -------
     ndarray, shape (rows, parameters + 2, parameters)
     """
+    from scipy.stats import qmc
+
     generator = np.random.default_rng(np.random.SeedSequence(seed))
     both = qmc.Sobol(2 * parameters, seed=generator).random(rows)
     a, b = both[:, :parameters], both[:, parameters:]

@@ -26,11 +26,14 @@ def key(*arguments):
 
 
 def test_code_for_parts_defined_elsewhere_is_not_kept(tmp_path):
-    own, foreign = key(piezo(0.1, 0.2)), key((1.0, (Foreign(1.0), 2)))
+    within = key((1.0, (Foreign(1.0), 2)))
+    pointed_at = (numba.types.CPointer(within[0][0]),), "machine"
+    own = key(piezo(0.1, 0.2))
     index(tmp_path).save(own, "own code")
-    index(tmp_path).save(foreign, "foreign code")
     assert index(tmp_path).load(own) == "own code"
-    assert index(tmp_path).load(foreign) is None
+    for foreign in (within, pointed_at):
+        index(tmp_path).save(foreign, "foreign code")
+        assert index(tmp_path).load(foreign) is None
 
 
 def test_an_index_that_names_a_class_that_is_gone_counts_as_empty(tmp_path):

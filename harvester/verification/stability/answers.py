@@ -86,10 +86,8 @@ def _simulated(scene, engine, step):
     estimates, settled = {}, True
     if engine == "monte-carlo":
         scene = _affordable(scene, step)
-        indices = range(scene.run.realizations)
-        realizations = [
-            run(scene, engine, [index], step, "external", None, ignore)[0] for index in indices
-        ]
+        indices = list(range(scene.run.realizations))
+        realizations = run(scene, engine, indices, step, "external", None, ignore)
         settled = scene.run.settle > LEAST_SETTLED_SHARE * SETTLED_TIMES * slowest_time(scene)
     moments = [realization.moments for realization in realizations]
     parameters, _ = scale(scene)

@@ -1,0 +1,136 @@
+"""A device's mechanics behind addresses: a load's solver is not compiled anew for each of them.
+
+Of each sort of spring, damper and contacts only these few functions are compiled; with the solver
+around them it would take ten times as long.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from llvmlite import ir
+
+from harvester.compilation import cgutils, compiled, intrinsic, numba, types
+from harvester.device import contact
+from harvester.device import spring as springs
+from harvester.device import system as systems
+
+if TYPE_CHECKING:
+    from harvester.device.system import System
+
+
+class Device(NamedTuple):
+    """A device's transducer, its numbers and the addresses of its functions, for `evaluate`.
+
+    Attributes
+    ----------
+    transducer : the equations of one of harvester.device.transducer
+    numbers : ndarray
+        The whole `System` as it lies in memory.
+    pull : of (whether contacts act, low, high, held speed, x, v)
+        Spring, damper and, in the zone from low to high, contacts against the motion.
+    contact_step : of (x, v, noise, remaining, longest, steps)
+        Step that resolves a contact with what is gained until the knot, ≤ longest (s).
+    loss_power : of (x, v, held speed, whether a contact acts)
+        What damper and contacts take.
+    """
+
+    transducer: Any
+    numbers: np.ndarray
+    pull: int
+    contact_step: int
+    loss_power: int
+
+
+def device_of(s: System) -> Device:
+    """The device whose functions the solver calls; compiled where they are not."""
+    numbers = np.zeros(_count(s))
+    _keep(s, numbers)
+    kind = types.CPointer(numba.typeof(s))
+    return Device(s.transducer, numbers, *(_address(each, kind) for each in _FUNCTIONS))
+
+
+def _count(part):
+    """How many numbers a part has, with all that it is made of."""
+    return sum(map(_count, part)) if isinstance(part, tuple) else 1
+
+
+def _address(function: Any, kind: Any) -> int:
+    """That of a function of a device of this kind and floats, as C calls it."""
+    floats = function.py_func.__code__.co_argcount - 1
+    signature = (kind, *(types.float64,) * floats)
+    if signature not in function.overloads:
+        function.compile(signature)
+    found = function.overloads[signature]
+    return found.library.get_pointer_to_function(found.fndesc.llvm_cfunc_wrapper_name)
+
+
+@intrinsic
+def evaluate(typing_context: Any, address: Any, numbers: Any, values: Any) -> Any:
+    """Call a device's function by its address; float of (int, array, tuple of floats)."""
+
+    def code(context, builder, signature, arguments):
+        address, array, values = arguments
+        at = context.make_array(signature.args[1])(context, builder, array).data
+        floats = cgutils.unpack_tuple(builder, values)
+        kind = ir.FunctionType(ir.DoubleType(), [at.type, *(each.type for each in floats)])
+        return builder.call(builder.inttoptr(address, kind.as_pointer()), [at, *floats])
+
+    return types.float64(types.int64, numbers, types.UniTuple(types.float64, len(values))), code
+
+
+@intrinsic
+def _at(typing_context, place):
+    """The device that lies at a place in memory."""
+
+    def code(context, builder, signature, arguments):
+        return builder.load(_pointer(context, builder, signature.return_type, arguments[0]))
+
+    return place.dtype(place), code
+
+
+@intrinsic
+def _lay(typing_context, s, numbers):
+    """Lay a device where an array's numbers are."""
+
+    def code(context, builder, signature, arguments):
+        s, array = arguments
+        data = context.make_array(signature.args[1])(context, builder, array).data
+        builder.store(s, _pointer(context, builder, signature.args[0], data))
+        return context.get_dummy_value()
+
+    return types.void(s, numbers), code
+
+
+def _pointer(context, builder, kind, place):
+    return builder.bitcast(place, context.get_value_type(kind).as_pointer())
+
+
+@compiled
+def _keep(s, numbers):
+    _lay(s, numbers)
+
+
+@compiled
+def _pull(place, touching, low, high, held, x, v):
+    s = _at(place)
+    total = springs.force(s.spring, x) + systems.part_force(s.damper, v)
+    if touching > 0.0:
+        total += systems.contact_force(s, x, v, held, low, high)
+    return total
+
+
+@compiled
+def _contact_step(place, x, v, noise, remaining, longest, steps):
+    s = _at(place)
+    speed = abs(v) + abs(noise - systems.part_force(s.damper, v)) * remaining
+    return contact.step(s.contacts, x, speed * speed, longest, steps)
+
+
+@compiled
+def _loss_power(place, x, v, held, touching):
+    return systems.loss_power(_at(place), x, v, held, touching > 0.0)
+
+
+_FUNCTIONS = (_pull, _contact_step, _loss_power)
