@@ -29,8 +29,7 @@ class Averages:
     numerical_error : dict of str to float
         Of each mean above and of those of `between_wells`.
     density : Density or GridDensity
-        Densities of displacement, velocity and both; of the first of energy as well, of the second
-        of the terminal voltage.
+        Densities of displacement, velocity and both; of the second of the terminal voltage as well.
     between_wells : dict of str to float
         Of `fokker_planck` and several wells that motion joins: `well_crossing_rate`, if
         asked for `slowest_decay_rate` and the rates of jumps that

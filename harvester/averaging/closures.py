@@ -9,9 +9,8 @@ from scipy.interpolate import CubicSpline
 
 from harvester.averaging.averages import Averages
 from harvester.averaging.density import Density, Layer
-from harvester.averaging.edges import edges
 from harvester.averaging.fokker_planck import fokker_planck
-from harvester.averaging.orbits import settled_orbits, stiffnesses
+from harvester.averaging.orbits import edges, settled_orbits, stiffnesses
 from harvester.device import timescales
 from harvester.device.damper import Damper
 from harvester.device.hertz import HERTZ_EXPONENT, HertzDamp
@@ -168,18 +167,7 @@ def _solve(closure, spans, levels, nodes):
     if len(families) == 2:
         floor = 0.0 if overlap else np.exp(logarithms[-1][0])
         layers += [Layer(families[0], logarithms[0], floor=floor)]
-    energy = {
-        "wells" if orbits.edge.inside else "outer": _over_energy(orbits, weight / norm)
-        for orbits, weight in zip(families, weights, strict=True)
-    }
-    return {name: float(value) for name, value in total.items()}, Density(tuple(layers), energy)
-
-
-def _over_energy(orbits, density):
-    """H above the potential's minimum, and p(H) = gT of all quarters of the plane (Eq. 26)."""
-    height = orbits.height[0] + orbits.over_energy(1.0)
-    # Steps end near the saddle.
-    return np.maximum.accumulate(height), 4.0 * density * orbits.time
+    return {name: float(value) for name, value in total.items()}, Density(tuple(layers))
 
 
 def _logarithms(closure, families):

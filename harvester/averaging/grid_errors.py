@@ -6,7 +6,7 @@ solutions for each, from the coarsest to the finest; the first of "nodes" is the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,33 +35,10 @@ JUDGED = (
 HIGH_EFFICIENCY, FEW_POINTS = 0.3, 3e-3
 
 
-def changed(solutions: list[Solution], judged: Sequence[str]) -> tuple[str, float]:
+def changed(solutions: list[Solution]) -> tuple[str, float]:
     """The judged mean that changes most from the last grid but one to the last, and its share."""
-    before, last = (means_of(each.totals) for each in solutions[-2:])
-    return worst(last, {name: abs(last[name] - before[name]) for name in judged}, judged)
-
-
-def compared(grids: Grids, find: Callable[[Solution], Numbers | None]) -> tuple[Numbers, Numbers]:
-    """What `find` gives, and its errors: what the two grids of each respect changed, as a whole.
-
-    Empty where it takes too many steps.
-    """
-    solutions = {id(each): each for pair in grids.values() for each in pair}
-    found = {}
-    for key, each in solutions.items():
-        values = find(each)
-        if values is None:
-            return {}, {}
-        found[key] = values
-    changes = [
-        {name: found[id(last)][name] - value for name, value in found[id(first)].items()}
-        for first, last in grids.values()
-    ]
-    start = found[id(grids["nodes"][0])]
-    return (
-        {name: value + sum(each[name] for each in changes) for name, value in start.items()},
-        {name: sum(abs(each[name]) for each in changes) for name in start},
-    )
+    before, last = (each.means for each in solutions[-2:])
+    return worst(last, {name: abs(last[name] - before[name]) for name in JUDGED})
 
 
 def corrected(grids: Grids) -> tuple[Numbers, dict[str, Numbers]]:
@@ -75,43 +52,43 @@ def corrected(grids: Grids) -> tuple[Numbers, dict[str, Numbers]]:
     doubted = STATED_ERROR | {"steps": left * STATED_ERROR["steps"]}
     if grids["nodes"][-1].unresolved:
         doubted["nodes"] = UNRESOLVED
-    taken = {"steps": CORRECTION_TAKEN * left}
-    means = _combined(grids, taken)
-    errors = {}
-    for respect, doubt in doubted.items():
-        less = _combined(grids, taken | {respect: taken.get(respect, 0.0) - doubt})
-        errors[respect] = {name: abs(mean - less[name]) for name, mean in means.items()}
-    return means, errors
+    means = {respect: [each.means for each in grids[respect]] for respect in grids}
+    found, errors = _summed(means, doubted, {"steps": CORRECTION_TAKEN * left})
+    found["power_conversion_efficiency"] = found["mean_power"] / found["power_in"]
+    return found, errors
 
 
-def _combined(grids, further):
-    """Means with all that finer grids changed, and further shares of each respect's last change."""
-    totals = dict(grids["nodes"][0].totals)
-    for respect, solutions in grids.items():
-        first, before, last = (solutions[k].totals for k in (0, max(len(solutions) - 2, 0), -1))
-        for name in totals:
-            change = last[name] - first[name]
-            totals[name] += change + further.get(respect, 0.0) * (last[name] - before[name])
-    return means_of(totals)
+def compared(grids: Grids, find: Callable[[Solution], Numbers]) -> tuple[Numbers, Numbers]:
+    """What `find` gives, and its errors: what the two grids of each respect changed, as a whole.
+
+    Empty where it takes too many steps.
+    """
+    known = {each: find(each) for pair in grids.values() for each in pair}
+    if not all(known.values()):
+        return {}, {}
+    values = {respect: [known[each] for each in pair] for respect, pair in grids.items()}
+    found, errors = _summed(values, dict.fromkeys(grids, 1.0))
+    return found, {name: sum(each[name] for each in errors.values()) for name in found}
 
 
-def means_of(totals: Numbers) -> Numbers:
-    """The totals, and what the power that comes in turns to."""
-    means = dict(totals)
-    power_in = means.pop("power_in")
-    power = means["mean_power"]
-    loss = power_in - power - means["mean_transducer_loss"]
-    return means | {
-        "mechanical_loss": loss,
-        "power_conversion_efficiency": power / power_in,
-    }
+def _summed(values, doubted, taken=None):
+    """Numbers with all that finer grids changed, a further share of each respect's last change
+    taken, and another share doubted."""
+    found, errors = dict(values["nodes"][0]), {}
+    for respect, numbers in values.items():
+        first, before, last = numbers[0], numbers[max(len(numbers) - 2, 0)], numbers[-1]
+        errors[respect] = {}
+        for name in found:
+            change = last[name] - before[name]
+            found[name] += last[name] - first[name] + (taken or {}).get(respect, 0.0) * change
+            errors[respect][name] = doubted[respect] * abs(change)
+    return found, errors
 
 
-def worst(means: Numbers, error: Numbers, judged: Sequence[str] = JUDGED) -> tuple[str, float]:
-    """The judged mean with the largest error as a share of it, in words, and that share."""
-    scale = {name: abs(means[name]) or np.inf for name in judged}
-    if (efficiency := "power_conversion_efficiency") in scale and error[efficiency] > FEW_POINTS:
+def worst(means: Numbers, error: Numbers) -> tuple[str, float]:
+    """The judged mean with the largest error as a share of it, and that share."""
+    scale = {name: abs(means[name]) or np.inf for name in JUDGED}
+    if error[efficiency := "power_conversion_efficiency"] > FEW_POINTS:
         scale[efficiency] = min(scale[efficiency], HIGH_EFFICIENCY)
-    excess = {name: error[name] / scale[name] for name in judged}
-    name = max(excess, key=excess.__getitem__)
-    return name, excess[name]
+    name = max(JUDGED, key=lambda name: error[name] / scale[name])
+    return name, error[name] / scale[name]
