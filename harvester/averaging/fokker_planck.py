@@ -5,7 +5,7 @@ The Fokker–Planck equation of Eq. 4 with Z = X − V, Z' = λ(X − Z), is car
 density: (1 − P) p = 0 (`solution`). It starts from a Gibbs density on a coarse grid, which tells
 how far the grid must reach and how fine it must be (`region`). What the first grid for the answer
 leaves undone is told by grids that are finer in time, in X and X' or in Z, each corrected from the
-one before, until it is less than the tolerance (`grid_errors`).
+one before, until it is less than the tolerance.
 
 Nothing is assumed of the device's symmetry, of the noise's memory, of the contacts' damping or of
 the load's rate. Where hardly any motion leaves its well, the grid holds one alone (`wells`).
@@ -19,8 +19,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from harvester.averaging.averages import Averages
-from harvester.averaging.grid_errors import changed, compared, corrected, worst
-from harvester.averaging.region import Level, Region
+from harvester.averaging.region import NODE_REFINEMENT, Level, Region
 from harvester.averaging.solution import Solution, Task, period
 from harvester.averaging.wells import (
     HELD_BACK,
@@ -56,6 +55,21 @@ SLOWEST_DECAY = 2e-3  # λ, in units of the period, below which it takes too man
 LINE_TOLERANCE_SHARE = 0.3  # share of the tolerance left to means from which a line is drawn
 CONTINUED_WORK = 2.0  # of the usual work, for a tolerance so much smaller
 UNTOLD_FACTOR = 2.0  # factor in E[X'²] that the first grid of all may leave in doubt
+# Share of Richardson's correction for the step that is made: where steps are long, errors are of
+# higher order than the second. Share of it, and of the last change by nodes, stated as error.
+CORRECTION_TAKEN, STATED_ERROR = 0.6, {"steps": 0.7, "nodes": 0.75, "charges": 0.75}
+# Doubt in nodes between which a contact goes and comes back: of first order.
+UNRESOLVED = 1.0 / (NODE_REFINEMENT - 1.0)
+JUDGED = (
+    "mean_square_voltage",
+    "power_conversion_efficiency",
+    "mean_square_velocity",
+    "mean_square_displacement",
+)
+# An efficiency's error beyond the second is judged as a share of the first at most: where 1 % of a
+# high one would be more, 0.3 points are asked for.
+HIGH_EFFICIENCY, FEW_POINTS = 0.3, 3e-3
+
 # Arrays are small: threads of BLAS double the processor time and take nothing off the clock's.
 ONE_THREAD = {"limits": 1, "user_api": "blas"}
 
@@ -156,11 +170,11 @@ def _slow_decay(device, slowest, tolerance):
     added = {name: share * (near[name] - far[name]) for name in near if name in far}
     means = {name: near[name] + more for name, more in added.items()}
     error = {name: error[name] + abs(more) for name, more in added.items()}
-    name, excess = worst(means, error)
+    name, excess = _worst(means, error)
     if excess > tolerance:
         raise AveragingError(
             f"decay_rate={rate:g}: from {slowest:.3g} /s, the slowest that fokker_planck takes by "
-            f"itself, {_words(name)} is continued by {excess:.2g} of itself, more than "
+            f"itself, {name.replace('_', ' ')} is continued by {excess:.2g} of itself, more than "
             f"the tolerance of {tolerance:g}: jumps between the wells are as slow; simulate"
         )
     return _answer((grids, means, error))
@@ -175,7 +189,7 @@ def _refined(task, share=1.0):
     nodes = [_first(task, tolerance)]
     grids = {"nodes": nodes}
     _refine(grids, "nodes")
-    while (known := changed(nodes))[1] > tolerance:
+    while (known := _changed(nodes))[1] > tolerance:
         _refine(grids, "nodes", known)
     # What the nodes leave undone would pass for an error of the step.
     enough = -2 if known[1] < SPARSE_GRID_CHANGE * tolerance else -1
@@ -186,12 +200,12 @@ def _refined(task, share=1.0):
     if crossings < rate < SLOW_CHARGE / period(task.device):
         _refine(grids, "charges")
     while True:
-        means, errors = corrected(grids)
+        means, errors = _corrected(grids)
         error = {
             name: sum(each[name] for each in errors.values()) + UNSEEN_ERROR * tolerance * abs(mean)
             for name, mean in means.items()
         }
-        known = name, excess = worst(means, error)
+        known = name, excess = _worst(means, error)
         if excess <= tolerance:
             return grids, means, error
         _refine(grids, max(errors, key=lambda respect: errors[respect][name]), known)
@@ -217,8 +231,9 @@ def _refine(grids, respect, known=None):
     except AveragingError as refusal:
         if known is None:
             raise
+        name, share = known
         raise AveragingError(
-            f"{_words(known[0])} is known to {known[1]:.2g} of itself, not to the tolerance of "
+            f"{name.replace('_', ' ')} is known to {share:.2g} of itself, not to the tolerance of "
             f"{last.level.tolerance:g}, on as fine a grid as is tried: raise it, or simulate"
         ) from refusal
 
@@ -249,17 +264,76 @@ def _found(task):
     raise AveragingError("the range of the motion was not found: simulate")
 
 
+def _changed(solutions):
+    """The judged mean that changes most from the last grid but one to the last, and its share."""
+    before, last = (each.means for each in solutions[-2:])
+    return _worst(last, {name: abs(last[name] - before[name]) for name in JUDGED})
+
+
+def _corrected(grids):
+    """Means without the errors that grids tell, and what of these is in doubt, by respect.
+
+    The errors of steps and nodes add up, so that each is known from grids that differ in it alone:
+    the step's is of second order or higher and most of it taken off; that of nodes vanishes faster.
+    """
+    sooner, soonest = grids["steps"][-2:]
+    left = 1.0 / ((soonest.steps / sooner.steps) ** 2 - 1.0)
+    doubted = STATED_ERROR | {"steps": left * STATED_ERROR["steps"]}
+    if grids["nodes"][-1].unresolved:
+        doubted["nodes"] = UNRESOLVED
+    values = {respect: [each.means for each in solutions] for respect, solutions in grids.items()}
+    means, errors = _summed(values, {"steps": CORRECTION_TAKEN * left}, doubted)
+    means["power_conversion_efficiency"] = means["mean_power"] / means.pop("power_in")
+    return means, errors
+
+
+def _compared(grids, find):
+    """What `find` gives, and its errors: what the two grids of each respect changed, as a whole.
+
+    Empty where it takes too many steps.
+    """
+    found = {each: find(each) for pair in grids.values() for each in pair}
+    if not all(found.values()):
+        return {}, {}
+    values = {respect: [found[each] for each in pair] for respect, pair in grids.items()}
+    rates, errors = _summed(values, {}, dict.fromkeys(grids, 1.0))
+    return rates, {name: sum(each[name] for each in errors.values()) for name in rates}
+
+
+def _summed(values, taken, doubted):
+    """Those of the first grid with all that finer ones changed, and shares of the last changes.
+
+    Of the last change of each respect one share is taken as well, and one is its error.
+    """
+    means, errors = dict(values["nodes"][0]), {}
+    for respect, grids in values.items():
+        first, before, last = grids[0], grids[max(len(grids) - 2, 0)], grids[-1]
+        change = {name: last[name] - before[name] for name in means}
+        for name in means:
+            means[name] += last[name] - first[name] + taken.get(respect, 0.0) * change[name]
+        errors[respect] = {name: doubted[respect] * abs(each) for name, each in change.items()}
+    return means, errors
+
+
+def _worst(means, error):
+    """The judged mean with the largest error as a share of it, and that share."""
+    scale = {name: abs(means[name]) or np.inf for name in JUDGED}
+    if error[efficiency := "power_conversion_efficiency"] > FEW_POINTS:
+        scale[efficiency] = min(scale[efficiency], HIGH_EFFICIENCY)
+    name = max(JUDGED, key=lambda name: error[name] / scale[name])
+    return name, error[name] / scale[name]
+
+
 def _answer(refined, memory=False):
     """The means, with what several wells have in common."""
     grids, means, error = refined
-    del means["power_in"]
     fields = Averages.__dataclass_fields__
     own = {name: means.pop(name) for name in list(means) if name not in fields}
     if "well_crossing_rate" in own and memory:
         ends = {respect: (each[0], each[-1]) for respect, each in grids.items()}
         ends["nodes"] = grids["nodes"][-2:]
         for find in (slowest_decay_rate, rates_of_jumps):
-            rates, doubts = compared(ends, find)
+            rates, doubts = _compared(ends, find)
             own, error = own | rates, error | doubts
     return Averages(
         "fokker_planck",
@@ -268,7 +342,3 @@ def _answer(refined, memory=False):
         density=grids["steps"][-1].density,
         between_wells=own,
     )
-
-
-def _words(name):
-    return name.replace("_", " ")

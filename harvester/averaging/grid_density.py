@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline, RectBivariateSpline
 from scipy.ndimage import convolve1d
 
 from harvester.averaging.flow import lagrange
-from harvester.averaging.propagator import mirrored
+from harvester.averaging.propagator import whole
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -49,9 +49,8 @@ class GridDensity:
 
     def __init__(self, transducer: Any, grid: Grid, state: np.ndarray, paired: bool) -> None:
         self.x, self.v, self.paired = grid.x, grid.v, paired
-        mass = state[:, :, 0]
-        if grid.mirrored:
-            mass = 0.5 * np.concatenate([mirrored(state)[:, :, 0], mass], axis=1)
+        mass = whole(state, grid)[:, :, 0]
+        mass = mass / mass.sum()
         step_x, step_v = self.x[1] - self.x[0], self.v[1] - self.v[0]
         self.values = mass.sum(axis=1) / (step_x * step_v)
         self._joint = RectBivariateSpline(self.x, self.v, self.values)

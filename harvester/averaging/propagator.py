@@ -129,8 +129,7 @@ class Propagator:
 
     def _slow(self, state, drift, noise):
         state = state.astype(drift.dtype, copy=False)
-        if self.grid.mirrored:
-            state = np.concatenate([self._parity * mirrored(state), state], axis=1)
+        state = whole(state, self.grid, self._parity)
         rows, layers, modes, columns = state.shape
         state = drift @ state.reshape(rows, layers, modes * columns)
         waves = rfft(state.reshape(self.grid.shape))
@@ -150,12 +149,19 @@ def mirrored(state: np.ndarray) -> np.ndarray:
     return (state * signs[:, None].astype(state.dtype))[::-1, ::-1, :, ::-1]
 
 
+def whole(state: np.ndarray, grid: Grid, parity: float = 1.0) -> np.ndarray:
+    """The state at all nodes of Z, also those that are not kept."""
+    if not grid.mirrored:
+        return state
+    return np.concatenate([parity * mirrored(state), state], axis=1)
+
+
 def _drift(device, grid, time):
     """Matrices (X, kept Z, all Z) of Z' = λ(X − Z) over this time."""
     # V' = X' − λV, and so Z' = λ(X − Z).
     rate = -state_rate(device.transducer, 0.0, 1.0)
     ends = grid.x[:, None] + (grid.z - grid.x[:, None]) * np.exp(-rate * time)
-    shares = lagrange(ends, grid.z)[:, :, len(grid.z) - len(grid.kept) :]
+    shares = lagrange(ends, grid.z)[:, :, -len(grid.kept) :]
     return np.ascontiguousarray(np.swapaxes(shares, 1, 2))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -112,16 +112,14 @@ class Region(NamedTuple):
         cls, device: System, well: float | None = None, speed: float | None = None
     ) -> Region:
         """About a Gibbs density, its rms speed by default that of small oscillations."""
-        frequency = timescales.angular_frequency(device)
-        if well is not None:
-            frequency = timescales.well_frequency(device, well)
+        wells = timescales.wells(device) if well is None else (well,)
+        frequency = max(timescales.well_frequency(device, x) for x in wells)
         if speed is None:
             speed = np.sqrt(timescales.driven_square_velocity(device, frequency))
         if not 0.0 < speed < np.inf:
             raise AveragingError("nothing damps the motion: there is no stationary density")
-        width, wells = speed / frequency, timescales.wells(device)
-        mean = 0.5 * (wells[0] + wells[-1]) if well is None else well
-        return cls.of_speed(device, GIBBS_REACH * speed, (width, speed, width), mean, well)
+        cores, mean = (speed / frequency, speed, speed / frequency), 0.5 * (wells[0] + wells[-1])
+        return cls.of_speed(device, GIBBS_REACH * speed, cores, mean, well)
 
     @classmethod
     def fitted(cls, device: System, solution: Solution) -> Region:
@@ -174,31 +172,27 @@ class Region(NamedTuple):
         well: float | None,
     ) -> Region:
         """The range in X that motion of this greatest speed has."""
-        wells = timescales.wells(device)
-        places = (wells[-1], wells[0]) if well is None else (well, well)
-        deepest = min(float(potential(device, x)) for x in (wells if well is None else places))
-        if well is None:
-            tops: Any = [float(potential(device, x)) - deepest for x in timescales.saddles(device)]
-            speed = max(speed, np.sqrt(2.0 * EDGE_ENERGY_IN_BARRIERS * max(tops, default=0.0)))
+        wells = timescales.wells(device) if well is None else (well,)
+        deepest = min(float(potential(device, x)) for x in wells)
+        for saddle in timescales.saddles(device) if well is None else ():
+            height = float(potential(device, saddle)) - deepest
+            speed = max(speed, np.sqrt(2.0 * EDGE_ENERGY_IN_BARRIERS * height))
         left, right = (
             _turning(device, at, side, 0.5 * speed**2 + deepest)
-            for at, side in zip(places, (-1.0, 1.0), strict=True)
+            for at, side in ((wells[-1], -1.0), (wells[0], 1.0))
         )
         spare = (REGION_MARGIN - 1.0) * 0.5 * (right - left)
         return cls(left - spare, right + spare, REGION_MARGIN * speed, *cores, mean, well)
 
-    def mirrored(self, device: System) -> bool:
-        """Whether half of it tells the other."""
-        return self.well is None and device.symmetric and device.transducer.decay_rate() > 0.0
-
     def grid(self, device: System, level: Level, step: float) -> Grid:
-        """Its nodes on a level."""
-        mirrored = self.mirrored(device)
+        """Its nodes on a level; where half of them tells the others, these alone."""
+        follows = device.transducer.decay_rate() > 0.0
+        mirrored = self.well is None and device.symmetric and follows
         noise = device.noise.correlation_time
         return Grid(
             x=_nodes(self.left, self.right, self.core, level.fine, level.most),
             v=_nodes(-self.speed, self.speed, self.core_speed, level.fine_speed, level.most),
-            z=self._charges(device, level.nodes, mirrored, step),
+            z=self._charges(device, level.nodes, mirrored, step) if follows else np.zeros(1),
             mirrored=mirrored,
             modes=level.modes if noise > WHITE_MEMORY * step else 1,
             step=step,
@@ -224,8 +218,6 @@ class Region(NamedTuple):
 
     def _charges(self, device, nodes, mirrored, step):
         """Nodes of Z: as wide as keeps what a step shares beyond the last of them bounded."""
-        if device.transducer.decay_rate() == 0.0:
-            return np.zeros(1)
         centre, reach = self._charge(device)
         displaced = min(self.displaced(device), GREATEST_DISPLACEMENT)
         nodes = (nodes + int(np.ceil(NODES_PER_WIDTH * displaced))) * (2 if mirrored else 1)

@@ -9,7 +9,7 @@ from scipy.interpolate import make_interp_spline
 
 from harvester.averaging.flow import lagrange
 from harvester.averaging.grid_density import GridDensity
-from harvester.averaging.propagator import Propagator, mirrored
+from harvester.averaging.propagator import Propagator, whole
 from harvester.averaging.stationary import Inverse
 from harvester.averaging.wells import between_wells, unlike_wells
 from harvester.device import system as systems
@@ -103,21 +103,26 @@ class Solution:
                 "simulate"
             )
         self._coarser = coarser if coarser and coarser.region == region else None
-        self._inverse = Inverse(self._change, self._nearly_undone if self._coarser else None)
+        self._inverse = Inverse(
+            lambda state: state - self._later(state), self._nearly_undone if self._coarser else None
+        )
         self.exact = Propagator(device, grid)
         self.propagator = self.exact.single()
-        start = _gibbs(device, region, grid) if coarser is None else coarser.on(grid)
         jumps, self._wells = np.inf, np.ones((1, grid.x.size))
-        # At which jumps move the mass between wells that are not alike, in a period.
-        if coarser is not None and "share_of_time_in_well_1" in coarser.means:
-            jumps = time * coarser.means.get("well_crossing_rate", np.inf)
+        if coarser is None:
+            start = _gibbs(device, region, grid)
+        else:
+            start = moved(coarser.state, coarser.grid, grid)
+            # Those in a period between wells that are not alike.
+            if "share_of_time_in_well_1" in coarser.means:
+                jumps = time * coarser.means.get("well_crossing_rate", np.inf)
         if jumps < RARE_JUMPS:
             wells = unlike_wells(device, grid)
             self._wells = wells[wells @ start[:, :, 0].sum(axis=(1, 2)) > LEAST_SHARE_OF_WELL]
         # Of what a slow part leaves undone, only so small a share of the density changes at a time.
         slow = min(1.0, jumps, (device.transducer.decay_rate() or np.inf) * time)
         share = max(RESIDUAL_OVER_TOLERANCE * level.tolerance * slow, LEAST_RESIDUAL)
-        self.state = self._settled(start, share)
+        self.state: np.ndarray = self._settled(start, share)
         self.before_flow = self.propagator.before_flow(self.state)
         paired = region.well is not None and device.symmetric
         self.density = GridDensity(task.transducer, grid, self.state, paired)
@@ -133,10 +138,6 @@ class Solution:
     def refined(self, respect: str) -> Solution:
         """On the next finer grid: of more "steps", "nodes" or "charges"."""
         return Solution(self.task, self.region, self.level.more(respect), self)
-
-    def on(self, grid: Grid) -> np.ndarray:
-        """Its state on the nodes of another grid."""
-        return moved(self.state, self.grid, grid)
 
     def _settled(self, start, share):
         """The stationary state, from one that is near it; a period changes so small a share."""
@@ -162,10 +163,6 @@ class Solution:
         """The state a period later."""
         self.task.take(self.cost)
         return self.propagator.repeated(state, self.steps)
-
-    def _change(self, state):
-        """What a period takes off a state."""
-        return state - self._later(state)
 
     def _nearly_undone(self, rest):
         """The same but for what changes from node to node, by the coarser grid's slow states."""
@@ -220,11 +217,8 @@ def _hurry(device, time):
 
 def moved(state: np.ndarray, old: Grid, new: Grid) -> np.ndarray:
     """A state on the nodes of another grid: its moments of Z kept, its density in X and X'."""
-    if len(new.z) > 1:
-        if old.mirrored:
-            state = np.concatenate([mirrored(state), state], axis=1)
-        across = lagrange(np.clip(old.z, new.z[0], new.z[-1]), new.z)
-        state = np.einsum("ji,xjmv->ximv", across[:, len(new.z) - len(new.kept) :], state)
+    across = lagrange(np.clip(old.z, new.z[0], new.z[-1]), new.z)[:, -len(new.kept) :]
+    state = np.einsum("ji,xjmv->ximv", across, whole(state, old))
     modes = min(old.modes, new.modes)
     along_v = state[:, :, :modes] @ _interpolation(old.v, new.v).T
     answer = np.zeros(new.shape)
@@ -249,8 +243,6 @@ def _gibbs(device, region, grid):
     density = np.exp((energy.min() - energy) / region.core_speed**2)
     width = 0.25 * np.ptp(grid.z) or 1.0
     charges = np.exp(-(((grid.kept[None, :] - nearest[:, None]) / width) ** 2))
-    if grid.kept.size == 1:
-        charges[:] = 1.0
     state = np.zeros(grid.shape)
     state[:, :, 0] = charges[:, :, None] * density[:, None, :]
     return state / state[:, :, 0].sum()
