@@ -10,7 +10,6 @@ class Averages:
 
     Attributes
     ----------
-    closure : str
     mean_square_voltage : float
         E[V²] (Eq. 28).
     mean_power : float
@@ -37,7 +36,6 @@ class Averages:
         `share_of_time_in_well_1` and so on from the left.
     """
 
-    closure: str
     mean_square_voltage: float
     mean_power: float
     mechanical_loss: float

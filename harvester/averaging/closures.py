@@ -83,8 +83,15 @@ def average(
     means, _ = _solve(closure, spans, COARSE_LEVELS, COARSE_NODES)
     fine, density = _solve(closure, spans, LEVELS, NODES)
     error = {name: abs(fine[name] - means[name]) for name in fine}
-    _check_resolved(fine, error, tolerance)
-    return Averages(closure=closure, **fine, numerical_error=error, density=density)
+    for name, mean in fine.items():
+        # The share in wells may be too small to matter.
+        if name != "share_in_wells" and not error[name] <= tolerance * abs(mean):
+            raise AveragingError(
+                f"{name.replace('_', ' ')} changes from one grid to a finer one by "
+                f"{error[name]:.2g} of {mean:.3g}, more than {tolerance:g} of itself: "
+                "use softer stoppers, or simulate"
+            )
+    return Averages(**fine, numerical_error=error, density=density)
 
 
 def _check(s):
@@ -128,17 +135,6 @@ def _check(s):
             f"linear_stiffness={linear:g}; averaging needs coupling below "
             f"{-linear:g}: use the closure fokker_planck"
         )
-
-
-def _check_resolved(means, error, tolerance):
-    """Refuse what a finer grid changes; the share in wells may be too small to matter."""
-    for name, mean in means.items():
-        if name != "share_in_wells" and not error[name] <= tolerance * abs(mean):
-            raise AveragingError(
-                f"{name.replace('_', ' ')} changes from one grid to a finer one by "
-                f"{error[name]:.2g} of {mean:.3g}, more than {tolerance:g} of itself: "
-                "use softer stoppers, or simulate"
-            )
 
 
 def _solve(closure, spans, levels, nodes):

@@ -221,13 +221,14 @@ def _first(task, tolerance):
 
 
 def _refine(grids, respect, known=None):
-    """One more solution, on a grid finer in time or in space than the last of its kind.
+    """One more solution, on a grid with more "steps", "nodes" or "charges" than the last of these.
 
     `known` is a mean, and the share of it to which it is known so far.
     """
     last = grids[respect][-1]
     try:
-        grids[respect].append(last.refined(respect))
+        level = last.level.more(respect)
+        grids[respect].append(Solution(last.task, last.region, level, last))
     except AveragingError as refusal:
         if known is None:
             raise
@@ -292,7 +293,7 @@ def _compared(grids, find):
 
     Empty where it takes too many steps.
     """
-    found = {each: find(each) for pair in grids.values() for each in pair}
+    found = {each: find(each) for each in set().union(*grids.values())}
     if not all(found.values()):
         return {}, {}
     values = {respect: [found[each] for each in pair] for respect, pair in grids.items()}
@@ -336,7 +337,6 @@ def _answer(refined, memory=False):
             rates, doubts = _compared(ends, find)
             own, error = own | rates, error | doubts
     return Averages(
-        "fokker_planck",
         **means,
         numerical_error=error,
         density=grids["steps"][-1].density,

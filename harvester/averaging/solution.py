@@ -135,10 +135,6 @@ class Solution:
         apart = self.grid.x[1] - self.grid.x[0]
         return any(each.law.greatest_depth(energy) < apart for each in self.task.device.contacts)
 
-    def refined(self, respect: str) -> Solution:
-        """On the next finer grid: of more "steps", "nodes" or "charges"."""
-        return Solution(self.task, self.region, self.level.more(respect), self)
-
     def _settled(self, start, share):
         """The stationary state, from one that is near it; a period changes so small a share."""
         # What a new grid makes of its start at once is no part of what is sought.

@@ -189,8 +189,6 @@ def _last_in_cores(propagator, cores, weights, guess, solution):
     )
     right = later(np.zeros(p.shape), source).ravel()
     vectors = int(min(MOST_VECTORS, MOST_WORK / solution.cost))
-    if vectors == 0:
-        return None
     found, failed = gmres(operator, right, start.ravel(), rtol=REACHED, restart=vectors, maxiter=1)
     return None if failed else found.reshape(p.shape)
 
