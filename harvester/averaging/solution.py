@@ -78,8 +78,8 @@ class Solution:
     grid : harvester.averaging.propagator.Grid
     steps, cost : int
         Of a period, and its work.
-    exact, propagator : Propagator
-        In double and in single precision.
+    propagator : Propagator
+        In single precision.
     state, before_flow : ndarray
         Mass at each node, where a step is symmetric in time and before the flow.
     means : dict of str to float
@@ -106,8 +106,8 @@ class Solution:
         self._inverse = Inverse(
             lambda state: state - self._later(state), self._nearly_undone if self._coarser else None
         )
-        self.exact = Propagator(device, grid)
-        self.propagator = self.exact.single()
+        exact = Propagator(device, grid)
+        self.propagator = exact.single()
         jumps, self._wells = np.inf, np.ones((1, grid.x.size))
         if coarser is None:
             start = _gibbs(device, region, grid)
@@ -122,7 +122,7 @@ class Solution:
         # Of what a slow part leaves undone, only so small a share of the density changes at a time.
         slow = min(1.0, jumps, (device.transducer.decay_rate() or np.inf) * time)
         share = max(RESIDUAL_OVER_TOLERANCE * level.tolerance * slow, LEAST_RESIDUAL)
-        self.state: np.ndarray = self._settled(start, share)
+        self.state: np.ndarray = self._settled(start, share, exact)
         self.before_flow = self.propagator.before_flow(self.state)
         paired = region.well is not None and device.symmetric
         self.density = GridDensity(task.transducer, grid, self.state, paired)
@@ -135,7 +135,7 @@ class Solution:
         apart = self.grid.x[1] - self.grid.x[0]
         return any(each.law.greatest_depth(energy) < apart for each in self.task.device.contacts)
 
-    def _settled(self, start, share):
+    def _settled(self, start, share, exact):
         """The stationary state, from one that is near it; a period changes so small a share."""
         # What a new grid makes of its start at once is no part of what is sought.
         state = self._later(start).astype(float)
@@ -144,7 +144,7 @@ class Solution:
         # What jumps move is slow against all else: many other directions would not tell it.
         for alone in self._of_wells(state)[1:]:
             self._inverse.extend(alone - state)
-        teller = self.exact if share < LEAST_SINGLE_SHARE else self.propagator
+        teller = exact if share < LEAST_SINGLE_SHARE else self.propagator
         size = enough = np.inf
         while enough > self._allowed:
             self.task.take(self.cost)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, gmres
 
+from harvester.averaging.propagator import Propagator
 from harvester.device import timescales
 from harvester.device.cores import core_energies, jump_rates
 from harvester.device.system import loss_power, potential
@@ -62,7 +63,9 @@ def slowest_decay_rate(solution: Solution) -> dict[str, float]:
     k12 + k21. On a mirrored grid this is an odd state. Empty where it takes too many steps.
     """
     grid, steps = solution.grid, solution.steps
-    propagator = solution.exact.odd() if grid.mirrored else solution.exact
+    propagator = Propagator(solution.task.device, grid)
+    if grid.mirrored:
+        propagator = propagator.odd()
     start = solution.before_flow * grid.x[:, None, None, None]
     operator = LinearOperator(
         (start.size, start.size),
@@ -101,9 +104,9 @@ def rates_of_jumps(solution: Solution) -> dict[str, float]:
     cores = _shares_in_cores(device, grid)
     sides = _well_at(device, grid.x) == np.arange(len(cores))[:, None]
     combinations, odd = _combinations(len(cores), grid.mirrored)
-    held, moved = [], []
+    exact, held, moved = Propagator(device, grid), [], []
     for weights, is_odd in zip(combinations, odd, strict=True):
-        propagator = solution.exact.odd() if is_odd else solution.exact
+        propagator = exact.odd() if is_odd else exact
         found = _last_in_cores(propagator, cores, weights, weights @ sides, solution)
         if found is None:
             return {}
