@@ -5,6 +5,10 @@ steps, so that a short contact costs only the paths that touch. The mass that ar
 is given to six by six of them, such that its moments up to the fifth arrive as they are.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from llvmlite import ir
 from scipy.integrate import RK45
@@ -12,6 +16,10 @@ from scipy.integrate import RK45
 from harvester.compilation import compiled, inlined, intrinsic, summing, types
 from harvester.device import system
 from harvester.errors import AveragingError
+
+if TYPE_CHECKING:
+    from harvester.averaging.propagator import Grid
+    from harvester.device.system import System
 
 NEIGHBOURS = 6
 LANES = 8  # nodes of X' in a row that take their shares together, some of them none
@@ -22,8 +30,8 @@ SAFETY, SHRINK, GROWTH = 0.9, 0.2, 5.0
 STAGES, OFF = np.vstack([np.pad(RK45.A, ((0, 0), (0, 1))), RK45.B]), RK45.E
 
 
-def shared_ends(device, grid):
-    """Where each node is after a step, as `share` takes it: for X and X' the first node and shares.
+def shared_ends(device: System, grid: Grid) -> tuple[np.ndarray, ...]:
+    """Where each node is after a step, as `shared` takes it: nodes about its end, and shares.
 
     Parameters
     ----------
@@ -47,6 +55,13 @@ def shared_ends(device, grid):
             "them, or simulate"
         )
     return *_neighbours(ends[0], grid.x, NEIGHBOURS), *_neighbours(ends[1], grid.v, LANES)
+
+
+def shared(state: np.ndarray, ends: tuple[np.ndarray, ...]) -> np.ndarray:
+    """The state one step later, each node's mass shared about its end."""
+    moved = np.zeros_like(state)
+    _share(np.ascontiguousarray(state), *ends, moved)
+    return moved
 
 
 @inlined
@@ -109,7 +124,7 @@ def _neighbours(places, nodes, width):
 
 
 @compiled
-def lagrange(places, nodes):
+def lagrange(places: np.ndarray, nodes: np.ndarray) -> np.ndarray:
     """Lagrange's weights, by which a mass at each place is shared among all nodes: (..., nodes)."""
     weights = np.ones((places.size, nodes.size))
     for n, place in enumerate(places.flat):
@@ -149,7 +164,7 @@ def _add_multiple(typingctx, target, here, factor, source, there):
 
 
 @summing
-def share(state, first_x, by_x, first_v, by_v, moved):
+def _share(state, first_x, by_x, first_v, by_v, moved):
     """Add to `moved` what each node's mass becomes, one layer after the other: it stays at hand."""
     rows, layers, modes, columns = state.shape
     # Flat arrays and unsigned numbers: no index is then checked for being negative.

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.fft import irfft, rfft
 from scipy.special import factorial
 
-from harvester.averaging.flow import lagrange, share, shared_ends
+from harvester.averaging.flow import lagrange, shared, shared_ends
 from harvester.compilation import summing
 from harvester.device.system import elastic_force, state_rate
 
@@ -83,7 +83,7 @@ class Propagator:
 
     def __init__(self, device, grid):
         self.grid, self._parity = grid, 1.0
-        self._flow = shared_ends(device, grid)
+        self._ends = shared_ends(device, grid)
         self._whole, self._half = (
             (_drift(device, grid, part * grid.step), _noise(device, grid, part))
             for part in (1.0, 0.5)
@@ -92,7 +92,7 @@ class Propagator:
     def single(self) -> Propagator:
         """The same in single precision."""
         other = copy(self)
-        for name in ("_flow", "_whole", "_half"):
+        for name in ("_ends", "_whole", "_half"):
             setattr(other, name, tuple(_single(each) for each in getattr(self, name)))
         return other
 
@@ -108,9 +108,7 @@ class Propagator:
 
     def flowed(self, state: np.ndarray) -> np.ndarray:
         """The state one step later, load and noise left out."""
-        moved = np.zeros_like(state)
-        share(np.ascontiguousarray(state), *self._flow, moved)
-        return moved
+        return shared(state, self._ends)
 
     def pushed(self, state: np.ndarray) -> np.ndarray:
         """The state once load and noise have moved it for a step, the flow left out."""
