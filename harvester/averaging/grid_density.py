@@ -56,7 +56,6 @@ class GridDensity:
         self._joint = RectBivariateSpline(self.x, self.v, self.values)
         along_x, along_v = self.values.sum(axis=1) * step_v, self.values.sum(axis=0) * step_x
         if len(grid.z) == 1:
-            # The velocity's.
             voltage = transducer.voltage(self.v, 0.0)
             of_voltage = along_v * step_v / (voltage[1] - voltage[0])
         else:

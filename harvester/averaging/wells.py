@@ -1,4 +1,4 @@
-"""How often motion passes between wells, how long it stays, how fast it forgets: and which stays.
+"""How often motion passes between wells, how long it stays, and which well holds all of it.
 
 Where jumps are rare, no grid tells their rates, far below what nodes share wrongly, and none is
 needed: of two wells alike each holds half, and of others the one that motion leaves the least
