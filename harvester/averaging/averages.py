@@ -10,7 +10,6 @@ class Averages:
 
     Attributes
     ----------
-    closure : str
     mean_square_voltage : float
         E[V²] (Eq. 28).
     mean_power : float
@@ -29,8 +28,7 @@ class Averages:
     numerical_error : dict of str to float
         Of each mean above and of those of `between_wells`.
     density : Density or GridDensity
-        Densities of displacement, velocity and both; of the first of energy as well, of the second
-        of the terminal voltage.
+        Densities of displacement, velocity and both; of the second of the terminal voltage as well.
     between_wells : dict of str to float
         Of `fokker_planck` and several wells that motion joins: `well_crossing_rate`, if
         asked for `slowest_decay_rate` and the rates of jumps that
@@ -38,7 +36,6 @@ class Averages:
         `share_of_time_in_well_1` and so on from the left.
     """
 
-    closure: str
     mean_square_voltage: float
     mean_power: float
     mechanical_loss: float

@@ -9,9 +9,8 @@ from scipy.interpolate import CubicSpline
 
 from harvester.averaging.averages import Averages
 from harvester.averaging.density import Density, Layer
-from harvester.averaging.edges import edges
 from harvester.averaging.fokker_planck import fokker_planck
-from harvester.averaging.orbits import settled_orbits, stiffnesses
+from harvester.averaging.orbits import edges, settled_orbits, stiffnesses
 from harvester.device import timescales
 from harvester.device.damper import Damper
 from harvester.device.hertz import HERTZ_EXPONENT, HertzDamp
@@ -84,8 +83,15 @@ def average(
     means, _ = _solve(closure, spans, COARSE_LEVELS, COARSE_NODES)
     fine, density = _solve(closure, spans, LEVELS, NODES)
     error = {name: abs(fine[name] - means[name]) for name in fine}
-    _check_resolved(fine, error, tolerance)
-    return Averages(closure=closure, **fine, numerical_error=error, density=density)
+    for name, mean in fine.items():
+        # The share in wells may be too small to matter.
+        if name != "share_in_wells" and not error[name] <= tolerance * abs(mean):
+            raise AveragingError(
+                f"{name.replace('_', ' ')} changes from one grid to a finer one by "
+                f"{error[name]:.2g} of {mean:.3g}, more than {tolerance:g} of itself: "
+                "use softer stoppers, or simulate"
+            )
+    return Averages(**fine, numerical_error=error, density=density)
 
 
 def _check(s):
@@ -131,17 +137,6 @@ def _check(s):
         )
 
 
-def _check_resolved(means, error, tolerance):
-    """Refuse what a finer grid changes; the share in wells may be too small to matter."""
-    for name, mean in means.items():
-        if name != "share_in_wells" and not error[name] <= tolerance * abs(mean):
-            raise AveragingError(
-                f"{name.replace('_', ' ')} changes from one grid to a finer one by "
-                f"{error[name]:.2g} of {mean:.3g}, more than {tolerance:g} of itself: "
-                "use softer stoppers, or simulate"
-            )
-
-
 def _solve(closure, spans, levels, nodes):
     """Dictionary of means, and the densities."""
     families = [settled_orbits(e, np.linspace(a, b, levels), nodes) for e, a, b in spans]
@@ -168,18 +163,7 @@ def _solve(closure, spans, levels, nodes):
     if len(families) == 2:
         floor = 0.0 if overlap else np.exp(logarithms[-1][0])
         layers += [Layer(families[0], logarithms[0], floor=floor)]
-    energy = {
-        "wells" if orbits.edge.inside else "outer": _over_energy(orbits, weight / norm)
-        for orbits, weight in zip(families, weights, strict=True)
-    }
-    return {name: float(value) for name, value in total.items()}, Density(tuple(layers), energy)
-
-
-def _over_energy(orbits, density):
-    """H above the potential's minimum, and p(H) = gT of all quarters of the plane (Eq. 26)."""
-    height = orbits.height[0] + orbits.over_energy(1.0)
-    # Steps end near the saddle.
-    return np.maximum.accumulate(height), 4.0 * density * orbits.time
+    return {name: float(value) for name, value in total.items()}, Density(tuple(layers))
 
 
 def _logarithms(closure, families):

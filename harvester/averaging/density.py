@@ -89,19 +89,9 @@ def _quadrature(ends):
 
 @dataclass(frozen=True)
 class Density:
-    """Stationary probability densities; methods are vectorised.
+    """Stationary probability densities, the sum over some layers; methods are vectorised."""
 
-    Attributes
-    ----------
-    layers : tuple of Layer
-        The density is the sum of all.
-    energy : dict
-        Of each edge ("wells", both together, and "outer"; "outer" alone when monostable) the arrays
-        H, the energy of its orbits above its potential's minimum at X ≥ 0, and p(H).
-    """
-
-    layers: tuple
-    energy: dict
+    layers: tuple[Layer, ...]
 
     names = ("displacement", "velocity")
 

@@ -5,51 +5,63 @@ steps, so that a short contact costs only the paths that touch. The mass that ar
 is given to six by six of them, such that its moments up to the fifth arrive as they are.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from llvmlite import ir
+from scipy.integrate import RK45
 
 from harvester.compilation import compiled, inlined, intrinsic, summing, types
 from harvester.device import system
 from harvester.errors import AveragingError
+
+if TYPE_CHECKING:
+    from harvester.averaging.propagator import Grid
+    from harvester.device.system import System
 
 NEIGHBOURS = 6
 LANES = 8  # nodes of X' in a row that take their shares together, some of them none
 PATH_TOLERANCE = 1e-6  # of a step along a path, as a share of the greatest displacement and speed
 MOST_TRIALS = 250  # steps along a path, in the mean
 SAFETY, SHRINK, GROWTH = 0.9, 0.2, 5.0
+# Of Dormand and Prince: weights of the stages before each one, and in what order four has else.
+STAGES, OFF = np.vstack([np.pad(RK45.A, ((0, 0), (0, 1))), RK45.B]), RK45.E
 
 
-class Flow:
-    """Moves a state, the mass at each node, along the paths of its nodes.
+def shared_ends(device: System, grid: Grid) -> tuple[np.ndarray, ...]:
+    """Where each node is after a step, as `shared` takes it: nodes about its end, and shares.
 
     Parameters
     ----------
     device : harvester.device.system.System
     grid : harvester.averaging.propagator.Grid
-    precision : dtype
-        Of the mass and its shares: float32 or float64.
+
+    Returns
+    -------
+    tuple of ndarray
+        First nodes of X (X, kept Z, X') and shares (X, kept Z, X', nodes); the same of X'.
 
     Raises
     ------
     AveragingError
         A contact so short that its paths take too many steps.
     """
+    ends = [np.empty((len(grid.x), len(grid.kept), len(grid.v))) for _ in range(2)]
+    if not _ends(device, grid.x, grid.kept, grid.v, grid.step, *ends):
+        raise AveragingError(
+            "contacts or spring are too stiff for the steps that fokker_planck has: soften "
+            "them, or simulate"
+        )
+    return *_neighbours(ends[0], grid.x, NEIGHBOURS), *_neighbours(ends[1], grid.v, LANES)
 
-    def __init__(self, device, grid, precision):
-        ends = [np.empty((len(grid.x), len(grid.kept), len(grid.v))) for _ in range(2)]
-        if not _ends(device, grid.x, grid.kept, grid.v, grid.step, *ends):
-            raise AveragingError(
-                "contacts or spring are too stiff for the steps that fokker_planck has: soften "
-                "them, or simulate"
-            )
-        self._along_x = _sharing(ends[0], grid.x, NEIGHBOURS, precision)
-        self._along_v = _sharing(ends[1], grid.v, LANES, precision)
 
-    def __call__(self, state):
-        """The state one step later."""
-        moved = np.zeros_like(state)
-        _share(np.ascontiguousarray(state), *self._along_x, *self._along_v, moved)
-        return moved
+def shared(state: np.ndarray, ends: tuple[np.ndarray, ...]) -> np.ndarray:
+    """The state one step later, each node's mass shared about its end."""
+    moved = np.zeros_like(state)
+    _share(np.ascontiguousarray(state), *ends, moved)
+    return moved
 
 
 @inlined
@@ -57,88 +69,70 @@ def _acceleration(s, x, v, z):
     return system.push(s, x, v, x - z, 0.0) - system.contact_force(s, x, v, 0.0, x, x)
 
 
-@inlined
-def _trial(s, x, v, z, a1, h):
-    """X, X' and X'' after a step h of order five, and what order four has else."""
-    v2 = v + h * a1 / 5.0
-    a2 = _acceleration(s, x + h * v / 5.0, v2, z)
-    v3 = v + h * (3.0 * a1 + 9.0 * a2) / 40.0
-    a3 = _acceleration(s, x + h * (3.0 * v + 9.0 * v2) / 40.0, v3, z)
-    v4 = v + h * (44.0 / 45.0 * a1 - 56.0 / 15.0 * a2 + 32.0 / 9.0 * a3)
-    a4 = _acceleration(s, x + h * (44.0 / 45.0 * v - 56.0 / 15.0 * v2 + 32.0 / 9.0 * v3), v4, z)
-    p1, p2, p3, p4 = 19372.0 / 6561.0, -25360.0 / 2187.0, 64448.0 / 6561.0, -212.0 / 729.0
-    v5 = v + h * (p1 * a1 + p2 * a2 + p3 * a3 + p4 * a4)
-    a5 = _acceleration(s, x + h * (p1 * v + p2 * v2 + p3 * v3 + p4 * v4), v5, z)
-    q1, q2, q3, q4 = 9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0
-    q5 = -5103.0 / 18656.0
-    v6 = v + h * (q1 * a1 + q2 * a2 + q3 * a3 + q4 * a4 + q5 * a5)
-    a6 = _acceleration(s, x + h * (q1 * v + q2 * v2 + q3 * v3 + q4 * v4 + q5 * v5), v6, z)
-    r1, r3, r4, r5, r6 = 35.0 / 384.0, 500.0 / 1113.0, 125.0 / 192.0, -2187.0 / 6784.0, 11.0 / 84.0
-    x7 = x + h * (r1 * v + r3 * v3 + r4 * v4 + r5 * v5 + r6 * v6)
-    v7 = v + h * (r1 * a1 + r3 * a3 + r4 * a4 + r5 * a5 + r6 * a6)
-    a7 = _acceleration(s, x7, v7, z)
-    e1, e3, e4 = 71.0 / 57600.0, -71.0 / 16695.0, 71.0 / 1920.0
-    e5, e6, e7 = -17253.0 / 339200.0, 22.0 / 525.0, -1.0 / 40.0
-    off_x = h * (e1 * v + e3 * v3 + e4 * v4 + e5 * v5 + e6 * v6 + e7 * v7)
-    off_v = h * (e1 * a1 + e3 * a3 + e4 * a4 + e5 * a5 + e6 * a6 + e7 * a7)
-    return x7, v7, a7, off_x, off_v
-
-
 @compiled
 def _ends(s, x, z, v, time, end_x, end_v):
     """Fill in X and X' of each node's path after this time; False if they take too long."""
     trials, most = 0, MOST_TRIALS * x.size * z.size * v.size
     least_x, least_v = PATH_TOLERANCE * np.abs(x).max(), PATH_TOLERANCE * np.abs(v).max()
+    speeds, pushes = np.empty(OFF.size), np.empty(OFF.size)
     for i in range(x.size):
         for j in range(z.size):
             length = time
             for k in range(v.size):
-                here, speed, left = x[i], v[k], time
-                acceleration = _acceleration(s, here, speed, z[j])
+                here, left = x[i], time
+                speeds[0], pushes[0] = v[k], _acceleration(s, here, v[k], z[j])
                 while left > 0.0:
                     h = min(length, left)
-                    x7, v7, a7, off_x, off_v = _trial(s, here, speed, z[j], acceleration, h)
+                    place, off_x, off_v = here, h * OFF[0] * speeds[0], h * OFF[0] * pushes[0]
+                    for n in range(1, OFF.size):
+                        place, speed = here, speeds[0]
+                        for m in range(n):
+                            place += h * STAGES[n, m] * speeds[m]
+                            speed += h * STAGES[n, m] * pushes[m]
+                        speeds[n], pushes[n] = speed, _acceleration(s, place, speed, z[j])
+                        off_x += h * OFF[n] * speeds[n]
+                        off_v += h * OFF[n] * pushes[n]
                     off = max(abs(off_x) / least_x, abs(off_v) / least_v, 1e-10)
                     change = min(max(SAFETY * off**-0.2, SHRINK), GROWTH)
                     if off <= 1.0:
-                        here, speed, acceleration = x7, v7, a7
+                        # The last stage is at the end.
+                        here, speeds[0], pushes[0] = place, speeds[-1], pushes[-1]
                         left -= h
-                        if h == length or change < 1.0:
-                            length = h * change
-                    else:
+                    # A step cut short by the end of the time tells nothing against longer ones.
+                    if off > 1.0 or h == length or change < 1.0:
                         length = h * change
                     trials += 1
                     if trials > most:
                         return False
-                end_x[i, j, k], end_v[i, j, k] = here, speed
+                end_x[i, j, k], end_v[i, j, k] = here, speeds[0]
     return True
 
 
-def _sharing(places, nodes, width, precision):
+def _neighbours(places, nodes, width):
     """Index of the first of so many nodes about each place, and their shares of its mass.
 
     Those of six of them are Lagrange's weights, and none of the others'. Mass beyond the last node
     stays there.
     """
-    position = (places - nodes[0]) / (nodes[1] - nodes[0])
-    position = np.clip(position, 0.0, nodes.size - 1.0)
+    position = np.clip((places - nodes[0]) / (nodes[1] - nodes[0]), 0.0, nodes.size - 1.0)
     neighbour = np.clip(position.astype(np.int32) - 2, 0, nodes.size - NEIGHBOURS)
     first = np.minimum(neighbour, nodes.size - width).astype(np.int32)
-    shares = np.zeros((*places.shape, width), precision)
-    _lagrange(position.ravel(), neighbour.ravel(), first.ravel(), shares.reshape(-1, width))
+    shares = np.zeros((*places.shape, width))
+    lanes = (neighbour - first)[..., None] + np.arange(NEIGHBOURS)
+    np.put_along_axis(shares, lanes, lagrange(position - neighbour, np.arange(6.0)), axis=-1)
     return first, shares
 
 
 @compiled
-def _lagrange(position, neighbour, first, shares):
-    for n in range(position.size):
-        place = position[n] - neighbour[n]
-        for node in range(NEIGHBOURS):
-            weight = 1.0
-            for other in range(NEIGHBOURS):
+def lagrange(places: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """Lagrange's weights, by which a mass at each place is shared among all nodes: (..., nodes)."""
+    weights = np.ones((places.size, nodes.size))
+    for n, place in enumerate(places.flat):
+        for node in range(nodes.size):
+            for other in range(nodes.size):
                 if other != node:
-                    weight *= (place - other) / (node - other)
-            shares[n, neighbour[n] - first[n] + node] = weight
+                    weights[n, node] *= (place - nodes[other]) / (nodes[node] - nodes[other])
+    return weights.reshape((*places.shape, nodes.size))
 
 
 @intrinsic

@@ -5,27 +5,30 @@ The Fokker–Planck equation of Eq. 4 with Z = X − V, Z' = λ(X − Z), is car
 density: (1 − P) p = 0 (`solution`). It starts from a Gibbs density on a coarse grid, which tells
 how far the grid must reach and how fine it must be (`region`). What the first grid for the answer
 leaves undone is told by grids that are finer in time, in X and X' or in Z, each corrected from the
-one before, until it is less than the tolerance (`grid_errors`).
+one before, until it is less than the tolerance.
 
 Nothing is assumed of the device's symmetry, of the noise's memory, of the contacts' damping or of
-the load's rate. Where hardly any motion leaves its well, the grid holds one alone (`lone_well`).
+the load's rate. Where hardly any motion leaves its well, the grid holds one alone (`wells`).
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from harvester.averaging.averages import Averages
-from harvester.averaging.grid_errors import JUDGED, changed, compared, corrected, means_of, worst
-from harvester.averaging.lone_well import HELD_BACK, barrier, driven, lone_well
-from harvester.averaging.region import Level, Region
-from harvester.averaging.solution import Solution, Work, period
-from harvester.averaging.wells import rates_of_jumps, slowest_decay_rate
+from harvester.averaging.region import NODE_REFINEMENT, Level, Region
+from harvester.averaging.solution import Solution, Task, period
+from harvester.averaging.wells import (
+    HELD_BACK,
+    barrier,
+    driven,
+    lone_well,
+    rates_of_jumps,
+    slowest_decay_rate,
+)
 from harvester.device import timescales
 from harvester.device.hertz import HertzDamp
 from harvester.errors import AveragingError
@@ -51,10 +54,22 @@ FASTEST_DECAY = 60.0  # λ, in units of the period, beyond which that takes too 
 SLOWEST_DECAY = 2e-3  # λ, in units of the period, below which it takes too many vectors
 LINE_TOLERANCE_SHARE = 0.3  # share of the tolerance left to means from which a line is drawn
 CONTINUED_WORK = 2.0  # of the usual work, for a tolerance so much smaller
-REGION_TOLERANCE = 0.2  # tolerance on the grid that finds the region
 UNTOLD_FACTOR = 2.0  # factor in E[X'²] that the first grid of all may leave in doubt
-# Of the means judged, those that a line towards slow decay is drawn through; efficiency follows.
-CONTINUED = tuple(name for name in JUDGED if name != "power_conversion_efficiency")
+# Share of Richardson's correction for the step that is made: where steps are long, errors are of
+# higher order than the second. Share of it, and of the last change by nodes, stated as error.
+CORRECTION_TAKEN, STATED_ERROR = 0.6, {"steps": 0.7, "nodes": 0.75, "charges": 0.75}
+# Doubt in nodes between which a contact goes and comes back: of first order.
+UNRESOLVED = 1.0 / (NODE_REFINEMENT - 1.0)
+JUDGED = (
+    "mean_square_voltage",
+    "power_conversion_efficiency",
+    "mean_square_velocity",
+    "mean_square_displacement",
+)
+# An efficiency's error beyond the second is judged as a share of the first at most: where 1 % of a
+# high one would be more, 0.3 points are asked for.
+HIGH_EFFICIENCY, FEW_POINTS = 0.3, 3e-3
+
 # Arrays are small: threads of BLAS double the processor time and take nothing off the clock's.
 ONE_THREAD = {"limits": 1, "user_api": "blas"}
 
@@ -89,7 +104,7 @@ def fokker_planck(device: System, tolerance: float, memory: bool = False) -> Ave
     with threadpool_limits(**ONE_THREAD):
         if 0.0 < rate < slowest:
             return _slow_decay(device, slowest, tolerance)
-        return _refined(device, tolerance, Work(tolerance), memory)
+        return _answer(_refined(Task(device, tolerance)), memory)
 
 
 def outline(device: System) -> GridDensity:
@@ -108,7 +123,7 @@ def outline(device: System) -> GridDensity:
     """
     _check(device)
     with threadpool_limits(**ONE_THREAD):
-        return _found(device, Work(REGION_TOLERANCE))[1].density
+        return _found(Task(device, REGION_LEVEL.tolerance))[1].density
 
 
 def _check(device):
@@ -143,134 +158,101 @@ def _slow_decay(device, slowest, tolerance):
     There Z is slow against all else, and the means are linear in λ. Where jumps between the wells
     are slower still, no such line is straight: what it adds counts as numerical error.
     """
-    rate = device.transducer.decay_rate()
-    slow = [_slowed(device, each / rate) for each in (slowest, 2.0 * slowest)]
-    near, far = (
-        _refined(
-            each,
-            LINE_TOLERANCE_SHARE * tolerance,
-            Work(tolerance, CONTINUED_WORK),
-            judged=CONTINUED,
-        )
-        for each in slow
-    )
-    here, there = (_squares(*each) for each in zip(slow, (near, far), strict=True))
+    part, rate = device.transducer, device.transducer.decay_rate()
+    answers = []
+    for factor in (slowest / rate, 2.0 * slowest / rate):
+        rates = {name: factor * getattr(part, name) for name in ("load_rate", "own_rate")}
+        slowed = device._replace(transducer=part._replace(**rates))
+        task = Task(slowed, tolerance, CONTINUED_WORK, read=part)
+        answers.append(_refined(task, LINE_TOLERANCE_SHARE))
+    (grids, near, error), (_, far, _) = answers
     share = 1.0 - rate / slowest
-    line = {name: (1.0 + share) * here[name] - share * there[name] for name in here}
-    means, level = (_of_squares(device, squares) for squares in (line, here))
-    error = {
-        name: near.numerical_error[name] * abs(mean / (getattr(near, name) or np.inf))
-        + abs(mean - level[name])
-        for name, mean in means.items()
-    }
-    name, excess = worst(means, error)
+    added = {name: share * (near[name] - far[name]) for name in near if name in far}
+    means = {name: near[name] + more for name, more in added.items()}
+    error = {name: error[name] + abs(more) for name, more in added.items()}
+    name, excess = _worst(means, error)
     if excess > tolerance:
         raise AveragingError(
             f"decay_rate={rate:g}: from {slowest:.3g} /s, the slowest that fokker_planck takes by "
             f"itself, {name.replace('_', ' ')} is continued by {excess:.2g} of itself, more than "
             f"the tolerance of {tolerance:g}: jumps between the wells are as slow; simulate"
         )
-    return replace(near, **means, numerical_error=error, between_wells={})
+    return _answer((grids, means, error))
 
 
-def _slowed(device, factor):
-    """The same device, its load and its transducer's own decay faster by a factor."""
-    part = device.transducer
-    rates = {name: factor * getattr(part, name) for name in ("load_rate", "own_rate")}
-    return device._replace(transducer=part._replace(**rates))
+def _refined(task, share=1.0):
+    """Grids refined in time and in space apart until they are good enough; means and errors.
 
-
-def _squares(device, averages):
-    """Those of its means that do not vanish with the load's rate, and the state's square."""
-    return {
-        "square_state": averages.mean_square_voltage / device.transducer.voltage(0.0, 1.0) ** 2,
-        "mean_square_velocity": averages.mean_square_velocity,
-        "mean_square_displacement": averages.mean_square_displacement,
-        "power_in": averages.mechanical_loss + averages.mean_power + averages.mean_transducer_loss,
-    }
-
-
-def _of_squares(device, squares):
-    """The means of a device whose transducer has a state."""
-    part, totals = device.transducer, dict(squares)
-    square = totals.pop("square_state")
-    voltage, current = part.voltage(0.0, 1.0), part.current(0.0, 1.0)
-    return means_of(
-        totals
-        | {
-            "mean_square_voltage": square * voltage**2,
-            "mean_power": square * part.load_power(0.0, 1.0),
-            "mean_transducer_loss": square * part.loss(0.0, 1.0, current),
-        }
-    )
-
-
-def _refined(device, tolerance, work, memory=False, judged=JUDGED):
-    """The answer of a first grid, refined in time and in space apart until it is good enough."""
-    nodes = [_first(device, tolerance, work)]
+    Good enough is what this share of the tolerance allows.
+    """
+    tolerance = share * task.tolerance
+    nodes = [_first(task, tolerance)]
     grids = {"nodes": nodes}
-    _refine(grids, "nodes", tolerance)
-    while (known := changed(nodes, judged))[1] > tolerance:
-        _refine(grids, "nodes", tolerance, known)
+    _refine(grids, "nodes")
+    while (known := _changed(nodes))[1] > tolerance:
+        _refine(grids, "nodes", known)
     # What the nodes leave undone would pass for an error of the step.
     enough = -2 if known[1] < SPARSE_GRID_CHANGE * tolerance else -1
     grids |= {"steps": [nodes[enough]], "charges": [nodes[0]]}
-    _refine(grids, "steps", tolerance)
-    rate = device.transducer.decay_rate()
-    if nodes[0].totals.get("well_crossing_rate", np.inf) < rate < SLOW_CHARGE / period(device):
-        _refine(grids, "charges", tolerance)
+    _refine(grids, "steps")
+    rate = task.device.transducer.decay_rate()
+    crossings = nodes[0].means.get("well_crossing_rate", np.inf)
+    if crossings < rate < SLOW_CHARGE / period(task.device):
+        _refine(grids, "charges")
     while True:
-        means, errors = corrected(grids)
+        means, errors = _corrected(grids)
         error = {
             name: sum(each[name] for each in errors.values()) + UNSEEN_ERROR * tolerance * abs(mean)
             for name, mean in means.items()
         }
-        known = name, excess = worst(means, error, judged)
+        known = name, excess = _worst(means, error)
         if excess <= tolerance:
-            return _answer(device, grids, means, error, memory)
-        larger = max(errors, key=lambda respect: errors[respect][name])
-        _refine(grids, larger, tolerance, known)
+            return grids, means, error
+        _refine(grids, max(errors, key=lambda respect: errors[respect][name]), known)
 
 
-def _first(device, tolerance, work):
+def _first(task, tolerance):
     """The answer on the first grid where the density is."""
-    region, rough = _found(device, work)
-    region.check(device)
+    region, rough = _found(task)
+    region.check(task.device)
     nodes = int(np.ceil(-NODES_PER_DECADE * np.log10(tolerance)))
-    level = FIRST_LEVEL._replace(nodes=max(nodes, FIRST_LEVEL.nodes))
-    return Solution(device, region, level, tolerance, work, rough)
+    level = FIRST_LEVEL._replace(nodes=max(nodes, FIRST_LEVEL.nodes), tolerance=tolerance)
+    return Solution(task, region, level, rough)
 
 
-def _refine(grids, respect, tolerance, known=None):
-    """One more solution, on a grid finer in time or in space than the last of its kind.
+def _refine(grids, respect, known=None):
+    """One more solution, on a grid with more "steps", "nodes" or "charges" than the last of these.
 
     `known` is a mean, and the share of it to which it is known so far.
     """
     last = grids[respect][-1]
     try:
-        grids[respect].append(last.refined(respect))
+        level = last.level.more(respect)
+        grids[respect].append(Solution(last.task, last.region, level, last))
     except AveragingError as refusal:
         if known is None:
             raise
+        name, share = known
         raise AveragingError(
-            f"{known[0].replace('_', ' ')} is known to {known[1]:.2g} of itself, not to the "
-            f"tolerance of {tolerance:g}, on as fine a grid as is tried: raise it, or simulate"
+            f"{name.replace('_', ' ')} is known to {share:.2g} of itself, not to the tolerance of "
+            f"{last.level.tolerance:g}, on as fine a grid as is tried: raise it, or simulate"
         ) from refusal
 
 
-def _found(device, work):
+def _found(task):
     """Where the density is, and that density on a coarse grid.
 
     A well that hardly any motion leaves stands for all, as half or whole of the motion.
     """
+    device = task.device
     lone = lone_well(device)
     height = 0.0 if lone is None else barrier(device, lone)
     alone = lone is not None and HELD_BACK * driven(device, lone) < height
     region, solution, joined = Region.guessed(device, lone if alone else None), None, False
     for attempt in range(REGION_ATTEMPTS):
-        solution = Solution(device, region, REGION_LEVEL, REGION_TOLERANCE, work, solution)
+        solution = Solution(task, region, REGION_LEVEL, solution)
         fitted = Region.fitted(device, solution)
-        spread = solution.totals["mean_square_velocity"]
+        spread = solution.means["mean_square_velocity"]
         joined = joined or fitted.leaves_well(device)
         held_back = not joined and 0.0 < HELD_BACK * spread < height
         if held_back == (region.well is not None):
@@ -283,17 +265,78 @@ def _found(device, work):
     raise AveragingError("the range of the motion was not found: simulate")
 
 
-def _answer(device, grids, means, error, memory):
+def _changed(solutions):
+    """The judged mean that changes most from the last grid but one to the last, and its share."""
+    before, last = (each.means for each in solutions[-2:])
+    return _worst(last, {name: abs(last[name] - before[name]) for name in JUDGED})
+
+
+def _corrected(grids):
+    """Means without the errors that grids tell, and what of these is in doubt, by respect.
+
+    The errors of steps and nodes add up, so that each is known from grids that differ in it alone:
+    the step's is of second order or higher and most of it taken off; that of nodes vanishes faster.
+    """
+    sooner, soonest = grids["steps"][-2:]
+    left = 1.0 / ((soonest.steps / sooner.steps) ** 2 - 1.0)
+    doubted = STATED_ERROR | {"steps": left * STATED_ERROR["steps"]}
+    if grids["nodes"][-1].unresolved:
+        doubted["nodes"] = UNRESOLVED
+    values = {respect: [each.means for each in solutions] for respect, solutions in grids.items()}
+    means, errors = _summed(values, {"steps": CORRECTION_TAKEN * left}, doubted)
+    means["power_conversion_efficiency"] = means["mean_power"] / means.pop("power_in")
+    return means, errors
+
+
+def _compared(grids, find):
+    """What `find` gives, and its errors: what the two grids of each respect changed, as a whole.
+
+    Empty where it takes too many steps.
+    """
+    found = {each: find(each) for each in set().union(*grids.values())}
+    if not all(found.values()):
+        return {}, {}
+    values = {respect: [found[each] for each in pair] for respect, pair in grids.items()}
+    rates, errors = _summed(values, {}, dict.fromkeys(grids, 1.0))
+    return rates, {name: sum(each[name] for each in errors.values()) for name in rates}
+
+
+def _summed(values, taken, doubted):
+    """Those of the first grid with all that finer ones changed, and shares of the last changes.
+
+    Of the last change of each respect one share is taken as well, and one is its error.
+    """
+    means, errors = dict(values["nodes"][0]), {}
+    for respect, grids in values.items():
+        first, before, last = grids[0], grids[max(len(grids) - 2, 0)], grids[-1]
+        change = {name: last[name] - before[name] for name in means}
+        for name in means:
+            means[name] += last[name] - first[name] + taken.get(respect, 0.0) * change[name]
+        errors[respect] = {name: doubted[respect] * abs(each) for name, each in change.items()}
+    return means, errors
+
+
+def _worst(means, error):
+    """The judged mean with the largest error as a share of it, and that share."""
+    scale = {name: abs(means[name]) or np.inf for name in JUDGED}
+    if error[efficiency := "power_conversion_efficiency"] > FEW_POINTS:
+        scale[efficiency] = min(scale[efficiency], HIGH_EFFICIENCY)
+    name = max(JUDGED, key=lambda name: error[name] / scale[name])
+    return name, error[name] / scale[name]
+
+
+def _answer(refined, memory=False):
     """The means, with what several wells have in common."""
-    own = {name: means.pop(name) for name in grids["nodes"][-1].between_wells}
+    grids, means, error = refined
+    fields = Averages.__dataclass_fields__
+    own = {name: means.pop(name) for name in list(means) if name not in fields}
     if "well_crossing_rate" in own and memory:
         ends = {respect: (each[0], each[-1]) for respect, each in grids.items()}
         ends["nodes"] = grids["nodes"][-2:]
         for find in (slowest_decay_rate, rates_of_jumps):
-            rates, doubts = compared(ends, partial(find, device))
+            rates, doubts = _compared(ends, find)
             own, error = own | rates, error | doubts
     return Averages(
-        "fokker_planck",
         **means,
         numerical_error=error,
         density=grids["steps"][-1].density,

@@ -8,7 +8,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline, RectBivariateSpline
 from scipy.ndimage import convolve1d
 
-from harvester.averaging.propagator import mirrored, shares
+from harvester.averaging.flow import lagrange
+from harvester.averaging.propagator import whole
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -29,43 +30,44 @@ class GridDensity:
 
     Parameters
     ----------
-    x, v, voltage : ndarray
-        Evenly spaced displacements, velocities and terminal voltages.
-    joint : ndarray
-        Density at (x, v).
-    of_voltage : ndarray
+    transducer : its equations
+    grid : harvester.averaging.propagator.Grid
+    state : ndarray
+        Mass at each node.
     paired : bool
         The nodes hold one well alone, of two alike.
+
+    Attributes
+    ----------
+    x, v : ndarray
+        Evenly spaced displacements and velocities.
+    values : ndarray
+        Density at (x, v).
     """
 
     names = ("displacement", "velocity", "voltage")
 
-    def __init__(self, x, v, voltage, joint, of_voltage, paired):
-        self.x, self.v, self.paired = x, v, paired
-        self.values, self.of_voltage = joint, of_voltage
-        self._joint = RectBivariateSpline(x, v, joint)
+    def __init__(self, transducer: Any, grid: Grid, state: np.ndarray, paired: bool) -> None:
+        self.x, self.v, self.paired = grid.x, grid.v, paired
+        mass = whole(state, grid)[:, :, 0]
+        mass = mass / mass.sum()
+        step_x, step_v = self.x[1] - self.x[0], self.v[1] - self.v[0]
+        self.values = mass.sum(axis=1) / (step_x * step_v)
+        self._joint = RectBivariateSpline(self.x, self.v, self.values)
+        along_x, along_v = self.values.sum(axis=1) * step_v, self.values.sum(axis=0) * step_x
+        if len(grid.z) == 1:
+            voltage = transducer.voltage(self.v, 0.0)
+            of_voltage = along_v * step_v / (voltage[1] - voltage[0])
+        else:
+            charge, of_charge = _of_charge(grid, mass.sum(axis=2))
+            share = transducer.voltage(0.0, 1.0)
+            voltage, of_voltage = share * charge, of_charge / share
         marginals = {
-            "displacement": (x, joint.sum(axis=1) * (v[1] - v[0])),
-            "velocity": (v, joint.sum(axis=0) * (x[1] - x[0])),
+            "displacement": (self.x, along_x),
+            "velocity": (self.v, along_v),
             "voltage": (voltage, of_voltage),
         }
         self._marginals = {name: CubicSpline(*each) for name, each in marginals.items()}
-
-    @classmethod
-    def of_state(cls, transducer: Any, grid: Grid, state: np.ndarray, paired: bool) -> GridDensity:
-        """From the mass at each node."""
-        mass = state[:, :, 0]
-        if grid.mirrored:
-            mass = 0.5 * np.concatenate([mirrored(state)[:, :, 0], mass], axis=1)
-        step_x, step_v = grid.x[1] - grid.x[0], grid.v[1] - grid.v[0]
-        joint = mass.sum(axis=1) / (step_x * step_v)
-        if len(grid.z) == 1:
-            voltage = transducer.voltage(grid.v, 0.0)
-            of_voltage = joint.sum(axis=0) * step_x * step_v / (voltage[1] - voltage[0])
-            return cls(grid.x, grid.v, voltage, joint, of_voltage, paired)
-        charge, density = _of_charge(grid, mass.sum(axis=2))
-        share = transducer.voltage(0.0, 1.0)
-        return cls(grid.x, grid.v, share * charge, joint, density / share, paired)
 
     def joint(self, x: ArrayLike, v: ArrayLike) -> np.ndarray:
         """p(X, X').
@@ -75,7 +77,7 @@ class GridDensity:
         x, v : array_like
             Scaled displacement and velocity, of shapes that broadcast.
         """
-        return self._mirrored(self._joint, x, v)
+        return self._either_side(self._joint.ev, x, v)
 
     def displacement(self, x: ArrayLike) -> np.ndarray:
         """p(X), the integral of `joint` over velocity."""
@@ -91,54 +93,48 @@ class GridDensity:
 
     def below(self, x: float) -> float:
         """Probability of a displacement below x."""
-        spline, first, last = self._marginals["displacement"], self.x[0], self.x[-1]
-        here, there = (spline.integrate(first, np.clip(end, first, last)) for end in (x, -x))
-        whole = spline.integrate(first, last)
-        return float(0.5 * (here + whole - there) if self.paired else here)
+        places, density = self.tabulated("displacement")
+        end = np.clip(x, places[0], places[-1])
+        return float(CubicSpline(places, density).integrate(places[0], end))
 
     def tabulated(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """Places where a density is known as far out as it reaches, and it there: two ndarrays."""
-        nodes = self._marginals[name].x
-        if self.paired:
-            far = np.abs(nodes).max()
-            count = int(np.ceil(2.0 * far / (nodes[1] - nodes[0]))) + 1
-            nodes = np.linspace(-far, far, count)
-        return nodes, self._marginal(name, nodes)
+        places = self._evenly(self._marginals[name].x)
+        return places, self._marginal(name, places)
 
     def tabulated_joint(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Displacements and velocities, evenly spaced, and p(X, X') there, as far as it reaches.
 
         Without what alternates from node to node: in a contact the mass is shared unevenly.
         """
-        x, v = (self._evenly(nodes) for nodes in (self.x, self.v))
+        x, v = (self._evenly(nodes, JOINT_POINTS) for nodes in (self.x, self.v))
         smooth = self.values
         for axis in (0, 1):
             smooth = convolve1d(smooth, SMOOTHING, axis=axis, mode="constant")
         spline = RectBivariateSpline(self.x, self.v, smooth)
-        return x, v, self._mirrored(spline, x[:, None], v)
+        return x, v, self._either_side(spline.ev, x[:, None], v)
 
-    def _evenly(self, nodes):
-        """Places as far out as the nodes, of a density that is mirrored on either side."""
+    def _evenly(self, nodes, count=0):
+        """So many places as far out as a density reaches; by default as far apart as its nodes."""
         far = np.abs(nodes).max()
-        first, last = (-far, far) if self.paired else (nodes[0], nodes[-1])
-        return np.linspace(first, last, JOINT_POINTS)
+        low, high = (-far, far) if self.paired else (nodes[0], nodes[-1])
+        apart = (nodes[-1] - nodes[0]) / (nodes.size - 1)
+        return np.linspace(low, high, count or 1 + round((high - low) / apart))
 
     def _marginal(self, name, place):
-        spline, place = self._marginals[name], np.asarray(place, dtype=float)
-        values = np.nan_to_num(spline(place, extrapolate=False))
-        if self.paired:
-            values = 0.5 * (values + np.nan_to_num(spline(-place, extrapolate=False)))
-        # Between steep nodes the shares of a mass undershoot.
-        return np.maximum(values, 0.0)
+        return self._either_side(self._marginals[name], place)
 
-    def _mirrored(self, spline, x, v):
-        x, v = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(v, dtype=float))
-        values = self._here(spline, x, v)
-        return 0.5 * (values + self._here(spline, -x, -v)) if self.paired else values
-
-    def _here(self, spline, x, v):
-        inside = (x >= self.x[0]) & (x <= self.x[-1]) & (np.abs(v) <= self.v[-1])
-        return np.where(inside, np.maximum(spline.ev(x, v), 0.0), 0.0)
+    def _either_side(self, spline, *places):
+        """A density, of two wells alike half on either side; 0 beyond the nodes."""
+        ends = [self.x, self.v] if len(places) == 2 else [spline.x]
+        places = np.broadcast_arrays(*(np.asarray(each, dtype=float) for each in places))
+        total = 0.0
+        for side in (1.0, -1.0)[: 1 + self.paired]:
+            there = [side * place for place in places]
+            inside = [(e[0] <= p) & (p <= e[-1]) for e, p in zip(ends, there, strict=True)]
+            # Between steep nodes the shares of a mass undershoot.
+            total += np.where(np.all(inside, axis=0), np.maximum(spline(*there), 0.0), 0.0)
+        return total / (1 + self.paired)
 
 
 def _of_charge(grid, mass):
@@ -158,8 +154,8 @@ def _of_charge(grid, mass):
         charge = np.linspace(x[0] - centre - reach, x[-1] - centre + reach, VOLTAGE_POINTS)
         place = x[:, None] - charge
         inside = np.abs(place - centre) <= reach
-        polynomial = shares(place, grid.z) * inside / (weights * reach)[:, None, None]
-        return charge, np.einsum("xj,jxq->q", mass, polynomial)
+        polynomial = lagrange(place, grid.z) * inside[..., None] / (weights * reach)
+        return charge, np.einsum("xj,xqj->q", mass, polynomial)
     charge = np.linspace(
         (x - mean - NORMAL_TAIL * spread).min(),
         (x - mean + NORMAL_TAIL * spread).max(),

@@ -15,13 +15,14 @@ X, by as much as its spectrum lacks at the frequency √U''(X).
 
 from __future__ import annotations
 
+from copy import copy
 from typing import NamedTuple
 
 import numpy as np
 from scipy.fft import irfft, rfft
 from scipy.special import factorial
 
-from harvester.averaging.flow import Flow
+from harvester.averaging.flow import lagrange, shared, shared_ends
 from harvester.compilation import summing
 from harvester.device.system import elastic_force, state_rate
 
@@ -78,27 +79,36 @@ class Propagator:
     ----------
     device : harvester.device.system.System
     grid : Grid
-    precision : dtype
-        Of all its numbers: float32 or float64.
-    odd : bool
-        On a mirrored grid the state changes its sign from one half to the other.
     """
 
-    def __init__(self, device, grid, precision=np.float64, odd=False):
-        self.grid, self._precision = grid, np.dtype(precision)
-        self._parity = self._precision.type(-1.0 if odd else 1.0)
-        self.flowed = Flow(device, grid, precision)
+    def __init__(self, device, grid):
+        self.grid, self._parity = grid, 1.0
+        self._ends = shared_ends(device, grid)
         self._whole, self._half = (
-            (
-                _drift(device, grid, share * grid.step, precision),
-                _noise(device, grid, share).astype(np.result_type(precision, np.complex64)),
-            )
-            for share in (1.0, 0.5)
+            (_drift(device, grid, part * grid.step), _noise(device, grid, part))
+            for part in (1.0, 0.5)
         )
+
+    def single(self) -> Propagator:
+        """The same in single precision."""
+        other = copy(self)
+        for name in ("_ends", "_whole", "_half"):
+            setattr(other, name, tuple(_single(each) for each in getattr(self, name)))
+        return other
+
+    def odd(self) -> Propagator:
+        """The same for states that change sign from one half of a mirrored grid to the other."""
+        other = copy(self)
+        other._parity = -1.0
+        return other
 
     def step(self, state: np.ndarray) -> np.ndarray:
         """The state one step later, before the flow."""
         return self.pushed(self.flowed(state))
+
+    def flowed(self, state: np.ndarray) -> np.ndarray:
+        """The state one step later, load and noise left out."""
+        return shared(state, self._ends)
 
     def pushed(self, state: np.ndarray) -> np.ndarray:
         """The state once load and noise have moved it for a step, the flow left out."""
@@ -116,16 +126,19 @@ class Propagator:
         return self._slow(state, *self._half)
 
     def _slow(self, state, drift, noise):
-        state, shape = state.astype(self._precision, copy=False), state.shape
-        if drift is not None:
-            if self.grid.mirrored:
-                other = self._parity * mirrored(state)
-                state = np.concatenate([other, state], axis=1)
-            state = drift @ state.reshape(shape[0], -1, shape[2] * shape[3])
-        waves = rfft(state.reshape(shape))
+        state = state.astype(drift.dtype, copy=False)
+        state = whole(state, self.grid, self._parity)
+        rows, layers, modes, columns = state.shape
+        state = drift @ state.reshape(rows, layers, modes * columns)
+        waves = rfft(state.reshape(self.grid.shape))
         mixed = np.zeros_like(waves)
         _mix(noise, waves, mixed)
-        return irfft(mixed, n=shape[3])
+        return irfft(mixed, n=columns)
+
+
+def _single(array):
+    precisions = {"f": np.float32, "c": np.complex64}
+    return array.astype(precisions.get(array.dtype.kind, array.dtype))
 
 
 def mirrored(state: np.ndarray) -> np.ndarray:
@@ -134,25 +147,20 @@ def mirrored(state: np.ndarray) -> np.ndarray:
     return (state * signs[:, None].astype(state.dtype))[::-1, ::-1, :, ::-1]
 
 
-def shares(places: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    """Lagrange weights, of shape (nodes, ...), by which a mass at each place is shared."""
-    weights = []
-    for node in nodes:
-        others = nodes[nodes != node]
-        apart = (places[..., None] - others) / (node - others)
-        weights.append(np.prod(apart, axis=-1))
-    return np.stack(weights)
+def whole(state: np.ndarray, grid: Grid, parity: float = 1.0) -> np.ndarray:
+    """The state at all nodes of Z, also those that are not kept."""
+    if not grid.mirrored:
+        return state
+    return np.concatenate([parity * mirrored(state), state], axis=1)
 
 
-def _drift(device, grid, time, precision):
-    """Matrices (X, kept Z, all Z) of Z' = λ(X − Z) over this time; None without Z."""
-    if len(grid.z) == 1:
-        return None
+def _drift(device, grid, time):
+    """Matrices (X, kept Z, all Z) of Z' = λ(X − Z) over this time."""
     # V' = X' − λV, and so Z' = λ(X − Z).
     rate = -state_rate(device.transducer, 0.0, 1.0)
     ends = grid.x[:, None] + (grid.z - grid.x[:, None]) * np.exp(-rate * time)
-    weights = np.moveaxis(shares(ends, grid.z), 0, 1)
-    return np.ascontiguousarray(weights[:, len(grid.z) - len(grid.kept) :], precision)
+    shares = lagrange(ends, grid.z)[:, :, -len(grid.kept) :]
+    return np.ascontiguousarray(np.swapaxes(shares, 1, 2))
 
 
 @summing

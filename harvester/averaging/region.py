@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
+from scipy.signal import find_peaks, peak_widths
 
 from harvester.averaging.propagator import Grid
 from harvester.device import timescales
@@ -50,6 +51,7 @@ class Level(NamedTuple):
     nodes : nodes of Z that are kept, where the charge displaces the mass by little.
     modes : Hermite functions of η.
     most : cores that are told apart at most.
+    tolerance : of the means, for which its state is settled.
     """
 
     steps: float
@@ -58,6 +60,7 @@ class Level(NamedTuple):
     nodes: int
     modes: int
     most: float = np.inf
+    tolerance: float = 0.2
 
     def more(self, respect: str) -> Level:
         """The next finer one: of more "steps", more "nodes" of X and X', or of Z for "charges".
@@ -109,46 +112,39 @@ class Region(NamedTuple):
         cls, device: System, well: float | None = None, speed: float | None = None
     ) -> Region:
         """About a Gibbs density, its rms speed by default that of small oscillations."""
-        frequency = timescales.angular_frequency(device)
-        if well is not None:
-            frequency = timescales.well_frequency(device, well)
+        wells = timescales.wells(device) if well is None else (well,)
+        frequency = max(timescales.well_frequency(device, x) for x in wells)
         if speed is None:
             speed = np.sqrt(timescales.driven_square_velocity(device, frequency))
         if not 0.0 < speed < np.inf:
             raise AveragingError("nothing damps the motion: there is no stationary density")
-        width, wells = speed / frequency, timescales.wells(device)
-        mean = 0.5 * (wells[0] + wells[-1]) if well is None else well
-        return cls.of_speed(device, GIBBS_REACH * speed, (width, speed, width), mean, well)
+        cores, mean = (speed / frequency, speed, speed / frequency), 0.5 * (wells[0] + wells[-1])
+        return cls.of_speed(device, GIBBS_REACH * speed, cores, mean, well)
 
     @classmethod
     def fitted(cls, device: System, solution: Solution) -> Region:
         """About a density on a coarse grid."""
-        p, v = solution.density.velocity, solution.grid.v
-        x, before = solution.grid.x, solution.region
-        # A grid much too wide tells little but that.
-        speed = max(_outermost(v, p(v)), STRONGEST_SHRINKING * before.speed)
-        along_x = solution.density.displacement(x)
+        density, well, before = solution.density, solution.region.well, solution.region
+        x, v = solution.grid.x, solution.grid.v
+        along_x, along_v = density.displacement(x), density.velocity(v)
         width, core = _widths(x, along_x)
-        cores = core, _widths(v, p(v))[1], width
-        least = before.core, before.core_speed, before.width
-        cores = tuple(np.maximum(cores, STRONGEST_SHRINKING * np.array(least)))
+        cores = np.array([core, _widths(v, along_v)[1], width])
+        fastest = BEYOND * np.abs(v)[along_v > SEEN * along_v.max()].max()
+        # A grid much too wide tells little but that.
+        speed = max(fastest, STRONGEST_SHRINKING * before.speed)
+        least = STRONGEST_SHRINKING * np.array([before.core, before.core_speed, before.width])
         mean = float(x @ along_x / along_x.sum())
-        region = cls.of_speed(device, speed, cores, mean, before.well)
-        return region if before.well is None else region._reaching(x, solution.density)
-
-    def _reaching(self, x, density):
-        """As far as the displacement's density: noise with a memory takes no speed to displace."""
-        p = density.displacement(x) / density.displacement(x).max()
-        seen = x[p > SEEN]
-
-        def reach(end, last, share):
-            """Of a range that ends where the density does not, more than all of it."""
-            return BEYOND * ((end if share > GATHERED else last) - self.well)
-
-        return self._replace(
-            left=min(self.left, self.well + reach(x[0], seen[0], p[0])),
-            right=max(self.right, self.well + reach(x[-1], seen[-1], p[-1])),
+        region = cls.of_speed(device, speed, tuple(np.maximum(cores, least)), mean, well)
+        if well is None:
+            return region
+        # As far as the density of X: noise with a memory takes no speed to displace. A range that
+        # ends where the density does not tells no more than that there is more.
+        shape = along_x / along_x.max()
+        seen = x[shape > SEEN]
+        left, right = (
+            well + BEYOND * ((x if shape[end] > GATHERED else seen)[end] - well) for end in (0, -1)
         )
+        return region._replace(left=min(region.left, left), right=max(region.right, right))
 
     def leaves_well(self, device: System) -> bool:
         """Whether a range that is to hold one well alone goes beyond the saddle."""
@@ -176,31 +172,27 @@ class Region(NamedTuple):
         well: float | None,
     ) -> Region:
         """The range in X that motion of this greatest speed has."""
-        wells = timescales.wells(device)
-        places = (wells[-1], wells[0]) if well is None else (well, well)
-        deepest = min(float(potential(device, x)) for x in (wells if well is None else places))
-        if well is None:
-            tops: Any = [float(potential(device, x)) - deepest for x in timescales.saddles(device)]
-            speed = max(speed, np.sqrt(2.0 * EDGE_ENERGY_IN_BARRIERS * max(tops, default=0.0)))
+        wells = timescales.wells(device) if well is None else (well,)
+        deepest = min(float(potential(device, x)) for x in wells)
+        for saddle in timescales.saddles(device) if well is None else ():
+            height = float(potential(device, saddle)) - deepest
+            speed = max(speed, np.sqrt(2.0 * EDGE_ENERGY_IN_BARRIERS * height))
         left, right = (
             _turning(device, at, side, 0.5 * speed**2 + deepest)
-            for at, side in zip(places, (-1.0, 1.0), strict=True)
+            for at, side in ((wells[-1], -1.0), (wells[0], 1.0))
         )
         spare = (REGION_MARGIN - 1.0) * 0.5 * (right - left)
         return cls(left - spare, right + spare, REGION_MARGIN * speed, *cores, mean, well)
 
-    def mirrored(self, device: System) -> bool:
-        """Whether half of it tells the other."""
-        return self.well is None and device.symmetric and device.transducer.decay_rate() > 0.0
-
     def grid(self, device: System, level: Level, step: float) -> Grid:
-        """Its nodes on a level."""
-        mirrored = self.mirrored(device)
+        """Its nodes on a level; where half of them tells the others, these alone."""
+        follows = device.transducer.decay_rate() > 0.0
+        mirrored = self.well is None and device.symmetric and follows
         noise = device.noise.correlation_time
         return Grid(
             x=_nodes(self.left, self.right, self.core, level.fine, level.most),
             v=_nodes(-self.speed, self.speed, self.core_speed, level.fine_speed, level.most),
-            z=self._charges(device, level.nodes, mirrored, step),
+            z=self._charges(device, level.nodes, mirrored, step) if follows else np.zeros(1),
             mirrored=mirrored,
             modes=level.modes if noise > WHITE_MEMORY * step else 1,
             step=step,
@@ -226,8 +218,6 @@ class Region(NamedTuple):
 
     def _charges(self, device, nodes, mirrored, step):
         """Nodes of Z: as wide as keeps what a step shares beyond the last of them bounded."""
-        if device.transducer.decay_rate() == 0.0:
-            return np.zeros(1)
         centre, reach = self._charge(device)
         displaced = min(self.displaced(device), GREATEST_DISPLACEMENT)
         nodes = (nodes + int(np.ceil(NODES_PER_WIDTH * displaced))) * (2 if mirrored else 1)
@@ -279,30 +269,18 @@ def _turning(device, start, side, energy):
     return start + side * brentq(spare, 0.0, far)
 
 
-def _outermost(v, density):
-    """Where the density ends to matter, from where a coarse grid still tells it."""
-    seen = np.abs(v)[density > SEEN * density.max()].max()
-    return BEYOND * seen
-
-
 def _widths(nodes, density):
     """Standard deviations of normal densities as narrow as any peak, and as steep as any side."""
     place = np.linspace(nodes[0], nodes[-1], 2000)
     values = CubicSpline(nodes, density)(place)
-    counts = SECOND_PEAK * values.max()
-    inner = values[1:-1]
-    peaks = np.flatnonzero((values[:-2] < inner) & (inner >= values[2:]) & (inner > counts)) + 1
-    narrow, steep = np.inf, np.inf
-    for peak in peaks if peaks.size else [int(values.argmax())]:
-        narrow = min(narrow, np.mean(_sides(values, peak, 1.0)))
-        steep = min(steep, *_sides(values, peak, 3.0))
-    step = place[1] - place[0]
-    return narrow * step, min(narrow, steep / 3.0) * step
-
-
-def _sides(values, peak, deviations):
-    """Places on both sides up to where a normal density has fallen for so many deviations."""
-    below = values <= np.exp(-0.5 * deviations**2) * values[peak]
-    right = np.argmax(below[peak:]) if below[peak:].any() else values.size - 1 - peak
-    left = np.argmax(below[peak::-1]) if below[: peak + 1].any() else peak
-    return left, right
+    peaks, _ = find_peaks(values, height=SECOND_PEAK * values.max())
+    peaks = peaks if peaks.size else np.array([values.argmax()])
+    anywhere = values[peaks], np.zeros_like(peaks), np.full_like(peaks, values.size - 1)
+    sides = []
+    for deviations in (1.0, 3.0):
+        # Up to where a normal density has fallen for so many of them.
+        fallen = 1.0 - np.exp(-0.5 * deviations**2)
+        _, _, left, right = peak_widths(values, peaks, fallen, anywhere)
+        sides.append(np.ceil([peaks - left, right - peaks]) * (place[1] - place[0]))
+    narrow = sides[0].mean(axis=0).min()
+    return narrow, min(narrow, sides[1].min() / 3.0)

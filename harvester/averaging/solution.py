@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from harvester.averaging.flow import lagrange
 from harvester.averaging.grid_density import GridDensity
-from harvester.averaging.propagator import Propagator, mirrored, shares
+from harvester.averaging.propagator import Propagator, whole
 from harvester.averaging.stationary import Inverse
 from harvester.averaging.wells import between_wells, unlike_wells
 from harvester.device import system as systems
@@ -37,37 +38,36 @@ LEAST_RESIDUAL = 1e-8  # which rounding leaves
 LEAST_SINGLE_SHARE = 1e-6  # of a density, down to which a rest is known in single precision
 # Share of a rest that is left at least, before it is told anew: directions are kept in that too.
 REDUCTION_IN_ONE_GO = 3e-3
-NOT_REACHED = "the stationary density was not reached: raise the tolerance, or simulate"
 SUFFICIENT_REDUCTION = 0.1  # share of a rest that the coarser grid leaves
 
 
-class Work:
-    """How much work an answer may take: amplitudes of a state times steps, over all its grids.
+class Task:
+    """What is asked of all grids of an answer together.
 
     Parameters
     ----------
+    device : harvester.device.system.System
     tolerance : float
-        Named where it is refused.
+        Named where it takes too much work.
     share : float
         Of the usual work.
+    read : transducer's equations, optional
+        Whose voltage and power the state tells; the device's own by default.
     """
 
-    def __init__(self, tolerance, share=1.0):
-        self.left, self.tolerance = share * MOST_WORK, tolerance
+    def __init__(self, device, tolerance, share=1.0, read=None):
+        self.device, self.tolerance = device, tolerance
+        self.transducer, self.left = read or device.transducer, share * MOST_WORK
 
-    def take(self, work: float) -> None:
-        """Take this much of what is left, or refuse."""
-        self.spare(work)
-        self.left -= work
-
-    def spare(self, work: float) -> None:
-        """Refuse where less than this is left."""
-        if self.left < work:
+    def take(self, work: float, ahead: float = 0.0) -> None:
+        """Take so many amplitudes times steps of what is left, or refuse; more will be needed."""
+        if self.left < work + ahead:
             raise AveragingError(
                 "the density is so narrow, or its slowest part so slow, that the tolerance of "
                 f"{self.tolerance:g} takes more nodes and steps than fokker_planck has: raise it, "
                 "or simulate"
             )
+        self.left -= work
 
 
 class Solution:
@@ -76,33 +76,26 @@ class Solution:
     Attributes
     ----------
     grid : harvester.averaging.propagator.Grid
-    state : ndarray
-        Mass at each node, where a step is symmetric in time.
-    totals : dict of str to float
-        Means that are sums over the state, and `power_in`.
+    steps, cost : int
+        Of a period, and its work.
+    propagator : Propagator
+        In single precision.
+    state, before_flow : ndarray
+        Mass at each node, where a step is symmetric in time and before the flow.
+    means : dict of str to float
+        Those of the answer, `power_in`, and what tells of several wells.
     density : harvester.averaging.grid_density.GridDensity
-    between_wells : dict of str to float
-        Those of the totals that tell of several wells.
-    steps : int
-        Of a period.
-    cost : int
-        Work of so many steps.
     """
 
     def __init__(
-        self,
-        device: System,
-        region: Region,
-        level: Level,
-        tolerance: float,
-        work: Work,
-        coarser: Solution | None = None,
+        self, task: Task, region: Region, level: Level, coarser: Solution | None = None
     ) -> None:
-        self.device, self.region, self.level = device, region, level
-        self.tolerance, self.work = tolerance, work
-        self.grid, self.steps = grid, _ = _laid(device, region, level)
+        self.task, self.region, self.level = task, region, level
+        device, time = task.device, period(task.device)
+        self.steps = int(np.ceil(level.steps * _hurry(device, time)))
+        self.grid = grid = region.grid(device, level, time / self.steps)
         self.cost = int(np.prod(grid.shape)) * self.steps
-        work.spare(LEAST_PERIODS * self.cost)
+        task.take(0.0, ahead=LEAST_PERIODS * self.cost)
         if grid.push_bytes > LARGEST_PUSHES:
             raise AveragingError(
                 f"noise remembered over {grid.modes} modes on {len(grid.x)} by {len(grid.v)} nodes "
@@ -110,44 +103,39 @@ class Solution:
                 "simulate"
             )
         self._coarser = coarser if coarser and coarser.region == region else None
-        self._inverse = Inverse(self._change, self._nearly_undone if self._coarser else None)
-        jumps = _rate_of_rare_jumps(coarser) * period(device)
-        # Of what a slow part leaves undone, only so small a share of the density changes at a time.
-        slow = min(1.0, jumps, (device.transducer.decay_rate() or np.inf) * period(device))
-        share = max(RESIDUAL_OVER_TOLERANCE * tolerance * slow, LEAST_RESIDUAL)
-        self.propagator = self._exact = Propagator(device, grid, np.float32)
-        if share < LEAST_SINGLE_SHARE:
-            self._exact = Propagator(device, grid)
-        start = _gibbs(device, region, grid) if coarser is None else coarser.on(grid)
-        self._wells = np.ones((1, grid.x.size))
+        self._inverse = Inverse(
+            lambda state: state - self._later(state), self._nearly_undone if self._coarser else None
+        )
+        exact = Propagator(device, grid)
+        self.propagator = exact.single()
+        jumps, self._wells = np.inf, np.ones((1, grid.x.size))
+        if coarser is None:
+            start = _gibbs(device, region, grid)
+        else:
+            start = moved(coarser.state, coarser.grid, grid)
+            # Those in a period between wells that are not alike.
+            if "share_of_time_in_well_1" in coarser.means:
+                jumps = time * coarser.means.get("well_crossing_rate", np.inf)
         if jumps < RARE_JUMPS:
             wells = unlike_wells(device, grid)
             self._wells = wells[wells @ start[:, :, 0].sum(axis=(1, 2)) > LEAST_SHARE_OF_WELL]
-        self.state = self._settled(start, share)
+        # Of what a slow part leaves undone, only so small a share of the density changes at a time.
+        slow = min(1.0, jumps, (device.transducer.decay_rate() or np.inf) * time)
+        share = max(RESIDUAL_OVER_TOLERANCE * level.tolerance * slow, LEAST_RESIDUAL)
+        self.state: np.ndarray = self._settled(start, share, exact)
         self.before_flow = self.propagator.before_flow(self.state)
-        self.density = GridDensity.of_state(
-            device.transducer, grid, self.state, region.well is not None and device.symmetric
-        )
-        self.between_wells = between_wells(device, self.density)
-        self.totals: dict[str, float] = self._totals() | self.between_wells
+        paired = region.well is not None and device.symmetric
+        self.density = GridDensity(task.transducer, grid, self.state, paired)
+        self.means: dict[str, float] = self._means() | between_wells(device, self.density)
 
     @property
     def unresolved(self) -> bool:
         """Whether contacts at the rms speed are less deep than the nodes of X are apart."""
-        energy = 0.5 * max(self.totals["mean_square_velocity"], 0.0)
+        energy = 0.5 * max(self.means["mean_square_velocity"], 0.0)
         apart = self.grid.x[1] - self.grid.x[0]
-        return any(each.law.greatest_depth(energy) < apart for each in self.device.contacts)
+        return any(each.law.greatest_depth(energy) < apart for each in self.task.device.contacts)
 
-    def refined(self, respect: str) -> Solution:
-        """On the next finer grid: of more "steps", "nodes" or "charges"."""
-        level = self.level.more(respect)
-        return Solution(self.device, self.region, level, self.tolerance, self.work, self)
-
-    def on(self, grid: Grid) -> np.ndarray:
-        """Its state on the nodes of another grid."""
-        return moved(self.state, self.grid, grid)
-
-    def _settled(self, start, share):
+    def _settled(self, start, share, exact):
         """The stationary state, from one that is near it; a period changes so small a share."""
         # What a new grid makes of its start at once is no part of what is sought.
         state = self._later(start).astype(float)
@@ -156,33 +144,21 @@ class Solution:
         # What jumps move is slow against all else: many other directions would not tell it.
         for alone in self._of_wells(state)[1:]:
             self._inverse.extend(alone - state)
+        teller = exact if share < LEAST_SINGLE_SHARE else self.propagator
         size = enough = np.inf
         while enough > self._allowed:
-            self.work.take(self.cost)
-            rest = self._exact.repeated(state, self.steps) - state
+            self.task.take(self.cost)
+            rest = teller.repeated(state, self.steps) - state
             before, size = size, np.linalg.norm(rest)
-            # Nodes of Z from which much is shared beyond their range magnify what rounding leaves.
-            if not size < before:
-                raise AveragingError(NOT_REACHED)
             enough = max(self._allowed, REDUCTION_IN_ONE_GO * size)
-            state += self._undone(rest, enough)
+            # Nodes of Z from which much is shared beyond their range magnify what rounding leaves.
+            state += self._inverse(rest, enough, before)
         return state / state[:, :, 0].sum()
-
-    def _undone(self, rest, allowed):
-        """x of which a period takes off `rest`, of sum 0, but for a norm of `allowed`."""
-        found = self._inverse(rest, allowed)
-        if found is None:
-            raise AveragingError(NOT_REACHED)
-        return found
 
     def _later(self, state):
         """The state a period later."""
-        self.work.take(self.cost)
+        self.task.take(self.cost)
         return self.propagator.repeated(state, self.steps)
-
-    def _change(self, state):
-        """What a period takes off a state."""
-        return state - self._later(state)
 
     def _nearly_undone(self, rest):
         """The same but for what changes from node to node, by the coarser grid's slow states."""
@@ -190,7 +166,7 @@ class Solution:
         smooth = coarser._later(moved(rest, self.grid, coarser.grid))
         smooth -= smooth[:, :, 0].sum() * coarser.state
         enough = max(SUFFICIENT_REDUCTION * np.linalg.norm(smooth), coarser._allowed)
-        found = coarser._undone(smooth, enough)
+        found = coarser._inverse(smooth, enough)
         # Of the mass of wells between which jumps are rare, a coarser grid's errors are too large.
         for well, alone in zip(coarser._wells, coarser._of_wells(coarser.state), strict=True):
             found -= (well @ found[:, :, 0].sum(axis=(1, 2))) * alone
@@ -201,60 +177,44 @@ class Solution:
         parts = self._wells[:, :, None, None, None] * state
         return parts / parts[:, :, :, 0].sum(axis=(1, 2, 3))[:, None, None, None, None]
 
-    def _totals(self):
-        mass, grid, transducer = self.state[:, :, 0], self.grid, self.device.transducer
-        both = mass.sum(axis=1)
-        charge = grid.x[:, None, None] - grid.kept[:, None]
-        voltage = transducer.voltage(grid.v, charge)
-        current = transducer.current(grid.v, charge)
-        totals = {
-            "power_in": self._power_in(),
-            "mean_square_voltage": np.sum(mass * voltage**2),
-            "mean_power": np.sum(mass * transducer.load_power(grid.v, charge)),
-            "mean_transducer_loss": np.sum(mass * transducer.loss(grid.v, charge, current)),
-            "mean_square_velocity": np.sum(both * grid.v**2),
-            "mean_square_displacement": np.sum(both * grid.x[:, None] ** 2),
-        }
-        return {name: float(total) for name, total in totals.items()}
-
-    def _power_in(self):
-        """What the noise adds to ½X'² in a step, over the step.
-
-        That is known far better than what the contacts take, in times shorter than a step.
-        """
+    def _means(self):
+        grid, transducer = self.grid, self.task.transducer
+        x, v, charge = grid.x[:, None, None], grid.v, grid.x[:, None, None] - grid.kept[:, None]
+        current = transducer.current(v, charge)
+        # What the noise adds to ½X'² in a step is known far better than what the contacts take, in
+        # times shorter than a step.
         flowed = self.propagator.flowed(self.before_flow)
-        gained = np.sum((self.propagator.pushed(flowed) - flowed)[:, :, 0] * self.grid.v**2)
-        return 0.5 * gained / self.grid.step
-
-
-def _rate_of_rare_jumps(coarser):
-    """At which jumps move the mass between wells that are not alike (1/s)."""
-    several = coarser is not None and "share_of_time_in_well_1" in coarser.totals
-    return coarser.totals.get("well_crossing_rate", np.inf) if several else np.inf
-
-
-def _laid(device, region, level):
-    """The grid of a level, and its steps in a period."""
-    time = period(device)
-    steps = int(np.ceil(level.steps * max(1.0, *_hurry(device, time))))
-    return region.grid(device, level, time / steps), steps
+        gained = (self.propagator.pushed(flowed) - flowed)[:, :, 0]
+        power_in = float(np.sum(gained * v**2)) * 0.5 / grid.step
+        squares = {
+            "mean_square_voltage": transducer.voltage(v, charge) ** 2,
+            "mean_power": transducer.load_power(v, charge),
+            "mean_transducer_loss": transducer.loss(v, charge, current),
+            "mean_square_velocity": v**2,
+            "mean_square_displacement": x**2,
+        }
+        mass = self.state[:, :, 0]
+        means = {name: float(np.sum(mass * values)) for name, values in squares.items()}
+        power, lost = means["mean_power"], means["mean_transducer_loss"]
+        return means | {
+            "power_in": power_in,
+            "mechanical_loss": power_in - power - lost,
+            "power_conversion_efficiency": power / power_in,
+        }
 
 
 def _hurry(device, time):
-    """How many times as many steps of a period its load, and its contacts, ask for."""
+    """How many times as many steps of a period its load, or its contacts, ask for."""
     stiffened = getattr(device.transducer, "coupling", 0.0) * (time / (2.0 * np.pi)) ** 2
     decay = device.transducer.decay_rate() * time * (1.0 + STEPS_OF_STRONG_COUPLING * stiffened)
     contacts = CONTACTS_OF_A_STEP * time / timescales.contact_time(device)
-    return decay / LARGEST_LOAD_DECAY, min(contacts, MOST_STEPS_FOR_CONTACTS)
+    return max(1.0, decay / LARGEST_LOAD_DECAY, min(contacts, MOST_STEPS_FOR_CONTACTS))
 
 
 def moved(state: np.ndarray, old: Grid, new: Grid) -> np.ndarray:
     """A state on the nodes of another grid: its moments of Z kept, its density in X and X'."""
-    if len(new.z) > 1:
-        if old.mirrored:
-            state = np.concatenate([mirrored(state), state], axis=1)
-        across = shares(np.clip(old.z, new.z[0], new.z[-1]), new.z)
-        state = np.einsum("ij,xjmv->ximv", across[len(new.z) - len(new.kept) :], state)
+    across = lagrange(np.clip(old.z, new.z[0], new.z[-1]), new.z)[:, -len(new.kept) :]
+    state = np.einsum("ji,xjmv->ximv", across, whole(state, old))
     modes = min(old.modes, new.modes)
     along_v = state[:, :, :modes] @ _interpolation(old.v, new.v).T
     answer = np.zeros(new.shape)
@@ -279,8 +239,6 @@ def _gibbs(device, region, grid):
     density = np.exp((energy.min() - energy) / region.core_speed**2)
     width = 0.25 * np.ptp(grid.z) or 1.0
     charges = np.exp(-(((grid.kept[None, :] - nearest[:, None]) / width) ** 2))
-    if grid.kept.size == 1:
-        charges[:] = 1.0
     state = np.zeros(grid.shape)
     state[:, :, 0] = charges[:, :, None] * density[:, None, :]
     return state / state[:, :, 0].sum()

@@ -6,6 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from harvester.errors import AveragingError
+
 Map = Callable[[np.ndarray], np.ndarray]
 
 LARGEST_BASIS = 2e8  # bytes: of larger states fewer directions are held at a time
@@ -33,26 +35,35 @@ class Inverse:
     """
 
     def __init__(self, change: Map, near: Map | None = None) -> None:
-        self._change, self._near = change, near
+        self._change, self._near = change, near or _itself
         self._count = 0
         self._directions = self._changes = np.empty((0, 0), KEPT)
 
-    def __call__(self, rest: np.ndarray, allowed: float) -> np.ndarray | None:
-        """x with |rest − change(x)| ≤ allowed; None if it was not reached."""
+    def __call__(self, rest: np.ndarray, allowed: float, below: float = np.inf) -> np.ndarray:
+        """x with |rest − change(x)| ≤ allowed.
+
+        Raises
+        ------
+        AveragingError
+            It was not reached, or the rest's norm is not below what it is to be below.
+        """
         left, found = rest.ravel().astype(float), np.zeros(rest.size)
-        if self._count:
-            self._take(left, found, slice(0, self._count))
-        for _ in range(MOST_SOUGHT):
-            size = np.linalg.norm(left)
-            if size <= allowed:
-                return found.reshape(rest.shape)
-            kept = left.astype(KEPT).reshape(rest.shape)
-            if not np.isfinite(size) or not self.extend(self._near(kept) if self._near else kept):
-                return None
-            self._take(left, found, slice(self._count - 1, self._count))
-            if np.linalg.norm(left) > POOR_DIRECTION_REST * size:
-                self._near = None
-        return None
+        if np.linalg.norm(left) < below:
+            if self._count:
+                self._take(left, found, slice(0, self._count))
+            for _ in range(MOST_SOUGHT):
+                size = np.linalg.norm(left)
+                if size <= allowed:
+                    return found.reshape(rest.shape)
+                kept = left.astype(KEPT).reshape(rest.shape)
+                if not np.isfinite(size) or not self.extend(self._near(kept)):
+                    break
+                self._take(left, found, slice(self._count - 1, self._count))
+                if np.linalg.norm(left) > POOR_DIRECTION_REST * size:
+                    self._near = _itself
+        raise AveragingError(
+            "the stationary density was not reached: raise the tolerance, or simulate"
+        )
 
     def _take(self, left, found, which):
         """Take off what some directions reach of what is left."""
@@ -84,3 +95,7 @@ class Inverse:
         self._changes[n], self._directions[n] = change / size, new / size
         self._count = n + 1
         return True
+
+
+def _itself(rest):
+    return rest

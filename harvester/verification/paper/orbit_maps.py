@@ -15,7 +15,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from harvester.averaging.density import Layer
-from harvester.averaging.edges import edges as edges_of
+from harvester.averaging.orbits import edges as edges_of
 from harvester.averaging.orbits import settled_orbits
 from harvester.files.writing import finite
 from harvester.scene.model import Scene

@@ -90,19 +90,6 @@ def test_normalisation_to_six_digits():
     assert 2.0 * joint @ v_weights == pytest.approx(density.displacement(x), abs=1e-6)
 
 
-@pytest.mark.parametrize("closure", ["paper", "consistent"])
-def test_energy_density_holds_the_share_in_wells(closure):
-    result = averaged(PAPER._replace(intensity=0.05), closure)
-    shares = {
-        name: np.trapezoid(density, energy)
-        for name, (energy, density) in result.density.energy.items()
-    }
-    assert shares["wells"] == pytest.approx(result.share_in_wells, rel=2e-3)
-    for energy, _ in result.density.energy.values():
-        assert np.all(np.diff(energy) >= 0.0)
-    assert sum(shares.values()) == pytest.approx(1.0, rel=2e-3)
-
-
 def test_shapes():
     density = averaged(LINEAR, "paper").density
     assert density.displacement(0.1).shape == ()

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from truths import flat
 
-from harvester.averaging.edges import edges
-from harvester.averaging.orbits import Edge, settled_orbits
+from harvester.averaging.orbits import Edge, edges, settled_orbits
 from harvester.errors import AveragingError
 from harvester.scene.model import Scene
 

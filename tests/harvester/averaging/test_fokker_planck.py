@@ -9,9 +9,10 @@ from device_scenes import device as device_scene
 from truths import averaged, flat, interpolated_linear_means, well
 
 from harvester.averaging import average, fokker_planck, solution
+from harvester.averaging.flow import lagrange
 from harvester.averaging.fokker_planck import REGION_LEVEL
 from harvester.averaging.of_scene import average as average_scene
-from harvester.averaging.propagator import Grid, Propagator, mirrored, shares
+from harvester.averaging.propagator import Grid, Propagator, mirrored
 from harvester.averaging.region import Region, _widths
 from harvester.device import system as systems
 from harvester.device import timescales
@@ -179,11 +180,12 @@ def test_a_tolerance_out_of_reach_is_refused(monkeypatch):
 def test_work_is_bounded(monkeypatch):
     """What all grids together may take is refused before it is exceeded."""
     monkeypatch.setattr(solution, "MOST_WORK", 1e6)
-    work = solution.Work(0.01)
-    work.take(9e5)
-    with pytest.raises(AveragingError, match=r"tolerance of 0\.01"):
-        work.take(2e5)
-    assert work.left == pytest.approx(1e5)
+    task = solution.Task(PAPER.system, 0.01)
+    task.take(9e5)
+    for more, ahead in ((2e5, 0.0), (0.0, 2e5)):
+        with pytest.raises(AveragingError, match=r"tolerance of 0\.01"):
+            task.take(more, ahead)
+    assert task.left == pytest.approx(1e5)
     with pytest.raises(AveragingError, match="nodes and steps"):
         averaged(PAPER._replace(intensity=0.02), "fokker_planck")
 
@@ -200,9 +202,9 @@ def test_widths_of_a_density():
 def test_shares_keep_moments():
     """Lagrange weights share a mass such that moments up to the fifth stay."""
     nodes, place = np.arange(6.0), np.array([1.3, 2.71])
-    weights = shares(place, nodes)
+    weights = lagrange(place, nodes)
     for power in range(6):
-        assert np.tensordot(nodes**power, weights, axes=1) == pytest.approx(place**power)
+        assert weights @ nodes**power == pytest.approx(place**power)
 
 
 @pytest.mark.parametrize("memory", [1e-6, 0.3])
@@ -235,10 +237,8 @@ def test_steps_in_single_precision(columns):
     x, v = np.linspace(-1.6, 1.6, 40), np.linspace(-1.2, 1.2, columns)
     grid = Grid(x, v, np.linspace(-1.5, 1.5, 6), True, 3, 0.7)
     start = np.random.default_rng(5).normal(size=grid.shape)
-    exact, single = (
-        Propagator(PAPER.system, grid, precision).repeated(start, 4)
-        for precision in (np.float64, np.float32)
-    )
+    propagator = Propagator(PAPER.system, grid)
+    exact, single = (each.repeated(start, 4) for each in (propagator, propagator.single()))
     assert single.dtype == np.float32
     assert np.abs(single - exact).max() < 1e-5 * np.abs(exact).max()
     assert exact[:, :, 0].sum() == pytest.approx(start[:, :, 0].sum(), abs=1e-10)
@@ -248,7 +248,8 @@ def test_a_slow_load_is_told_beyond_single_precision():
     """What a period changes is below what the load moves in it, by the tolerance's share."""
     device = PAPER._replace(decay_rate=2e-3).system
     region = Region.guessed(device)
-    found = solution.Solution(device, region, REGION_LEVEL, 0.002, solution.Work(0.002), None)
+    level = REGION_LEVEL._replace(tolerance=0.002)
+    found = solution.Solution(solution.Task(device, 0.002), region, level)
     later = Propagator(device, found.grid).repeated(found.state, found.steps)
     rest = np.linalg.norm(later - found.state) / np.linalg.norm(found.state)
     assert rest < 2e-2 * 0.002 * 2e-3 * solution.period(device)
