@@ -194,7 +194,8 @@ def add_points(
         copy_point(record, place, before)
         place += 1
     if np.isnan(first[0]):
-        first[:] = before
+        for k in range(first.size):
+            first[k] = before[k]
     if place == count:
         return
     record = part(record, place, count)
@@ -256,7 +257,8 @@ def _add_stretch(before, record, begin, end, saddles, integrals, products):
     if end > begin + 1:
         weights[1] = 0.5 * (time[begin + 2] - previous)
         weights[-1] = 0.5 * (time[end] - time[end - 1])
-        weights[2:-1] = 0.5 * (time[begin + 3 : end + 1] - time[begin + 1 : end - 1])
+        for k in range(2, weights.size - 1):
+            weights[k] = 0.5 * (time[begin + k + 1] - time[begin + k - 1])
     integrals[0] += time[end] - previous
     if begin < 0:
         point = Record(
