@@ -28,6 +28,7 @@ __all__ = [
     "compiled",
     "inlined",
     "intrinsic",
+    "merged",
     "njit",
     "numba",
 ]
@@ -49,9 +50,10 @@ compiled = partial(njit, cache=CACHED, error_model="numpy")
 # Counts no references to arrays, which costs more than what a loop does with a few of their
 # numbers: for a function that makes no array and keeps none.
 uncounted = partial(njit, cache=CACHED, error_model="numpy", _nrt=False)
-# Written into its callers by LLVM, which else hand over all numbers of a device, and what describes
-# each array, whenever they step.
-inlined = partial(njit, error_model="numpy", _nrt=False, forceinline=True)
+# Written into its callers, which else hand over all numbers of a device each time they step.
+inlined = partial(njit, error_model="numpy", inline="always")
+# The same by LLVM, sooner done for large functions; uncounted as well.
+merged = partial(njit, error_model="numpy", _nrt=False, forceinline=True)
 # Sums over many points in any order, several at a time.
 summing = partial(njit, cache=CACHED, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from harvester.compilation import inlined, uncounted
+from harvester.compilation import merged, uncounted
 from harvester.device import contact, system
 from harvester.engines.schemes import one_step
 from harvester.engines.zones import crossing, overshoots
@@ -161,7 +161,7 @@ def advance(
     place[0], place[1], place[2], place[3] = segment, part, waiting, batch
 
 
-@inlined
+@merged
 def _excitation(knots, block, k, phase):
     """The excitation of a realization and its slope, so long after the earlier of two knots."""
     before, after, spacing = knots
@@ -169,7 +169,7 @@ def _excitation(knots, block, k, phase):
     return before[block, k] + slope * phase, slope
 
 
-@inlined
+@merged
 def _fly(heun, s, left, right, knots, start, end, at_knot, lanes, states):
     """Step all realizations as if all flew freely between `left` and `right`.
 
@@ -194,7 +194,7 @@ def _fly(heun, s, left, right, knots, start, end, at_knot, lanes, states):
             cells[LEAVES + k] = 1.0 if leaves else 0.0
 
 
-@inlined
+@merged
 def _try(heun, s, count, lanes, apart):
     """Step those apart as if none left its zone, and some places more that stand for nothing."""
     for block in range((count + TOGETHER - 1) // TOGETHER):
@@ -215,7 +215,7 @@ def _try(heun, s, count, lanes, apart):
             cells[LEAVES + k] = 1.0 if (x1 > high) | (x1 < low) | turned else 0.0
 
 
-@inlined
+@merged
 def _gather(s, start, end, steps_per_contact, room):
     """Put those for which the flight does not hold apart; returns how many."""
     count = 0
@@ -237,7 +237,7 @@ def _gather(s, start, end, steps_per_contact, room):
     return count
 
 
-@inlined
+@merged
 def _go_on(s, edges, knots, begin, end, steps_per_contact, count, batch, room, tally):
     """Take the steps tried apart, those that leave their zone again and shorter.
 
@@ -252,7 +252,8 @@ def _go_on(s, edges, knots, begin, end, steps_per_contact, count, batch, room, t
             _take(s, edges, end, cells, i)
             realization = room.which[place]
             block, k = realization // TOGETHER, realization % TOGETHER
-            if cells[PHASE + i] > end - 1e-9 * knots[2]:
+            # A motion that has left the finite numbers, time and all, has no more to be told.
+            if not cells[PHASE + i] <= end - 1e-9 * knots[2]:
                 states = room.states[block]
                 for row in range(0, NOISE, TOGETHER):
                     states[row + k] = cells[row + i]
@@ -278,7 +279,7 @@ def _go_on(s, edges, knots, begin, end, steps_per_contact, count, batch, room, t
     return rest, fullest
 
 
-@inlined
+@merged
 def _land(cells, i, x1, v1):
     """Shorten a step that leaves its zone, tried up to (x1, v1), to where it does."""
     x, v, low, high = cells[DISPLACEMENT + i], cells[VELOCITY + i], cells[LOW + i], cells[HIGH + i]
@@ -288,7 +289,7 @@ def _land(cells, i, x1, v1):
     cells[ENTERS + i] = direction
 
 
-@inlined
+@merged
 def _take(s, edges, end, cells, i):
     """Take a step apart: its state and time, and the zone into which it leads."""
     longest = end - cells[PHASE + i]
@@ -308,7 +309,7 @@ def _take(s, edges, end, cells, i):
         cells[REACTION + i] = system.contact_force(s, x, v, held, low, high)
 
 
-@inlined
+@merged
 def _resolve(s, end, steps_per_contact, cells, i):
     """Choose the step apart: to the end, or in contact one that resolves it."""
     longest = end - cells[PHASE + i]
@@ -323,7 +324,7 @@ def _resolve(s, end, steps_per_contact, cells, i):
             cells[LENGTH + i] = longest / np.ceil(longest / length)
 
 
-@inlined
+@merged
 def _point(s, cells, i, motion, excited, time, measured, tally, rows, k):
     """Add a point to a realization's sums.
 
@@ -341,7 +342,7 @@ def _point(s, cells, i, motion, excited, time, measured, tally, rows, k):
     )  # fmt: skip
 
 
-@inlined
+@merged
 def _keep(room, rows, realization):
     """Keep a realization's latest point."""
     k, place = realization % TOGETHER, room.points[realization]
@@ -349,7 +350,7 @@ def _keep(room, rows, realization):
         room.columns[realization, row, place] = rows[row * TOGETHER + k]
 
 
-@inlined
+@merged
 def _arrive(s, time, batch, lanes, room, tally):
     """Let all realizations be at the step's end; returns the points of the one with most."""
     measured, fullest, count = batch >= 0, 0, room.points.size

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from harvester.compilation import compiled, inlined
+from harvester.compilation import compiled, merged
 from harvester.device import system
 from harvester.engines.decay import decayed
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from harvester.device.system import System
 
 
-@inlined
+@merged
 def _acceleration(s, touching, low, high, held, x, v, voltage, noise):
     force = system.push(s, x, v, voltage, noise)
     if touching:
@@ -20,7 +20,7 @@ def _acceleration(s, touching, low, high, held, x, v, voltage, noise):
     return force
 
 
-@inlined
+@merged
 def one_step(
     heun: bool | None,
     s: System,
@@ -90,7 +90,7 @@ def _heun(s, touching, low, high, held, x, v, voltage, noise, slope, h, reaction
     return x + half * (v + v2), v + half * (a1 + a2), voltage + half * (u1 + u2)
 
 
-@inlined
+@merged
 def _runge_kutta(s, touching, low, high, held, x, v, voltage, noise, slope, h, reaction):
     """Classical Runge–Kutta step of Eq. 4; the contact acts or not throughout the step."""
     half = 0.5 * h

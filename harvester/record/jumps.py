@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.compilation import compiled, inlined
+from harvester.compilation import compiled, merged
 from harvester.device import timescales
 from harvester.device.cores import core_energies, cores_within
 from harvester.device.system import potential
@@ -150,7 +150,7 @@ def add_jumps(
     return well
 
 
-@inlined
+@merged
 def energy_at(energies: np.ndarray, low: float, high: float, x: float) -> float:
     """U(x) between two displacements from a table over them, linear between its entries."""
     place = (x - low) / ((high - low) / (energies.size - 1))

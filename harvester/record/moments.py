@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harvester.compilation import compiled, inlined, summing, uncounted
+from harvester.compilation import compiled, merged, summing, uncounted
 from harvester.record.jumps import Jumps
 from harvester.record.output_side import STATE, OutputMoments
 from harvester.record.record import Record, copy_point, part
@@ -329,7 +329,7 @@ def _add_samples(before, record, start, group_length, interval, histograms, widt
         sample += 1.0
 
 
-@inlined
+@merged
 def count_sample(
     histograms: np.ndarray, widths: np.ndarray, group: int, k: int, value: float
 ) -> None:

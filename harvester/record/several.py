@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from harvester.compilation import inlined, uncounted
+from harvester.compilation import merged, uncounted
 from harvester.record.jumps import Jumps, energy_at, neighbours
 from harvester.record.moments import PRODUCTS, QUANTITIES, WELLS, Moments, count_sample
 from harvester.record.record import Record
@@ -143,7 +143,7 @@ def _stacked(parts, name):
     return stack
 
 
-@inlined
+@merged
 def batch_of(tally: Tally, begin: float, end: float) -> int:
     """The batch of a step between two times; −1 before the start.
 
@@ -177,7 +177,7 @@ def end_batch(tally: Tally, batch: int) -> None:
         tally.since[k] = cells[TIME + lane]
 
 
-@inlined
+@merged
 def add_point(
     cells: np.ndarray,
     k: int,
@@ -232,7 +232,7 @@ def add_point(
     cells[LOSS_POWER + k], cells[OWN_LOSS + k], cells[STATE + k] = losses[0], own_loss, state
 
 
-@inlined
+@merged
 def follow(tally: Tally, block: int, first: int, end: int, batch: int) -> None:
     """Count where the intervals just added of some places in a block lead to."""
     cells = tally.rows[block]
@@ -277,6 +277,9 @@ def sample(tally: Tally, time: float) -> None:
     group = min(int((time - tally.start) / length), groups - 1)
     for k in range(tally.wells.size):
         cells, lane = tally.rows[k // TOGETHER], k % TOGETHER
-        count_sample(tally.histograms[k], tally.bin_widths[k], group, 0, cells[DISPLACEMENT + lane])
-        count_sample(tally.histograms[k], tally.bin_widths[k], group, 1, cells[VELOCITY + lane])
-        count_sample(tally.histograms[k], tally.bin_widths[k], group, 2, cells[VOLTAGE + lane])
+        x, v, voltage = cells[DISPLACEMENT + lane], cells[VELOCITY + lane], cells[VOLTAGE + lane]
+        # What has left the finite numbers has no bin.
+        if abs(x) + abs(v) + abs(voltage) < np.inf:
+            count_sample(tally.histograms[k], tally.bin_widths[k], group, 0, x)
+            count_sample(tally.histograms[k], tally.bin_widths[k], group, 1, v)
+            count_sample(tally.histograms[k], tally.bin_widths[k], group, 2, voltage)

@@ -7,6 +7,7 @@ from truths import Keep, drop_scene, flat, records_of, reference_path
 
 from harvester.engines.monte_carlo import integrate, record_of
 from harvester.engines.realization import noise_path, start_state
+from harvester.errors import SolutionDiverged
 from harvester.excitation import NoisePath
 from harvester.record.moments import Moments
 from harvester.scene.model import Scene
@@ -195,3 +196,15 @@ def test_a_load_that_shorts_the_piezo_leaves_the_open_mechanics_and_v_follows(st
     found, expected = (simulated(scene, 400, 2).at_knots(0.05) for scene in (short, bare))
     np.testing.assert_allclose(found[:, :2], expected[:, :2], atol=2e-2)
     np.testing.assert_allclose(1e9 * found[:, 2], found[:, 1], rtol=1e-5, atol=1e-6)
+
+
+def test_a_motion_that_leaves_the_finite_numbers_is_named():
+    """A spring far too stiff for the step: some leave them in flight, some in contact."""
+    for change in ({"oscillator.cubic_stiffness": 1e9}, {"stoppers.stiffness": 1e30}):
+        scene = Scene.load("paper").replace({"run.realizations": 9, **change})
+        system, _ = scale(scene)
+        paths = [noise_path(scene, k) for k in range(9)]
+        starts = [(1.2, 1e150, 0.0)] * 9
+        with pytest.raises(SolutionDiverged, match=r"finite numbers before t = .*--step"):
+            for _ in integrate(system, paths, starts, 100.0, keep=False):
+                pass
