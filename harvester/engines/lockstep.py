@@ -252,8 +252,7 @@ def _go_on(s, edges, knots, begin, end, steps_per_contact, count, batch, room, t
             _take(s, edges, end, cells, i)
             realization = room.which[place]
             block, k = realization // TOGETHER, realization % TOGETHER
-            # A motion that has left the finite numbers, time and all, has no more to be told.
-            if not cells[PHASE + i] <= end - 1e-9 * knots[2]:
+            if cells[PHASE + i] > end - 1e-9 * knots[2]:
                 states = room.states[block]
                 for row in range(0, NOISE, TOGETHER):
                     states[row + k] = cells[row + i]
