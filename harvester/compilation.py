@@ -19,6 +19,7 @@ with away_from_working_folder():
     from numba import carray, cfunc, njit, types
     from numba.core import cgutils
     from numba.extending import intrinsic, overload, register_jitable
+    from numba.np.random import _constants as ziggurat
 
 __all__ = [
     "CACHED",
@@ -32,7 +33,7 @@ __all__ = [
     "njit",
     "numba",
 ]
-__all__ += ["overload", "register_jitable", "summing", "types", "uncounted"]
+__all__ += ["overload", "register_jitable", "summing", "types", "uncounted", "ziggurat"]
 
 # No name: no file.
 numba.core.config._config_fname = ""

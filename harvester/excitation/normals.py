@@ -12,20 +12,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.compilation import compiled, uncounted
-
-# Below `harvester.compilation`, which guards numba's import.
-from numba.np.random._constants import (  # isort: skip
-    fi_double,
-    ki_double,
-    wi_double,
-    ziggurat_nor_inv_r,
-    ziggurat_nor_r,
-)
+from harvester.compilation import compiled, uncounted, ziggurat
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
 
+# Of each strip under the bell: the width of its rectangle as a share of the strip's, in 52 bits,
+# the strip's width for one of these, and the bell's height. Where the tail begins, and 1 over it.
+INNER, WIDTH, HEIGHT = ziggurat.ki_double, ziggurat.wi_double, ziggurat.fi_double
+TAIL, INVERSE_TAIL = ziggurat.ziggurat_nor_r, ziggurat.ziggurat_nor_inv_r
 # One word makes a number, but for 1.2 % of the numbers, which take some more.
 WORDS_FOR_A_NUMBER = 1.02
 # Left unused at a block's end, so that no number begins that could run out of words.
@@ -75,9 +70,9 @@ def _write(words, law, last, numbers, done):
         place += 1
         # 8 bits choose a strip of the bell, one the sign, 52 the place in the strip.
         strip, across = word & np.uint64(0xFF), (word >> np.uint64(9)) & np.uint64(2**52 - 1)
-        normal = across * wi_double[strip]
+        normal = across * WIDTH[strip]
         normal = -normal if (word >> np.uint64(8)) & np.uint64(1) else normal
-        if across >= ki_double[strip]:
+        if across >= INNER[strip]:
             normal, place = _beyond(words, place, strip, across, normal)
             if math.isnan(normal):
                 continue
@@ -91,14 +86,14 @@ def _write(words, law, last, numbers, done):
 def _beyond(words, place, strip, across, normal):
     """A number outside the rectangle within a strip, nan if it is refused; and the next place."""
     if strip > 0:
-        density = (fi_double[strip - 1] - fi_double[strip]) * _unit(words[place]) + fi_double[strip]
+        density = (HEIGHT[strip - 1] - HEIGHT[strip]) * _unit(words[place]) + HEIGHT[strip]
         return normal if density < math.exp(-0.5 * normal * normal) else math.nan, place + 1
     while True:
-        over = -ziggurat_nor_inv_r * math.log1p(-_unit(words[place]))
+        over = -INVERSE_TAIL * math.log1p(-_unit(words[place]))
         height = -math.log1p(-_unit(words[place + 1]))
         place += 2
         if height + height > over * over:
-            tail = ziggurat_nor_r + over
+            tail = TAIL + over
             return -tail if (across >> np.uint64(8)) & np.uint64(1) else tail, place
 
 
