@@ -264,10 +264,7 @@ def _go_on(s, edges, knots, begin, end, steps_per_contact, count, batch, room, t
             time, rows = begin + cells[PHASE + i], tally.rows[block]
             _point(s, cells, i, DISPLACEMENT, NOISE, time, batch >= 0, tally, rows, k)
             several.follow(tally, block, k, k + 1, batch)
-            if room.columns.shape[2] > 0:
-                _keep(room, rows, realization)
-            room.points[realization] += 1
-            fullest = max(fullest, room.points[realization])
+            fullest = max(fullest, _keep(room, rows, realization))
             _resolve(s, end, steps_per_contact, cells, i)
         if rest < place:
             others, j = room.apart[rest // TOGETHER], rest % TOGETHER
@@ -343,10 +340,13 @@ def _point(s, cells, i, motion, excited, time, measured, tally, rows, k):
 
 @merged
 def _keep(room, rows, realization):
-    """Keep a realization's latest point."""
+    """Count a realization's latest point, keep it where that is wanted; returns their number."""
     k, place = realization % TOGETHER, room.points[realization]
-    for row in range(room.columns.shape[1]):
-        room.columns[realization, row, place] = rows[row * TOGETHER + k]
+    if room.columns.shape[2] > 0:
+        for row in range(room.columns.shape[1]):
+            room.columns[realization, row, place] = rows[row * TOGETHER + k]
+    room.points[realization] = place + 1
+    return place + 1
 
 
 @merged
@@ -362,8 +362,5 @@ def _arrive(s, time, batch, lanes, room, tally):
             _point(s, cells, k, END, EXCITED, time, measured, tally, rows, k)
         several.follow(tally, block, 0, min(TOGETHER, count - block * TOGETHER), batch)
     for realization in range(count):
-        if room.columns.shape[2] > 0:
-            _keep(room, tally.rows[realization // TOGETHER], realization)
-        room.points[realization] += 1
-        fullest = max(fullest, room.points[realization])
+        fullest = max(fullest, _keep(room, tally.rows[realization // TOGETHER], realization))
     return fullest
