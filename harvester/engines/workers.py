@@ -37,6 +37,8 @@ class Worker:
         self._errors = None
         self._workplace = None
         self._closed = False
+        # One thread may end the process while another starts it, or reads its last words.
+        self._changing = threading.RLock()
 
     @property
     def process_id(self) -> int | None:
@@ -111,36 +113,38 @@ class Worker:
 
     def kill(self) -> None:
         """End the process at once, whatever it does."""
-        process, self._process = self._process, None
-        if process is not None:
-            process.kill()
-            process.wait()
-            for stream in (process.stdin, process.stdout):
-                with contextlib.suppress(BrokenPipeError):
-                    stream.close()
-        errors, self._errors = self._errors, None
-        if errors is not None:
-            errors.close()
-        workplace, self._workplace = self._workplace, None
-        if workplace is not None:
-            workplace.cleanup()
+        with self._changing:
+            process, self._process = self._process, None
+            if process is not None:
+                process.kill()
+                process.wait()
+                for stream in (process.stdin, process.stdout):
+                    with contextlib.suppress(BrokenPipeError):
+                        stream.close()
+            errors, self._errors = self._errors, None
+            if errors is not None:
+                errors.close()
+            workplace, self._workplace = self._workplace, None
+            if workplace is not None:
+                workplace.cleanup()
 
     def _start(self):
         """The running process and the queue of its answers."""
-        if self._closed:
-            raise SimulatorCrashed("the simulator was stopped")
-        if self._process is not None and self._process.poll() is None:
-            return self._process, self._answers
-        self.kill()
-        try:
-            self._answers = self._open()
-        except (OSError, RuntimeError, MemoryError) as error:
+        with self._changing:
+            if self._closed:
+                raise SimulatorCrashed("the simulator was stopped")
+            if self._process is not None and self._process.poll() is None:
+                return self._process, self._answers
             self.kill()
-            raise SimulatorCrashed(
-                f"the simulator's process cannot be started: {_cause(error)}; raise the limit "
-                "(ulimit -a shows it) or take fewer --workers"
-            ) from None
-        return self._process, self._answers
+            try:
+                self._answers = self._open()
+            except (OSError, RuntimeError, MemoryError) as error:
+                self.kill()
+                raise SimulatorCrashed(
+                    f"the simulator's process cannot be started: {_cause(error)}; raise the limit "
+                    "(ulimit -a shows it) or take fewer --workers"
+                ) from None
+            return self._process, self._answers
 
     def _open(self):
         """Start the process; returns the queue of its answers."""
@@ -165,8 +169,9 @@ class Worker:
 
     def _crashed(self, process, latest):
         status = process.wait()
-        words = "" if self._process is None else self._last_words()
-        self.kill()
+        with self._changing:
+            words = "" if self._process is None else self._last_words()
+            self.kill()
         how = f"was killed by signal {-status}" if status < 0 else f"ended with status {status}"
         if status == -signal.SIGKILL:
             how += " (from outside, or for want of memory)"

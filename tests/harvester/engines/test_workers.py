@@ -54,6 +54,27 @@ def test_killing_the_process_is_noticed_at_once(worker):
     assert time.monotonic() - killed[0] < 2.0
 
 
+def test_a_worker_closed_while_its_process_starts_leaves_nothing_open(worker, monkeypatch):
+    """Another call's failure ends all workers, whatever they are about."""
+    started, closing = [], []
+
+    def start_slowly(*arguments, **options):
+        closing.append(threading.Thread(target=worker.close))
+        closing[0].start()
+        time.sleep(0.3)
+        started.append(subprocess_popen(*arguments, **options))
+        return started[0]
+
+    subprocess_popen = subprocess.Popen
+    monkeypatch.setattr(subprocess, "Popen", start_slowly)
+    with pytest.raises(SimulatorCrashed):
+        worker.call(worker_calls.die, {"status": 3})
+    closing[0].join()
+    assert started[0].returncode is not None
+    assert started[0].stdin.closed
+    assert started[0].stdout.closed
+
+
 @pytest.mark.parametrize("limit", ["-n 14", "-v 450000"])
 def test_too_few_files_or_too_little_memory_is_one_line(limit):
     call = f"ulimit {limit}; exec {sys.executable} -m harvester simulate paper --workers 4"
