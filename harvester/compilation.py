@@ -7,6 +7,7 @@ working folder when it is imported and whenever it compiles, which may name a fo
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -16,9 +17,9 @@ from harvester.files.surroundings import away_from_working_folder
 with away_from_working_folder():
     import llvmlite.binding
     import numba
-    from numba import carray, cfunc, njit, types
+    from numba import carray, cfunc, extending, njit, types
     from numba.core import cgutils
-    from numba.extending import intrinsic, overload, register_jitable
+    from numba.extending import intrinsic
     from numba.np.random import _constants as ziggurat
 
 __all__ = [
@@ -30,6 +31,7 @@ __all__ = [
     "inlined",
     "intrinsic",
     "merged",
+    "merged_once",
     "njit",
     "numba",
 ]
@@ -53,12 +55,32 @@ compiled = partial(njit, cache=CACHED, error_model="numpy")
 uncounted = partial(njit, cache=CACHED, error_model="numpy", _nrt=False)
 # Written into its callers, which else hand over all numbers of a device each time they step.
 inlined = partial(njit, error_model="numpy", inline="always")
-# The same by LLVM, sooner done for large functions; uncounted as well.
-merged = partial(njit, error_model="numpy", _nrt=False, forceinline=True)
+# Written into its callers by LLVM and uncounted, as `merged`: for a function that knows no device,
+# which is compiled once for all of them.
+merged_once = partial(uncounted, forceinline=True)
+# Only compiled code calls what these compile: an entry for C as well takes a third as long again.
+WITHIN = {"no_cfunc_wrapper": True}
+overload = partial(extending.overload, jit_options=WITHIN)
+register_jitable = extending.register_jitable(**WITHIN)
 # Sums over many points in any order, several at a time.
 summing = partial(njit, cache=CACHED, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
 
 PACKAGE = Path(__file__).parent
+
+
+def merged(function: Callable) -> Callable:
+    """Let LLVM write a function into its callers: sooner done than `inlined` for a large one.
+
+    Uncounted as well. Where a caller knows beforehand that an argument is True or None, the code
+    is without what is then not chosen. Python calls the function as it stands.
+    """
+    options = {"error_model": "numpy", "_nrt": False, "forceinline": True, **WITHIN}
+
+    @extending.overload(function, jit_options=options, strict=False, prefer_literal=True)
+    def choose(*arguments):
+        return function
+
+    return function
 
 
 def forget_stale_code() -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from circuits.kernel.mechanics import Device, evaluate
 from circuits.kernel.stage import DISPLACEMENT, HELD_SPEED, MEAN_POWER
-from harvester.compilation import compiled, inlined
+from harvester.compilation import compiled, merged
 from harvester.device import system as systems
 from harvester.record.record import fill
 
@@ -24,14 +24,14 @@ POWER_DIFFERENCE = 0.002
 LEAST_ENERGY = 1e-5
 
 
-@inlined
+@merged
 def load_power(probes: Probes, state: State) -> float:
     """Voltage times current at the terminals, scaled."""
     y = state.y
     return y[probes.places[0]] * y[probes.places[1]] * probes.units[3]
 
 
-@inlined
+@merged
 def stored_energy(device: Device, probes: Probes, state: State) -> float:
     """The transducer's energy, scaled; 0 where it keeps none."""
     place = probes.places[2]
@@ -40,7 +40,7 @@ def stored_energy(device: Device, probes: Probes, state: State) -> float:
     return systems.transducer_energy(device.transducer, state.y[place] * probes.units[1])
 
 
-@inlined
+@merged
 def given_power(device: Device, probes: Probes, state: State, share: float) -> float:
     """What the mass gives the transducer beyond its own loss, a share of the change ahead (scaled).
 
@@ -58,7 +58,7 @@ def given_power(device: Device, probes: Probes, state: State, share: float) -> f
     return systems.part_force(device.transducer, v, electrical) * v - own
 
 
-@inlined
+@merged
 def add_points(
     device: Device,
     probes: Probes,
@@ -102,7 +102,7 @@ def _again(record, output, point, power):
         row[point] = row[point - 1]
 
 
-@inlined
+@merged
 def _write(device, probes, state, record, output, point, time, noise, free):
     """One point of the record."""
     numbers, y = state.numbers, state.y

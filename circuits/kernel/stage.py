@@ -20,7 +20,7 @@ from circuits.kernel.emitter import call
 from circuits.kernel.mechanics import Device, evaluate
 from circuits.kernel.memory import SLOTS, fresh_memory
 from circuits.kernel.tables import Circuit, Tables
-from harvester.compilation import compiled, inlined
+from harvester.compilation import compiled, merged
 
 MOST_ITERATIONS = 40
 # Newton's step at which the iterations end; the next would be about its square. Of the velocity out
@@ -115,7 +115,7 @@ def fresh_state(circuit: Circuit) -> State:
     )
 
 
-@inlined
+@merged
 def slot_of(tables: Tables, state: State, delta: float) -> int:
     """The place in the memory of the factors for a step's δ, made if need be."""
     keys = state.keys
@@ -140,7 +140,7 @@ def slot_of(tables: Tables, state: State, delta: float) -> int:
     return state.slots + slot * state.stride
 
 
-@inlined
+@merged
 def force(
     device: Device, touching: bool, low: float, high: float, held: float, x: float, v: float
 ) -> float:
@@ -181,7 +181,7 @@ def _linearise(
             taken += 1
 
 
-@inlined
+@merged
 def _near(state, only_motion, smooth):
     """Whether the core's unknowns moved by little; the latest iterate becomes theirs."""
     settled = True
@@ -199,7 +199,7 @@ def _near(state, only_motion, smooth):
     return settled
 
 
-@inlined
+@merged
 def solve_stage(
     device: Device,
     tables: Tables,

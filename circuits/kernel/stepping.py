@@ -37,7 +37,7 @@ from circuits.kernel.stage import (
 )
 from circuits.kernel.switching import missed_controls, switched, turn
 from circuits.kernel.tables import Probes, Tables
-from harvester.compilation import compiled, inlined, uncounted
+from harvester.compilation import compiled, merged, uncounted
 from harvester.engines.zones import crossing, overshoots
 
 ROOT = np.sqrt(2.0)
@@ -138,7 +138,7 @@ def advance(
     return segment, points, FINE, 0
 
 
-@inlined
+@merged
 def _longest(device, state, zone, noise, remaining, step, steps_per_contact):
     """Length of the next step that the last one's error and a contact allow."""
     longest = min(state.numbers[PROPOSED], step)
@@ -149,7 +149,7 @@ def _longest(device, state, zone, noise, remaining, step, steps_per_contact):
     return longest
 
 
-@inlined
+@merged
 def _find_step(device, tables, probes, state, time, longest, remaining, step, noise, slope, zone):
     """A step that is short enough for its error, the end of its zone and the switches.
 
@@ -198,7 +198,7 @@ def _find_step(device, tables, probes, state, time, longest, remaining, step, no
     return h, x1, ratio, scale, entered, switch
 
 
-@inlined
+@merged
 def _enter(state, place, zone):
     """The state stands in another zone."""
     numbers = state.numbers
@@ -208,7 +208,7 @@ def _enter(state, place, zone):
         numbers[HELD_SPEED] = abs(state.y[state.y.size - 1])
 
 
-@inlined
+@merged
 def _turn(tables, state, step):
     """Turn the switches that ask for it; whether that is chatter."""
     numbers = state.numbers
@@ -219,7 +219,7 @@ def _turn(tables, state, step):
     return numbers[SWITCHINGS] > MOST_SWITCHINGS
 
 
-@inlined
+@merged
 def _growth(ratio):
     """By how much the next step may be longer, from the square of this one's error."""
     return CAUTION / np.cbrt(np.sqrt(ratio))
@@ -236,7 +236,7 @@ def _length(longest, remaining, step):
     return min(h, remaining)
 
 
-@inlined
+@merged
 def _guess(tables, state, share):
     """A guess of the unknowns for Newton: as they are, and a share of the latest change.
 
@@ -247,7 +247,7 @@ def _guess(tables, state, share):
         state.latest[i] = state.y[i] + (share * state.change[i] if share > 0.0 else 0.0)
 
 
-@inlined
+@merged
 def _set_sources(tables, state, time, delta):
     """The right-hand side of a stage's sources that change."""
     if tables.sources.shape[0] > 0:
@@ -255,7 +255,7 @@ def _set_sources(tables, state, time, delta):
         add_waves(tables.sources, tables.waves, tables.corners, state.right, time, delta)
 
 
-@inlined
+@merged
 def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone):
     """A step of length h from the state.
 
@@ -322,7 +322,7 @@ def _leaves(low, high, x, v, x1, v1, h):
     return entered, crossing(edge, entered, x, v, x1, v1, h) / h
 
 
-@inlined
+@merged
 def _accept(probes, state, h, x1, ratio, step):
     """The step's end becomes the state; the next step follows its error."""
     numbers, y = state.numbers, state.y

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from circuits.kernel.tables import Tables
-from harvester.compilation import inlined
+from harvester.compilation import merged
 
 # A switch's control is known to this share of its distance from the threshold and its hysteresis.
 # At a tenth, series SSHI missed extremes of the voltage, 7 % of its mean square; at a hundredth, a
@@ -13,7 +13,7 @@ from harvester.compilation import inlined
 CONTROL_TOLERANCE = 0.001
 
 
-@inlined
+@merged
 def _control(tables, state, k):
     """Control of a switch before and after the step."""
     n = state.y.size
@@ -23,7 +23,7 @@ def _control(tables, state, k):
     return before, before + change
 
 
-@inlined
+@merged
 def switched(tables: Tables, state: Any) -> tuple[int, float]:
     """The switch that turns first within the step, −1 for none, and at which share of it."""
     first, least = -1, 2.0
@@ -39,7 +39,7 @@ def switched(tables: Tables, state: Any) -> tuple[int, float]:
     return first, least
 
 
-@inlined
+@merged
 def turn(tables: Tables, state: Any) -> None:
     """Turn every switch whose control has passed its threshold."""
     n = state.y.size
@@ -53,7 +53,7 @@ def turn(tables: Tables, state: Any) -> None:
             state.closed[k] = 0
 
 
-@inlined
+@merged
 def missed_controls(tables: Tables, state: Any) -> float:
     """The greatest error of a switch's control, against what it may be."""
     n = state.y.size

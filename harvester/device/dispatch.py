@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from harvester.compilation import overload, register_jitable, types
+from harvester.compilation import overload, types
 
 
 def equation(name: str) -> Callable:
@@ -29,15 +29,10 @@ def equation(name: str) -> Callable:
     def call(part, *arguments):
         return getattr(part, name)(*arguments)
 
-    @overload(call)
+    @overload(call, strict=False)
     def choose(part, *arguments):
         if not isinstance(part, types.BaseNamedTuple):
             return None
-        own = register_jitable(getattr(part.instance_class, name))
-
-        def implementation(part, *arguments):
-            return own(part, *arguments)
-
-        return implementation
+        return getattr(part.instance_class, name)
 
     return call

@@ -121,7 +121,9 @@ def advance(
     shape (knots, blocks, 8). `place`, changed, is the segment between knots, the step in it, how
     many realizations are stepped apart in it, and the batch under way.
     """
-    free = np.searchsorted(edges, 0.0)
+    free = 1
+    while edges[free] < 0.0:
+        free += 1
     left, right = edges[free - 1], edges[free]
     step = spacing / steps_per_knot
     segment, part, waiting, batch = place[0], place[1], place[2], place[3]

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from harvester.compilation import merged, uncounted
+from harvester.compilation import merged_once, uncounted
 from harvester.record.jumps import Jumps, energy_at, neighbours
 from harvester.record.moments import PRODUCTS, QUANTITIES, WELLS, Moments, count_sample
 from harvester.record.record import Record
@@ -143,7 +143,7 @@ def _stacked(parts, name):
     return stack
 
 
-@merged
+@merged_once
 def batch_of(tally: Tally, begin: float, end: float) -> int:
     """The batch of a step between two times; −1 before the start.
 
@@ -177,7 +177,7 @@ def end_batch(tally: Tally, batch: int) -> None:
         tally.since[k] = cells[TIME + lane]
 
 
-@merged
+@merged_once
 def add_point(
     cells: np.ndarray,
     k: int,
@@ -232,7 +232,7 @@ def add_point(
     cells[LOSS_POWER + k], cells[OWN_LOSS + k], cells[STATE + k] = losses[0], own_loss, state
 
 
-@merged
+@merged_once
 def follow(tally: Tally, block: int, first: int, end: int, batch: int) -> None:
     """Count where the intervals just added of some places in a block lead to."""
     cells = tally.rows[block]
@@ -280,6 +280,5 @@ def sample(tally: Tally, time: float) -> None:
         x, v, voltage = cells[DISPLACEMENT + lane], cells[VELOCITY + lane], cells[VOLTAGE + lane]
         # What has left the finite numbers has no bin.
         if abs(x) + abs(v) + abs(voltage) < np.inf:
-            count_sample(tally.histograms[k], tally.bin_widths[k], group, 0, x)
-            count_sample(tally.histograms[k], tally.bin_widths[k], group, 1, v)
-            count_sample(tally.histograms[k], tally.bin_widths[k], group, 2, voltage)
+            for row, value in enumerate((x, v, voltage)):
+                count_sample(tally.histograms[k], tally.bin_widths[k], group, row, value)
