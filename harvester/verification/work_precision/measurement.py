@@ -78,7 +78,7 @@ def work_precision(
     thorough : bool
         More paths, steps and realizations.
     methods : sequence of Method or None
-        None: all of them.
+        None: all of them, and the throughput of every way to run the circuit.
     **running
         See `harvester.running.open_runner`. What is kept holds the times that were measured.
 
@@ -98,10 +98,10 @@ def work_precision(
     reference = LOAD_REFERENCE if with_load else REFERENCE
     factor = THOROUGH if thorough else 1
     with open_runner(**running) as runner:
+        speeds = _speeds(scene, methods is None and not with_load, runner)
         if methods is None:
             every = THOROUGH_METHODS if thorough else METHODS
             methods = LOAD_METHODS if with_load else with_compiled(every, runner)
-        speeds = _speeds(scene, with_load, runner)
         short = _strong_scene(scene, PATHS * factor)
         strong = _strong_errors(short, methods, _exact_paths(short, with_load, runner), runner)
         runs = {
@@ -149,9 +149,9 @@ def _has_load(scene):
     return True
 
 
-def _speeds(scene, with_load, runner):
+def _speeds(scene, measured, runner):
     """How fast every way to run the circuit is; a load with more than a resistor has but one."""
-    if with_load:
+    if not measured:
         return {"rows": [], "machine": throughput.machine()}
     # By itself: the other tasks would take the processors that it measures.
     return _there(runner.run([throughput.task(scene, runner.version("circuit"))]))[0]
