@@ -66,6 +66,7 @@ def briefly():
         patch.setattr(timed, "CLOSURES", ("consistent",))
         patch.setattr("harvester.verification.stability.cases.STEP_BUDGET", 4000)
         patch.setattr(measurement, "METHODS", FEW_METHODS)
+        patch.setattr(measurement, "LOAD_METHODS", FEW_LOAD_METHODS)
         patch.setattr(measurement, "PERIODS", 1)
         patch.setattr(measurement, "PATHS", 2)
         patch.setattr(throughput, "task", speeds_here)
