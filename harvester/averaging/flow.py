@@ -25,6 +25,8 @@ NEIGHBOURS = 6
 LANES = 8  # nodes of X' in a row that take their shares together, some of them none
 PATH_TOLERANCE = 1e-6  # of a step along a path, as a share of the greatest displacement and speed
 MOST_TRIALS = 250  # steps along a path, in the mean
+MOST_OF_ALL_PATHS = 4e7  # steps: seven seconds
+SAMPLED = 8  # one of so many nodes of X and of X' begins a path that tells how long all take
 SAFETY, SHRINK, GROWTH = 0.9, 0.2, 5.0
 # Of Dormand and Prince: weights of the stages before each one, and in what order four has else.
 STAGES, OFF = np.vstack([np.pad(RK45.A, ((0, 0), (0, 1))), RK45.B]), RK45.E
@@ -46,14 +48,17 @@ def shared_ends(device: System, grid: Grid) -> tuple[np.ndarray, ...]:
     Raises
     ------
     AveragingError
-        A contact so short that its paths take too many steps.
+        A contact so short, or a spring so stiff, that the paths take too many steps.
     """
-    ends = [np.empty((len(grid.x), len(grid.kept), len(grid.v))) for _ in range(2)]
-    if not _ends(device, grid.x, grid.kept, grid.v, grid.step, *ends):
-        raise AveragingError(
-            "contacts or spring are too stiff for the steps that fokker_planck has: soften "
-            "them, or simulate"
-        )
+    nodes = len(grid.x) * len(grid.kept) * len(grid.v)
+    most = min(MOST_TRIALS, MOST_OF_ALL_PATHS / nodes)
+    for part in (grid._replace(x=grid.x[::SAMPLED], v=grid.v[::SAMPLED]), grid):
+        ends = [np.empty((len(part.x), len(part.kept), len(part.v))) for _ in range(2)]
+        if not _ends(device, part.x, part.kept, part.v, part.step, most, *ends):
+            raise AveragingError(
+                "contacts or spring are too stiff for the steps that fokker_planck has: soften "
+                "them, or simulate"
+            )
     return *_neighbours(ends[0], grid.x, NEIGHBOURS), *_neighbours(ends[1], grid.v, LANES)
 
 
@@ -70,9 +75,9 @@ def _acceleration(s, x, v, z):
 
 
 @compiled
-def _ends(s, x, z, v, time, end_x, end_v):
-    """Fill in X and X' of each node's path after this time; False if they take too long."""
-    trials, most = 0, MOST_TRIALS * x.size * z.size * v.size
+def _ends(s, x, z, v, time, most, end_x, end_v):
+    """Fill in X and X' of each node's path after this time; False beyond so many steps a path."""
+    trials, most = 0.0, most * x.size * z.size * v.size
     least_x, least_v = PATH_TOLERANCE * np.abs(x).max(), PATH_TOLERANCE * np.abs(v).max()
     speeds, pushes = np.empty(OFF.size), np.empty(OFF.size)
     for i in range(x.size):
@@ -101,7 +106,7 @@ def _ends(s, x, z, v, time, end_x, end_v):
                     # A step cut short by the end of the time tells nothing against longer ones.
                     if off > 1.0 or h == length or change < 1.0:
                         length = h * change
-                    trials += 1
+                    trials += 1.0
                     if trials > most:
                         return False
                 end_x[i, j, k], end_v[i, j, k] = here, speeds[0]

@@ -19,7 +19,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from harvester.averaging.averages import Averages
-from harvester.averaging.region import NODE_REFINEMENT, Level, Region
+from harvester.averaging.region import HOPELESS_DISPLACEMENT, NODE_REFINEMENT, Level, Region
 from harvester.averaging.solution import Solution, Task, period
 from harvester.averaging.wells import (
     HELD_BACK,
@@ -52,6 +52,7 @@ REGION_ATTEMPTS = 8  # at the region
 SHORTEST_CONTACT = 2e-2  # in periods of small oscillations
 FASTEST_DECAY = 60.0  # λ, in units of the period, beyond which that takes too many steps
 SLOWEST_DECAY = 2e-3  # λ, in units of the period, below which it takes too many vectors
+FARTHER = 2.0  # of two rates through which a line is drawn, in units of the nearer one
 LINE_TOLERANCE_SHARE = 0.3  # share of the tolerance left to means from which a line is drawn
 CONTINUED_WORK = 2.0  # of the usual work, for a tolerance so much smaller
 UNTOLD_FACTOR = 2.0  # factor in E[X'²] that the first grid of all may leave in doubt
@@ -66,6 +67,7 @@ JUDGED = (
     "mean_square_velocity",
     "mean_square_displacement",
 )
+NEVER_NEGATIVE = ("mean_square_voltage", "power_in")
 # An efficiency's error beyond the second is judged as a share of the first at most: where 1 % of a
 # high one would be more, 0.3 points are asked for.
 HIGH_EFFICIENCY, FEW_POINTS = 0.3, 3e-3
@@ -160,7 +162,7 @@ def _slow_decay(device, slowest, tolerance):
     """
     part, rate = device.transducer, device.transducer.decay_rate()
     answers = []
-    for factor in (slowest / rate, 2.0 * slowest / rate):
+    for factor in (slowest / rate, FARTHER * slowest / rate):
         rates = {name: factor * getattr(part, name) for name in ("load_rate", "own_rate")}
         slowed = device._replace(transducer=part._replace(**rates))
         task = Task(slowed, tolerance, CONTINUED_WORK, read=part)
@@ -215,6 +217,12 @@ def _first(task, tolerance):
     """The answer on the first grid where the density is."""
     region, rough = _found(task)
     region.check(task.device)
+    asked, taken = (each.decay_rate() for each in (task.transducer, task.device.transducer))
+    if asked < rough.means.get("well_crossing_rate", 0.0) < FARTHER * taken and asked < taken:
+        raise AveragingError(
+            f"decay_rate={asked:g}: jumps between the wells are as slow as the {taken:.3g} /s from "
+            "which fokker_planck continues its means: simulate"
+        )
     nodes = int(np.ceil(-NODES_PER_DECADE * np.log10(tolerance)))
     level = FIRST_LEVEL._replace(nodes=max(nodes, FIRST_LEVEL.nodes), tolerance=tolerance)
     return Solution(task, region, level, rough)
@@ -228,7 +236,7 @@ def _refine(grids, respect, known=None):
     last = grids[respect][-1]
     try:
         level = last.level.more(respect)
-        grids[respect].append(Solution(last.task, last.region, level, last))
+        finer = Solution(last.task, last.region, level, last)
     except AveragingError as refusal:
         if known is None:
             raise
@@ -237,6 +245,13 @@ def _refine(grids, respect, known=None):
             f"{name.replace('_', ' ')} is known to {share:.2g} of itself, not to the tolerance of "
             f"{last.level.tolerance:g}, on as fine a grid as is tried: raise it, or simulate"
         ) from refusal
+    for name in NEVER_NEGATIVE:
+        if finer.means[name] < 0.0:
+            raise AveragingError(
+                f"{name.replace('_', ' ')} comes out negative on a grid and a finer one: it is too "
+                "small against what it is the difference of; simulate"
+            )
+    grids[respect].append(finer)
 
 
 def _found(task):
@@ -250,6 +265,7 @@ def _found(task):
     alone = lone is not None and HELD_BACK * driven(device, lone) < height
     region, solution, joined = Region.guessed(device, lone if alone else None), None, False
     for attempt in range(REGION_ATTEMPTS):
+        region.check(device, HOPELESS_DISPLACEMENT)
         solution = Solution(task, region, REGION_LEVEL, solution)
         fitted = Region.fitted(device, solution)
         spread = solution.means["mean_square_velocity"]

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline, RectBivariateSpline
 from scipy.ndimage import convolve1d
 
-from harvester.averaging.flow import lagrange
 from harvester.averaging.propagator import whole
 
 if TYPE_CHECKING:
@@ -19,10 +19,11 @@ if TYPE_CHECKING:
 JOINT_POINTS = 321  # displacements, and velocities, at which the joint density is tabulated
 # Takes off what changes sign from node to node, and keeps moments up to the third.
 SMOOTHING = np.array([-1.0, 4.0, 10.0, 4.0, -1.0]) / 16.0
-VOLTAGE_POINTS = 241  # at which that density is known
-COUNTED_MASS = 1e-6  # share of the greatest mass from which a place tells of Z
-SPREAD_OUT = 0.15  # standard deviation of Z at its X, as a share of its reach
+VOLTAGE_POINTS = 481  # at which that density is known
+SMALLEST_LOBES = 1e-4  # share of all mass in negative lobes from which a density is not right
+COUNTED_MASS = 1e-4  # share of the greatest mass from which a place tells of Z
 NORMAL_TAIL = 5.0  # standard deviations of a normal density
+NORMALS_AT_A_TIME = 4000
 
 
 class GridDensity:
@@ -49,25 +50,24 @@ class GridDensity:
 
     def __init__(self, transducer: Any, grid: Grid, state: np.ndarray, paired: bool) -> None:
         self.x, self.v, self.paired = grid.x, grid.v, paired
+        self._transducer, self._grid = transducer, grid
         mass = whole(state, grid)[:, :, 0]
-        mass = mass / mass.sum()
+        self._mass = mass / mass.sum()
         step_x, step_v = self.x[1] - self.x[0], self.v[1] - self.v[0]
-        self.values = mass.sum(axis=1) / (step_x * step_v)
+        self.values = self._mass.sum(axis=1) / (step_x * step_v)
         self._joint = RectBivariateSpline(self.x, self.v, self.values)
-        along_x, along_v = self.values.sum(axis=1) * step_v, self.values.sum(axis=0) * step_x
-        if len(grid.z) == 1:
-            voltage = transducer.voltage(self.v, 0.0)
-            of_voltage = along_v * step_v / (voltage[1] - voltage[0])
-        else:
-            charge, of_charge = _of_charge(grid, mass.sum(axis=2))
-            share = transducer.voltage(0.0, 1.0)
-            voltage, of_voltage = share * charge, of_charge / share
-        marginals = {
-            "displacement": (self.x, along_x),
-            "velocity": (self.v, along_v),
-            "voltage": (voltage, of_voltage),
-        }
-        self._marginals = {name: CubicSpline(*each) for name, each in marginals.items()}
+        self._displacement = CubicSpline(self.x, self.values.sum(axis=1) * step_v)
+        self._velocity = CubicSpline(self.v, self.values.sum(axis=0) * step_x)
+
+    @cached_property
+    def _voltage(self):
+        """Of the last of some grids alone: it takes as long as all else here."""
+        if len(self._grid.z) == 1:
+            voltage = self._transducer.voltage(self.v, 0.0)
+            return CubicSpline(voltage, self._velocity(self.v) * self.v[-1] / voltage[-1])
+        charge, density = _of_charge(self._grid, self._mass)
+        share = self._transducer.voltage(0.0, 1.0)
+        return CubicSpline(share * charge, density / share)
 
     def joint(self, x: ArrayLike, v: ArrayLike) -> np.ndarray:
         """p(X, X').
@@ -81,15 +81,15 @@ class GridDensity:
 
     def displacement(self, x: ArrayLike) -> np.ndarray:
         """p(X), the integral of `joint` over velocity."""
-        return self._marginal("displacement", x)
+        return self._either_side(self._displacement, x)
 
     def velocity(self, v: ArrayLike) -> np.ndarray:
         """p(X'), the integral of `joint` over displacement."""
-        return self._marginal("velocity", v)
+        return self._either_side(self._velocity, v)
 
     def voltage(self, voltage: ArrayLike) -> np.ndarray:
         """p(V) of the terminal voltage."""
-        return self._marginal("voltage", voltage)
+        return self._either_side(self._voltage, voltage)
 
     def below(self, x: float) -> float:
         """Probability of a displacement below x."""
@@ -99,8 +99,8 @@ class GridDensity:
 
     def tabulated(self, name: str) -> tuple[np.ndarray, np.ndarray]:
         """Places where a density is known as far out as it reaches, and it there: two ndarrays."""
-        places = self._evenly(self._marginals[name].x)
-        return places, self._marginal(name, places)
+        places = self._evenly(getattr(self, f"_{name}").x)
+        return places, getattr(self, name)(places)
 
     def tabulated_joint(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Displacements and velocities, evenly spaced, and p(X, X') there, as far as it reaches.
@@ -121,9 +121,6 @@ class GridDensity:
         apart = (nodes[-1] - nodes[0]) / (nodes.size - 1)
         return np.linspace(low, high, count or 1 + round((high - low) / apart))
 
-    def _marginal(self, name, place):
-        return self._either_side(self._marginals[name], place)
-
     def _either_side(self, spline, *places):
         """A density, of two wells alike half on either side; 0 beyond the nodes."""
         ends = [self.x, self.v] if len(places) == 2 else [spline.x]
@@ -138,28 +135,43 @@ class GridDensity:
 
 
 def _of_charge(grid, mass):
-    """Values of X − Z and their density, from the moments of Z that the nodes hold at each X.
+    """Values of X − Z and their density, from the mass at the nodes of (X, Z, X').
 
-    Where Z is spread over its nodes, the polynomial through them; else a normal density.
+    The densities of X at the nodes of Z, each moved by its Z, add up to it where they change little
+    from node to node: then the sum is nowhere negative. Else Z has at each X and X' a normal
+    density of the moments there. Either has the variance that the nodes hold.
     """
-    held = mass.sum(axis=1)
-    counts = held > COUNTED_MASS * held.max()
-    x, mass, held = grid.x[counts], mass[counts], held[counts]
-    mean = mass @ grid.z / held
-    spread = np.sqrt(np.maximum(mass @ grid.z**2 / held - mean**2, (0.5 * (x[1] - x[0])) ** 2))
-    unit, weights = np.polynomial.legendre.leggauss(grid.z.size)
-    reach = (grid.z[-1] - grid.z[0]) / (unit[-1] - unit[0])
-    centre = 0.5 * (grid.z[0] + grid.z[-1])
-    if held @ spread > SPREAD_OUT * reach * held.sum():
-        charge = np.linspace(x[0] - centre - reach, x[-1] - centre + reach, VOLTAGE_POINTS)
-        place = x[:, None] - charge
-        inside = np.abs(place - centre) <= reach
-        polynomial = lagrange(place, grid.z) * inside[..., None] / (weights * reach)
-        return charge, np.einsum("xj,xqj->q", mass, polynomial)
-    charge = np.linspace(
-        (x - mean - NORMAL_TAIL * spread).min(),
-        (x - mean + NORMAL_TAIL * spread).max(),
-        VOLTAGE_POINTS,
-    )
-    away = (charge - (x - mean)[:, None]) / spread[:, None]
-    return charge, (held / spread) @ np.exp(-0.5 * away**2) / np.sqrt(2.0 * np.pi)
+    x, z, along = grid.x, grid.z, mass.sum(axis=2)
+    charge = np.linspace(x[0] - z[-1], x[-1] - z[0], VOLTAGE_POINTS)
+    moved = CubicSpline(x, along / (x[1] - x[0]), extrapolate=False)(charge[:, None] + z)
+    density = np.einsum("qzz->q", np.nan_to_num(moved))
+    if -density.clip(max=0.0).sum() <= SMALLEST_LOBES * density.sum():
+        return charge, density
+    held, centre, spread = _normals(grid, mass)
+    away = x[:, None] - z
+    mean, middle = np.sum(along * away), held @ centre
+    stretch = np.sum(along * away**2) - mean**2
+    stretch = np.sqrt(stretch / (held @ (centre**2 + spread**2) - middle**2))
+    centre, spread = mean + stretch * (centre - middle), stretch * spread
+    tail = NORMAL_TAIL * spread
+    charge = np.linspace((centre - tail).min(), (centre + tail).max(), VOLTAGE_POINTS)
+    density = np.zeros(charge.size)
+    for part in np.array_split(np.arange(centre.size), 1 + centre.size // NORMALS_AT_A_TIME):
+        away = (charge - centre[part, None]) / spread[part, None]
+        density += (held[part] / spread[part]) @ np.exp(-0.5 * away**2)
+    return charge, density / np.sqrt(2.0 * np.pi)
+
+
+def _normals(grid, mass):
+    """Mass, mean and standard deviation of X − Z at each X and X' that holds some.
+
+    Without what alternates from node to node, and no narrower than nodes of X leave no gap.
+    """
+    moments = np.einsum("nz,xzv->nxv", [grid.z**power for power in range(3)], mass)
+    for axis in (1, 2):
+        moments = convolve1d(moments, SMOOTHING, axis=axis, mode="constant")
+    row, column = np.nonzero(moments[0] > COUNTED_MASS * moments[0].max())
+    held, first, second = moments[:, row, column]
+    least = 0.5 * (grid.x[1] - grid.x[0])
+    spread = np.sqrt(np.maximum(second / held - (first / held) ** 2, least**2))
+    return held / held.sum(), grid.x[row] - first / held, spread

@@ -22,6 +22,7 @@ FEWEST_CORES = 20  # cores that the range of X and of X' has at least
 # More nodes of Z for each half width of the density by which the greatest Z displaces it.
 NODES_PER_WIDTH = 4.0
 GREATEST_DISPLACEMENT = 2.0  # in half widths: the charge decides there whether there is a well
+HOPELESS_DISPLACEMENT = 4.0  # the same of a region that is not yet known well
 GIBBS_REACH = 5.3  # standard deviations of a Gibbs density at 1e-6 of its peak
 SEEN, BEYOND = 1e-3, 1.42  # share of the peak that a coarse grid tells; from there to 1e-6
 GATHERED = 1e-4  # share of the peak at an end of the range, beyond which there is more
@@ -206,10 +207,10 @@ class Region(NamedTuple):
         frequency = timescales.angular_frequency(device)
         return device.transducer.coupling * reach / frequency**2 / self.width
 
-    def check(self, device: System) -> None:
-        """Refuse a charge that Z's nodes cannot follow."""
+    def check(self, device: System, allowed: float = GREATEST_DISPLACEMENT) -> None:
+        """Refuse a charge that Z's nodes cannot follow, so many half widths as are allowed."""
         displaced = self.displaced(device)
-        if displaced > GREATEST_DISPLACEMENT:
+        if displaced > allowed:
             raise AveragingError(
                 f"coupling={device.transducer.coupling:g}: the charge displaces the mass by "
                 f"{displaced:.2g} times the width of its density, too far for fokker_planck: "

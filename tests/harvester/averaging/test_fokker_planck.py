@@ -1,25 +1,22 @@
-"""The closure `fokker_planck`: exact limits, simulation, its error and its refusals."""
+"""The closure `fokker_planck`: exact limits, its error and its refusals."""
 
 import math
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from device_scenes import device as device_scene
 from truths import averaged, flat, interpolated_linear_means, well
 
 from harvester.averaging import average, fokker_planck, solution
-from harvester.averaging.flow import lagrange
 from harvester.averaging.fokker_planck import REGION_LEVEL
 from harvester.averaging.of_scene import average as average_scene
-from harvester.averaging.propagator import Grid, Propagator, mirrored
-from harvester.averaging.region import Region, _widths
+from harvester.averaging.propagator import Propagator
+from harvester.averaging.region import Region
 from harvester.device import system as systems
 from harvester.device import timescales
 from harvester.errors import AveragingError
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
-from harvester.simulation import simulate
 
 PAPER = flat(Scene.load("paper"))
 LINEAR = flat(Scene.load("linear"))
@@ -108,26 +105,6 @@ def test_white_noise_gives_its_power_whatever_takes_it():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "overrides",
-    [
-        ["stoppers.gap=0.95", "stoppers.stiffness=40", "excitation.intensity=0.03"],
-        ["excitation.correlation_time=1.0", "excitation.intensity=0.1"],
-        ["load.decay_rate=0.9", "excitation.intensity=0.06", "excitation.correlation_time=0.2"],
-    ],
-    ids=["preloaded", "remembered noise", "fast load"],
-)
-def test_simulation(overrides):
-    """Where averaging is 3 to 13 % off: within four standard errors and the numerical error.
-
-    By chance one of the six comparisons fails in 2600 choices of the seed.
-    """
-    run = ["run.duration=4000", "run.realizations=64", "run.seed=11"]
-    scene = Scene.load("paper", overrides + run)
-    assert_as_simulated(scene, ("mean_square_voltage", "power_conversion_efficiency"))
-
-
-@pytest.mark.slow
 def test_densities():
     """Nowhere negative, symmetric, of integral 1, and with the means of the result."""
     p = PAPER._replace(intensity=0.005)
@@ -190,60 +167,6 @@ def test_work_is_bounded(monkeypatch):
         averaged(PAPER._replace(intensity=0.02), "fokker_planck")
 
 
-def test_widths_of_a_density():
-    """Of a normal density both are its deviation; a steep side is told from the peak's width."""
-    x = np.linspace(-5.0, 5.0, 201)
-    assert _widths(x, np.exp(-0.5 * (x / 0.7) ** 2)) == pytest.approx((0.7, 0.7), rel=0.02)
-    narrow, steep = _widths(x, np.exp(-0.5 * (x / np.where(x > 0.0, 0.2, 1.0)) ** 2))
-    assert narrow == pytest.approx(0.6, rel=0.03)
-    assert steep == pytest.approx(0.2, rel=0.1)
-
-
-def test_shares_keep_moments():
-    """Lagrange weights share a mass such that moments up to the fifth stay."""
-    nodes, place = np.arange(6.0), np.array([1.3, 2.71])
-    weights = lagrange(place, nodes)
-    for power in range(6):
-        assert weights @ nodes**power == pytest.approx(place**power)
-
-
-@pytest.mark.parametrize("memory", [1e-6, 0.3])
-def test_steps_of_a_free_mass(memory):
-    """Without forces, exactly: variances of X' under white and coloured noise, whatever the step.
-
-    The propagator starts with X' = 0 and η stationary; X'(t) has variance
-    2Dτ1 (t/τ1 − 1 + exp(−t/τ1)).
-    """
-    p = LINEAR._replace(
-        damping=0.0, linear_stiffness=1e-12, coupling=0.0, intensity=0.05, correlation_time=memory
-    )
-    x, v = np.linspace(-40.0, 40.0, 401), np.linspace(-4.0, 4.0, 160)
-    propagator = Propagator(p.system, Grid(x, v, np.array([-0.5, 0.5]), True, 8, 0.5))
-    state = np.zeros(propagator.grid.shape)
-    width = 0.3
-    state[:, 0, 0] = np.exp(-0.5 * (x[:, None] / 4.0) ** 2 - 0.5 * (v / width) ** 2)
-    state /= state[:, :, 0].sum()
-    for _ in range(4):
-        state = propagator.step(state)
-    time = 2.0 / memory
-    gained = 2.0 * p.intensity * memory * (time - 1.0 + math.exp(-time))
-    assert state[:, :, 0].sum() == pytest.approx(1.0, abs=1e-9)
-    assert np.sum(state[:, :, 0] * v**2) == pytest.approx(width**2 + gained, rel=1e-3)
-
-
-@pytest.mark.parametrize("columns", [8, 9, 46])
-def test_steps_in_single_precision(columns):
-    """The same as in double precision but for rounding; all mass is kept, whatever fills a row."""
-    x, v = np.linspace(-1.6, 1.6, 40), np.linspace(-1.2, 1.2, columns)
-    grid = Grid(x, v, np.linspace(-1.5, 1.5, 6), True, 3, 0.7)
-    start = np.random.default_rng(5).normal(size=grid.shape)
-    propagator = Propagator(PAPER.system, grid)
-    exact, single = (each.repeated(start, 4) for each in (propagator, propagator.single()))
-    assert single.dtype == np.float32
-    assert np.abs(single - exact).max() < 1e-5 * np.abs(exact).max()
-    assert exact[:, :, 0].sum() == pytest.approx(start[:, :, 0].sum(), abs=1e-10)
-
-
 def test_a_slow_load_is_told_beyond_single_precision():
     """What a period changes is below what the load moves in it, by the tolerance's share."""
     device = PAPER._replace(decay_rate=2e-3).system
@@ -253,11 +176,6 @@ def test_a_slow_load_is_told_beyond_single_precision():
     later = Propagator(device, found.grid).repeated(found.state, found.steps)
     rest = np.linalg.norm(later - found.state) / np.linalg.norm(found.state)
     assert rest < 2e-2 * 0.002 * 2e-3 * solution.period(device)
-
-
-def test_mirrored_twice_is_the_same():
-    state = np.random.default_rng(1).normal(size=(3, 4, 6, 5))
-    assert np.array_equal(mirrored(mirrored(state)), state)
 
 
 SKEW = (-0.15, -2.0, 0.5, 2.2)
@@ -367,140 +285,6 @@ def test_kramers():
     expected = slowed / barrier * attempt * math.exp(-height)
     # From either well into the other: twice the rate out of one.
     assert found == pytest.approx(2.0 * expected, rel=0.15)
-
-
-def assert_as_simulated(scene, names):
-    """Within four standard errors of Monte Carlo and the numerical error; returns Monte Carlo's."""
-    simulated, found = simulate(scene, method="monte-carlo"), average_scene(scene)
-    for name in names:
-        truth, answer = simulated.quantity(name), found.quantity(name)
-        error = 4.0 * truth.standard_error + answer.standard_error
-        assert answer.estimate == pytest.approx(truth.estimate, abs=error)
-    return simulated
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["uneven stoppers", "coil with inductance"])
-def test_simulation_of_other_devices(name):
-    """Within four standard errors and the numerical error: one failure in 4000 choices of seed."""
-    scene = device_scene(name)
-    duration = 1500.0 if scene.units == "scaled" else 100.0
-    changes = {"run.duration": duration, "run.settle": 0.05 * duration, "run.realizations": 16}
-    scene = scene.replace({**changes, "excitation.knot_spacing": None})
-    names = ("mean_square_voltage", "mean_power", "mean_square_displacement")
-    assert_as_simulated(scene, names)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("resistance", "coupling"), [(2e6, 1e-3), (6e5, 1e-3), (4e6, 1.5e-3)])
-def test_a_stopper_on_one_side_and_a_strong_coupling(resistance, coupling):
-    """The charge follows motion that is not about its well, and contacts are shorter than steps.
-
-    Within four standard errors and the numerical error: one failure in 4000 choices of seed.
-    """
-    changes = {"run.duration": 1000.0, "run.settle": 20.0, "run.realizations": 16}
-    scene = Scene.load("one_sided").replace(
-        {"load.resistance": resistance, "piezo.coupling": coupling, **changes}
-    )
-    names = ("mean_square_voltage", "mean_square_velocity", "mean_power")
-    simulated = assert_as_simulated(scene, names)
-    for name in names:
-        truth = simulated.quantity(name)
-        assert truth.standard_error < 0.01 * truth.estimate
-
-
-@pytest.mark.parametrize(
-    ("name", "changes"),
-    [
-        (
-            "tristable",
-            {
-                "oscillator.damping": 0.10725,
-                "load.resistance": 379e3,
-                "excitation.intensity": 0.12835,
-                "excitation.correlation_time": 0.00994,
-            },
-        ),
-        ("asymmetric", {"excitation.intensity": 0.03}),
-    ],
-)
-def test_the_well_that_holds_all_where_jumps_are_rare(name, changes):
-    """One path that starts in the right well, which holds all motion or half, and stays there.
-
-    The middle well of the tristable device is left 4e-4 times a second in simulation, the outer
-    ones never in 5e5 s. Within four standard errors and the numerical error: one failure in 8000
-    choices of seed.
-    """
-    scene = Scene.load(name).replace(changes)
-    run = {"run.duration": 5000.0, "run.settle": 50.0, "run.realizations": 1}
-    truth = simulate(scene.replace(run), method="monte-carlo")
-    assert truth["well_crossing_rate"].estimate == 0.0
-    answer = average_scene(scene)
-    for quantity in ("mean_square_voltage", "mean_square_velocity"):
-        one, other = answer[quantity], truth[quantity]
-        error = 4.0 * other.standard_error + one.standard_error
-        assert error < 0.06 * other.estimate
-        assert one.estimate == pytest.approx(other.estimate, abs=error)
-    other = len(timescales.wells(scale(scene)[0])) - 1
-    assert answer[f"share_of_time_in_well_{other}"].estimate < 1e-3
-
-
-@pytest.mark.slow
-def test_rare_jumps_between_wells_that_are_not_alike():
-    """Left after 500 and 3000 s: Monte Carlo of 64 × 16 000 s gives 19.46 V² ± 1.5 %.
-
-    Within four standard errors and the numerical error: one failure in 8000 choices of seed.
-    """
-    changes = {
-        "oscillator.damping": 0.15306,
-        "load.resistance": 245.75e3,
-        "excitation.intensity": 0.15336,
-        "excitation.correlation_time": 0.00444,
-    }
-    answer = average_scene(Scene.load("tristable").replace(changes))["mean_square_voltage"]
-    error = 4.0 * 0.015 * 19.46 + answer.standard_error
-    assert answer.estimate == pytest.approx(19.46, abs=error)
-
-
-@pytest.mark.slow
-def test_a_charge_that_outlasts_the_stay_in_a_well():
-    """Jumps are frequent at some nodes of Z and rare at others: few of them tell 27 % less.
-
-    Within four standard errors and the numerical error: one failure in 8000 choices of seed.
-    """
-    changes = {
-        "oscillator.damping": 0.5,
-        "stoppers": {"gap": 1.2, "stiffness": 20.0, "restitution": 0.8},
-        "piezo.coupling": 1.2,
-        "load.decay_rate": 0.005,
-        "excitation.intensity": 0.1,
-        "excitation.correlation_time": 0.02,
-        "excitation.knot_spacing": None,
-        "run.duration": 6000.0,
-        "run.settle": 1200.0,
-    }
-    scene = Scene.load("paper").replace(changes)
-    assert_as_simulated(scene, ("mean_square_voltage", "mean_square_displacement"))
-
-
-@pytest.mark.slow
-def test_noise_with_a_memory_brings_the_mass_over_the_saddle():
-    """Barrier 16 E[X'²]: within four standard errors and the numerical error (one in 16 000)."""
-    changes = {
-        "oscillator.damping": 0.033,
-        "stoppers": {"gap": 0.87, "stiffness": 5.6, "restitution": 0.45},
-        "piezo.coupling": 0.656,
-        "load.decay_rate": 0.408,
-        "excitation.intensity": 0.131,
-        "excitation.correlation_time": 0.68,
-        "run.duration": 4e4,
-    }
-    scene = Scene.load("paper").replace(changes)
-    truth = simulate(scene, method="monte-carlo")["mean_square_voltage"]
-    answer = average_scene(scene)["mean_square_voltage"]
-    error = 4.0 * truth.standard_error + answer.standard_error
-    assert error < 0.025 * truth.estimate
-    assert answer.estimate == pytest.approx(truth.estimate, abs=error)
 
 
 @pytest.mark.slow
