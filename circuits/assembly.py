@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from circuits import elements
+from circuits.load_watch import NOTHING as UNWATCHED
+from circuits.load_watch import Watch, watch_of
 from circuits.loads.expressions import check_netlist
 from circuits.measurement import NOTHING, Measurement, measurement_of
 from circuits.ngspice import compiled_device
@@ -26,10 +28,11 @@ if TYPE_CHECKING:
 FIXED_STEP = "reltol=1e-10 vntol=1e-11 trtol=1e9"
 # Integrators by name, as ngspice calls them.
 INTEGRATORS = {"trapezoidal": "trap", "gear": "gear"}
-# With diodes Newton needs many iterations where one turns on: a step that it gives up is tried
-# again at an eighth, where the rounding of a large capacitor's current is eight times worse.
-RECTIFIER_STEP = "reltol=1e-6 trtol=1e9 itl4=100"
-# A load that switches: its local error, and Newton's own tolerance, which rounding does not reach.
+# With diodes and switches Newton needs many iterations where one turns on: a step that it gives up
+# is tried again at an eighth, where the rounding of a large capacitor's current is eight times
+# worse.
+LOAD_STEP = "reltol=1e-6 trtol=1e9 itl4=100"
+# A load that may jump: its local error, and Newton's own tolerance, which rounding does not reach.
 LOAD_TOLERANCE = 1e-5
 LOAD_NEWTON = 1e-4
 # ngspice's own relative tolerance.
@@ -40,6 +43,8 @@ SHORTEST_RUN = 1000
 # ngspice takes its first steps by backward Euler, which costs a mass at speed energy: they are this
 # share of the usual one. So is the printing interval, where ngspice falls back to first order too.
 FIRST_ORDER_SHARE = 1e-3
+# Share of one scaled volt below which the load's voltages do not shorten a step.
+SMALL_VOLTAGE = 1e-3
 
 
 def own_steps(tolerance: float) -> str:
@@ -58,7 +63,7 @@ def step_options(
     step : str or float
         See `harvester.engines.steps.steps_per_knot`.
     tolerance : float or None
-        Relative tolerance of the local error; None: none, or for a load that switches one that
+        Relative tolerance of the local error; None: none, or for a load that may jump one that
         goes with the step, because ngspice's trapezoidal steps grow as its square root.
 
     Returns
@@ -68,8 +73,8 @@ def step_options(
     load = scene.load.circuit
     if load is None or load.linear:
         return (own_steps(tolerance), True) if tolerance else (FIXED_STEP, False)
-    if not load.switches and not tolerance:
-        return RECTIFIER_STEP, False
+    if not load.may_jump and not tolerance:
+        return LOAD_STEP, False
     refinement = steps_per_knot(scene, step) / steps_per_knot(scene)
     tolerance = tolerance or LOAD_TOLERANCE / refinement**2
     return f"reltol={LOAD_NEWTON!r} trtol={7.0 * tolerance / LOAD_NEWTON!r} itl4=100", True
@@ -108,6 +113,11 @@ class Netlist:
         Whether an inductance of the transducer drives the load's current on.
     measurement : circuits.measurement.Measurement
         Of the load.
+    watch : circuits.load_watch.Watch
+        Of the load.
+    watched_energy : (float, float)
+        Twice the energy over the terminal's voltage squared (F), and twice that which does not
+        count (J).
     """
 
     text: str
@@ -125,6 +135,8 @@ class Netlist:
     storage: tuple = ()
     drives_current: bool = False
     measurement: Measurement = NOTHING
+    watch: Watch = UNWATCHED
+    watched_energy: tuple[float, float] = (0.0, 0.0)
 
     @property
     def sha256(self) -> str:
@@ -220,9 +232,10 @@ def assemble(
     text = str(circuit)
     check_netlist(text)
     measured: Any = (electrical.power_unit,) if electrical.current_per_ampere > 0.0 else ()
+    pins, capacitance = elements.load_pins(electrical), electrical.reference_capacitance
     if load and load.resistance is None:
         # No step is to follow a stray capacitance's charge or what rings on in an idle coil.
-        stray = elements.STRAY_SHARE * electrical.reference_capacitance
+        stray = elements.STRAY_SHARE * capacitance
         charge = stray * scales.voltage
         options += (
             f" chgtol={elements.number(3.0 * charge)} abstol={elements.number(charge * rate)}"
@@ -248,7 +261,9 @@ def assemble(
         electrical.current_per_ampere,
         *measured,
         drives_current=electrical.drives_current,
-        measurement=measurement_of(load, elements.load_pins(electrical)) if load else NOTHING,
+        measurement=measurement_of(load, pins) if load else NOTHING,
+        watch=(load and watch_of(load, pins)) or UNWATCHED,
+        watched_energy=(capacitance, capacitance * (SMALL_VOLTAGE * scales.voltage) ** 2),
     )
 
 

@@ -19,6 +19,7 @@ from circuits.assembly import (
 )
 from circuits.ltspice import DIFFERENCES, to_ltspice
 from harvester.device import timescales
+from harvester.engines.steps import REJECTING_STEPS, knot_spacing, steps_per_knot
 from harvester.errors import NetlistError
 from harvester.scene.units import scale
 
@@ -152,6 +153,8 @@ def _assembled(scene, path, start, step, tolerance=None, integrator="trapezoidal
         options = own_steps(tolerance or OWN_TOLERANCE)
     else:
         options, _ = step_options(scene, step, tolerance or LOAD_TOLERANCE)
+        if load.switches and not load.may_jump:
+            step = knot_spacing(scene) / steps_per_knot(scene, step) / REJECTING_STEPS
     save = saved(scene) if save is None else save
     if save and load and load.has_output:
         save = (*save, f"v({elements.OUTPUT})", f"v({elements.REFERENCE})")

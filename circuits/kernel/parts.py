@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from circuits import elements as circuit_elements
 from circuits.kernel import junction, waveform
 from circuits.kernel.builder import Builder
-from circuits.kernel.flattening import elements
+from circuits.kernel.flattening import Place, elements
 from circuits.kernel.formula import NotTaken
 
 if TYPE_CHECKING:
@@ -62,6 +62,18 @@ def _passive(place, key):
     many = place.value(pairs["m"]) if "m" in pairs else 1.0
     start = place.value(pairs["ic"]) if "ic" in pairs else 0.0
     return place.value(text) * factor, many, start
+
+
+def value_of(place: Place, key: str) -> float:
+    """Capacitance (`key` "c", F) or inductance ("l", H) of an element.
+
+    Raises
+    ------
+    LoadError
+        It is no number, or a model's.
+    """
+    value, many, _ = _passive(place, key)
+    return value * many if key == "c" else value / many
 
 
 def _resistor(b, place):

@@ -6,11 +6,13 @@ import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from circuits import elements
+from circuits.load_watch import watch_of
 from circuits.loads import vetting
 from circuits.loads.expansion import Expansion, called
 from circuits.loads.measures import vet_measures
@@ -71,6 +73,11 @@ class LoadCircuit:
     sources: tuple = ()
     measures: tuple = ()
     places: tuple = field(default=(), compare=False, repr=False)
+
+    @cached_property
+    def may_jump(self) -> bool:
+        """Whether a part may change its current without notice, see `circuits.load_watch`."""
+        return watch_of(self, {pin: pin for pin in self.pins}) is None
 
     @property
     def has_output(self) -> bool:

@@ -16,6 +16,7 @@ import numpy as np
 from llvmlite import ir
 
 from circuits.assembly import FIRST_ORDER_SHARE
+from circuits.ngspice import load_steps
 from harvester.compilation import (
     CACHED,
     carray,
@@ -40,7 +41,7 @@ KNOTS_KEPT_BEHIND = 8
 # Longest name of an element that is looked at, ngspice's prefix included.
 LONGEST_NAME = 64
 # Columns of the buffer, of each copy, in front of the unknowns that its load's measures are made
-# of; what is not there is 0.
+# of and those that are watched; what is not there is 0.
 COLUMNS = 9
 DISPLACEMENT, VELOCITY, TERMINAL, NOISE, HELD_SPEED = range(5)
 LOAD_CURRENT, OUTPUT, REFERENCE, TRANSDUCER = range(5, COLUMNS)
@@ -61,7 +62,7 @@ STATE = np.dtype(
         ("knots", np.int64),  # that the window holds
         ("time_vector", np.int64),  # its place among ngspice's vectors
         # Addresses of arrays:
-        ("columns", np.int64),  # COLUMNS and the unknowns watched
+        ("columns", np.int64),  # COLUMNS and what follows
         ("vectors", np.int64),  # int64 (copies, columns): place of each column, or −1
         ("times", np.int64),  # float64 (points,)
         ("buffer", np.int64),  # float64 (copies, points, columns)
@@ -78,6 +79,16 @@ STATE = np.dtype(
         ("state_scale", np.float64),  # scaled state of the transducer for one volt or ampere
         ("landing", np.float64),  # see `harvester.device.system.resolving_step`
         ("rate", np.float64),
+        # What of a load is watched, see `circuits.ngspice.load_steps`; the latter three addresses.
+        ("first_watched", np.int64),  # its first column
+        ("switch_count", np.int64),
+        ("store_count", np.int64),
+        ("switches", np.int64),
+        ("stores", np.int64),
+        ("memory", np.int64),  # float64 (copies, switches + 1)
+        ("capacitance", np.float64),  # twice the energy over the terminal's voltage squared (F)
+        ("least_energy", np.float64),  # twice that which does not count (J)
+        ("refinement", np.float64),  # of the steps against the default ones
     ],
     align=True,
 )
@@ -211,8 +222,29 @@ def _resolved(state, s, row, ahead, step):
 
 
 @inlined
+def _load_step(state, copy, points, step, longest):
+    """Longest step from an accepted point that resolves what the load of a copy does."""
+    count, size = state.count, state.points
+    times = carray(_pointer(state.times), size, np.float64)
+    memory_shape = (state.copies, state.switch_count + 1)
+    last = (count - 1) % size
+    return load_steps.resolving_step(
+        (points, times, state.first_watched),
+        (last, (count - 2) % size, (count - 3) % size, (count - 4) % size),
+        carray(_pointer(state.switches), (state.switch_count, 3), np.float64),
+        carray(_pointer(state.stores), (state.store_count, 2), np.float64),
+        carray(_pointer(state.memory), memory_shape, np.float64)[copy],
+        state.least_energy + state.capacitance * points[last, TERMINAL] ** 2,
+        state.rate / load_steps.MEMORY,
+        load_steps.TOLERANCE / state.refinement**2,
+        load_steps.SHORTEST * step,
+        longest,
+    )
+
+
+@inlined
 def _shortest(state, s, ahead, step):
-    """Longest step that resolves the contacts of every copy; `ahead`: place of the next knot."""
+    """Longest step that resolves every copy; `ahead`: place of the next knot."""
     shape = (state.copies, state.points, state.columns)
     buffer = carray(_pointer(state.buffer), shape, np.float64)
     window = carray(_pointer(state.window), (state.copies, state.knots), np.float64)
@@ -220,6 +252,8 @@ def _shortest(state, s, ahead, step):
     shortest = step
     for copy in range(state.copies):
         longest = _resolved(state, s, buffer[copy, row], window[copy, ahead], step)
+        if state.store_count > 0 and state.steps >= load_steps.POINTS:
+            longest = _load_step(state, copy, buffer[copy], step, longest)
         shortest = min(shortest, longest)
     return shortest
 

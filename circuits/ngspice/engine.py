@@ -91,7 +91,8 @@ def run_realizations(
             scene, step, starts, options=options, integrator=scheme, compiled=compiled
         )
         steps = steps_per_knot(scene, step), steps_per_contact(scene, step)
-        engine.run(netlist, system, paths, observers, *steps, by_error, outputs)
+        refinement = steps[0] / steps_per_knot(scene)
+        engine.run(netlist, system, paths, observers, *steps, by_error, refinement, outputs)
     return {
         "engine_version": version(engine),
         "netlist_sha256": netlist.sha256,

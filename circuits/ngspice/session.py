@@ -142,6 +142,7 @@ class Session(NgSpiceShared):
         steps_per_knot: int,
         steps_per_contact: int = STEPS_PER_CONTACT,
         local_error: bool = False,
+        refinement: float = 1.0,
         outputs: Sequence[OutputMoments] | None = None,
     ) -> int:
         """Run one transient and hand its records to the observers.
@@ -160,6 +161,8 @@ class Session(NgSpiceShared):
             Fewest steps from the beginning of a contact to its end, where they are not.
         local_error : bool
             Between knots, ngspice's own step is taken where it is shorter.
+        refinement : float
+            Of the steps against the default ones.
         outputs : sequence of harvester.record.output_side.OutputMoments or None
             For a load that has an output side, one for each copy.
 
@@ -177,6 +180,7 @@ class Session(NgSpiceShared):
         self.state["steps_per_knot"] = steps_per_knot
         self.state["steps_per_contact"] = steps_per_contact
         self.state["local_error"] = local_error
+        self.state["refinement"] = max(refinement, 1.0)
         try:
             self._load(netlist.text)
             with self._watched():
@@ -204,7 +208,8 @@ class Session(NgSpiceShared):
         points = max(callbacks.BUFFERED_POINTS // copies, callbacks.FEWEST_POINTS)
         knots = max(callbacks.BUFFERED_KNOTS // copies, callbacks.FEWEST_KNOTS)
         self._record = empty_record(points)
-        columns = callbacks.COLUMNS + len(netlist.measurement.watched)
+        measured = callbacks.COLUMNS + len(netlist.measurement.watched)
+        columns = measured + len(netlist.watch.unknowns)
         self._vectors = np.full((copies, columns), -1)
         self._times = np.zeros(points)
         self._buffer = np.zeros((copies, points, columns))
@@ -223,6 +228,7 @@ class Session(NgSpiceShared):
         state["state_scale"] = 1.0 / netlist.state_unit
         state["landing"] = LANDING if elements.holding(system) else 1.0
         state["rate"] = netlist.rate
+        self._begin_watching(netlist, copies, measured)
         self._ngspice_shared.ngSpice_Init_Sync(
             ffi.NULL,
             ffi.cast("GetISRCData *", callbacks.get_noise.address),
@@ -231,6 +237,18 @@ class Session(NgSpiceShared):
             ffi.cast("void *", self.state.ctypes.data),
         )
         self._service = (self._flush, self._move_window)
+
+    def _begin_watching(self, netlist, copies, first):
+        """What of the load decides the steps, from that column on."""
+        watch, state = netlist.watch, self.state[0]
+        self._switches = np.array(watch.switches, dtype=float).reshape(-1, 3)
+        self._stores = np.array(watch.stores, dtype=float).reshape(-1, 2)
+        self._memory = np.tile(np.append(self._switches[:, 2], 0.0), (copies, 1))
+        state["first_watched"] = first
+        state["switch_count"], state["store_count"] = len(watch.switches), len(watch.stores)
+        for name in ("switches", "stores", "memory"):
+            state[name] = getattr(self, f"_{name}").ctypes.data
+        state["capacitance"], state["least_energy"] = netlist.watched_energy
 
     def _serve(self, reason):
         """Called by the compiled callbacks; an error must not return into ngspice."""
@@ -266,9 +284,9 @@ class Session(NgSpiceShared):
                 observer.add(chunk)
             if self._outputs is not None:
                 volts = copy[start:, callbacks.OUTPUT] - copy[start:, callbacks.REFERENCE]
-                values = self._netlist.measurement.values(
-                    times[start:], copy[start:, callbacks.COLUMNS :].T, self._netlist.per_power
-                )
+                measurement = self._netlist.measurement
+                measured = copy[start:, callbacks.COLUMNS :][:, : len(measurement.watched)].T
+                values = measurement.values(times[start:], measured, self._netlist.per_power)
                 scaled = volts / self._netlist.voltage_scale
                 self._outputs[place].add(times[start:], scaled, values)
 

@@ -43,6 +43,7 @@ def vectors(netlist: Netlist) -> Iterator[tuple[str, ...]]:
         elements.REFERENCE,
         netlist.state,
         *(_watched(name, netlist.measurement.pins) for name in netlist.measurement.watched),
+        *(_watched(name, netlist.watch.pins) for name in netlist.watch.unknowns),
     )
     for prefix in netlist.prefixes:
         yield tuple(_in_copy(name, prefix) for name in columns)

@@ -30,9 +30,9 @@ STEPS_PER_CONTACT = 30
 EVEN_STEPS_PER_CONTACT = 26
 # Steps by name, as divisions of the default one.
 STEP_LEVELS = {"default": 1, "fine": 4, "finest": 32}
-# A load that switches rejects steps, and after each of them ngspice takes one of first order: at a
-# step of this share of the usual one that costs the motion under 0.1 % of its energy, not 1 %.
-SWITCHING_STEPS = 4
+# Control by the local error rejects steps, and after each of them ngspice takes one of first order:
+# at a step of this share of the usual one that costs the motion under 0.1 % of its energy, not 1 %.
+REJECTING_STEPS = 4
 # A load that decays within a knot takes Monte Carlo's scheme of third order, not of fourth.
 STEPS_OF_FAST_LOADS = 2
 # A damper that acts within a knot makes the velocity follow the noise's straight lines: the mean of
@@ -95,7 +95,7 @@ def steps_per_knot(scene: Scene, step: str | float = "default", engine: str = "c
     longest = (
         2.0 * math.pi / timescales.fastest_angular_frequency(system) / STEPS_PER_PERIOD[engine]
     )
-    finer = SWITCHING_STEPS if engine == "circuit" and load and load.switches else 1
+    finer = REJECTING_STEPS if engine == "circuit" and load and load.may_jump else 1
     if engine == "monte-carlo" and system.transducer.decay_rate() * spacing > 1.0:
         finer *= STEPS_OF_FAST_LOADS
     if system.damper.damping * spacing > 1.0:

@@ -1,0 +1,99 @@
+"""What of a load decides the steps: its switches' controls, its capacitors and its coils."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, NamedTuple
+
+from circuits.kernel.flattening import Place, elements
+from circuits.kernel.parts import value_of
+from harvester.device.terminals import GROUND
+from harvester.errors import LoadError
+
+if TYPE_CHECKING:
+    from circuits.loads.subcircuits import LoadCircuit
+
+# Transistors and behavioural sources change their currents by a law of their own, at any time.
+_JUMPING = frozenset("bqjm")
+_EXPRESSIONS = ("value=", "vol=", "cur=")
+
+
+class Watch(NamedTuple):
+    """Unknowns of a load that tell how long a step may be.
+
+    Attributes
+    ----------
+    unknowns : tuple of str
+        A node's full name, "i(name)" or ground, two for each switch and then two for each
+        capacitor and coil: what counts is the first less the second (V or A).
+    switches : tuple of (float, float, bool)
+        Control above which each closes, that below which it opens, whether it is closed at first.
+    stores : tuple of (float, bool)
+        Capacitance (F) or inductance (H), and whether it is a coil's.
+    pins : tuple of str
+        Nodes at the load's pins.
+    """
+
+    unknowns: tuple[str, ...] = ()
+    switches: tuple[tuple[float, float, bool], ...] = ()
+    stores: tuple[tuple[float, bool], ...] = ()
+    pins: tuple[str, ...] = ()
+
+
+NOTHING = Watch()
+
+
+def watch_of(load: LoadCircuit, pins: Mapping[str, str]) -> Watch | None:
+    """What to watch of a load with its pins at these nodes.
+
+    Parameters
+    ----------
+    load : circuits.loads.subcircuits.LoadCircuit
+    pins : dict of str to str
+        Full names of the nodes at its pins.
+
+    Returns
+    -------
+    Watch or None
+        Empty for resistors, capacitors and diodes, which follow the motion; None where a part may
+        change its current without notice, or has a value that is no number.
+    """
+    if not load.switches:
+        return NOTHING
+    try:
+        places = list(elements(load, pins))
+        switches = [_switch(place) for place in places if place.letter in "sw"]
+        stores = [_store(place) for place in places if place.letter in "cl"]
+    except LoadError:
+        return None
+    if any(map(_may_jump, places)) or any(low > high for _, (high, low, _) in switches):
+        return None
+    unknowns = [name for ends, _ in (*switches, *stores) for name in ends]
+    return Watch(
+        tuple(unknowns),
+        tuple(values for _, values in switches),
+        tuple(values for _, values in stores),
+        tuple(pins.values()),
+    )
+
+
+def _may_jump(place: Place) -> bool:
+    return place.letter in _JUMPING or any(word.startswith(_EXPRESSIONS) for word in place.words)
+
+
+def _switch(place):
+    """The control's ends, and (closes above, opens below, closed at first)."""
+    plain = place.plain()
+    ends, middle, half = place.nodes[2:4], "vt", "vh"
+    if place.letter == "w":
+        ends, middle, half = (f"i({place.scope.path}{plain.pop(0)})", GROUND), "it", "ih"
+    _, model, _ = place.scope.model(plain[0])
+    threshold, width = model.get(middle, 0.0), model.get(half, 0.0)
+    return ends, (threshold + width, threshold - width, "on" in plain[1:])
+
+
+def _store(place):
+    """The ends of what is kept, and (size, whether it is a coil's current)."""
+    if place.letter == "l":
+        return (f"i({place.name})", GROUND), (value_of(place, "l"), True)
+    return place.nodes[:2], (value_of(place, "c"), False)

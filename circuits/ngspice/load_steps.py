@@ -1,0 +1,125 @@
+"""Steps that resolve what a load does: its switches' turns, its capacitors' and coils' exchanges.
+
+ngspice's own control by the local error asks of every capacitor and coil the same relative
+accuracy, whatever energy it holds, so that an idle coil's ringing takes most of the steps; and it
+finds a switch's turn by rejected steps, after each of which comes one of first order. Here what a
+step leaves is weighed by its energy, and a turn is approached from before.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from harvester.compilation import inlined
+
+# A step's error in a capacitor or a coil, against the energy that counts, both as roots.
+TOLERANCE = 5e-5
+# Shortest step that the load asks for, against the longest of the grid, and the first one after a
+# switch's turn.
+SHORTEST, RESTART = 2.0**-10, 2.0**-13
+# Step against the next one at most.
+GROWTH = 2.0
+# Share of the time left to a switch's turn that a step takes: where it ends less than 1.2 of the
+# control's change from the threshold, ngspice takes it back.
+APPROACH = 0.45
+# The same for a coil's current that comes to zero, where a diode in series ends it, while it is
+# more than so many times what a step's error may be.
+COIL_APPROACH, IDLE = 0.5, 10.0
+# A turn is known to this share of the switch's hysteresis, as a control that overshoots it may turn
+# another switch; but not better than this share of the shortest step.
+LOCATED, LEAST_LOCATED = 0.2, 1.0 / 64.0
+# Radians of the device's natural frequency after which the greatest energy of late is forgotten.
+MEMORY = 15.0
+# Points that the third derivative is taken of, and as many steps from the beginning on.
+POINTS = 4
+
+
+@inlined
+def resolving_step(
+    history: Any,
+    now: Any,
+    switches: np.ndarray,
+    stores: np.ndarray,
+    memory: np.ndarray,
+    energy: float,
+    forgotten: float,
+    tolerance: float,
+    shortest: float,
+    longest: float,
+) -> float:
+    """Longest step from an accepted point that resolves the load.
+
+    Parameters
+    ----------
+    history : (float64 array (points, columns), float64 array (points,), int)
+        Accepted points of one copy, their times (s), and the first column watched.
+    now : (int, int, int, int)
+        Places of the latest points, the newest first.
+    switches : ndarray, shape (switches, 3)
+        Control above which each closes, below which it opens; the last is not read.
+    stores : ndarray, shape (stores, 2)
+        F or H, and 1 for a coil.
+    memory : ndarray, shape (switches + 1,)
+        Which switches are closed, and twice the energy that counts (J); kept up to date.
+    energy : float
+        Twice that of the transducer now (J).
+    forgotten : float
+        Share of the greatest energy that is forgotten in a second (1/s).
+    tolerance, shortest, longest : float
+        See `TOLERANCE`; s.
+    """
+    last = history[1][now[0]] - history[1][now[1]]
+    longest = min(longest, GROWTH * last)
+    longest = _turns(history, now, last, switches, memory, shortest, longest)
+    stored = history[2] + 2 * len(switches)
+    for m in range(len(stores)):
+        if stores[m, 1] > 0.0:
+            energy += stores[m, 0] * history[0][now[0], stored + 2 * m] ** 2
+    memory[-1] = max(memory[-1] * (1.0 - min(last * forgotten, 1.0)), energy)
+    for m in range(len(stores)):
+        value, rate, third = _derivatives(history, now, stored + 2 * m)
+        limit = tolerance * math.sqrt(memory[-1] / stores[m, 0])
+        if third > 0.0:
+            # The trapezoidal rule's error is a twelfth of the third derivative times h³.
+            longest = min(longest, max((12.0 * limit / third) ** (1.0 / 3.0), shortest))
+        if stores[m, 1] > 0.0 and value * rate < 0.0 and abs(value) > IDLE * limit:
+            longest = min(longest, max(-COIL_APPROACH * value / rate, shortest))
+    return longest
+
+
+@inlined
+def _turns(history, now, last, switches, memory, shortest, longest):
+    """Longest step that resolves the switches' turns, `last` being the one before."""
+    points, _, first = history
+    for k in range(len(switches)):
+        column = first + 2 * k
+        control = points[now[0], column] - points[now[0], column + 1]
+        rate = (control - (points[now[1], column] - points[now[1], column + 1])) / last
+        closed = memory[k] > 0.0
+        ahead = (switches[k, 1] if closed else switches[k, 0]) - control
+        if ahead > 0.0 if closed else ahead < 0.0:
+            memory[k] = 1.0 - memory[k]
+            longest = min(longest, RESTART / SHORTEST * shortest)
+        elif ahead * rate > 0.0:
+            left, width = ahead / rate, switches[k, 0] - switches[k, 1]
+            known = min(max(LOCATED * width / abs(rate), LEAST_LOCATED * shortest), shortest)
+            step = left + 0.5 * known if left <= known else max(APPROACH * left, 0.5 * known)
+            longest = min(longest, step)
+    return longest
+
+
+@inlined
+def _derivatives(history, now, column):
+    """What is kept, how fast it changed in the last step, and its third derivative's size."""
+    points, times, _ = history
+    a = points[now[0], column] - points[now[0], column + 1]
+    b = points[now[1], column] - points[now[1], column + 1]
+    c = points[now[2], column] - points[now[2], column + 1]
+    d = points[now[3], column] - points[now[3], column + 1]
+    t0, t1, t2, t3 = times[now[0]], times[now[1]], times[now[2]], times[now[3]]
+    ab, bc, cd = (a - b) / (t0 - t1), (b - c) / (t1 - t2), (c - d) / (t2 - t3)
+    change = (ab - bc) / (t0 - t2) - (bc - cd) / (t1 - t3)
+    return a, ab, 6.0 * abs(change / (t0 - t3))
