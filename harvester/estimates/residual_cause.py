@@ -116,7 +116,7 @@ def _switching(result, p, totals, stored):
     load = result.scene.load.circuit
     if not (load and load.switches) or abs(result.energy_balance_residual) < _of_the_step(result):
         return ""
-    return "the load switches, and each time takes a step of first order; choose a shorter --step"
+    return "the load switches, and its steps do not resolve that; choose a shorter --step"
 
 
 def _contacts(result, p, totals, stored):
