@@ -9,6 +9,7 @@ is right is left to the energy balance.
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from harvester.device import spring as springs
 from harvester.device.piezo import Piezo
@@ -19,8 +20,8 @@ from harvester.record.record import Record
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
 
-# Steps of the integrator for each of the engine's.
-FINER = 2
+# Steps of the integrator for each of the engine's, and with stoppers: it has none of their own.
+FINER, FINER_IN_CONTACT = 2, 8
 
 
 def can_replay(scene: Scene) -> bool:
@@ -48,29 +49,35 @@ def replayed(scene: Scene, waveforms: Sequence[Record]) -> np.ndarray:
     system, _ = scale(scene)
     spacing, count = knot_spacing(scene), len(waveforms)
     knots = round(scene.run.duration / spacing)
-    steps = FINER * steps_per_knot(scene, "default")
-    halves = 2 * steps * knots
-    times = np.linspace(0.0, knots * spacing, halves + 1)
+    finer = FINER_IN_CONTACT if system.contacts else FINER
+    steps = finer * steps_per_knot(scene, "default")
+    times = np.linspace(0.0, knots * spacing, 2 * steps * knots + 1)
     starts = np.array([start_state(scene, index) for index in range(count)])
     noise = [noise_path(scene, index).read(knots + 1) for index in range(count)]
-    knot_times = spacing * np.arange(knots + 1)
-    drive = np.array(
-        [
-            np.interp(times, knot_times, path)
-            - system.transducer.coupling
-            * np.interp(times, np.append(0.0, w.time), np.append(start[2], w.voltage))
-            for path, w, start in zip(noise, waveforms, starts, strict=True)
-        ]
+    drive = np.array([np.interp(times, times[:: 2 * steps], path) for path in noise]).T
+    # A load that switches empties the piezo within a step: what counts is the voltage's mean.
+    voltage = np.array(
+        [_means(w, start[2], times[::2]) for w, start in zip(waveforms, starts, strict=True)]
     ).T
+    push = system.transducer.coupling * voltage
     x, v = starts[:, 0], starts[:, 1]
     h = spacing / steps
     places = np.empty((count, knots))
     for step in range(steps * knots):
-        a, b, c = drive[2 * step : 2 * step + 3]
+        a, b, c = drive[2 * step : 2 * step + 3] - push[step]
         x, v = _runge_kutta(system, x, v, a, b, c, h)
         if (step + 1) % steps == 0:
             places[:, (step + 1) // steps - 1] = x
     return places
+
+
+def _means(waveform, first, ends):
+    """Means of a recorded voltage between these times, `first` being that at the beginning."""
+    known = np.append(0.0, waveform.time)
+    times = np.union1d(known, ends)
+    values = np.interp(times, known, np.append(first, waveform.voltage))
+    gained = cumulative_trapezoid(values, times, initial=0.0)
+    return np.diff(gained[np.searchsorted(times, ends)]) / np.diff(ends)
 
 
 def _runge_kutta(system, x, v, first, middle, last, h):
