@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -28,13 +29,16 @@ if TYPE_CHECKING:
 FIXED_STEP = "reltol=1e-10 vntol=1e-11 trtol=1e9"
 # Integrators by name, as ngspice calls them.
 INTEGRATORS = {"trapezoidal": "trap", "gear": "gear"}
-# With diodes and switches Newton needs many iterations where one turns on: a step that it gives up
-# is tried again at an eighth, where the rounding of a large capacitor's current is eight times
-# worse.
-LOAD_STEP = "reltol=1e-6 trtol=1e9 itl4=100"
-# A load that may jump: its local error, and Newton's own tolerance, which rounding does not reach.
+# With diodes Newton needs many iterations where one turns on: a step that it gives up is tried
+# again at an eighth, where the rounding of a large capacitor's current is eight times worse.
+RECTIFIER_NEWTON = 1e-6
+RECTIFIER_STEP = f"reltol={RECTIFIER_NEWTON!r} trtol=1e9 itl4=100"
+# Steps of a load that switches are short, and in them the rounding of a large capacitor's current
+# moves what is held by stray capacitances alone: Newton's tolerance is so many times that, between
+# a rectifier's and the greatest.
+ROUNDING_MARGIN, GREATEST_NEWTON = 10.0, 1e-4
+# The local error of a load that may jump.
 LOAD_TOLERANCE = 1e-5
-LOAD_NEWTON = 1e-4
 # ngspice's own relative tolerance.
 OWN_TOLERANCE = 1e-3
 # Steps. ngspice 46 never ends a shorter run: its least step, 1e-11 of the longest one, is then more
@@ -73,11 +77,22 @@ def step_options(
     load = scene.load.circuit
     if load is None or load.linear:
         return (own_steps(tolerance), True) if tolerance else (FIXED_STEP, False)
+    if not load.switches and not tolerance:
+        return RECTIFIER_STEP, False
     if not load.may_jump and not tolerance:
-        return LOAD_STEP, False
+        return f"reltol={_switched_newton(scene)!r} trtol=1e9 itl4=100", False
     refinement = steps_per_knot(scene, step) / steps_per_knot(scene)
     tolerance = tolerance or LOAD_TOLERANCE / refinement**2
-    return f"reltol={LOAD_NEWTON!r} trtol={7.0 * tolerance / LOAD_NEWTON!r} itl4=100", True
+    trust = 7.0 * tolerance / GREATEST_NEWTON
+    return f"reltol={GREATEST_NEWTON!r} trtol={trust!r} itl4=100", True
+
+
+def _switched_newton(scene):
+    """Newton's tolerance for a load whose switches and coils set the steps."""
+    stray = elements.STRAY_SHARE * network(scene).reference_capacitance
+    largest = max((size for size, coil in scene.load.circuit.watch.stores if not coil), default=0.0)
+    rounding = ROUNDING_MARGIN * sys.float_info.epsilon * largest / stray
+    return min(max(rounding, RECTIFIER_NEWTON), GREATEST_NEWTON)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from circuits import elements
-from circuits.load_watch import watch_of
+from circuits.load_watch import Watch, watch_of
 from circuits.loads import vetting
 from circuits.loads.expansion import Expansion, called
 from circuits.loads.measures import vet_measures
@@ -75,9 +75,14 @@ class LoadCircuit:
     places: tuple = field(default=(), compare=False, repr=False)
 
     @cached_property
+    def watch(self) -> Watch | None:
+        """What decides the steps, with its pins by their own names: see `circuits.load_watch`."""
+        return watch_of(self, {pin: pin for pin in self.pins})
+
+    @property
     def may_jump(self) -> bool:
-        """Whether a part may change its current without notice, see `circuits.load_watch`."""
-        return watch_of(self, {pin: pin for pin in self.pins}) is None
+        """Whether a part may change its current without notice."""
+        return self.watch is None
 
     @property
     def has_output(self) -> bool:

@@ -253,6 +253,17 @@ def test_a_switched_load_takes_few_steps_beside_the_local_errors_control(pool, l
     assert abs(result.energy_balance_residual) < 5e-3
 
 
+@pytest.mark.parametrize("storage", [1e-9, 1.0])
+@pytest.mark.parametrize("load", ["sshi_parallel", "sshi_series", "sece"])
+def test_a_switched_load_takes_any_storage(pool, load, storage):
+    """At steps of 0.1 us the rounding of a farad's current is far above any other current."""
+    changes = {"load.parameters.storage": storage, "run.duration": 1.0, "run.settle": 0.0}
+    scene = Scene.load("device", [f"load.netlist={load}"]).replace(changes)
+    scene = scene.replace({"run.realizations": 1})
+    result = simulate(scene, method="circuit", time_limit=60.0, runner=pool)
+    assert abs(result.energy_balance_residual) < 5e-3
+
+
 def test_scaled_scenes_take_a_netlist_too(tmp_path, pool):
     scene = with_load(
         tmp_path,
