@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 from circuits.kernel.flattening import Place, elements
-from circuits.kernel.parts import value_of
+from circuits.kernel.parts import hysteresis, stored
 from harvester.device.terminals import GROUND
 from harvester.errors import LoadError
 
@@ -56,7 +56,7 @@ def watch_of(load: LoadCircuit, pins: Mapping[str, str]) -> Watch | None:
     -------
     Watch or None
         Empty for resistors, capacitors and diodes, which follow the motion; None where a part may
-        change its current without notice, or has a value that is no number.
+        change its current without notice, or has a value that is no number or not positive.
     """
     if not load.switches:
         return NOTHING
@@ -67,6 +67,8 @@ def watch_of(load: LoadCircuit, pins: Mapping[str, str]) -> Watch | None:
     except LoadError:
         return None
     if any(map(_may_jump, places)) or any(low > high for _, (high, low, _) in switches):
+        return None
+    if any(size <= 0.0 for _, (size, _) in stores):
         return None
     unknowns = [name for ends, _ in (*switches, *stores) for name in ends]
     return Watch(
@@ -84,16 +86,16 @@ def _may_jump(place: Place) -> bool:
 def _switch(place):
     """The control's ends, and (closes above, opens below, closed at first)."""
     plain = place.plain()
-    ends, middle, half = place.nodes[2:4], "vt", "vh"
+    ends = place.nodes[2:4]
     if place.letter == "w":
-        ends, middle, half = (f"i({place.scope.path}{plain.pop(0)})", GROUND), "it", "ih"
-    _, model, _ = place.scope.model(plain[0])
-    threshold, width = model.get(middle, 0.0), model.get(half, 0.0)
-    return ends, (threshold + width, threshold - width, "on" in plain[1:])
+        ends = f"i({place.scope.path}{plain.pop(0)})", GROUND
+    _, model, _ = place.model(plain[0])
+    low, high = hysteresis(place, model)
+    return ends, (high, low, "on" in plain[1:])
 
 
 def _store(place):
     """The ends of what is kept, and (size, whether it is a coil's current)."""
-    if place.letter == "l":
-        return (f"i({place.name})", GROUND), (value_of(place, "l"), True)
-    return place.nodes[:2], (value_of(place, "c"), False)
+    coil = place.letter == "l"
+    ends = (f"i({place.name})", GROUND) if coil else place.nodes[:2]
+    return ends, (stored(place)[0], coil)

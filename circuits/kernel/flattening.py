@@ -62,6 +62,13 @@ class Place(NamedTuple):
         except NotTaken as reason:
             self.refuse(str(reason))
 
+    def model(self, name: str) -> tuple[str, dict[str, float], Scope]:
+        """See `Scope.model`."""
+        try:
+            return self.scope.model(name)
+        except NotTaken as reason:
+            self.refuse(str(reason))
+
     def pairs(self) -> dict[str, str]:
         """The words of the form name=value."""
         found = (word.partition("=") for word in self.words if "=" in word and word[0] != "{")

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 _NO_PART = {"kf", "af", "xti", "eg", "tnom", "tref", "trs", "trs1", "trs2", "tbv1", "tm1", "tm2",
             "tcv", "level", "bv_max", "fv_max", "id_max", "te_max", "pd_max"}  # fmt: skip
 _DIODE = {"is", "n", "rs", "bv", "ibv", "nbv", "cjo", "cj0", "vj", "m", "tt", "fc"}
+# Threshold and half the hysteresis in a switch's model.
+_LEVELS = {"s": ("vt", "vh"), "w": ("it", "ih")}
 _PASSIVE = {"m", "scale", "ic", "tc", "tc1", "tc2", "noisy", "r", "c", "l"}
 
 
@@ -64,16 +66,25 @@ def _passive(place, key):
     return place.value(text) * factor, many, start
 
 
-def value_of(place: Place, key: str) -> float:
-    """Capacitance (`key` "c", F) or inductance ("l", H) of an element.
+def stored(place: Place) -> tuple[float, Any]:
+    """Capacitance (F) or inductance (H), multiples counted, and what it starts with (V or A).
 
     Raises
     ------
     LoadError
-        It is no number, or a model's.
+        It is no number, or a model's, or a coil is there no times.
     """
-    value, many, _ = _passive(place, key)
-    return value * many if key == "c" else value / many
+    value, many, start = _passive(place, place.letter)
+    if place.letter == "l" and many == 0.0:
+        place.refuse("m=0")
+    return (value * many if place.letter == "c" else value / many), start
+
+
+def hysteresis(place: Place, model: dict[str, float]) -> tuple[float, float]:
+    """Control (V, or A of a W) below which a switch opens, and that above which it closes."""
+    threshold, width = _LEVELS[place.letter]
+    middle, half = model.get(threshold, 0.0), model.get(width, 0.0)
+    return middle - half, middle + half
 
 
 def _resistor(b, place):
@@ -87,17 +98,17 @@ def _resistor(b, place):
 
 
 def _capacitor(b, place):
-    value, many, start = _passive(place, "c")
-    b.capacitor(*_ends(b, place), value * many, start)
-    return value * many
+    value, start = stored(place)
+    b.capacitor(*_ends(b, place), value, start)
+    return value
 
 
 def _inductor(b, place):
-    value, many, start = _passive(place, "l")
+    value, start = stored(place)
     if value <= 0.0:
         place.refuse(f"an inductance of {value:g}")
-    b.inductor(place.name, *_ends(b, place), value / many, start)
-    return value / many
+    b.inductor(place.name, *_ends(b, place), value, start)
+    return value
 
 
 def _coupling(b, place):
@@ -114,7 +125,7 @@ def _coupling(b, place):
 
 def _diode(b, place):
     plain = place.plain()
-    kind, model, _ = place.scope.model(plain[0])
+    kind, model, _ = place.model(plain[0])
     if kind != "d":
         place.refuse(f"a diode with a model of {kind}")
     for name in model:
@@ -154,17 +165,16 @@ def _switch(b, place):
         control = [_current(b, place, plain.pop(0)), -1]
     else:
         control = [b.node(node) for node in place.nodes[2:4]]
-    kind, model, _ = place.scope.model(plain[0])
+    kind, model, _ = place.model(plain[0])
     if kind != ("csw" if by_current else "sw"):
         place.refuse(f"a switch with a model of {kind}")
-    threshold, width = ("it", "ih") if by_current else ("vt", "vh")
     for name in model:
-        if name not in (threshold, width, "ron", "roff"):
+        if name not in (*_LEVELS[place.letter], "ron", "roff"):
             place.refuse(f"{name}= of a switch's model")
-    middle, half = model.get(threshold, 0.0), model.get(width, 0.0)
-    if half < 0.0:
-        place.refuse(f"a negative hysteresis {width}=")
-    row = (1.0 / model.get("roff", 1e12), 1.0 / model.get("ron", 1.0), middle - half, middle + half)
+    low, high = hysteresis(place, model)
+    if high < low:
+        place.refuse(f"a negative hysteresis {_LEVELS[place.letter][1]}=")
+    row = (1.0 / model.get("roff", 1e12), 1.0 / model.get("ron", 1.0), low, high)
     closed = "on" in plain[1:]
     b.switches.append(((*_ends(b, place), *control, int(closed), 0), row))
     b.switch_names.append((place.name, place.where))
