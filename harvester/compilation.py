@@ -10,6 +10,7 @@ import hashlib
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from harvester import numba_cache
 from harvester.files.surroundings import away_from_working_folder
@@ -24,6 +25,7 @@ with away_from_working_folder():
 
 __all__ = [
     "CACHED",
+    "address_of",
     "carray",
     "cfunc",
     "cgutils",
@@ -81,6 +83,18 @@ def merged(function: Callable) -> Callable:
         return function
 
     return function
+
+
+def address_of(function: Any, *arguments: Any) -> int:
+    """Where C finds a compiled function of arguments of these types; compiled where it is not.
+
+    With the types in its signature it is found again on disk; a function made anew for each kind
+    of device, with the kind among its free variables, is not.
+    """
+    if arguments not in function.overloads:
+        function.compile(arguments)
+    found = function.overloads[arguments]
+    return found.library.get_pointer_to_function(found.fndesc.llvm_cfunc_wrapper_name)
 
 
 def forget_stale_code() -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from llvmlite import ir
 
-from harvester.compilation import cgutils, compiled, intrinsic, numba, types
+from harvester.compilation import address_of, cgutils, compiled, intrinsic, numba, types
 from harvester.device import contact
 from harvester.device import spring as springs
 from harvester.device import system as systems
@@ -57,13 +57,9 @@ def _count(part):
 
 
 def _address(function: Any, kind: Any) -> int:
-    """That of a function of a device of this kind and floats, as C calls it."""
+    """That of a function of a device of this kind and floats."""
     floats = function.py_func.__code__.co_argcount - 1
-    signature = (kind, *(types.float64,) * floats)
-    if signature not in function.overloads:
-        function.compile(signature)
-    found = function.overloads[signature]
-    return found.library.get_pointer_to_function(found.fndesc.llvm_cfunc_wrapper_name)
+    return address_of(function, kind, *(types.float64,) * floats)
 
 
 @intrinsic

@@ -7,10 +7,8 @@ window of noise must move on, some thousand steps apart.
 
 from __future__ import annotations
 
-import functools
 import math
-from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from llvmlite import ir
@@ -19,6 +17,7 @@ from circuits.assembly import FIRST_ORDER_SHARE
 from circuits.ngspice import load_steps
 from harvester.compilation import (
     CACHED,
+    address_of,
     carray,
     cfunc,
     cgutils,
@@ -30,6 +29,9 @@ from harvester.compilation import (
 )
 from harvester.device import spring as springs
 from harvester.device import system as systems
+
+if TYPE_CHECKING:
+    from harvester.device.system import System
 
 # Points held before they are handed on, and knots of the noise held ahead, over all copies.
 BUFFERED_POINTS = 4096
@@ -187,19 +189,30 @@ def get_noise(current: Any, time: float, name: Any, identity: int, user: Any) ->
 
 
 @intrinsic
-def _load(typingctx, address, like):
-    """The tuple of floats, nested as the type `like`, whose numbers stand from an address on."""
-    made = like.instance_type
+def _state(typingctx, user):
+    """The shared structure: what `user` points to, of whatever device it says that it is."""
 
     def generate(context, builder, signature, arguments):
-        pointer = builder.inttoptr(arguments[0], context.get_data_type(made).as_pointer())
+        kind = context.get_value_type(signature.return_type)
+        return builder.bitcast(arguments[0], kind)
+
+    return types.CPointer(_STATE)(user), generate
+
+
+@intrinsic
+def _device(typingctx, user, address):
+    """The device whose numbers stand from an address on, of the type that `user` points to."""
+    made = user.dtype
+
+    def generate(context, builder, signature, arguments):
+        pointer = builder.inttoptr(arguments[1], context.get_data_type(made).as_pointer())
         return context.unpack_value(builder, made, pointer)
 
-    return made(types.int64, like), generate
+    return made(user, types.int64), generate
 
 
 def numbers_of(part: Any) -> list[Any]:
-    """All numbers of a nested tuple one after another, as `_load` reads them: list of float."""
+    """All numbers of a nested tuple one after another, as `_device` reads them: list of float."""
     if isinstance(part, tuple):
         return [number for each in part for number in numbers_of(each)]
     return [float(part)]
@@ -258,58 +271,42 @@ def _shortest(state, s, ahead, step):
     return shortest
 
 
-@functools.cache
-def step_setter(kind: Callable) -> Callable:
-    """The callback that sets the steps of a device.
+@compiled
+def _set_step(time, delta, before, redo, identity, location, user):
+    """The next step ends on the grid, or short of it near a contact.
+
+    Location 0 is the start of a step, after the last point was accepted and sent. Under local-error
+    control ngspice's proposal is taken where it is shorter. After a rejected step (location 1)
+    ngspice's own shorter one stands.
+    """
+    state = carray(_state(user), 1)[0]
+    if location != 0 or state.steps_per_knot == 0:
+        return np.int32(0)
+    step = state.spacing / state.steps_per_knot
+    knot = np.floor(time / state.spacing + 1e-9)
+    index = np.floor((time - knot * state.spacing) / step + 1e-6)
+    remaining = knot * state.spacing + (index + 1.0) * step - time
+    longest = remaining
+    if state.steps > 0:
+        s = _device(user, state.system)
+        longest = _shortest(state, s, int(knot) - state.first_knot + 1, step)
+    if state.local_error:
+        longest = min(longest, delta[0])
+    if state.steps < LENGTHENED_STEPS:
+        doublings = max(state.steps - FIRST_ORDER_STEPS + 1, 0)
+        longest = min(longest, FIRST_ORDER_SHARE * step * 2.0**doublings)
+    pieces = np.ceil(remaining / longest - 1e-6)
+    delta[0] = remaining / max(pieces, 1.0)
+    return np.int32(0)
+
+
+def step_setter(system: System) -> int:
+    """Address of the `GetSyncData` that sets the steps of a device with such parts.
 
     Parameters
     ----------
-    kind : numba type of a `harvester.device.system.System`
-        What parts the device has.
-
-    Returns
-    -------
-    numba CFunc
-        A `GetSyncData`.
+    system : harvester.device.system.System
     """
-
-    @cfunc(
-        types.int32(
-            types.double,
-            types.CPointer(types.double),
-            types.double,
-            types.int32,
-            types.int32,
-            types.int32,
-            types.CPointer(_STATE),
-        ),
-        cache=CACHED,
-    )
-    def set_step(time, delta, before, redo, identity, location, user):
-        """The next step ends on the grid, or short of it near a contact.
-
-        Location 0 is the start of a step, after the last point was accepted and sent. Under
-        local-error control ngspice's proposal is taken where it is shorter. After a rejected step
-        (location 1) ngspice's own shorter one stands.
-        """
-        state = carray(user, 1)[0]
-        if location != 0 or state.steps_per_knot == 0:
-            return 0
-        step = state.spacing / state.steps_per_knot
-        knot = np.floor(time / state.spacing + 1e-9)
-        index = np.floor((time - knot * state.spacing) / step + 1e-6)
-        remaining = knot * state.spacing + (index + 1.0) * step - time
-        longest = remaining
-        if state.steps > 0:
-            s = _load(state.system, kind)
-            longest = _shortest(state, s, int(knot) - state.first_knot + 1, step)
-        if state.local_error:
-            longest = min(longest, delta[0])
-        if state.steps < LENGTHENED_STEPS:
-            doublings = max(state.steps - FIRST_ORDER_STEPS + 1, 0)
-            longest = min(longest, FIRST_ORDER_SHARE * step * 2.0**doublings)
-        pieces = np.ceil(remaining / longest - 1e-6)
-        delta[0] = remaining / max(pieces, 1.0)
-        return 0
-
-    return set_step
+    floats = types.float64, types.CPointer(types.float64), types.float64
+    user = types.CPointer(numba.typeof(system))
+    return address_of(_set_step, *floats, types.int32, types.int32, types.int32, user)

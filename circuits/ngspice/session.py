@@ -22,7 +22,6 @@ from circuits.ngspice import callbacks, compiled_device, messages
 from circuits.ngspice.across_output import measure_output
 from circuits.ngspice.library import code_models, find_library, no_initialisation_files
 from circuits.ngspice.solution import convert, units_of, vectors
-from harvester.compilation import numba
 from harvester.device import timescales
 from harvester.engines.steps import STEPS_PER_CONTACT
 from harvester.engines.worker import as_answer, give_up
@@ -131,7 +130,7 @@ class Session(NgSpiceShared):
         nodes = np.zeros((0, callbacks.COLUMNS))
         record = empty_record(0)
         convert(system, np.zeros(2), np.zeros(0), nodes, record, 1.0, (1.0,) * 4)
-        callbacks.step_setter(numba.typeof(system))
+        callbacks.step_setter(system)
 
     def run(
         self,
@@ -232,7 +231,7 @@ class Session(NgSpiceShared):
         self._ngspice_shared.ngSpice_Init_Sync(
             ffi.NULL,
             ffi.cast("GetISRCData *", callbacks.get_noise.address),
-            ffi.cast("GetSyncData *", callbacks.step_setter(numba.typeof(system)).address),
+            ffi.cast("GetSyncData *", callbacks.step_setter(system)),
             self._identity,
             ffi.cast("void *", self.state.ctypes.data),
         )

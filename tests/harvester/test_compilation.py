@@ -41,6 +41,41 @@ def test_a_change_in_one_file_reaches_the_code_compiled_from_another(tmp_path):
     assert acceleration() < before - 1.0
 
 
+ALL_ENGINES = """
+from harvester.compilation import numba
+from numba.core import event
+
+class Names(event.Listener):
+    def on_start(self, told):
+        compiled.append(told.data["dispatcher"].__qualname__)
+
+    def on_end(self, told):
+        pass
+
+compiled = []
+event.register("numba:compile", Names())
+from harvester import average
+from harvester.engines.realization import run
+from harvester.scene.model import Scene
+brief = {"run.duration": 1.0, "run.settle": 0.0, "run.realizations": 1}
+for name, load in (("linear", {}), ("device", {"load.netlist": "bridge"})):
+    scene = Scene.load(name).replace(brief | load)
+    for engine in ("circuit", "monte-carlo"):
+        run(scene, engine, [0], "default", "external", None, lambda *_: None)
+average("linear")
+print(compiled)
+"""
+
+
+def test_what_one_process_has_compiled_another_finds():
+    command = [sys.executable, "-c", ALL_ENGINES]
+    for _ in range(2):
+        shown = subprocess.run(
+            command, env={"PYTHONPATH": str(PACKAGE.parent)}, capture_output=True, check=True
+        )
+    assert shown.stdout == b"[]\n"
+
+
 def test_numba_is_imported_where_the_working_folder_is_shut_out():
     direct = re.compile(r"^(from|import) numba\b", re.MULTILINE)
     folders = (PACKAGE, PACKAGE.parent / "circuits")
