@@ -199,7 +199,7 @@ def covering(size, seed, devices=tuple(DEVICES)):
         if (places, values) not in left:
             continue
         best, most = None, -1
-        for _ in range(12):
+        for _ in range(50):
             case = [int(generator.integers(length)) for length in lengths]
             for place, value in zip(places, values, strict=True):
                 case[place] = value

@@ -74,6 +74,11 @@ def test_linear_device(changes):
     result, exact = averaged(p, "fokker_planck"), interpolated_linear_means(p, 1e-3)
     for name in (*NAMES, "mean_power", "power_conversion_efficiency"):
         assert within(result, name, exact[name])
+    # All is linear and driven by normal noise: so is V.
+    voltage, density = result.density.tabulated("voltage")
+    variance = result.mean_square_voltage
+    normal = np.exp(-0.5 * voltage**2 / variance) / np.sqrt(2.0 * np.pi * variance)
+    assert np.trapezoid(abs(density - normal), voltage) < 0.01
 
 
 @pytest.mark.slow

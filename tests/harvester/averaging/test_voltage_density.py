@@ -21,11 +21,6 @@ from harvester.scene.model import Scene
         pytest.param("tristable", [], marks=pytest.mark.slow),
         pytest.param("one_sided", [], marks=pytest.mark.slow),
         pytest.param(
-            "linear",
-            ["load.decay_rate=1e-4", "oscillator.damping=1.5"],
-            marks=pytest.mark.slow,
-        ),
-        pytest.param(
             "duffing",
             ["load.decay_rate=1e-3", "excitation.intensity=0.5"],
             marks=pytest.mark.slow,
