@@ -234,7 +234,7 @@ def _resolved(state, s, row, ahead, step):
     )
 
 
-@inlined
+@compiled
 def _load_step(state, copy, points, step, longest):
     """Longest step from an accepted point that resolves what the load of a copy does."""
     count, size = state.count, state.points

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from harvester.compilation import inlined
+from harvester.compilation import uncounted
 
 # A step's error in a capacitor or a coil, against the energy that counts, both as roots.
 TOLERANCE = 5e-5
@@ -37,7 +37,7 @@ MEMORY = 15.0
 POINTS = 4
 
 
-@inlined
+@uncounted
 def resolving_step(
     history: Any,
     now: Any,
@@ -90,7 +90,7 @@ def resolving_step(
     return longest
 
 
-@inlined
+@uncounted
 def _turns(history, now, last, switches, memory, shortest, longest):
     """Longest step that resolves the switches' turns, `last` being the one before."""
     points, _, first = history
@@ -111,7 +111,7 @@ def _turns(history, now, last, switches, memory, shortest, longest):
     return longest
 
 
-@inlined
+@uncounted
 def _derivatives(history, now, column):
     """What is kept, how fast it changed in the last step, and its third derivative's size."""
     points, times, _ = history

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 FEWEST_CORES = 20  # cores that the range of X and of X' has at least
 # More nodes of Z for each half width of the density by which the greatest Z displaces it.
 NODES_PER_WIDTH = 4.0
+# More nodes of Z where none stands for another one on the other side.
+NODES_WITHOUT_MIRROR = 1
 GREATEST_DISPLACEMENT = 2.0  # in half widths: the charge decides there whether there is a well
 HOPELESS_DISPLACEMENT = 4.0  # the same of a region that is not yet known well
 GIBBS_REACH = 5.3  # standard deviations of a Gibbs density at 1e-6 of its peak
@@ -221,7 +223,8 @@ class Region(NamedTuple):
         """Nodes of Z: as wide as keeps what a step shares beyond the last of them bounded."""
         centre, reach = self._charge(device)
         displaced = min(self.displaced(device), GREATEST_DISPLACEMENT)
-        nodes = (nodes + int(np.ceil(NODES_PER_WIDTH * displaced))) * (2 if mirrored else 1)
+        nodes += int(np.ceil(NODES_PER_WIDTH * displaced))
+        nodes = 2 * nodes if mirrored else nodes + NODES_WITHOUT_MIRROR
         far = max(self.right - centre, centre - self.left)
         moved = -np.expm1(-device.transducer.decay_rate() * step)
         # As a share of the reach: there polynomials of so high a degree are at most so large.
