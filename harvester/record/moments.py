@@ -338,20 +338,20 @@ def count_sample(
     into = np.floor(value / widths[k])
     while into >= half or into < -half:
         # None behind this group has a sample yet.
-        _double_bins(histograms[: group + 1, k])
+        _double_bins(histograms, group, k)
         widths[k] *= 2.0
         into = np.floor(value / widths[k])
     histograms[group, k, int(into) + half] += np.uint32(1)
 
 
 @uncounted
-def _double_bins(histograms):
-    """Merge bins in pairs about the centre, in place; shape (groups, BINS)."""
+def _double_bins(histograms, last, k):
+    """Merge bins of the k-th histogram in pairs about the centre, of all groups up to the last."""
     half = BINS // 2
-    for group in range(histograms.shape[0]):
-        row = histograms[group]
-        for k in range(half // 2):
-            row[half + k] = row[half + 2 * k] + row[half + 2 * k + 1]
-            row[half - 1 - k] = row[half - 1 - 2 * k] + row[half - 2 - 2 * k]
-        row[: half // 2] = 0
-        row[half + half // 2 :] = 0
+    for group in range(last + 1):
+        row = histograms[group, k]
+        for i in range(half):
+            above, below = half + i, half - 1 - i
+            some = i < half // 2
+            row[above] = row[half + 2 * i] + row[half + 2 * i + 1] if some else np.uint32(0)
+            row[below] = row[half - 1 - 2 * i] + row[half - 2 - 2 * i] if some else np.uint32(0)
