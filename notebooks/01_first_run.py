@@ -36,7 +36,7 @@ plt.style.use(figures.STYLE)
 
 # %%
 scene = harvester.Scene.load("paper").replace(
-    {"run.duration": 2000.0, "run.settle": 200.0, "run.realizations": 32}
+    {"run.duration": 2000.0, "run.settle": 200.0, "run.realizations": 16}
 )
 scene.to_tables()
 

@@ -89,7 +89,7 @@ print(*found.sentences(), sep="\n")
 # The identified scene is a scene like any other.
 
 # %%
-scene = found.scene.replace({"run.realizations": 32})
+scene = found.scene.replace({"run.realizations": 16})
 resistances = np.geomspace(5e4, 2e6, 7)
 powers = []
 for resistance in resistances:

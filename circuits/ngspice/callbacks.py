@@ -244,7 +244,7 @@ def _load_step(state, copy, points, step, longest):
     return load_steps.resolving_step(
         (points, times, state.first_watched),
         (last, (count - 2) % size, (count - 3) % size, (count - 4) % size),
-        carray(_pointer(state.switches), (state.switch_count, 3), np.float64),
+        carray(_pointer(state.switches), (state.switch_count, 2), np.float64),
         carray(_pointer(state.stores), (state.store_count, 2), np.float64),
         carray(_pointer(state.memory), memory_shape, np.float64)[copy],
         state.least_energy + state.capacitance * points[last, TERMINAL] ** 2,

@@ -58,8 +58,8 @@ def resolving_step(
         Accepted points of one copy, their times (s), and the first column watched.
     now : (int, int, int, int)
         Places of the latest points, the newest first.
-    switches : ndarray, shape (switches, 3)
-        Control above which each closes, below which it opens; the last is not read.
+    switches : ndarray, shape (switches, 2)
+        Control above which each closes, below which it opens.
     stores : ndarray, shape (stores, 2)
         F or H, and 1 for a coil.
     memory : ndarray, shape (switches + 1,)

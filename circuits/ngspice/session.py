@@ -240,9 +240,10 @@ class Session(NgSpiceShared):
     def _begin_watching(self, netlist, copies, first):
         """What of the load decides the steps, from that column on."""
         watch, state = netlist.watch, self.state[0]
-        self._switches = np.array(watch.switches, dtype=float).reshape(-1, 3)
+        switches = np.array(watch.switches, dtype=float).reshape(-1, 3)
+        self._switches = switches[:, :2].copy()
         self._stores = np.array(watch.stores, dtype=float).reshape(-1, 2)
-        self._memory = np.tile(np.append(self._switches[:, 2], 0.0), (copies, 1))
+        self._memory = np.tile(np.append(switches[:, 2], 0.0), (copies, 1))
         state["first_watched"] = first
         state["switch_count"], state["store_count"] = len(watch.switches), len(watch.stores)
         for name in ("switches", "stores", "memory"):
