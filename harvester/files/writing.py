@@ -95,10 +95,14 @@ def check_writable(path: str | Path) -> None:
 
 
 def check_folder(folder: str | Path) -> None:
-    """Refuse early a folder that cannot be made or written."""
+    """Refuse early a folder that cannot be made or written; one that is missing stays so."""
     with _named(folder):
+        missing = [each for each in (Path(folder), *Path(folder).parents) if not each.exists()]
         Path(folder).mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()
+        with contextlib.suppress(OSError):
+            for each in missing:
+                each.rmdir()
 
 
 def in_folder(folder: str | Path, file: str) -> Path:

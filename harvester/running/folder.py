@@ -31,6 +31,7 @@ class StudyFolder(os.PathLike):
     def __init__(self, path: str | os.PathLike):
         self._path = Path(path)
         self._handle: int | None = None
+        self._made = False
         self.notes: list[str] = []
 
     def __fspath__(self) -> str:
@@ -47,6 +48,7 @@ class StudyFolder(os.PathLike):
         """
         if self._handle is not None:
             return
+        made = not os.path.lexists(self._path)
         _check(self._path)
         handle = _open(self._path / LOCK)
         try:
@@ -54,15 +56,17 @@ class StudyFolder(os.PathLike):
         except BaseException:
             os.close(handle)
             raise
-        self._handle = handle
+        self._handle, self._made = handle, made
         _HANDLES.add(handle)
         if not self.notes:
             _clean(self._path)
 
     def close(self) -> None:
-        """Let the next run in."""
+        """Let the next run in; a folder that was made for this one and kept nothing goes."""
         handle, self._handle = self._handle, None
         if handle is not None:
+            if self._made:
+                _take_away(self._path)
             _HANDLES.discard(handle)
             os.close(handle)
 
@@ -116,12 +120,23 @@ def _lock(handle, folder):
         ) from None
     except (ImportError, OSError):
         return [f"{folder}: this file system cannot lock: see that no other run writes there"]
+    if os.fstat(handle).st_nlink == 0:
+        raise FolderInUse(f"{folder}: another run has just ended in this folder; start again")
     # A second name may be that of somebody's file.
     if os.fstat(handle).st_nlink == 1:
         with contextlib.suppress(OSError):
             os.ftruncate(handle, 0)
             os.pwrite(handle, f"process {os.getpid()} on {socket.gethostname()}\n".encode(), 0)
     return []
+
+
+def _take_away(folder):
+    """Take away a folder that holds no more than `hold` put there."""
+    with contextlib.suppress(OSError):
+        if sorted(os.listdir(folder)) == [LOCK, "points"]:
+            os.rmdir(folder / "points")
+            os.unlink(folder / LOCK)
+            os.rmdir(folder)
 
 
 def _clean(folder):

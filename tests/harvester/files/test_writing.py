@@ -46,8 +46,8 @@ def test_an_old_file_stays_until_the_new_one_is_whole(tmp_path):
 
 
 def test_what_cannot_be_written_is_refused_before_the_run(tmp_path):
-    check_writable(tmp_path / "new" / "result.json")
-    assert list((tmp_path / "new").iterdir()) == []
+    check_writable(tmp_path / "new" / "newer" / "result.json")
+    assert list(tmp_path.iterdir()) == []
     with pytest.raises(OutputError, match="cannot be written"):
         check_writable("/dev/null/result.json")
     with pytest.raises(OutputError, match="name a file"):

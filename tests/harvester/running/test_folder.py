@@ -1,6 +1,7 @@
 import concurrent.futures
 import multiprocessing
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -98,6 +99,37 @@ def test_only_leftovers_of_a_study_are_taken_away(tmp_path, monkeypatch):
     with held(tmp_path):
         found = {path for path in tmp_path.rglob("*") if path.name != LOCK}
     assert found == {points, *somebodys, folder_like, link}
+
+
+def test_a_folder_made_for_a_run_that_kept_nothing_goes(tmp_path, capsys):
+    place = tmp_path / "study"
+    assert main(["load-study", "device", "--load", "bridgee", "--output", str(place)]) == 2
+    assert "did you mean bridge?" in capsys.readouterr().err
+    assert not place.exists()
+    # Not one that was there before, nor one in which anything is kept.
+    place.mkdir()
+    with held(place):
+        pass
+    assert (place / "points").is_dir()
+    for kept in (place / "points" / "one", place / "table.csv"):
+        shutil.rmtree(place)
+        with held(place):
+            kept.write_text("")
+        assert kept.exists()
+
+
+def test_a_lock_that_its_holder_has_taken_away_is_none(tmp_path, monkeypatch):
+    """Opened before the holder's end, locked after it: the next run locks another file."""
+    opened = folder_module._open
+
+    def late(path):
+        handle = opened(path)
+        path.unlink()
+        return handle
+
+    monkeypatch.setattr(folder_module, "_open", late)
+    with pytest.raises(FolderInUse, match="start again"):
+        StudyFolder(tmp_path / "study").hold()
 
 
 def test_a_folder_that_cannot_be_locked_is_said_and_not_cleaned(tmp_path, monkeypatch):
