@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline, RectBivariateSpline
 from scipy.ndimage import convolve1d
 
 from harvester.averaging.propagator import whole
+from harvester.averaging.voltage_density import SMOOTHING, density_of_charge
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -17,13 +18,6 @@ if TYPE_CHECKING:
     from harvester.averaging.propagator import Grid
 
 JOINT_POINTS = 321  # displacements, and velocities, at which the joint density is tabulated
-# Takes off what changes sign from node to node, and keeps moments up to the third.
-SMOOTHING = np.array([-1.0, 4.0, 10.0, 4.0, -1.0]) / 16.0
-VOLTAGE_POINTS = 481  # at which that density is known
-SMALLEST_LOBES = 1e-4  # share of all mass in negative lobes from which a density is not right
-COUNTED_MASS = 1e-4  # share of the greatest mass from which a place tells of Z
-NORMAL_TAIL = 5.0  # standard deviations of a normal density
-NORMALS_AT_A_TIME = 4000
 
 
 class GridDensity:
@@ -65,7 +59,7 @@ class GridDensity:
         if len(self._grid.z) == 1:
             voltage = self._transducer.voltage(self.v, 0.0)
             return CubicSpline(voltage, self._velocity(self.v) * self.v[-1] / voltage[-1])
-        charge, density = _of_charge(self._grid, self._mass)
+        charge, density = density_of_charge(self._grid, self._mass)
         share = self._transducer.voltage(0.0, 1.0)
         return CubicSpline(share * charge, density / share)
 
@@ -132,46 +126,3 @@ class GridDensity:
             # Between steep nodes the shares of a mass undershoot.
             total += np.where(np.all(inside, axis=0), np.maximum(spline(*there), 0.0), 0.0)
         return total / (1 + self.paired)
-
-
-def _of_charge(grid, mass):
-    """Values of X − Z and their density, from the mass at the nodes of (X, Z, X').
-
-    The densities of X at the nodes of Z, each moved by its Z, add up to it where they change little
-    from node to node: then the sum is nowhere negative. Else Z has at each X and X' a normal
-    density of the moments there. Either has the variance that the nodes hold.
-    """
-    x, z, along = grid.x, grid.z, mass.sum(axis=2)
-    charge = np.linspace(x[0] - z[-1], x[-1] - z[0], VOLTAGE_POINTS)
-    moved = CubicSpline(x, along / (x[1] - x[0]), extrapolate=False)(charge[:, None] + z)
-    density = np.einsum("qzz->q", np.nan_to_num(moved))
-    if -density.clip(max=0.0).sum() <= SMALLEST_LOBES * density.sum():
-        return charge, density
-    held, centre, spread = _normals(grid, mass)
-    away = x[:, None] - z
-    mean, middle = np.sum(along * away), held @ centre
-    stretch = np.sum(along * away**2) - mean**2
-    stretch = np.sqrt(stretch / (held @ (centre**2 + spread**2) - middle**2))
-    centre, spread = mean + stretch * (centre - middle), stretch * spread
-    tail = NORMAL_TAIL * spread
-    charge = np.linspace((centre - tail).min(), (centre + tail).max(), VOLTAGE_POINTS)
-    density = np.zeros(charge.size)
-    for part in np.array_split(np.arange(centre.size), 1 + centre.size // NORMALS_AT_A_TIME):
-        away = (charge - centre[part, None]) / spread[part, None]
-        density += (held[part] / spread[part]) @ np.exp(-0.5 * away**2)
-    return charge, density / np.sqrt(2.0 * np.pi)
-
-
-def _normals(grid, mass):
-    """Mass, mean and standard deviation of X − Z at each X and X' that holds some.
-
-    Without what alternates from node to node, and no narrower than nodes of X leave no gap.
-    """
-    moments = np.einsum("nz,xzv->nxv", [grid.z**power for power in range(3)], mass)
-    for axis in (1, 2):
-        moments = convolve1d(moments, SMOOTHING, axis=axis, mode="constant")
-    row, column = np.nonzero(moments[0] > COUNTED_MASS * moments[0].max())
-    held, first, second = moments[:, row, column]
-    least = 0.5 * (grid.x[1] - grid.x[0])
-    spread = np.sqrt(np.maximum(second / held - (first / held) ** 2, least**2))
-    return held / held.sum(), grid.x[row] - first / held, spread
