@@ -85,11 +85,30 @@ def merged(function: Callable) -> Callable:
     return function
 
 
+def numbers_of(part: Any) -> list[float]:
+    """All numbers of a nested tuple one after another, as it lies in the memory of compiled code.
+
+    Parameters
+    ----------
+    part : tuple or float
+        As of a `harvester.device.system.System`.
+    """
+    if isinstance(part, tuple):
+        return [number for each in part for number in numbers_of(each)]
+    return [float(part)]
+
+
 def address_of(function: Any, *arguments: Any) -> int:
     """Where C finds a compiled function of arguments of these types; compiled where it is not.
 
     With the types in its signature it is found again on disk; a function made anew for each kind
     of device, with the kind among its free variables, is not.
+
+    Parameters
+    ----------
+    function : callable
+        Of `compiled`.
+    *arguments : numba types
     """
     if arguments not in function.overloads:
         function.compile(arguments)

@@ -11,7 +11,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from llvmlite import ir
 
-from harvester.compilation import address_of, cgutils, compiled, intrinsic, numba, types
+from harvester.compilation import (
+    address_of,
+    cgutils,
+    compiled,
+    intrinsic,
+    numba,
+    numbers_of,
+    types,
+)
 from harvester.device import contact
 from harvester.device import spring as springs
 from harvester.device import system as systems
@@ -45,15 +53,10 @@ class Device(NamedTuple):
 
 def device_of(s: System) -> Device:
     """The device whose functions the solver calls; compiled where they are not."""
-    numbers = np.zeros(_count(s))
-    _keep(s, numbers)
     kind = types.CPointer(numba.typeof(s))
-    return Device(s.transducer, numbers, *(_address(each, kind) for each in _FUNCTIONS))
-
-
-def _count(part):
-    """How many numbers a part has, with all that it is made of."""
-    return sum(map(_count, part)) if isinstance(part, tuple) else 1
+    return Device(
+        s.transducer, np.array(numbers_of(s)), *(_address(each, kind) for each in _FUNCTIONS)
+    )
 
 
 def _address(function: Any, kind: Any) -> int:
@@ -81,31 +84,10 @@ def _at(typing_context, place):
     """The device that lies at a place in memory."""
 
     def code(context, builder, signature, arguments):
-        return builder.load(_pointer(context, builder, signature.return_type, arguments[0]))
+        kind = context.get_value_type(signature.return_type)
+        return builder.load(builder.bitcast(arguments[0], kind.as_pointer()))
 
     return place.dtype(place), code
-
-
-@intrinsic
-def _lay(typing_context, s, numbers):
-    """Lay a device where an array's numbers are."""
-
-    def code(context, builder, signature, arguments):
-        s, array = arguments
-        data = context.make_array(signature.args[1])(context, builder, array).data
-        builder.store(s, _pointer(context, builder, signature.args[0], data))
-        return context.get_dummy_value()
-
-    return types.void(s, numbers), code
-
-
-def _pointer(context, builder, kind, place):
-    return builder.bitcast(place, context.get_value_type(kind).as_pointer())
-
-
-@compiled
-def _keep(s, numbers):
-    _lay(s, numbers)
 
 
 @compiled

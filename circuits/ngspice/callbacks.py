@@ -211,13 +211,6 @@ def _device(typingctx, user, address):
     return made(user, types.int64), generate
 
 
-def numbers_of(part: Any) -> list[Any]:
-    """All numbers of a nested tuple one after another, as `_device` reads them: list of float."""
-    if isinstance(part, tuple):
-        return [number for each in part for number in numbers_of(each)]
-    return [float(part)]
-
-
 @inlined
 def _resolved(state, s, row, ahead, step):
     """Longest step from an accepted point that resolves the contact; `ahead`: the next knot."""

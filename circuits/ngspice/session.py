@@ -22,6 +22,7 @@ from circuits.ngspice import callbacks, compiled_device, messages
 from circuits.ngspice.across_output import measure_output
 from circuits.ngspice.library import code_models, find_library, no_initialisation_files
 from circuits.ngspice.solution import convert, units_of, vectors
+from harvester.compilation import numbers_of
 from harvester.device import timescales
 from harvester.engines.steps import STEPS_PER_CONTACT
 from harvester.engines.worker import as_answer, give_up
@@ -220,7 +221,7 @@ class Session(NgSpiceShared):
             state[name] = getattr(self, f"_{name}").ctypes.data
         state["count"] = state["steps"] = state["first_knot"] = 0
         state["spacing"] = paths[0].spacing
-        self._numbers = np.array(callbacks.numbers_of(system))
+        self._numbers = np.array(numbers_of(system))
         self._free = np.array(timescales.free_zone(system))
         state["system"] = self._numbers.ctypes.data
         state["free"][:] = self._free
