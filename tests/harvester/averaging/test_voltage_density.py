@@ -23,9 +23,7 @@ from harvester.simulation import simulate
         ("paper", []),
         ("paper", ["excitation.intensity=0.1"]),
         ("paper", ["excitation.intensity=1", "load.decay_rate=0.01"]),
-        pytest.param("asymmetric", [], marks=pytest.mark.slow),
         pytest.param("asymmetric", ["load.resistance=117e3"], marks=pytest.mark.slow),
-        pytest.param("tristable", [], marks=pytest.mark.slow),
         pytest.param("one_sided", [], marks=pytest.mark.slow),
         pytest.param(
             "duffing",
