@@ -88,7 +88,7 @@ def fokker_planck(device: System, tolerance: float, memory: bool = False) -> Ave
         of two powers, which may be small against both.
     memory : bool
         Also find `slowest_decay_rate` and the rates of jumps where motion joins several wells:
-        about as long again.
+        five to ten times as long in all.
 
     Returns
     -------

@@ -23,7 +23,9 @@ if TYPE_CHECKING:
     from harvester.averaging.solution import Solution
     from harvester.device.system import System
 
-EIGENVALUE_TOLERANCE = 1e-4  # of an eigenvalue, as a share of it
+# Of an eigenvalue, as a share of it; and of the saddles' crossings in a period, by about which the
+# eigenvalue of rare jumps differs from 1.
+EIGENVALUE_TOLERANCE, CROSSINGS_TOLERANCE = 1e-4, 1e-2
 LEAST_VECTORS = 20  # of Arnoldi's method, between two restarts
 # Of the mass in the cores, as a share: left to be found, for rare jumps; and the most vectors.
 REACHED, MOST_VECTORS = 1e-6, 200
@@ -73,6 +75,7 @@ def slowest_decay_rate(solution: Solution) -> dict[str, float]:
         dtype=float,
     )
     wanted = 1 if grid.mirrored else 2
+    crossings = solution.means["well_crossing_rate"] * steps * grid.step
     vectors = int(min(MOST_VECTORS, MOST_WORK / solution.cost))
     if vectors < LEAST_VECTORS:
         return {}
@@ -83,7 +86,7 @@ def slowest_decay_rate(solution: Solution) -> dict[str, float]:
             v0=start.ravel(),
             ncv=LEAST_VECTORS,
             maxiter=vectors // LEAST_VECTORS,
-            tol=EIGENVALUE_TOLERANCE,
+            tol=min(EIGENVALUE_TOLERANCE, CROSSINGS_TOLERANCE * crossings),
             return_eigenvectors=False,
         )
     except ArpackNoConvergence:

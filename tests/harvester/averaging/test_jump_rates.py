@@ -5,6 +5,7 @@ import math
 import pytest
 
 from harvester.averaging import average
+from harvester.averaging.of_scene import averaged_device
 from harvester.device import timescales
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
@@ -67,3 +68,16 @@ def test_kramers_and_simulation(force):
         assert seen.estimate == pytest.approx(found, abs=doubt)
     together = sum(averages.between_wells[name] for name in expected) * 2.0 / len(expected)
     assert averages.between_wells["slowest_decay_rate"] == pytest.approx(together, rel=0.1)
+
+
+@pytest.mark.slow
+def test_the_slowest_decay_rate_is_as_well_known_as_jumps_are_rare(monkeypatch):
+    """A slow load's many modes decay hardly faster: 2 % off where eigenvalues alone are judged."""
+    # Only what is tested: rates of jumps take as long again.
+    monkeypatch.setattr("harvester.averaging.fokker_planck.rates_of_jumps", lambda _: {})
+    system, found = averaged_device(Scene.load("paper", ["load.decay_rate=0.03"])), []
+    for vectors in (20, 60):
+        monkeypatch.setattr("harvester.averaging.wells.LEAST_VECTORS", vectors)
+        averages = average(system, tolerance=0.1, memory=True)
+        found.append(averages.between_wells["slowest_decay_rate"])
+    assert found[0] == pytest.approx(found[1], rel=0.005)
