@@ -63,9 +63,10 @@ def shared_ends(device: System, grid: Grid) -> tuple[np.ndarray, ...]:
 
 
 def shared(state: np.ndarray, ends: tuple[np.ndarray, ...]) -> np.ndarray:
-    """The state one step later, each node's mass shared about its end."""
+    """The state one step later, each node's mass shared about its end, in the ends' precision."""
+    state = np.ascontiguousarray(state, dtype=ends[1].dtype)
     moved = np.zeros_like(state)
-    _share(np.ascontiguousarray(state), *ends, moved)
+    _share(state, *ends, moved)
     return moved
 
 

@@ -5,19 +5,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
 
-from harvester.averaging.flow import lagrange
 from harvester.averaging.grid_density import GridDensity
-from harvester.averaging.propagator import Propagator, whole
-from harvester.averaging.stationary import Inverse
+from harvester.averaging.propagator import Propagator
+from harvester.averaging.stationary import Inverse, moved
 from harvester.averaging.wells import between_wells, unlike_wells
 from harvester.device import system as systems
 from harvester.device import timescales
 from harvester.errors import AveragingError
 
 if TYPE_CHECKING:
-    from harvester.averaging.propagator import Grid
     from harvester.averaging.region import Level, Region
     from harvester.device.system import System
 
@@ -36,9 +33,6 @@ RESIDUAL_OVER_TOLERANCE = 2e-2
 RARE_JUMPS, LEAST_SHARE_OF_WELL = 1e-2, 1e-9
 LEAST_RESIDUAL = 1e-8  # which rounding leaves
 LEAST_SINGLE_SHARE = 1e-6  # of a density, down to which a rest is known in single precision
-# Share of a rest that is left at least, before it is told anew: directions are kept in that too.
-REDUCTION_IN_ONE_GO = 3e-3
-SUFFICIENT_REDUCTION = 0.1  # share of a rest that the coarser grid leaves
 
 
 class Task:
@@ -102,10 +96,9 @@ class Solution:
                 f"takes {grid.push_bytes / 1e9:.2g} GB, more than {LARGEST_PUSHES / 1e9:g} GB: "
                 "simulate"
             )
-        self._coarser = coarser if coarser and coarser.region == region else None
-        self._inverse = Inverse(
-            lambda state: state - self._later(state), self._nearly_undone if self._coarser else None
-        )
+        self.coarser = coarser if coarser and coarser.region == region else None
+        known = self.coarser._inverse if self.coarser else None
+        self._inverse: Inverse = Inverse(grid, self._beside, known, self._cleared)
         exact = Propagator(device, grid)
         self.propagator = exact.single()
         jumps, self._wells = np.inf, np.ones((1, grid.x.size))
@@ -122,7 +115,8 @@ class Solution:
         # Of what a slow part leaves undone, only so small a share of the density changes at a time.
         slow = min(1.0, jumps, (device.transducer.decay_rate() or np.inf) * time)
         share = max(RESIDUAL_OVER_TOLERANCE * level.tolerance * slow, LEAST_RESIDUAL)
-        self.state: np.ndarray = self._settled(start, share, exact)
+        self.state: np.ndarray = start
+        self.state = self._settled(start, share, exact)
         self.before_flow = self.propagator.before_flow(self.state)
         paired = region.well is not None and device.symmetric
         self.density = GridDensity(task.transducer, grid, self.state, paired)
@@ -140,19 +134,16 @@ class Solution:
         # What a new grid makes of its start at once is no part of what is sought.
         state = self._later(start).astype(float)
         state /= state[:, :, 0].sum()
-        self._allowed = share * np.linalg.norm(state)
         # What jumps move is slow against all else: many other directions would not tell it.
         for alone in self._of_wells(state)[1:]:
             self._inverse.extend(alone - state)
         teller = exact if share < LEAST_SINGLE_SHARE else self.propagator
-        size = enough = np.inf
-        while enough > self._allowed:
+
+        def left(state):
             self.task.take(self.cost)
-            rest = teller.repeated(state, self.steps) - state
-            before, size = size, np.linalg.norm(rest)
-            enough = max(self._allowed, REDUCTION_IN_ONE_GO * size)
-            # Nodes of Z from which much is shared beyond their range magnify what rounding leaves.
-            state += self._inverse(rest, enough, before)
+            return teller.repeated(state, self.steps) - state
+
+        state = self._inverse.settled(state, left, share * np.linalg.norm(state))
         return state / state[:, :, 0].sum()
 
     def _later(self, state):
@@ -160,17 +151,16 @@ class Solution:
         self.task.take(self.cost)
         return self.propagator.repeated(state, self.steps)
 
-    def _nearly_undone(self, rest):
-        """The same but for what changes from node to node, by the coarser grid's slow states."""
-        coarser = self._coarser
-        smooth = coarser._later(moved(rest, self.grid, coarser.grid))
-        smooth -= smooth[:, :, 0].sum() * coarser.state
-        enough = max(SUFFICIENT_REDUCTION * np.linalg.norm(smooth), coarser._allowed)
-        found = coarser._inverse(smooth, enough)
-        # Of the mass of wells between which jumps are rare, a coarser grid's errors are too large.
-        for well, alone in zip(coarser._wells, coarser._of_wells(coarser.state), strict=True):
-            found -= (well @ found[:, :, 0].sum(axis=(1, 2))) * alone
-        return rest + moved(found, coarser.grid, self.grid)
+    def _beside(self, change):
+        """A change of the state a period later: of sum 0, which moving from grid to grid upsets."""
+        change = self._later(change)
+        return change - change[:, :, 0].sum() * self.state
+
+    def _cleared(self, change):
+        """A change of the state, without that of the mass of wells between which jumps are rare."""
+        for well, alone in zip(self._wells, self._of_wells(self.state), strict=True):
+            change = change - (well @ change[:, :, 0].sum(axis=(1, 2))) * alone
+        return change
 
     def _of_wells(self, state):
         """Its part in each of the wells between which jumps are rare, of sum 1."""
@@ -209,24 +199,6 @@ def _hurry(device, time):
     decay = device.transducer.decay_rate() * time * (1.0 + STEPS_OF_STRONG_COUPLING * stiffened)
     contacts = CONTACTS_OF_A_STEP * time / timescales.contact_time(device)
     return max(1.0, decay / LARGEST_LOAD_DECAY, min(contacts, MOST_STEPS_FOR_CONTACTS))
-
-
-def moved(state: np.ndarray, old: Grid, new: Grid) -> np.ndarray:
-    """A state on the nodes of another grid: its moments of Z kept, its density in X and X'."""
-    across = lagrange(np.clip(old.z, new.z[0], new.z[-1]), new.z)[:, -len(new.kept) :]
-    state = np.einsum("ji,xjmv->ximv", across, whole(state, old))
-    modes = min(old.modes, new.modes)
-    along_v = state[:, :, :modes] @ _interpolation(old.v, new.v).T
-    answer = np.zeros(new.shape)
-    answer[:, :, :modes] = np.tensordot(_interpolation(old.x, new.x), along_v, 1)
-    return answer
-
-
-def _interpolation(old, new):
-    """Matrix that takes masses at evenly spaced nodes to others, by cubic splines; 0 beyond."""
-    cells = (new[1] - new[0]) / (old[1] - old[0])
-    inside = (new >= old[0]) & (new <= old[-1])
-    return cells * inside[:, None] * make_interp_spline(old, np.eye(old.size))(new)
 
 
 def _gibbs(device, region, grid):

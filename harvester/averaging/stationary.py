@@ -1,11 +1,14 @@
-"""What a linear map takes off, undone: solutions of change(x) = rest, one after the other."""
+"""What a linear map of states leaves undone on a grid, with what a coarser grid knows of it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
+from harvester.averaging.flow import lagrange
+from harvester.averaging.propagator import Grid, whole
 from harvester.errors import AveragingError
 
 Map = Callable[[np.ndarray], np.ndarray]
@@ -18,29 +21,72 @@ POOR_DIRECTION_REST = (
 )
 KEPT, BYTES = np.float32, 4  # of what is kept: what it takes off is known as well as it is kept
 SMALLEST_NEW_PART = 1e-6  # of a direction's part that is new, below which nothing is left to find
+# Share of a rest that is left at least, before it is told anew: directions are kept in that too.
+REDUCTION_IN_ONE_GO = 3e-3
+SUFFICIENT_REDUCTION = 0.1  # share of a rest that the coarser grid leaves
 
 
 class Inverse:
-    """Generalised conjugate residuals (Eisenstat, Elman and Schultz 1983), directions kept.
+    """x of decayed · x − later(x) = rest, by generalised conjugate residuals, directions kept.
 
     Each direction's change is at right angles to those before, so that what they reach of another
-    rest costs nothing: the slow states of a map are found once.
+    rest costs nothing: the slow states of a map are found once (Eisenstat, Elman and Schultz 1983).
+    A direction begins as what is left, and as what the coarser grid makes of that.
 
     Parameters
     ----------
-    change : callable
-        Linear map of arrays, with values of sum 0.
-    near : callable, optional
-        About its inverse. Each direction begins as this of what is left, or as what is left.
+    grid : Grid
+    later : callable
+        Linear map of states on it.
+    coarser : Inverse, optional
+        The same on a coarser grid.
+    cleared : callable, optional
+        Takes off what a finer grid is not told: of that this grid's errors are too large.
+    decayed : float
+        Share of what is sought that a map leaves.
+    parity : float
+        −1 for states that change sign from one half of a mirrored grid to the other.
+
+    Attributes
+    ----------
+    allowed : float
+        Largest norm of a rest that may be left.
     """
 
-    def __init__(self, change: Map, near: Map | None = None) -> None:
-        self._change, self._near = change, near or _itself
-        self._count = 0
+    def __init__(
+        self,
+        grid: Grid,
+        later: Map,
+        coarser: Inverse | None = None,
+        cleared: Map | None = None,
+        decayed: float = 1.0,
+        parity: float = 1.0,
+    ) -> None:
+        self._grid, self._later, self._coarser = grid, later, coarser
+        self._cleared, self._decayed, self._parity = cleared or _itself, decayed, parity
+        self._count, self.allowed = 0, 0.0
         self._directions = self._changes = np.empty((0, 0), KEPT)
 
+    def settled(self, state: np.ndarray, left: Map, allowed: float) -> np.ndarray:
+        """The state of which `left`, which tells what is left of it exactly, is small enough.
+
+        Raises
+        ------
+        AveragingError
+            It was not reached.
+        """
+        self.allowed = allowed
+        size = enough = np.inf
+        while enough > allowed:
+            rest = left(state)
+            before, size = size, float(np.linalg.norm(rest))
+            enough = max(allowed, REDUCTION_IN_ONE_GO * size)
+            # Nodes of Z from which much is shared beyond their range magnify what rounding leaves.
+            state = state + self(rest, enough, before)
+        return state
+
     def __call__(self, rest: np.ndarray, allowed: float, below: float = np.inf) -> np.ndarray:
-        """x with |rest − change(x)| ≤ allowed.
+        """x that leaves no more than what is allowed of a rest.
 
         Raises
         ------
@@ -60,7 +106,7 @@ class Inverse:
                     break
                 self._take(left, found, slice(self._count - 1, self._count))
                 if np.linalg.norm(left) > POOR_DIRECTION_REST * size:
-                    self._near = _itself
+                    self._coarser = None
         raise AveragingError(
             "the stationary density was not reached: raise the tolerance, or simulate"
         )
@@ -70,6 +116,17 @@ class Inverse:
         along = self._changes[which] @ left.astype(KEPT)
         left -= along @ self._changes[which]
         found += along @ self._directions[which]
+
+    def _near(self, rest):
+        """About what leaves such a rest: what changes from node to node goes by itself."""
+        coarser = self._coarser
+        if coarser is None:
+            return rest
+        parity = self._parity
+        smooth = coarser._later(moved(rest, self._grid, coarser._grid, parity))
+        enough = max(SUFFICIENT_REDUCTION * np.linalg.norm(smooth), coarser.allowed)
+        found = coarser._cleared(coarser(smooth, enough))
+        return (rest + moved(found, coarser._grid, self._grid, parity)) / self._decayed
 
     def extend(self, new: np.ndarray) -> bool:
         """Learn one more direction; False if it tells nothing new."""
@@ -81,7 +138,7 @@ class Inverse:
         if self._count == len(self._changes):
             self._count = 0
         n = self._count
-        change = self._change(new).ravel()
+        change = (self._decayed * new - self._later(new)).ravel()
         whole = np.linalg.norm(change)
         along = np.zeros(n, KEPT)
         for _ in range(2):  # the second time takes off what rounding left
@@ -99,3 +156,21 @@ class Inverse:
 
 def _itself(rest):
     return rest
+
+
+def moved(state: np.ndarray, old: Grid, new: Grid, parity: float = 1.0) -> np.ndarray:
+    """A state on the nodes of another grid: its moments of Z kept, its density in X and X'."""
+    across = lagrange(np.clip(old.z, new.z[0], new.z[-1]), new.z)[:, -len(new.kept) :]
+    state = np.einsum("ji,xjmv->ximv", across, whole(state, old, parity))
+    modes = min(old.modes, new.modes)
+    along_v = state[:, :, :modes] @ _interpolation(old.v, new.v).T
+    answer = np.zeros(new.shape)
+    answer[:, :, :modes] = np.tensordot(_interpolation(old.x, new.x), along_v, 1)
+    return answer
+
+
+def _interpolation(old, new):
+    """Matrix that takes masses at evenly spaced nodes to others, by cubic splines; 0 beyond."""
+    cells = (new[1] - new[0]) / (old[1] - old[0])
+    inside = (new >= old[0]) & (new <= old[-1])
+    return cells * inside[:, None] * make_interp_spline(old, np.eye(old.size))(new)

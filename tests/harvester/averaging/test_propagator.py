@@ -56,6 +56,8 @@ def test_steps_in_single_precision(columns):
     exact, single = (each.repeated(start, 4) for each in (propagator, propagator.single()))
     assert single.dtype == np.float32
     assert np.abs(single - exact).max() < 1e-5 * np.abs(exact).max()
+    once = propagator.single().step(start)
+    assert once == pytest.approx(propagator.step(start), abs=1e-5 * np.abs(exact).max())
     assert exact[:, :, 0].sum() == pytest.approx(start[:, :, 0].sum(), abs=1e-10)
 
 
