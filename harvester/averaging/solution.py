@@ -98,7 +98,7 @@ class Solution:
             )
         self.coarser = coarser if coarser and coarser.region == region else None
         known = self.coarser._inverse if self.coarser else None
-        self._inverse: Inverse = Inverse(grid, self._beside, known, self._cleared)
+        self._inverse: Inverse = Inverse(grid, self._later, known, self._balanced, self._cleared)
         exact = Propagator(device, grid)
         self.propagator = exact.single()
         jumps, self._wells = np.inf, np.ones((1, grid.x.size))
@@ -115,8 +115,7 @@ class Solution:
         # Of what a slow part leaves undone, only so small a share of the density changes at a time.
         slow = min(1.0, jumps, (device.transducer.decay_rate() or np.inf) * time)
         share = max(RESIDUAL_OVER_TOLERANCE * level.tolerance * slow, LEAST_RESIDUAL)
-        self.state: np.ndarray = start
-        self.state = self._settled(start, share, exact)
+        self.state: np.ndarray = self._settled(start, share, exact)
         self.before_flow = self.propagator.before_flow(self.state)
         paired = region.well is not None and device.symmetric
         self.density = GridDensity(task.transducer, grid, self.state, paired)
@@ -151,9 +150,8 @@ class Solution:
         self.task.take(self.cost)
         return self.propagator.repeated(state, self.steps)
 
-    def _beside(self, change):
-        """A change of the state a period later: of sum 0, which moving from grid to grid upsets."""
-        change = self._later(change)
+    def _balanced(self, change):
+        """A change of the state, of sum 0."""
         return change - change[:, :, 0].sum() * self.state
 
     def _cleared(self, change):

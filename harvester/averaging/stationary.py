@@ -40,6 +40,8 @@ class Inverse:
         Linear map of states on it.
     coarser : Inverse, optional
         The same on a coarser grid.
+    balanced : callable, optional
+        Takes off what moving a rest from a finer grid to this one upsets.
     cleared : callable, optional
         Takes off what a finer grid is not told: of that this grid's errors are too large.
     decayed : float
@@ -58,12 +60,14 @@ class Inverse:
         grid: Grid,
         later: Map,
         coarser: Inverse | None = None,
+        balanced: Map | None = None,
         cleared: Map | None = None,
         decayed: float = 1.0,
         parity: float = 1.0,
     ) -> None:
         self._grid, self._later, self._coarser = grid, later, coarser
-        self._cleared, self._decayed, self._parity = cleared or _itself, decayed, parity
+        self._balanced, self._cleared = balanced or _itself, cleared or _itself
+        self._decayed, self._parity = decayed, parity
         self._count, self.allowed = 0, 0.0
         self._directions = self._changes = np.empty((0, 0), KEPT)
 
@@ -124,6 +128,7 @@ class Inverse:
             return rest
         parity = self._parity
         smooth = coarser._later(moved(rest, self._grid, coarser._grid, parity))
+        smooth = coarser._balanced(smooth)
         enough = max(SUFFICIENT_REDUCTION * np.linalg.norm(smooth), coarser.allowed)
         found = coarser._cleared(coarser(smooth, enough))
         return (rest + moved(found, coarser._grid, self._grid, parity)) / self._decayed
