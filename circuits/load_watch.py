@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 # Transistors and behavioural sources change their currents by a law of their own, at any time.
 _JUMPING = frozenset("bqjm")
+_WAVEFORMS = frozenset(("sin", "pulse", "exp", "pwl", "sffm", "am", "trnoise", "trrandom"))
 _EXPRESSIONS = ("value=", "vol=", "cur=")
 
 
@@ -56,12 +57,18 @@ def watch_of(load: LoadCircuit, pins: Mapping[str, str]) -> Watch | None:
     -------
     Watch or None
         Empty for resistors, capacitors and diodes, which follow the motion; None where a part may
-        change its current without notice, or has a value that is no number or not positive.
+        change its current without notice, a source has a waveform of its own, or a value is no
+        number or not positive.
     """
+    try:
+        places = list(elements(load, pins))
+    except LoadError:
+        return None if load.switches else NOTHING
+    if any(map(_has_waveform, places)):
+        return None
     if not load.switches:
         return NOTHING
     try:
-        places = list(elements(load, pins))
         switches = [_switch(place) for place in places if place.letter in "sw"]
         stores = [_store(place) for place in places if place.letter in "cl"]
     except LoadError:
@@ -77,6 +84,10 @@ def watch_of(load: LoadCircuit, pins: Mapping[str, str]) -> Watch | None:
         tuple(values for _, values in stores),
         tuple(pins.values()),
     )
+
+
+def _has_waveform(place: Place) -> bool:
+    return place.letter in "vi" and any(word in _WAVEFORMS for word in place.words)
 
 
 def _may_jump(place: Place) -> bool:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from circuits.kernel import waveform
 from circuits.kernel.emitter import call
 from circuits.kernel.mechanics import Device, evaluate
 from circuits.kernel.points import add_points, given_power, load_power, stored_energy
@@ -61,6 +62,8 @@ KNOWN, UNKNOWN, TURNED = 1.0, 0.0, -1.0
 RESTART, SHORTEST, LOCATED = 2.0**-10, 2.0**-34, 1e-4
 # Share of the step that led across within which the time is known, too.
 LOCATED_SHARE = 0.02
+# Of a step of the grid, and of the time: nearer than that a source's corner is reached.
+LEAST_TO_CORNER, CLOCK_ROUNDING = 1e-9, 1e-15
 # Switchings within one step of the grid that are no chatter.
 MOST_SWITCHINGS = 400
 # Time over which the transducer's energy is averaged, in steps of the grid, and the share of one
@@ -105,10 +108,11 @@ def advance(
         end = (np.floor(phase / step + 1e-9) + 1.0) * step
         noise = block[segment] + slope * phase
         time = (first_knot + segment) * spacing + phase
-        place, remaining = int(numbers[ZONE]), end - phase
+        place, bend = int(numbers[ZONE]), _until_corner(tables, time, step)
+        remaining = min(end - phase, bend)
         low, high = edges[place], edges[place + 1]
         zone = (not low < 0.0 < high, low, high, numbers[HELD_SPEED])
-        longest = _longest(device, state, zone, noise, remaining, step, steps_per_contact)
+        longest = _longest(device, tables, state, zone, noise, remaining, step, steps_per_contact)
         h, x1, ratio, scale, entered, switch = _find_step(
             device, tables, probes, state, time, longest, remaining, step, noise, slope, zone
         )
@@ -121,7 +125,10 @@ def advance(
         if switch >= 0 and _turn(tables, state, step):
             return segment, points, CHATTER, switch
         phase += h
-        if h >= remaining:
+        if h >= bend:
+            # What follows is as new as after a switch, but nothing jumps.
+            numbers[PROPOSED] = RESTART * step
+        if phase >= end * (1.0 - 1e-15):
             phase = end
             numbers[SWITCHINGS] = 0.0
         noise = block[segment] + slope * phase
@@ -139,9 +146,22 @@ def advance(
 
 
 @merged
-def _longest(device, state, zone, noise, remaining, step, steps_per_contact):
-    """Length of the next step that the last one's error and a contact allow."""
+def _until_corner(tables, time, step):
+    """Time until a source bends; what is nearer than times are told apart is past."""
+    past = time + LEAST_TO_CORNER * step + CLOCK_ROUNDING * abs(time)
+    found = np.inf
+    for k in range(tables.sources.shape[0]):
+        kind = tables.sources[k, 1]
+        found = min(found, waveform.next_corner(kind, tables.waves[k], tables.corners, past))
+    return found - time
+
+
+@merged
+def _longest(device, tables, state, zone, noise, remaining, step, steps_per_contact):
+    """Length of the next step that the last one's error, sources and a contact allow."""
     longest = min(state.numbers[PROPOSED], step)
+    for k in range(tables.sources.shape[0]):
+        longest = min(longest, waveform.longest_step(tables.sources[k, 1], tables.waves[k]))
     if zone[0]:
         x, v = state.numbers[DISPLACEMENT], state.y[state.y.size - 1]
         now = (x, v, noise, remaining, longest, float(steps_per_contact))

@@ -19,6 +19,7 @@ OWN = 3
 COLUMNS = OWN + 7
 _KINDS = {"sin": SINE, "pulse": PULSE, "exp": EXPONENTIAL, "pwl": LINES}
 _FOREVER = 1e30
+STEPS_OF_SINE = 40.0  # of a period: the method's error is then some 0.1 % of the sine
 
 
 def read(place: Place) -> float | tuple[int, list[float], list[tuple[float, float]]]:
@@ -112,3 +113,44 @@ def value(kind: int, row: np.ndarray, corners: np.ndarray, time: float) -> float
     if time > e:
         total += (a - b) * (1.0 - np.exp(-(time - e) / f))
     return row[SIGN] * total
+
+
+@compiled
+def next_corner(kind: int, row: np.ndarray, corners: np.ndarray, time: float) -> float:
+    """The first time after this one at which a changing source bends; infinite without one."""
+    if kind == LINES:
+        for k in range(int(row[FIRST]), int(row[LAST])):
+            if corners[k, 0] > time:
+                return corners[k, 0]
+        return np.inf
+    if kind == SINE:
+        return row[6] if row[6] > time else np.inf
+    if kind == EXPONENTIAL:
+        return _first_after(time, row[5], row[7])
+    delay, rise, fall, width, every = row[5], row[6], row[7], row[8], row[9]
+    begin = delay
+    if time > delay and every > 0.0:
+        begin += every * np.floor((time - delay) / every)
+    bends = (begin, begin + rise, begin + rise + width, begin + rise + width + fall)
+    found = begin + every if every > 0.0 else np.inf
+    for bend in bends:
+        if time < bend < found:
+            found = bend
+    return found
+
+
+@compiled
+def _first_after(time, one, other):
+    found = np.inf
+    for each in (one, other):
+        if time < each < found:
+            found = each
+    return found
+
+
+@compiled
+def longest_step(kind: int, row: np.ndarray) -> float:
+    """The longest step that follows a changing source between its corners; infinite for lines."""
+    if kind == SINE and row[5] > 0.0:
+        return 1.0 / (STEPS_OF_SINE * row[5])
+    return np.inf

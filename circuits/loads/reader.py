@@ -190,6 +190,6 @@ def statements(text: str, name: str) -> list[Card]:
             last = last if measure else cards[-1]
         elif last is None:
             raise NetlistError(f"{where}: a line begins with + and continues none")
-        else:
+        elif stripped != "+":
             last[0].append(stripped[1:].strip())
     return [Card(" ".join(lines), where) for lines, where in cards]

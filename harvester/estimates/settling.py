@@ -182,6 +182,8 @@ def _motion(p, run, estimates):
     if p.noise.intensity <= 0.0:
         return None
     matrix, places = _linear(p, estimates["mean_square_displacement"].estimate)
+    if not np.all(np.isfinite(matrix)):
+        return None
     rates = -np.linalg.eigvals(matrix).real
     if np.any(rates <= 0.0):
         return None

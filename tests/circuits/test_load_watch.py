@@ -41,6 +41,12 @@ def test_a_switch_by_current_is_watched_with_its_first_state(tmp_path):
     assert watch.unknowns == ("i(v1)", "0", "y", "0")
 
 
+@pytest.mark.parametrize("shape", ["pulse(0 1 0 1u 1u 1m 5m)", "pwl(0 0 1m 1)", "sin(0 1 50)"])
+def test_a_waveform_is_left_to_ngspice(tmp_path, shape):
+    """It alone knows where a source bends."""
+    assert watch_of(written(tmp_path, f"V1 x n {shape}\nR1 x p 1k"), PINS) is None
+
+
 def test_what_follows_the_motion_is_not_watched():
     assert watch_of(read_load(find_netlist("bridge")), PINS) == NOTHING
 

@@ -137,6 +137,11 @@ def test_what_is_no_load_is_refused_in_one_line(tmp_path, line):
     assert "load.lib" in str(refusal.value)
 
 
+def test_a_plus_alone_continues_with_nothing(tmp_path):
+    plain = read(tmp_path, LOAD.format(body="R2 p n 2k"))
+    assert read(tmp_path, LOAD.format(body="R2 p n\n+\n+ 2k\n+")).text == plain.text
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
