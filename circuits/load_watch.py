@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from circuits.kernel.flattening import Place, elements
 from circuits.kernel.parts import hysteresis, stored
+from circuits.loads.vetting import WAVEFORMS
 from harvester.device.terminals import GROUND
 from harvester.errors import LoadError
 
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
 # Transistors and behavioural sources change their currents by a law of their own, at any time.
 _JUMPING = frozenset("bqjm")
-_WAVEFORMS = frozenset(("sin", "pulse", "exp", "pwl", "sffm", "am", "trnoise", "trrandom"))
+_CHANGING = WAVEFORMS - {"dc", "ac"}
 _EXPRESSIONS = ("value=", "vol=", "cur=")
 
 
@@ -87,7 +88,7 @@ def watch_of(load: LoadCircuit, pins: Mapping[str, str]) -> Watch | None:
 
 
 def _has_waveform(place: Place) -> bool:
-    return place.letter in "vi" and any(word in _WAVEFORMS for word in place.words)
+    return place.letter in "vi" and not _CHANGING.isdisjoint(place.words)
 
 
 def _may_jump(place: Place) -> bool:

@@ -128,7 +128,7 @@ def advance(
         if h >= bend:
             # What follows is as new as after a switch, but nothing jumps.
             numbers[PROPOSED] = RESTART * step
-        if phase >= end * (1.0 - 1e-15):
+        if phase >= end * (1.0 - CLOCK_ROUNDING):
             phase = end
             numbers[SWITCHINGS] = 0.0
         noise = block[segment] + slope * phase
