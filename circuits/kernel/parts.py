@@ -114,9 +114,6 @@ def _inductor(b, place):
 def _coupling(b, place):
     *names, share = place.plain()
     full = [place.scope.path + name for name in names]
-    for name in full:
-        if name not in b.inductances:
-            place.refuse(f"a coupling with {name}, which is no inductor of its sub-circuit")
     size = place.value(share)
     if not abs(size) <= 1.0:
         place.refuse(f"a coupling of {size:g}")

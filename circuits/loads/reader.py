@@ -6,6 +6,7 @@ folder of the file that the user named.
 
 from __future__ import annotations
 
+import codecs
 import contextlib
 import re
 from pathlib import Path
@@ -147,8 +148,10 @@ def _decoded(content):
         return content.decode("utf-16", errors="replace")
     if content[1:2] == b"\0":
         return content.decode("utf-16-le", errors="replace")
+    # A byte-order mark may stand before text of another encoding: files are put together.
+    content = content.removeprefix(codecs.BOM_UTF8)
     try:
-        return content.decode("utf-8-sig")
+        return content.decode("utf-8")
     except UnicodeDecodeError:
         return content.decode("cp1252", errors="replace")
 

@@ -262,8 +262,21 @@ def _vet(circuit):
         if words[0] in names:
             refuse(card, f"{words[0][:40]} is there twice")
         names.add(words[0])
+    for card, words in circuit.elements:
+        if words[0][0] == "k":
+            _check_coupling(card, words, {name for name in names if name[0] == "l"})
     for inner in circuit.inner.values():
         _vet(inner)
+
+
+def _check_coupling(card, words, coils):
+    """Refuse a coupling with what is no coil, or of more than 1: ngspice stops or goes astray."""
+    for name in words[1:-1]:
+        if name not in coils:
+            refuse(card, f"{words[0]}: no inductor {name} in its sub-circuit{nearest(name, coils)}")
+    size = vetting.number(words[-1])
+    if size is not None and abs(size) > 1.0:
+        refuse(card, f"{words[0]}: a coupling of {size:g}; it lies between -1 and 1")
 
 
 def _vetted(card, circuit, scope):

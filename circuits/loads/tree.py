@@ -96,13 +96,15 @@ def parse(cards: list[Card], name: str) -> Subcircuit:
         elif first == MEASURE:
             here.measures.append(Card(rest, card.where))
         elif first.startswith("."):
+            instead = " (write ic= behind the capacitor or coil)" if first == ".ic" else ""
             refuse(
                 card,
-                f"{first[:40]} is not accepted: a load holds elements, .model, .param, .func, "
-                ".subckt and .include, and is no program",
+                f"{first[:40]} is not accepted{instead}: a load holds elements, .model, .param, "
+                ".func, .subckt and .include, and is no program",
             )
         elif here is root:
-            refuse(card, f"{first[:40]}: an element outside a .subckt; put it into one")
+            title = "; a title begins with *" if card is cards[0] else ""
+            refuse(card, f"{first[:40]}: an element outside a .subckt; put it into one{title}")
         else:
             here.elements.append(card)
     if here is not root:

@@ -36,7 +36,7 @@ def suspected_cause(result: Result) -> str:
     """
     p, _ = scale(result.scene)
     totals, stored = _energies(result.moments, p)
-    finders = (_active_load, _short_run, _load, _switching, _contacts, _step)
+    finders = (_diverged, _active_load, _short_run, _load, _switching, _contacts, _step)
     for find in finders:
         cause = find(result, p, totals, stored)
         if cause:
@@ -54,14 +54,23 @@ def _energies(moments, p):
     return {name: sums[:, column] for column, name in enumerate(QUANTITIES)}, np.array(stored)
 
 
+def _diverged(result, p, totals, stored):
+    if np.isfinite(result.energy_balance_residual) and np.all(np.isfinite(stored)):
+        return ""
+    return (
+        "the run diverged, its energies are no numbers any more: look for a negative resistance or "
+        "a gain that feeds back in the load"
+    )
+
+
 def _active_load(result, p, totals, stored):
     delivered = -totals["load_power"].sum()
     converter = result.scaled_quantities.get("mean_converter_loss")
     if delivered > 0.0:
         share = delivered / max(abs(totals["input_power"].sum()), delivered)
         return (
-            f"the load is active: it delivers {share:.0%} of the energy that flows; take the "
-            "sources out of its netlist"
+            f"the load is active: it delivers {share:.0%} of the energy that flows; take sources, "
+            "negative resistances and gains that feed back out of its netlist"
         )
     if converter and converter.estimate < 0.0:
         return (
@@ -116,7 +125,10 @@ def _switching(result, p, totals, stored):
     load = result.scene.load.circuit
     if not (load and load.switches) or abs(result.energy_balance_residual) < _of_the_step(result):
         return ""
-    return "the load switches, and its steps do not resolve that; choose a shorter --step"
+    return (
+        "the load's switches, coils or sources ask for shorter steps than these; choose a shorter "
+        "--step"
+    )
 
 
 def _contacts(result, p, totals, stored):

@@ -1,5 +1,6 @@
 """Loads from elsewhere: what LTspice writes is read, and nothing else gets through."""
 
+import codecs
 import random
 import re
 
@@ -31,6 +32,12 @@ def test_ltspices_spelling_is_read_as_it_is_meant(tmp_path):
     assert "tt=20n" in model
     assert "mfg" not in model
     assert "iave" not in model
+
+
+def test_a_byte_order_mark_before_another_encoding_is_no_character(tmp_path):
+    text = "* 1 µF\n" + LOAD.format(body="R2 p n 2k")
+    (tmp_path / "load.lib").write_bytes(codecs.BOM_UTF8 + text.encode("cp1252"))
+    assert read_load(tmp_path / "load.lib").name == "load"
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "utf-16-le", "cp1252"])
@@ -147,6 +154,16 @@ def test_a_plus_alone_continues_with_nothing(tmp_path):
     [
         ("", "no .subckt"),
         ("R1 p n 1k\n", "outside a .subckt"),
+        ("My rectifier\n.subckt load p n\nR1 p n 1k\n.ends\n", "a title begins with *"),
+        (".subckt load p n\nR1 p n 1k\n.ic v(p)=1\n.ends\n", "write ic= behind the capacitor"),
+        (
+            ".subckt load p n\nL1 p n 1\nL2 n 0 1\nK1 L1 L3 0.9\n.ends\n",
+            "load.lib:4: k1: no inductor l3",
+        ),
+        (
+            ".subckt load p n\nL1 p n 1\nL2 n 0 1\nK1 L1 L2 1.1\n.ends\n",
+            "load.lib:4: k1: a coupling of 1.1",
+        ),
         ("+ 1k\n", "continues none"),
         (".subckt load p n\nR1 p n 1k\n", "without its .ends"),
         (".ends\n", "without its .subckt"),

@@ -65,3 +65,10 @@ def test_a_step_too_long(pool, step):
     result = simulate(scene, method="monte-carlo", step=step, runner=pool)
     note = next(note for note in result.notes if "residual" in note)
     assert "suspected: the step" in note
+
+
+def test_a_run_that_diverged(pool):
+    result = simulate(Scene.load("linear", SHORT), method="monte-carlo", runner=pool)
+    for moments in result.moments:
+        moments.integrals[:, QUANTITIES.index("load_power")] = float("nan")
+    assert "diverged" in suspected_cause(replace(result, energy_balance_residual=float("nan")))
