@@ -24,6 +24,8 @@ LARGEST_PUSHES = 2e8  # of the noise's pushes on a grid (bytes)
 LARGEST_LOAD_DECAY = 2.8  # greatest λ dt, times the steps of a period
 # More of them by the share of its stiffness that a device has from its coupling.
 STEPS_OF_STRONG_COUPLING = 3.0
+# And by so many times what a spring that stiffens makes the fastest motion faster.
+STEPS_OF_STIFFENING = 1.25
 # Of a contact that lasts less than a sixth of a period; where it is much shorter, the noise moves
 # little in it.
 CONTACTS_OF_A_STEP, MOST_STEPS_FOR_CONTACTS = 1.0 / 6.0, 2.0
@@ -192,11 +194,13 @@ class Solution:
 
 
 def _hurry(device, time):
-    """How many times as many steps of a period its load, or its contacts, ask for."""
+    """How many times as many steps of a period its load, contacts or spring ask for."""
     stiffened = getattr(device.transducer, "coupling", 0.0) * (time / (2.0 * np.pi)) ** 2
     decay = device.transducer.decay_rate() * time * (1.0 + STEPS_OF_STRONG_COUPLING * stiffened)
     contacts = CONTACTS_OF_A_STEP * time / timescales.contact_time(device)
-    return max(1.0, decay / LARGEST_LOAD_DECAY, min(contacts, MOST_STEPS_FOR_CONTACTS))
+    faster = timescales.fastest_angular_frequency(device) / timescales.angular_frequency(device)
+    stiffening = 1.0 + STEPS_OF_STIFFENING * (faster - 1.0)
+    return max(stiffening, decay / LARGEST_LOAD_DECAY, min(contacts, MOST_STEPS_FOR_CONTACTS))
 
 
 def _gibbs(device, region, grid):

@@ -15,7 +15,6 @@ from harvester.scene.model import Scene
         (["load.decay_rate=1e-4"], "jumps between the wells are as slow"),
         (["excitation.correlation_time=100"], "mean square voltage comes out negative"),
         (["excitation.correlation_time=50", "excitation.intensity=0.05"], "comes out negative"),
-        (["stoppers=none", "excitation.intensity=100"], "spring are too stiff"),
     ],
 )
 def test_refused_with_a_fifth_of_the_work_at_most(overrides, words, monkeypatch):

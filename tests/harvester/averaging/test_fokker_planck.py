@@ -20,6 +20,7 @@ from harvester.scene.units import scale
 
 PAPER = flat(Scene.load("paper"))
 LINEAR = flat(Scene.load("linear"))
+DUFFING = flat(Scene.load("duffing"))
 WHITE = {"correlation_time": 1e-6, "coupling": 0.0, "restitution": 1.0, "damping": 0.2}
 NAMES = ("mean_square_voltage", "mean_square_velocity", "mean_square_displacement")
 
@@ -35,9 +36,11 @@ def within(result, name, truth, floor=2e-3):
     [
         PAPER._replace(**WHITE, intensity=0.2),
         LINEAR._replace(**WHITE, cubic_stiffness=3.0, gap=0.2, contact_stiffness=10.0),
+        # The motion is three times as fast as small oscillations.
+        DUFFING._replace(**WHITE, intensity=50.0),
         pytest.param(PAPER._replace(**WHITE, gap=0.95, intensity=0.02), marks=pytest.mark.slow),
     ],
-    ids=["wells", "stoppers", "preloaded"],
+    ids=["wells", "stoppers", "hardening", "preloaded"],
 )
 def test_gibbs(p):
     """White noise, no coupling, elastic stoppers: p(X) ∝ exp(−(c/D) U), Hertz energy in U."""
