@@ -22,6 +22,11 @@ ARGUMENTS = {
     "max": (2,), "min": (2,), "pow": (2,), "pwr": (2,), "ternary_fcn": (3,), "v": (1, 2),
     "pwl": range(5, 10_000, 2),
 }  # fmt: skip
+# Functions of other SPICEs, and what says the same here.
+ELSEWHERE = {
+    "if": "condition ? then : otherwise", "int": "sgn(x)*floor(abs(x))",
+    "limit": "max(low, min(x, high))", "sign": "sgn(x)", "table": "pwl(x, …)",
+}  # fmt: skip
 NAMES = {"time", "temper", "hertz", "pi", "e", "boltz", "echarge", "planck", "c", "kelvin"}
 # What changes while ngspice runs, whatever a parameter of that name says.
 VARYING = {"time", "temper", "hertz"}
@@ -121,7 +126,9 @@ def _names(tokens, parameters, functions):
             continue
         if following == "(":
             if text not in FUNCTIONS and text not in functions:
-                return f"unknown function {text[:60]}{nearest(text, {*FUNCTIONS, *functions})}"
+                known = {*FUNCTIONS, *functions}
+                hint = f"; write {ELSEWHERE[text]}" if text in ELSEWHERE else nearest(text, known)
+                return f"unknown function {text[:60]}{hint}"
             inside = text in ("v", "i")
         elif text not in NAMES and text not in parameters:
             return f"unknown name {text[:60]}"

@@ -37,9 +37,12 @@ _EMPTY = re.compile(
 )
 _SUBJECT = re.compile(r"(?:in line )?((?:[a-z]\.)+x\S+)(?: .*)?|\.model (\S+) .*", re.I)
 MOST_REASONS = 3
-STEP_TOO_SMALL = "timestep too small"
-# What that comes of where the transducer is a coil with inductance.
-CUT_OFF = (
+# What steps that are too small come of: at a switch's instance, and where the transducer is a coil
+# with inductance.
+_TOO_SMALL = re.compile("timestep too small", re.I)
+_TOO_SMALL_AT_SWITCH = re.compile(r"timestep too small.*-instance [sw]\.", re.I)
+_CHATTER = "; it undoes what turned it over and over: give it a hysteresis, or a wider one"
+_CUT_OFF = (
     "; the inductance drives the coil's current on, and a load that switches leaves it no way: set "
     "coil.inductance = 0, which changes little while ωL is far below the resistances"
 )
@@ -71,6 +74,20 @@ def abortion(lines: Sequence[str]) -> str:
         if any(form.match(line.strip()) for form in (_FAULT, _MISSING, _ENDED, _SINGULAR, _SUBJECT))
     ]
     return _told(said)
+
+
+def advice(reason: str, drives_current: bool) -> str:
+    """What helps against a reason for which a run ended early, to be put behind it; may be empty.
+
+    Parameters
+    ----------
+    reason : str
+    drives_current : bool
+        Whether the transducer is a coil with inductance.
+    """
+    if drives_current and _TOO_SMALL.search(reason):
+        return _CUT_OFF
+    return _CHATTER if _TOO_SMALL_AT_SWITCH.search(reason) else ""
 
 
 def _refuses(line):

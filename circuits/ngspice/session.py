@@ -351,9 +351,7 @@ class Session(NgSpiceShared):
     def _abort_message(self):
         self._doing = f"stopped at t = {self._time_reached:g}"
         reason = messages.abortion(self.errors)
-        if self._netlist.drives_current and messages.STEP_TOO_SMALL in reason.lower():
-            reason += messages.CUT_OFF
-        return self._said(reason)
+        return self._said(reason + messages.advice(reason, self._netlist.drives_current))
 
     def _said(self, trouble):
         """ngspice's words about what went wrong, with the load's own names."""

@@ -36,6 +36,7 @@ def test_good_expressions_pass(expression):
         ("*v(x)", "missing operand before '*'"),
         ("v(x) v(y)", "missing operator"),
         ("2*foo", "unknown name foo"),
+        ("limit(v(a), -1, 1)", r"unknown function limit; write max(low, min(x, high))"),
         ("v(x)*()", "missing operand"),
         ("v(x)$2", "unexpected character '$'"),
         ("", "missing operand"),

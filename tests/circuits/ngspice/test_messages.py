@@ -77,6 +77,18 @@ def test_an_element_of_a_called_sub_circuit_is_found_in_its_own_file(run, tmp_pa
         run(scene)
 
 
+@pytest.mark.parametrize("hysteresis", ["", "vh=1"])
+def test_a_switch_that_undoes_what_turned_it_wants_a_hysteresis(run, tmp_path, hysteresis):
+    """At its threshold the terminal is shorted; with hysteresis that lasts down to 4 V."""
+    body = f"S1 p n p n shorts\n.model shorts sw(vt=5 {hysteresis} ron=1 roff=100meg)"
+    scene = loaded(tmp_path, body).replace({"run.duration": 1.0})
+    if hysteresis:
+        assert run(scene)[0].seconds > 0.0
+    else:
+        with pytest.raises(SimulationError, match=r"s1 \(load\.lib:5\); .*give it a hysteresis"):
+            run(scene)
+
+
 def test_an_exit_of_ngspice_is_told_in_one_line(run, tmp_path):
     """Release 39 exits at a table that is none, 46 gets nowhere."""
     scene = loaded(tmp_path, "Bnine p n i=pwl(v(p),1,0,0,1)")
