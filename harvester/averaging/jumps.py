@@ -193,7 +193,7 @@ class _Jumps(_Found):
 
     def _last_in_cores(self, later, source, guess, parity):
         """From the mass between the saddles beside each core, or as the coarser grid has it."""
-        coarser, p = self.coarser, self.solution.before_flow.astype(float)
+        coarser, p = self.coarser, self.masses[0]
         if coarser is None:
             start = guess[:, None, None, None] * p
         else:
