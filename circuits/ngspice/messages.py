@@ -40,7 +40,7 @@ MOST_REASONS = 3
 # What steps that are too small come of: at a switch's instance, and where the transducer is a coil
 # with inductance.
 _TOO_SMALL = re.compile("timestep too small", re.I)
-_TOO_SMALL_AT_SWITCH = re.compile(r"timestep too small.*-instance [sw]\.", re.I)
+_AT_SWITCH = re.compile(r"-instance [sw]\.", re.I)
 _CHATTER = "; it undoes what turned it over and over: give it a hysteresis, or a wider one"
 _CUT_OFF = (
     "; the inductance drives the coil's current on, and a load that switches leaves it no way: set "
@@ -85,9 +85,11 @@ def advice(reason: str, drives_current: bool) -> str:
     drives_current : bool
         Whether the transducer is a coil with inductance.
     """
-    if drives_current and _TOO_SMALL.search(reason):
+    if not _TOO_SMALL.search(reason):
+        return ""
+    if drives_current:
         return _CUT_OFF
-    return _CHATTER if _TOO_SMALL_AT_SWITCH.search(reason) else ""
+    return _CHATTER if _AT_SWITCH.search(reason) else ""
 
 
 def _refuses(line):

@@ -24,7 +24,8 @@ LARGEST_PUSHES = 2e8  # of the noise's pushes on a grid (bytes)
 LARGEST_LOAD_DECAY = 2.8  # greatest λ dt, times the steps of a period
 # More of them by the share of its stiffness that a device has from its coupling.
 STEPS_OF_STRONG_COUPLING = 3.0
-# And by so many times what a spring that stiffens makes the fastest motion faster.
+# More of them where a spring stiffens: so many times the share by which it makes the fastest motion
+# faster than small oscillations.
 STEPS_OF_STIFFENING = 1.25
 # Of a contact that lasts less than a sixth of a period; where it is much shorter, the noise moves
 # little in it.
