@@ -9,6 +9,8 @@ from concurrent.futures import Executor
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from harvester.calling import takes_scene
 from harvester.device import timescales
 from harvester.engines import monte_carlo, side_by_side
@@ -291,6 +293,8 @@ class _Follower:
         self._progress(min(max(self._sum / self._total, 0.0), 1.0), self._method)
 
 
+# The sums of a run that diverged may overflow: its residual is then no number, which is refused.
+@np.errstate(over="ignore", invalid="ignore")
 def _result(scene, engine, step, source, realizations, failures, outcome="complete"):
     parameters, scales = scale(scene)
     moments = [realization.moments for realization in realizations]

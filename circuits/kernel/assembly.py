@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from circuits import elements as circuit_elements
+from circuits.active_parts import suspicion
 from circuits.kernel.builder import Builder, tables_of
 from circuits.kernel.code import code_of
 from circuits.kernel.linear import order_of
@@ -83,6 +84,7 @@ def build(scene: Scene) -> Circuit:
         code_of(tables, order),
         (*b.unknowns, "X'"),
         tuple(b.switch_names),
+        suspicion(load),
         measurement,
         *_across(b, load),
     )

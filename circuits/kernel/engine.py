@@ -187,7 +187,7 @@ def _trouble(circuit, state, outcome, which):
     return (
         f"Monte Carlo stopped at t = {time:g}: no step is short enough for the load, the trouble "
         f"is with {name}; a current that jumps, or a node that nothing determines, has this "
-        "effect: the circuit engine may take it"
+        "effect: the circuit engine may take it" + circuit.suspicion
     )
 
 

@@ -114,10 +114,7 @@ def _inductor(b, place):
 def _coupling(b, place):
     *names, share = place.plain()
     full = [place.scope.path + name for name in names]
-    size = place.value(share)
-    if not abs(size) <= 1.0:
-        place.refuse(f"a coupling of {size:g}")
-    b.coupling(full, size)
+    b.coupling(full, place.value(share))
 
 
 def _diode(b, place):

@@ -84,6 +84,7 @@ class Circuit(NamedTuple):
     code : circuits.kernel.code.Code
     names : of the unknowns, for messages.
     switches : (name, "file:line") of each switch.
+    suspicion : what of the load may be why a run ended early, for messages; may be empty.
     measurement : of the load, from the unknowns watched.
     conductance, capacitance : across the output (S, F).
     """
@@ -95,6 +96,7 @@ class Circuit(NamedTuple):
     code: Any
     names: tuple[str, ...]
     switches: tuple[tuple[str, str], ...]
+    suspicion: str
     measurement: Measurement
     conductance: float
     capacitance: float

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from circuits import elements
+from circuits.active_parts import check_couplings, negative_parts, sources_of
 from circuits.load_watch import Watch, watch_of
 from circuits.loads import vetting
 from circuits.loads.expansion import Expansion, called
@@ -52,8 +53,6 @@ class LoadCircuit:
         Resistors and capacitors only; anything beside them and diodes.
     resistance : float or None
         Of a load that is one resistor between p and n, in Ω.
-    sources : tuple of str
-        Independent sources in it that are not 0: each may deliver energy.
     measures : tuple of circuits.loads.measures.Measure
         What its file wants to have measured.
     places : tuple of circuits.loads.places.Place
@@ -70,7 +69,6 @@ class LoadCircuit:
     linear: bool
     switches: bool
     resistance: float | None
-    sources: tuple = ()
     measures: tuple = ()
     places: tuple = field(default=(), compare=False, repr=False)
 
@@ -78,6 +76,16 @@ class LoadCircuit:
     def watch(self) -> Watch | None:
         """What decides the steps, with its pins by their own names: see `circuits.load_watch`."""
         return watch_of(self, {pin: pin for pin in self.pins})
+
+    @cached_property
+    def sources(self) -> tuple[str, ...]:
+        """Independent sources in it that are not 0: each may deliver energy."""
+        return sources_of(self)
+
+    @cached_property
+    def negative_parts(self) -> tuple[str, ...]:
+        """Resistors, capacitors and coils in it whose value is below 0."""
+        return negative_parts(self)
 
     @property
     def may_jump(self) -> bool:
@@ -183,10 +191,10 @@ def read_load(
         linear=letters <= {"r", "c"},
         switches=not letters <= {"r", "c", "d"},
         resistance=_single_resistance(top, {**known, **values}, letters),
-        sources=tuple(dict.fromkeys(_sources(top, set()))),
         measures=measures,
         places=places(cards),
     )
+    check_couplings(load)
     # Their nodes are there.
     measurement_of(load, {pin: pin for pin in top.pins})
     return load
@@ -270,13 +278,10 @@ def _vet(circuit):
 
 
 def _check_coupling(card, words, coils):
-    """Refuse a coupling with what is no coil, or of more than 1: ngspice stops or goes astray."""
+    """Refuse a coupling with what is no coil."""
     for name in words[1:-1]:
         if name not in coils:
             refuse(card, f"{words[0]}: no inductor {name} in its sub-circuit{nearest(name, coils)}")
-    size = vetting.number(words[-1])
-    if size is not None and abs(size) > 1.0:
-        refuse(card, f"{words[0]}: a coupling of {size:g}; it lies between -1 and 1")
 
 
 def _vetted(card, circuit, scope):
@@ -355,16 +360,3 @@ def _across(circuit, outputs, path):
                 yield from _across(target, inside, f"{path}.{words[0]}")
         elif words[0][0] in "rc" and {outputs.get(node) for node in words[1:3]} == {*OUTPUT_PINS}:
             yield card, f"{words[0][0]}.{path}.{words[0]}", words, circuit
-
-
-def _sources(circuit, seen):
-    """Names of the independent sources that are not 0, in called sub-circuits too."""
-    seen.add(circuit)
-    for _, words in circuit.elements:
-        target = called(circuit, words)
-        if target and target not in seen:
-            yield from _sources(target, seen)
-        elif words[0][0] in "vi":
-            values = [word.rpartition("=")[2] for word in words[3:]]
-            if any(value.startswith("{") or vetting.number(value) for value in values):
-                yield words[0]

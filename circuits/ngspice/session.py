@@ -17,6 +17,7 @@ import numpy as np
 from PySpice.Spice.NgSpice.Shared import NgSpiceCommandError, NgSpiceShared, ffi
 
 from circuits import elements
+from circuits.active_parts import suspicion
 from circuits.loads.places import file_of, with_places
 from circuits.ngspice import callbacks, compiled_device, messages
 from circuits.ngspice.across_output import measure_output
@@ -351,7 +352,8 @@ class Session(NgSpiceShared):
     def _abort_message(self):
         self._doing = f"stopped at t = {self._time_reached:g}"
         reason = messages.abortion(self.errors)
-        return self._said(reason + messages.advice(reason, self._netlist.drives_current))
+        advice = messages.advice(reason, self._netlist.drives_current)
+        return self._said(reason + (advice or suspicion(self.circuit_load)))
 
     def _said(self, trouble):
         """ngspice's words about what went wrong, with the load's own names."""

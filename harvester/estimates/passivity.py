@@ -66,16 +66,18 @@ def efficiency_notes(
 
 
 def source_notes(load: Any) -> tuple[str, ...]:
-    """A note on a load with sources of its own: what they deliver cannot be told from the rest.
+    """A note on parts of a load that may deliver energy: it cannot be told from the piezo's.
 
     Parameters
     ----------
     load : circuits.loads.subcircuits.LoadCircuit or None
     """
-    if load is None or not load.sources:
+    if load is None:
         return ()
-    names = ", ".join(load.sources[:5]) + (" …" if len(load.sources) > 5 else "")
-    return (
-        f"the load has sources of its own ({names}): what they deliver, if anything, counts as "
-        "the piezo's",
+    kinds = (("sources of its own", load.sources), ("values below 0", load.negative_parts))
+    return tuple(
+        f"the load has {kind} ({', '.join(parts[:5])}{' …' if parts[5:] else ''}): what they "
+        "deliver, if anything, counts as the piezo's"
+        for kind, parts in kinds
+        if parts
     )
