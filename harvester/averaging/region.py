@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
-from scipy.signal import find_peaks, peak_widths
 
 from harvester.averaging.propagator import Grid
 from harvester.device import timescales
@@ -277,14 +276,21 @@ def _widths(nodes, density):
     """Standard deviations of normal densities as narrow as any peak, and as steep as any side."""
     place = np.linspace(nodes[0], nodes[-1], 2000)
     values = CubicSpline(nodes, density)(place)
-    peaks, _ = find_peaks(values, height=SECOND_PEAK * values.max())
+    inner = values[1:-1]
+    peaks = (inner > values[:-2]) & (inner >= values[2:])
+    peaks = 1 + np.flatnonzero(peaks & (inner >= SECOND_PEAK * values.max()))
     peaks = peaks if peaks.size else np.array([values.argmax()])
-    anywhere = values[peaks], np.zeros_like(peaks), np.full_like(peaks, values.size - 1)
     sides = []
     for deviations in (1.0, 3.0):
         # Up to where a normal density has fallen for so many of them.
-        fallen = 1.0 - np.exp(-0.5 * deviations**2)
-        _, _, left, right = peak_widths(values, peaks, fallen, anywhere)
-        sides.append(np.ceil([peaks - left, right - peaks]) * (place[1] - place[0]))
+        fallen = [values <= np.exp(-0.5 * deviations**2) * values[peak] for peak in peaks]
+        left = [_first(low[peak::-1]) for peak, low in zip(peaks, fallen, strict=True)]
+        right = [_first(low[peak:]) for peak, low in zip(peaks, fallen, strict=True)]
+        sides.append(np.array([left, right]) * (place[1] - place[0]))
     narrow = sides[0].mean(axis=0).min()
     return narrow, min(narrow, sides[1].min() / 3.0)
+
+
+def _first(found):
+    """Place of the first that holds, the last where none does."""
+    return int(found.argmax()) if found.any() else found.size - 1
