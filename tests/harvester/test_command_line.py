@@ -69,6 +69,7 @@ def test_output_writes_json_and_figure(tmp_path, capsys):
     assert "mean power" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_validate_shows_three_ways_and_writes_figures(tmp_path, capsys):
     options = [
         "--set",

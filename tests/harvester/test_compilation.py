@@ -67,6 +67,7 @@ print(compiled)
 """
 
 
+@pytest.mark.slow
 def test_what_one_process_has_compiled_another_finds():
     command = [sys.executable, "-c", ALL_ENGINES]
     for _ in range(2):

@@ -103,6 +103,7 @@ def faults(case, folder, capsys):
     return f"{case}: exit code {code}: {said[-600:]}"
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("briefly")
 def test_every_two_of_command_kind_of_device_load_and_excitation(folder, capsys):
     cases = every_command.covering(2, 3, every_command.KINDS_OF_DEVICE)

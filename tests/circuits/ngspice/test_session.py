@@ -59,6 +59,7 @@ def test_other_scenes_follow_scipys_path_too(pool, overrides):
     np.testing.assert_allclose(states, reference, atol=3e-3)
 
 
+@pytest.mark.slow
 def test_the_held_impact_speed_follows_monte_carlo(pool):
     scene = short("paper", "stoppers.impact_velocity=event", "run.duration=30")
     states = knots_of(pool, scene, 0.001)
@@ -137,12 +138,14 @@ def test_a_run_without_end_is_killed_at_the_time_limit(worker):
     assert steps >= 20
 
 
+@pytest.mark.slow
 def test_two_hundred_runs_in_one_process_do_not_grow_it(worker):
     scene = short("paper", "run.duration=5")
     after_fifty, after_all = worker.call(worker_calls.run_many, {"scene": scene, "times": 200})
     assert after_all - after_fifty < 10.0
 
 
+@pytest.mark.slow
 def test_a_long_run_does_not_grow_its_process(worker):
     scene = short("paper", "run.duration=12000")
     assert worker.call(worker_calls.run_long, {"scene": scene}) < 1.0

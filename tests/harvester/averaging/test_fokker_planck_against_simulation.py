@@ -70,6 +70,7 @@ def test_a_stopper_on_one_side_and_a_strong_coupling(resistance, coupling):
         assert truth.standard_error < 0.01 * truth.estimate
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "changes"),
     [

@@ -40,6 +40,7 @@ def tiny(monkeypatch):
     monkeypatch.setitem(figures_list.FIGURES, "fig5", replace(density, panels=(one,)))
 
 
+@pytest.mark.slow
 def test_a_figure_holds_every_method_and_lists_what_was_refused(tiny, pool, tmp_path):
     contents = reproduce(SCENE, ["fig5", "fig8"], quick=True, executor=pool)
     density, sweep = contents
