@@ -57,7 +57,7 @@ def traits(row: np.ndarray) -> Traits:
     )
 
 
-def table_row(model: dict[str, float], area: float) -> np.ndarray:
+def table_row(model: dict[str, float], area: float, many: float = 1.0) -> np.ndarray:
     """One junction's numbers; shape (COLUMNS,).
 
     Parameters
@@ -65,26 +65,29 @@ def table_row(model: dict[str, float], area: float) -> np.ndarray:
     model : dict of str to float
         A diode's model by ngspice's names.
     area : float
+        Of its junction, in units of the model's.
+    many : float
         How many of them lie side by side.
     """
-    saturation = area * model.get("is", 1e-14)
+    saturation, all_of_them = area * model.get("is", 1e-14), area * many
     swing = model.get("n", 1.0) * THERMAL_VOLTAGE
     row = np.zeros(COLUMNS)
-    row[SATURATION], row[SWING] = saturation, swing
-    row[RESISTANCE] = model.get("rs", 0.0) / area
+    row[SATURATION], row[SWING] = many * saturation, swing
+    row[RESISTANCE] = model.get("rs", 0.0) / all_of_them
     row[BREAKDOWN] = model.get("bv", math.inf)
     row[BREAKDOWN_SWING] = model.get("nbv", model.get("n", 1.0)) * THERMAL_VOLTAGE
-    # Where ngspice lets it break down: the current given flows at the voltage given where the
-    # emission coefficient of breakdown is 1.
-    emission = row[BREAKDOWN_SWING] / THERMAL_VOLTAGE
-    given = max(area * model.get("ibv", 1e-3), saturation)
-    row[BREAKDOWN_CURRENT] = saturation * (1.0 + given / saturation) ** (1.0 / emission)
-    row[HIGHEST] = swing * max(math.log(LARGEST_CURRENT / saturation), 1.0)
+    # At the voltage given flows the current given, of any area, less what the saturation current
+    # takes of it in ngspice's condition.
+    given = model.get("ibv", 1e-3)
+    if math.isfinite(row[BREAKDOWN]):
+        given -= saturation * row[BREAKDOWN] / THERMAL_VOLTAGE
+    row[BREAKDOWN_CURRENT] = many * (saturation + max(given, 0.0))
+    row[HIGHEST] = swing * max(math.log(LARGEST_CURRENT / row[SATURATION]), 1.0)
     row[LOWEST] = row[BREAKDOWN_SWING] * max(
         math.log(LARGEST_CURRENT / row[BREAKDOWN_CURRENT]), 1.0
     )
     row[TRANSIT] = model.get("tt", 0.0)
-    row[CAPACITANCE] = area * model.get("cjo", model.get("cj0", 0.0))
+    row[CAPACITANCE] = all_of_them * model.get("cjo", model.get("cj0", 0.0))
     row[POTENTIAL], row[GRADING] = model.get("vj", 1.0), model.get("m", 0.5)
     row[PER_SWING], row[PER_BREAKDOWN_SWING] = 1.0 / swing, 1.0 / row[BREAKDOWN_SWING]
     row[EDGE] = model.get("fc", 0.5) * row[POTENTIAL]

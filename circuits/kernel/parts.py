@@ -134,13 +134,13 @@ def _diode(b, place):
         if name not in ("area", "m", "ic"):
             place.refuse(f"{name}=")
     area = place.value(plain[1]) if len(plain) > 1 and plain[1] not in ("on", "off") else 1.0
-    for name in ("area", "m"):
-        area *= place.value(pairs[name]) if name in pairs else 1.0
-    if not (model.get("is", 1e-14) > 0.0 and model.get("n", 1.0) > 0.0 and area > 0.0):
+    area *= place.value(pairs["area"]) if "area" in pairs else 1.0
+    many = place.value(pairs["m"]) if "m" in pairs else 1.0
+    if not (model.get("is", 1e-14) > 0.0 and model.get("n", 1.0) > 0.0 and area * many > 0.0):
         place.refuse("a saturation current, emission coefficient or area that is not positive")
     if not (0.0 <= model.get("m", 0.5) < 1.0 and 0.0 <= model.get("fc", 0.5) < 1.0):
         place.refuse("m= or fc= outside 0 … 1")
-    row = junction.table_row(model, area)
+    row = junction.table_row(model, area, many)
     anode, cathode = _ends(b, place)
     if row[junction.RESISTANCE] > 0.0 and (row[junction.TRANSIT] or row[junction.CAPACITANCE]):
         # The junction's charge does not pass its series resistance at once.

@@ -124,6 +124,8 @@ def slot_of(tables: Tables, state: State, delta: float) -> int:
         key = 2.0 * key + state.closed[k]
     slot = int(keys[SLOTS, 1])
     if not (keys[slot, 0] == delta and keys[slot, 1] == key):
+        for k in range(state.closed.size):
+            state.switches[k] = tables.switch_values[k, state.closed[k]]
         slot = 0
         # In a ring: the steps of late are near.
         while slot < SLOTS and not (keys[slot, 0] == delta and keys[slot, 1] == key):
@@ -132,8 +134,6 @@ def slot_of(tables: Tables, state: State, delta: float) -> int:
             slot = int(keys[SLOTS, 0])
             keys[SLOTS, 0] = (slot + 1) % SLOTS
             keys[slot, 0], keys[slot, 1] = delta, key
-            for k in range(state.closed.size):
-                state.switches[k] = tables.switch_values[k, state.closed[k]]
             place = state.slots + slot * state.stride
             call(state.code.factor, state.address, place, delta, 0.0, 0.0)
         keys[SLOTS, 1] = slot

@@ -11,6 +11,8 @@ from harvester.scene.units import scale
 from harvester.simulation import simulate
 
 SHORT = ["run.duration=0.8", "run.settle=0", "run.realizations=1"]
+# With a linear spring no path parts from its neighbour.
+LINEAR = ["oscillator.linear_stiffness=126.9", "oscillator.cubic_stiffness=0"]
 
 
 def ours(scene):
@@ -88,6 +90,66 @@ def test_a_users_own_file_follows_ngspice(pool, tmp_path):
     assert square == pytest.approx(theirs.quantity("rms_voltage").estimate ** 2, rel=3e-3)
     taken = theirs.quantity("mean_power").estimate * scene.run.duration
     assert energy == pytest.approx(taken, rel=3e-3)
+
+
+ZENER = """* clamped by a diode that breaks down
+.subckt clamped p n
+R1 p a 1k
+D1 n a zener {part}
+R2 p n 200k
+.model zener d({model})
+.ends
+"""
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        "is=1f n=1 bv=4.7 ibv=1m",
+        "is=1f n=1 bv=4.7 ibv=1m nbv=2",
+        "is=1f n=1.752 bv=4.7 ibv=1m rs=2",
+        "is=10n n=1.5 bv=6.2 ibv=20u cjo=20p",
+        "is=1u n=1 bv=6 ibv=50u",
+        "is=20n n=1.05 bv=3 ibv=100u tt=1n area=20 m=2",
+    ],
+)
+def test_a_breakdown_follows_ngspice(pool, tmp_path, model):
+    path = tmp_path / "clamped.lib"
+    model, of_part, area = model.partition("area")
+    path.write_text(ZENER.format(part=of_part + area, model=model))
+    scene = Scene.load("device", [*SHORT, *LINEAR, f"load.netlist={path}"])
+    theirs = simulate(scene, method="circuit", step="finest", runner=pool)
+    square, _, energy = ours(scene)
+    assert square == pytest.approx(theirs.quantity("rms_voltage").estimate ** 2, rel=3e-3)
+    taken = theirs.quantity("mean_power").estimate * scene.run.duration
+    assert energy == pytest.approx(taken, rel=3e-3)
+
+
+CLOCKED = """* a switch turned by a clock of quick edges, often at the same steps
+.subckt clocked p n out ref
+V1 ck n pulse(0 5 0.1 1u 1u 50m 100m)
+I1 n out sin(0 1u 50 0.1 0)
+S1 p q ck n gate
+.model gate sw(vt=2.5 vh=0.1 ron=1k roff=1g)
+R1 q out 47k
+C1 out ref 220n
+R2 out ref 100k
+V2 ref n 0
+.ends
+"""
+
+
+@pytest.mark.parametrize("step", ["default", "finest"])
+def test_a_switch_that_turned_conducts_as_it_should(pool, tmp_path, step):
+    path = tmp_path / "clocked.lib"
+    path.write_text(CLOCKED)
+    run = ("run.duration=1.5", "run.settle=0", "run.realizations=2")
+    scene = Scene.load("device", [f"load.netlist={path}", *LINEAR, *run])
+    theirs = simulate(scene, method="circuit", step="finest", runner=pool)
+    own = simulate(scene, method="monte-carlo", step=step, runner=pool)
+    for name in ("mean_square_voltage", "mean_output_power"):
+        reference = theirs.quantity(name).estimate
+        assert own.quantity(name).estimate == pytest.approx(reference, rel=5e-3)
 
 
 DUMPED = """* a charged capacitor, switched onto a Zener diode at 5 ms
