@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from circuits import elements
-from circuits.active_parts import check_couplings, negative_parts, sources_of
+from circuits.active_parts import negative_parts, sources_of
+from circuits.load_checks import check_load, loose_nodes
 from circuits.load_watch import Watch, watch_of
 from circuits.loads import vetting
 from circuits.loads.expansion import Expansion, called
@@ -87,6 +88,11 @@ class LoadCircuit:
         """Resistors, capacitors and coils in it whose value is below 0."""
         return negative_parts(self)
 
+    @cached_property
+    def loose_nodes(self) -> tuple[str, ...]:
+        """Nodes in it that nothing but one end of one element is connected to."""
+        return loose_nodes(self)
+
     @property
     def may_jump(self) -> bool:
         """Whether a part may change its current without notice."""
@@ -154,7 +160,7 @@ def read_load(
     path : Path
         From `find_netlist`.
     subcircuit : str or None
-        Which of the file's; None: the one called as the file, or the only one.
+        Which of the file's; None: the one called as the file, or the only one with these pins.
     parameters : dict of str to (float or str), optional
         Values for the sub-circuit's parameters and for the file's `.param`; "100k" means 1e5.
 
@@ -194,7 +200,7 @@ def read_load(
         measures=measures,
         places=places(cards),
     )
-    check_couplings(load)
+    check_load(load)
     # Their nodes are there.
     measurement_of(load, {pin: pin for pin in top.pins})
     return load
@@ -204,12 +210,12 @@ def _chosen(root, path, name):
     if not root.inner:
         raise NetlistError(f"{path.name}: holds no .subckt")
     if name is None:
-        name = path.stem.lower() if path.stem.lower() in root.inner else None
-        if name is None and len(root.inner) > 1:
+        names = [each for each, circuit in root.inner.items() if _fits(circuit)] or [*root.inner]
+        name = path.stem.lower() if path.stem.lower() in root.inner else names[0]
+        if name != path.stem.lower() and len(names) > 1:
             raise NetlistError(
                 f"{path.name}: holds {listed(root.inner)}: say which by load.subcircuit"
             )
-        name = name or next(iter(root.inner))
     if name.lower() not in root.inner:
         raise NetlistError(
             f"{path.name}: no .subckt {name[:60]}{nearest(name.lower(), root.inner)}; there are "
@@ -218,9 +224,14 @@ def _chosen(root, path, name):
     return root.inner[name.lower()]
 
 
+def _fits(circuit):
+    return {*circuit.pins} in ({*PIEZO_PINS}, {*PIEZO_PINS, *OUTPUT_PINS})
+
+
 def _check_pins(top):
-    pins = {*top.pins}
-    if pins not in ({*PIEZO_PINS}, {*PIEZO_PINS, *OUTPUT_PINS}):
+    if not top.elements:
+        refuse(top.card, f".subckt {top.name[:40]} holds no element")
+    if not _fits(top):
         refuse(
             top.card,
             f".subckt {top.name[:40]} has the pins {listed(top.pins)}; expected {EXPECTED}",

@@ -57,7 +57,16 @@ def run_estimates(scene: Scene, moments: Sequence[Moments]) -> RunEstimates:
     found = shortfalls(scene, system, moments, whole)
     notes = (
         *source_notes(scene.load.circuit),
+        *_loose_nodes(scene.load.circuit),
         *efficiency_notes(whole, scales.of("power"), unit_of(scene, "power")),
         *(each.note for each in found),
     )
     return RunEstimates(whole, found, energy_balance_residual(moments, system), notes)
+
+
+def _loose_nodes(load):
+    """A note on nodes of a load that lead nowhere: a misspelt name makes such."""
+    if load is None or not load.loose_nodes:
+        return ()
+    more = " …" if load.loose_nodes[3:] else ""
+    return (f"nothing else is connected to the node {', '.join(load.loose_nodes[:3])}{more}",)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -9,6 +10,8 @@ if TYPE_CHECKING:
 
 # Share of the load's power up to which an excess may be the steps' own error.
 SMALL_EXCESS = 0.01
+# And up to which it is one: a load that loses next to nothing has such an error either way.
+STEPS_OWN_EXCESS = 5e-4
 
 
 def efficiency_notes(
@@ -45,9 +48,14 @@ def efficiency_notes(
         estimates["mean_converter_loss"].estimate if "mean_converter_loss" in estimates else taken
     )
     if kept < 0.0:
+        share = -kept / abs(taken) if taken else math.inf
+        if share <= STEPS_OWN_EXCESS:
+            return (
+                f"the load gives {share:.1g} of its power more than it takes: the steps' own "
+                "error, of a load that loses next to nothing",
+            )
         excess = f"{-kept * power_scale:.3g} {unit} more than it takes from the piezo"
-        if -kept <= SMALL_EXCESS * abs(taken):
-            share = -kept / abs(taken)
+        if share <= SMALL_EXCESS:
             return (
                 f"the load is not passive, or the step too long: it gives {excess}, {share:.1g} of "
                 "its power; choose a shorter --step",

@@ -1,15 +1,13 @@
-"""Couplings that no coils have are refused; what may deliver energy is named."""
+"""Parts of a load that may deliver energy are named."""
 
 import re
 
 import pytest
 
 from circuits.loads.subcircuits import read_load
-from harvester.errors import NetlistError, SimulatorAborted
+from harvester.errors import SimulatorAborted
 from harvester.scene.model import Scene
 from harvester.simulation import simulate
-
-COILS = "L1 p n 1\nL2 a n 10m\nL3 b n 2\nR2 a n 1k\nR3 b n 1k\n"
 
 
 def read(tmp_path, text, **parameters):
@@ -18,64 +16,9 @@ def read(tmp_path, text, **parameters):
     return read_load(path, parameters=parameters)
 
 
-def with_couplings(*sizes):
-    ends = ("L1 L2", "L2 L3", "L1 L3")
-    cards = [
-        f"K{k} {pair} {size}\n" for k, (pair, size) in enumerate(zip(ends, sizes, strict=True))
-    ]
-    return ".subckt load p n k=0.9\n" + COILS + "".join(cards) + ".ends\n"
-
-
-@pytest.mark.parametrize(
-    "sizes",
-    [
-        (0.9, 0.9, 0.9),
-        (0.9, -0.9, -0.9),
-        (1, 1, 1),
-        (0.6, 0.8, 0),
-        ("{k}", "{k/2}", 0.1),
-    ],
-)
-def test_couplings_that_coils_can_have(tmp_path, sizes):
-    """(0.9, 0.9) alone would be none: the third is what makes it one, wherever it stands."""
-    assert read(tmp_path, with_couplings(*sizes)).switches
-
-
-@pytest.mark.parametrize(
-    ("sizes", "parameters"),
-    [
-        ((0.9, 0.9, -0.9), {}),
-        ((0.9, 0.9, 0), {}),
-        ((1, 1, 0.99), {}),
-        (("{k-0.3}", 0.8, 0.01), {"k": 0.95}),
-    ],
-)
-def test_couplings_that_contradict_each_other(tmp_path, sizes, parameters):
-    with pytest.raises(NetlistError, match=r"load\.lib:9: k2: no coils .* l1, l2, l3 would hold"):
-        read(tmp_path, with_couplings(*sizes), **parameters)
-
-
-def test_coils_beside_them_are_not_blamed(tmp_path):
-    other = "L4 c n 1\nL5 d n 1\nK9 L4 L5 0.99\nR4 c n 1\nR5 d n 1\n.ends"
-    text = with_couplings(0.9, 0.9, 0).replace(".ends", other)
-    with pytest.raises(NetlistError, match=r"load\.lib:9: k2: .* in l1, l2, l3 would"):
-        read(tmp_path, text)
-
-
-def test_one_coupling_of_several_coils(tmp_path):
-    """−½ among three coils is the least: their currents together then hold nothing."""
-    text = f".subckt load p n\nX1 p n three k={{k}}\n.param k=-0.5\n.subckt three p n k=1\n{COILS}"
-    text += "K1 L1 L2 L3 {k}\n.ends\n.ends\n"
-    read(tmp_path, text)
-    with pytest.raises(NetlistError, match=r"load\.lib:10: x1\.k1: no coils are coupled so"):
-        read(tmp_path, text.replace("-0.5", "-0.51"))
-    with pytest.raises(NetlistError, match=r"load\.lib:10: x1\.k1: a coupling of -1.5"):
-        read(tmp_path, text.replace("-0.5", "-1.5"))
-
-
 def test_sources_and_values_below_zero(tmp_path):
     text = (
-        ".subckt load p n bias=0\nR1 p n 1k\nV1 p a {bias}\nR2 a b {-bias}\nX1 b n cell r=-2k\n"
+        ".subckt load p n bias=0\nR1 p n 1k\nV1 p a {bias}\nR2 a b {1-bias}\nX1 b n cell r=-2k\n"
         "I1 a n dc 0\nC1 a n 1n\nR3 b n {v(p)*1k}\n"
         ".subckt cell a b r=1\nRc a b {r}\nV2 a c sin(0 1 50)\nR4 c b 1k\n.ends\n.ends\n"
     )

@@ -148,10 +148,9 @@ def test_a_load_that_takes_what_it_uses_is_not(tmp_path, pool):
     assert 0.99 < estimate(result, "converter_efficiency") < 1.01
 
 
-@pytest.mark.parametrize("value", ["0", "-5k"])
-def test_a_resistor_that_takes_nothing_is_none_that_monte_carlo_knows(tmp_path, value):
+def test_a_resistor_that_takes_nothing_is_none_that_monte_carlo_knows(tmp_path):
     path = tmp_path / "load.lib"
-    path.write_text(f".subckt load p n\nR1 p n {value}\n.ends\n")
+    path.write_text(".subckt load p n\nR1 p n -5k\n.ends\n")
     assert read_load(path).resistance is None
 
 

@@ -74,7 +74,6 @@ def test_one_name_in_several_places(tmp_path, header, inner, outer, given):
         ".subckt load p n\nR1 p n 3a\n.ends",
         ".subckt load p n\nR1 p n 3mil\n.ends",
         ".subckt load p n\nR1 p n 300 r=100\n.ends",
-        ".subckt load p n\nR1 p n 0\n.ends",
         ".subckt load p n\nR1 p n -5\n.ends",
     ],
 )

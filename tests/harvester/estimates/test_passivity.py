@@ -24,7 +24,7 @@ def test_the_energy_delivered_is_in_the_scenes_unit():
     assert "it gives 2 W more" in note
 
 
-@pytest.mark.parametrize("efficiency", [1.001, 1.2, 202.0, -352.0])
+@pytest.mark.parametrize("efficiency", [1.0004, 1.001, 1.2, 202.0, -352.0])
 def test_no_efficiency_outside_its_range_goes_without_a_note(efficiency):
     loss = 1.0 - efficiency
     assert (
@@ -36,3 +36,5 @@ def test_no_efficiency_outside_its_range_goes_without_a_note(efficiency):
 def test_an_excess_that_may_be_the_steps_own_says_so():
     (note,) = notes(mean_power=1.0, mean_converter_loss=-0.001, converter_efficiency=1.001)
     assert "or the step too long" in note
+    (note,) = notes(mean_power=1.0, mean_converter_loss=-4e-4, converter_efficiency=1.0004)
+    assert note.startswith("the load gives 0.0004 of its power more than it takes: the steps' own")
