@@ -45,8 +45,8 @@ def add(commands: Any) -> None:
         "--maximise",
         default="power_conversion_efficiency",
         metavar="QUANTITY",
-        help="power_conversion_efficiency (default), mean_power or mean_square_voltage; over "
-        "several parameters any other, such as mean_output_power",
+        help="power_conversion_efficiency (default), mean_power or mean_square_voltage; of a load "
+        "with an output also mean_output_power and the like; over several parameters any",
     )
     command.add_argument(
         "--method",

@@ -16,6 +16,7 @@ from harvester.engines import monte_carlo
 from harvester.engines.protocol import ENGINES
 from harvester.errors import HarvesterError
 from harvester.estimates.estimate import Estimate
+from harvester.estimates.output_side import RATIOS
 from harvester.files.writing import finite
 from harvester.results import with_error
 from harvester.running import Request, RunnerOptions, open_runner
@@ -168,7 +169,8 @@ def optimum(
     low, high : float or None
         Range; None: a tenth and ten times the scene's value, within what the key allows.
     maximise : str
-        A name in `MAXIMISED`.
+        A name in `MAXIMISED`; of a load with an output also one in
+        `harvester.estimates.output_side.RATIOS`, such as "mean_output_power".
     method : str
         "monte-carlo", or "circuit" for the scene's own realizations.
     closure : str or None
@@ -190,7 +192,8 @@ def optimum(
         A run failed; `OutOfTime` where the time is spent.
     """
     clock = time.perf_counter()
-    check_name("quantity", maximise, MAXIMISED)
+    load = scene.load.circuit
+    check_name("quantity", maximise, (*MAXIMISED, *(RATIOS if load and load.has_output else ())))
     check_name("method", method, ENGINES)
     if method == "monte-carlo":
         monte_carlo.check(scene)
@@ -199,7 +202,9 @@ def optimum(
     device = _common_knots(scene, axis)
     follow = running.pop("progress", None) or (lambda share, words: None)
     with open_runner(**running) as opened:
-        place, value, reason = averaged(device, axis, maximise, closure, opened)
+        place, value, reason = None, None, f"knows no {maximise.replace('_', ' ')}"
+        if maximise in MAXIMISED:
+            place, value, reason = averaged(device, axis, maximise, closure, opened)
         follow(0.3, "simulation")
         search = Search(device, axis, maximise, method, opened)
         found, fitted = search.find(None if place is None else axis.coordinate(place))
@@ -209,7 +214,7 @@ def optimum(
         simulated, by_closure = answers_in_time(opened, wanted)
     if isinstance(simulated, HarvesterError):
         raise simulated
-    refused = isinstance(by_closure, HarvesterError)
+    refused = isinstance(by_closure, HarvesterError) or maximise not in MAXIMISED
     return Optimum(
         scene=scene,
         axis=axis,
@@ -218,7 +223,9 @@ def optimum(
         averaged_place=place,
         averaged_value=value,
         averaged_reason=reason,
-        averaged_there=None if refused else amount(by_closure, maximise),
+        averaged_there=None
+        if refused or maximise not in MAXIMISED
+        else amount(by_closure, maximise),
         method=method,
         place=found,
         value=simulated.in_units()[maximise],

@@ -256,3 +256,35 @@ def test_the_command_prints_the_interval(capsys, tmp_path):
     assert main(["optimum", "linear", *arguments]) == 0
     assert "interval" in capsys.readouterr().out
     assert json.loads((tmp_path / "linear-optimum.json").read_text())["over"] == "load.decay_rate"
+
+
+def test_the_output_of_a_netlist_has_its_optimum(runner):
+    """A bridge on a linear spring: most power where its resistance fits, by every place's own."""
+    scene = Scene.load(
+        "device",
+        [
+            "oscillator.linear_stiffness=126.9",
+            "oscillator.cubic_stiffness=0",
+            "load.netlist=bridge",
+            "run.realizations=8",
+            "run.duration=6",
+            "run.settle=2",
+        ],
+    )
+    found = optimum(
+        scene,
+        "load.parameters.resistance",
+        maximise="mean_output_power",
+        low=2e4,
+        high=5e6,
+        runner=runner,
+    )
+    assert found.averaged_place is None
+    assert "knows no mean output power" in " ".join(found.sentences())
+    low, high = found.interval
+    assert 2e4 < low < found.place.estimate < high < 5e6
+    values = [estimate.estimate for _, estimate in found.fitted]
+    assert max(values) < 1.05 * found.value.estimate
+    assert max(values[0], values[-1]) < found.value.estimate
+    with pytest.raises(HarvesterError, match="unknown quantity mean_output_power"):
+        optimum(LINEAR, over="load.decay_rate", maximise="mean_output_power")
