@@ -35,6 +35,8 @@ LOCATED, LEAST_LOCATED = 0.2, 1.0 / 64.0
 MEMORY = 15.0
 # Points that the third derivative is taken of, and as many steps from the beginning on.
 POINTS = 4
+# What is known of a switch.
+OPEN, UNKNOWN, CLOSED = 0.0, 0.5, 1.0
 
 
 @uncounted
@@ -63,7 +65,8 @@ def resolving_step(
     stores : ndarray, shape (stores, 2)
         F or H, and 1 for a coil.
     memory : ndarray, shape (switches + 1,)
-        Which switches are closed, and twice the energy that counts (J); kept up to date.
+        Which switches are open, unknown or closed, and twice the energy that counts (J); kept up
+        to date.
     energy : float
         Twice that of the transducer now (J).
     forgotten : float
@@ -93,18 +96,28 @@ def resolving_step(
 @uncounted
 def _turns(history, now, last, switches, memory, shortest, longest):
     """Longest step that resolves the switches' turns, `last` being the one before."""
-    points, _, first = history
+    points, times, first = history
     for k in range(len(switches)):
         column = first + 2 * k
         control = points[now[0], column] - points[now[0], column + 1]
-        rate = (control - (points[now[1], column] - points[now[1], column + 1])) / last
-        closed = memory[k] > 0.0
-        ahead = (switches[k, 1] if closed else switches[k, 0]) - control
-        if ahead > 0.0 if closed else ahead < 0.0:
-            memory[k] = 1.0 - memory[k]
+        old = points[now[1], column] - points[now[1], column + 1]
+        older = points[now[2], column] - points[now[2], column + 1]
+        rate = (control - old) / last
+        expected = old + (old - older) / (times[now[1]] - times[now[2]]) * last
+        closes, opens, state = switches[k, 0], switches[k, 1], memory[k]
+        if control > closes:
+            memory[k] = CLOSED
+        elif control < opens:
+            memory[k] = OPEN
+        elif (state < CLOSED and expected > closes) or (state > OPEN and expected < opens):
+            # ngspice turns it by where the control was expected; the turn may have thrown it back.
+            memory[k], state = UNKNOWN, -1.0
+        if memory[k] != state:
             longest = min(longest, RESTART / SHORTEST * shortest)
-        elif ahead * rate > 0.0:
-            left, width = ahead / rate, switches[k, 0] - switches[k, 1]
+            continue
+        ahead = closes - control if rate > 0.0 else opens - control
+        if ahead * rate > 0.0 and state != (CLOSED if rate > 0.0 else OPEN):
+            left, width = ahead / rate, closes - opens
             known = min(max(LOCATED * width / abs(rate), LEAST_LOCATED * shortest), shortest)
             step = left + 0.5 * known if left <= known else max(APPROACH * left, 0.5 * known)
             longest = min(longest, step)

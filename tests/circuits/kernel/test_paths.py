@@ -152,6 +152,38 @@ def test_a_switch_that_turned_conducts_as_it_should(pool, tmp_path, step):
         assert own.quantity(name).estimate == pytest.approx(reference, rel=5e-3)
 
 
+BUCK = """* a buck converter without a clock: the switch closes at 8 V and opens at 4 V
+.subckt buck p n out ref
+.model fast d(is=10n n=1.1 rs=1)
+D1 p r fast
+D2 n r fast
+D3 ref p fast
+D4 ref n fast
+C1 r ref 220n
+R1 ref n 100meg
+S1 r sw r ref gate
+.model gate sw(vt=6 vh=2 ron=2 roff=100meg)
+L1 sw out 4.7m
+D5 ref sw fast
+C2 out ref 22u ic=1
+R2 out ref 20k
+.ends
+"""
+
+
+def test_the_circuits_steps_follow_a_switch_whose_turn_throws_its_control_back(pool, tmp_path):
+    """As it opens, its supply rises again and its coil's node falls by 5 V."""
+    path = tmp_path / "buck.lib"
+    path.write_text(BUCK)
+    run = ("run.duration=1.5", "run.settle=0", "run.realizations=2")
+    scene = Scene.load("device", [f"load.netlist={path}", *LINEAR, *run])
+    theirs = simulate(scene, method="circuit", runner=pool)
+    own = simulate(scene, method="monte-carlo", step="fine", runner=pool)
+    for name in ("mean_output_power", "mean_storage_power", "mean_converter_loss"):
+        reference = own.quantity(name).estimate
+        assert theirs.quantity(name).estimate == pytest.approx(reference, rel=1e-2)
+
+
 DUMPED = """* a charged capacitor, switched onto a Zener diode at 5 ms
 .subckt dumped p n out ref
 .model zener d(is=1f n=1 rs=0.5 bv=6 ibv=1m)

@@ -55,6 +55,26 @@ def test_a_turn_is_approached_and_crossed_by_a_step_as_short_as_it_must_be(speed
     assert restart <= SHORTEST * load_steps.RESTART / load_steps.SHORTEST
 
 
+def test_a_turn_that_throws_its_control_back_is_seen_and_the_other_threshold_approached():
+    """A buck's switch opens at 4 V; its supply rises again at once, and closes it at 8 V."""
+    memory, levels = np.array([load_steps.CLOSED, 0.0]), [(8.0, 4.0)]
+    times = np.array([-3e-6, -2e-6, -1e-6, 0.0])
+    restart = step_at(times, [[4.6, 4.3, 4.05, 4.1]], levels, memory=memory)
+    assert memory[0] == load_steps.UNKNOWN
+    assert restart <= SHORTEST * load_steps.RESTART / load_steps.SHORTEST
+    approaching = step_at(1e3 * times, [[5.0, 6.0, 7.0, 7.9]], levels, memory=memory)
+    assert approaching <= 0.1 / 900.0
+    turned = step_at(times, [[7.8, 7.9, 7.98, 8.01]], levels, memory=memory)
+    assert memory[0] == load_steps.CLOSED
+    assert turned == restart
+    # Open, it is not approached on the way down; closed, not on the way up.
+    for state, way in (
+        (load_steps.OPEN, [7.0, 6.0, 5.0, 4.1]),
+        (load_steps.CLOSED, [5, 6, 7, 7.9]),
+    ):
+        assert step_at(1e3 * times, [way], levels, memory=np.array([state, 0.0])) == LONGEST
+
+
 def test_a_control_that_leaves_its_threshold_asks_for_nothing():
     times = np.array([-3e-3, -2e-3, -1e-3, 0.0])
     assert step_at(times, [-1.0 - 1e3 * (times + 3e-3)], [(1.0, -1e9)]) == LONGEST
