@@ -40,8 +40,10 @@ UNSEEN_ERROR = 0.2
 # λ, in units of the period, below which nodes of Z are no part of it where motion leaves its well
 # less often than the charge does: jumps are much more frequent at some of the nodes than at others.
 SLOW_CHARGE = 0.1
-# Change of the nodes, in tolerances, below which the step's error is told on the sparser grid.
-SPARSE_GRID_CHANGE = 0.2
+# Change of the nodes, in tolerances, below which the step's error is told on the sparser grid; that
+# of the crossings of a saddle, as a share, where a charge outlasts the period (more steps lead more
+# of a density over it that few nodes smear, and their charges stay).
+SPARSE_GRID_CHANGE, SPARSE_GRID_CROSSINGS = 0.2, 0.2
 REGION_ATTEMPTS = 8  # at the region
 SHORTEST_CONTACT = 2e-2  # in periods of small oscillations
 FASTEST_DECAY = 60.0  # λ, in units of the period, beyond which that takes too many steps
@@ -188,12 +190,14 @@ def _refined(task, share=1.0):
     while (known := _changed(nodes))[1] > tolerance:
         _refine(grids, "nodes", known)
     # What the nodes leave undone would pass for an error of the step.
-    enough = -2 if known[1] < SPARSE_GRID_CHANGE * tolerance else -1
+    before, after = (each.means.get("well_crossing_rate", 0.0) for each in nodes[-2:])
+    rate, time = task.device.transducer.decay_rate(), period(task.device)
+    leaking = rate * time < 1.0 and abs(after - before) > SPARSE_GRID_CROSSINGS * before
+    enough = -1 if leaking or known[1] >= SPARSE_GRID_CHANGE * tolerance else -2
     grids |= {"steps": [nodes[enough]], "charges": [nodes[0]]}
     _refine(grids, "steps")
-    rate = task.device.transducer.decay_rate()
     crossings = nodes[0].means.get("well_crossing_rate", np.inf)
-    if crossings < rate < SLOW_CHARGE / period(task.device):
+    if crossings < rate < SLOW_CHARGE / time:
         _refine(grids, "charges")
     while True:
         means, errors = _corrected(grids)
@@ -341,6 +345,9 @@ def _answer(refined, memory=False):
     grids, means, error = refined
     fields = Averages.__dataclass_fields__
     own = {name: means.pop(name) for name in list(means) if name not in fields}
+    if own.get("well_crossing_rate", 0.0) < 0.0:
+        error["well_crossing_rate"] -= own["well_crossing_rate"]
+        own["well_crossing_rate"] = 0.0
     if "well_crossing_rate" in own and memory:
         ends = {respect: (each[0], each[-1]) for respect, each in grids.items()}
         ends["nodes"] = grids["nodes"][-2:]

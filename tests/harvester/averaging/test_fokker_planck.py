@@ -323,3 +323,12 @@ def test_a_coil_without_inductance():
     share = s.transducer.winding_damping * s.transducer.current_share
     expected = share * (1.0 - s.transducer.current_share) * s.noise.intensity / total
     assert result.mean_power == pytest.approx(expected, rel=5e-3)
+
+
+def test_a_rate_that_comes_out_negative_is_none_within_its_error():
+    grids, means, error = fokker_planck._refined(solution.Task(PAPER.system, 0.05))
+    means |= {"well_crossing_rate": -1e-4}
+    error |= {"well_crossing_rate": 2e-4}
+    answer = fokker_planck._answer((grids, means, error))
+    assert answer.between_wells["well_crossing_rate"] == 0.0
+    assert answer.numerical_error["well_crossing_rate"] == pytest.approx(3e-4)
