@@ -43,9 +43,8 @@ def places_of(load: LoadCircuit) -> list[Place]:
 
 
 def number_of(place: Place) -> float | None:
-    """The value of an element, None for one of a model or an expression of the solution."""
-    words = place.plain() or list(place.pairs().values())
-    text = words[-1 if place.letter == "k" else 0]
+    """The value of an R, C, L or K, None for one of a model or an expression of the solution."""
+    text = place.plain()[-1] if place.letter == "k" else place.size()
     try:
         return None if text.isidentifier() else place.value(text)
     except LoadError:

@@ -78,6 +78,10 @@ class Place(NamedTuple):
         """The other words."""
         return [word for word in self.words if "=" not in word or word[0] == "{"]
 
+    def size(self) -> str:
+        """The text of an R's, C's or L's value, or its model's name."""
+        return (self.plain() or [self.pairs()[self.letter]])[0]
+
 
 class Scope:
     """One call of a sub-circuit: the values of its parameters and its nodes."""

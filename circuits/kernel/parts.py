@@ -50,20 +50,19 @@ def _ends(b, place, count=2):
     return [b.node(node) for node in place.nodes[:count]]
 
 
-def _passive(place, key):
-    """Value and multiplier of R, C or L."""
-    pairs, plain = place.pairs(), place.plain()
+def _passive(place):
+    """Value and multiplier of R, C or L, and what it starts with."""
+    pairs = place.pairs()
     for name in pairs:
         if name not in _PASSIVE:
             place.refuse(f"{name}=")
-    for word in plain:
+    for word in place.plain():
         if re.fullmatch(r"[a-z_]\w*", word):
             place.refuse(f"a model of {place.letter.upper()}")
-    text = plain[0] if plain else pairs[key]
     factor = place.value(pairs["scale"]) if "scale" in pairs else 1.0
     many = place.value(pairs["m"]) if "m" in pairs else 1.0
     start = place.value(pairs["ic"]) if "ic" in pairs else 0.0
-    return place.value(text) * factor, many, start
+    return place.value(place.size()) * factor, many, start
 
 
 def stored(place: Place) -> tuple[float, Any]:
@@ -74,7 +73,7 @@ def stored(place: Place) -> tuple[float, Any]:
     LoadError
         It is no number, or a model's, or a coil is there no times.
     """
-    value, many, start = _passive(place, place.letter)
+    value, many, start = _passive(place)
     if place.letter == "l" and many == 0.0:
         place.refuse("m=0")
     return (value * many if place.letter == "c" else value / many), start
@@ -88,7 +87,7 @@ def hysteresis(place: Place, model: dict[str, float]) -> tuple[float, float]:
 
 
 def _resistor(b, place):
-    value, many, _ = _passive(place, "r")
+    value, many, _ = _passive(place)
     if value == 0.0:
         place.refuse("a resistance of 0")
     if many == 0.0:

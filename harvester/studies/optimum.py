@@ -223,9 +223,7 @@ def optimum(
         averaged_place=place,
         averaged_value=value,
         averaged_reason=reason,
-        averaged_there=None
-        if refused or maximise not in MAXIMISED
-        else amount(by_closure, maximise),
+        averaged_there=None if refused else amount(by_closure, maximise),
         method=method,
         place=found,
         value=simulated.in_units()[maximise],

@@ -71,7 +71,7 @@ def test_one_coupling_of_several_coils(tmp_path):
         read(tmp_path, text.replace("-0.5", "-1.5"))
 
 
-@pytest.mark.parametrize("value", ["0", "{r}", "{1-1}", "1e-9", "-1p", "r=0"])
+@pytest.mark.parametrize("value", ["0", "{r}", "{1-1}", "1e-9", "-1p", "r=0", "m=2 r=0"])
 def test_a_resistor_of_nothing_is_refused_with_what_to_write(tmp_path, value):
     """ngspice loses the current over 1e-12 Ω to rounding: mean-square voltages of any size."""
     text = f".subckt load p n r=0 \nR2 p a 1k\nR1 a n {value}\n.ends\n"
