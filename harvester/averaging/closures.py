@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from harvester.averaging.averages import Averages
 from harvester.averaging.density import Density, Layer
-from harvester.averaging.fokker_planck import fokker_planck
 from harvester.averaging.orbits import edges, settled_orbits, stiffnesses
 from harvester.device import timescales
 from harvester.device.damper import Damper
@@ -17,6 +15,8 @@ from harvester.device.hertz import HERTZ_EXPONENT, HertzDamp
 from harvester.device.piezo import Piezo
 from harvester.errors import AveragingError
 from harvester.files.plain_text import nearest
+from harvester.stationary.averages import Averages
+from harvester.stationary.fokker_planck import fokker_planck
 
 if TYPE_CHECKING:
     from harvester.device.system import System

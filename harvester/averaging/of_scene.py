@@ -21,8 +21,8 @@ from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor, scale
 
 if TYPE_CHECKING:
-    from harvester.averaging.averages import Averages
     from harvester.device.system import System
+    from harvester.stationary.averages import Averages
 
 DIMENSIONS = {
     "mean_square_voltage": "voltage^2",

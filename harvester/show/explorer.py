@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from harvester.averaging.fokker_planck import outline
 from harvester.averaging.of_scene import averaged_device
 from harvester.calling import takes_scene
 from harvester.device import timescales
@@ -28,6 +27,7 @@ from harvester.scene.model import Scene
 from harvester.scene.numbers import number, numbers
 from harvester.scene.units import scale
 from harvester.simulation import simulate
+from harvester.stationary.fokker_planck import outline
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

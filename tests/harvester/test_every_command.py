@@ -72,7 +72,7 @@ def briefly():
         patch.setattr(measurement, "PATHS", 2)
         patch.setattr(throughput, "task", speeds_here)
         # Rates of jumps take several times as long as all else that `validate` averages.
-        patch.setattr("harvester.averaging.jumps.MOST_WORK", 1e6)
+        patch.setattr("harvester.stationary.jumps.MOST_WORK", 1e6)
         patch.setattr(
             "harvester.averaging.of_scene.average_parameters", lru_cache(averaging.average)
         )

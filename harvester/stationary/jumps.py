@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
-from harvester.averaging.propagator import Propagator
-from harvester.averaging.stationary import Inverse, moved
-from harvester.averaging.wells import alike, well_at
 from harvester.device.cores import core_energies, jump_rates
 from harvester.device.system import potential
 from harvester.errors import AveragingError
+from harvester.stationary.inverse import Inverse, moved
+from harvester.stationary.propagator import Propagator
+from harvester.stationary.wells import alike, well_at
 
 if TYPE_CHECKING:
-    from harvester.averaging.propagator import Grid
-    from harvester.averaging.solution import Solution
     from harvester.device.system import System
+    from harvester.stationary.propagator import Grid
+    from harvester.stationary.solution import Solution
 
 # What a period changes of the slowest state but for its decay, as a share of it; and of the
 # saddles' crossings in a period, by about which the eigenvalue of rare jumps differs from 1.

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from harvester.averaging import stationary
-from harvester.averaging.propagator import Grid
-from harvester.averaging.stationary import Inverse, moved
 from harvester.errors import AveragingError
+from harvester.stationary import inverse as module
+from harvester.stationary.inverse import Inverse, moved
+from harvester.stationary.propagator import Grid
 
 
 def grid_of(nodes):
@@ -107,7 +107,7 @@ def test_what_decays_is_undone():
 def test_few_directions_held_at_a_time(monkeypatch):
     """Where memory holds few, it begins again and gets there or says that it did not."""
     grid = grid_of(24)
-    monkeypatch.setattr(stationary, "LARGEST_BASIS", 2 * 4 * 24 * 24 * 12)
+    monkeypatch.setattr(module, "LARGEST_BASIS", 2 * 4 * 24 * 24 * 12)
     later = spreading(grid)
     (rest,) = rests(grid, 1)
     try:

@@ -18,8 +18,8 @@ from harvester.device import system
 from harvester.errors import AveragingError
 
 if TYPE_CHECKING:
-    from harvester.averaging.propagator import Grid
     from harvester.device.system import System
+    from harvester.stationary.propagator import Grid
 
 NEIGHBOURS = 6
 LANES = 8  # nodes of X' in a row that take their shares together, some of them none
@@ -38,7 +38,7 @@ def shared_ends(device: System, grid: Grid) -> tuple[np.ndarray, ...]:
     Parameters
     ----------
     device : harvester.device.system.System
-    grid : harvester.averaging.propagator.Grid
+    grid : harvester.stationary.propagator.Grid
 
     Returns
     -------

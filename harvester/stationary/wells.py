@@ -15,9 +15,9 @@ from harvester.device import timescales
 from harvester.device.system import loss_power, potential
 
 if TYPE_CHECKING:
-    from harvester.averaging.grid_density import GridDensity
-    from harvester.averaging.propagator import Grid
     from harvester.device.system import System
+    from harvester.stationary.grid_density import GridDensity
+    from harvester.stationary.propagator import Grid
 
 HELD_BACK = 16.0  # E[X'²] in a barrier that hardly any motion passes
 # Share of the exponent of the rate of jumps out of a well that is sure, and by how much that is

@@ -9,13 +9,13 @@ import numpy as np
 from scipy.interpolate import CubicSpline, RectBivariateSpline
 from scipy.ndimage import convolve1d
 
-from harvester.averaging.propagator import whole
-from harvester.averaging.voltage_density import SMOOTHING, density_of_charge
+from harvester.stationary.propagator import whole
+from harvester.stationary.voltage_density import SMOOTHING, density_of_charge
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from harvester.averaging.propagator import Grid
+    from harvester.stationary.propagator import Grid
 
 JOINT_POINTS = 321  # displacements, and velocities, at which the joint density is tabulated
 
@@ -26,7 +26,7 @@ class GridDensity:
     Parameters
     ----------
     transducer : its equations
-    grid : harvester.averaging.propagator.Grid
+    grid : harvester.stationary.propagator.Grid
     state : ndarray
         Mass at each node.
     paired : bool

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from harvester.averaging.region import _widths
+from harvester.stationary.region import _widths
 
 
 def test_widths_of_a_density():

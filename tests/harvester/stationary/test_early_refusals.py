@@ -2,10 +2,11 @@
 
 import pytest
 
-from harvester.averaging import average, flow, solution
+from harvester.averaging import average
 from harvester.averaging.of_scene import averaged_device
 from harvester.errors import AveragingError
 from harvester.scene.model import Scene
+from harvester.stationary import flow, solution
 
 
 @pytest.mark.parametrize(

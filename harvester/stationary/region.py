@@ -8,14 +8,14 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
-from harvester.averaging.propagator import Grid
 from harvester.device import timescales
 from harvester.device.system import potential
 from harvester.errors import AveragingError
+from harvester.stationary.propagator import Grid
 
 if TYPE_CHECKING:
-    from harvester.averaging.solution import Solution
     from harvester.device.system import System
+    from harvester.stationary.solution import Solution
 
 FEWEST_CORES = 20  # cores that the range of X and of X' has at least
 # More nodes of Z for each half width of the density by which the greatest Z displaces it.

@@ -6,13 +6,13 @@ from numpy.polynomial.legendre import leggauss
 from scipy.stats import norm
 
 from harvester.averaging import average
-from harvester.averaging.flow import lagrange
 from harvester.averaging.of_scene import average as average_scene
 from harvester.averaging.of_scene import averaged_device
-from harvester.averaging.propagator import Grid
-from harvester.averaging.voltage_density import density_of_charge
 from harvester.scene.model import Scene
 from harvester.simulation import simulate
+from harvester.stationary.flow import lagrange
+from harvester.stationary.propagator import Grid
+from harvester.stationary.voltage_density import density_of_charge
 
 
 @pytest.mark.parametrize(

@@ -6,17 +6,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.averaging.grid_density import GridDensity
-from harvester.averaging.propagator import Propagator
-from harvester.averaging.stationary import Inverse, moved
-from harvester.averaging.wells import between_wells, unlike_wells
 from harvester.device import system as systems
 from harvester.device import timescales
 from harvester.errors import AveragingError
+from harvester.stationary.grid_density import GridDensity
+from harvester.stationary.inverse import Inverse, moved
+from harvester.stationary.propagator import Propagator
+from harvester.stationary.wells import between_wells, unlike_wells
 
 if TYPE_CHECKING:
-    from harvester.averaging.region import Level, Region
     from harvester.device.system import System
+    from harvester.stationary.region import Level, Region
 
 MOST_WORK = 4e8  # amplitudes moved by a step, on all grids together: five to ten seconds
 LEAST_PERIODS = 6  # on a grid
@@ -72,7 +72,7 @@ class Solution:
 
     Attributes
     ----------
-    grid : harvester.averaging.propagator.Grid
+    grid : harvester.stationary.propagator.Grid
     steps, cost : int
         Of a period, and its work.
     propagator : Propagator
@@ -81,7 +81,7 @@ class Solution:
         Mass at each node, where a step is symmetric in time and before the flow.
     means : dict of str to float
         Those of the answer, `power_in`, and what tells of several wells.
-    density : harvester.averaging.grid_density.GridDensity
+    density : harvester.stationary.grid_density.GridDensity
     """
 
     def __init__(

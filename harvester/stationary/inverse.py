@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from harvester.averaging.flow import lagrange
-from harvester.averaging.propagator import Grid, whole
 from harvester.errors import AveragingError
+from harvester.stationary.flow import lagrange
+from harvester.stationary.propagator import Grid, whole
 
 Map = Callable[[np.ndarray], np.ndarray]
 

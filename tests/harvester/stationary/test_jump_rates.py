@@ -7,13 +7,13 @@ import pytest
 from scipy.sparse.linalg import LinearOperator, eigs
 
 from harvester.averaging import average
-from harvester.averaging.jumps import slowest_decay_rate
 from harvester.averaging.of_scene import averaged_device
-from harvester.averaging.propagator import Propagator
 from harvester.device import timescales
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
 from harvester.simulation import simulate
+from harvester.stationary.jumps import slowest_decay_rate
+from harvester.stationary.propagator import Propagator
 
 # A double well without transducer to speak of, barrier five times the temperature.
 DAMPING, INTENSITY = 0.8, 0.16
@@ -84,14 +84,14 @@ def test_the_slowest_decay_rate_on_a_grid(monkeypatch, change):
     A slow load's many modes decay hardly faster. Finer along Z, a grid has a poor start of it.
     """
     # Only what is tested: rates of jumps take as long again.
-    monkeypatch.setattr("harvester.averaging.fokker_planck.rates_of_jumps", lambda _: {})
+    monkeypatch.setattr("harvester.stationary.fokker_planck.rates_of_jumps", lambda _: {})
     on_grids = {}
 
     def kept(solutions):
         on_grids.update(slowest_decay_rate(solutions))
         return dict(on_grids)
 
-    monkeypatch.setattr("harvester.averaging.fokker_planck.slowest_decay_rate", kept)
+    monkeypatch.setattr("harvester.stationary.fokker_planck.slowest_decay_rate", kept)
     average(averaged_device(Scene.load("paper").replace(change)), tolerance=0.1, memory=True)
     grid = max(on_grids, key=lambda each: each.grid.shape[1])
     propagator = Propagator(grid.task.device, grid.grid).odd()

@@ -18,18 +18,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from harvester.averaging.averages import Averages
-from harvester.averaging.jumps import rates_of_jumps, slowest_decay_rate
-from harvester.averaging.region import HOPELESS_DISPLACEMENT, NODE_REFINEMENT, Level, Region
-from harvester.averaging.solution import Solution, Task, period
-from harvester.averaging.wells import HELD_BACK, barrier, driven, lone_well
 from harvester.device import timescales
 from harvester.device.hertz import HertzDamp
 from harvester.errors import AveragingError
+from harvester.stationary.averages import Averages
+from harvester.stationary.jumps import rates_of_jumps, slowest_decay_rate
+from harvester.stationary.region import HOPELESS_DISPLACEMENT, NODE_REFINEMENT, Level, Region
+from harvester.stationary.solution import Solution, Task, period
+from harvester.stationary.wells import HELD_BACK, barrier, driven, lone_well
 
 if TYPE_CHECKING:
-    from harvester.averaging.grid_density import GridDensity
     from harvester.device.system import System
+    from harvester.stationary.grid_density import GridDensity
 
 REGION_LEVEL = Level(5.0, 2.2, 1.7, 3, 3, 50.0)  # on which the region is found
 FIRST_LEVEL = Level(6.0, 3.0, 2.3, 4, 3)

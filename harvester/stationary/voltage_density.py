@@ -14,7 +14,7 @@ from numpy.polynomial.legendre import legvander
 from scipy.ndimage import convolve1d, map_coordinates
 
 if TYPE_CHECKING:
-    from harvester.averaging.propagator import Grid
+    from harvester.stationary.propagator import Grid
 
 # Takes off what changes sign from node to node, and keeps moments up to the third.
 SMOOTHING = np.array([-1.0, 4.0, 10.0, 4.0, -1.0]) / 16.0
@@ -38,7 +38,7 @@ def density_of_charge(grid: Grid, mass: np.ndarray) -> tuple[np.ndarray, np.ndar
 
     Parameters
     ----------
-    grid : harvester.averaging.propagator.Grid
+    grid : harvester.stationary.propagator.Grid
     mass : ndarray
         At the nodes of (X, Z, X'), of sum 1.
     """

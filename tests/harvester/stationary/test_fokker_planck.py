@@ -7,16 +7,17 @@ import numpy as np
 import pytest
 from truths import averaged, flat, interpolated_linear_means, well
 
-from harvester.averaging import average, fokker_planck, solution
-from harvester.averaging.fokker_planck import REGION_LEVEL
+from harvester.averaging import average
 from harvester.averaging.of_scene import average as average_scene
-from harvester.averaging.propagator import Propagator
-from harvester.averaging.region import Region
 from harvester.device import system as systems
 from harvester.device import timescales
 from harvester.errors import AveragingError
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
+from harvester.stationary import fokker_planck, solution
+from harvester.stationary.fokker_planck import REGION_LEVEL
+from harvester.stationary.propagator import Propagator
+from harvester.stationary.region import Region
 
 PAPER = flat(Scene.load("paper"))
 LINEAR = flat(Scene.load("linear"))

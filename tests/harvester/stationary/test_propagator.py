@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from truths import flat
 
-from harvester.averaging.flow import lagrange
-from harvester.averaging.propagator import Grid, Propagator, mirrored
 from harvester.scene.model import Scene
+from harvester.stationary.flow import lagrange
+from harvester.stationary.propagator import Grid, Propagator, mirrored
 
 PAPER = flat(Scene.load("paper"))
 LINEAR = flat(Scene.load("linear"))

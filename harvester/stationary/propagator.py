@@ -22,9 +22,9 @@ import numpy as np
 from scipy.fft import irfft, rfft
 from scipy.special import factorial
 
-from harvester.averaging.flow import lagrange, shared, shared_ends
 from harvester.compilation import summing
 from harvester.device.system import elastic_force, state_rate
+from harvester.stationary.flow import lagrange, shared, shared_ends
 
 LEAST_MEMORY = 1e-6  # τ1, in steps, below which it makes no difference
 FASTEST_PHASE = 1.5  # ω dt beyond which a train of pushes is not corrected further
