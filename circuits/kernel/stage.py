@@ -64,6 +64,7 @@ class State(NamedTuple):
     rates: np.ndarray
     largest: np.ndarray
     change: np.ndarray
+    stored: np.ndarray
     right: np.ndarray
     error: np.ndarray
     filtered: np.ndarray
@@ -90,7 +91,8 @@ def fresh_state(circuit: Circuit) -> State:
     n, m, k = tables.steady.size, len(tables.junctions), len(tables.tape)
     core = order.columns[order.linear :].copy()
     lengths = {
-        **dict.fromkeys(("y", "rates", "largest", "change", "right", "error", "filtered"), n),
+        **dict.fromkeys(("y", "rates", "largest", "change", "stored", "right"), n),
+        **dict.fromkeys(("error", "filtered"), n),
         "solution": core.size + 1,
         **dict.fromkeys(("iterated", "voltages", "before", "charges", "new_charges"), m),
         "slopes": len(tables.inputs),

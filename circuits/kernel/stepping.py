@@ -58,8 +58,9 @@ GROWING = CAUTION**6
 POWER_WEIGHTS = ((0.25 * ROOT, 0.25 * ROOT, DIAGONAL), (0.0, 1.0 - DIAGONAL, DIAGONAL))
 # What is known of the rates of change at a step's beginning: all, nothing, that a switch turned.
 KNOWN, UNKNOWN, TURNED = 1.0, 0.0, -1.0
-# After a switch, the first step against the usual one; the shortest; how well its time is known.
-RESTART, SHORTEST, LOCATED = 2.0**-10, 2.0**-34, 1e-4
+# After a switch, the first step against the usual one, and down to where it follows its error; the
+# shortest; how well its time is known.
+RESTART, LEAST_RESTART, SHORTEST, LOCATED = 2.0**-10, 2.0**-14, 2.0**-34, 1e-4
 # Share of the step that led across within which the time is known, too.
 LOCATED_SHARE = 0.02
 # Of a step of the grid, and of the time: nearer than that a source's corner is reached.
@@ -194,6 +195,9 @@ def _find_step(device, tables, probes, state, time, longest, remaining, step, no
             numbers[RATES_KNOWN] = UNKNOWN
             continue
         scale = probes.energy[0] * max(numbers[ENERGY], (SMALL_VOLTAGE * probes.energy[1]) ** 2)
+        if numbers[RATES_KNOWN] == TURNED:
+            # Backward Euler's: of a swing, half the square of the angle that a step turns.
+            error = 0.25 * error * error / scale if h > LEAST_RESTART * step else 0.0
         if h < LOCATED * step:  # No turning is located better; what is left is Newton's rest.
             missed = 0.0
         ratio = numbers[STRICTNESS] * max(error / scale / TOLERANCE**2, missed * missed)
@@ -279,8 +283,9 @@ def _set_sources(tables, state, time, delta):
 def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone):
     """A step of length h from the state.
 
-    Returns whether Newton settled, its error's energy, the new X, and the error of the switches'
-    controls against what they may have. Its change stands in `state.change`.
+    Returns whether Newton settled, its error's energy (after a switch, its change's), the new X,
+    and the error of the switches' controls against what they may have. Its change stands in
+    `state.change`.
     """
     y, numbers, code, memory = state.y, state.numbers, state.code, state.address
     n, row_unit = y.size, probes.units[4]
@@ -325,6 +330,9 @@ def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone):
         if known:
             error = call(code.error, memory, slot, 0.0, 0.0, 0.0)
             missed = missed_controls(tables, state)
+        elif euler:
+            for i in range(n - 1):
+                error += abs(state.stored[i] * state.change[i])
     return settled, error, x + moved, missed
 
 

@@ -184,6 +184,43 @@ def test_the_circuits_steps_follow_a_switch_whose_turn_throws_its_control_back(p
         assert theirs.quantity(name).estimate == pytest.approx(reference, rel=1e-2)
 
 
+FORWARD = """* a forward converter: as the switch turns, coupled coils hand over their current
+.subckt forward p n out ref
+.model schottky d(is=1u n=1.05 rs=0.1 cjo=20p)
+.model gate sw(vt=4 vh=2 ron=5 roff=1g)
+D1 p r schottky
+D2 n r schottky
+D3 g p schottky
+D4 g n schottky
+R1 g ref 1
+C1 r g 220n
+L1 r d 50m
+L2 a b 50m
+K1 L1 L2 0.98
+S1 d g r g gate
+R2 b ref 10
+D5 a out schottky
+R3 d e 10k
+C2 e r 100p
+C3 out ref 10u
+R4 out ref 50k
+.ends
+"""
+
+
+def test_coils_that_hand_over_their_current_lose_no_more_than_they_should(pool, tmp_path):
+    """In times much shorter than the first step after a switch's turn usually is."""
+    path = tmp_path / "forward.lib"
+    path.write_text(FORWARD)
+    run = ("run.duration=2", "run.settle=0", "run.realizations=4")
+    scene = Scene.load("device", [f"load.netlist={path}", *LINEAR, *run])
+    rough, known = (
+        simulate(scene, method="monte-carlo", step=step, runner=pool).quantity("mean_output_power")
+        for step in ("default", "finest")
+    )
+    assert rough.estimate == pytest.approx(known.estimate, rel=5e-3)
+
+
 DUMPED = """* a charged capacitor, switched onto a Zener diode at 5 ms
 .subckt dumped p n out ref
 .model zener d(is=1f n=1 rs=0.5 bv=6 ibv=1m)
