@@ -51,6 +51,16 @@ Cout out 0 47u ic=0"""
     assert -found["mean"] == pytest.approx(current, rel=0.02)
 
 
+@pytest.mark.parametrize("volts", [0.0, 4.9])
+def test_the_buck_gives_nothing_while_it_is_locked_out(tmp_path, volts):
+    """Not even what leaks through its open lockout: a nanoampere would be 10 V by then."""
+    cards = f"""Vin in 0 {volts}
+Xbuck in out 0 nano_buck
+Cout out 0 1n ic=0"""
+    found = bench(tmp_path, "buck_converters", cards, 10, {"last": "find v(out) at=9.9"})
+    assert found["last"] == pytest.approx(0.0, abs=2e-3)
+
+
 @pytest.mark.parametrize("load", [1e-4, 1e-3, 1e-2, 9e-2])
 def test_the_buck_regulates_and_loses_what_its_efficiency_says(tmp_path, load):
     """3.3 V within 4 % up to 90 mA of its 100, at 85 %."""
