@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 KINDS = (OUTPUT, LOSS, STORE, STATE)
 # Quantities and columns of tables have its name.
 LONGEST_NAME = 40
+# Names whose quantities are the program's own: `mean_power`, `stored_energy` and their like.
+KEPT_NAMES = re.compile(r"mean(_.*)?|stored|final_stored")
 MOST_MEASURES = 50
 _FORM = re.compile(r"(\S+) (\S+?)=(.*)")
 _TAKING = re.compile(r"\btaking\b")
@@ -65,12 +67,18 @@ def vet_measures(cards: Iterable[Card], scope: Scope) -> tuple[Measure, ...]:
     found: dict[tuple[str, str], Measure] = {}
     for card in cards:
         measure = _vetted(card, scope)
-        if (measure.kind, measure.name) in found:
+        if (quantity := _quantity(measure)) in found:
             refuse(card, f"measure: {measure.kind} {measure.name} is there twice")
-        found[measure.kind, measure.name] = measure
+        found[quantity] = measure
         if len(found) > MOST_MEASURES:
             refuse(card, f"more than {MOST_MEASURES} measures")
     return tuple(found.values())
+
+
+def _quantity(measure):
+    """Kind and name by which its quantities differ from others: a store has a power as well."""
+    stored = measure.kind == STORE
+    return (OUTPUT, f"{measure.name}_storage") if stored else (measure.kind, measure.name)
 
 
 def _vetted(card, scope):
@@ -85,6 +93,8 @@ def _vetted(card, scope):
         refuse(
             card, f"measure: {name[:LONGEST_SHOWN]!r} is no name of at most {LONGEST_NAME} letters"
         )
+    if KEPT_NAMES.fullmatch(name):
+        refuse(card, f"measure: {name} would name a quantity of the program's own: rename it")
     plain = text.replace("{", "(").replace("}", ")")
     expressions = [rewritten(part) for part in _TAKING.split(plain)]
     if len(expressions) > (2 if kind == STATE else 1):

@@ -94,6 +94,11 @@ class LoadCircuit:
         return loose_nodes(self)
 
     @property
+    def values(self) -> dict[str, float]:
+        """Its parameters that are plain numbers, as given or by default (SI)."""
+        return dict(self.defaults) | dict(self.parameters)
+
+    @property
     def may_jump(self) -> bool:
         """Whether a part may change its current without notice."""
         return self.watch is None
@@ -146,6 +151,8 @@ def find_netlist(netlist: str, folders: Sequence[str | Path] = (".",)) -> Path:
         # A name that no system takes is no file either.
         if os.path.isfile(path):
             return path
+        if os.path.isdir(path):
+            raise NetlistError(f"load.netlist = {netlist[:200]!r}: is a folder, not a file")
     looked = " and ".join(str(Path(folder).absolute()) for folder in folders)
     raise NetlistError(f"load.netlist = {netlist[:200]!r}: no such file in {looked}")
 

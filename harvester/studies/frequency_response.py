@@ -331,6 +331,9 @@ def _stepped(scene, frequencies):
     decay = parameters.transducer.decay_rate()
     slowest = 2.0 * timescales.relaxation_time(parameters)
     slowest = max(slowest, 1.0 / decay) if decay > 0.0 else slowest
+    values = scene.load.circuit.values if scene.load.circuit else {}
+    # A storage charges within R·C.
+    slowest = max(slowest, values.get("storage", 0.0) * values.get("resistance", 0.0))
     motion = 2.0 * math.pi / timescales.fastest_angular_frequency(parameters) / KNOTS_PER_PERIOD
     spacing = min(Sine(1.0, frequencies.max()).spacing(motion), motion)
     dwell = slowest * math.log(1.0 / SETTLED_SHARE) + MEASURED_PERIODS / frequencies.min()
@@ -367,6 +370,8 @@ def _means(record, frequency, stop, measured):
 
 def _peak(times, values):
     """The greatest value, between points by a parabola through three of them."""
+    times, first = np.unique(times, return_index=True)
+    values = values[first]
     place = int(np.clip(np.argmax(values), 1, values.size - 2))
     near = slice(place - 1, place + 2)
     a, b, c = np.polyfit(times[near] - times[place], values[near], 2)
@@ -384,5 +389,7 @@ def _integrals(times, values, edges):
 def _integral_to(times, values, total, edge):
     place = int(np.clip(np.searchsorted(times, edge) - 1, 0, times.size - 2))
     since = edge - times[place]
-    slope = (values[place + 1] - values[place]) / (times[place + 1] - times[place])
+    # Where a switch turns there are two points at one time.
+    length = times[place + 1] - times[place]
+    slope = (values[place + 1] - values[place]) / length if length > 0.0 else 0.0
     return total[place] + since * (values[place] + 0.5 * since * slope)

@@ -151,7 +151,7 @@ def _with_storage(points, sweeps):
         load, settle = point.scene.load, point.scene.run.settle
         if not load.netlist or _is_path(load.netlist) or settle == 0.0:
             continue
-        values = dict(load.circuit.defaults) | dict(load.circuit.parameters)
+        values = load.circuit.values
         if "storage" in (load.parameters or {}) or not {"storage", "resistance"} <= {*values}:
             continue
         fitting = settle / CHARGING_TIMES / values["resistance"]

@@ -1,4 +1,5 @@
 import json
+import math
 
 import numpy as np
 import pytest
@@ -10,6 +11,13 @@ from harvester.command_line import main
 from harvester.commands.options import number_list
 from harvester.errors import HarvesterError
 from harvester.scene.model import Scene
+from harvester.studies.frequency_response import (
+    SETTLED_SHARE,
+    _integrals,
+    _peak,
+    _stepped,
+    _with_sine,
+)
 
 
 def sine(name, amplitude, **changes):
@@ -125,6 +133,28 @@ def test_the_command_writes_table_json_and_figure(tmp_path, capsys):
     short = ["--frequencies", "1", "--amplitude"]
     assert main(["frequency-response", "linear", *short, "0"]) == 2
     assert "amplitude 0" in capsys.readouterr().err
+
+
+def test_points_at_one_time_spoil_neither_integral_nor_peak():
+    """Where a switch turns there are two: here at the end, and at the peak."""
+    times = np.array([0.0, 0.5, 1.0, 1.0, 1.5, 2.0, 2.0])
+    values = np.array([0.0, 1.0, 2.0, 2.0, 1.0, 0.0, 0.0])
+    assert _integrals(times, values, (0.0, 1.0, 2.0)) == pytest.approx([1.0, 1.0])
+    assert _peak(times, values) == pytest.approx(2.0)
+
+
+def test_it_dwells_until_a_storage_is_charged():
+    """R·C of 10 s is longer than what the motion of `device` remembers."""
+    storing = {"load.netlist": "bridge", "load.parameters.resistance": 1e6}
+    dwells = [
+        _stepped(
+            _with_sine(Scene.load("device").replace(storing | {name: size}), 1.0), np.array([12.0])
+        )
+        for name, size in (("load.parameters.storage", 1e-8), ("load.parameters.storage", 1e-5))
+    ]
+    short, long = (scene.excitation.dwell for scene in dwells)
+    assert short < 20.0
+    assert long > 10.0 * math.log(1.0 / SETTLED_SHARE)
 
 
 def test_frequencies_have_a_short_form():
