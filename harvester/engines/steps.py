@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.device import timescales
-from harvester.errors import SceneError
+from harvester.errors import HarvesterError, SceneError
 from harvester.excitation.ornstein_uhlenbeck import (
     KNOTS_PER_CORRELATION_TIME,
     OrnsteinUhlenbeck,
@@ -30,6 +30,8 @@ STEPS_PER_CONTACT = 30
 EVEN_STEPS_PER_CONTACT = 26
 # Steps by name, as divisions of the default one.
 STEP_LEVELS = {"default": 1, "fine": 4, "finest": 32}
+# A step against the time between two knots below which no run ends.
+SHORTEST_STEP = 1e-9
 # Control by the local error rejects steps, and after each of them ngspice takes one of first order:
 # at a step of this share of the usual one that costs the motion under 0.1 % of its energy, not 1 %.
 REJECTING_STEPS = 4
@@ -84,10 +86,20 @@ def steps_per_knot(scene: Scene, step: str | float = "default", engine: str = "c
         A name in `STEP_LEVELS`, or the longest step in s.
     engine : str
         A key of `STEPS_PER_PERIOD`.
+
+    Raises
+    ------
+    HarvesterError
+        A step so short that no run of it ends.
     """
     system, _ = scale(scene)
     spacing = knot_spacing(scene)
     if not isinstance(step, str):
+        if step < SHORTEST_STEP * spacing:
+            raise HarvesterError(
+                f"step {step:g}: less than {SHORTEST_STEP:g} of the {spacing:.3g} s between two "
+                "knots of the noise; choose a longer one"
+            )
         return max(1, math.ceil(spacing / step - 1e-9))
     if scene.excitation.prescribes_displacement:
         return STEP_LEVELS[step]
