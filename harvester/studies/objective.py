@@ -14,6 +14,7 @@ from harvester.engines.protocol import ENGINES
 from harvester.engines.steps import knot_spacing, resolving
 from harvester.errors import HarvesterError, LoadError, OutOfTime, SceneError
 from harvester.estimates.batch_means import standard_error
+from harvester.estimates.estimate import Estimate
 from harvester.estimates.paired import deviations, has_deviations
 from harvester.running import Request
 from harvester.running.request import COMPLETE
@@ -93,6 +94,21 @@ def told(answer: Any) -> str:
 def value_of(answer: Any, quantity: str) -> float:
     """A quantity in the scene's units; nan of what failed or was ended early."""
     return answer.in_units()[quantity].estimate if is_complete(answer) else math.nan
+
+
+def missing_from(quantity: str, estimate: Estimate) -> list[str]:
+    """In a sentence, what the runs were too short for: it moves what is found from them as well.
+
+    Parameters
+    ----------
+    quantity : str
+    estimate : Estimate
+        Without an error bar where something is missing.
+    """
+    if estimate.standard_error is not None or not estimate.note:
+        return []
+    name = quantity.replace("_", " ")
+    return [f"{name}: {estimate.note}; what is missing moves what is found here, too"]
 
 
 def on_common_knots(scenes: Sequence[Scene], of: Sequence[Scene] | None = None) -> list[Scene]:

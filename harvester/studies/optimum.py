@@ -23,7 +23,7 @@ from harvester.running import Request, RunnerOptions, open_runner
 from harvester.scene.model import Scene
 from harvester.simulation import check_name
 from harvester.studies.axis import Axis
-from harvester.studies.objective import answers_in_time, on_common_knots
+from harvester.studies.objective import answers_in_time, missing_from, on_common_knots
 from harvester.studies.optimum_search import Search, amount, averaged
 
 MAXIMISED = ("power_conversion_efficiency", "mean_power", "mean_square_voltage")
@@ -105,6 +105,7 @@ class Optimum:
             f"{self.method}: cubic through {len(self.fitted)} places in {low:.4g} … {high:.4g} on "
             f"common noise, seed {self.scene.run.seed}; interval: two standard errors"
         )
+        lines += missing_from(self.quantity, self.value)
         return [*lines, f"{self.wall_seconds:.1f} s"]
 
     def figure(self) -> None:

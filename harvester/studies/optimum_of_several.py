@@ -32,6 +32,7 @@ from harvester.studies.objective import (
     checked_method,
     first_answer,
     is_noisy,
+    missing_from,
 )
 from harvester.studies.proposals import BATCH, Proposals
 
@@ -118,7 +119,8 @@ class OptimumOfSeveral:
         name = self.quantity.replace("_", " ")
         lines = [
             f"{name} there: {with_error(self.value)}{interval}, {self.unit}; of the scene itself "
-            f"{with_error(self.own)}"
+            f"{with_error(self.own)}",
+            *missing_from(self.quantity, self.value),
         ]
         if any(math.isnan(each.flat_low + each.flat_high) for each in self.ranges):
             lines.append(

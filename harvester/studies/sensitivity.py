@@ -23,6 +23,7 @@ from harvester.studies.objective import (
     first_answer,
     is_complete,
     is_noisy,
+    missing_from,
     told,
     value_of,
 )
@@ -127,7 +128,7 @@ class Sensitivity:
                 f"are above {self.yield_above.limit:g} {self.unit}; {self.yield_above.counted:.1%} "
                 "as counted, noise and all"
             )
-        lines += self._on_noise()
+        lines += [*missing_from(self.quantity, self.nominal), *self._on_noise()]
         replicates, rows, devices = self.values.shape
         lines.append(
             f"{self.method}: {rows} rows of {devices} devices × {replicates} "

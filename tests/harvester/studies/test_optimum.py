@@ -15,8 +15,10 @@ from harvester.errors import HarvesterError, OptimumError
 from harvester.estimates.estimate import Estimate
 from harvester.running import open_runner
 from harvester.scene.model import Scene
+from harvester.simulation import simulate
 from harvester.studies import optimum_search
 from harvester.studies.axis import Axis
+from harvester.studies.objective import missing_from
 from harvester.studies.optimum import optimum
 from harvester.studies.optimum_search import Fit, Search, averaged
 
@@ -112,6 +114,16 @@ def test_averaging_gives_a_reason_instead_of_an_edge(runner, monkeypatch):
 def test_mistakes_are_named(options, message):
     with pytest.raises(HarvesterError, match=message):
         optimum(LINEAR, **options)
+
+
+def test_what_runs_were_too_short_for_is_told_of_what_is_found_from_them(pool):
+    """A storage of R·C = 30 s in runs that settle for 5 s."""
+    changes = {"load.netlist": "bridge", "load.parameters.resistance": 3e6}
+    scene = Scene.load("device", ["run.realizations=4", "run.duration=8"]).replace(changes)
+    found = simulate(scene, method="monte-carlo", runner=pool)["output_voltage"]
+    (sentence,) = missing_from("output_voltage", found)
+    assert re.match(r"output voltage: no error bar: run\.settle = 5 s .*R·C of 30", sentence)
+    assert missing_from("output_voltage", Estimate(1.0, 0.1, 4, "voltage")) == []
 
 
 def test_an_axis_goes_by_logarithm_where_it_is_wide():
