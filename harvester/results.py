@@ -66,7 +66,7 @@ class Result:
     realizations : int
     engine_version : str
     netlist_sha256 : str or None
-        Of the first realization's netlist.
+        Of the first realization's netlist; of Monte Carlo, of its load's.
     notes : tuple of str
         What a reader must know before citing a number.
     densities : dict of str to Density

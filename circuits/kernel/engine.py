@@ -79,7 +79,7 @@ def run_realizations(
     Returns
     -------
     dict
-        engine_version, netlist_sha256 (None).
+        engine_version, netlist_sha256 (of the load with its values).
 
     Raises
     ------
@@ -111,7 +111,10 @@ def run_realizations(
             unit = circuit.probes.units[3] * scales.voltage**2
             outputs[k].conductance = unit * circuit.conductance
             outputs[k].capacitance = unit * circuit.capacitance
-    return {"engine_version": f"{SCHEME}, numba {numba.__version__}", "netlist_sha256": None}
+    return {
+        "engine_version": f"{SCHEME}, numba {numba.__version__}",
+        "netlist_sha256": scene.load.circuit.sha256,
+    }
 
 
 def integrate(

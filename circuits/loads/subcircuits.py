@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 from collections.abc import Sequence
@@ -92,6 +93,12 @@ class LoadCircuit:
     def loose_nodes(self) -> tuple[str, ...]:
         """Nodes in it that nothing but one end of one element is connected to."""
         return loose_nodes(self)
+
+    @property
+    def sha256(self) -> str:
+        """Digest of its cards, includes in, and of the values given."""
+        said = f"{self.text}{self.name}{self.parameters}"
+        return hashlib.sha256(said.encode()).hexdigest()
 
     @property
     def values(self) -> dict[str, float]:

@@ -227,3 +227,11 @@ def test_whatever_is_broken_in_a_file_it_is_refused_by_name(tmp_path):
             refused.append(str(error))
     assert len(refused) > 150
     assert not any("\n" in message for message in refused)
+
+
+def test_a_load_is_told_apart_by_its_text_and_values():
+    values = [{}, {"resistance": 1e5 + 1.0}, {"storage": 1e-6}]
+    digests = [read_load(find_netlist("bridge"), None, each).sha256 for each in values]
+    digests.append(read_load(find_netlist("doubler")).sha256)
+    assert len({*digests}) == 4
+    assert digests[0] == read_load(find_netlist("bridge")).sha256
