@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 # At each frequency a transient falls to this share before the measurement.
 SETTLED_SHARE = 1e-4
+# Pieces of the sine at one frequency, beyond which no run ends.
+MOST_KNOTS = 1e10
 # Measured periods of the lowest frequency; the change from their first to their second half is
 # the residual.
 MEASURED_PERIODS = 16
@@ -337,6 +339,12 @@ def _stepped(scene, frequencies):
     motion = 2.0 * math.pi / timescales.fastest_angular_frequency(parameters) / KNOTS_PER_PERIOD
     spacing = min(Sine(1.0, frequencies.max()).spacing(motion), motion)
     dwell = slowest * math.log(1.0 / SETTLED_SHARE) + MEASURED_PERIODS / frequencies.min()
+    if not dwell < MOST_KNOTS * spacing:
+        raise HarvesterError(
+            f"frequencies {frequencies.min():g} … {frequencies.max():g} Hz: {dwell:.3g} s at each, "
+            f"in pieces of {spacing:.3g} s, are more than {MOST_KNOTS:g} of them; choose others, "
+            "or a load that is sooner charged"
+        )
     dwell = math.ceil(dwell / spacing) * spacing
     excitation = SteppedSine(
         scene.excitation.amplitude, tuple(map(float, frequencies)), dwell, spacing

@@ -157,6 +157,12 @@ def test_it_dwells_until_a_storage_is_charged():
     assert long > 10.0 * math.log(1.0 / SETTLED_SHARE)
 
 
+@pytest.mark.parametrize("frequency", [1e-300, 1e-9, 1e12])
+def test_frequencies_that_no_run_ends_with_are_refused(frequency):
+    with pytest.raises(HarvesterError, match=r"frequencies .* Hz: .* more than 1e\+10 of them"):
+        harvester.frequency_response("linear", frequencies=[frequency], amplitude=1.0)
+
+
 def test_frequencies_have_a_short_form():
     np.testing.assert_allclose(number_list("0.1:10:log:3", "--frequencies"), [0.1, 1, 10])
     np.testing.assert_allclose(number_list("1:2:linear:3", "--frequencies"), [1, 1.5, 2])
