@@ -106,6 +106,11 @@ class LoadCircuit:
         return dict(self.defaults) | dict(self.parameters)
 
     @property
+    def charging_time(self) -> float:
+        """R·C of its parameters `resistance` and `storage` (s); 0 without both."""
+        return self.values.get("resistance", 0.0) * self.values.get("storage", 0.0)
+
+    @property
     def may_jump(self) -> bool:
         """Whether a part may change its current without notice."""
         return self.watch is None

@@ -333,9 +333,8 @@ def _stepped(scene, frequencies):
     decay = parameters.transducer.decay_rate()
     slowest = 2.0 * timescales.relaxation_time(parameters)
     slowest = max(slowest, 1.0 / decay) if decay > 0.0 else slowest
-    values = scene.load.circuit.values if scene.load.circuit else {}
-    # A storage charges within R·C.
-    slowest = max(slowest, values.get("storage", 0.0) * values.get("resistance", 0.0))
+    if scene.load.circuit:
+        slowest = max(slowest, scene.load.circuit.charging_time)
     motion = 2.0 * math.pi / timescales.fastest_angular_frequency(parameters) / KNOTS_PER_PERIOD
     spacing = min(Sine(1.0, frequencies.max()).spacing(motion), motion)
     dwell = slowest * math.log(1.0 / SETTLED_SHARE) + MEASURED_PERIODS / frequencies.min()
@@ -365,9 +364,8 @@ def _means(record, frequency, stop, measured):
     inside = record.time >= start
     highest = _peak(record.time[inside], record.displacement[inside])
     lowest = -_peak(record.time[inside], -record.displacement[inside])
-    squares = _integrals(record.time, record.voltage**2, (start, middle, stop))
+    first, second = _integrals(record.time, record.voltage**2, (start, middle, stop))
     power = _integrals(record.time, record.load_power, (start, middle, stop))
-    first, second = squares
     return (
         0.5 * (highest - lowest),
         math.sqrt((first + second) / measured),
@@ -395,9 +393,8 @@ def _integrals(times, values, edges):
 
 
 def _integral_to(times, values, total, edge):
-    place = int(np.clip(np.searchsorted(times, edge) - 1, 0, times.size - 2))
+    # Where a switch turns there are two points at one time: none of length 0 is found.
+    place = max(int(np.searchsorted(times, min(edge, times[-1]))) - 1, 0)
     since = edge - times[place]
-    # Where a switch turns there are two points at one time.
-    length = times[place + 1] - times[place]
-    slope = (values[place + 1] - values[place]) / length if length > 0.0 else 0.0
+    slope = (values[place + 1] - values[place]) / (times[place + 1] - times[place])
     return total[place] + since * (values[place] + 0.5 * since * slope)
