@@ -1,4 +1,4 @@
-"""Whether what a load's file says is a circuit: its couplings, resistances, and nodes named."""
+"""Whether what a load's file says is a circuit: its needs, couplings, resistances, nodes named."""
 
 from __future__ import annotations
 
@@ -9,8 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from circuits.active_parts import number_of, places_of
+from circuits.kernel.flattening import calls
+from circuits.kernel.formula import NotTaken
+from circuits.loads.tree import condition_of
 from harvester.device.terminals import GROUND
-from harvester.errors import NetlistError
+from harvester.errors import LoadError, NetlistError
 from harvester.files.plain_text import nearest
 
 if TYPE_CHECKING:
@@ -34,6 +37,7 @@ def check_load(load: LoadCircuit) -> None:
     NetlistError
         One line with file, line and fault.
     """
+    _check_needs(load)
     places = places_of(load)
     _check_resistances(places)
     _check_couplings(places)
@@ -51,6 +55,43 @@ def loose_nodes(load: LoadCircuit) -> tuple[str, ...]:
         for node in _connected(place)
         if ends[node] == 1 and node not in known
     )
+
+
+def _check_needs(load):
+    """Refuse values that a sub-circuit says it is not made for."""
+    found = {(each.owner, each.name): each.where for each in load.places}
+    try:
+        scopes = list(calls(load, {pin: pin for pin in load.pins}))
+    except LoadError:
+        # A call is given what has no value here.
+        return
+    for scope in scopes:
+        for card in scope.circuit.needs:
+            where = found[scope.circuit.name, card.text]
+            if not _holds(scope, card, where):
+                names = dict.fromkeys(re.findall(r"(?<![\w.])[a-z_]\w*", condition_of(card)))
+                values = ", ".join(_told(scope, name) for name in names if _told(scope, name))
+                raise NetlistError(
+                    f"{where}: {scope.circuit.name} needs {condition_of(card)}"
+                    f"{' here, with ' if values else ''}{values}"
+                )
+
+
+def _holds(scope, card, where):
+    try:
+        return scope.value("{" + condition_of(card) + "}") > 0.0
+    except NotTaken as reason:
+        raise NetlistError(
+            f"{where}: needs {condition_of(card)}: that cannot be told of {reason}"
+        ) from None
+
+
+def _told(scope, name):
+    """ "name = value" of a parameter, else nothing."""
+    try:
+        return f"{name} = {scope.value(name):g}"
+    except NotTaken:
+        return ""
 
 
 def _check_resistances(places):

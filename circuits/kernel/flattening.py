@@ -208,6 +208,26 @@ def outermost(load: LoadCircuit, pins: Mapping[str, str]) -> Scope:
     return Scope(root.inner[load.name], dict(load.parameters), pins, "", around)
 
 
+def calls(load: LoadCircuit, pins: Mapping[str, str]) -> Iterator[Scope]:
+    """The load's own sub-circuit and all that it calls, in order.
+
+    Raises
+    ------
+    LoadError
+        As of `elements`.
+    """
+    found = {(each.owner, each.name): each.where for each in load.places}
+    yield from _calls(outermost(load, pins), found)
+
+
+def _calls(scope, places):
+    yield scope
+    for card in scope.circuit.elements:
+        target = called(scope.circuit, card.text.split())
+        if target is not None:
+            yield from _calls(_called(scope, card, target, places), places)
+
+
 def _inside(scope, places):
     for card in scope.circuit.elements:
         words = card.text.split()
@@ -221,9 +241,16 @@ def _inside(scope, places):
             nodes = tuple(scope.node(node) for node in words[1 : 1 + count])
             yield Place(name[0], scope.path + name, nodes, words[1 + count :], scope, where)
             continue
-        call = Place("x", scope.path + name, (), words, scope, where)
-        given = {key: call.value(text) for key, text in call.pairs().items()}
-        bare = call.plain()
-        nodes = {pin: scope.node(node) for pin, node in zip(target.pins, bare[1:-1], strict=True)}
-        inner = Scope(target, given, nodes, f"{scope.path}{name}.", scope.defining(target))
-        yield from _inside(inner, places)
+        yield from _inside(_called(scope, card, target, places), places)
+
+
+def _called(scope, card, target, places):
+    """The scope of a call."""
+    words = card.text.split()
+    name = words[0]
+    where = places.get((scope.circuit.name, name), "the load")
+    call = Place("x", scope.path + name, (), words, scope, where)
+    given = {key: call.value(text) for key, text in call.pairs().items()}
+    bare = call.plain()
+    nodes = {pin: scope.node(node) for pin, node in zip(target.pins, bare[1:-1], strict=True)}
+    return Scope(target, given, nodes, f"{scope.path}{name}.", scope.defining(target))

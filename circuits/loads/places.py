@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any, NamedTuple
 
-from circuits.loads.reader import MEASURE
+from circuits.loads.reader import MEASURE, NEEDS
 
 # ngspice's flat name: letters and the calls on the way, "d.xload.xbridge.dupper"; a model's name
 # follows a colon, "xload:xbridge:ideal".
@@ -13,7 +13,7 @@ _FLAT = re.compile(r"(?<![\w.])(?:[a-z]\.)*(?:xcopy\d+[.:])?xload([.:])([^\s,;()
 
 
 class Place(NamedTuple):
-    """An element or a model, the sub-circuit it stands in, and what it calls."""
+    """An element, a model or a need, the sub-circuit it stands in, and what it calls."""
 
     owner: str
     name: str
@@ -22,7 +22,7 @@ class Place(NamedTuple):
 
 
 def places(cards: Any) -> Any:
-    """Places of all elements and models.
+    """Places of all elements, models and needs; a need has its text for a name.
 
     Parameters
     ----------
@@ -41,6 +41,8 @@ def places(cards: Any) -> Any:
             owners.pop()
         elif words[0] == ".model" and len(words) > 1:
             found.append(Place(owners[-1], words[1], "", card.where))
+        elif words[0] == NEEDS:
+            found.append(Place(owners[-1], card.text, "", card.where))
         elif not words[0].startswith((".", MEASURE)):
             called = words[-1] if words[0].startswith("x") else ""
             found.append(Place(owners[-1], words[0], called, card.where))

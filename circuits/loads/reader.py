@@ -25,9 +25,10 @@ LONGEST_CARD = 20_000
 INCLUDES = (".include", ".inc", ".lib")
 IGNORED = (".end", ".backanno")
 _COMMENT = re.compile(r";|//|(?:^|(?<=[\s,]))\$(?=\s|$)")
-# What the load's file wants to have measured: a comment to every SPICE.
-_MEASURE = re.compile(r"\*\s*measure\s*:", re.IGNORECASE)
-MEASURE = "*measure"
+# What the load's file wants to have measured, and what its parameters must fulfil: comments to
+# every SPICE.
+_SAID = re.compile(r"\*\s*(measure|needs)\s*:", re.IGNORECASE)
+MEASURE, NEEDS = "*measure", "*needs"
 
 
 class Card(NamedTuple):
@@ -159,7 +160,7 @@ def _decoded(content):
 def statements(text: str, name: str) -> list[Card]:
     """Lines of a netlist without comments, continuations joined, blanks single.
 
-    A comment "* measure: …" is a statement "*measure …" of one line.
+    A comment "* measure: …" is a statement "*measure …" of one line, "* needs: …" likewise.
 
     Parameters
     ----------
@@ -178,9 +179,11 @@ def statements(text: str, name: str) -> list[Card]:
     cards, last = [], None
     for index, line in enumerate(re.split(r"\r\n|\r|\n", text), start=1):
         where = f"{name}:{index}"
-        stripped = _MEASURE.sub(MEASURE, line.strip(), count=1)
-        measure = stripped.startswith(MEASURE)
-        if stripped.startswith("*") and not measure:
+        stripped = line.strip()
+        said = _SAID.match(stripped)
+        if said:
+            stripped = f"*{said.group(1).lower()} {stripped[said.end() :]}"
+        elif stripped.startswith("*"):
             continue
         comment = _COMMENT.search(stripped)
         if comment:
@@ -190,7 +193,7 @@ def statements(text: str, name: str) -> list[Card]:
             continue
         if not stripped.startswith("+"):
             cards.append(([stripped], where))
-            last = last if measure else cards[-1]
+            last = last if said else cards[-1]
         elif last is None:
             raise NetlistError(f"{where}: a line begins with + and continues none")
         elif stripped != "+":

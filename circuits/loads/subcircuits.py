@@ -21,7 +21,7 @@ from circuits.loads.expansion import Expansion, called
 from circuits.loads.measures import vet_measures
 from circuits.loads.places import places
 from circuits.loads.reader import read_cards
-from circuits.loads.tree import parse, written
+from circuits.loads.tree import condition_of, parse, written
 from circuits.loads.vetting import check_nodes, check_value, listed, refuse, vet_element
 from circuits.measurement import measurement_of
 from harvester.errors import NetlistError
@@ -291,6 +291,8 @@ def _vet(circuit):
     for name, (card, kind, pairs) in circuit.models.items():
         checked = [(k, v and check_value(card, v, scope, k)) for k, v in pairs]
         circuit.models[name] = (card, kind, checked)
+    for card in circuit.needs:
+        check_value(card, "{" + condition_of(card) + "}", scope)
     for card, arguments, expression in circuit.functions.values():
         own = scope._replace(parameters=scope.parameters.new_child(dict.fromkeys(arguments)))
         check_value(card, "{" + expression + "}", own)

@@ -108,7 +108,7 @@ def read_topology(text: str) -> Any:
             place = inner
         elif first == ".ends":
             place = place.outer or place
-        elif not first.startswith("."):
+        elif not first.startswith((".", "*")):
             place.parts.append(_part(words, card))
     return place
 

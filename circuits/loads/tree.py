@@ -9,7 +9,7 @@ from typing import Any
 
 from circuits.loads import vetting
 from circuits.loads.expressions import FUNCTIONS
-from circuits.loads.reader import MEASURE, Card
+from circuits.loads.reader import MEASURE, NEEDS, Card
 from circuits.loads.vetting import Scope, check_nodes, listed, refuse
 
 # Definitions within definitions.
@@ -32,6 +32,7 @@ class Subcircuit:
     models: dict = field(default_factory=dict)
     elements: list = field(default_factory=list)
     measures: list = field(default_factory=list)
+    needs: list = field(default_factory=list)
     inner: dict = field(default_factory=dict)
     outer: Subcircuit | None = None
 
@@ -95,6 +96,10 @@ def parse(cards: list[Card], name: str) -> Subcircuit:
             here.models[name] = (card, kind, values)
         elif first == MEASURE:
             here.measures.append(Card(rest, card.where))
+        elif first == NEEDS:
+            if here is root:
+                refuse(card, "needs: put it into the .subckt whose parameters it is about")
+            here.needs.append(card)
         elif first.startswith("."):
             instead = " (write ic= behind the capacitor or coil)" if first == ".ic" else ""
             refuse(
@@ -130,6 +135,11 @@ def _opened(outer, card, rest):
     return inner
 
 
+def condition_of(card: Card) -> str:
+    """What a card "*needs condition" asks for."""
+    return card.text.removeprefix(NEEDS).strip()
+
+
 def written(circuit: Subcircuit) -> list[str]:
     """The lines of a sub-circuit, or of all of a file."""
     lines = []
@@ -142,6 +152,7 @@ def written(circuit: Subcircuit) -> list[str]:
     for name, (_, kind, pairs) in circuit.models.items():
         inside = " ".join(f"{key}={value}" if value else key for key, value in pairs)
         lines.append(f".model {name} {kind}({inside})")
+    lines += [f"* needs: {condition_of(card)}" for card in circuit.needs]
     for inner in circuit.inner.values():
         lines += written(inner)
     lines += [" ".join(words) for _, words in circuit.elements]
