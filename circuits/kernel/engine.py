@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +27,9 @@ from circuits.kernel.tables import Circuit
 from harvester.compilation import numba
 from harvester.device import contact, system, timescales
 from harvester.engines.steps import (
+    CRAWL,
+    GETS_NOWHERE,
+    PATIENCE,
     STEP_LEVELS,
     STEPS_PER_CONTACT,
     knot_blocks,
@@ -45,6 +49,8 @@ if TYPE_CHECKING:
 CHUNK = 16384
 # Refinement beyond which no less error is asked of a step.
 FINEST = STEP_LEVELS["finest"]
+# Of a run, beside what `advance` tells: it gets nowhere.
+CRAWLING = -1
 SCHEME = "TR-BDF2"
 
 
@@ -157,7 +163,8 @@ def integrate(
     Raises
     ------
     SimulatorAborted
-        Newton's iterations find no solution, or a switch chatters.
+        Newton's iterations find no solution, a switch chatters, or the steps that are short enough
+        would never end.
     """
     edges = np.array(contact.edges(s.contacts))
     device, state = device_of(s), _beginning(s, circuit, start)
@@ -165,6 +172,7 @@ def integrate(
     state.numbers[PROPOSED] = stepping.RESTART * path.spacing / steps_per_knot
     record = empty_record(CHUNK)
     output = np.zeros((1 + len(circuit.measurement.watched), CHUNK))
+    spent, reached = time.thread_time(), 0.0
     for done, block in knot_blocks(path, stop, CHUNK):
         segment, count = 0, block.size - 1
         while segment < count:
@@ -172,25 +180,35 @@ def integrate(
                 device, circuit.tables, circuit.probes, state, edges, block, segment, count, done,
                 path.spacing, steps_per_knot, steps_per_contact, record, output,
             )  # fmt: skip
+            now = state.numbers[TIME]
+            if now - reached > CRAWL * path.spacing / steps_per_knot:
+                spent, reached = time.thread_time(), now
+            elif time.thread_time() - spent > PATIENCE and outcome == FINE:
+                outcome = CRAWLING
             if outcome != FINE:
                 raise SimulatorAborted(_trouble(circuit, state, outcome, which))
             yield part(record, 0, points), output[:, :points]
 
 
 def _trouble(circuit, state, outcome, which):
-    time = state.numbers[TIME]
+    stopped = f"Monte Carlo stopped at t = {state.numbers[TIME]:g}: "
     if outcome == CHATTER:
         name, where = circuit.switches[which]
         return (
-            f"Monte Carlo stopped at t = {time:g}: the switch {name} ({where}) chatters: it turns "
-            f"more than {stepping.MOST_SWITCHINGS} times within a step; give it a hysteresis"
+            f"{stopped}the switch {name} ({where}) chatters: it turns more than "
+            f"{stepping.MOST_SWITCHINGS} times within a step; give it a hysteresis"
+        )
+    if outcome == CRAWLING:
+        return (
+            f"{stopped}{GETS_NOWHERE}; a current that grows without an end or jumps has this effect"
+            + circuit.suspicion
         )
     moved = np.abs(state.change)
     name = circuit.names[int(np.argmax(np.where(np.isfinite(moved), moved, np.inf)))]
     return (
-        f"Monte Carlo stopped at t = {time:g}: no step is short enough for the load, the trouble "
-        f"is with {name}; a current that jumps, or a node that nothing determines, has this "
-        "effect: the circuit engine may take it" + circuit.suspicion
+        f"{stopped}no step is short enough for the load, the trouble is with {name}; a current "
+        "that jumps, or a node that nothing determines, has this effect: the circuit engine may "
+        "take it" + circuit.suspicion
     )
 
 

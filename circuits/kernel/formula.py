@@ -288,12 +288,14 @@ def _number(tree):
 
 def _folded(name, parts):
     if name == "%":
-        return ("number", math.fmod(*(_number(each) for each in parts)))
-    if name not in OPERATIONS:
+        # Of numbers alone: it has no place in the compiled code.
+        parts = [("number", _number(each)) for each in parts]
+    elif name not in OPERATIONS:
         raise NotTaken(f"the function {name}()")
     if all(part[0] == "number" for part in parts):
         try:
-            return ("number", float(OPERATIONS[name](*(part[1] for part in parts))))
+            function = OPERATIONS.get(name, math.fmod)
+            return ("number", float(function(*(part[1] for part in parts))))
         except (ValueError, OverflowError):
             raise NotTaken(f"{name} of a number that has none") from None
     if name == "if" and parts[0][0] == "number":

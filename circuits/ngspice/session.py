@@ -25,7 +25,7 @@ from circuits.ngspice.library import code_models, find_library, no_initialisatio
 from circuits.ngspice.solution import convert, units_of, vectors
 from harvester.compilation import numbers_of
 from harvester.device import timescales
-from harvester.engines.steps import STEPS_PER_CONTACT
+from harvester.engines.steps import CRAWL, GETS_NOWHERE, PATIENCE, STEPS_PER_CONTACT
 from harvester.engines.worker import as_answer, give_up
 from harvester.errors import CompiledDeviceUnavailable, SimulatorAborted, SolutionDiverged
 from harvester.record.record import empty_record, part
@@ -38,9 +38,6 @@ if TYPE_CHECKING:
     from harvester.excitation.base import ExcitationPath
     from harvester.record.output_side import OutputMoments
 
-# A run that takes this much processor time (s) for less than this share of its longest step would
-# not end.
-PATIENCE, CRAWL = 6.0, 1e-3
 # A speed is held from where the contact begins, within this share of the step that resolves it.
 LANDING = 1.0 / 32.0
 
@@ -312,8 +309,8 @@ class Session(NgSpiceShared):
             elif not done.is_set() and time.process_time() - spent > PATIENCE:
                 self._doing = f"stopped at t = {latest:g}"
                 trouble = (
-                    f"it gets nowhere, {PATIENCE:g} s of work went into less than a thousandth of "
-                    "a step; a force or a current that jumps, as dry friction does, has this effect"
+                    f"{GETS_NOWHERE}; a force or a current that jumps, as dry friction does, has "
+                    "this effect"
                 )
                 give_up(SimulatorAborted(self._said(trouble)))
 

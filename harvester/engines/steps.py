@@ -30,6 +30,10 @@ STEPS_PER_CONTACT = 30
 EVEN_STEPS_PER_CONTACT = 26
 # Steps by name, as divisions of the default one.
 STEP_LEVELS = {"default": 1, "fine": 4, "finest": 32}
+# A run that takes this much processor time (s) for less than this share of its longest step would
+# not end.
+PATIENCE, CRAWL = 6.0, 1e-3
+GETS_NOWHERE = f"it gets nowhere, {PATIENCE:g} s of work went into less than a thousandth of a step"
 # A step against the time between two knots below which no run ends.
 SHORTEST_STEP = 1e-9
 # Control by the local error rejects steps, and after each of them ngspice takes one of first order:

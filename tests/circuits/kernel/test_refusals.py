@@ -2,9 +2,12 @@
 
 import pytest
 
+from circuits.kernel import engine
 from circuits.kernel.assembly import build
-from harvester.errors import LoadError
+from harvester.engines.realization import noise_path, start_state
+from harvester.errors import LoadError, SimulatorAborted
 from harvester.scene.model import Scene
+from harvester.scene.units import scale
 from harvester.simulation import simulate
 
 AROUND = "* a load\n.subckt load p n out ref\nR1 out ref 100k\n{}\n.ends\n"
@@ -29,6 +32,7 @@ def with_load(tmp_path, text, *overrides):
         ("V1 p x am 1 2 3 4\nR2 x out 1k", 4, "waveform am"),
         ("L1 p out 0", 4, "inductance of 0"),
         ("Rx p out 1k\nB1 p n i=i(rx)", 5, r"i\(rx\)"),
+        ("R2 p out {1k+5%0}", 4, "% of a number that has none"),
     ],
 )
 def test_with_file_line_and_reason(tmp_path, text, line, reason):
@@ -40,6 +44,19 @@ def test_with_file_line_and_reason(tmp_path, text, line, reason):
 def test_before_anything_runs(tmp_path):
     with pytest.raises(LoadError, match="letter J"):
         simulate(with_load(tmp_path, "J1 p out n jm\n.model jm njf()"), method="monte-carlo")
+
+
+def test_a_run_that_gets_nowhere_is_given_up(tmp_path, monkeypatch):
+    """A buffer below 0 behind diodes: its voltage grows without an end, in ever shorter steps."""
+    monkeypatch.setattr(engine, "PATIENCE", 0.5)
+    diodes = "D1 p rail d\nD2 ref p d\nD3 n rail d\nD4 ref n d\n.model d d(is=41n n=1.09 rs=1)"
+    text = f"{diodes}\nCbuffer rail ref -1u\nCstray ref n 10p\nR2 rail out 1meg"
+    scene = with_load(tmp_path, text)
+    start = start_state(scene, 0)
+    s, _ = scale(scene)
+    with pytest.raises(SimulatorAborted, match=r"gets nowhere.*value below 0.*cbuffer"):
+        for _ in engine.integrate(s, engine.circuit_of(scene), noise_path(scene, 0), start, 1e3):
+            pass
 
 
 def test_parameters_have_ngspices_precedence(tmp_path):
