@@ -131,10 +131,33 @@ def ratio_of_sums(
 
 
 def ratio_estimate(
-    upper: np.ndarray, lower: np.ndarray, dimension: str, nothing: str = "there was none"
+    upper: np.ndarray,
+    lower: np.ndarray,
+    dimension: str,
+    nothing: str = "there was none",
+    squares: np.ndarray | None = None,
 ) -> Estimate:
-    """`ratio_of_sums` as a quantity of this dimension; `nothing` says why where `lower` is 0."""
+    """`ratio_of_sums` as a quantity of this dimension.
+
+    Parameters
+    ----------
+    upper, lower : ndarray, shape (realizations, batches)
+    dimension : str
+    nothing : str
+        Why there is none where `lower` is 0.
+    squares : ndarray, optional
+        Time integrals of the square of what `upper` integrates over the time `lower`: its variance
+        tells the effective sample size.
+    """
     if not lower.any():
         return Estimate(math.nan, None, None, dimension, nothing)
     ratio, error = ratio_of_sums(upper, lower)
-    return Estimate(ratio, error, None, dimension, "" if error is not None else TOO_SHORT)
+    size = None
+    if error and squares is not None:
+        size = max(float(squares.sum() / lower.sum()) - ratio**2, 0.0) / error**2
+    return Estimate(ratio, error, size, dimension, "" if error is not None else TOO_SHORT)
+
+
+def independent_events(rate: float, error: float | None) -> float | None:
+    """How many events at random times would give a rate this error."""
+    return (rate / error) ** 2 if error else None

@@ -25,7 +25,8 @@ class Estimate:
     standard_error : float or None
         None when the run is too short for one.
     effective_sample_size : float or None
-        Independent samples that would give this error.
+        Independent samples, of a rate independent events, that would give this error; None where
+        the variance of what is averaged is not kept: ratios of a load's powers, what changes.
     dimension : str
         "voltage^2", "power", "1", "rate", …
     note : str

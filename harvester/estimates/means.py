@@ -10,7 +10,12 @@ import numpy as np
 
 from harvester.device import timescales
 from harvester.device.cores import jump_rates
-from harvester.estimates.batch_means import complete_batches, ratio_of_sums, standard_error
+from harvester.estimates.batch_means import (
+    complete_batches,
+    independent_events,
+    ratio_of_sums,
+    standard_error,
+)
 from harvester.estimates.estimate import NONE_SEEN, NOTHING_PUT_IN, TOO_SHORT, Estimate, root
 from harvester.record.moments import PRODUCTS, QUANTITIES, WELLS
 
@@ -107,6 +112,10 @@ def _mean(series, products, name, dimension, error_of):
     size = None
     if error and (name, name) in products:
         size = max(products[name, name] - mean**2, 0.0) / error**2
+    elif dimension == "rate":
+        size = independent_events(mean, error)
+    elif error and name == "time_in_well":
+        size = mean * (1.0 - mean) / error**2
     return Estimate(mean, error, size, dimension, "" if error is not None else TOO_SHORT)
 
 

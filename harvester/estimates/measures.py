@@ -12,7 +12,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.estimates.batch_means import FEWEST_BATCHES, complete_batches, ratio_estimate
+from harvester.estimates.batch_means import (
+    FEWEST_BATCHES,
+    complete_batches,
+    independent_events,
+    ratio_estimate,
+)
 from harvester.estimates.estimate import TOO_SHORT, Estimate
 from harvester.record.moments import QUANTITIES
 from harvester.record.output_side import LOSS, MEASURED, OUTPUT, STATE, STORE, TAKEN
@@ -24,7 +29,7 @@ SECONDS_PER_HOUR = 3600.0
 # Events up to which their number is known no better than that of independent ones.
 FEW_EVENTS = 10
 UNCHANGED = "it never changed: no error bar tells how rare that is"
-INTEGRAL, CHANGE, RISES, FALLS = range(len(MEASURED))
+INTEGRAL, CHANGE, RISES, FALLS, SQUARE = range(len(MEASURED))
 
 
 def estimate_measures(moments: Sequence[Moments]) -> dict[str, Estimate]:
@@ -68,8 +73,9 @@ def measured_series(moments: Sequence[Moments], row: int) -> np.ndarray:
 
 def _power(suffix):
     def quantities(name, series, batches, moments, row):
-        energy = series[:, :, INTEGRAL]
-        yield f"{name}_{suffix}", ratio_estimate(energy, _time(batches), "power")
+        energy, squares = series[:, :, INTEGRAL], series[:, :, SQUARE]
+        power = ratio_estimate(energy, _time(batches), "power", squares=squares)
+        yield f"{name}_{suffix}", power
         put_in = batches[:, :, QUANTITIES.index("input_power")]
         yield f"{name}_{suffix}_share", ratio_estimate(energy, put_in, "1")
 
@@ -81,7 +87,8 @@ def _store(name, series, batches, moments, row):
 
 
 def _state(name, series, batches, moments, row):
-    share = ratio_estimate(series[:, :, INTEGRAL], _time(batches), "1")
+    squares = series[:, :, SQUARE]
+    share = ratio_estimate(series[:, :, INTEGRAL], _time(batches), "1", squares=squares)
     if not series[:, :, [RISES, FALLS]].any():
         share = Estimate(share.estimate, None, None, "1", UNCHANGED)
     yield f"{name}_time_share", share
@@ -116,7 +123,8 @@ def _hourly(events, time):
     if count < FEW_EVENTS:
         independent = math.sqrt(max(count, 1.0)) * SECONDS_PER_HOUR / float(time.sum())
         error = max(error or 0.0, independent)
-    return Estimate(estimate.estimate, error, None, "hourly_rate", "" if error else TOO_SHORT)
+    size = independent_events(estimate.estimate, error)
+    return Estimate(estimate.estimate, error, size, "hourly_rate", "" if error else TOO_SHORT)
 
 
 def _first(times):

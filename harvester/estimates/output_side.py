@@ -15,7 +15,7 @@ from harvester.estimates.batch_means import (
     ratio_of_sums,
 )
 from harvester.estimates.estimate import NOTHING_PUT_IN, TOO_SHORT, Estimate
-from harvester.estimates.measures import INTEGRAL, estimate_measures, measured_series
+from harvester.estimates.measures import INTEGRAL, SQUARE, estimate_measures, measured_series
 from harvester.record.moments import QUANTITIES as PIEZO_QUANTITIES
 from harvester.record.output_side import OUTPUT, QUANTITIES
 
@@ -54,8 +54,11 @@ def estimate_output(moments: Sequence[Any]) -> dict[str, Estimate]:
     output = _output_series(moments, batches)
     time = batches[:, :, PIEZO_QUANTITIES.index("time")]
     half = 0.5 * moments[0].output.capacitance
+    squares = _squares(moments, output)
     estimates = {
-        name: ratio_estimate(*output_ratio(moments, name), dimension, NOTHING_PUT_IN)
+        name: ratio_estimate(
+            *output_ratio(moments, name), dimension, NOTHING_PUT_IN, squares.get(name)
+        )
         for name, dimension in RATIOS.items()
     }
     estimates |= {
@@ -64,7 +67,10 @@ def estimate_output(moments: Sequence[Any]) -> dict[str, Estimate]:
         "start_up_time": _start_up(moments, output["voltage"], time),
     }
     if half > 0.0:
-        estimates["stored_energy"] = ratio_estimate(half * output["square_voltage"], time, "energy")
+        energies = half**2 * output["fourth_power_of_voltage"]
+        estimates["stored_energy"] = ratio_estimate(
+            half * output["square_voltage"], time, "energy", squares=energies
+        )
         final = [half * m.output.voltage**2 for m in moments]
         estimates["final_stored_energy"] = _single(final, "energy")
     return estimates | estimate_measures(moments)
@@ -104,6 +110,20 @@ def output_ratio(moments: Sequence[Any], name: str) -> tuple[np.ndarray, np.ndar
         "end_to_end_efficiency": (harvested, put_in),
         "output_voltage": (output["voltage"], time),
     }[name]
+
+
+def _squares(moments, output):
+    """Time integrals of the squares of what two of `RATIOS` are means of.
+
+    The output's power is a sum where a load has several, of which only the parts' squares are kept.
+    """
+    conductance = moments[0].output.conductance
+    measured = [row for row, (kind, _) in enumerate(moments[0].output.rows) if kind == OUTPUT]
+    powers = [measured_series(moments, row)[:, :, SQUARE] for row in measured]
+    if conductance > 0.0:
+        powers.append(conductance**2 * output["fourth_power_of_voltage"])
+    found = {"output_voltage": output["square_voltage"]}
+    return found | ({"mean_output_power": powers[0]} if len(powers) == 1 else {})
 
 
 def _output_series(moments, batches):

@@ -12,13 +12,16 @@ from harvester.compilation import compiled
 if TYPE_CHECKING:
     from harvester.record.moments import Moments
 
-# Columns of `OutputMoments.integrals`: time integrals of the first three, change of the last.
-QUANTITIES = ("time", "voltage", "square_voltage", "change_of_square_voltage")
+# Columns of `OutputMoments.integrals`: time integrals, and a change.
+QUANTITIES = (
+    "time", "voltage", "square_voltage", "change_of_square_voltage", "fourth_power_of_voltage",
+)  # fmt: skip
 # Kinds of the rows of measured values: a power into what the load is for, a power lost, a stored
 # energy, 1 while a condition holds, and the power taken while it does.
 OUTPUT, LOSS, STORE, STATE, TAKEN = "output", "loss", "store", "state", "taken"
-# Last axis of `OutputMoments.measured`: time integral, change, steps from 0 up and down to it.
-MEASURED = ("integral", "change", "rises", "falls")
+# Last axis of `OutputMoments.measured`: time integral, change, steps from 0 up and down to it, time
+# integral of the square.
+MEASURED = ("integral", "change", "rises", "falls", "square")
 # Sizes of the output voltage whose first passage is kept, from 2^-40 to 2^40 scaled volts.
 LEVELS_PER_DOUBLING = 32
 DOUBLINGS = 40
@@ -161,6 +164,7 @@ def _add_integrals(
             row[1] += 0.5 * (voltage[i] + last) * step
             row[2] += 0.5 * (square + old) * step
             row[3] += square - old
+            row[4] += 0.5 * (square * square + old * old) * step
         before, last = time[i], voltage[i]
     return lowest, highest
 
@@ -185,5 +189,6 @@ def _add_measured(time, values, before, latest, start, batch_length, measured, f
                 sums[1] += value - last
                 sums[2] += value > 0.0 and not last > 0.0
                 sums[3] += last > 0.0 and not value > 0.0
+                sums[4] += 0.5 * step * (value * value + last * last)
             latest[row] = value
         before = time[i]

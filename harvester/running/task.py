@@ -22,7 +22,7 @@ from harvester.errors import (
 from harvester.scene.model import Scene
 
 # Of what names a task: a change of it makes all kept answers strangers.
-FORMAT = 3
+FORMAT = 4
 # What is missing here is missing for every task: no answer, but the end of the study.
 OF_THE_MACHINE = (EngineNotFound, CompiledDeviceUnavailable, MissingLibrary)
 

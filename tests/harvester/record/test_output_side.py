@@ -3,7 +3,7 @@ import pytest
 
 from harvester.estimates.output_side import estimate_output
 from harvester.record.moments import Moments
-from harvester.record.output_side import OutputMoments
+from harvester.record.output_side import LOSS, OUTPUT, STATE, OutputMoments
 from harvester.record.record import Record
 
 # A piecewise linear passage over levels 2.2 % apart, of t = −ln(1 − v) at v = 0.9: h²/8 · 1/(1−v)².
@@ -66,3 +66,30 @@ def test_a_load_without_output_has_none_of_these():
     moments = charging(4096)
     moments.output = None
     assert estimate_output([moments]) == {}
+
+
+def test_independent_samples_are_the_effective_ones():
+    """Each point its own: as many samples as points. Six deviations of the error bar's own error."""
+    generator = np.random.default_rng(5)
+    points, rows = 32_000, ((OUTPUT, "node"), (LOSS, "line"), (STATE, "up"))
+    moments = Moments.empty(0.0, 32.0, (-np.inf, np.inf), (), False, 32, 1, 0.1)
+    moments.output = OutputMoments.beside(moments, rows)
+    moments.output.conductance, moments.output.capacitance = 0.0, 3.0
+    time = np.linspace(1e-3, 32.0, points)
+    voltage = 1.0 + generator.standard_normal(points)
+    up = (voltage > 1.5).astype(float)
+    one = np.ones_like(time)
+    moments.add(Record(time, one, one, one, one, one, one, 0.0 * one, voltage))
+    moments.output.add(time, voltage, np.array([np.exp(voltage), voltage**2, up]))
+    found = estimate_output([moments])
+    for name in (
+        "output_voltage", "stored_energy", "mean_output_power", "node_power", "line_loss",
+        "up_time_share",
+    ):  # fmt: skip
+        assert found[name].effective_sample_size == pytest.approx(points, rel=0.8), name
+    starts = found["up_starts_per_hour"]
+    error = starts.standard_error
+    assert starts.effective_sample_size == pytest.approx((starts.estimate / error) ** 2)
+    # A sum of powers whose product is not kept has none.
+    moments.output.conductance = 0.5
+    assert estimate_output([moments])["mean_output_power"].effective_sample_size is None
