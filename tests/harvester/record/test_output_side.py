@@ -69,7 +69,7 @@ def test_a_load_without_output_has_none_of_these():
 
 
 def test_independent_samples_are_the_effective_ones():
-    """Each point its own: as many samples as points. Six deviations of the error bar's own error."""
+    """Each point its own: as many as points, within six deviations of the error bar's own."""
     generator = np.random.default_rng(5)
     points, rows = 32_000, ((OUTPUT, "node"), (LOSS, "line"), (STATE, "up"))
     moments = Moments.empty(0.0, 32.0, (-np.inf, np.inf), (), False, 32, 1, 0.1)
