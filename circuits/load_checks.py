@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from circuits.active_parts import number_of, places_of
 from circuits.kernel.flattening import calls
 from circuits.kernel.formula import NotTaken
 from circuits.loads.tree import condition_of
+from circuits.part_values import number_of, places_of
 from harvester.device.terminals import GROUND
 from harvester.errors import LoadError, NetlistError
 from harvester.files.plain_text import nearest

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from circuits import elements as circuit_elements
-from circuits.active_parts import suspicion
 from circuits.kernel.builder import Builder, tables_of
 from circuits.kernel.code import code_of
 from circuits.kernel.linear import order_of
@@ -15,6 +14,7 @@ from circuits.kernel.memory import layout_of
 from circuits.kernel.parts import add_load
 from circuits.kernel.tables import Circuit, Probes
 from circuits.measurement import measurement_of
+from circuits.part_values import suspicion
 from harvester.device import timescales
 from harvester.device.terminals import GROUND, LOAD_AMMETER
 from harvester.scene.units import scale, setting

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from circuits import elements
-from circuits.active_parts import negative_parts, sources_of
 from circuits.load_checks import check_load, loose_nodes
 from circuits.load_watch import Watch, watch_of
 from circuits.loads import vetting
@@ -24,6 +23,7 @@ from circuits.loads.reader import read_cards
 from circuits.loads.tree import condition_of, parse, written
 from circuits.loads.vetting import check_nodes, check_value, listed, refuse, vet_element
 from circuits.measurement import measurement_of
+from circuits.part_values import charging_time, negative_parts, sources_of
 from harvester.errors import NetlistError
 from harvester.files.plain_text import nearest
 from harvester.record.output_side import OUTPUT
@@ -105,10 +105,10 @@ class LoadCircuit:
         """Its parameters that are plain numbers, as given or by default (SI)."""
         return dict(self.defaults) | dict(self.parameters)
 
-    @property
+    @cached_property
     def charging_time(self) -> float:
-        """R·C of its parameters `resistance` and `storage` (s); 0 without both."""
-        return self.values.get("resistance", 0.0) * self.values.get("storage", 0.0)
+        """See `circuits.part_values.charging_time`."""
+        return charging_time(self)
 
     @property
     def may_jump(self) -> bool:

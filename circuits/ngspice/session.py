@@ -17,12 +17,12 @@ import numpy as np
 from PySpice.Spice.NgSpice.Shared import NgSpiceCommandError, NgSpiceShared, ffi
 
 from circuits import elements
-from circuits.active_parts import suspicion
 from circuits.loads.places import file_of, with_places
 from circuits.ngspice import callbacks, compiled_device, messages
 from circuits.ngspice.across_output import measure_output
 from circuits.ngspice.library import code_models, find_library, no_initialisation_files
 from circuits.ngspice.solution import convert, units_of, vectors
+from circuits.part_values import suspicion
 from harvester.compilation import numbers_of
 from harvester.device import timescales
 from harvester.engines.steps import CRAWL, GETS_NOWHERE, PATIENCE, STEPS_PER_CONTACT

@@ -1,4 +1,4 @@
-"""Parts of a load that can deliver energy: its sources, and values below 0."""
+"""Values of a load's parts: which can deliver energy, and how long the output takes to charge."""
 
 from __future__ import annotations
 
@@ -24,6 +24,18 @@ def negative_parts(load: LoadCircuit) -> tuple[str, ...]:
         for place in places_of(load)
         if place.letter in "rcl" and (number_of(place) or 0.0) < 0.0
     )
+
+
+def charging_time(load: LoadCircuit) -> float:
+    """R·C of the resistors and capacitors across a load's output (s); 0 without both."""
+    # By ngspice's names, "r.xload.xinner.rload".
+    across = {*load.output_resistors, *load.storage}
+    sizes = {"r": [0.0], "c": [0.0]}
+    for place in places_of(load):
+        if f"{place.letter}.xload.{place.name}" in across:
+            sizes[place.letter].append(number_of(place) or 0.0)
+    conductance = sum(1.0 / size for size in sizes["r"] if size > 0.0)
+    return sum(sizes["c"]) / conductance if conductance else 0.0
 
 
 def suspicion(load: LoadCircuit | None) -> str:

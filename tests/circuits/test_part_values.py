@@ -1,4 +1,4 @@
-"""Parts of a load that may deliver energy are named."""
+"""Parts of a load that may deliver energy are named; R·C of its output is known by any names."""
 
 import re
 
@@ -50,3 +50,15 @@ def scene_with(tmp_path, body):
     path.write_text(f".subckt load p n\n{body}\n.ends\n")
     short = ("run.duration=6", "run.settle=0.1", "run.realizations=1")
     return Scene.load("device", [f"load.netlist={path}", *short])
+
+
+@pytest.mark.parametrize(("values", "seconds"), [({}, 8.0), ({"farads": "4u"}, 16.0)])
+def test_what_lies_across_the_output_is_charged_in_r_c(tmp_path, values, seconds):
+    """10 MΩ beside 6.67 MΩ in a sub-circuit, 2 uF within it; what does not lie there is no part."""
+    text = (
+        ".subckt load p n out ref ohms=10meg farads=2u\nR1 p out 1k\nR2 ref n 1k\nC1 p n 1n\n"
+        "Rown out ref {ohms}\nX1 ref out rest r={2*ohms/3} c={farads}\n"
+        ".subckt rest a b r=1 c=1\nRrest a b {r}\nCrest b a {c}\n.ends\n.ends\n"
+    )
+    assert read(tmp_path, text, **values).charging_time == pytest.approx(seconds, rel=1e-12)
+    assert read(tmp_path, text.replace("Crest b a", "Crest b 0")).charging_time == 0.0
