@@ -186,7 +186,7 @@ def _find_step(device, tables, probes, state, time, longest, remaining, step, no
         if h < least:
             h = -1.0
             break
-        settled, error, x1, missed = _try_step(
+        settled, error, carried, x1, missed = _try_step(
             device, tables, probes, state, time, h, noise, slope, x, zone
         )
         if not settled:
@@ -197,7 +197,7 @@ def _find_step(device, tables, probes, state, time, longest, remaining, step, no
         scale = probes.energy[0] * max(numbers[ENERGY], (SMALL_VOLTAGE * probes.energy[1]) ** 2)
         if numbers[RATES_KNOWN] == TURNED:
             # Backward Euler's: of a swing, half the square of the angle that a step turns.
-            error = 0.25 * error * error / scale if h > LEAST_RESTART * step else 0.0
+            error = 0.25 * carried * carried / scale if h > LEAST_RESTART * step else 0.0
         if h < LOCATED * step:  # No turning is located better; what is left is Newton's rest.
             missed = 0.0
         ratio = numbers[STRICTNESS] * max(error / scale / TOLERANCE**2, missed * missed)
@@ -283,9 +283,9 @@ def _set_sources(tables, state, time, delta):
 def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone):
     """A step of length h from the state.
 
-    Returns whether Newton settled, its error's energy (after a switch, its change's), the new X,
-    and the error of the switches' controls against what they may have. Its change stands in
-    `state.change`.
+    Returns whether Newton settled, its error's energy, after a switch the energy that it carries
+    from part to part, the new X, and the error of the switches' controls against what they may
+    have. Its change stands in `state.change`.
     """
     y, numbers, code, memory = state.y, state.numbers, state.code, state.address
     n, row_unit = y.size, probes.units[4]
@@ -301,7 +301,7 @@ def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone):
     if known:
         state.latest[n - 1] += STAGE * h * state.rates[n - 1] / row_unit
     base = x + (delta * y[n - 1] if known else 0.0)
-    settled, error, missed, moved, mean, power = True, 0.0, 0.0, 0.0, 0.0, 0.0
+    settled, error, carried, missed, moved, mean, power = True, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for stage in range(1 if euler else 2):
         ahead = share * h if stage == 0 else h
         _set_sources(tables, state, time + ahead, delta)
@@ -332,8 +332,8 @@ def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone):
             missed = missed_controls(tables, state)
         elif euler:
             for i in range(n - 1):
-                error += abs(state.stored[i] * state.change[i])
-    return settled, error, x + moved, missed
+                carried += abs(state.stored[i] * state.change[i])
+    return settled, error, carried, x + moved, missed
 
 
 @compiled
