@@ -54,6 +54,10 @@ LOAD_CURRENT, OUTPUT, REFERENCE, TRANSDUCER = range(5, COLUMNS)
 FIRST_ORDER_STEPS = 2
 LENGTHENED_STEPS = FIRST_ORDER_STEPS + math.ceil(-math.log2(FIRST_ORDER_SHARE))
 
+# Of its own steps, ngspice takes one as it is where more than so many remain to the grid's next
+# point: it may end where a source bends, and shorter ones would end ever closer before that.
+STEPS_TO_DIVIDE = 1.8
+
 BUFFER_FULL, WINDOW_ENDS = 0, 1
 
 STATE = np.dtype(
@@ -283,11 +287,13 @@ def _set_step(time, delta, before, redo, identity, location, user):
     if state.steps > 0:
         s = _device(user, state.system)
         longest = _shortest(state, s, int(knot) - state.first_knot + 1, step)
-    if state.local_error:
-        longest = min(longest, delta[0])
     if state.steps < LENGTHENED_STEPS:
         doublings = max(state.steps - FIRST_ORDER_STEPS + 1, 0)
         longest = min(longest, FIRST_ORDER_SHARE * step * 2.0**doublings)
+    if state.local_error and delta[0] < longest:
+        longest = delta[0]
+        if remaining > STEPS_TO_DIVIDE * longest:
+            return np.int32(0)
     pieces = np.ceil(remaining / longest - 1e-6)
     delta[0] = remaining / max(pieces, 1.0)
     return np.int32(0)

@@ -194,7 +194,13 @@ def test_an_interrupt_ends_the_workers_and_writes_nothing(tmp_path):
         "--json",
         str(tmp_path / "result.json"),
     ]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, start_new_session=True)
+    # What runs in a shell's background is born deaf to interrupts, and so would be its children.
+    process = subprocess.Popen(
+        command,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
     children = _children_when_busy(process.pid)
     os.killpg(process.pid, signal.SIGINT)
     _, errors = process.communicate(timeout=20)

@@ -178,3 +178,21 @@ def test_a_run_that_gets_nowhere_is_given_up(worker):
     """Dry friction holds the mass: its force jumps, and ngspice's steps shrink without end."""
     with pytest.raises(SimulatorAborted, match=r"gets nowhere.*friction"):
         worker.call(worker_calls.stick, {"scene": short("paper", *INSIDE)}, time_limit=60.0)
+
+
+def test_steps_do_not_shrink_towards_where_a_source_bends(pool, tmp_path):
+    """Four bends in each of 50 periods; a thousand of the steps were shorter than a picosecond."""
+    path = tmp_path / "clocked.lib"
+    path.write_text(
+        ".subckt clocked p n\nR1 p a 1k\nL1 a n 22\nV1 x n pulse(0 1 0.61m 1.9u 1.9u 0.25m 2m)\n"
+        "R2 x n 1k\n.ends\n"
+    )
+    scene = Scene.load(
+        "device", [f"load.netlist={path}", "run.duration=0.1", "run.settle=0", "run.realizations=1"]
+    )
+    result = simulate(scene, method="circuit", window=(0.0, 1e9), runner=pool)
+    time = np.array(result.waveform)[0]
+    steps = np.diff(time)[time[:-1] > 0.6e-3]
+    assert np.count_nonzero(steps < 1e-10) < 50
+    # Its own resolution of the edges, in steps of at most 0.16 ms.
+    assert steps.size < 50 * 60
