@@ -277,7 +277,7 @@ def assemble(
         *measured,
         drives_current=electrical.drives_current,
         measurement=measurement_of(load, pins) if load else NOTHING,
-        watch=(load and watch_of(load, pins)) or UNWATCHED,
+        watch=watch_of(load, pins) if load else UNWATCHED,
         watched_energy=(capacitance, capacitance * (SMALL_VOLTAGE * scales.voltage) ** 2),
     )
 

@@ -34,18 +34,23 @@ class Watch(NamedTuple):
         Capacitance (F) or inductance (H), and whether it is a coil's.
     pins : tuple of str
         Nodes at the load's pins.
+    jumps : bool
+        Whether a part may change its current without notice, a source has a waveform of its own, or
+        a value is no number or not positive: steps then follow the local error, and of the unknowns
+        only the switches' are watched.
     """
 
     unknowns: tuple[str, ...] = ()
     switches: tuple[tuple[float, float, bool], ...] = ()
     stores: tuple[tuple[float, bool], ...] = ()
     pins: tuple[str, ...] = ()
+    jumps: bool = False
 
 
 NOTHING = Watch()
 
 
-def watch_of(load: LoadCircuit, pins: Mapping[str, str]) -> Watch | None:
+def watch_of(load: LoadCircuit, pins: Mapping[str, str]) -> Watch:
     """What to watch of a load with its pins at these nodes.
 
     Parameters
@@ -56,34 +61,31 @@ def watch_of(load: LoadCircuit, pins: Mapping[str, str]) -> Watch | None:
 
     Returns
     -------
-    Watch or None
-        Empty for resistors, capacitors and diodes, which follow the motion; None where a part may
-        change its current without notice, a source has a waveform of its own, or a value is no
-        number or not positive.
+    Watch
+        Empty for resistors, capacitors and diodes, which follow the motion.
     """
     try:
         places = list(elements(load, pins))
     except LoadError:
-        return None if load.switches else NOTHING
-    if any(map(_has_waveform, places)):
-        return None
+        return Watch(jumps=True) if load.switches else NOTHING
+    jumps = any(map(_has_waveform, places))
     if not load.switches:
-        return NOTHING
+        return Watch(jumps=jumps)
     try:
         switches = [_switch(place) for place in places if place.letter in "sw"]
         stores = [_store(place) for place in places if place.letter in "cl"]
     except LoadError:
-        return None
-    if any(map(_may_jump, places)) or any(low > high for _, (high, low, _) in switches):
-        return None
-    if any(size <= 0.0 for _, (size, _) in stores):
-        return None
-    unknowns = [name for ends, _ in (*switches, *stores) for name in ends]
+        return Watch(jumps=True)
+    jumps = jumps or any(map(_may_jump, places)) or any(size <= 0.0 for _, (size, _) in stores)
+    if any(low > high for _, (high, low, _) in switches):
+        return Watch(jumps=True)
+    watched = switches if jumps else [*switches, *stores]
     return Watch(
-        tuple(unknowns),
+        tuple(name for ends, _ in watched for name in ends),
         tuple(values for _, values in switches),
-        tuple(values for _, values in stores),
+        () if jumps else tuple(values for _, values in stores),
         tuple(pins.values()),
+        jumps,
     )
 
 

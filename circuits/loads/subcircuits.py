@@ -75,7 +75,7 @@ class LoadCircuit:
     places: tuple = field(default=(), compare=False, repr=False)
 
     @cached_property
-    def watch(self) -> Watch | None:
+    def watch(self) -> Watch:
         """What decides the steps, with its pins by their own names: see `circuits.load_watch`."""
         return watch_of(self, {pin: pin for pin in self.pins})
 
@@ -113,7 +113,7 @@ class LoadCircuit:
     @property
     def may_jump(self) -> bool:
         """Whether a part may change its current without notice."""
-        return self.watch is None
+        return self.watch.jumps
 
     @property
     def has_output(self) -> bool:

@@ -248,6 +248,7 @@ def _load_step(state, copy, points, step, longest):
         state.rate / load_steps.MEMORY,
         load_steps.TOLERANCE / state.refinement**2,
         load_steps.SHORTEST * step,
+        load_steps.RESTART * step if state.store_count > 0 else longest,
         longest,
     )
 
@@ -262,7 +263,7 @@ def _shortest(state, s, ahead, step):
     shortest = step
     for copy in range(state.copies):
         longest = _resolved(state, s, buffer[copy, row], window[copy, ahead], step)
-        if state.store_count > 0 and state.steps >= load_steps.POINTS:
+        if state.switch_count + state.store_count > 0 and state.steps >= load_steps.POINTS:
             longest = _load_step(state, copy, buffer[copy], step, longest)
         shortest = min(shortest, longest)
     return shortest

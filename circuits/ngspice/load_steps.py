@@ -18,7 +18,7 @@ from harvester.compilation import uncounted
 # A step's error in a capacitor or a coil, against the energy that counts, both as roots.
 TOLERANCE = 5e-5
 # Shortest step that the load asks for, against the longest of the grid, and the first one after a
-# switch's turn.
+# switch's turn where no local error finds that.
 SHORTEST, RESTART = 2.0**-10, 2.0**-13
 # Step against the next one at most.
 GROWTH = 2.0
@@ -50,6 +50,7 @@ def resolving_step(
     forgotten: float,
     tolerance: float,
     shortest: float,
+    first: float,
     longest: float,
 ) -> float:
     """Longest step from an accepted point that resolves the load.
@@ -71,12 +72,12 @@ def resolving_step(
         Twice that of the transducer now (J).
     forgotten : float
         Share of the greatest energy that is forgotten in a second (1/s).
-    tolerance, shortest, longest : float
-        See `TOLERANCE`; s.
+    tolerance, shortest, first, longest : float
+        See `TOLERANCE`; of steps, and of the first one after a switch's turn (s).
     """
     last = history[1][now[0]] - history[1][now[1]]
     longest = min(longest, GROWTH * last)
-    longest = _turns(history, now, last, switches, memory, shortest, longest)
+    longest = _turns(history, now, last, switches, memory, shortest, first, longest)
     stored = history[2] + 2 * len(switches)
     for m in range(len(stores)):
         if stores[m, 1] > 0.0:
@@ -94,7 +95,7 @@ def resolving_step(
 
 
 @uncounted
-def _turns(history, now, last, switches, memory, shortest, longest):
+def _turns(history, now, last, switches, memory, shortest, first, longest):
     """Longest step that resolves the switches' turns, `last` being the one before."""
     points, times, first = history
     for k in range(len(switches)):
@@ -113,7 +114,7 @@ def _turns(history, now, last, switches, memory, shortest, longest):
             # ngspice turns it by where the control was expected; the turn may have thrown it back.
             memory[k], state = UNKNOWN, -1.0
         if memory[k] != state:
-            longest = min(longest, RESTART / SHORTEST * shortest)
+            longest = min(longest, first)
             continue
         ahead = closes - control if rate > 0.0 else opens - control
         if ahead * rate > 0.0 and state != (CLOSED if rate > 0.0 else OPEN):

@@ -44,7 +44,9 @@ def test_a_switch_by_current_is_watched_with_its_first_state(tmp_path):
 @pytest.mark.parametrize("shape", ["pulse(0 1 0 1u 1u 1m 5m)", "pwl(0 0 1m 1)", "sin(0 1 50)"])
 def test_a_waveform_is_left_to_ngspice(tmp_path, shape):
     """It alone knows where a source bends."""
-    assert watch_of(written(tmp_path, f"V1 x n {shape}\nR1 x p 1k"), PINS) is None
+    watch = watch_of(written(tmp_path, f"V1 x n {shape}\nR1 x p 1k"), PINS)
+    assert watch.jumps
+    assert watch.unknowns == ()
 
 
 def test_what_follows_the_motion_is_not_watched():
@@ -65,5 +67,12 @@ def test_what_follows_the_motion_is_not_watched():
 )
 def test_what_may_jump_is_left_to_the_local_error(tmp_path, body):
     load = written(tmp_path, f"{body}\nC1 p n 1n")
-    assert watch_of(load, PINS) is None
+    assert watch_of(load, PINS).stores == ()
     assert load.may_jump
+
+
+def test_of_what_may_jump_the_switches_are_watched():
+    watch = watch_of(read_load(find_netlist("node_buck")), PINS)
+    assert watch.jumps
+    assert watch.unknowns == ("in", "reference", "supply", "reference", "xnode.due", "reference")
+    assert watch.switches[0] == (pytest.approx(5.05), pytest.approx(3.67), False)

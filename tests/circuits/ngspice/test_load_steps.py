@@ -13,9 +13,11 @@ SHORTEST, LONGEST = 1e-6, 1e-3
 
 @compiled
 def resolving(points, times, switches, stores, memory, energy):
+    first = 1e-6 * load_steps.RESTART / load_steps.SHORTEST
     return load_steps.resolving_step(
-        (points, times, 0), (3, 2, 1, 0), switches, stores, memory, energy, 0.0, 1e-4, 1e-6, 1e-3
-    )
+        (points, times, 0), (3, 2, 1, 0), switches, stores, memory, energy, 0.0, 1e-4, 1e-6, first,
+        1e-3,
+    )  # fmt: skip
 
 
 def step_at(times, columns, switches=(), stores=(), memory=None, energy=0.0):
