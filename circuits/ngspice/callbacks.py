@@ -57,6 +57,9 @@ LENGTHENED_STEPS = FIRST_ORDER_STEPS + math.ceil(-math.log2(FIRST_ORDER_SHARE))
 # Of its own steps, ngspice takes one as it is where more than so many remain to the grid's next
 # point: it may end where a source bends, and shorter ones would end ever closer before that.
 STEPS_TO_DIVIDE = 1.8
+# Of a step of the grid: bends that lie nearer to a point of it are reached with it, as ngspice does
+# where two sources bend.
+MERGED = 5e-5
 
 BUFFER_FULL, WINDOW_ENDS = 0, 1
 
@@ -238,6 +241,7 @@ def _load_step(state, copy, points, step, longest):
     times = carray(_pointer(state.times), size, np.float64)
     memory_shape = (state.copies, state.switch_count + 1)
     last = (count - 1) % size
+    limits = load_steps.limits(step, state.refinement, state.store_count == 0)
     return load_steps.resolving_step(
         (points, times, state.first_watched),
         (last, (count - 2) % size, (count - 3) % size, (count - 4) % size),
@@ -247,8 +251,7 @@ def _load_step(state, copy, points, step, longest):
         state.least_energy + state.capacitance * points[last, TERMINAL] ** 2,
         state.rate / load_steps.MEMORY,
         load_steps.TOLERANCE / state.refinement**2,
-        load_steps.SHORTEST * step,
-        load_steps.RESTART * step if state.store_count > 0 else longest,
+        limits,
         longest,
     )
 
@@ -293,8 +296,13 @@ def _set_step(time, delta, before, redo, identity, location, user):
         longest = min(longest, FIRST_ORDER_SHARE * step * 2.0**doublings)
     if state.local_error and delta[0] < longest:
         longest = delta[0]
+        if remaining > (1.0 - 1e-9) * step:
+            longest = max(longest, MERGED * step)
         if remaining > STEPS_TO_DIVIDE * longest:
+            delta[0] = longest
             return np.int32(0)
+        if remaining - longest < MERGED * step:
+            longest = remaining
     pieces = np.ceil(remaining / longest - 1e-6)
     delta[0] = remaining / max(pieces, 1.0)
     return np.int32(0)

@@ -29,7 +29,8 @@ APPROACH = 0.45
 # more than so many times what a step's error may be.
 COIL_APPROACH, IDLE = 0.5, 10.0
 # A turn is known to this share of the switch's hysteresis, as a control that overshoots it may turn
-# another switch; but not better than this share of the shortest step.
+# another switch; but not better than this share of the shortest step, or than that step of the
+# default grid where the local error acts: ngspice's Newton fails in too short ones.
 LOCATED, LEAST_LOCATED = 0.2, 1.0 / 64.0
 # Radians of the device's natural frequency after which the greatest energy of late is forgotten.
 MEMORY = 15.0
@@ -37,6 +38,14 @@ MEMORY = 15.0
 POINTS = 4
 # What is known of a switch.
 OPEN, UNKNOWN, CLOSED = 0.0, 0.5, 1.0
+
+
+@uncounted
+def limits(step: float, refinement: float, by_error: bool) -> tuple[float, float, float]:
+    """See `resolving_step`; of the grid's step, and where the local error acts as well."""
+    if by_error:
+        return SHORTEST * step * refinement, SHORTEST * step * refinement, step
+    return SHORTEST * step, LEAST_LOCATED * SHORTEST * step, RESTART * step
 
 
 @uncounted
@@ -49,8 +58,7 @@ def resolving_step(
     energy: float,
     forgotten: float,
     tolerance: float,
-    shortest: float,
-    first: float,
+    limits: Any,
     longest: float,
 ) -> float:
     """Longest step from an accepted point that resolves the load.
@@ -72,12 +80,18 @@ def resolving_step(
         Twice that of the transducer now (J).
     forgotten : float
         Share of the greatest energy that is forgotten in a second (1/s).
-    tolerance, shortest, first, longest : float
-        See `TOLERANCE`; of steps, and of the first one after a switch's turn (s).
+    tolerance : float
+        See `TOLERANCE`.
+    limits : (float, float, float)
+        Shortest step that the load asks for, to how much better than that a turn may have to be
+        known, and the longest step after one (s).
+    longest : float
+        Of steps (s).
     """
     last = history[1][now[0]] - history[1][now[1]]
     longest = min(longest, GROWTH * last)
-    longest = _turns(history, now, last, switches, memory, shortest, first, longest)
+    longest = _turns(history, now, last, switches, memory, limits, longest)
+    shortest = limits[0]
     stored = history[2] + 2 * len(switches)
     for m in range(len(stores)):
         if stores[m, 1] > 0.0:
@@ -95,8 +109,9 @@ def resolving_step(
 
 
 @uncounted
-def _turns(history, now, last, switches, memory, shortest, first, longest):
+def _turns(history, now, last, switches, memory, limits, longest):
     """Longest step that resolves the switches' turns, `last` being the one before."""
+    shortest, least_known, restart = limits
     points, times, first = history
     for k in range(len(switches)):
         column = first + 2 * k
@@ -114,12 +129,12 @@ def _turns(history, now, last, switches, memory, shortest, first, longest):
             # ngspice turns it by where the control was expected; the turn may have thrown it back.
             memory[k], state = UNKNOWN, -1.0
         if memory[k] != state:
-            longest = min(longest, first)
+            longest = min(longest, restart)
             continue
         ahead = closes - control if rate > 0.0 else opens - control
         if ahead * rate > 0.0 and state != (CLOSED if rate > 0.0 else OPEN):
             left, width = ahead / rate, closes - opens
-            known = min(max(LOCATED * width / abs(rate), LEAST_LOCATED * shortest), shortest)
+            known = min(max(LOCATED * width / abs(rate), least_known), shortest)
             step = left + 0.5 * known if left <= known else max(APPROACH * left, 0.5 * known)
             longest = min(longest, step)
     return longest

@@ -13,11 +13,10 @@ SHORTEST, LONGEST = 1e-6, 1e-3
 
 @compiled
 def resolving(points, times, switches, stores, memory, energy):
-    first = 1e-6 * load_steps.RESTART / load_steps.SHORTEST
+    limits = load_steps.limits(1e-6 / load_steps.SHORTEST, 1.0, False)
     return load_steps.resolving_step(
-        (points, times, 0), (3, 2, 1, 0), switches, stores, memory, energy, 0.0, 1e-4, 1e-6, first,
-        1e-3,
-    )  # fmt: skip
+        (points, times, 0), (3, 2, 1, 0), switches, stores, memory, energy, 0.0, 1e-4, limits, 1e-3
+    )
 
 
 def step_at(times, columns, switches=(), stores=(), memory=None, energy=0.0):
@@ -54,7 +53,7 @@ def test_a_turn_is_approached_and_crossed_by_a_step_as_short_as_it_must_be(speed
     before = memory[0]
     restart = step_at(times, [control(times)], [(high, low)], memory=memory)
     assert memory[0] == 1.0 - before
-    assert restart <= SHORTEST * load_steps.RESTART / load_steps.SHORTEST
+    assert 0.0 < restart <= SHORTEST * load_steps.RESTART / load_steps.SHORTEST
 
 
 def test_a_turn_that_throws_its_control_back_is_seen_and_the_other_threshold_approached():
@@ -63,7 +62,7 @@ def test_a_turn_that_throws_its_control_back_is_seen_and_the_other_threshold_app
     times = np.array([-3e-6, -2e-6, -1e-6, 0.0])
     restart = step_at(times, [[4.6, 4.3, 4.05, 4.1]], levels, memory=memory)
     assert memory[0] == load_steps.UNKNOWN
-    assert restart <= SHORTEST * load_steps.RESTART / load_steps.SHORTEST
+    assert 0.0 < restart <= SHORTEST * load_steps.RESTART / load_steps.SHORTEST
     approaching = step_at(1e3 * times, [[5.0, 6.0, 7.0, 7.9]], levels, memory=memory)
     assert approaching <= 0.1 / 900.0
     turned = step_at(times, [[7.8, 7.9, 7.98, 8.01]], levels, memory=memory)
