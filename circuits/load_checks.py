@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections import Counter
 from typing import TYPE_CHECKING
@@ -10,7 +11,8 @@ import numpy as np
 
 from circuits.kernel.flattening import calls
 from circuits.kernel.formula import NotTaken
-from circuits.loads.tree import condition_of
+from circuits.loads.places import lines_of
+from circuits.loads.reader import NEEDS
 from circuits.part_values import number_of, places_of
 from harvester.device.terminals import GROUND
 from harvester.errors import LoadError, NetlistError
@@ -59,39 +61,32 @@ def loose_nodes(load: LoadCircuit) -> tuple[str, ...]:
 
 def _check_needs(load):
     """Refuse values that a sub-circuit says it is not made for."""
-    found = {(each.owner, each.name): each.where for each in load.places}
+    lines = lines_of(load)
     try:
         scopes = list(calls(load, {pin: pin for pin in load.pins}))
     except LoadError:
         # A call is given what has no value here.
         return
     for scope in scopes:
-        for card in scope.circuit.needs:
-            where = found[scope.circuit.name, card.text]
-            if not _holds(scope, card, where):
-                names = dict.fromkeys(re.findall(r"(?<![\w.])[a-z_]\w*", condition_of(card)))
-                values = ", ".join(_told(scope, name) for name in names if _told(scope, name))
-                raise NetlistError(
-                    f"{where}: {scope.circuit.name} needs {condition_of(card)}"
-                    f"{' here, with ' if values else ''}{values}"
-                )
+        name = scope.circuit.name
+        for condition in (card.text for card in scope.circuit.needs):
+            needs = f"{lines[name, f'{NEEDS} {condition}']}: {name} needs {condition}"
+            try:
+                holds = scope.value("{" + condition + "}") > 0.0
+            except NotTaken as reason:
+                raise NetlistError(f"{needs}: that cannot be told of {reason}") from None
+            if not holds:
+                raise NetlistError(f"{needs} here, with {_values(scope, condition)}")
 
 
-def _holds(scope, card, where):
-    try:
-        return scope.value("{" + condition_of(card) + "}") > 0.0
-    except NotTaken as reason:
-        raise NetlistError(
-            f"{where}: needs {condition_of(card)}: that cannot be told of {reason}"
-        ) from None
-
-
-def _told(scope, name):
-    """ "name = value" of a parameter, else nothing."""
-    try:
-        return f"{name} = {scope.value(name):g}"
-    except NotTaken:
-        return ""
+def _values(scope, condition):
+    """ "name = value" of each parameter of a condition."""
+    told = []
+    for name in dict.fromkeys(re.findall(r"(?<![\w.])[a-z_]\w*", condition)):
+        # A function's name has no value.
+        with contextlib.suppress(NotTaken):
+            told.append(f"{name} = {scope.value(name):g}")
+    return ", ".join(told) or "no parameter in it"
 
 
 def _check_resistances(places):

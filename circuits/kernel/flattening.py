@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 from circuits.kernel.formula import CONSTANTS, NotTaken, parse, resolved
 from circuits.loads import tree, vetting
 from circuits.loads.expansion import called
+from circuits.loads.places import lines_of
 from circuits.loads.reader import statements
 from harvester.device.terminals import GROUND
 from harvester.errors import LoadError
@@ -197,8 +198,7 @@ def elements(load: LoadCircuit, pins: Mapping[str, str]) -> Iterator[Place]:
     LoadError
         A value is none that a compiled circuit takes.
     """
-    found = {(each.owner, each.name): each.where for each in load.places}
-    yield from _inside(outermost(load, pins), found)
+    yield from _inside(outermost(load, pins), lines_of(load))
 
 
 def outermost(load: LoadCircuit, pins: Mapping[str, str]) -> Scope:
@@ -209,15 +209,8 @@ def outermost(load: LoadCircuit, pins: Mapping[str, str]) -> Scope:
 
 
 def calls(load: LoadCircuit, pins: Mapping[str, str]) -> Iterator[Scope]:
-    """The load's own sub-circuit and all that it calls, in order.
-
-    Raises
-    ------
-    LoadError
-        As of `elements`.
-    """
-    found = {(each.owner, each.name): each.where for each in load.places}
-    yield from _calls(outermost(load, pins), found)
+    """The load's own sub-circuit and all that it calls, in order; as `elements`."""
+    yield from _calls(outermost(load, pins), lines_of(load))
 
 
 def _calls(scope, places):

@@ -294,7 +294,7 @@ def _folded(name, parts):
         raise NotTaken(f"the function {name}()")
     if all(part[0] == "number" for part in parts):
         try:
-            function = OPERATIONS.get(name, math.fmod)
+            function = math.fmod if name == "%" else OPERATIONS[name]
             return ("number", float(function(*(part[1] for part in parts))))
         except (ValueError, OverflowError):
             raise NotTaken(f"{name} of a number that has none") from None

@@ -49,6 +49,11 @@ def places(cards: Any) -> Any:
     return tuple(found)
 
 
+def lines_of(load: Any) -> dict[tuple[str, str], str]:
+    """Where each of a load's places stands, "file:line" by sub-circuit and name."""
+    return {(each.owner, each.name): each.where for each in load.places}
+
+
 def with_places(message: str, load: Any) -> str:
     """A message of ngspice's with the names of a load's elements as its files give them.
 

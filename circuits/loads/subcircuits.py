@@ -20,7 +20,7 @@ from circuits.loads.expansion import Expansion, called
 from circuits.loads.measures import vet_measures
 from circuits.loads.places import places
 from circuits.loads.reader import read_cards
-from circuits.loads.tree import condition_of, parse, written
+from circuits.loads.tree import parse, written
 from circuits.loads.vetting import check_nodes, check_value, listed, refuse, vet_element
 from circuits.measurement import measurement_of
 from circuits.part_values import charging_time, negative_parts, sources_of
@@ -292,7 +292,7 @@ def _vet(circuit):
         checked = [(k, v and check_value(card, v, scope, k)) for k, v in pairs]
         circuit.models[name] = (card, kind, checked)
     for card in circuit.needs:
-        check_value(card, "{" + condition_of(card) + "}", scope)
+        check_value(card, "{" + card.text + "}", scope)
     for card, arguments, expression in circuit.functions.values():
         own = scope._replace(parameters=scope.parameters.new_child(dict.fromkeys(arguments)))
         check_value(card, "{" + expression + "}", own)

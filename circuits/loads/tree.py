@@ -99,7 +99,7 @@ def parse(cards: list[Card], name: str) -> Subcircuit:
         elif first == NEEDS:
             if here is root:
                 refuse(card, "needs: put it into the .subckt whose parameters it is about")
-            here.needs.append(card)
+            here.needs.append(Card(rest, card.where))
         elif first.startswith("."):
             instead = " (write ic= behind the capacitor or coil)" if first == ".ic" else ""
             refuse(
@@ -135,11 +135,6 @@ def _opened(outer, card, rest):
     return inner
 
 
-def condition_of(card: Card) -> str:
-    """What a card "*needs condition" asks for."""
-    return card.text.removeprefix(NEEDS).strip()
-
-
 def written(circuit: Subcircuit) -> list[str]:
     """The lines of a sub-circuit, or of all of a file."""
     lines = []
@@ -152,7 +147,7 @@ def written(circuit: Subcircuit) -> list[str]:
     for name, (_, kind, pairs) in circuit.models.items():
         inside = " ".join(f"{key}={value}" if value else key for key, value in pairs)
         lines.append(f".model {name} {kind}({inside})")
-    lines += [f"* needs: {condition_of(card)}" for card in circuit.needs]
+    lines += [f"* needs: {card.text}" for card in circuit.needs]
     for inner in circuit.inner.values():
         lines += written(inner)
     lines += [" ".join(words) for _, words in circuit.elements]

@@ -241,7 +241,7 @@ def _load_step(state, copy, points, step, longest):
     times = carray(_pointer(state.times), size, np.float64)
     memory_shape = (state.copies, state.switch_count + 1)
     last = (count - 1) % size
-    limits = load_steps.limits(step, state.refinement, state.store_count == 0)
+    limits = load_steps.limits_of(step, state.refinement, state.store_count == 0)
     return load_steps.resolving_step(
         (points, times, state.first_watched),
         (last, (count - 2) % size, (count - 3) % size, (count - 4) % size),

@@ -41,10 +41,11 @@ OPEN, UNKNOWN, CLOSED = 0.0, 0.5, 1.0
 
 
 @uncounted
-def limits(step: float, refinement: float, by_error: bool) -> tuple[float, float, float]:
-    """See `resolving_step`; of the grid's step, and where the local error acts as well."""
+def limits_of(step: float, refinement: float, by_error: bool) -> tuple[float, float, float]:
+    """The limits of `resolving_step` on a grid of this step, `by_error` if no store is watched."""
     if by_error:
-        return SHORTEST * step * refinement, SHORTEST * step * refinement, step
+        shortest = SHORTEST * step * refinement
+        return shortest, shortest, step
     return SHORTEST * step, LEAST_LOCATED * SHORTEST * step, RESTART * step
 
 
@@ -83,8 +84,8 @@ def resolving_step(
     tolerance : float
         See `TOLERANCE`.
     limits : (float, float, float)
-        Shortest step that the load asks for, to how much better than that a turn may have to be
-        known, and the longest step after one (s).
+        Shortest step that the load asks for, how well at best a turn is known, and the longest step
+        after one (s).
     longest : float
         Of steps (s).
     """

@@ -153,9 +153,14 @@ def ratio_estimate(
         return Estimate(math.nan, None, None, dimension, nothing)
     ratio, error = ratio_of_sums(upper, lower)
     size = None
-    if error and squares is not None:
-        size = max(float(squares.sum() / lower.sum()) - ratio**2, 0.0) / error**2
+    if squares is not None:
+        size = independent_samples(ratio, float(squares.sum() / lower.sum()), error)
     return Estimate(ratio, error, size, dimension, "" if error is not None else TOO_SHORT)
+
+
+def independent_samples(mean: float, mean_square: float, error: float | None) -> float | None:
+    """How many independent samples with this mean and mean square would give it this error."""
+    return max(mean_square - mean**2, 0.0) / error**2 if error else None
 
 
 def independent_events(rate: float, error: float | None) -> float | None:

@@ -13,6 +13,7 @@ from harvester.device.cores import jump_rates
 from harvester.estimates.batch_means import (
     complete_batches,
     independent_events,
+    independent_samples,
     ratio_of_sums,
     standard_error,
 )
@@ -110,12 +111,13 @@ def _mean(series, products, name, dimension, error_of):
     if dimension == "rate" and mean == 0.0:
         return Estimate(0.0, None, None, dimension, NONE_SEEN)
     size = None
-    if error and (name, name) in products:
-        size = max(products[name, name] - mean**2, 0.0) / error**2
+    if (name, name) in products:
+        size = independent_samples(mean, products[name, name], error)
     elif dimension == "rate":
         size = independent_events(mean, error)
-    elif error and name == "time_in_well":
-        size = mean * (1.0 - mean) / error**2
+    elif name == "time_in_well":
+        # 0 or 1 at any time.
+        size = independent_samples(mean, mean, error)
     return Estimate(mean, error, size, dimension, "" if error is not None else TOO_SHORT)
 
 

@@ -13,7 +13,7 @@ SHORTEST, LONGEST = 1e-6, 1e-3
 
 @compiled
 def resolving(points, times, switches, stores, memory, energy):
-    limits = load_steps.limits(1e-6 / load_steps.SHORTEST, 1.0, False)
+    limits = load_steps.limits_of(1e-6 / load_steps.SHORTEST, 1.0, False)
     return load_steps.resolving_step(
         (points, times, 0), (3, 2, 1, 0), switches, stores, memory, energy, 0.0, 1e-4, limits, 1e-3
     )
