@@ -7,6 +7,7 @@ working folder when it is imported and whenever it compiles, which may name a fo
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -68,6 +69,10 @@ register_jitable = extending.register_jitable(**WITHIN)
 summing = partial(njit, cache=CACHED, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
 
 PACKAGE = Path(__file__).parent
+PACKAGES = ("harvester", "circuits")
+IMPORT = re.compile(
+    r"^(?:from|import) ((?:harvester|circuits)\b[\w.]*)(?: import (\([^)]*\)|.*))?", re.MULTILINE
+)
 
 
 def merged(function: Callable) -> Callable:
@@ -116,23 +121,60 @@ def address_of(function: Any, *arguments: Any) -> int:
     return found.library.get_pointer_to_function(found.fndesc.llvm_cfunc_wrapper_name)
 
 
+def compiled_sources() -> list[Path]:
+    """The files that compiled code is made of.
+
+    These are all files of the folders in which something imports this module, since a class beside
+    them may be an argument of compiled code, and whatever those files import at their head. What a
+    function imports as it runs is not compiled.
+    """
+    files = {
+        _module_name(file): file
+        for package in PACKAGES
+        for file in sorted((PACKAGE.parent / package).rglob("*.py"))
+    }
+    texts = {name: file.read_bytes() for name, file in files.items()}
+    folders = {files[name].parent for name, text in texts.items() if __name__.encode() in text}
+    reached = set()
+    left = [name for name, file in files.items() if file.parent in folders - {PACKAGE}]
+    left.append(__name__)
+    while left:
+        name = left.pop()
+        if name not in reached:
+            reached.add(name)
+            left += _imports(texts[name].decode()) & files.keys()
+    return [file for name, file in files.items() if name in reached]
+
+
+def _module_name(file):
+    parts = file.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def _imports(text):
+    """Names of modules, and of what may be one, that a file imports at its head."""
+    names = set()
+    for module, members in IMPORT.findall(text):
+        names.add(module)
+        names.update(f"{module}.{member}" for member in re.findall(r"\w+", members))
+    return names
+
+
 def forget_stale_code() -> None:
-    """Drop compiled code when any source of the program has changed since it was written.
+    """Drop compiled code when a source that it is made of has changed since it was written.
 
     numba looks at the file of the function alone, not at what the function calls elsewhere: a
     changed force law would go on being compiled into an unchanged integrator.
     """
     digest = hashlib.sha256()
-    packages = (PACKAGE, PACKAGE.parent / "circuits")
-    for package in packages:
-        for source in sorted(package.rglob("*.py")):
-            digest.update(source.read_bytes())
+    for source in compiled_sources():
+        digest.update(source.read_bytes())
     stamp = PACKAGE / "__pycache__" / "compiled-from.sha256"
     try:
         if stamp.exists() and stamp.read_text() == digest.hexdigest():
             return
-        for package in packages:
-            for index in package.rglob("*.nbi"):
+        for package in PACKAGES:
+            for index in (PACKAGE.parent / package).rglob("*.nbi"):
                 index.unlink(missing_ok=True)
         stamp.parent.mkdir(exist_ok=True)
         stamp.write_text(digest.hexdigest())

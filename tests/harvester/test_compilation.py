@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from harvester.compilation import PACKAGE
+from harvester.compilation import PACKAGE, compiled_sources
 
 
 def test_a_change_in_one_file_reaches_the_code_compiled_from_another(tmp_path):
@@ -39,6 +39,16 @@ def test_a_change_in_one_file_reaches_the_code_compiled_from_another(tmp_path):
     assert changed != forces.read_text()
     forces.write_text(changed)
     assert acceleration() < before - 1.0
+
+
+def test_compiled_code_survives_a_change_of_what_it_is_not_made_of():
+    """Classes that are arguments of compiled code count, and constants from elsewhere."""
+    sources = {file.relative_to(PACKAGE.parent).as_posix() for file in compiled_sources()}
+    made_of = {"device/coil", "device/hertz", "engines/lockstep", "record/moments", "scene/units"}
+    assert {f"harvester/{name}.py" for name in made_of} <= sources
+    assert "circuits/kernel/stepping.py" in sources
+    others = ("show", "commands", "studies", "identification", "verification", "running")
+    assert not [name for name in sources if name.split("/")[1] in others]
 
 
 ALL_ENGINES = """
