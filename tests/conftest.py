@@ -1,6 +1,10 @@
+import os
+import shutil
+import tempfile
 from datetime import timedelta
 from pathlib import Path
 
+import kept
 import pytest
 from hypothesis import HealthCheck, settings
 
@@ -15,6 +19,18 @@ settings.register_profile(
 )
 settings.register_profile("long", max_examples=20_000, deadline=timedelta(seconds=1), **UNHURRIED)
 settings.load_profile("short")
+
+
+def pytest_configure(config):
+    if kept.FOLDER not in os.environ:
+        os.environ[kept.FOLDER] = config.truths = tempfile.mkdtemp(prefix="truths-")
+
+
+def pytest_unconfigure(config):
+    """Only the process that made the folder removes it."""
+    if folder := getattr(config, "truths", None):
+        os.environ.pop(kept.FOLDER)
+        shutil.rmtree(folder)
 
 
 def pytest_collection_modifyitems(items):

@@ -4,6 +4,7 @@ import itertools
 import math
 
 import numpy as np
+from kept import kept
 from scipy.integrate import DOP853, quad
 from scipy.optimize import brentq
 
@@ -90,6 +91,7 @@ class Written:
         return any(s * x > each["gap"] for s, each in self.contacts)
 
 
+@kept
 def written_path(scene, knots, index=0, displaced=0.0):
     """(X, X', state) at the knots 0, 1, …, by DOP853 on the noise's own knots; shape (knots+1, 3).
 

@@ -51,13 +51,33 @@ EXCITATIONS = {
         '{{kind = "sine", amplitude = {a}, frequency = {f}}}], knot_spacing = {k}}}',
     ),
     "record": (
-        'excitation={{kind = "record", file = "{folder}/{name}.csv", unit = "{unit}", '
+        'excitation={{kind = "record", file = "{folder}/{name}.csv", column = "acceleration", time_column = "time", unit = "{unit}", '
         'repetition = "periodic"}}',
     ),
     "prescribed displacement": (
         'excitation={{kind = "prescribed_displacement", amplitude = {l}, frequency = {f}}}',
     ),
 }
+# Each command once, with all kinds of devices, loads and excitations between them.
+EACH_ONCE = (
+    ("simulate circuit", "paper", "one resistor in a file", "sum"),
+    ("simulate monte-carlo", "leak and drag", "sshi_parallel", "white"),
+    ("average paper", "paper", "own resistor", "ornstein-uhlenbeck"),
+    ("average consistent", "paper", "own resistor", "white"),
+    ("average fokker_planck", "electromagnetic", "netlist resistor", "ornstein-uhlenbeck"),
+    ("validate", "asymmetric", "bridge", "ornstein-uhlenbeck"),
+    ("frequency-response monte-carlo", "one_sided", "bridge", "sine"),
+    ("frequency-response circuit", "coil with inductance", "own resistor", "sine"),
+    ("load-study", "asymmetric", "a user's file", "record"),
+    ("optimum", "paper", "own resistor", "ornstein-uhlenbeck"),
+    ("sensitivity", "one_sided", "sece", "ornstein-uhlenbeck"),
+    ("stability", "paper", "own resistor", "ornstein-uhlenbeck"),
+    ("work-precision", "paper", "own resistor", "ornstein-uhlenbeck"),
+    ("time-to-accuracy", "electromagnetic", "bridge", "ornstein-uhlenbeck"),
+    ("netlist ngspice", "leak and drag", "bridge", "prescribed displacement"),
+    ("netlist ltspice", "one_sided", "sshi_parallel", "sine"),
+    ("schematic", "coil with inductance", "sece", "record"),
+)
 BRIEFLY = ("--workers", "1")
 FREQUENCIES = ("--frequencies", "{f}", "--amplitude", "{a}")
 # Name → what stands before the scene, and behind it.
@@ -112,7 +132,7 @@ Cload out ref 100n
 .model plain d(is=1n n=1.2)
 .ends
 """
-SINGLE = ".subckt single a b value=220k\nR1 a b {value}\n.ends\n"
+SINGLE = ".subckt single p n value=220k\nR1 p n {value}\n.ends\n"
 
 
 def write_files(folder):

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import sysconfig
 import tarfile
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -62,10 +63,11 @@ def environment(distributions, tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_the_source_distribution_holds_what_the_wheel_is_built_from(distributions):
+def test_both_distributions_hold_all_files(distributions):
     (archive,) = distributions.glob(f"harvester-{harvester.__version__}.tar.gz")
     with tarfile.open(archive) as files:
         names = {name.partition("/")[2] for name in files.getnames()}
+    (wheel,) = distributions.glob("*.whl")
     kept = {
         path.relative_to(ROOT).as_posix()
         for top in ("harvester", "circuits", "netlists")
@@ -74,10 +76,11 @@ def test_the_source_distribution_holds_what_the_wheel_is_built_from(distribution
     }
     assert len(kept) > 250
     assert not kept - names
+    assert not kept - set(zipfile.ZipFile(wheel).namelist())
     assert {"README.md", "LICENSE", "pyproject.toml"} <= names
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_the_wheel_runs_away_from_the_checkout(environment, tmp_path):
     said = run(
         environment / "python", "-c", "import harvester; print(harvester.__file__)", folder=tmp_path

@@ -109,9 +109,8 @@ def test_every_page_is_on_the_site():
     assert {line for line in listed if not line.startswith(":")} >= pages | notebooks
 
 
-def test_the_readme_fits_a_screen_and_keeps_its_two_commands():
+def test_the_readme_keeps_its_two_commands():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert len(text.splitlines()) <= 60
     assert re.findall(r"^make \w+", text, re.MULTILINE) == ["make run", "make test"]
 
 

@@ -4,6 +4,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from kept import kept
 from scipy.integrate import DOP853
 from scipy.linalg import expm, solve_discrete_lyapunov
 
@@ -195,6 +196,7 @@ def contact_force(p, x, v, held_speed=None):
     return p.contact_stiffness * depth**1.5 * (side + b * v)
 
 
+@kept
 def reference_path(scene, knots, index=0):
     """States (X, X', V) at the knots by DOP853 at 1e-12, restarted at every knot.
 

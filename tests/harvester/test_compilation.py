@@ -9,16 +9,20 @@ from harvester.compilation import PACKAGE, compiled_sources
 
 
 def test_a_change_in_one_file_reaches_the_code_compiled_from_another(tmp_path):
-    """The contact force lives in `device/contact`, its use in `monte_carlo`."""
+    """A force in one folder is compiled into the integrator of another that does not change."""
     shutil.copytree(PACKAGE, tmp_path / "harvester", ignore=shutil.ignore_patterns("__pycache__"))
+    head = "from harvester.compilation import compiled\n"
+    force = tmp_path / "harvester" / "device" / "one_force.py"
+    force.write_text(f"{head}\n\n@compiled\ndef force(x):\n    return -2.0 * x\n")
+    integrator = tmp_path / "harvester" / "engines" / "one_integrator.py"
+    head += "from harvester.device.one_force import force\n"
+    integrator.write_text(f"{head}\n\n@compiled\ndef integrate(x):\n    return force(x)\n")
     code = (
-        "from harvester.scene.model import Scene; from harvester.scene.units import scale\n"
-        "from harvester.engines.schemes import _acceleration\n"
-        "p, _ = scale(Scene.load('paper'))\n"
-        "print(_acceleration(p, True, 1.1, 9.0, 0.0, 1.5, 0.0, 0.0, 0.0))"
+        "from harvester.engines.one_integrator import integrate\n"
+        "print(integrate(1.0), sum(integrate.stats.cache_hits.values()))"
     )
 
-    def acceleration():
+    def integrated():
         command = [sys.executable, "-c", code]
         shown = subprocess.run(
             command,
@@ -27,18 +31,12 @@ def test_a_change_in_one_file_reaches_the_code_compiled_from_another(tmp_path):
             capture_output=True,
             check=True,
         )
-        return float(shown.stdout)
+        return shown.stdout.split()
 
-    before = acceleration()
-    assert acceleration() == before
-    forces = tmp_path / "harvester" / "device" / "contact.py"
-    changed = forces.read_text().replace(
-        "return push, damping(contact.law, depth, v, gain, held_speed)",
-        "return 2.0 * push, damping(contact.law, depth, v, gain, held_speed)",
-    )
-    assert changed != forces.read_text()
-    forces.write_text(changed)
-    assert acceleration() < before - 1.0
+    assert integrated() == [b"-2.0", b"0"]
+    assert integrated() == [b"-2.0", b"1"]
+    force.write_text(force.read_text().replace("2.0", "3.0"))
+    assert integrated() == [b"-3.0", b"0"]
 
 
 def test_compiled_code_survives_a_change_of_what_it_is_not_made_of():

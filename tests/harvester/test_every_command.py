@@ -105,12 +105,33 @@ def faults(case, folder, capsys):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("briefly")
+@pytest.mark.parametrize("case", every_command.EACH_ONCE, ids=lambda case: case[0])
+def test_each_command_answers(case, folder, capsys):
+    """But for `optimum`: it may find none in runs as brief as these."""
+    if case[0] == "optimum":
+        assert not faults(case, folder, capsys)
+    else:
+        code = every_command.run(every_command.call(case, folder))
+        assert code in (0, None), capsys.readouterr()
+        assert not FAULT.search(str(capsys.readouterr()))
+
+
+def test_between_them_these_calls_hold_all_kinds():
+    held = [set(names) for names in zip(*every_command.EACH_ONCE, strict=True)]
+    kinds = (every_command.COMMANDS, every_command.KINDS_OF_DEVICE)
+    others = (every_command.LOADS, every_command.EXCITATIONS)
+    assert held == [set(each) for each in (*kinds, *others)]
+    assert len(every_command.EACH_ONCE) == len(every_command.COMMANDS)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.usefixtures("briefly")
 def test_every_two_of_command_kind_of_device_load_and_excitation(folder, capsys):
     cases = every_command.covering(2, 3, every_command.KINDS_OF_DEVICE)
     assert not [fault for case in cases if (fault := faults(case, folder, capsys))]
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.usefixtures("briefly")
 def test_every_two_of_command_other_device_load_and_excitation(folder, capsys):
     kinds = every_command.KINDS_OF_DEVICE

@@ -94,23 +94,25 @@ def test_a_notebook_opens_with_a_question_and_is_plain_python(path):
     assert title.endswith("?")
 
 
-@pytest.fixture(scope="module")
-def site(tmp_path_factory):
-    """Folder of a site made anew, every notebook executed, and what Sphinx said of it."""
-    folder = tmp_path_factory.mktemp("site")
-    made = subprocess.run(
-        [sys.executable, "-m", "sphinx", *MADE_BY, ".", str(folder / "docs")],
+def build(folder, *options):
+    """The site made anew in a folder, and what Sphinx said of it."""
+    return subprocess.run(
+        [sys.executable, "-m", "sphinx", *MADE_BY, *options, ".", str(folder / "docs")],
         cwd=ROOT,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
     )
-    return folder, made
 
 
-@pytest.mark.slow
-def test_the_site_is_built_without_a_warning(site):
-    folder, made = site
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """Folder of a site with every notebook executed, and what Sphinx said of it."""
+    folder = tmp_path_factory.mktemp("site")
+    return folder, build(folder)
+
+
+def check_pages(folder, made):
     assert made.returncode == 0, made.stderr
     theory = (folder / "docs" / "docs" / "theory.html").read_text("utf-8")
     assert theory.count("<math ") > 40
@@ -125,6 +127,17 @@ def test_the_site_is_built_without_a_warning(site):
 
 
 @pytest.mark.slow
+def test_the_site_is_built_without_a_warning(tmp_path):
+    """Its notebooks are shown and not executed."""
+    check_pages(tmp_path, build(tmp_path, "-D", "nb_execution_mode=off"))
+
+
+@pytest.mark.exhaustive
+def test_the_site_is_built_without_a_warning_and_its_notebooks_are_executed(site):
+    check_pages(*site)
+
+
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_of_the_site_ends_with_an_answer_and_a_figure(path, site):
     cache = jupyter_cache.get_cache(site[0] / ".jupyter_cache")

@@ -38,7 +38,7 @@ def drawn(rng, number):
     return scene_of(MASS, damping, force, transducer, 600.0), frequency, length
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_intervals_hold_the_truth_at_nine_values_in_ten():
     inside = []
     for number in range(DEVICES):

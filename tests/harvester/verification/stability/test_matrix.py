@@ -23,7 +23,7 @@ from harvester.verification.stability.cases import (
     run_length,
 )
 from harvester.verification.stability.matrix import StabilityMatrix, stability
-from harvester.verification.stability.verdicts import COMPARED, Row, Verdict
+from harvester.verification.stability.verdicts import COMPARED, REFUSED, RIGHT, Row, Verdict
 
 CASE = Case("scene", "as it is", {})
 # Without coupling: none of a scene in SI units.
@@ -208,7 +208,40 @@ def test_a_case_that_runs_out_of_time_is_unfinished(monkeypatch, capsys):
     assert "unfinished: circuit for scene: as it is" in capsys.readouterr().out
 
 
+# Of the default cases of `paper`: what refuses there; all else is right.
+REFUSING = {
+    "as it is": set(),
+    "K = 1e8, δ = 1 well, e = 0": {"fokker_planck"},
+    "D = 1e-6": set(),
+    "β = 0": set(),
+    "β = 0, e = 1, c = 1, τ1 = 0.01": set(),
+    "λ = 1e-4, β = 100": {"paper", "consistent", "fokker_planck"},
+    "τ1 = 1e3": {"paper", "consistent", "fokker_planck"},
+    "D = 100, no stoppers": set(),
+}
+
+
 @pytest.mark.slow
+@pytest.mark.parametrize("name", REFUSING)
+def test_a_case_is_right_by_all_that_take_it(name, monkeypatch):
+    monkeypatch.setattr("harvester.verification.stability.cases.STEP_BUDGET", 400_000)
+    chosen = [case for case in default_cases() if case.name == name]
+    (row,) = stability(Scene.load("paper"), cases=chosen, workers=1).rows
+    words = {method: verdict.word for method, verdict in row.verdicts.items()}
+    refusing = REFUSING[name]
+    assert words == {method: REFUSED if method in refusing else RIGHT for method in words}
+
+
+@pytest.mark.slow
+def test_means_are_judged_by_closed_forms_and_the_stationary_solution(monkeypatch):
+    monkeypatch.setattr("harvester.verification.stability.cases.STEP_BUDGET", 3_000_000)
+    (row,) = stability(Scene.load("linear"), cases=[CASE], workers=1).rows
+    verdict = row.verdicts["monte-carlo"]
+    assert verdict.word == RIGHT
+    assert {each.judge for each in verdict.judges} >= {"small motion", "fokker_planck"}
+
+
+@pytest.mark.exhaustive
 def test_no_cell_of_the_default_matrix_is_wrong(monkeypatch):
     """With a quarter of Monte Carlo's steps, by which it judges half as sharply."""
     monkeypatch.setattr("harvester.verification.stability.cases.STEP_BUDGET", 3_000_000)
