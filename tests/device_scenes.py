@@ -99,6 +99,10 @@ DEVICES = {
 }
 
 
+# Of which `make test` follows the path; the others' are followed by `make test-all`.
+FOLLOWED = ("uneven stoppers", "leak", "coil with inductance")
+
+
 # Seeds whose paths keep off the tops of barriers, where any difference doubles in every period.
 SEEDS = {
     "degree 7": 6,

@@ -51,7 +51,8 @@ EXCITATIONS = {
         '{{kind = "sine", amplitude = {a}, frequency = {f}}}], knot_spacing = {k}}}',
     ),
     "record": (
-        'excitation={{kind = "record", file = "{folder}/{name}.csv", column = "acceleration", time_column = "time", unit = "{unit}", '
+        'excitation={{kind = "record", file = "{folder}/{name}.csv", column = "acceleration", '
+        'time_column = "time", unit = "{unit}", '
         'repetition = "periodic"}}',
     ),
     "prescribed displacement": (

@@ -2,16 +2,15 @@
 
 import numpy as np
 import pytest
-from device_scenes import DEVICES, device
+from device_scenes import DEVICES, FOLLOWED, device
 from device_truths import written_path
 
 from harvester.engines.steps import knot_spacing, stop_time
 from harvester.scene.units import scale
 from harvester.simulation import simulate
 
-ALWAYS = ("uneven stoppers", "leak", "coil with inductance")
 EACH = [
-    pytest.param(name, marks=() if name in ALWAYS else pytest.mark.slow, id=name)
+    pytest.param(name, marks=() if name in FOLLOWED else pytest.mark.exhaustive, id=name)
     for name in DEVICES
 ]
 

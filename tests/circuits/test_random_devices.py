@@ -34,7 +34,7 @@ def by_circuit(pool, scene):
     return waveform[1, np.abs(waveform[0] - knots * spacing) < 1e-6 * spacing]
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("seed", SEEDS)
 def test_both_engines_follow_scipys_path(pool, seed):
     scene = random_device(seed)

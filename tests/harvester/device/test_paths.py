@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from device_scenes import DEVICES, device
+from device_scenes import DEVICES, FOLLOWED, device
 from device_truths import written_path
 from truths import Keep
 
@@ -26,9 +26,8 @@ def states_of(scene, step):
     return keep.at_knots(knot_spacing(scene))
 
 
-ALWAYS = ("uneven stoppers", "coil with inductance")
 EACH = [
-    pytest.param(name, marks=() if name in ALWAYS else pytest.mark.slow, id=name)
+    pytest.param(name, marks=() if name in FOLLOWED else pytest.mark.exhaustive, id=name)
     for name in DEVICES
 ]
 

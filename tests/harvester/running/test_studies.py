@@ -45,7 +45,7 @@ def kept(folder):
     return len(list(folder.glob("points/[!.]*")))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.skipif(not os.path.exists("/proc/self/task"), reason="finds workers in /proc")
 @pytest.mark.parametrize("kind", ["load-study", "optimum", "work-precision"])
 def test_killed_at_random_it_says_the_same_in_the_end(kind, tmp_path, undisturbed):
@@ -107,7 +107,7 @@ def cluster(tmp_path_factory):
         said.close()
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("kind", STUDIES)
 def test_a_cluster_says_what_one_machine_says(kind, cluster, tmp_path, undisturbed):
     expected = undisturbed(kind, tmp_path)

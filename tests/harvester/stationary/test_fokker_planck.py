@@ -39,7 +39,9 @@ def within(result, name, truth, floor=2e-3):
         LINEAR._replace(**WHITE, cubic_stiffness=3.0, gap=0.2, contact_stiffness=10.0),
         # The motion is three times as fast as small oscillations.
         DUFFING._replace(**WHITE, intensity=50.0),
-        pytest.param(PAPER._replace(**WHITE, gap=0.95, intensity=0.02), marks=pytest.mark.slow),
+        pytest.param(
+            PAPER._replace(**WHITE, gap=0.95, intensity=0.02), marks=pytest.mark.exhaustive
+        ),
     ],
     ids=["wells", "stoppers", "hardening", "preloaded"],
 )
@@ -67,7 +69,8 @@ def test_gibbs(p):
         {"damping": 0.1, "correlation_time": 3.0, "decay_rate": 0.2},
         {"damping": 0.5, "correlation_time": 0.3, "decay_rate": 1e-6},
         pytest.param(
-            {"damping": 0.05, "correlation_time": 0.05, "decay_rate": 4.0}, marks=pytest.mark.slow
+            {"damping": 0.05, "correlation_time": 0.05, "decay_rate": 4.0},
+            marks=pytest.mark.exhaustive,
         ),
     ],
     ids=["damped", "slow noise", "slow load", "fast load"],
@@ -85,7 +88,7 @@ def test_linear_device(changes):
     assert np.trapezoid(abs(density - normal), voltage) < 0.01
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("rate", [1e-3, 1e-6])
 def test_a_slow_load_leaves_the_charge_at_its_mean(rate):
     """λ → 0: Z = 0, V = X, in a spring stiffer by the coupling: a device that has no charge."""
@@ -132,7 +135,7 @@ def test_densities():
     assert np.trapezoid(joint, v, axis=1) == pytest.approx(result.density.displacement(x), abs=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_numerical_error_covers_a_finer_grid():
     p = PAPER._replace(intensity=0.1)
     rough, fine = (averaged(p, "fokker_planck", tolerance) for tolerance in (2e-2, 1e-3))
@@ -235,7 +238,7 @@ def test_gibbs_of_uneven_wells(force, loss):
     assert np.trapezoid(abs(result.density.displacement(x) - weight), x) < 0.01
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("intensity", [0.05, 0.012])
 @pytest.mark.parametrize(("force", "loss"), [(SKEW, 0.2), (TRISTABLE, 0.25)])
 def test_wells_are_not_left_as_they_began(force, loss, intensity, monkeypatch):
@@ -295,7 +298,7 @@ def test_kramers():
     assert found == pytest.approx(2.0 * expected, rel=0.15)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_more_nodes_of_the_charge_change_nothing(monkeypatch):
     """A strongly coupled, slow load tilts the wells by several E[X'²] as its charge moves."""
     changes = {
@@ -313,7 +316,7 @@ def test_more_nodes_of_the_charge_change_nothing(monkeypatch):
     assert more.estimate == pytest.approx(usual.estimate, abs=error)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_coil_without_inductance():
     """Linear spring, white noise: E[P] = Φ²R/(R_coil + R)² · D/c."""
     scene = Scene.load("electromagnetic", ["oscillator.restoring_force=[0, 15.393]"])

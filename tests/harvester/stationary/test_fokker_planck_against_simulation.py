@@ -20,15 +20,18 @@ def assert_as_simulated(scene, names):
     return simulated
 
 
-@pytest.mark.slow
+PRELOADED = ["stoppers.gap=0.95", "stoppers.stiffness=40", "excitation.intensity=0.03"]
+REMEMBERED = ["excitation.correlation_time=1.0", "excitation.intensity=0.1"]
+FAST_LOAD = ["load.decay_rate=0.9", "excitation.intensity=0.06", "excitation.correlation_time=0.2"]
+
+
 @pytest.mark.parametrize(
     "overrides",
     [
-        ["stoppers.gap=0.95", "stoppers.stiffness=40", "excitation.intensity=0.03"],
-        ["excitation.correlation_time=1.0", "excitation.intensity=0.1"],
-        ["load.decay_rate=0.9", "excitation.intensity=0.06", "excitation.correlation_time=0.2"],
+        pytest.param(PRELOADED, id="preloaded", marks=pytest.mark.exhaustive),
+        pytest.param(REMEMBERED, id="remembered noise", marks=pytest.mark.slow),
+        pytest.param(FAST_LOAD, id="fast load", marks=pytest.mark.exhaustive),
     ],
-    ids=["preloaded", "remembered noise", "fast load"],
 )
 def test_simulation(overrides):
     """Where averaging is 3 to 13 % off: within four standard errors and the numerical error.
@@ -40,8 +43,13 @@ def test_simulation(overrides):
     assert_as_simulated(scene, ("mean_square_voltage", "power_conversion_efficiency"))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["uneven stoppers", "coil with inductance"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("uneven stoppers", marks=pytest.mark.slow),
+        pytest.param("coil with inductance", marks=pytest.mark.slow),
+    ],
+)
 def test_simulation_of_other_devices(name):
     """Within four standard errors and the numerical error: one failure in 4000 choices of seed."""
     scene = device_scene(name)
@@ -52,7 +60,7 @@ def test_simulation_of_other_devices(name):
     assert_as_simulated(scene, names)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("resistance", "coupling"), [(2e6, 1e-3), (6e5, 1e-3), (4e6, 1.5e-3)])
 def test_a_stopper_on_one_side_and_a_strong_coupling(resistance, coupling):
     """The charge follows motion that is not about its well, and contacts are shorter than steps.
@@ -70,7 +78,7 @@ def test_a_stopper_on_one_side_and_a_strong_coupling(resistance, coupling):
         assert truth.standard_error < 0.01 * truth.estimate
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("name", "changes"),
     [
@@ -107,7 +115,7 @@ def test_the_well_that_holds_all_where_jumps_are_rare(name, changes):
     assert answer[f"share_of_time_in_well_{other}"].estimate < 1e-3
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_rare_jumps_between_wells_that_are_not_alike():
     """Left after 500 and 3000 s: Monte Carlo of 64 × 16 000 s gives 19.46 V² ± 1.5 %.
 
@@ -124,7 +132,7 @@ def test_rare_jumps_between_wells_that_are_not_alike():
     assert answer.estimate == pytest.approx(19.46, abs=error)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_charge_that_outlasts_the_stay_in_a_well():
     """Jumps are frequent at some nodes of Z and rare at others: few of them tell 27 % less.
 
@@ -145,7 +153,7 @@ def test_a_charge_that_outlasts_the_stay_in_a_well():
     assert_as_simulated(scene, ("mean_square_voltage", "mean_square_displacement"))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_few_nodes_let_nothing_over_a_saddle_that_is_hardly_crossed():
     """More steps on a sparse grid led fifty times too much over it: E[V²] was 1.4 % low.
 
@@ -165,7 +173,7 @@ def test_few_nodes_let_nothing_over_a_saddle_that_is_hardly_crossed():
     assert 0.0 <= rate.estimate < 2e-5
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_noise_with_a_memory_brings_the_mass_over_the_saddle():
     """Barrier 16 E[X'²]: within four standard errors and the numerical error (one in 16 000)."""
     changes = {

@@ -43,7 +43,7 @@ def kramers(system, well, saddle):
     return slowed / over * attempt * math.exp(-height)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     "force", [(0.0, -2.0, 0.0, 1.0), (-0.06, -2.0, 0.2, 1.1)], ids=["alike", "uneven"]
 )
@@ -74,7 +74,7 @@ def test_kramers_and_simulation(force):
     assert averages.between_wells["slowest_decay_rate"] == pytest.approx(together, rel=0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     "change", [{"load.decay_rate": 0.03}, {"excitation.intensity": 0.02}], ids=["slow load", "rare"]
 )

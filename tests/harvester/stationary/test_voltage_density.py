@@ -23,12 +23,12 @@ from harvester.stationary.voltage_density import density_of_charge
         ("paper", []),
         ("paper", ["excitation.intensity=0.1"]),
         ("paper", ["excitation.intensity=1", "load.decay_rate=0.01"]),
-        pytest.param("asymmetric", ["load.resistance=117e3"], marks=pytest.mark.slow),
-        pytest.param("one_sided", [], marks=pytest.mark.slow),
+        pytest.param("asymmetric", ["load.resistance=117e3"], marks=pytest.mark.exhaustive),
+        pytest.param("one_sided", [], marks=pytest.mark.exhaustive),
         pytest.param(
             "duffing",
             ["load.decay_rate=1e-3", "excitation.intensity=0.5"],
-            marks=pytest.mark.slow,
+            marks=pytest.mark.exhaustive,
         ),
     ],
 )
@@ -83,9 +83,9 @@ def test_charge_left_behind_in_another_well(share_left_behind):
     ("name", "overrides"),
     [
         ("paper", []),
-        pytest.param("paper", ["excitation.intensity=0.05"], marks=pytest.mark.slow),
-        pytest.param("asymmetric", [], marks=pytest.mark.slow),
-        pytest.param("tristable", [], marks=pytest.mark.slow),
+        pytest.param("paper", ["excitation.intensity=0.05"], marks=pytest.mark.exhaustive),
+        pytest.param("asymmetric", [], marks=pytest.mark.exhaustive),
+        pytest.param("tristable", [], marks=pytest.mark.exhaustive),
     ],
 )
 def test_distance_from_monte_carlo(name, overrides):

@@ -4,11 +4,9 @@ import math
 import numpy as np
 import pytest
 import worker_calls
-from truths import Keep, records_of
 from truths import reference_path as independent_path
 
 from harvester.command_line import main
-from harvester.engines.steps import knot_spacing, steps_per_knot
 from harvester.errors import LoadError, OutOfTime
 from harvester.estimates.paired import paired_difference
 from harvester.running import Task, open_runner
@@ -101,52 +99,6 @@ def test_the_reference_is_that_of_an_independent_integration():
     for index in (0, 1):
         states = reference_path.run(scene, index, report=None)
         np.testing.assert_allclose(states, independent_path(scene, 200, index)[1:], atol=1e-9)
-
-
-def test_the_held_speed_of_the_reference_agrees_with_monte_carlo(pool):
-    scene = Scene.load(
-        "paper",
-        [
-            "stoppers.impact_velocity=event",
-            "excitation.intensity=0.1",
-            "run.duration=10",
-            "run.settle=0",
-            "run.realizations=1",
-        ],
-    )
-    states = reference_path.run(scene, 0, report=None)
-    path = simulate(
-        scene, method="monte-carlo", step="finest", window=(0.0, 20.0), runner=pool
-    ).waveform
-    times = 0.05 * np.arange(1, 201)
-    np.testing.assert_allclose(
-        np.interp(times, path.time, path.displacement), states[:, 0], atol=1e-7
-    )
-
-
-UNEVEN = "stoppers={gap=0.011, stiffness=1e6, restitution=0.5, exponent=2.0}"
-PARTS = [
-    ("one_sided", ["piezo.leakage_resistance=1e6"]),
-    ("tristable", ["start={displacement=0.012, velocity=0.3, voltage=5.0}"]),
-    ("electromagnetic", []),
-    pytest.param("asymmetric", ["oscillator.quadratic_damping=5", UNEVEN], marks=pytest.mark.slow),
-    pytest.param("electromagnetic", ["coil.inductance=2.0"], marks=pytest.mark.slow),
-]
-
-
-@pytest.mark.parametrize(("name", "overrides"), PARTS)
-def test_the_reference_follows_every_part(name, overrides):
-    """Monte Carlo knows the parts by their own functions, the reference by their numbers."""
-    scene = Scene.load(name, [*overrides, "run.settle=0", "run.realizations=1"])
-    spacing = knot_spacing(scene)
-    scene = scene.replace({"run.duration": 150 * spacing, "excitation.knot_spacing": spacing})
-    expected = reference_path.run(scene, 0, report=None)
-    keep, fine = Keep(), steps_per_knot(scene, "finest", "monte-carlo")
-    for record in records_of(scene, 150 * spacing, steps_per_knot=fine):
-        keep.add(record)
-    found = keep.at_knots(spacing)
-    scatter = expected.std(axis=0)
-    np.testing.assert_array_less(np.abs(found - expected).max(axis=0), 1e-5 * scatter)
 
 
 def test_local_error_control_lands_on_knots_and_follows_its_tolerance(pool):
