@@ -85,7 +85,7 @@ def test_what_grows_beyond_a_load_is_refused_at_once_with_its_line(tmp_path, cas
     with pytest.raises(NetlistError) as refusal:
         read_load(path, "load")
     # A fraction of a second; the limit is for a busy machine.
-    assert time.monotonic() - began < 10.0
+    assert time.monotonic() - began < 30.0
     assert message in str(refusal.value)
     assert str(refusal.value).startswith(str(path) if "file" in case else "hostile.lib:")
     assert "\n" not in str(refusal.value)

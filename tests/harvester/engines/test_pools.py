@@ -42,4 +42,4 @@ def test_the_outcomes_of_many_calls_are_gathered_in_a_time_that_grows_as_their_n
         future.set_result(1)
     started = time.monotonic()
     assert sum(gather(futures)) == len(futures)
-    assert time.monotonic() - started < 20.0
+    assert time.monotonic() - started < 60.0
