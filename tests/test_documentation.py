@@ -69,6 +69,7 @@ def test_files_that_are_named_exist(page):
     assert not [path for path in paths if not (ROOT / path).exists()]
 
 
+@pytest.mark.slow
 def test_the_names_of_the_recipes_are_in_the_code():
     """Classes, tables, functions and keys; a call is named with its arguments."""
     words = [re.sub(r"\(.*", "", word) for word in in_code(ROOT / "CONTRIBUTING.md")]

@@ -44,9 +44,17 @@ def means(inductance):
     return np.diag(solve_continuous_lyapunov(np.array(drift), -noise))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("engine", ["monte-carlo", "circuit"])
-@pytest.mark.parametrize("inductance", [0.0, 0.5, 20.0])
+@pytest.mark.parametrize(
+    ("engine", "inductance"),
+    [
+        pytest.param("monte-carlo", 0.0, marks=pytest.mark.exhaustive),
+        pytest.param("monte-carlo", 0.5, marks=pytest.mark.slow),
+        pytest.param("monte-carlo", 20.0, marks=pytest.mark.exhaustive),
+        pytest.param("circuit", 0.0, marks=pytest.mark.slow),
+        pytest.param("circuit", 0.5, marks=pytest.mark.exhaustive),
+        pytest.param("circuit", 20.0, marks=pytest.mark.exhaustive),
+    ],
+)
 def test_a_coils_means_in_white_noise(pool, engine, inductance):
     """False alarm in under 2 % of seeds; this one is fixed."""
     scene = coil_scene(inductance, {"resistance": LOAD}, duration=150.0, realizations=16)
@@ -90,6 +98,7 @@ def test_the_efficiency_of_a_coil_without_inductance_is_the_devices_own(pool):
         assert found.effective_sample_size is None
 
 
+@pytest.mark.slow
 def test_a_load_that_cuts_off_the_inductances_current_is_told_so(pool):
     scene = Scene.load(
         "electromagnetic",

@@ -33,6 +33,7 @@ def deviations(pool, scene, steps):
     return found, residuals
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EACH)
 def test_the_circuit_follows_scipys_path(pool, name):
     found, residuals = deviations(pool, device(name), ["fine", "finest"])

@@ -9,13 +9,13 @@ from harvester.estimates.paired import paired_difference
 from harvester.scene.model import Scene
 from harvester.simulation import simulate
 
-EACH = (
-    "bias and quadratic term",
-    "tristable, degree 5",
-    "one-sided stopper",
-    "uneven stoppers",
-    "quadratic damping",
-)
+EACH = [
+    pytest.param("bias and quadratic term", marks=pytest.mark.exhaustive),
+    pytest.param("tristable, degree 5", marks=pytest.mark.exhaustive),
+    pytest.param("one-sided stopper", marks=pytest.mark.exhaustive),
+    pytest.param("uneven stoppers", marks=pytest.mark.slow),
+    pytest.param("quadratic damping", marks=pytest.mark.slow),
+]
 COMPARED = (
     "mean_square_displacement",
     "mean_square_velocity",
@@ -31,7 +31,6 @@ DAMPING = 0.8
 STEP_ERROR = 2e-4
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", EACH)
 def test_the_means_of_circuit_and_monte_carlo_agree(pool, name):
     """Within 3 joint standard errors of at most 0.5 %; false alarm under 2 % for the seven."""

@@ -42,6 +42,7 @@ def quake(tmp_path):
     return Scene.from_tables(tables, name="quake")
 
 
+@pytest.mark.slow
 def test_a_record_gives_power_with_error_bars_that_agree(pool, quake):
     """The mean power at three joint standard errors: 0.3 % false alarms at most."""
     circuit, reference = (

@@ -36,6 +36,7 @@ def loads(name):
         return None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["paper", "device", "asymmetric", "one_sided", "tristable", "electromagnetic"]
 )

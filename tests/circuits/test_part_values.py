@@ -30,6 +30,7 @@ def test_sources_and_values_below_zero(tmp_path):
     assert load.negative_parts == ("r2 (load.lib:4)", "x1.rc (load.lib:10)")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["circuit", "monte-carlo"])
 def test_a_value_below_zero_is_named_where_the_run_ends_early(tmp_path, pool, engine):
     scene = scene_with(tmp_path, "R1 p n -1k")
@@ -37,6 +38,7 @@ def test_a_value_below_zero_is_named_where_the_run_ends_early(tmp_path, pool, en
         simulate(scene, method=engine, workers=1, runner=pool)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["circuit", "monte-carlo"])
 def test_a_value_below_zero_is_noted_where_it_does_not(tmp_path, pool, engine):
     scene = scene_with(tmp_path, "R1 p a -1k\nR2 a n 100k")

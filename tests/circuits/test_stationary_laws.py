@@ -76,7 +76,7 @@ def test_shares_and_density_are_gibbs_roughly(pool):
     check_density(result)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", DEVICES)
 def test_shares_and_density_are_gibbs_to_one_percent(pool, name):
     """False alarm of one share under 0.3 %; the seed is fixed."""
@@ -85,14 +85,17 @@ def test_shares_and_density_are_gibbs_to_one_percent(pool, name):
     check_density(result)
 
 
-@pytest.mark.slow
+BRIDGE = {"netlist": "bridge", "parameters": {"storage": 1e-7}}
+SSHI = {"netlist": "sshi_parallel", "parameters": {"storage": 1e-7}}
+
+
 @pytest.mark.parametrize(
     ("load", "method", "realizations"),
     [
-        ({"resistance": 1e5}, "circuit", 64),
-        ({"netlist": "bridge", "parameters": {"storage": 1e-7}}, "circuit", 64),
-        ({"netlist": "bridge", "parameters": {"storage": 1e-7}}, "monte-carlo", 128),
-        ({"netlist": "sshi_parallel", "parameters": {"storage": 1e-7}}, "monte-carlo", 64),
+        pytest.param({"resistance": 1e5}, "circuit", 64, marks=pytest.mark.slow),
+        pytest.param(BRIDGE, "circuit", 64, marks=pytest.mark.exhaustive),
+        pytest.param(BRIDGE, "monte-carlo", 128, marks=pytest.mark.slow),
+        pytest.param(SSHI, "monte-carlo", 64, marks=pytest.mark.exhaustive),
     ],
 )
 def test_the_mass_law_holds_with_every_load(pool, load, method, realizations):

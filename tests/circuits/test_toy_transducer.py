@@ -94,8 +94,13 @@ def test_the_stationary_solver_takes_it(scene):
         assert found.estimate == pytest.approx(truth, abs=found.standard_error)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("engine", ["monte-carlo", "circuit"])
+@pytest.mark.parametrize(
+    "engine",
+    [
+        pytest.param("monte-carlo", marks=pytest.mark.exhaustive),
+        pytest.param("circuit", marks=pytest.mark.slow),
+    ],
+)
 def test_its_means_in_white_noise(scene, pool, engine):
     """False alarm in under 2 % of seeds; this one is fixed."""
     result = simulate(scene, method=engine, runner=pool, device="behavioural")

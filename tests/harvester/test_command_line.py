@@ -29,6 +29,7 @@ EVIDENCE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "command",
     [
@@ -51,6 +52,7 @@ def test_json_alone_on_standard_output(capsys, command):
     assert "mean square voltage" in streams.err
 
 
+@pytest.mark.slow
 def test_output_writes_json_and_figure(tmp_path, capsys):
     folder = tmp_path / "new" / "results"
     assert main(["simulate", "linear", *BRIEF, "--output", str(folder)]) == 0
@@ -99,6 +101,7 @@ def test_validate_shows_three_ways_and_writes_figures(tmp_path, capsys):
         assert (tmp_path / f"paper-validate{ending}.png").exists()
 
 
+@pytest.mark.slow
 def test_validate_goes_on_where_no_closure_knows_the_load(tmp_path, capsys):
     brief = ["run.realizations=2", "run.duration=4", "run.settle=1", "load.netlist=bridge"]
     sets = [word for value in brief for word in ("--set", value)]
@@ -186,6 +189,7 @@ def test_a_library_that_is_no_ngspice_is_refused(monkeypatch, capsys):
     assert "NGSPICE_LIBRARY_PATH" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_failed_run_keeps_what_it_had(tmp_path, capsys):
     target = tmp_path / "partial.json"
     command = ["simulate", "paper", "--set", "run.realizations=2", "--set", "run.duration=1e6"]
@@ -214,6 +218,7 @@ def test_light_commands_import_nothing_heavy():
     assert shown.rstrip().endswith("loaded []")
 
 
+@pytest.mark.slow
 def test_simulating_loads_no_drawing_library(tmp_path):
     code = (
         "import sys, harvester.command_line as c\n"
@@ -226,6 +231,7 @@ def test_simulating_loads_no_drawing_library(tmp_path):
     assert shown.rstrip().endswith("loaded []")
 
 
+@pytest.mark.slow
 def test_si_and_scaled_scenes_average_to_the_same_scaled_results():
     from harvester.averaging.of_scene import average
 

@@ -8,6 +8,7 @@ import pytest
 from harvester.compilation import PACKAGE, compiled_sources
 
 
+@pytest.mark.slow
 def test_a_change_in_one_file_reaches_the_code_compiled_from_another(tmp_path):
     """A force in one folder is compiled into the integrator of another that does not change."""
     shutil.copytree(PACKAGE, tmp_path / "harvester", ignore=shutil.ignore_patterns("__pycache__"))
@@ -92,6 +93,7 @@ def test_numba_is_imported_where_the_working_folder_is_shut_out():
     assert [source.name for source in sources if direct.search(source.read_text())] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", ["cache_dir: {folder}/evil\ndisable_jit: 1\n", "1: 2\n", "[: -"])
 def test_numba_takes_no_settings_of_the_working_folder(tmp_path, text):
     (tmp_path / ".numba_config.yaml").write_text(text.format(folder=tmp_path))

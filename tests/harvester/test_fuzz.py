@@ -57,6 +57,7 @@ KEYS = sorted(
 )
 
 
+@pytest.mark.slow
 @budget(100)
 @given(
     name=st.sampled_from(Scene.names()),
@@ -144,6 +145,7 @@ RECORD_KEYS = st.fixed_dictionaries(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["npy", "wav", "csv"])
 def test_fuzz_records(tmp_path, suffix):
     path = tmp_path / f"motion.{suffix}"

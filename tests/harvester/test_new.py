@@ -37,6 +37,7 @@ def test_each_built_in_scene_is_copied_with_its_comments(name, tmp_path, capsys)
     assert f"harvester average {path}" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_new_scene_runs(tmp_path, capsys):
     path = tmp_path / "beam.toml"
     assert main(["new", str(path), "--from", "asymmetric"]) == 0

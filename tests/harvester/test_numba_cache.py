@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
+import pytest
 from numba.core import caching
 
 from harvester.compilation import numba
@@ -45,6 +46,7 @@ def test_an_index_that_names_a_class_that_is_gone_counts_as_empty(tmp_path):
         assert index(tmp_path).load(key(1.0)) == "code"
 
 
+@pytest.mark.slow
 def test_two_processes_compile_the_same_once(tmp_path):
     """They begin together, and it takes longer than to begin."""
     lines = "\n".join(f"    x = np.sin(x) + {k}.0 * np.hypot(x, {k}.5)" for k in range(60))

@@ -64,6 +64,7 @@ def test_the_documentation_has_the_same_table():
     assert re.findall(r"^\| `(\w+)` \|", text, re.MULTILINE) == PUBLIC
 
 
+@pytest.mark.slow
 def test_the_documented_calls_work():
     pytest.importorskip("xarray")
     text = (ROOT / "docs" / "api.md").read_text("utf-8")

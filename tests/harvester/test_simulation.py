@@ -28,6 +28,7 @@ MEANS = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["circuit", "monte-carlo"])
 @pytest.mark.parametrize(
     "overrides", [[], ["oscillator.damping=0.4", "load.decay_rate=0.5", "run.seed=11"]]
@@ -44,6 +45,7 @@ def test_a_linear_scene_meets_the_lyapunov_equation(pool, engine, overrides):
     assert abs(result.energy_balance_residual) < 1e-3
 
 
+@pytest.mark.slow
 def test_one_and_two_workers_give_the_same_numbers(pool):
     scene = Scene.load("paper", ["run.duration=200", "run.realizations=4"])
     for engine in ("circuit", "monte-carlo"):
@@ -59,6 +61,7 @@ def process_executor():
         yield executor
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["process_executor", "dask_executor"])
 def test_any_executor_gives_the_same_numbers(pool, kind, request):
     scene = Scene.load("paper", ["run.duration=100", "run.realizations=3"])
@@ -92,6 +95,7 @@ def test_the_seed_decides_the_noise(pool):
     assert one.scaled_quantities != other.scaled_quantities
 
 
+@pytest.mark.slow
 def test_circuit_and_monte_carlo_follow_the_same_path(pool):
     """The circuit's bias by its default step, at most 1 %, paired: in a well and between the wells.
 
@@ -110,6 +114,7 @@ def test_circuit_and_monte_carlo_follow_the_same_path(pool):
         assert bias.standard_error < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", Scene.names())
 def test_the_energy_balance_closes_for_every_built_in_scene(pool, name):
     scene = Scene.load(name)
@@ -151,6 +156,7 @@ def test_si_and_scaled_scenes_give_the_same_circuit_results(pool):
             assert other == pytest.approx(estimate.estimate, rel=1e-5), name
 
 
+@pytest.mark.slow
 def test_the_time_limit_keeps_what_the_run_had():
     scene = Scene.load("paper", ["run.duration=1e6", "run.realizations=1", "run.settle=10"])
     with pytest.raises(SimulatorTimeout) as caught:
@@ -184,6 +190,7 @@ def test_unknown_names_are_refused(arguments, words):
         simulate(Scene.load("paper"), **arguments)
 
 
+@pytest.mark.slow
 def test_an_interrupt_ends_the_workers_and_writes_nothing(tmp_path):
     command = [sys.executable, "-m", "harvester", "simulate", "paper"]
     command += [
@@ -213,6 +220,7 @@ def test_an_interrupt_ends_the_workers_and_writes_nothing(tmp_path):
     assert not any(_alive(child) for child in children)
 
 
+@pytest.mark.slow
 def test_killing_a_worker_ends_the_run_with_a_named_error(tmp_path):
     target = tmp_path / "result.json"
     command = [sys.executable, "-m", "harvester", "simulate", "paper", "--json", str(target)]

@@ -255,6 +255,7 @@ def irregular(piezo):
     return "\n+ +".join(terms)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", [NEAR_IDEAL, SILICON])
 def test_irregular_motion_where_no_clock_would_help(part, tmp_path):
     """Energy is accounted for, and every switching load harvests more than the bridge's best."""

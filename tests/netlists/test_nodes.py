@@ -32,6 +32,7 @@ def stages(scene, result):
     return total / result["mean_power"].estimate
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("load", LOADS)
 def test_both_engines_run_the_node_and_every_stage_accounts_for_its_energy(pool, load):
     """On the same noise: what the node gets and each stage loses within 2 %, the same events."""

@@ -87,6 +87,7 @@ def test_a_coupled_bridge_is_shu_and_liens(ratio, best):
     assert used / into > 0.99
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("figure", "best"), [(0.1, 0.401), (np.pi / 4.0, 1.0), (1.0, 0.986), (np.pi, 0.640)]
 )
@@ -125,6 +126,7 @@ V1 out ref {volts}
 """
 
 
+@pytest.mark.slow
 def test_a_bridge_on_narrow_band_noise(tmp_path):
     """4 f Cp V σ √(π/2) erfc(V/(√2 σ)) with the amplitudes of a Rayleigh law, weak coupling."""
     coupling, capacitance, damping, sigma = 1e-3, 0.01, 0.01, 50.0

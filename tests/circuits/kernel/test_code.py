@@ -81,6 +81,7 @@ def stamp(matrix, a, z, value):
     matrix[[a, z], [z, a]] -= value
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("load", [*LOADS, *FILES])
 @pytest.mark.parametrize("voltage", [-5.9, -0.3, 0.3, 0.55])
 def test_an_iteration_is_numpys(tmp_path, load, voltage):

@@ -18,6 +18,7 @@ def by_address(address, numbers, values):
     return evaluate(address, numbers, values)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["uneven stoppers", "bias and quadratic term"])
 def test_a_function_by_its_address_is_the_devices_own(name):
     s, _ = scale(device(name))

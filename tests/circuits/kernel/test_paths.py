@@ -31,6 +31,7 @@ def ours(scene):
     return square, used, np.trapezoid(power, time) * scales.power
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("load", ["bridge", "doubler", "bridge_buck"])
 def test_diode_loads_follow_ngspice(pool, load):
     against_ngspice(pool, load)
@@ -139,6 +140,7 @@ V2 ref n 0
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", ["default", "finest"])
 def test_a_switch_that_turned_conducts_as_it_should(pool, tmp_path, step):
     path = tmp_path / "clocked.lib"
@@ -208,6 +210,7 @@ R4 out ref 50k
 """
 
 
+@pytest.mark.slow
 def test_coils_that_hand_over_their_current_lose_no_more_than_they_should(pool, tmp_path):
     """In times much shorter than the first step after a switch's turn usually is."""
     path = tmp_path / "forward.lib"
@@ -252,6 +255,7 @@ def test_what_a_diode_lets_out_at_once_is_no_more_than_its_law_allows(tmp_path):
 LOADS = ("bridge", "doubler", "sshi_parallel", "sshi_series", "sece", "bridge_buck")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("load", LOADS)
 def test_energy_is_balanced_by_default(pool, load):
     scene = Scene.load(

@@ -46,6 +46,7 @@ def test_before_anything_runs(tmp_path):
         simulate(with_load(tmp_path, "J1 p out n jm\n.model jm njf()"), method="monte-carlo")
 
 
+@pytest.mark.slow
 def test_a_run_that_gets_nowhere_is_given_up(tmp_path, monkeypatch):
     """A buffer below 0 behind diodes: its voltage grows without an end, in ever shorter steps."""
     monkeypatch.setattr(engine, "PATIENCE", 0.5)

@@ -43,6 +43,7 @@ S1 p n g n gate
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["monte-carlo", "circuit"])
 def test_a_gate_shorter_than_a_step(tmp_path, method):
     """Both engines at their default steps discharge the piezo as the finest steps do.

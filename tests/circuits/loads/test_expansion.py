@@ -76,6 +76,7 @@ TOO_MUCH = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", TOO_MUCH)
 def test_what_grows_beyond_a_load_is_refused_at_once_with_its_line(tmp_path, case):
     text, message = TOO_MUCH[case]

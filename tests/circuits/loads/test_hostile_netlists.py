@@ -83,6 +83,7 @@ damages = st.lists(
 )
 
 
+@pytest.mark.slow
 @given(seed=st.sampled_from(SEEDS), hurts=damages, encoding=st.sampled_from(["utf-8", "utf-16"]))
 def test_a_damaged_load_is_a_load_or_refused(read, seed, hurts, encoding):
     text = seed
@@ -94,6 +95,7 @@ def test_a_damaged_load_is_a_load_or_refused(read, seed, hurts, encoding):
     read(text.encode(encoding, errors="replace"))
 
 
+@pytest.mark.slow
 @given(st.lists(st.lists(st.sampled_from(WORDS), max_size=12).map(" ".join), max_size=12))
 def test_cards_of_known_words_are_a_load_or_refused(read, cards):
     read(LOAD.replace("{}", "{0}").format("\n".join(cards)).encode(errors="replace"))

@@ -90,6 +90,7 @@ def test_another_measure_is_another_scene(tmp_path):
     assert scenes[0].digest() != scenes[1].digest()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["monte-carlo", "circuit"])
 def test_both_engines_find_what_the_circuit_equations_say(pool, tmp_path, method):
     """Losses and output make up what leaves the piezo, half of the time the voltage is positive.

@@ -98,6 +98,7 @@ def test_a_thousandth_of_an_inch_is_one_everywhere(tmp_path):
         assert resistance(tmp_path, load.text) == pytest.approx(3 * 25.4e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("line", "message"),
     [

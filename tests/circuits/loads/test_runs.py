@@ -239,6 +239,7 @@ def test_a_switching_load_balances_its_energy_by_default(tmp_path, pool):
     assert abs(fine.energy_balance_residual) < 0.001
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("load", ["sshi_parallel", "sshi_series", "sece"])
 def test_a_switched_load_takes_few_steps_beside_the_local_errors_control(pool, load):
     """Of 2 s with 48 turns of the motion; the grid alone has 4800 steps."""
@@ -282,6 +283,7 @@ def test_scaled_scenes_take_a_netlist_too(tmp_path, pool):
     assert power == pytest.approx(p.coupling * square / 10.0, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_what_ngspice_does_not_know_is_no_result(tmp_path):
     text = BRIDGE.replace("n=0.5", "n=0.5 emission=2")
     with pytest.raises(SimulatorAborted, match="emission"):

@@ -211,6 +211,7 @@ def test_calls_that_multiply_are_refused_before_they_fill_the_memory(tmp_path):
         read(tmp_path, "\n".join(levels))
 
 
+@pytest.mark.slow
 def test_whatever_is_broken_in_a_file_it_is_refused_by_name(tmp_path):
     """Seeded damage: a load or a NetlistError, never another exception."""
     generator = random.Random(1)

@@ -28,6 +28,7 @@ def folder(tmp_path):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_one_file_beside_the_scene_is_a_load(folder):
     (folder / "toy.lib").write_text(TOY)
     short = {"run.duration": 2.0, "run.settle": 0.5, "run.realizations": 2}

@@ -175,29 +175,37 @@ def loaded(worker):
     return worker
 
 
+FOLLOWED = [
+    ("paper", ["excitation.intensity=0.1"]),
+    ("device", []),
+    ("tristable", [DEGREE_SEVEN]),
+    ("one_sided", ["oscillator.quadratic_damping=0.3", "piezo.leakage_resistance=3e6"]),
+    ("paper", ["excitation.intensity=0.1", UNEVEN]),
+    ("paper", ["excitation.intensity=0.1", "stoppers.exponent=2.3"]),
+]
+OTHERS = [
+    ("paper", ["excitation.intensity=0.1", "stoppers.restitution=0"]),
+    ("paper", ["stoppers.gap=0.95"]),
+    ("paper_si", []),
+    ("duffing", []),
+    ("linear", []),
+    ("asymmetric", []),
+    ("tristable", []),
+    ("one_sided", ["excitation.intensity=0.2"]),
+    ("paper", ["excitation.intensity=0.1", TWO_ON_A_SIDE]),
+    ("paper", ["excitation.intensity=0.1", TILTED, "stoppers.gap=0.9"]),
+    ("paper", ["excitation.intensity=0.1", "stoppers.exponent=1"]),
+    ("paper", ["excitation.intensity=0.1", "stoppers.restitution=1"]),
+    # At rest just where an uneven spring's stopper begins: the energy gained is rounding.
+    ("paper", [TOUCHING, "stoppers.gap=0.9999999999999999"]),
+]
+
+
 @pytest.mark.parametrize(
     ("name", "overrides"),
     [
-        ("paper", ["excitation.intensity=0.1"]),
-        ("paper", ["excitation.intensity=0.1", "stoppers.restitution=0"]),
-        ("paper", ["stoppers.gap=0.95"]),
-        ("paper_si", []),
-        ("device", []),
-        ("duffing", []),
-        ("linear", []),
-        ("asymmetric", []),
-        ("tristable", []),
-        ("tristable", [DEGREE_SEVEN]),
-        ("one_sided", ["excitation.intensity=0.2"]),
-        ("one_sided", ["oscillator.quadratic_damping=0.3", "piezo.leakage_resistance=3e6"]),
-        ("paper", ["excitation.intensity=0.1", UNEVEN]),
-        ("paper", ["excitation.intensity=0.1", TWO_ON_A_SIDE]),
-        ("paper", ["excitation.intensity=0.1", TILTED, "stoppers.gap=0.9"]),
-        ("paper", ["excitation.intensity=0.1", "stoppers.exponent=2.3"]),
-        ("paper", ["excitation.intensity=0.1", "stoppers.exponent=1"]),
-        ("paper", ["excitation.intensity=0.1", "stoppers.restitution=1"]),
-        # At rest just where an uneven spring's stopper begins: the energy gained is rounding.
-        ("paper", [TOUCHING, "stoppers.gap=0.9999999999999999"]),
+        *(pytest.param(*each, marks=pytest.mark.slow) for each in FOLLOWED),
+        *(pytest.param(*each, marks=pytest.mark.exhaustive) for each in OTHERS),
     ],
 )
 def test_it_follows_the_behavioural_netlist(loaded, name, overrides):
@@ -212,6 +220,7 @@ def test_it_follows_the_behavioural_netlist(loaded, name, overrides):
     assert (np.abs(compiled - behavioural) <= 1e-9 * size).all()
 
 
+@pytest.mark.slow
 def test_copies_in_one_netlist_and_two_shapes_in_one_process(loaded):
     for name in ("one_sided", "asymmetric"):
         scene = Scene.load(name, ["run.settle=0", "run.realizations=1"])

@@ -29,6 +29,7 @@ def step_at(times, columns, switches=(), stores=(), memory=None, energy=0.0):
     return resolving(points, np.array(times), switches, stores, memory, energy)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [3e3, 1e6, -1e6])
 @pytest.mark.parametrize("width", [0.1, 60.0])
 def test_a_turn_is_approached_and_crossed_by_a_step_as_short_as_it_must_be(speed, width):

@@ -25,6 +25,7 @@ def short(name, *overrides):
     return Scene.load(name, [*run, *overrides])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("overrides", [[], ["excitation.intensity=0.06", "run.seed=4"]])
 def test_the_trapezoidal_rule_has_order_two_and_the_finest_step_its_accuracy(pool, overrides):
     scene = short("paper", *overrides)
@@ -124,6 +125,7 @@ def test_an_unknown_element_is_reported_in_ngspices_words(worker):
         run_text(worker, "D1 x 0 nosuch\nR1 x 0 1\n", 1.0)
 
 
+@pytest.mark.slow
 def test_a_blow_up_is_no_result(worker):
     """x' = x³ from 1 leaves all bounds at t = ½; ngspice goes on as if nothing were."""
     text = "Cx displacement 0 1 ic=1\nBx 0 displacement i=v(displacement)^3\n"
@@ -131,6 +133,7 @@ def test_a_blow_up_is_no_result(worker):
         run_text(worker, text, 5.0)
 
 
+@pytest.mark.slow
 def test_a_run_without_end_is_killed_at_the_time_limit(worker):
     with pytest.raises(SimulatorTimeout, match="2 s"):
         run_text(worker, "Cx displacement 0 1 ic=1\nRx displacement 0 1\n", 1e12, time_limit=2.0)
@@ -151,6 +154,7 @@ def test_a_long_run_does_not_grow_its_process(worker):
     assert worker.call(worker_calls.run_long, {"scene": scene}) < 1.0
 
 
+@pytest.mark.slow
 def test_values_that_are_not_finite_are_no_result(worker):
     with pytest.raises(SimulatorAborted, match="Timestep too small"):
         run_text(

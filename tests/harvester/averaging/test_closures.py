@@ -113,6 +113,7 @@ EDGE_CASES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("closure", CLOSURES)
 @pytest.mark.parametrize("changes", EDGE_CASES, ids=str)
 def test_edge_cases_are_finite(changes, closure):

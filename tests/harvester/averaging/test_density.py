@@ -20,6 +20,7 @@ def composite_nodes(low, high, pieces, order=4):
     return (edges[:-1, None] + half * (points + 1.0)).ravel(), (half * weights).ravel()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("closure", ["paper", "consistent"])
 @pytest.mark.parametrize(
     "p",
@@ -60,6 +61,7 @@ def test_gibbs(p, closure):
 CASES = [{"gap": 0.95}, {"intensity": 0.1}, {"linear_stiffness": 2.0}]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("closure", ["paper", "consistent"])
 @pytest.mark.parametrize("changes", CASES, ids=str)
 def test_normalisation_and_marginals(changes, closure):

@@ -5,6 +5,7 @@ from harvester.averaging.of_scene import average
 from harvester.scene.model import Scene
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("closure", ["paper", "consistent"])
 @pytest.mark.parametrize(
     "overrides",

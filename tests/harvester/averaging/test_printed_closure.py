@@ -190,6 +190,7 @@ def printed(edges, intensity, memory):
     return means
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("intensity", "memory"),
     [(0.005, 0.4), (0.02, 0.4), (0.1, 0.4), (0.05, 0.1), (0.02, 1.0), (0.1, 1.0)],

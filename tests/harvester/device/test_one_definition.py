@@ -132,6 +132,7 @@ def states(count):
         yield RANDOM.uniform(-1.5, 1.5), float(v), abs(v) * RANDOM.uniform(0.5, 3.0) + 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("force", "stoppers"), list(zip(FORCES, itertools.cycle(STOPPERS), strict=False))
 )

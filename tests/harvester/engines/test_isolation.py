@@ -70,6 +70,7 @@ HOSTILE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", HOSTILE)
 def test_a_worker_takes_nothing_from_the_working_folder_or_the_environment(
     kind, traps, own_worker, monkeypatch
@@ -80,6 +81,7 @@ def test_a_worker_takes_nothing_from_the_working_folder_or_the_environment(
     assert found["xspice"]
 
 
+@pytest.mark.slow
 def test_the_command_as_a_module_imports_nothing_from_the_working_folder(traps):
     call = [sys.executable, "-m", "harvester", "netlist", "paper"]
     shown = subprocess.run(call, capture_output=True, text=True, check=True)
@@ -96,6 +98,7 @@ def test_ngspice_starts_beside_an_initialisation_file_that_says_nothing(traps):
     assert os.getcwd() == before
 
 
+@pytest.mark.slow
 def test_code_models_stay(worker):
     """A polynomial source is one of ngspice's code models."""
     if not code_models(find_library()):

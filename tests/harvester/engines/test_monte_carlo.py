@@ -47,6 +47,7 @@ def test_a_drop_on_one_stopper_rebounds_as_the_exact_law_says(restitution, stiff
     assert -velocity == pytest.approx(rebound_speed(restitution), abs=1e-3)
 
 
+@pytest.mark.slow
 def test_white_noise_without_coupling_follows_gibbs_and_rice():
     """Mean-square velocity D/c, and the rate of crossings of the Rice formula.
 
@@ -98,6 +99,7 @@ def test_chunks_do_not_change_the_numbers_and_a_stiff_contact_is_resolved():
     assert abs(energy_balance_residual([moments], system)) < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "change",
     [
@@ -162,6 +164,7 @@ def exact_linear_path(scene, knots):
     return np.array(states)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("damping", "decay_rate"), [(0.2, 1e2), (0.2, 1e9), (60.0, 50.0), (1e3, 2.0), (1e5, 1e9)]
 )
@@ -187,6 +190,7 @@ def test_exact_decay_is_of_third_order():
     assert np.log2(errors[0] / errors[1]) == pytest.approx(3.0, abs=0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stiffness", ["10", "1e6"])
 def test_a_load_that_shorts_the_piezo_leaves_the_open_mechanics_and_v_follows(stiffness):
     """λ → ∞: V = X'/λ, and X moves as without the piezo; stoppers included."""

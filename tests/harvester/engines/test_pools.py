@@ -8,11 +8,13 @@ from harvester.engines.pools import gather
 from harvester.errors import SimulatorCrashed
 
 
+@pytest.mark.slow
 def test_results_of_a_pool_keep_their_order(pool):
     calls = [{"text": text} for text in "abcdef"]
     assert pool.map(worker_calls.say, calls) == list("ABCDEF")
 
 
+@pytest.mark.slow
 def test_a_call_that_crashes_once_is_made_again(pool, tmp_path):
     calls = [{"marker": str(tmp_path / name)} for name in "ab"]
     assert pool.map(worker_calls.die_once, calls, keep_going=True) == ["alive", "alive"]
@@ -35,6 +37,7 @@ def test_a_pool_can_be_used_after_a_call_that_failed(pool):
     assert pool.map(worker_calls.say, [{"text": "a"}]) == ["A"]
 
 
+@pytest.mark.slow
 def test_the_outcomes_of_many_calls_are_gathered_in_a_time_that_grows_as_their_number():
     """60,000 would take minutes if each outcome asked all that are left."""
     futures = [Future() for _ in range(60_000)]

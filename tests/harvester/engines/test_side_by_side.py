@@ -35,6 +35,7 @@ def test_what_leaves_each_realization_its_own_netlist():
     assert share("stoppers.stiffness=1e5", "stoppers=none")
 
 
+@pytest.mark.slow
 def test_copies_with_equal_steps_are_the_single_runs(pool):
     """Without contacts every copy takes the steps that it takes alone."""
     options = ["run.realizations=5", "run.duration=20", "run.settle=5"]

@@ -24,12 +24,14 @@ def test_an_unexpected_error_comes_back_as_one_line(worker):
     assert worker.call(worker_calls.say, {"text": "on"}) == "ON"
 
 
+@pytest.mark.slow
 def test_a_process_that_ends_is_named_and_started_again(worker):
     with pytest.raises(SimulatorCrashed, match="status 3"):
         worker.call(worker_calls.die, {"status": 3})
     assert worker.call(worker_calls.say, {"text": "again"}) == "AGAIN"
 
 
+@pytest.mark.slow
 def test_the_time_limit_ends_a_call_and_keeps_its_last_report(worker):
     worker.call(worker_calls.say, {"text": "up"})
     started = time.monotonic()
@@ -40,6 +42,7 @@ def test_the_time_limit_ends_a_call_and_keeps_its_last_report(worker):
     assert time.monotonic() - started < 30.0
 
 
+@pytest.mark.slow
 def test_killing_the_process_is_noticed_at_once(worker):
     worker.call(worker_calls.say, {"text": "up"})
     process = worker.process_id
@@ -71,6 +74,7 @@ def test_a_worker_closed_while_its_process_starts_leaves_nothing_open(worker, mo
     assert started[0].stdout.closed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limit", ["-n 14", "-v 450000"])
 def test_too_few_files_or_too_little_memory_is_one_line(limit):
     call = f"ulimit {limit}; exec {sys.executable} -m harvester simulate paper --workers 4"

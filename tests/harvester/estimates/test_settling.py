@@ -22,6 +22,7 @@ def notes_of(result):
     return [note for note in result.notes if "run." in note or "drifts" in note]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", Scene.names())
 def test_built_in_scenes_are_long_enough(pool, name):
     result = simulate(Scene.load(name), method="monte-carlo", runner=pool)
@@ -41,6 +42,7 @@ def test_a_run_short_against_the_load_has_no_error_bar_and_names_the_time(pool, 
     assert "no error bar" in result.to_dict()["quantities"]["mean_power"]["note"]
 
 
+@pytest.mark.slow
 def test_long_enough_after_the_advice_it_has_one_that_holds(pool):
     """Within four standard errors of averaging, whose own error is 1 % here."""
     scene = Scene.load("paper", SLOW_LOAD).replace(LONG)

@@ -55,6 +55,7 @@ def test_blocks_of_any_size_give_the_same_bytes(kind, record):
         assert noise_path(scene, 1).read(1000).tobytes() != whole.tobytes()
 
 
+@pytest.mark.slow
 def test_the_number_of_workers_does_not_change_the_numbers(pool, record):
     scene = with_excitation(
         "paper",
@@ -116,6 +117,7 @@ def test_a_sum_is_the_sum_of_its_parts():
     assert flat(scene).intensity > 2 * 0.02 + 0.02
 
 
+@pytest.mark.slow
 def test_white_noise_averages_as_the_limit_of_short_correlation():
     white = average(with_excitation("paper", WHITE)).scaled_quantities
     short = average(with_excitation("paper", {**OU, "correlation_time": 1e-3})).scaled_quantities

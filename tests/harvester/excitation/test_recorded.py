@@ -230,6 +230,7 @@ def test_files_that_are_no_record_are_refused(tmp_path, text, words):
         assert word in message
 
 
+@pytest.mark.slow
 def test_the_record_counts_by_its_content(tmp_path):
     path = saved(tmp_path, motion())
     scene = recorded(path)

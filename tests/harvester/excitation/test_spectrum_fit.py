@@ -61,6 +61,7 @@ def test_the_fit_finds_the_noise_with_errors_that_hold(tmp_path):
     assert np.all(np.abs(spread - 1.0) < 0.35)
 
 
+@pytest.mark.slow
 def test_averaging_takes_the_fitted_noise_and_shows_it(tmp_path):
     scene = recorded(tmp_path, noise(1))
     result = average(scene, fit=True)
@@ -77,6 +78,7 @@ def test_averaging_takes_the_fitted_noise_and_shows_it(tmp_path):
     assert content["scene"]["excitation"]["kind"] == "record"
 
 
+@pytest.mark.slow
 def test_the_fit_is_in_the_figure(tmp_path):
     from harvester.show.figures import draw_result, save
 
@@ -93,6 +95,7 @@ def test_the_fit_is_in_the_figure(tmp_path):
     assert len(panels) == 1 + len(result.densities)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["tone", "low-pass", "envelope"])
 def test_a_record_that_is_no_such_noise_is_called_far(tmp_path, kind):
     samples = noise(1)

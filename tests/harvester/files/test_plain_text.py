@@ -72,6 +72,7 @@ def test_the_call_that_a_netlist_names_is_quoted():
     assert "-r 'two words & more.raw' 'two words & more.cir'\n" in text
 
 
+@pytest.mark.slow
 def test_names_reach_terminal_files_and_figures_as_they_are(tmp_path, capsys, recwarn):
     for place, hostile in enumerate(HOSTILE[3:8]):
         file = tmp_path / f"{hostile}.toml"

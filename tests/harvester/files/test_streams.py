@@ -37,6 +37,7 @@ def test_a_finished_run_is_kept_where_standard_output_is_full(
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("after", "code", "said"),
     [
@@ -56,6 +57,7 @@ def test_what_cannot_be_shown_is_said_in_one_line(tmp_path, after, code, said):
     assert (after == "2>&-") == bool(ended.stdout)
 
 
+@pytest.mark.slow
 def test_a_closed_standard_error_does_not_fall_into_standard_output(tmp_path):
     ended = shell(tmp_path, [*AVERAGE, "--json", "-", "--output", "."], "2>&-")
     assert ended.returncode == 0
@@ -63,6 +65,7 @@ def test_a_closed_standard_error_does_not_fall_into_standard_output(tmp_path):
     assert sorted(os.listdir(tmp_path)) == FILES
 
 
+@pytest.mark.slow
 def test_an_ascii_terminal_is_written_in_ascii(tmp_path):
     ended = shell(tmp_path, [*AVERAGE, "--json", "j"], "", PYTHONIOENCODING="ascii")
     assert ended.returncode == 0

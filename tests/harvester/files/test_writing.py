@@ -203,6 +203,7 @@ def test_files_that_the_program_names_are_no_way_out_of_a_folder(near, capsys):
     assert in_folder("elsewhere", "new.json") == Path("elsewhere/new.json")
 
 
+@pytest.mark.slow
 def test_a_result_reaches_one_place_where_the_other_is_full(near, capsys):
     call = ["average", "linear", "--method", "paper", "--quiet"]
     assert main([*call, "--json", "/dev/full", "--output", "results"]) == 2

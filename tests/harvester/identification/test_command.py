@@ -19,6 +19,7 @@ def power(damping, coupling):
     return coupling**2 / (damping + coupling**2 / (COIL + LOAD))
 
 
+@pytest.mark.slow
 def test_what_a_record_leaves_open_scatters_the_power_as_its_covariance_says(tmp_path, capsys):
     coil = {"coupling": COUPLING, "resistance": COIL}
     truth = scene_of(MASS, 0.05, [0.0, STIFFNESS], {"coil": coil}, LOAD)

@@ -61,6 +61,7 @@ def rng(seed):
     return np.random.default_rng(seed)
 
 
+@pytest.mark.slow
 def test_an_asymmetric_device_is_found_with_narrow_intervals_and_good_prediction(found):
     agree(found, asymmetric())
     half = {key: (high - low) / 2 for key, (low, high) in found.intervals.items()}
@@ -108,6 +109,7 @@ def test_stoppers_that_a_scene_lacks_are_proposed():
     assert found.proposed.fitted.scene.stoppers[0].gap == pytest.approx(1.5e-3, rel=0.01)
 
 
+@pytest.mark.slow
 def test_motion_between_wells_gives_the_double_well_within_three_percent():
     truth = bistable()
     keys = ("oscillator.restoring_force[1]", "oscillator.restoring_force[3]")
@@ -121,6 +123,7 @@ def test_motion_between_wells_gives_the_double_well_within_three_percent():
     assert found.fitted.fit.edges[0].size > 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", ["coil", "stoppers"])
 def test_other_devices_are_found(way):
     if way == "coil":
@@ -136,6 +139,7 @@ def test_other_devices_are_found(way):
     assert found.fitted.nrmse < 0.04
 
 
+@pytest.mark.slow
 def test_records_at_two_loads_tell_mass_and_leave_the_scene_alone():
     truth = asymmetric()
     near = record(truth, 21, samples=3000)
@@ -149,6 +153,7 @@ def test_records_at_two_loads_tell_mass_and_leave_the_scene_alone():
     assert found.scene.load.resistance == truth.load.resistance
 
 
+@pytest.mark.slow
 def test_a_displacement_with_free_sensor_gives_offset_delay_and_scale():
     truth = device([0.0, STIFFNESS, 0.0, 0.6 * STIFFNESS / 2e-3**2])
     made = record(truth, 31, outputs=("displacement",))
@@ -170,6 +175,7 @@ def test_a_displacement_with_free_sensor_gives_offset_delay_and_scale():
         assert abs(found.values[key] - value) < SURE * found.standard_errors[key], key
 
 
+@pytest.mark.slow
 def test_what_a_record_does_not_tell_is_named_with_what_it_does():
     # A linear device whose base did not move: only ratios of motion and voltage are known.
     truth = device([0.0, STIFFNESS])
@@ -188,6 +194,7 @@ def test_what_a_record_does_not_tell_is_named_with_what_it_does():
     assert any("·" in line and "not determined apart" in line for line in found.sentences())
 
 
+@pytest.mark.slow
 def test_the_scene_file_reads_back_with_intervals_in_comments(found, tmp_path):
     text = found.scene_text()
     assert text.count("identified, ±") == len(found.keys)

@@ -43,6 +43,7 @@ def agree(found, truth):
         assert abs(value - known[key][0]) < SURE * found.standard_errors[key], key
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("parts", ["complex", "amplitude"])
 def test_a_linear_device_is_found_from_its_response(parts):
     truth = linear()
@@ -60,6 +61,7 @@ def test_a_linear_device_is_found_from_its_response(parts):
         assert len(found.figure().axes) == 2
 
 
+@pytest.mark.slow
 def test_a_response_at_a_known_amplitude_tells_the_cubic_spring():
     # Harmonic balance of a hardening coil device: [(k + 3/4 k3 a² − Mω²)² + ω²c²] a² = (M A)².
     cubic = STIFFNESS / 2e-3**2
@@ -88,6 +90,7 @@ def test_a_response_at_a_known_amplitude_tells_the_cubic_spring():
     assert not identify(plain, MeasuredResponse(FREQUENCY, seen)).verdict.good
 
 
+@pytest.mark.slow
 def test_the_posterior_of_a_nearly_linear_problem_is_as_wide_as_the_intervals(monkeypatch):
     truth, keys = linear(), ["oscillator.damping", "piezo.coupling"]
     monkeypatch.setattr(sampling, "MOST_STEPS", 600)

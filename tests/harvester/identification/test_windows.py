@@ -1,6 +1,7 @@
 """Windows of multiple shooting: what may be joined, and windows that are left out."""
 
 import numpy as np
+import pytest
 from measured_records import scene_of
 
 from harvester.engines.sampled import states_at_samples
@@ -48,6 +49,7 @@ def test_an_error_that_arises_within_a_window_limits_it_as_well():
     assert joined_at([0.1] * 4 + [5.0] * 4 + [0.1]) == [0, 9]
 
 
+@pytest.mark.slow
 def test_a_window_without_a_start_is_left_out():
     piezo = {"piezo": {"coupling": 1e-3, "capacitance": 5e-8}}
     device = scene_of(0.01, 0.03, [0.0, 150.0], piezo, 2e5)

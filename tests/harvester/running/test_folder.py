@@ -32,6 +32,7 @@ def other_run(tmp_path):
     process.stdout.close()
 
 
+@pytest.mark.slow
 def test_a_second_run_is_refused_by_name_until_the_first_is_killed(tmp_path, other_run, capsys):
     command = ["load-study", "linear", "--method", "consistent", "--load", "resistor"]
     command += ["--output", str(tmp_path)]
@@ -210,6 +211,7 @@ def children(process):
     return [int(word) for thread in threads for word in thread.read_text().split()]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not os.path.exists("/proc/self/task"), reason="finds workers in /proc")
 def test_a_worker_killed_from_outside_is_no_outcome_for_ever(tmp_path):
     """Both tries of a piece are killed; the next run computes it."""

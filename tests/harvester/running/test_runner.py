@@ -74,6 +74,7 @@ def test_a_damaged_answer_is_named_and_computed_again(tmp_path, pool):
     assert named == {str(path) for path in victims}
 
 
+@pytest.mark.slow
 def test_the_time_budget_leaves_out_what_has_not_begun(tmp_path, pool):
     found, runner = study(tmp_path, seconds=0.05, time_budget=0.15, executor=pool)
     assert None in found
@@ -84,6 +85,7 @@ def test_the_time_budget_leaves_out_what_has_not_begun(tmp_path, pool):
     assert whole == study(seconds=0.05, executor=pool)[0]
 
 
+@pytest.mark.slow
 def test_a_task_whose_process_dies_is_tried_again_and_then_told(tmp_path, pool):
     once = Task(worker_calls.die_once, {"marker": str(tmp_path / "marker")})
     never = Task(worker_calls.die, {"status": 3})
@@ -157,6 +159,7 @@ def test_progress_never_falls_and_ends_at_one():
     assert shares[-1] == (pytest.approx(1.0 / 11.0), "0 of 1")
 
 
+@pytest.mark.slow
 def test_a_plan_is_told_of_every_result_it_asked_for(pool):
     def plan():
         found = yield Wanted([said("a"), said("b"), said("a")])

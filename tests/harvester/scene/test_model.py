@@ -131,6 +131,7 @@ def test_the_knot_spacing_left_out_follows_the_fastest_time(name):
     assert knot_spacing(stiff) < 0.006
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [

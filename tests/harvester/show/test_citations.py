@@ -69,6 +69,7 @@ def test_every_source_can_be_reached():
     assert reached == {source.reference for source in SOURCES}
 
 
+@pytest.mark.slow
 def test_the_command_reads_real_results(tmp_path, capsys):
     target = tmp_path / "a.json"
     assert main(["average", "paper", "--json", str(target)]) == 0

@@ -26,6 +26,7 @@ def parts(explorer):
     return {each.description: each for each in box.children}, line, picture
 
 
+@pytest.mark.slow
 def test_numbers_and_densities_are_those_of_the_place(linear):
     view = linear.at({"excitation.intensity": 0.03})
     means = interpolated_linear_means(flat(view.scene), 0.025)
@@ -74,6 +75,7 @@ def test_a_notebook_gets_sliders_and_a_picture(linear):
     assert bundle["image/png"] == linear.picture
 
 
+@pytest.mark.slow
 def test_without_widgets_there_is_a_picture(monkeypatch):
     find = importlib.util.find_spec
     monkeypatch.setattr(

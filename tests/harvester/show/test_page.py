@@ -49,6 +49,7 @@ def comparison(pool):
     return Comparison(*results, closures, refused, paired_difference(*results))
 
 
+@pytest.mark.slow
 def test_the_page_is_whole_and_loads_nothing(comparison):
     text = report(comparison)
     page = Page(text)
@@ -66,6 +67,7 @@ def test_the_page_is_whole_and_loads_nothing(comparison):
         assert fact in words
 
 
+@pytest.mark.slow
 def test_without_schemdraw_the_page_says_so(comparison, monkeypatch):
     monkeypatch.setitem(sys.modules, "schemdraw", None)
     page = Page(report(comparison))

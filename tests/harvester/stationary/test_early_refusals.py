@@ -9,6 +9,7 @@ from harvester.scene.model import Scene
 from harvester.stationary import flow, solution
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [

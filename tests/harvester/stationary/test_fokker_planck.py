@@ -62,6 +62,7 @@ def test_gibbs(p):
     assert np.trapezoid(abs(density - expected), x) < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "changes",
     [
@@ -262,6 +263,7 @@ def test_wells_are_not_left_as_they_began(force, loss, intensity, monkeypatch):
     assert within(result, "mean_square_displacement", np.trapezoid(weight * x * x, x))
 
 
+@pytest.mark.slow
 def test_many_nodes_of_charge_and_a_fast_load():
     """What the load moves beyond the nodes of Z is not magnified: the answer of few nodes."""
     changes = {

@@ -46,6 +46,7 @@ def test_steps_of_a_free_mass(memory):
     assert np.sum(state[:, :, 0] * v**2) == pytest.approx(width**2 + gained, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("columns", [8, 9, 46])
 def test_steps_in_single_precision(columns):
     """The same as in double precision but for rounding; all mass is kept, whatever fills a row."""

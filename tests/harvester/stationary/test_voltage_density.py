@@ -15,6 +15,7 @@ from harvester.stationary.propagator import Grid
 from harvester.stationary.voltage_density import density_of_charge
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "overrides"),
     [
@@ -79,6 +80,7 @@ def test_charge_left_behind_in_another_well(share_left_behind):
     assert np.trapezoid(abs(found - exact), charge) < 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "overrides"),
     [

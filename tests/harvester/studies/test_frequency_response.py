@@ -105,6 +105,7 @@ def _swept_up(p, frequencies):
     return 0.5 * np.ptp(solved.y[0])
 
 
+@pytest.mark.slow
 def test_the_command_writes_table_json_and_figure(tmp_path, capsys):
     scene = tmp_path / "sine.toml"
     scene.write_text(

@@ -270,6 +270,7 @@ def test_the_command_prints_the_interval(capsys, tmp_path):
     assert json.loads((tmp_path / "linear-optimum.json").read_text())["over"] == "load.decay_rate"
 
 
+@pytest.mark.slow
 def test_the_output_of_a_netlist_has_its_optimum(runner):
     """A bridge on a linear spring: most power where its resistance fits, by every place's own."""
     scene = Scene.load(

@@ -92,6 +92,7 @@ def test_what_is_proposed_follows_from_the_answers():
     assert np.mean(first[2 * BATCH :]) < np.mean(first[:BATCH])
 
 
+@pytest.mark.slow
 def test_the_value_is_not_that_of_the_luckiest_run():
     """Runs of 4 % error each. Values at the places found, in their own errors: the mean of 20
     within four of its errors (one false alarm in 16 000), where the highest of a search is

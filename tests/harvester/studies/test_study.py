@@ -97,6 +97,7 @@ def test_three_standard_errors_of_few_realizations_are_as_rare_as_of_many(realiz
     assert beyond.mean() == pytest.approx(chance, abs=4.0 * math.sqrt(chance / len(random)))
 
 
+@pytest.mark.slow
 def test_the_circuit_is_the_judge(linear, pool):
     """At the highest of three places and at one of the others, on the realizations themselves."""
     sweeps = {RESISTANCE: [0.1, 0.4, 2.0]}
@@ -130,6 +131,7 @@ def test_a_difference_is_named_and_red(study, capsys):
     assert line in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_device_between_its_wells_is_judged_to_a_tenth_of_a_percent(pool):
     """Its paths part: eight settled ones know the same difference twenty times worse."""
     scene = Scene.load("device", ["run.duration=4", "run.settle=1"])
@@ -162,6 +164,7 @@ def test_a_part_that_fails_is_told_and_the_other_judges(linear, monkeypatch, fai
     assert math.isnan(proof.early_standard_error) == (failing == 3)
 
 
+@pytest.mark.slow
 def test_leakage_of_a_closed_converter_is_no_early_power(pool):
     """Its lockout opens after the first periods; until then a resistor's picowatts pass."""
     scene = Scene.load("device", ["run.duration=4", "run.settle=2", "run.realizations=8"])
@@ -198,6 +201,7 @@ def test_a_load_that_fails_is_the_outcome_of_its_point(linear, tmp_path, pool):
     assert again.evaluations[0].outcome == broken.outcome
 
 
+@pytest.mark.slow
 def test_closures_make_a_study_too(pool):
     scene = Scene.load("device")
     sweeps = {"load.resistance": [1e6]}

@@ -55,6 +55,7 @@ def test_the_closed_forms_know_their_own_limits(share):
     assert gauss == pytest.approx(share, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_what_agrees_holds_and_what_is_changed_by_a_tenth_fails(pool):
     truths = quick()
     told = verify(chosen=truths, runner=Runner(pool))
@@ -70,6 +71,7 @@ def by_others():
     return [each for each in catalogue() if re.search("by (Radau|ngspice|VACASK)", each.title)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("truth", by_others(), ids=lambda each: each.title)
 def test_a_path_by_another_holds_and_that_of_another_damper_fails(truth, monkeypatch):
     task = truth.asked["monte-carlo"]
@@ -110,6 +112,7 @@ def test_a_value_hardly_known_agrees_with_anything_and_does_not_hold():
     assert Row(truth, "circuit", math.nan, 0.03).verdict == FAILS
 
 
+@pytest.mark.slow
 def test_the_command_ends_with_one_where_a_row_fails(tmp_path, monkeypatch, capsys):
     drop = [each for each in quick() if "e = 0.7" in each.title]
     off = dataclasses.replace(drop[0], title="made up", exact=0.9)

@@ -240,6 +240,7 @@ def brief(monkeypatch):
     )
 
 
+@pytest.mark.slow
 def test_the_command_judges_and_writes(tmp_path, capsys, brief):
     assert main(["claims", "--output", str(tmp_path)]) == 0
     shown = capsys.readouterr().out
@@ -250,6 +251,7 @@ def test_the_command_judges_and_writes(tmp_path, capsys, brief):
     assert "| 4 | “quoted” | E[V²] rises with D | holds" in (tmp_path / "claims.md").read_text()
 
 
+@pytest.mark.slow
 def test_it_finds_what_a_figure_left_in_the_folder(tmp_path, brief, pool, monkeypatch):
     """Fig. 9's ends are among the points of the statement, and not computed again."""
     efforts = {"monte-carlo": Effort(8, 0.5, 8), "circuit": Effort(8, 0.5, 8)}

@@ -133,6 +133,7 @@ def test_a_refused_point_is_a_gap_in_its_line_and_named():
     assert content.failed_runs == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["fig5", "fig6"])
 def test_a_figure_without_any_answer_is_drawn_and_counts_its_failed_runs(name, tmp_path):
     def outcome(method, value):
@@ -157,6 +158,7 @@ def test_the_legend_of_methods_fits_into_the_figure(name):
     assert 0.0 <= box.x0 < box.x1 <= figure.bbox.width
 
 
+@pytest.mark.slow
 def test_an_interrupt_leaves_the_figures_that_were_done(tiny, tmp_path, capsys, monkeypatch):
     """Ctrl-C in the moment when the last point of the first two figures is there."""
 
@@ -196,6 +198,7 @@ def test_a_folder_that_cannot_be_is_refused_before_anything_runs(tmp_path, capsy
     assert not shown.out
 
 
+@pytest.mark.slow
 def test_the_command_writes_one_png_and_one_json_each(tiny, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(Scene, "load", lambda name: SCENE)
     assert main(["reproduce", "fig5", "--quick", "--output", str(tmp_path)]) == 0

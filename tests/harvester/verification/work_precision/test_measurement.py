@@ -52,6 +52,7 @@ def diagram():
     return work_precision(Scene.load("paper", SHORT), methods=FEW, workers=2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("family", "tolerance"),
     [("trapezoidal", 0.3), ("gear", 0.3), ("runge-kutta", 0.6), ("heun", 0.4)],
@@ -83,6 +84,7 @@ def test_table_sentences_and_json_tell_the_same(diagram):
     assert [line["mean_step"] > 0.0 for line in content["methods"]] == [True] * len(FEW)
 
 
+@pytest.mark.slow
 def test_the_sentences_judge_the_default_step():
     scene = Scene.load("linear", ["run.realizations=2", "run.duration=200", "run.settle=20"])
     diagram = work_precision(scene, methods=METHODS[5:6], workers=2)
@@ -130,6 +132,7 @@ def test_the_paired_difference_of_efficiency_is_that_of_the_two_estimates(pool):
     assert 0.0 < paired.standard_error < 0.2 * theirs.standard_error / theirs.estimate
 
 
+@pytest.mark.slow
 def test_a_method_that_fails_leaves_the_others_and_says_why(monkeypatch, pool):
     whole = measurement.realizations_task
 
@@ -146,6 +149,7 @@ def test_a_method_that_fails_leaves_the_others_and_says_why(monkeypatch, pool):
     json.dumps(diagram.to_dict(), allow_nan=False)
 
 
+@pytest.mark.slow
 def test_what_was_measured_is_kept_with_its_times_and_goes_on_after_an_early_end(
     tmp_path, pool, monkeypatch
 ):
@@ -201,7 +205,7 @@ def test_the_thorough_methods_hold_all_others():
     assert len(families) == 8
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_the_command_writes_json_and_figure(tmp_path, capsys):
     options = [
         "--set",

@@ -115,6 +115,7 @@ def briefly(monkeypatch):
 SHORT = ["run.duration=200", "run.settle=20"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("briefly")
 def test_what_was_measured_is_kept_with_its_times(tmp_path):
     told = []
@@ -134,6 +135,7 @@ def test_what_was_measured_is_kept_with_its_times(tmp_path):
         assert abs(error.bias.estimate) < 0.01 + 5.0 * error.bias.standard_error
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("briefly")
 def test_the_command_draws_and_writes(tmp_path, capsys):
     options = [f"--set={each}" for each in SHORT]
