@@ -30,7 +30,7 @@ LEFT_OUT = 50
 LINEAR, CUBIC, SHARE = 0.132, 0.011, 1.2
 
 pytestmark = [
-    pytest.mark.slow,
+    pytest.mark.exhaustive,
     pytest.mark.skipif("SILVERBOX" not in os.environ, reason="SILVERBOX names no file"),
 ]
 
