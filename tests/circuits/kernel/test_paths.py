@@ -268,7 +268,7 @@ def test_energy_is_balanced_by_default(pool, load):
     assert again.quantities == result.quantities
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_no_extreme_is_missed_by_default(pool):
     """Series SSHI, whose voltage grows by every inversion; by chance one failure in 16 000."""
     scene = Scene.load("device", ["load.netlist=sshi_series", "run.realizations=64"])

@@ -90,7 +90,7 @@ def test_a_symmetric_model_of_asymmetric_data_is_called_wrong():
         },
         name="symmetric",
     )
-    found = identify(start, record(truth, 11))
+    found = identify(start, record(truth, 11, samples=2000))
     assert found.verdict.word == "wrong"
     assert found.proposed.name == "asymmetric spring"
     assert not found.whiteness.white
@@ -101,7 +101,7 @@ def test_a_symmetric_model_of_asymmetric_data_is_called_wrong():
 def test_stoppers_that_a_scene_lacks_are_proposed():
     stoppers = {"gap": 1.5e-3, "stiffness": 8e4, "restitution": 0.6}
     truth = device([0.0, STIFFNESS], stoppers=stoppers)
-    found = identify(truth.replace(stoppers=None), record(truth, 7))
+    found = identify(truth.replace(stoppers=None), record(truth, 7, samples=2000))
     assert found.verdict.word == "wrong"
     assert found.proposed.name == "stoppers"
     # Its restitution is a guess.
