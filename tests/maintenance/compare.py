@@ -10,6 +10,7 @@ import math
 import os
 import pickle
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -25,9 +26,9 @@ from maintenance.cases import all_cases
 ROOT = Path(__file__).resolve().parents[2]
 # Keys of what every run measures anew.
 TIMES = ("seconds", "needed_time")
-# Of differences of one kind.
+# Of cases that differ in one kind.
 MOST_LINES = 12
-LONGEST_SHOWN = 60
+LONGEST_SHOWN = 80
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 NUMBERS_OF = {
     "simulate": "moments and quantities",
@@ -132,15 +133,16 @@ def _relative(old, new):
 
 
 def report(found: list[Difference]) -> Iterator[str]:
-    """Lines about the differences, by their kinds."""
-    kinds = defaultdict(list)
+    """Lines about the differences, by their kinds: of each case how many, and the first."""
+    kinds = defaultdict(lambda: defaultdict(list))
     for each in found:
-        kinds[each.kind].append(each)
-    for kind, differences in kinds.items():
-        yield f"{kind}: {len(differences)} differ"
-        for each in differences[:MOST_LINES]:
-            yield f"  {each.place}: {each.before} → {each.after}"
-        if len(differences) > MOST_LINES:
+        kinds[each.kind][each.place.partition(" / ")[0]].append(each)
+    for kind, cases in kinds.items():
+        yield f"{kind}: {sum(map(len, cases.values()))} differ, in {len(cases)} cases"
+        for each, *others in list(cases.values())[:MOST_LINES]:
+            more = f" (and {len(others)} more)" if others else ""
+            yield f"  {each.place}: {each.before} → {each.after}{more}"
+        if len(cases) > MOST_LINES:
             yield "  …"
 
 
@@ -151,6 +153,8 @@ def main() -> int:
     parser.add_argument("--only", default="", help="cases whose name holds this")
     options = parser.parse_args()
     start = time.monotonic()
+    # As an interrupt does: nothing stays behind.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     with tempfile.TemporaryDirectory(prefix="compare-") as place:
         folder = Path(place).resolve()
         base = _unpacked(options.base, folder)

@@ -51,10 +51,11 @@ def test_missing_keys_and_cases_messages_and_exit_codes_are_kinds_of_their_own()
     assert found(*netlists)[0][0] == "netlists"
 
 
-def test_a_report_is_short_and_counts_everything():
-    many = ({"average paper: x": dict.fromkeys(map(str, range(50)), n)} for n in (1.0, 2.0))
+def test_a_report_tells_of_each_case_the_first_difference_and_how_many():
+    many = ({f"average {k}: x": {"a": n, "b": n} for k in range(50)} for n in (1.0, 2.0))
     lines = list(report(list(differences(*many))))
-    assert lines[0] == "closures: 50 differ"
+    assert lines[0] == "closures: 100 differ, in 50 cases"
+    assert lines[1] == "  average 0: x / a: 1.0 → 2.0 (5.0e-01) (and 1 more)"
     assert len(lines) < 20
 
 
