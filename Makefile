@@ -6,7 +6,7 @@
 BIN := .venv/bin
 STAMP := .venv/.complete
 
-.PHONY: run test test-fast test-all fast lint types docs setup clean
+.PHONY: run test test-fast test-all fast lint types compare docs setup clean
 
 run: $(STAMP)
 	$(BIN)/harvester validate paper --output results
@@ -34,6 +34,10 @@ lint: $(STAMP)
 
 types: $(STAMP)
 	$(BIN)/mypy
+
+# Both checkouts answer the same short cases; ONLY=text takes those whose name holds it.
+compare: $(STAMP)
+	PYTHONPATH=$(CURDIR):$(CURDIR)/tests $(BIN)/python -m maintenance.compare $(BASE) --only "$(ONLY)"
 
 # Notebooks are executed where their code is new: after a change of the package, `make clean` first.
 docs: $(STAMP)

@@ -51,9 +51,8 @@ EXCITATIONS = {
         '{{kind = "sine", amplitude = {a}, frequency = {f}}}], knot_spacing = {k}}}',
     ),
     "record": (
-        'excitation={{kind = "record", file = "{folder}/{name}.csv", column = "acceleration", '
-        'time_column = "time", unit = "{unit}", '
-        'repetition = "periodic"}}',
+        'excitation={{kind = "record", file = "{folder}/{name}.csv", unit = "{unit}", '
+        'column = "acceleration", time_column = "time", repetition = "periodic"}}',
     ),
     "prescribed displacement": (
         'excitation={{kind = "prescribed_displacement", amplitude = {l}, frequency = {f}}}',
@@ -188,12 +187,21 @@ def _period(system):
 
 def call(case, folder):
     """Arguments of the command line for one of (command, device, load, excitation)."""
-    command, device, load, excitation = case
+    command, device = case[:2]
     before, behind = COMMANDS[command]
+    periods = PERIODS_OF_AN_OPTIMUM if command == "optimum" else PERIODS
+    name, overrides = changed(*case[1:], folder, periods)
+    sets = itertools.chain.from_iterable(("--set", text) for text in overrides)
+    values = _values(device, folder)
+    return [*before, name, *sets, *(text.format(**values) for text in behind)]
+
+
+def changed(device, load, excitation, folder, periods=PERIODS):
+    """Built-in scene and overrides of one of (device, load, excitation)."""
     name, changes = DEVICES[device]
     values = _values(device, folder)
-    length = (PERIODS_OF_AN_OPTIMUM if command == "optimum" else PERIODS) / values["f"]
-    overrides = [
+    length = periods / values["f"]
+    return name, [
         *changes,
         *(text.format(**values) for text in LOADS[load]),
         *(text.format(**values) for text in EXCITATIONS[excitation]),
@@ -201,8 +209,6 @@ def call(case, folder):
         f"run.duration={length}",
         f"run.settle={0.25 * length}",
     ]
-    sets = itertools.chain.from_iterable(("--set", text) for text in overrides)
-    return [*before, name, *sets, *(text.format(**values) for text in behind)]
 
 
 def covering(size, seed, devices=tuple(DEVICES)):
