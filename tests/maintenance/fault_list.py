@@ -57,6 +57,10 @@ EXACT_ERROR = (f"{OF_MEANS}::test_in_the_mean_the_error_bar_is_exact",)
 OF_SEVERAL = ("harvester/record/test_several.py",)
 OF_JUNCTION, NUMBERS = ("circuits/kernel/test_junction.py",), ("circuits/loads/test_numbers.py",)
 ITERATION = ("circuits/kernel/test_code.py::test_an_iteration_is_numpys",)
+TURNS = (
+    "circuits/kernel/test_switching.py"
+    "::test_a_switch_turns_beyond_its_hysteresis_and_when_its_control_passes_it",
+)
 OF_STORE = "harvester/running/test_store.py"
 KEY = (f"{OF_STORE}::test_the_key_follows_all_that_decides_the_numbers",)
 NO_ANSWER = (f"{OF_STORE}::test_what_is_no_answer_is_named_and_written_again",)
@@ -378,7 +382,7 @@ FAULTS = [
         SWITCHING,
         "share = (limit - before) / (after - before) if",
         "share = (after - limit) / (after - before) if",
-        ("circuits/kernel/test_switching.py",),
+        TURNS,
     ),
     Fault(
         "measures: shares are of the load's power",
