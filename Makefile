@@ -1,12 +1,13 @@
 # harvester: `make run` validates the paper's scene three ways. `make test` holds a test of every claim
 # and takes eight minutes, `make test-fast` the quickest of them and two, `make test-all` all there are.
-# `make fast` tests the compiled device, or says why it is off.
+# `make fast` tests the compiled device, or says why it is off. `make faults` tells whether tests see
+# faults that are put into copies.
 # `make docs` writes the site to build/docs. Each sets up first what is missing; see .ci/setup for how, and for its options.
 
 BIN := .venv/bin
 STAMP := .venv/.complete
 
-.PHONY: run test test-fast test-all fast lint types compare docs setup clean
+.PHONY: run test test-fast test-all faults compare fast lint types docs setup clean
 
 run: $(STAMP)
 	$(BIN)/harvester validate paper --output results
@@ -23,6 +24,10 @@ test-fast: $(STAMP)
 
 test-all: $(STAMP)
 	$(PYTEST) -m ""
+
+# ONLY: words of titles or files; without it all of tests/maintenance/fault_list.py.
+faults: $(STAMP)
+	PYTHONPATH=tests $(BIN)/python -m maintenance.faults $(ONLY)
 
 fast: $(STAMP)
 	sh .ci/fast

@@ -7,6 +7,8 @@ import time
 import pytest
 
 from harvester.command_line import COMMANDS, build_parser, main
+from harvester.commands import cite
+from harvester.errors import EngineNotFound, SceneError, SimulatorTimeout
 from harvester.show import console
 
 COMMAND_NAMES = sorted(build_parser()[1].choices)
@@ -41,6 +43,30 @@ def test_exit_codes_are_told():
         "NO_COLOR",
     ):
         assert code in said
+
+
+@pytest.mark.parametrize(
+    ("end", "code"),
+    [
+        (None, 0),
+        (1, 1),
+        (2, 2),
+        (EngineNotFound("no ngspice"), 1),
+        (SimulatorTimeout("after 10 s"), 1),
+        (OSError("no space left"), 1),
+        (SceneError("gap"), 2),
+        (KeyboardInterrupt(), 130),
+    ],
+    ids=repr,
+)
+def test_a_command_ends_with_the_code_that_is_told(monkeypatch, end, code):
+    def run(options):
+        if isinstance(end, BaseException):
+            raise end
+        return end
+
+    monkeypatch.setattr(cite, "run", run)
+    assert main(["cite"]) == code
 
 
 def test_quiet_shows_what_was_asked_for_and_errors_only(tmp_path, capsys):

@@ -2,12 +2,14 @@
 
 import functools
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from circuits.kernel.engine import circuit_of, integrate
+from circuits.kernel.switching import switched, turn
 from harvester.engines.realization import noise_path, start_state
 from harvester.engines.steps import steps_per_knot
 from harvester.scene.model import Scene
@@ -94,3 +96,36 @@ def test_a_ringing_turns_a_switch_where_it_passes_its_threshold(step, known, tmp
         time, volts = np.concatenate(chunks, axis=1)
         closed = volts[time < STOP].max() * scales.voltage > 0.5
         assert closed == (share > 1.0)
+
+
+@pytest.mark.parametrize(
+    ("closed", "control", "change", "share"),
+    [
+        # It closes above 0.7 and opens below 0.3.
+        (0, 0.6, 0.4, 0.25),
+        (0, 0.2, 0.4, None),
+        (0, 0.9, 0.1, 0.0),
+        (1, 0.6, -0.4, 0.75),
+        (1, 0.6, -0.2, None),
+        (1, 0.9, 0.4, None),
+    ],
+)
+def test_a_switch_turns_beyond_its_hysteresis_and_when_its_control_passes_it(
+    closed, control, change, share
+):
+    """The control is the difference of two voltages that change linearly in a step."""
+    tables = SimpleNamespace(
+        switches=np.array([[0, -1, 0, 1]]), switch_values=np.array([[1e-9, 1.0, 0.3, 0.7]])
+    )
+    state = SimpleNamespace(
+        y=np.array([control + 5.0, 5.0]),
+        change=np.array([change + 2.0, 2.0]),
+        closed=np.array([closed]),
+    )
+    first, when = switched(tables, state)
+    assert (first == 0) == (share is not None)
+    if share is not None:
+        assert when == pytest.approx(share)
+    state.y += state.change
+    turn(tables, state)
+    assert state.closed[0] == (closed if share is None else 1 - closed)

@@ -83,6 +83,8 @@ FORCES = {
     "tiny": [1e-9, -1e-12, 0.0, 1e-3],
     "bias alone": [0.3, 2.0],
     "gaps": [0.0, -1.0, 0.0, 0.0, 0.0, 1.0],
+    # Between equal stoppers, whose speed is then a product of its own.
+    "cubic": [0.0, -4.0, 0.0, 3.9],
 }
 STOPPERS = {
     "none": [],

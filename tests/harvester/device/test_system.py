@@ -145,6 +145,17 @@ def test_the_contact_step_resolves_the_contact_and_keeps_soft_ones():
     assert contacts.step(hard, 1.1, 0.01, 0.05, 30) == pytest.approx(expected)
 
 
+def test_the_contact_step_is_that_of_the_speed_at_which_the_contact_began():
+    """Deep in the stopper what is left of the speed would ask for far too long a step."""
+    (each,) = hard = device("stoppers.stiffness=1e6").contacts
+    for share in (0.0, 0.6, 1.0):
+        depth = share * each.law.greatest_depth(0.5 * 0.1**2)
+        left = 0.1**2 - 2.0 * each.law.elastic_energy(depth)
+        for x in (1.1 + depth, -1.1 - depth):
+            step = contacts.step(hard, x, max(left, 0.0), 0.05, 30)
+            assert step == pytest.approx(each.law.duration(0.1) / 30)
+
+
 @pytest.mark.parametrize(
     ("x", "v", "acceleration"),
     [(1.0, 4.0, 2.0), (1.0, 4.0, -1.0), (-1.09, 0.0, -5.0), (1.09, -0.05, 5.0), (1.0999, 0.3, 0.0)],

@@ -17,7 +17,7 @@ ROWS = (
 LENGTH, PERIOD = 64.0, 2.0
 
 
-def measured(chunk=1000, late=0.5, settle=0.0):
+def measured(chunk=1000, late=0.5, settle=0.0, period=PERIOD):
     """The node takes 3, the bridge 1, of an input of 10; up for a quarter of every period of 2 s.
 
     While it is up it takes 8; the buffer's energy grows by 0.25 a second.
@@ -26,8 +26,8 @@ def measured(chunk=1000, late=0.5, settle=0.0):
     moments.output = OutputMoments.beside(moments, ROWS)
     moments.output.conductance, moments.output.capacitance = 0.0, 2.0
     time = np.arange(1, int(LENGTH * 1000) + 1) / 1000
-    phase = (time - late) % PERIOD
-    up = ((phase >= 0.0) & (phase < 0.25 * PERIOD) & (time >= late)).astype(float)
+    phase = (time - late) % period
+    up = ((phase >= 0.0) & (phase < 0.25 * period) & (time >= late)).astype(float)
     one = np.ones_like(time)
     values = np.array([3.0 * one, one, 0.25 * time, up, 8.0 * up, 0.0 * one])
     record = np.array([time, one, one, one, 5.0 * one, 10.0 * one, one, 0.0 * one, one])
@@ -70,6 +70,12 @@ def test_what_never_happens_has_no_certain_error_bar():
     # None in 64 s: one more or less.
     assert found["never_stops_per_hour"].estimate == 0.0
     assert found["never_stops_per_hour"].standard_error == pytest.approx(3600.0 / 64.0, rel=1e-3)
+
+
+def test_few_events_are_known_no_better_than_independent_ones():
+    found = estimate_output([measured(period=16.0)])["up_starts_per_hour"]
+    assert found.estimate == pytest.approx(4.0 * 3600.0 / LENGTH, rel=1e-3)
+    assert found.standard_error == pytest.approx(2.0 * 3600.0 / LENGTH, rel=1e-3)
 
 
 def test_the_first_time_has_the_spread_of_the_realizations():

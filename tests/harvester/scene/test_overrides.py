@@ -25,6 +25,10 @@ def test_a_place_names_one_of_several_tables():
     assert excited.excitation.parts[0].intensity == 0.5
 
 
+def test_the_last_value_of_a_key_counts():
+    assert Scene.load("linear", ["run.seed=2", "run.seed=3"]).run.seed == 3
+
+
 def test_one_table_is_the_first_of_its_kind_too():
     assert Scene.load("paper", ["stoppers[0].gap=1.2"]).stoppers[0].gap == 1.2
     assert Scene.load("one_sided", ["stoppers.gap=0.002"]).stoppers[0].gap == 0.002

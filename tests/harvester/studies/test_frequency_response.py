@@ -10,10 +10,12 @@ import harvester
 from harvester.command_line import main
 from harvester.commands.options import number_list
 from harvester.errors import HarvesterError
+from harvester.record.record import Record
 from harvester.scene.model import Scene
 from harvester.studies.frequency_response import (
     SETTLED_SHARE,
     _integrals,
+    _means,
     _peak,
     _stepped,
     _with_sine,
@@ -142,6 +144,20 @@ def test_points_at_one_time_spoil_neither_integral_nor_peak():
     values = np.array([0.0, 1.0, 2.0, 2.0, 1.0, 0.0, 0.0])
     assert _integrals(times, values, (0.0, 1.0, 2.0)) == pytest.approx([1.0, 1.0])
     assert _peak(times, values) == pytest.approx(2.0)
+
+
+def test_an_amplitude_is_half_of_what_lies_between_the_ends():
+    """Of a motion about another place than 0, over two of six periods; before, it was larger."""
+    time = np.linspace(0.0, 3.0, 3001)
+    swing = np.where(time < 2.0, 0.9, 0.5) * np.sin(4.0 * np.pi * time)
+    voltage = 0.2 + 2.0 * swing
+    one = np.zeros_like(time)
+    record = Record(time, 0.3 + swing, one, voltage, voltage**2 / 4.0, one, one, one, voltage)
+    amplitude, rms, power, residual = _means(record, 2.0, 3.0, 1.0)
+    assert amplitude == pytest.approx(0.5, rel=1e-4)
+    assert rms == pytest.approx(math.sqrt(0.2**2 + 0.5), rel=1e-4)
+    assert power == pytest.approx((0.2**2 + 0.5) / 4.0, rel=1e-4)
+    assert residual < 1e-3
 
 
 def test_it_dwells_until_a_storage_is_charged():
