@@ -43,8 +43,13 @@ def test_a_law_is_known_by_its_entry_alone(scene):
         scene.replace({"stoppers[0].law": "dashpots"})
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("engine", "largest"), [("monte-carlo", 1e-5), ("circuit", 1e-3)])
+@pytest.mark.parametrize(
+    ("engine", "largest"),
+    [
+        pytest.param("monte-carlo", 1e-5, marks=pytest.mark.exhaustive),
+        pytest.param("circuit", 1e-3, marks=pytest.mark.slow),
+    ],
+)
 def test_both_engines_follow_scipys_path(scene, worker, monkeypatch, engine, largest):
     """A dashpot's force jumps where it begins: the circuit then keeps one order less."""
 

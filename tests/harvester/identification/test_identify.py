@@ -101,7 +101,7 @@ def test_a_symmetric_model_of_asymmetric_data_is_called_wrong():
 def test_stoppers_that_a_scene_lacks_are_proposed():
     stoppers = {"gap": 1.5e-3, "stiffness": 8e4, "restitution": 0.6}
     truth = device([0.0, STIFFNESS], stoppers=stoppers)
-    found = identify(truth.replace(stoppers=None), record(truth, 7, samples=2000))
+    found = identify(truth.replace(stoppers=None), record(truth, 7))
     assert found.verdict.word == "wrong"
     assert found.proposed.name == "stoppers"
     # Its restitution is a guess.
@@ -123,8 +123,13 @@ def test_motion_between_wells_gives_the_double_well_within_three_percent():
     assert found.fitted.fit.edges[0].size > 2
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("way", ["coil", "stoppers"])
+@pytest.mark.parametrize(
+    "way",
+    [
+        pytest.param("coil", marks=pytest.mark.slow),
+        pytest.param("stoppers", marks=pytest.mark.exhaustive),
+    ],
+)
 def test_other_devices_are_found(way):
     if way == "coil":
         truth = device([0.0, STIFFNESS, 0.0, 0.6 * STIFFNESS / 2e-3**2], COIL, resistance=600.0)

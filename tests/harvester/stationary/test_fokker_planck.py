@@ -68,7 +68,10 @@ def test_gibbs(p):
     [
         {"damping": 1.5, "correlation_time": 0.3},
         {"damping": 0.1, "correlation_time": 3.0, "decay_rate": 0.2},
-        {"damping": 0.5, "correlation_time": 0.3, "decay_rate": 1e-6},
+        pytest.param(
+            {"damping": 0.5, "correlation_time": 0.3, "decay_rate": 1e-6},
+            marks=pytest.mark.exhaustive,
+        ),
         pytest.param(
             {"damping": 0.05, "correlation_time": 0.05, "decay_rate": 4.0},
             marks=pytest.mark.exhaustive,
@@ -263,7 +266,7 @@ def test_wells_are_not_left_as_they_began(force, loss, intensity, monkeypatch):
     assert within(result, "mean_square_displacement", np.trapezoid(weight * x * x, x))
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_many_nodes_of_charge_and_a_fast_load():
     """What the load moves beyond the nodes of Z is not magnified: the answer of few nodes."""
     changes = {
