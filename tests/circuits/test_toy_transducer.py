@@ -117,7 +117,13 @@ def test_its_means_in_white_noise(scene, pool, engine):
     assert abs(result.energy_balance_residual) < 0.01
 
 
-@pytest.mark.parametrize("engine", [pytest.param("monte-carlo", marks=pytest.mark.slow), "circuit"])
+@pytest.mark.parametrize(
+    "engine",
+    [
+        pytest.param("monte-carlo", marks=pytest.mark.exhaustive),
+        pytest.param("circuit", marks=pytest.mark.slow),
+    ],
+)
 def test_a_charge_decays_over_load_and_electrodes(scene, pool, engine):
     """Hardly coupled to the mass, the energy of a charge goes to both in proportion."""
     still = scene.replace(
