@@ -431,7 +431,7 @@ FAULTS = [
         "harvester/running/codec.py",
         'if tree["key"] != key:',
         'if not tree["key"]:',
-        NO_ANSWER,
+        (f"{OF_STORE}::test_an_answer_under_another_name_is_none",),
     ),
     Fault(
         "kill and resume: what ended by a limit is kept as an answer",
@@ -507,7 +507,7 @@ FAULTS = [
         "command line: what a command ends with is lost",
         COMMAND_LINE,
         "return options.command(options) or 0",
-        "return options.command(options) and 0",
+        "return 0 * (options.command(options) or 0)",
         MANNERS,
     ),
     Fault(
