@@ -273,6 +273,13 @@ FAULTS = [
         EXACT_ERROR,
     ),
     Fault(
+        "error bars: neighbours of a drifting record are less correlated",
+        BATCH_MEANS,
+        "(1.0 + 2.0 * successive) / (2.0 + 2.0 * successive)",
+        "(1.0 + 2.0 * successive) / 2.0",
+        EXACT_ERROR,
+    ),
+    Fault(
         "error bars: a ratio's denominator is taken for certain",
         BATCH_MEANS,
         "error_of((upper - ratio * lower) / lower.mean())",
