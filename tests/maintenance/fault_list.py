@@ -273,6 +273,13 @@ FAULTS = [
         EXACT_ERROR,
     ),
     Fault(
+        "error bars: neighbours of a drifting record are less correlated",
+        BATCH_MEANS,
+        "(1.0 + 2.0 * successive) / (2.0 + 2.0 * successive)",
+        "(1.0 + 2.0 * successive) / 2.0",
+        EXACT_ERROR,
+    ),
+    Fault(
         "error bars: a ratio's denominator is taken for certain",
         BATCH_MEANS,
         "error_of((upper - ratio * lower) / lower.mean())",
@@ -431,7 +438,7 @@ FAULTS = [
         "harvester/running/codec.py",
         'if tree["key"] != key:',
         'if not tree["key"]:',
-        NO_ANSWER,
+        (f"{OF_STORE}::test_an_answer_under_another_name_is_none",),
     ),
     Fault(
         "kill and resume: what ended by a limit is kept as an answer",
@@ -507,7 +514,7 @@ FAULTS = [
         "command line: what a command ends with is lost",
         COMMAND_LINE,
         "return options.command(options) or 0",
-        "return options.command(options) and 0",
+        "return 0 * (options.command(options) or 0)",
         MANNERS,
     ),
     Fault(

@@ -49,14 +49,23 @@ def test_the_error_bar_agrees_with_emcee_and_with_the_closed_form(memory):
     assert ours == pytest.approx(exact_error(memory, series.size), rel=0.2)
 
 
-@pytest.mark.parametrize(("length", "white"), [(10, 2.0), (25, 0.0), (50, 0.0)])
-def test_in_the_mean_the_error_bar_is_exact(length, white):
+@pytest.mark.parametrize(
+    ("error_of", "length", "white"),
+    [
+        (standard_error, 10, 2.0),
+        (standard_error, 25, 0.0),
+        (standard_error, 50, 0.0),
+        (standard_error_of_drift, 25, 0.0),
+        (standard_error_of_drift, 50, 0.0),
+    ],
+)
+def test_in_the_mean_the_error_bar_is_exact(error_of, length, white):
     """Of 100 runs it is known to 1 %: short batches are joined, longer ones still correlated."""
     memory, errors = 0.9, []
     for seed in range(100):
         series = autoregressive(seed, memory, 1, 12_800)
         series += white * np.random.default_rng(1000 + seed).standard_normal(series.shape)
-        errors.append(standard_error(series.reshape(1, -1, length).mean(axis=2)))
+        errors.append(error_of(series.reshape(1, -1, length).mean(axis=2)))
     exact = np.hypot(exact_error(memory, 12_800), white / np.sqrt(12_800))
     assert np.mean(errors) == pytest.approx(exact, rel=0.05)
 

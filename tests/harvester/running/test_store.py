@@ -20,7 +20,15 @@ from harvester.estimates.estimate import Estimate
 from harvester.estimates.means import estimate_all
 from harvester.estimates.output_side import estimate_output
 from harvester.record.moments import PRODUCTS, Moments
-from harvester.running.codec import DIGEST, MOST_BYTES, TREE, digest_of, packed, unpacked
+from harvester.running.codec import (
+    DIGEST,
+    MOST_BYTES,
+    TREE,
+    NotAnAnswer,
+    digest_of,
+    packed,
+    unpacked,
+)
 from harvester.running.realizations import Realizations, averaging
 from harvester.running.store import MISSING, Store
 from harvester.running.task import Task, compute
@@ -86,6 +94,12 @@ def test_every_kind_of_plain_answer_comes_back_as_it_was():
     for strange in (object(), np.array(["text"]), {1, 2}, lambda: None):
         with pytest.raises(TypeError):
             packed("key", strange)
+
+
+def test_an_answer_under_another_name_is_none():
+    """Of the same form, as a file that was copied: only its key tells."""
+    with pytest.raises(NotAnAnswer, match="of another key"):
+        unpacked(packed("key", 1.0), "other")
 
 
 class Bomb:
