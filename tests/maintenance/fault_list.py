@@ -56,7 +56,6 @@ OF_MEANS, OF_MEASURES = "harvester/estimates/test_means.py", "harvester/estimate
 EXACT_ERROR = (f"{OF_MEANS}::test_in_the_mean_the_error_bar_is_exact",)
 OF_SEVERAL = ("harvester/record/test_several.py",)
 OF_JUNCTION, NUMBERS = ("circuits/kernel/test_junction.py",), ("circuits/loads/test_numbers.py",)
-ITERATION = ("circuits/kernel/test_code.py::test_an_iteration_is_numpys",)
 TURNS = (
     "circuits/kernel/test_switching.py"
     "::test_a_switch_turns_beyond_its_hysteresis_and_when_its_control_passes_it",
@@ -369,13 +368,6 @@ FAULTS = [
         'model.get("rs", 0.0) / all_of_them',
         'model.get("rs", 0.0) / area',
         OF_JUNCTION,
-    ),
-    Fault(
-        "diode: beyond its edge the capacitance rises twice as fast",
-        JUNCTION,
-        "stored = stored + beyond * (here + bend * beyond * 0.5)",
-        "stored = stored + beyond * (here + bend * beyond)",
-        ITERATION,
     ),
     Fault(
         "switch: half the hysteresis is missing",
