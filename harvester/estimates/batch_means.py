@@ -107,6 +107,11 @@ def _joined(series):
     return 0.5 * (series[:, odd::2] + series[:, odd + 1 :: 2])
 
 
+def measured_time(moments: Sequence[Moments]) -> float:
+    """Time that the integrals of all realizations hold (s); 0 before a first whole step."""
+    return float(sum(each.integrals[:, 0].sum() for each in moments))
+
+
 def complete_batches(moments: Sequence[Moments]) -> np.ndarray | None:
     """Batches that every realization completed, shape (realizations, batches, quantities)."""
     complete = min(

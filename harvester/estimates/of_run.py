@@ -6,8 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from harvester.errors import SceneError
 from harvester.estimates.balance import energy_balance_residual
-from harvester.estimates.batch_means import standard_error, standard_error_of_drift
+from harvester.estimates.batch_means import (
+    measured_time,
+    standard_error,
+    standard_error_of_drift,
+)
 from harvester.estimates.means import estimate_all
 from harvester.estimates.output_side import estimate_output
 from harvester.estimates.passivity import efficiency_notes, source_notes
@@ -49,9 +54,20 @@ class RunEstimates:
 
 
 def run_estimates(scene: Scene, moments: Sequence[Moments]) -> RunEstimates:
-    """Estimates from the moments of a scene's realizations."""
+    """Estimates from the moments of a scene's realizations.
+
+    Raises
+    ------
+    SceneError
+        No step of the run lies in its measured time.
+    """
     system, scales = scale(scene)
     moments = list(moments)
+    if not measured_time(moments) > 0.0:
+        raise SceneError(
+            f"{scene.name}: run.duration = {scene.run.duration:g}: no whole step lies in it; "
+            "raise it to some periods of the motion"
+        )
     error_of = standard_error_of_drift if scene.excitation.drifts else standard_error
     whole = estimate_all(moments, system, error_of) | estimate_output(moments)
     found = shortfalls(scene, system, moments, whole)
