@@ -66,18 +66,24 @@ class Measurement(NamedTuple):
         Returns
         -------
         ndarray, shape (len(rows), n)
-            Powers and energies in that unit; of states 1 where they hold, else 0.
+            Powers and energies in that unit; of states 1 where they hold, else 0. nan where an
+            expression has no value.
         """
         found = np.empty((len(self.rows), time.size))
         known = dict(zip(self.watched, unknowns, strict=True))
         with np.errstate(all="ignore"):
             for row, (kind, _), tree in zip(found, self.rows, self.trees, strict=True):
                 value = _value(tree, known, time)
-                row[:] = np.greater(value, 0.0) if kind == STATE else unit * value
+                row[:] = _condition(value) if kind == STATE else unit * value
         return found
 
 
 NOTHING = Measurement()
+
+
+def _condition(value):
+    """1 where it is above 0; what has no value is neither above nor below."""
+    return np.where(np.isnan(value), np.nan, np.greater(value, 0.0))
 
 
 def _value(tree, known, time):

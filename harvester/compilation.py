@@ -14,7 +14,9 @@ from typing import Any
 
 from harvester import numba_cache
 from harvester.files.surroundings import away_from_working_folder
+from harvester.memory import load_libraries_early
 
+load_libraries_early()
 numba_cache.keep_environment_usable()
 with away_from_working_folder():
     import llvmlite.binding

@@ -17,6 +17,7 @@ from typing import Any
 from harvester import numba_cache
 from harvester.engines import isolation
 from harvester.errors import SimulatorCrashed, SimulatorTimeout
+from harvester.files.temporary import TemporaryFolder
 
 # What a process prints just before it dies of its own, in the order of interest.
 LAST_LINES = 3
@@ -151,11 +152,8 @@ class Worker:
 
     def _open(self):
         """Start the process; returns the queue of its answers."""
-        isolation.check_memory()
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 - closed by kill
-        self._workplace = tempfile.TemporaryDirectory(
-            prefix="harvester-", ignore_cleanup_errors=True
-        )
+        self._workplace = TemporaryFolder()
         self._process = subprocess.Popen(
             isolation.command(self._folders),
             stdin=subprocess.PIPE,

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.estimates.estimate import TOO_SHORT, Estimate
+from harvester.estimates.estimate import Estimate, why_no_error
 
 if TYPE_CHECKING:
     from harvester.record.moments import Moments
@@ -160,7 +160,7 @@ def ratio_estimate(
     size = None
     if squares is not None:
         size = independent_samples(ratio, float(squares.sum() / lower.sum()), error)
-    return Estimate(ratio, error, size, dimension, "" if error is not None else TOO_SHORT)
+    return Estimate(ratio, error, size, dimension, why_no_error(ratio, error))
 
 
 def independent_samples(mean: float, mean_square: float, error: float | None) -> float | None:
