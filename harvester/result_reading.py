@@ -69,11 +69,11 @@ def _estimate(entry, where):
 
 
 def _scales(values):
-    scales = Scales(**values)
-    for name, value in dataclasses.asdict(scales).items():
+    scales = {each.name: values[each.name] for each in dataclasses.fields(Scales)}
+    for name, value in scales.items():
         if not 0.0 < _number(value, f"scales.{name}") < math.inf:
             raise NotAValue(f"scales.{name} = {shown(value)}: must be a number > 0")
-    return scales
+    return Scales(**scales)
 
 
 def _fit(content):

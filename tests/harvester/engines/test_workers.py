@@ -40,6 +40,11 @@ def test_the_time_limit_ends_a_call_and_keeps_its_last_report(worker):
     assert time.monotonic() - started < 10.0
 
 
+@pytest.mark.parametrize("limit", [float("inf"), 1e300])
+def test_a_time_limit_may_be_longer_than_the_system_can_wait(worker, limit):
+    assert worker.call(worker_calls.say, {"text": "up"}, time_limit=limit) == "UP"
+
+
 def test_killing_the_process_is_noticed_at_once(worker):
     worker.call(worker_calls.say, {"text": "up"})
     process = worker.process_id
