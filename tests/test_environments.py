@@ -1,4 +1,4 @@
-"""The lowest versions that pyproject.toml allows, and the newest, each in an environment made anew."""
+"""The lowest versions that pyproject.toml allows, and the newest, in environments made anew."""
 
 import os
 import re
