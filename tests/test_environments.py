@@ -80,7 +80,7 @@ def test_it_runs_with_what_may_be_installed(tmp_path, version, chosen):
         )
         assert shown.returncode == 0, f"{call}: {shown.stderr}"
         assert "Warning" not in shown.stderr
-    assert (tmp_path / "figures" / "paper-comparison.png").exists()
+    assert (tmp_path / "figures" / "paper-validate.png").exists()
 
 
 def library():
