@@ -14,15 +14,18 @@ from harvester.files.plain_text import shown
 
 # Of a list that is given by what yields its values, which may have no end.
 MOST_VALUES = 100_000
+# numpy's own settings.
+USUAL: dict[str, Any] = {"divide": "warn", "over": "warn", "under": "ignore", "invalid": "warn"}
 
 
 def usual_arithmetic() -> np.errstate:
-    """numpy's own treatment of overflow and the like, for a block.
+    """numpy's own treatment of overflow and the like for a block, where the caller's is to raise.
 
-    What the caller has set (`np.seterr(all="raise")`) is meant for the caller's own arithmetic:
-    here a density that underflows to 0 is right.
+    `np.seterr(all="raise")` is meant for the caller's own arithmetic: here a density that
+    underflows to 0 is right.
     """
-    return np.errstate(divide="warn", over="warn", under="ignore", invalid="warn")
+    kept = {name: kind for name, kind in np.geterr().items() if kind in ("ignore", "warn")}
+    return np.errstate(**(USUAL | kept))
 
 
 def listed(values: Any, where: str, example: str) -> tuple[Any, ...]:

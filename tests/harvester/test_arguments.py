@@ -108,6 +108,8 @@ def test_the_arithmetic_of_a_caller_is_not_ours():
     def underflows(scene):
         return float(np.exp(np.array(-1000.0)))
 
+    with np.errstate(all="ignore"):
+        assert takes_scene(lambda scene: np.geterr()["over"])(SCENE) == "ignore"
     with np.errstate(all="raise"):
         assert takes_scene(underflows)(SCENE) == 0.0
         assert harvester.average(SCENE, method="consistent")["mean_power"].estimate > 0.0
