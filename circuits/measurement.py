@@ -19,6 +19,19 @@ if TYPE_CHECKING:
 
 # Letters of elements whose current is an unknown of the circuit.
 _WITH_CURRENT = "vehl"
+
+
+def _truth_of(function):
+    """The function's truth values, nan where an argument is: C and numpy would call it false."""
+
+    def truth(*arguments):
+        unknown = np.any(np.isnan(np.array(np.broadcast_arrays(*arguments), dtype=float)), axis=0)
+        found = function(*arguments)
+        return np.where(unknown, np.nan, found) if unknown.any() else found
+
+    return truth
+
+
 _FUNCTIONS: dict[str, Callable] = {
     "+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "negative": np.negative,
     "^": lambda x, y: np.power(np.abs(x), y),
@@ -26,9 +39,11 @@ _FUNCTIONS: dict[str, Callable] = {
     "abs": np.abs, "exp": np.exp, "ln": np.log, "sqrt": np.sqrt, "sin": np.sin, "cos": np.cos,
     "tan": np.tan, "asin": np.arcsin, "acos": np.arccos, "atan": np.arctan, "sinh": np.sinh,
     "cosh": np.cosh, "tanh": np.tanh, "asinh": np.arcsinh, "max": np.maximum, "min": np.minimum,
-    "if": np.where, "<": np.less, "<=": np.less_equal, "==": np.equal, "and": np.logical_and,
-    "or": np.logical_or, "not": np.logical_not, "sgn": np.sign, "floor": np.floor,
-    "ceil": np.ceil, "u": lambda x: np.greater(x, 0.0), "uramp": lambda x: np.maximum(x, 0.0),
+    "if": lambda c, x, y: np.where(np.isnan(c), np.nan, np.where(c, x, y)),
+    "<": _truth_of(np.less), "<=": _truth_of(np.less_equal), "==": _truth_of(np.equal),
+    "and": _truth_of(np.logical_and), "or": _truth_of(np.logical_or),
+    "not": _truth_of(np.logical_not), "u": _truth_of(lambda x: np.greater(x, 0.0)),
+    "sgn": np.sign, "floor": np.floor, "ceil": np.ceil, "uramp": lambda x: np.maximum(x, 0.0),
 }  # fmt: skip
 
 
@@ -66,14 +81,15 @@ class Measurement(NamedTuple):
         Returns
         -------
         ndarray, shape (len(rows), n)
-            Powers and energies in that unit; of states 1 where they hold, else 0.
+            Powers and energies in that unit; of states 1 where they hold, else 0. nan where an
+            expression has no value.
         """
         found = np.empty((len(self.rows), time.size))
         known = dict(zip(self.watched, unknowns, strict=True))
         with np.errstate(all="ignore"):
             for row, (kind, _), tree in zip(found, self.rows, self.trees, strict=True):
                 value = _value(tree, known, time)
-                row[:] = np.greater(value, 0.0) if kind == STATE else unit * value
+                row[:] = _truth_of(np.greater)(value, 0.0) if kind == STATE else unit * value
         return found
 
 

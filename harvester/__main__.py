@@ -1,12 +1,26 @@
-"""`python -m harvester` is the `harvester` command."""
+"""`python -m harvester` and the command `harvester`, from the process's first moment on."""
 
-import os
 import sys
 
-# Python has put the working folder first on the path; nothing there is meant.
-if not sys.flags.safe_path and sys.path[0] != os.path.dirname(os.path.dirname(__file__)):
-    del sys.path[0]
 
-from harvester.command_line import main
+def main() -> int:
+    """Run the command line; returns the exit code.
 
-sys.exit(main())
+    What it needs is imported here, so that an interrupt meanwhile ends in a line as well.
+    """
+    try:
+        from harvester.command_line import main as run
+
+        return run()
+    except KeyboardInterrupt:
+        print("harvester: interrupted; nothing was written", file=sys.stderr)
+        return 130
+
+
+if __name__ == "__main__":
+    import os
+
+    # Python has put the working folder first on the path; nothing there is meant.
+    if not sys.flags.safe_path and sys.path[0] != os.path.dirname(os.path.dirname(__file__)):
+        del sys.path[0]
+    sys.exit(main())

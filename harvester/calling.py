@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Concatenate, ParamSpec, TypeAlias, TypeVar, get_args, get_type_hints
 
+from harvester.arguments import checked_options, usual_arithmetic
 from harvester.errors import UnknownOption
 from harvester.files.plain_text import nearest, shown
 from harvester.scene.model import Scene
@@ -35,7 +36,8 @@ def takes_scene(
 ) -> Callable[Concatenate[SceneOrName, Options], Answer]:
     """Let a function of a scene take a file's path or a built-in name too.
 
-    An option it does not have is refused with the nearest one, by `UnknownOption`.
+    An option it does not have is refused with the nearest one, by `UnknownOption`; those that run
+    it are checked by `harvester.arguments.checked_options`.
     """
     parameters = inspect.signature(function).parameters.values()
     by_place = [each.name for each in parameters if each.kind is each.POSITIONAL_OR_KEYWORD]
@@ -54,7 +56,8 @@ def takes_scene(
         for option in options:
             if option not in known:
                 raise UnknownOption(f"{name}: no option {option}{_meant(option, known)}")
-        return function(scene_of(scene), *arguments, **options)
+        with usual_arithmetic():
+            return function(scene_of(scene), *arguments, **checked_options(options))
 
     return called
 

@@ -15,7 +15,10 @@ from typing import Any
 
 from harvester import numba_cache
 from harvester.files.surroundings import away_from_working_folder
+from harvester.memory import load_libraries_early
 
+load_libraries_early()
+numba_cache.keep_environment_usable()
 with away_from_working_folder():
     import llvmlite.binding
     import numba
@@ -48,7 +51,7 @@ if not numba.core.config.CPU_FEATURES:
     if features.get("avx512f"):
         numba.core.config.CPU_FEATURES = features.flatten() + ",-prefer-256-bit"
 
-numba_cache.keep_to_own_types()
+numba_cache.keep_own_index()
 numba_cache.wait_for_other_processes()
 # Without it everything is compiled at every start: slower by some seconds, and the same.
 CACHED = numba_cache.is_safe()
@@ -171,7 +174,7 @@ def forget_stale_code() -> None:
         digest.update(source.read_bytes())
     stamp = PACKAGE / "__pycache__" / "compiled-from.sha256"
     try:
-        if stamp.exists() and stamp.read_text() == digest.hexdigest():
+        if stamp.is_file() and stamp.read_bytes() == digest.hexdigest().encode():
             return
         for package in PACKAGES:
             for index in (PACKAGE.parent / package).rglob("*.nbi"):

@@ -7,7 +7,9 @@ import functools
 import hashlib
 import os
 import pickle
-from collections.abc import Iterator
+import stat
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from harvester.files.surroundings import PACKAGE, who_else_writes
@@ -15,27 +17,115 @@ from harvester.files.surroundings import PACKAGE, who_else_writes
 # Packages whose types may stand in the cache: code for a part defined elsewhere is compiled anew in
 # each process, and no other process stumbles over a class that it does not have.
 OWN = ("harvester", "circuits")
+DIGEST_BYTES = hashlib.sha256().digest_size
 
 
-def keep_to_own_types() -> None:
-    """Make numba's indexes hold types of this program only, and one that cannot be read none.
+def keep_environment_usable() -> None:
+    """Take out of the environment what numba would end at.
 
-    An index is read whole: with a type whose module is gone numba would stop there.
+    That is a number of threads below 1, and where its cache is looked for: nothing here uses its
+    threads, and `is_safe` judges the usual places of the cache.
+    """
+    os.environ.pop("NUMBA_CACHE_LOCATOR_CLASSES", None)
+    with contextlib.suppress(ValueError):
+        # One that is no number numba leaves out by itself.
+        if int(os.environ.get("NUMBA_NUM_THREADS", "1")) < 1:
+            del os.environ["NUMBA_NUM_THREADS"]
+
+
+def keep_own_index() -> None:
+    """Make numba's cache hold types of this program only, and take no file that is damaged.
+
+    An index is read whole: with a type whose module is gone numba would stop there. A file whose
+    digest does not match is compiled anew, which is said; one that cannot be written is left out.
     """
     from numba.core import caching
 
     class OwnIndex(caching.IndexDataCacheFile):
+        def __init__(self, *arguments, **options):
+            super().__init__(*arguments, **options)
+            # Files without digests are those of another version.
+            self._version += ", with digests"
+
         def save(self, key, data):
             if not _foreign(key[0]):
-                super().save(key, data)
+                with contextlib.suppress(OSError):
+                    super().save(key, data)
+
+        def _dump(self, obj):
+            content = super()._dump(obj)
+            return hashlib.sha256(content).digest() + content
 
         def _load_index(self):
-            try:
-                return super()._load_index()
-            except (ImportError, AttributeError, EOFError, pickle.UnpicklingError):
+            content = _plain_file(self._index_path)
+            if content is None:
                 return {}
+            version = pickle.dumps(self._version, protocol=-1)
+            if not content.startswith(version):
+                if not _begins_with_text(content):
+                    on_damage(self._index_path)
+                return {}
+            found = _unpickled(content[len(version) :], self._index_path)
+            stamp, overloads = (None, None) if found is None else found
+            return overloads if stamp == self._source_stamp else {}
+
+        def _load_data(self, name):
+            content = _plain_file(self._data_path(name))
+            return None if content is None else _unpickled(content, self._data_path(name))
 
     caching.IndexDataCacheFile = OwnIndex
+
+
+def _plain_file(path):
+    """The bytes of a file; None where there is none, or something that is no file."""
+    try:
+        # A pipe that lies there does not block.
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+        with open(descriptor, "rb") as file:
+            if stat.S_ISREG(os.fstat(descriptor).st_mode):
+                return file.read()
+    except FileNotFoundError:
+        return None
+    except OSError:
+        pass
+    on_damage(path)
+    return None
+
+
+def _begins_with_text(content):
+    """Whether a pickled text stands in front, as the version does in an index of any release."""
+    try:
+        return isinstance(pickle.loads(content), str)
+    # Damaged bytes raise anything.
+    except Exception:
+        return False
+
+
+def _unpickled(content, path):
+    """What was written behind a digest; None where that does not match or a class is gone."""
+    digest, content = content[:DIGEST_BYTES], content[DIGEST_BYTES:]
+    if hashlib.sha256(content).digest() != digest:
+        on_damage(path)
+        return None
+    try:
+        return pickle.loads(content)
+    except (ImportError, AttributeError):
+        return None
+
+
+def _say_damage(path: str) -> None:
+    """One line on standard error in each process."""
+    if not _said:
+        _said.append(path)
+        print(
+            f"harvester: {path}: compiled code that is damaged; it is compiled anew",
+            file=sys.stderr,
+        )
+
+
+_said: list[str] = []
+# Called with the path of a damaged file; a worker process hands it to whom it works for.
+on_damage: Callable[[str], None] = _say_damage
 
 
 def wait_for_other_processes() -> None:

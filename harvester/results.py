@@ -196,12 +196,17 @@ class Result:
         SceneError
             A file of the scene is missing or has changed.
         """
+        from harvester.result_reading import NotAValue, result_of
+
         try:
-            return _from_dict(content, folder)
-        except (KeyError, TypeError, AttributeError, ValueError) as error:
-            raise HarvesterError(
-                f"no result: {type(error).__name__}: {error}; give what Result.to_dict returned"
-            ) from None
+            return result_of(content, folder)
+        except NotAValue as error:
+            reason = str(error)
+        except KeyError as error:
+            reason = f"{error} is missing"
+        except (TypeError, AttributeError, ValueError, OverflowError) as error:
+            reason = f"{type(error).__name__}: {error}"
+        raise HarvesterError(f"no result: {reason}; give what Result.to_dict returned")
 
     def to_xarray(self) -> Dataset:
         """Quantities, their standard errors and the densities, in the scene's units.
@@ -296,38 +301,6 @@ class Result:
         if self.netlist_sha256:
             facts.append(f"netlist {self.netlist_sha256[:12]}")
         return facts
-
-
-def _from_dict(content: dict[str, Any], folder: str | None) -> Result:
-    """See `Result.from_dict`; KeyError and the like where something is missing."""
-    plain = ["engine", "engine_version", "outcome", "error_kind", "energy_balance_residual"]
-    plain += ["simulated_time", "steps", "step", "realizations", "netlist_sha256"]
-    fit = content.get("spectrum_fit")
-    return Result(
-        **{name: content[name] for name in plain},
-        scene=Scene.from_dict(content["scene"], folder),
-        scaled_quantities={
-            name: Estimate(
-                _number(entry["estimate"]),
-                entry["standard_error"],
-                entry["effective_sample_size"],
-                entry["dimension"],
-                entry.get("note", ""),
-            )
-            for name, entry in content["scaled_quantities"].items()
-        },
-        scales=Scales(**content["scales"]),
-        wall_seconds=_number(content["wall_seconds"]),
-        engine_seconds=_number(content["engine_seconds"]),
-        notes=tuple(content["notes"]),
-        failures={int(index): reason for index, reason in content["failures"].items()},
-        spectrum_fit=SpectrumFit.from_dict(fit) if fit else None,
-    )
-
-
-def _number(value: float | None) -> float:
-    """What `finite` made null is not a number."""
-    return math.nan if value is None else value
 
 
 def unit_of(scene: Scene, dimension: str) -> str:

@@ -20,6 +20,7 @@ from harvester.engines.protocol import ENGINES
 from harvester.engines.realization import Realization, run
 from harvester.engines.steps import STEP_LEVELS, knot_spacing, steps_per_knot
 from harvester.errors import EnergyNotBalanced, HarvesterError, SimulationError
+from harvester.estimates.batch_means import measured_time
 from harvester.estimates.densities import densities
 from harvester.estimates.joint_density import joint_density as joint_density_of
 from harvester.estimates.of_run import run_estimates
@@ -339,7 +340,7 @@ def is_symmetric(scene: Scene, parameters: System) -> bool:
 
 def _partial(scene, engine, step, source, error):
     """A result of the failed realizations' moments, or None when they had none."""
-    reached = [m for m in error.partial or () if m.time_reached > m.start]
+    reached = [m for m in error.partial or () if measured_time([m]) > 0.0]
     if not reached:
         return None
     nothing = {"waveform": None, "joint": None, "engine_version": "", "netlist_sha256": None}

@@ -13,7 +13,6 @@ import os
 import re
 import shutil
 import subprocess
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +21,7 @@ from circuits.elements import DISPLACEMENT, VELOCITY, holding, number
 from harvester.device.piezo import TERMINAL, Piezo
 from harvester.errors import CompiledDeviceUnavailable
 from harvester.files.surroundings import who_else_writes
+from harvester.files.temporary import TemporaryFolder
 
 if TYPE_CHECKING:
     from PySpice.Spice.Netlist import Circuit
@@ -95,7 +95,7 @@ def compiled_file(text: str) -> Path:
             if _is_whole(path):
                 return path
             path.unlink(missing_ok=True)
-        with tempfile.TemporaryDirectory(dir=folder) as work:
+        with TemporaryFolder(folder) as work:
             return _compile(compiler, text, Path(work), folder, key)
     except OSError as error:
         raise CompiledDeviceUnavailable(

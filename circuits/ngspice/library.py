@@ -5,11 +5,11 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 from harvester.errors import EngineNotFound
+from harvester.files.temporary import TemporaryFolder
 
 SYSTEM_NAMES = (
     "libngspice.so",
@@ -99,7 +99,7 @@ def no_initialisation_files() -> Iterator[None]:
     HOME: an empty one in the working folder keeps it from there.
     """
     before = dict(os.environ)
-    with tempfile.TemporaryDirectory(prefix="harvester-") as empty, contextlib.chdir(empty):
+    with TemporaryFolder() as empty, contextlib.chdir(empty):
         for name in before:
             if name.upper().startswith(("SPICE", "NGSPICE")):
                 del os.environ[name]

@@ -228,13 +228,10 @@ def check_options(options: Namespace, name: str | None = None) -> None:
 
     `name` is that of the files which `write_result` will write.
     """
+    from harvester.arguments import check_limits
     from harvester.files.writing import check_folder, check_writable, in_folder
 
-    if getattr(options, "workers", None) is not None and options.workers < 1:
-        raise HarvesterError(f"--workers {options.workers}: must be a whole number ≥ 1")
-    limit = getattr(options, "time_limit", 1.0)
-    if not limit > 0.0:
-        raise HarvesterError(f"--time-limit {limit:g}: must be a number > 0")
+    check_limits(getattr(options, "workers", None), getattr(options, "time_limit", 1.0))
     if getattr(options, "json", None):
         check_writable(options.json)
     if options.output:

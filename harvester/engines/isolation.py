@@ -6,7 +6,6 @@ environment variables, and sees only those variables that say where this machine
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import sys
@@ -21,8 +20,6 @@ FOLDERS = ("HOME", "TMPDIR", "TEMP", "TMP", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR")
 WINDOWS = ("SYSTEMROOT", "SYSTEMDRIVE", "USERPROFILE", "APPDATA", "LOCALAPPDATA", "PATHEXT")
 WORDS = ("LANG", "LANGUAGE", "TZ", "USER", "LOGNAME")
 PREFIXES = ("LC_", "NUMBA_")
-# Of address space (bytes); measured.
-LEAST_MEMORY = 512 << 20
 FIXED = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 # harvester's own packages are taken from where the caller has them, and before anything else is
@@ -38,19 +35,6 @@ if any(importlib.util.find_spec(name) is None for name in {REQUIRED}):
 from harvester.engines.worker import main
 main()
 """
-
-
-def check_memory() -> None:
-    """Raise MemoryError where the address space is limited below what the libraries load into.
-
-    They do not all fail there: one tries again without end.
-    """
-    with contextlib.suppress(ImportError):
-        import resource
-
-        limit = resource.getrlimit(resource.RLIMIT_AS)[0]
-        if limit != resource.RLIM_INFINITY and limit < LEAST_MEMORY:
-            raise MemoryError(f"it needs {LEAST_MEMORY >> 20} MB of address space (ulimit -v)")
 
 
 def command(folders: Sequence[str | Path] = ()) -> list[str]:

@@ -9,12 +9,12 @@ import os
 import queue
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_EXCEPTION, CancelledError, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from harvester.engines.workers import Worker
-from harvester.errors import SimulationError, SimulatorCrashed, SimulatorTimeout
+from harvester.errors import HarvesterError, SimulationError, SimulatorCrashed, SimulatorTimeout
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor, Future
@@ -105,9 +105,7 @@ class WorkerPool:
         """
         call = call_twice if keep_going else Worker.call
         futures = [
-            self._threads.submit(
-                self._run, call, function, arguments, time_limit, _of_one(on_progress, index)
-            )
+            self._begin(call, function, arguments, time_limit, _of_one(on_progress, index))
             for index, arguments in enumerate(calls)
         ]
         try:
@@ -121,21 +119,29 @@ class WorkerPool:
         self, function: Callable, arguments: dict[str, Any], time_limit: float | None = None
     ) -> Future:
         """One call as with `keep_going` in `map`; returns its Future."""
-        return self._threads.submit(self._run, call_twice, function, arguments, time_limit, None)
+        return self._begin(call_twice, function, arguments, time_limit, None)
 
     def close(self) -> None:
         """End every process."""
+        self._closed = True
         for worker in self._workers:
             worker.close()
         self._threads.shutdown(cancel_futures=True)
 
     def _open(self) -> None:
         """Fresh workers; their processes start at their first calls."""
+        self._closed = False
         self._threads = ThreadPoolExecutor(self.size)
         self._idle: queue.SimpleQueue[Worker] = queue.SimpleQueue()
         self._workers = [Worker(self._folders) for _ in range(self.size)]
         for worker in self._workers:
             self._idle.put(worker)
+
+    def _begin(self, *call):
+        """The Future of one call."""
+        if self._closed:
+            raise HarvesterError("runner: its processes were ended; give one that is open")
+        return self._threads.submit(self._run, *call)
 
     def _run(self, call, function, arguments, time_limit, report):
         worker = self._idle.get()
@@ -167,17 +173,29 @@ class ExecutorPool:
         keep_going: bool = False,
     ) -> list[Any]:
         """See `WorkerPool.map`."""
-        futures = [
-            self._executor.submit(call_here, function, arguments, time_limit, keep_going)
-            for arguments in calls
-        ]
-        return gather(futures)
+        futures = [self._begin(function, arguments, time_limit, keep_going) for arguments in calls]
+        try:
+            return gather(futures)
+        except HarvesterError:
+            raise
+        except (Exception, CancelledError) as error:
+            raise lost(error) from error
 
     def submit(
         self, function: Callable, arguments: dict[str, Any], time_limit: float | None = None
     ) -> Future:
         """See `WorkerPool.submit`."""
-        return self._executor.submit(call_here, function, arguments, time_limit, True)
+        return self._begin(function, arguments, time_limit, True)
+
+    def _begin(self, *call):
+        """The Future of one call."""
+        try:
+            return self._executor.submit(call_here, *call)
+        # Whatever it raises: executors have no common error for having been shut down.
+        except Exception as error:
+            raise HarvesterError(
+                f"executor: takes no calls: {type(error).__name__}: {error}; give one that is open"
+            ) from error
 
 
 @contextlib.contextmanager
@@ -199,6 +217,14 @@ def processes(
 def _of_one(on_progress, index):
     """A report of one of several calls."""
     return (lambda content: on_progress(index, content)) if on_progress else None
+
+
+def lost(error: BaseException) -> HarvesterError:
+    """The error of a call that an executor did not carry out."""
+    return HarvesterError(
+        f"the executor lost a task: {type(error).__name__}: {error}; what is finished is kept "
+        "where there is an --output"
+    )
 
 
 def gather(futures: Sequence[Future]) -> list[Any]:

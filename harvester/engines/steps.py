@@ -52,16 +52,17 @@ def knot_spacing(scene: Scene) -> float:
     Raises
     ------
     SceneError
-        The scene's own does not fit its noise or its run.
+        The scene's own does not fit its noise, or the run is shorter than it.
     """
     system, _ = scale(scene)
     spacing, duration = scene.excitation.spacing(longest_spacing(system)), scene.run.duration
-    if spacing > duration and getattr(scene.excitation, "knot_spacing", None) is not None:
+    if spacing > duration:
+        own = getattr(scene.excitation, "knot_spacing", None) is not None
+        name = "one knot_spacing" if own else "the time between two knots of the excitation"
         raise SceneError(
-            f"{scene.name}: run.duration = {duration:g}: must be at least one knot_spacing, "
-            f"{spacing:g}"
+            f"{scene.name}: run.duration = {duration:g}: must be at least {name}, {spacing:.4g} s"
         )
-    return min(spacing, duration)
+    return spacing
 
 
 def with_knots(scene: Scene) -> Scene:

@@ -2,8 +2,9 @@
 
 Started by `harvester.engines.workers` as `harvester.engines.isolation` says. A call is a pickled
 (function, arguments); the function, one of a module, is called with `report` on top, which sends
-progress. Answers are pickled pairs: ("progress", …), ("done", result), ("failed", error), and
-("gone", error) from a process that ends itself.
+progress. Answers are pickled pairs: ("progress", …), ("done", result), ("failed", error),
+("damage", path of compiled code that could not be read), and ("gone", error) from a process that
+ends itself.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import sys
 import threading
 import traceback
 
+from harvester import numba_cache
 from harvester.errors import HarvesterError, SimulationError
 
 _give_up = None
@@ -57,6 +59,7 @@ def main() -> None:
             os._exit(0)
 
     _give_up = send
+    numba_cache.on_damage = lambda path: send("damage", path)
     while True:
         function, arguments = calls.get()
         try:

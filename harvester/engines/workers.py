@@ -14,8 +14,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from harvester import numba_cache
 from harvester.engines import isolation
 from harvester.errors import SimulatorCrashed, SimulatorTimeout
+from harvester.files.temporary import TemporaryFolder
 
 # What a process prints just before it dies of its own, in the order of interest.
 LAST_LINES = 3
@@ -81,7 +83,7 @@ class Worker:
         except (BrokenPipeError, ValueError):
             raise self._crashed(process, latest) from None
         while True:
-            timeout = None if deadline is None else max(deadline - time.monotonic(), 0.0)
+            timeout = None if deadline is None else _waiting_time(deadline)
             try:
                 kind, content = answers.get(timeout=timeout)
             except queue.Empty:
@@ -95,6 +97,8 @@ class Worker:
                 latest = content
                 if on_progress:
                     on_progress(content)
+            elif kind == "damage":
+                numba_cache.on_damage(content)
             elif kind == "done":
                 return content
             elif kind in ("failed", "gone"):
@@ -148,11 +152,8 @@ class Worker:
 
     def _open(self):
         """Start the process; returns the queue of its answers."""
-        isolation.check_memory()
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 - closed by kill
-        self._workplace = tempfile.TemporaryDirectory(
-            prefix="harvester-", ignore_cleanup_errors=True
-        )
+        self._workplace = TemporaryFolder()
         self._process = subprocess.Popen(
             isolation.command(self._folders),
             stdin=subprocess.PIPE,
@@ -183,6 +184,11 @@ class Worker:
         self._errors.seek(0)
         lines = self._errors.read().decode(errors="replace").splitlines()
         return "; ".join(line.strip() for line in lines[-LAST_LINES:] if line.strip())
+
+
+def _waiting_time(deadline):
+    """Seconds until then, as many as the system can wait for: a limit may be infinite."""
+    return min(max(deadline - time.monotonic(), 0.0), threading.TIMEOUT_MAX)
 
 
 def _cause(error):

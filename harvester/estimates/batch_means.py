@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.estimates.estimate import TOO_SHORT, Estimate
+from harvester.estimates.estimate import Estimate, why_no_error
 
 if TYPE_CHECKING:
     from harvester.record.moments import Moments
@@ -107,6 +107,11 @@ def _joined(series):
     return 0.5 * (series[:, odd::2] + series[:, odd + 1 :: 2])
 
 
+def measured_time(moments: Sequence[Moments]) -> float:
+    """Time that the integrals of all realizations hold (s); 0 before a first whole step."""
+    return float(sum(each.integrals[:, 0].sum() for each in moments))
+
+
 def complete_batches(moments: Sequence[Moments]) -> np.ndarray | None:
     """Batches that every realization completed, shape (realizations, batches, quantities)."""
     complete = min(
@@ -155,7 +160,7 @@ def ratio_estimate(
     size = None
     if squares is not None:
         size = independent_samples(ratio, float(squares.sum() / lower.sum()), error)
-    return Estimate(ratio, error, size, dimension, "" if error is not None else TOO_SHORT)
+    return Estimate(ratio, error, size, dimension, why_no_error(ratio, error))
 
 
 def independent_samples(mean: float, mean_square: float, error: float | None) -> float | None:

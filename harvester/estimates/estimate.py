@@ -13,6 +13,7 @@ from harvester.files.writing import finite
 NONE_SEEN = "none seen: no error bar tells how rare they are"
 NOTHING_PUT_IN = "nothing was put in"
 TOO_SHORT = "too short for an error bar: raise run.duration or run.realizations"
+NO_VALUE = "no number: what is averaged has no finite value at some time of the run"
 
 
 @dataclass(frozen=True)
@@ -68,6 +69,13 @@ class Density:
     density: np.ndarray
     standard_error: np.ndarray | None
     dimension: str
+
+
+def why_no_error(estimate: float, error: float | None) -> str:
+    """Why an estimate has no error bar; empty where it has one."""
+    if error is not None:
+        return ""
+    return TOO_SHORT if math.isfinite(estimate) else NO_VALUE
 
 
 def root(square: Estimate) -> Estimate:

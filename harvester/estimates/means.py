@@ -17,7 +17,7 @@ from harvester.estimates.batch_means import (
     ratio_of_sums,
     standard_error,
 )
-from harvester.estimates.estimate import NONE_SEEN, NOTHING_PUT_IN, TOO_SHORT, Estimate, root
+from harvester.estimates.estimate import NONE_SEEN, NOTHING_PUT_IN, Estimate, root, why_no_error
 from harvester.record.moments import PRODUCTS, QUANTITIES, WELLS
 
 if TYPE_CHECKING:
@@ -118,7 +118,7 @@ def _mean(series, products, name, dimension, error_of):
     elif name == "time_in_well":
         # 0 or 1 at any time.
         size = independent_samples(mean, mean, error)
-    return Estimate(mean, error, size, dimension, "" if error is not None else TOO_SHORT)
+    return Estimate(mean, error, size, dimension, why_no_error(mean, error))
 
 
 def _efficiencies(series, products, error_of):
@@ -151,4 +151,4 @@ def _efficiency(upper, lower, mean_lower, upper_square, cross, lower_square, err
     if error:
         variance = (upper_square - 2.0 * ratio * cross + ratio**2 * lower_square) / mean_lower**2
         size = max(variance, 0.0) / error**2
-    return Estimate(ratio, error, size, "1", "" if error is not None else TOO_SHORT)
+    return Estimate(ratio, error, size, "1", why_no_error(ratio, error))

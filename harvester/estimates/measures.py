@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,7 +19,7 @@ from harvester.estimates.batch_means import (
     independent_events,
     ratio_estimate,
 )
-from harvester.estimates.estimate import TOO_SHORT, Estimate
+from harvester.estimates.estimate import NO_VALUE, TOO_SHORT, Estimate
 from harvester.record.moments import QUANTITIES
 from harvester.record.output_side import LOSS, MEASURED, OUTPUT, STATE, STORE, TAKEN
 
@@ -71,6 +72,18 @@ def measured_series(moments: Sequence[Moments], row: int) -> np.ndarray:
     return np.stack([each.measured[:count, row] for each in outputs])
 
 
+def without_value(moments: Sequence[Moments]) -> list[tuple[str, str]]:
+    """Kind and name of the measures that have no finite value at some time of the run."""
+    output = moments[0].output if moments else None
+    if output is None or complete_batches(moments) is None:
+        return []
+    return [
+        rows
+        for row, rows in enumerate(output.rows)
+        if not np.isfinite(measured_series(moments, row)[:, :, INTEGRAL]).all()
+    ]
+
+
 def _power(suffix):
     def quantities(name, series, batches, moments, row):
         energy, squares = series[:, :, INTEGRAL], series[:, :, SQUARE]
@@ -89,9 +102,14 @@ def _store(name, series, batches, moments, row):
 def _state(name, series, batches, moments, row):
     squares = series[:, :, SQUARE]
     share = ratio_estimate(series[:, :, INTEGRAL], _time(batches), "1", squares=squares)
-    if not series[:, :, [RISES, FALLS]].any():
+    if share.note != NO_VALUE and not series[:, :, [RISES, FALLS]].any():
         share = Estimate(share.estimate, None, None, "1", UNCHANGED)
     yield f"{name}_time_share", share
+    if share.note == NO_VALUE:
+        yield f"{name}_first_time", replace(share, dimension="time")
+        for event in ("starts", "stops"):
+            yield f"{name}_{event}_per_hour", replace(share, dimension="hourly_rate")
+        return
     yield f"{name}_first_time", _first([each.output.first[row] for each in moments])
     yield f"{name}_starts_per_hour", _hourly(series[:, :, RISES], _time(batches))
     yield f"{name}_stops_per_hour", _hourly(series[:, :, FALLS], _time(batches))
@@ -99,7 +117,11 @@ def _state(name, series, batches, moments, row):
 
 def _taken(name, series, batches, moments, row):
     """The row of the state itself stands in front."""
-    times = measured_series(moments, row - 1)[:, :, FALLS]
+    state = measured_series(moments, row - 1)
+    if not np.isfinite(state[:, :, INTEGRAL]).all():
+        yield f"{name}_energy", Estimate(math.nan, None, None, "energy", NO_VALUE)
+        return
+    times = state[:, :, FALLS]
     yield f"{name}_energy", ratio_estimate(series[:, :, INTEGRAL], times, "energy")
 
 

@@ -6,9 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from harvester.errors import SceneError
 from harvester.estimates.balance import energy_balance_residual
-from harvester.estimates.batch_means import standard_error, standard_error_of_drift
+from harvester.estimates.batch_means import (
+    measured_time,
+    standard_error,
+    standard_error_of_drift,
+)
 from harvester.estimates.means import estimate_all
+from harvester.estimates.measures import without_value
 from harvester.estimates.output_side import estimate_output
 from harvester.estimates.passivity import efficiency_notes, source_notes
 from harvester.estimates.settling import Shortfall, shortfalls, withheld
@@ -49,19 +55,43 @@ class RunEstimates:
 
 
 def run_estimates(scene: Scene, moments: Sequence[Moments]) -> RunEstimates:
-    """Estimates from the moments of a scene's realizations."""
+    """Estimates from the moments of a scene's realizations.
+
+    Raises
+    ------
+    SceneError
+        No step of the run lies in its measured time.
+    """
     system, scales = scale(scene)
     moments = list(moments)
+    if not measured_time(moments) > 0.0:
+        raise SceneError(
+            f"{scene.name}: run.duration = {scene.run.duration:g}: no whole step lies in it; "
+            "raise it to some periods of the motion"
+        )
     error_of = standard_error_of_drift if scene.excitation.drifts else standard_error
     whole = estimate_all(moments, system, error_of) | estimate_output(moments)
     found = shortfalls(scene, system, moments, whole)
     notes = (
         *source_notes(scene.load.circuit),
         *_loose_nodes(scene.load.circuit),
+        *_without_value(scene.load.circuit, moments),
         *efficiency_notes(whole, scales.of("power"), unit_of(scene, "power")),
         *(each.note for each in found),
     )
     return RunEstimates(whole, found, energy_balance_residual(moments, system), notes)
+
+
+def _without_value(load, moments):
+    """A note on each measure of a load whose expression has no value at some time."""
+    names = without_value(moments)
+    return tuple(
+        f"{measure.where}: measure: {measure.kind} {measure.name} = {measure.expression} has no "
+        "finite value at some time of the run, such as the root of a negative number or a quotient "
+        "by 0; mend the expression"
+        for measure in (load.measures if load else ())
+        if any(row in names for row in measure.rows)
+    )
 
 
 def _loose_nodes(load):

@@ -14,7 +14,7 @@ from harvester.estimates.batch_means import (
     ratio_estimate,
     ratio_of_sums,
 )
-from harvester.estimates.estimate import NOTHING_PUT_IN, TOO_SHORT, Estimate
+from harvester.estimates.estimate import NOTHING_PUT_IN, Estimate, why_no_error
 from harvester.estimates.measures import INTEGRAL, SQUARE, estimate_measures, measured_series
 from harvester.record.moments import QUANTITIES as PIEZO_QUANTITIES
 from harvester.record.output_side import OUTPUT, QUANTITIES
@@ -140,7 +140,7 @@ def _ripple(output, time):
     ripple = math.sqrt(max(variance, 0.0))
     if error is not None:
         error = 0.5 * error / ripple if ripple > 0.0 else 0.0
-    return Estimate(ripple, error, None, "voltage", "" if error is not None else TOO_SHORT)
+    return Estimate(ripple, error, None, "voltage", why_no_error(ripple, error))
 
 
 def _start_up(moments, voltage, time):

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from harvester.estimates.batch_means import complete_batches, ratio_of_sums, standard_error
-from harvester.estimates.estimate import TOO_SHORT, Estimate
+from harvester.estimates.estimate import Estimate, why_no_error
 from harvester.estimates.means import MEANS
 from harvester.estimates.output_side import RATIOS, output_ratio
 from harvester.record.moments import QUANTITIES
@@ -44,7 +44,7 @@ def paired_difference(result: Result, reference: Result) -> dict[str, Estimate]:
         if not theirs[:, :, row].any():
             continue
         ratio, error = ratio_of_sums(ours[:, :, row], theirs[:, :, row])
-        note = "" if error is not None else TOO_SHORT
+        note = why_no_error(ratio, error)
         differences[name] = Estimate(ratio - 1.0, error, None, "1", note)
     efficiency = _paired_efficiency(ours, theirs)
     return differences | ({"power_conversion_efficiency": efficiency} if efficiency else {})
@@ -63,7 +63,7 @@ def _paired_efficiency(ours, theirs):
         shares.append((batches[:, :, load].sum() / used.sum(), share))
     ratio = float(shares[0][0] / shares[1][0])
     error = standard_error(shares[0][1] - shares[1][1])
-    note = "" if error is not None else TOO_SHORT
+    note = why_no_error(ratio, error)
     return Estimate(ratio - 1.0, None if error is None else ratio * error, None, "1", note)
 
 

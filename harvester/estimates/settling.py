@@ -17,6 +17,7 @@ import numpy as np
 from harvester.device import spring as springs
 from harvester.device import timescales
 from harvester.estimates.batch_means import FEWEST_BATCHES, complete_batches, standard_error
+from harvester.estimates.estimate import NO_VALUE
 from harvester.excitation import PrescribedDisplacement, Sine
 from harvester.record.moments import QUANTITIES
 
@@ -107,7 +108,7 @@ def withheld(estimates: dict[str, Estimate], found: list[Shortfall]) -> dict[str
     result = dict(estimates)
     for shortfall in reversed(found):
         for name in result if shortfall.names is None else shortfall.names:
-            if name in result:
+            if name in result and result[name].note != NO_VALUE:
                 result[name] = replace(
                     result[name],
                     standard_error=None,

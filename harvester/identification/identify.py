@@ -7,8 +7,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from harvester.arguments import listed
 from harvester.calling import takes_scene
 from harvester.errors import IdentificationError
+from harvester.files.plain_text import shown
 from harvester.identification.candidates import Candidate, candidates
 from harvester.identification.checks import check_records
 from harvester.identification.fitting import Fitted, fitted
@@ -78,7 +80,8 @@ def identify(
     measurements = _measurements(scene, records)
     check_records(scene, measurements)
     outputs = list(measurements[0].sensed)
-    keys = default_keys(scene, outputs) if free is None else checked_keys(scene, free, outputs)
+    named = None if free is None else listed(free, "free", 'free=["oscillator.damping"]')
+    keys = default_keys(scene, outputs) if named is None else checked_keys(scene, named, outputs)
     if not keys:
         raise IdentificationError(f"{scene.name}: nothing is free; name keys with --free")
     follow(0.0, "fit")
@@ -116,10 +119,18 @@ def _later(share):
 def _measurements(scene, records):
     if isinstance(records, (Measurement, MeasuredResponse, str, Path)):
         records = [records]
-    return [
-        read_measurement(each, units=scene.units) if isinstance(each, (str, Path)) else each
-        for each in records
-    ]
+    return [_measurement(each, scene) for each in listed(records, "records", '["shaker.csv"]')]
+
+
+def _measurement(record, scene):
+    """A record as it is, or read from its file."""
+    if isinstance(record, (str, Path)):
+        return read_measurement(record, units=scene.units)
+    if not isinstance(record, (Measurement, MeasuredResponse)):
+        raise IdentificationError(
+            f"records: {shown(record)}: must be a file or what read_measurement returns"
+        )
+    return record
 
 
 def _determined(

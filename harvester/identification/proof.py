@@ -92,6 +92,14 @@ class Stretch:
         difference = (predicted - measured) / float(np.mean(measured))
         return _of_blocks(measured), _of_blocks(predicted), _of_blocks(difference)
 
+    def explained(self) -> Estimate:
+        """Share of the first output's variance that the model explains, in windows.
+
+        Its error is that of means of blocks. A model of nothing explains 0 within it, or less.
+        """
+        seen = self.measured[:, 0] - np.mean(self.measured[:, 0])
+        return _explained(seen**2, self.residuals[:, 0] ** 2)
+
     def free_power(self) -> Estimate:
         """The same as predicted from one start alone, whose path may part from the measured one."""
         return _of_blocks(self._blocks(self.free))
@@ -126,6 +134,10 @@ class ResponseStretch(Stretch):
         """Root mean square of the residuals over that of the response, both parts together."""
         return float(np.linalg.norm(self.residuals) / np.linalg.norm(self.measured))
 
+    def explained(self) -> Estimate:
+        """Share of the response's square that the model explains, both parts together."""
+        return _explained(np.sum(self.measured**2, axis=1), np.sum(self.residuals**2, axis=1))
+
     @property
     def compared(self) -> tuple[str, str]:
         """Quantity and unit of `powers`."""
@@ -139,6 +151,12 @@ class ResponseStretch(Stretch):
 def blocks_of(values: np.ndarray) -> list[np.ndarray]:
     """A series in the blocks whose means give an error bar."""
     return np.array_split(values, min(BLOCKS, values.size))
+
+
+def _explained(measured, left):
+    """What squares that are left have less than the measured ones, as a share of those."""
+    means = np.array([float(np.mean(part)) for part in blocks_of(measured - left)])
+    return _of_blocks(means / float(np.mean(measured)))
 
 
 def _of_blocks(values):

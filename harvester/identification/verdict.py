@@ -6,11 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from harvester.identification.candidates import Candidate, proposed
-from harvester.identification.proof import Whiteness
+from harvester.identification.candidates import SURE, Candidate, proposed
+from harvester.identification.proof import Whiteness, sensor_noise
 
 if TYPE_CHECKING:
     from harvester.identification.fitted_model import Fitted
+
+# Of each window: displacement, velocity and the transducer's state.
+FITTED_STATES = 3
+# Share of an output that is the sensor's noise from which on it is no record of a motion.
+MOSTLY_NOISE = 0.9
 
 
 @dataclass(frozen=True)
@@ -20,7 +25,7 @@ class Verdict:
     Attributes
     ----------
     word : str
-        "predicts", "wrong" or "incomplete".
+        "predicts", "wrong", "incomplete", or "nothing" where there is nothing to judge by.
     sentence : str
     """
 
@@ -45,6 +50,14 @@ def verdict(base: Fitted, found: Sequence[Candidate], whiteness: Whiteness) -> V
         Of the residuals of the first record kept aside.
     """
     output = base.stretches[0].quantity
+    if all(_is_noise(each, whiteness) for each in base.stretches):
+        return Verdict(
+            "nothing",
+            f"nothing to judge: the model explains {output} no better than chance "
+            f"({base.nrmse:.2%} NRMSE on the data kept aside), and what was measured is noise "
+            f"(about {base.sensor_noise:.2%} of it); measure with a stronger excitation, and check "
+            "that the columns belong together",
+        )
     said = (
         f"{output} to {base.nrmse:.2%} NRMSE on the data kept aside (about {base.sensor_noise:.2%} "
         f"is the sensor's noise), residuals {'white' if whiteness.white else 'correlated'}"
@@ -64,6 +77,19 @@ def verdict(base: Fitted, found: Sequence[Candidate], whiteness: Whiteness) -> V
         )
     simpler = "" if best is found[0] else f"; {best.name} predicts as well and is simpler"
     return Verdict("predicts", f"the model predicts {said}{_power(base)}{simpler}")
+
+
+def _is_noise(stretch, whiteness):
+    """Whether a stretch holds only noise, of which nothing is explained.
+
+    The starts of the windows are fitted to the stretch: of white noise, each of their states
+    explains as much as one sample has.
+    """
+    explained = stretch.explained()
+    chance = FITTED_STATES * stretch.windows / len(stretch.measured)
+    if explained.estimate > chance + SURE * explained.standard_error:
+        return False
+    return sensor_noise(stretch) >= MOSTLY_NOISE or (stretch.long and whiteness.white)
 
 
 def _power(base):

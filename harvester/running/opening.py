@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from typing import TypedDict
 
+from harvester.arguments import check_limits
 from harvester.engines.pools import ExecutorPool, WorkerPool, processes
 from harvester.errors import HarvesterError
 from harvester.running.folder import held
@@ -74,11 +75,7 @@ def open_runner(
     if runner is not None:
         yield runner
         return
-    if workers is not None and workers < 1:
-        raise HarvesterError(f"--workers {workers}: must be a whole number ≥ 1")
-    for name, seconds in (("time-budget", time_budget), ("time-limit", time_limit)):
-        if seconds is not None and not seconds > 0.0:
-            raise HarvesterError(f"--{name} {seconds}: must be a number > 0")
+    check_limits(workers, time_limit, time_budget)
     deadline = time.monotonic() + time_budget if time_budget else math.inf
     with (
         held(output) if output else contextlib.nullcontext() as folder,

@@ -216,7 +216,8 @@ def answering(
 
 def next_count(had: int, reached: float, precision: float, cut: Realizations, most: int) -> int:
     """Realizations of the next round, from the error that so many have reached."""
-    needed = had * min(MARGIN * (reached / precision) ** 2, GROWTH)
+    # What exceeds the growth is not squared: it may overflow.
+    needed = had * min(MARGIN * min(reached / precision, GROWTH) ** 2, GROWTH)
     return min(max(cut.whole(math.ceil(needed)), had + cut.size), most)
 
 
@@ -292,7 +293,7 @@ def _simulated(request, version, density):
         if ended or precise or count >= most or isinstance(answer, HarvesterError):
             return answer
         had, count = count, next_count(count, reached, request.precision, cut, most)
-        needed = min(had * (reached / request.precision) ** 2, most)
+        needed = min(had * min(reached / request.precision, most) ** 2, most)
         ahead = max(needed - count, 0.0) / cut.size
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
 
 from harvester.engines.circuit import describe
-from harvester.engines.pools import LOOK_AROUND, ExecutorPool, WorkerPool
+from harvester.engines.pools import LOOK_AROUND, ExecutorPool, WorkerPool, lost
 from harvester.errors import HarvesterError
 from harvester.running.folder import StudyFolder
 from harvester.running.progress import Progress
@@ -295,10 +295,7 @@ def _outcome(future):
     except HarvesterError:
         raise
     except (Exception, CancelledError) as error:
-        raise HarvesterError(
-            f"the executor lost a task: {type(error).__name__}: {error}; what is finished is kept "
-            "where there is an --output"
-        ) from error
+        raise lost(error) from error
     # What ended the process itself stands there alone.
     return found if isinstance(found, tuple) else (found, 0.0)
 

@@ -9,27 +9,63 @@ import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
-from harvester.files.surroundings import away_from_working_folder
+from harvester.arguments import usual_arithmetic
+from harvester.files.surroundings import PACKAGE, away_from_working_folder
 
 
 def load_matplotlib() -> None:
-    """Import matplotlib without what lies in the working folder, whatever MPLBACKEND names.
+    """Import matplotlib and its styles without any settings file, whatever MPLBACKEND names.
 
-    It reads a file `matplotlibrc` from there as it is imported, and fails at a backend it does
-    not know.
+    It reads a file `matplotlibrc` and the styles of the user's as it is imported: one that is
+    damaged would end every figure, and a pipe in its place would be waited for without end. Who
+    imports matplotlib first has what those files say.
     """
-    if "matplotlib" in sys.modules:
-        return
-    wanted = os.environ.pop("MPLBACKEND", None)
-    try:
-        with away_from_working_folder():
+    if "matplotlib" not in sys.modules:
+        with _variables(MATPLOTLIBRC=os.devnull, MPLBACKEND=None), away_from_working_folder():
             import matplotlib
-    finally:
-        if wanted is not None:
-            os.environ["MPLBACKEND"] = wanted
+        _choose_backend(matplotlib)
+    if "matplotlib.style" not in sys.modules:
+        _import_styles()
+
+
+def _choose_backend(matplotlib):
+    """What MPLBACKEND names, if matplotlib knows it."""
+    wanted = os.environ.get("MPLBACKEND")
     with contextlib.suppress(ValueError):
         if wanted:
             matplotlib.rcParams["backend"] = wanted
+
+
+def _import_styles():
+    """matplotlib's own styles, and none of the folder of the user's settings."""
+    import matplotlib
+
+    folder_of_settings = matplotlib.get_configdir
+    # A folder without styles.
+    matplotlib.get_configdir = lambda: str(PACKAGE)
+    try:
+        import matplotlib.style
+    finally:
+        matplotlib.get_configdir = folder_of_settings
+
+
+@contextlib.contextmanager
+def _variables(**values: str | None) -> Iterator[None]:
+    """Environment variables that have these values within the block; None: not there."""
+    before = {name: os.environ.get(name) for name in values}
+    _set(values)
+    try:
+        yield
+    finally:
+        _set(before)
+
+
+def _set(values):
+    for name, value in values.items():
+        if value is None:
+            os.environ.pop(name, None)
+        else:
+            os.environ[name] = value
 
 
 @contextlib.contextmanager
@@ -41,6 +77,10 @@ def figure_settings(*styles: str | Path) -> Iterator[None]:
     load_matplotlib()
     from matplotlib import style
 
-    with style.context(["default", *styles]), warnings.catch_warnings():
+    with (
+        usual_arithmetic(),
+        style.context(["default", *styles]),
+        warnings.catch_warnings(),
+    ):
         warnings.filterwarnings("ignore", "Glyph .* missing from")
         yield

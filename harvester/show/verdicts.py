@@ -54,7 +54,8 @@ def _engines(comparison):
     apart = {name: abs(comparison.difference(name)) for name in COMPARED}
     known = {name: sigma for name, sigma in apart.items() if not math.isnan(sigma)}
     if not known:
-        return Verdict("The runs are too short for error bars: raise run.duration.", False)
+        reasons = comparison.without_error_bar(COMPARED)
+        return Verdict(f"There is no error bar to judge by: {'; '.join(reasons)}.", False)
     worst = max(known, key=known.get)
     short = len(apart) - len(known)
     tail = f"; {short} of {len(apart)} quantities have no error bar" if short else ""

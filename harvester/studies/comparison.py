@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -149,14 +149,23 @@ class Comparison:
                 f"circuit and Monte Carlo {verdict}: at most {max(judged):.1f} joint standard "
                 "errors apart"
             )
-        if bare:
-            names = ", ".join(name.replace("_", " ") for name in bare)
-            lines.append(f"too short for an error bar of {names}: raise run.duration")
+        lines += self.without_error_bar(bare)
         lines += [f"closure {name} refused: {reason}" for name, reason in self.refused.items()]
         for name, (apart, chance) in self.joint_distances().items():
             by_chance = "" if math.isnan(chance) else f", {chance:.3f} by chance alone"
             lines.append(f"∬|p(X, X') by {name} − by Monte Carlo| = {apart:.3f}{by_chance}")
         return [*lines, *dict.fromkeys((*self.circuit.notes, *self.monte_carlo.notes))]
+
+    def without_error_bar(self, names: Iterable[str]) -> list[str]:
+        """Quantities without an error bar in either engine, by the reason."""
+        reasons: dict[str, list[str]] = {}
+        for name in names:
+            found = [each.scaled_quantities.get(name) for each in self._engines()]
+            notes = [each.note for each in found if each is not None and each.note]
+            reasons.setdefault(notes[0] if notes else "no such quantity", []).append(name)
+        return [
+            f"{', '.join(each).replace('_', ' ')}: {reason}" for reason, each in reasons.items()
+        ]
 
     def joint_distances(self) -> dict[str, tuple[float, float]]:
         """Of closures with a joint density: ∬|p − p'| from Monte Carlo's, and that by chance."""

@@ -7,6 +7,7 @@ that the device keeps its branch: what differs between up and down is hysteresis
 from __future__ import annotations
 
 import math
+import numbers
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
+from harvester.arguments import listed
 from harvester.calling import takes_scene
 from harvester.device import timescales
 from harvester.engines.protocol import ENGINES
@@ -245,7 +247,7 @@ def frequency_response(
     """
     check_name("method", method, ENGINES)
     step = check_step(step)
-    rising = np.unique(np.asarray(frequencies, dtype=float))
+    rising = np.unique(_in_hertz(frequencies))
     scene = _with_sine(scene, amplitude)
     if rising.size == 0 or not (np.isfinite(rising).all() and rising[0] > 0.0):
         raise HarvesterError("frequencies: must be one or more numbers > 0, in Hz")
@@ -311,6 +313,16 @@ def run(
         for window, frequency in zip(windows, excitation.frequencies, strict=True)
     ]
     return rows, outcome["engine_version"], seconds
+
+
+def _in_hertz(frequencies):
+    """An array of what was given: a list, a generator, an array or one number."""
+    one = isinstance(frequencies, numbers.Real)
+    given = [frequencies] if one else listed(frequencies, "frequencies", "[10.0, 12.5]")
+    try:
+        return np.array(given, dtype=float)
+    except (TypeError, ValueError):
+        raise HarvesterError("frequencies: must be one or more numbers > 0, in Hz") from None
 
 
 def _with_sine(scene, amplitude):

@@ -1,13 +1,16 @@
 """The points of a load study: every load at every place of the swept values."""
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 
+from harvester.arguments import listed, table
 from harvester.engines.steps import knot_spacing
 from harvester.errors import HarvesterError, SceneError
-from harvester.files.plain_text import name, nearest
+from harvester.files.plain_text import name, nearest, shown
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
 
@@ -16,6 +19,7 @@ RESISTANCES = ("load.parameters.resistance", "load.resistance")
 # Time constants of a load's output between a realization's start and its measured time.
 CHARGING_TIMES = 5.0
 OWN_LOAD = "scene"
+SWEEPS_WRITTEN = 'sweeps={"load.resistance": [1e4, 1e5]}'
 
 
 @dataclass(frozen=True)
@@ -86,7 +90,9 @@ def make_grid(scene: Scene, loads: Sequence[str], sweeps: Mapping[str, Sequence[
     HarvesterError
         An unknown key or load, a value out of range, a load given twice.
     """
-    loads = tuple(loads) or (OWN_LOAD,)
+    loads = listed(loads, "loads", 'loads=["bridge"]') or (OWN_LOAD,)
+    sweeps = table(sweeps, "sweeps", SWEEPS_WRITTEN)
+    sweeps = {key: listed(each, f"sweeps[{key!r}]", "[0.1, 0.2]") for key, each in sweeps.items()}
     labels = tuple(name(Path(load).stem if _is_path(load) else load) for load in loads)
     for label in labels:
         if labels.count(label) > 1:
@@ -124,6 +130,9 @@ def _check_sweep(scene, key, values):
             f"--sweep {key}: no number of this scene{nearest(key, known)}; there are "
             f"{', '.join(known)} and what else a load calls its parameters"
         )
+    for value in values:
+        if not (isinstance(value, Real) and math.isfinite(value)):
+            raise HarvesterError(f"--sweep {key}: {shown(value)}: must be a number")
     if len(values) == 0 or len(set(values)) < len(values):
         raise HarvesterError(f"--sweep {key}: give each value once, and at least one")
 
@@ -135,6 +144,8 @@ def _at(scene, values):
         if key in RESISTANCES:
             key = RESISTANCES[0 if scene.load.netlist else 1]
             if scene.load.decay_rate is not None:
+                if value == 0.0:
+                    raise HarvesterError(f"--sweep {RESISTANCES[1]}: 0: must be a number > 0")
                 # Of the scaled resistor, whose λ is 1/R.
                 key, value = "load.decay_rate", 1.0 / value
         changes[key] = value

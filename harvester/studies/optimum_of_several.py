@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
+from harvester.arguments import listed, table
 from harvester.calling import takes_scene
 from harvester.engines.protocol import ENGINES
 from harvester.errors import HarvesterError, OptimumError
@@ -53,6 +54,8 @@ SEARCH, AGAIN, VALUE = 0, 1, 2
 STARTS = 8
 # Standard errors to either side of the value that make its interval.
 INTERVAL = 2.0
+# How a caller writes what is varied.
+OVER = 'over={"load.resistance": (1e4, 1e6)}'
 
 
 @dataclass(frozen=True)
@@ -254,7 +257,9 @@ def optimum_of_several(
     after a kill takes the answers that are there and goes on to the same end.
     """
     clock = time.perf_counter()
-    axes = [Axis.of(scene, key, *(ends or (None, None))) for key, ends in over.items()]
+    axes = [
+        Axis.of(scene, key, *_ends(key, ends)) for key, ends in table(over, "over", OVER).items()
+    ]
     method = checked_method(scene, method)
     count = EVALUATIONS_EACH * len(axes) if evaluations is None else evaluations
     if not FEWEST_EVALUATIONS <= count <= MOST_EVALUATIONS:
@@ -276,6 +281,16 @@ def optimum_of_several(
         objective = Objective(scene, axes, maximise, method, opened, follow)
         found = _found(scene, objective, count, precision, opened)
     return replace(found, seconds=time.perf_counter() - clock)
+
+
+def _ends(key, ends):
+    """Both ends of a range, None where the scene's value decides."""
+    if ends is None:
+        return None, None
+    found = listed(ends, f"over[{key!r}]", "(0.1, 2.0)")
+    if len(found) != 2:
+        raise HarvesterError(f"over[{key!r}]: has {len(found)} numbers; write (0.1, 2.0)")
+    return found
 
 
 def _found(scene, objective, count, precision, runner):

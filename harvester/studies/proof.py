@@ -15,6 +15,7 @@ from scipy.special import ndtr, stdtrit
 
 from harvester.errors import HarvesterError
 from harvester.estimates.batch_means import ratio_of_sums
+from harvester.estimates.estimate import why_no_error
 from harvester.running.realizations import Realizations, periods_of
 from harvester.running.request import good_ones, told
 from harvester.running.task import Wanted
@@ -167,7 +168,8 @@ def _difference(scene, ours, theirs):
         return math.nan, math.nan, "no power by Monte Carlo", 0.0
     ratio, error = ratio_of_sums(theirs[:shared], ours[:shared])
     if error is None:
-        return ratio - 1.0, math.nan, "too short for an error bar", float(ours.mean())
+        reason = why_no_error(ratio, error).partition(":")[0]
+        return ratio - 1.0, math.nan, reason, float(ours.mean())
     return ratio - 1.0, _of_few(shared) * error, "", float(ours.mean())
 
 

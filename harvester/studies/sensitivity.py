@@ -8,6 +8,7 @@ from typing import Any, Unpack
 
 import numpy as np
 
+from harvester.arguments import table
 from harvester.calling import takes_scene
 from harvester.errors import HarvesterError, OutOfTime
 from harvester.estimates.estimate import Estimate
@@ -268,10 +269,11 @@ def sensitivity(
     `harvester.studies.sobol` says what is estimated, and how the noise is taken out.
     """
     clock = time.perf_counter()
-    tolerances: list[Any] = [tolerance(scene, key, text) for key, text in vary.items()]
+    varied = table(vary, "vary", 'vary={"load.resistance": "±10%"}')
+    tolerances: list[Any] = [tolerance(scene, key, text) for key, text in varied.items()]
     if covariance is not None:
         axes = directions(scene, covariance)
-        for key in vary:
+        for key in varied:
             if axes and key in axes[0].centre:
                 raise HarvesterError(f"--vary {key}: its scatter is in the covariance already")
         tolerances += axes

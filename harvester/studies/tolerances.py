@@ -78,6 +78,8 @@ def tolerance(scene: Scene, key: str, distribution: str) -> Tolerance:
     """One parameter's distribution from its text; see `parse`."""
     value, spec = number(scene, key, "--vary")
     where = f"--vary {key}={named(distribution)}"
+    if not isinstance(distribution, str):
+        raise HarvesterError(f"{where}: is no text; write {FORMS}")
     kind, first, second = _distribution(distribution, value, where)
     made = Tolerance(key, kind, first, second, spec.low, spec.high)
     typical = (first, second) if kind == "uniform" else (first,)

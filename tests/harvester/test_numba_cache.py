@@ -10,6 +10,7 @@ from typing import NamedTuple
 import pytest
 from numba.core import caching
 
+from harvester import numba_cache
 from harvester.compilation import numba
 from harvester.device.piezo import piezo
 
@@ -70,3 +71,60 @@ def test_two_processes_compile_the_same_once(tmp_path):
         each.stdin.flush()
     found = [each.communicate()[0].split() for each in both]
     assert sorted(found) == [["0", "1"], ["1", "0"]]
+
+
+def flipped(file):
+    content = bytearray(file.read_bytes())
+    content[-10] ^= 255
+    file.write_bytes(content)
+
+
+def cut(file):
+    file.write_bytes(file.read_bytes()[:20])
+
+
+def emptied(file):
+    file.write_bytes(b"")
+
+
+def pipe(file):
+    file.unlink()
+    os.mkfifo(file)
+
+
+@pytest.mark.parametrize("ending", ["nbi", "nbc"])
+@pytest.mark.parametrize("damage", [flipped, cut, emptied, pipe])
+def test_a_damaged_file_is_named_and_written_anew(tmp_path, monkeypatch, ending, damage):
+    named = []
+    monkeypatch.setattr(numba_cache, "on_damage", named.append)
+    index(tmp_path).save(key(1.0), "code")
+    (file,) = tmp_path.glob(f"*.{ending}")
+    damage(file)
+    assert index(tmp_path).load(key(1.0)) is None
+    assert set(named) == {str(file)}
+    index(tmp_path).save(key(1.0), "code")
+    assert index(tmp_path).load(key(1.0)) == "code"
+
+
+def test_damage_is_said_once_in_a_process(capsys, monkeypatch):
+    monkeypatch.setattr(numba_cache, "_said", [])
+    for _ in range(2):
+        numba_cache.on_damage("cache/function.nbc")
+    assert capsys.readouterr().err.count("compiled anew") == 1
+
+
+def test_an_index_of_another_release_is_no_damage(tmp_path, monkeypatch):
+    monkeypatch.setattr(numba_cache, "on_damage", pytest.fail)
+    (tmp_path / "function.nbi").write_bytes(pickle.dumps("0.1") + b"anything")
+    assert index(tmp_path).load(key(1.0)) is None
+
+
+def test_a_folder_that_cannot_be_written_keeps_nothing(tmp_path):
+    index(tmp_path / "missing").save(key(1.0), "code")
+
+
+@pytest.mark.parametrize(("threads", "left"), [("0", None), ("-2", None), ("2", "2"), ("x", "x")])
+def test_a_number_of_threads_that_numba_would_end_at_is_taken_out(monkeypatch, threads, left):
+    monkeypatch.setenv("NUMBA_NUM_THREADS", threads)
+    numba_cache.keep_environment_usable()
+    assert os.environ.get("NUMBA_NUM_THREADS") == left

@@ -88,6 +88,39 @@ def test_what_is_no_result_is_refused(content):
         Result.from_dict(content)
 
 
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        (("engine",), 3),
+        (("steps",), "many"),
+        (("steps",), -1),
+        (("realizations",), True),
+        (("notes",), "one note"),
+        (("failures",), {"first": "reason"}),
+        (("netlist_sha256",), 1),
+        (("simulated_time",), None),
+        (("scales", "power"), 0.0),
+        (("scales",), {"power": 1.0, "force": 1.0}),
+        (("scales", "voltage"), None),
+        (("scaled_quantities",), []),
+        (("scaled_quantities", "mean_power", "estimate"), "0.1"),
+        (("scaled_quantities", "mean_power", "standard_error"), [0.1]),
+        (("scaled_quantities", "mean_power", "dimension"), "furlong"),
+        (("scaled_quantities", "mean_power", "dimension"), "voltage^two"),
+        (("scaled_quantities", "mean_power"), None),
+    ],
+)
+def test_a_damaged_result_is_refused_by_the_value(result, place, value):
+    content = json.loads(json.dumps(result.to_dict(), allow_nan=False))
+    assert Result.from_dict(content).to_dict() == result.to_dict()
+    part = content
+    for name in place[:-1]:
+        part = part[name]
+    part[place[-1]] = value
+    with pytest.raises(harvester.HarvesterError, match=r"no result: .*give what Result"):
+        Result.from_dict(content)
+
+
 def test_xarray_holds_every_quantity_and_density_with_its_unit(result):
     pytest.importorskip("xarray")
     data = result.to_xarray()

@@ -7,7 +7,6 @@ import re
 import shutil
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,7 @@ from harvester.engines.circuit import stand_alone
 from harvester.engines.realization import noise_path, start_state
 from harvester.engines.steps import knot_spacing
 from harvester.errors import ProgramNotFound, SimulationError
+from harvester.files.temporary import TemporaryFolder
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
 
@@ -45,7 +45,7 @@ def plain_ngspice(scene: Scene) -> np.ndarray:
     """
     program = find_ngspice()
     netlist = _exported(scene)
-    with tempfile.TemporaryDirectory() as folder:
+    with TemporaryFolder() as folder:
         (Path(folder) / "scene.cir").write_text(netlist.text + ".end\n", encoding="utf-8")
         # Whatever the user's own start file says.
         raw = _run(folder, program, "-n", "-b", "-r", "scene.raw", "scene.cir")
@@ -60,7 +60,7 @@ def vacask(scene: Scene) -> np.ndarray:
     program = find_vacask()
     netlist = _exported(scene)
     included, deck = _for_vacask(netlist)
-    with tempfile.TemporaryDirectory() as folder:
+    with TemporaryFolder() as folder:
         (Path(folder) / "scene.cir").write_text(included, encoding="utf-8")
         (Path(folder) / "scene.sim").write_text(deck, encoding="utf-8")
         raw = _run(folder, program, "-qp", "scene.sim")

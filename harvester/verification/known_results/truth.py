@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Unpack
 
 from harvester import __version__
+from harvester.arguments import checked_options, usual_arithmetic
 from harvester.errors import HarvesterError, ProgramNotFound
 from harvester.files.tables import markdown_table
 from harvester.files.writing import finite
@@ -233,10 +234,11 @@ def verify(
 
         chosen = catalogue()
     clock = time.perf_counter()
+    chosen = tuple(chosen)
     asked = [(truth, method, each) for truth in chosen for method, each in truth.asked.items()]
     requests = [each for *_, each in asked if isinstance(each, Request)]
     tasks = [each for *_, each in asked if isinstance(each, Task)]
-    with open_runner(**running) as runner:
+    with usual_arithmetic(), open_runner(**checked_options(dict(running))) as runner:
         answers = iter(runner.answer(requests))
         found = iter(runner.run(tasks))
     rows = [

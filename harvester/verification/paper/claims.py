@@ -228,13 +228,14 @@ def claims(
     Judgement
     """
     clock = time.perf_counter()
+    chosen = tuple(chosen)
     wanted = _wanted(with_knots(scene), chosen, thorough)
     requests = costly_first(dict.fromkeys(wanted.values()))
     with open_runner(**running) as runner:
         outcomes = dict(zip(requests, runner.answer(requests), strict=True))
     answers = {key: outcomes[request] for key, request in wanted.items()}
     verdicts = [{m: _verdict(scene, claim, m, answers) for m in METHODS} for claim in chosen]
-    return Judgement(scene, tuple(chosen), verdicts, answers, thorough, time.perf_counter() - clock)
+    return Judgement(scene, chosen, verdicts, answers, thorough, time.perf_counter() - clock)
 
 
 def _wanted(scene, chosen, thorough):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeGuard, Unpack
 
 import numpy as np
 
+from harvester.arguments import listed
 from harvester.averaging import CLOSURES
 from harvester.calling import takes_scene
 from harvester.engines.steps import with_knots
@@ -15,6 +16,7 @@ from harvester.files.writing import finite
 from harvester.running import Answer, RunnerOptions, open_runner
 from harvester.running.request import relative_error
 from harvester.scene.model import Scene
+from harvester.simulation import check_name
 from harvester.verification.paper.figures_list import FIGURES, SYMBOLS, Curve, Figure, Panel
 from harvester.verification.paper.runs import costly_first, request
 
@@ -205,6 +207,9 @@ def reproduce(
         Where the time budget was spent, points that are not there yet are None.
     """
     clock = time.perf_counter()
+    names = listed(names, "names", f'["{next(iter(FIGURES))}"]')
+    for name in names:
+        check_name("figure", name, FIGURES)
     plans = {name: _plan(scene, FIGURES[name], quick, precision) for name in names}
     requests = {name: costly_first(_requests(plan)) for name, plan in plans.items()}
     missing = {name: set(wanted) for name, wanted in requests.items()}

@@ -163,7 +163,7 @@ def stability(
     step = check_step(step)
     require_noise(scene, "stability")
     clock = time.perf_counter()
-    cases = default_cases() if cases is None else cases
+    cases = default_cases() if cases is None else tuple(cases)
     scenes = [_changed_or_refused(scene, case) for case in cases]
     possible = [each for each in scenes if isinstance(each, Scene)]
     running.setdefault("time_limit", TIME_LIMIT)

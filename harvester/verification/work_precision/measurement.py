@@ -102,6 +102,7 @@ def work_precision(
         if methods is None:
             every = THOROUGH_METHODS if thorough else METHODS
             methods = LOAD_METHODS if with_load else with_compiled(every, runner)
+        methods = tuple(methods)
         short = _strong_scene(scene, PATHS * factor)
         strong = _strong_errors(short, methods, _exact_paths(short, with_load, runner), runner)
         runs = {

@@ -3,7 +3,9 @@
 import pytest
 
 from harvester.engines.steps import knot_spacing, resolving, steps_per_contact, steps_per_knot
-from harvester.errors import HarvesterError
+from harvester.errors import HarvesterError, SceneError
+from harvester.estimates.of_run import run_estimates
+from harvester.record.moments import Moments
 from harvester.scene.model import Scene
 
 
@@ -31,3 +33,22 @@ def test_a_finer_step_is_as_much_finer_in_a_contact(engine):
         assert steps_per_contact(scene, step, engine) == finer * fewest
     # A longer one leaves the contact resolved.
     assert steps_per_contact(scene, 0.05, engine) == fewest
+
+
+@pytest.mark.parametrize(
+    ("scene", "words"),
+    [
+        ("paper", "run.duration = 0.0001: must be at least the time between two knots .*, 0.05 s"),
+        ("paper_si", "run.duration = 0.0001: must be at least the time between two knots"),
+        ("linear", "run.duration = 0.0001: must be at least one knot_spacing, 0.025 s"),
+    ],
+)
+def test_a_run_shorter_than_its_knots_is_refused(scene, words):
+    with pytest.raises(SceneError, match=words):
+        knot_spacing(Scene.load(scene, ["run.duration=1e-4"]))
+
+
+def test_a_run_without_a_measured_step_is_refused():
+    nothing = Moments.empty(0.0, 0.05, (-1.0, 1.0), (), False, 1, 1, 0.1)
+    with pytest.raises(SceneError, match=r"run.duration = .*no whole step lies in it; raise it"):
+        run_estimates(Scene.load("paper"), [nothing])

@@ -5,6 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from circuits.measurement import Measurement
+from harvester.estimates.estimate import NO_VALUE
+from harvester.estimates.measures import INTEGRAL, without_value
 from harvester.estimates.output_side import estimate_output
 from harvester.record.moments import Moments
 from harvester.record.output_side import LOSS, OUTPUT, STATE, STORE, TAKEN, OutputMoments
@@ -90,3 +93,39 @@ def test_the_first_time_tells_who_never_got_there():
     assert found.estimate == pytest.approx(0.5)
     assert found.standard_error is None
     assert "1 realizations of 2" in found.note
+
+
+def test_what_has_no_value_at_some_time_says_so_and_not_that_the_run_is_short():
+    moments = measured()
+    for row in (0, 3):
+        moments.output.measured[3, row, INTEGRAL] = math.nan
+    assert without_value([moments]) == [(OUTPUT, "node"), (STATE, "up")]
+    assert without_value([measured()]) == []
+    found = estimate_output([moments])
+    of_node = ("node_power", "node_power_share", "mean_output_power")
+    of_state = ("up_time_share", "up_first_time", "up_starts_per_hour", "up_energy")
+    for name in (*of_node, *of_state):
+        assert math.isnan(found[name].estimate), name
+        assert found[name].note == NO_VALUE, name
+    assert found["bridge_loss"].note == ""
+
+
+V = ("v", "a", "0")
+ROOT = ("sqrt", V)
+
+
+@pytest.mark.parametrize(
+    ("tree", "wanted"),
+    [
+        (ROOT, [math.nan, 1.0, 0.0]),
+        (("<", ("number", 1.0), ROOT), [math.nan, 1.0, 0.0]),
+        (("not", ("<", ROOT, ("number", 1.0))), [math.nan, 1.0, 0.0]),
+        (("u", ROOT), [math.nan, 1.0, 0.0]),
+        (("if", ("<", ("number", 0.0), V), ROOT, ("number", 0.0)), [0.0, 1.0, 0.0]),
+        (("if", ("<", ("number", 0.0), ROOT), V, ("number", 5.0)), [math.nan, 1.0, 1.0]),
+    ],
+)
+def test_a_state_without_a_value_is_neither_true_nor_false(tree, wanted):
+    made = Measurement(((STATE, "s"),), (tree,), ("a",))
+    found = made.values(np.arange(3.0), np.array([[-4.0, 4.0, 0.0]]), 1.0)
+    np.testing.assert_array_equal(found, [wanted])

@@ -12,7 +12,8 @@ from harvester.engines.steps import knot_spacing
 from harvester.errors import AveragingError, HarvesterError, LoadError
 from harvester.estimates.paired import paired_difference
 from harvester.running import Request, open_runner
-from harvester.running.request import relative_error
+from harvester.running.realizations import Realizations
+from harvester.running.request import next_count, relative_error
 from harvester.scene.model import Scene
 from harvester.simulation import simulate
 
@@ -129,3 +130,10 @@ def test_requests_for_one_scene_share_their_realizations(runner):
 def test_mistakes_are_named(options, said):
     with pytest.raises(HarvesterError, match=said):
         Request(PAPER, **{"method": "monte-carlo", **options})
+
+
+@pytest.mark.parametrize("precision", [1e-300, 5e-324])
+def test_a_precision_that_no_run_reaches_doubles_the_realizations(precision):
+    cut = Realizations.of(LINEAR, "monte-carlo")
+    assert next_count(64, 0.1, precision, cut, 10_000) == 128
+    assert next_count(64, 0.1, precision, cut, 100) == 100

@@ -1,0 +1,126 @@
+"""Arguments that many public functions share, checked before anything runs."""
+
+from __future__ import annotations
+
+import itertools
+import numbers
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from harvester.errors import HarvesterError
+from harvester.files.plain_text import shown
+
+# Of a list that is given by what yields its values, which may have no end.
+MOST_VALUES = 100_000
+# numpy's own settings.
+USUAL: dict[str, Any] = {"divide": "warn", "over": "warn", "under": "ignore", "invalid": "warn"}
+
+
+def usual_arithmetic() -> np.errstate:
+    """numpy's own treatment of overflow and the like for a block, where the caller's is to raise.
+
+    `np.seterr(all="raise")` is meant for the caller's own arithmetic: here a density that
+    underflows to 0 is right.
+    """
+    kept = {name: kind for name, kind in np.geterr().items() if kind in ("ignore", "warn")}
+    return np.errstate(**(USUAL | kept))
+
+
+def listed(values: Any, where: str, example: str) -> tuple[Any, ...]:
+    """The values of a list, also of a generator or an array.
+
+    Parameters
+    ----------
+    values : iterable
+    where : str
+        The argument, for messages.
+    example : str
+        How it is written.
+
+    Raises
+    ------
+    HarvesterError
+        A text, which is a list of its letters, or no list; or it does not end.
+    """
+    if isinstance(values, (str, bytes, Mapping)) or not isinstance(values, Iterable):
+        raise HarvesterError(f"{where} = {shown(values)}: is no list; write {example}")
+    found = tuple(itertools.islice(values, MOST_VALUES + 1))
+    if len(found) > MOST_VALUES:
+        raise HarvesterError(f"{where}: has more than {MOST_VALUES} values; give fewer")
+    return found
+
+
+def table(values: Any, where: str, example: str) -> dict[Any, Any]:
+    """A dictionary's copy.
+
+    Parameters
+    ----------
+    values, where, example
+        See `listed`.
+
+    Raises
+    ------
+    HarvesterError
+        It is none.
+    """
+    if not isinstance(values, Mapping):
+        raise HarvesterError(f"{where} = {shown(values)}: is no dictionary; write {example}")
+    return dict(values)
+
+
+def check_limits(
+    workers: int | None = None, time_limit: float = 1.0, time_budget: float | None = None
+) -> None:
+    """Refuse numbers of processes and of seconds that nothing can run with.
+
+    Raises
+    ------
+    HarvesterError
+    """
+    if workers is not None and not (isinstance(workers, numbers.Integral) and workers >= 1):
+        raise HarvesterError(f"--workers {shown(workers)}: must be a whole number ≥ 1")
+    for name, seconds in (("time-budget", time_budget), ("time-limit", time_limit)):
+        if name == "time-budget" and seconds is None:
+            continue
+        if not (isinstance(seconds, numbers.Real) and seconds > 0.0):
+            raise HarvesterError(f"--{name} {shown(seconds)}: must be a number of seconds > 0")
+
+
+def checked_options(options: dict[str, Any]) -> dict[str, Any]:
+    """Options of a public function with those that run it checked, and `progress` guarded.
+
+    Raises
+    ------
+    HarvesterError
+    """
+    limits = ("workers", "time_limit", "time_budget")
+    check_limits(**{name: options[name] for name in limits if name in options})
+    executor, progress = options.get("executor"), options.get("progress")
+    if executor is not None and not hasattr(executor, "submit"):
+        raise HarvesterError(
+            f"executor = {shown(executor)}: has no submit; give a concurrent.futures.Executor"
+        )
+    if progress is None:
+        return options
+    if not callable(progress):
+        raise HarvesterError(f"progress = {shown(progress)}: must be a function of two arguments")
+    return {**options, "progress": _guarded(progress)}
+
+
+def _guarded(progress: Callable[[float, str], object]) -> Callable[[float, str], None]:
+    """The caller's function; what it raises ends the run in an error of ours that names it."""
+
+    def follow(share: float, words: str) -> None:
+        try:
+            progress(share, words)
+        except HarvesterError:
+            raise
+        except Exception as error:
+            raise HarvesterError(
+                f"progress: the function that was given raised {type(error).__name__}: {error}; "
+                "mend it, or leave progress out"
+            ) from error
+
+    return follow

@@ -1,0 +1,103 @@
+"""Temporary folders, which the next run clears where one that was killed has left them."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import os
+import shutil
+import tempfile
+import weakref
+from pathlib import Path
+from types import TracebackType
+
+# Of the names of folders in use, and of one that its process has not locked yet.
+IN_USE, UNLOCKED = "harvester-run-", "harvester-new-"
+
+
+class TemporaryFolder:
+    """An empty folder of this process, removed by `cleanup`, by the end of the block or process.
+
+    A process that is killed leaves its folder behind. The system then releases the folder's lock,
+    by which the next process that makes one knows that nobody owns it.
+
+    Parameters
+    ----------
+    within : str or Path or None
+        Where it is made; None: the system's place.
+
+    Attributes
+    ----------
+    name : str
+        Its path.
+    """
+
+    def __init__(self, within: str | Path | None = None) -> None:
+        place = str(within or tempfile.gettempdir())
+        clear_abandoned(place)
+        unlocked = tempfile.mkdtemp(prefix=UNLOCKED, dir=place)
+        lock = _lock(unlocked)
+        self.name = os.path.join(place, os.path.basename(unlocked).replace(UNLOCKED, IN_USE, 1))
+        os.rename(unlocked, self.name)
+        self._end = weakref.finalize(self, _remove, self.name, lock)
+
+    def __enter__(self) -> str:
+        return self.name
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.cleanup()
+
+    def cleanup(self) -> None:
+        """Remove the folder with what is in it."""
+        self._end()
+
+
+@functools.cache
+def clear_abandoned(place: str) -> None:
+    """Remove this user's folders there that no process owns; once in each process.
+
+    Parameters
+    ----------
+    place : str
+        Folder in which `TemporaryFolder` makes its own.
+    """
+    with contextlib.suppress(OSError), os.scandir(place) as entries:
+        for entry in entries:
+            if entry.name.startswith(IN_USE) and _is_own_folder(entry):
+                lock = _lock(entry.path)
+                if lock is not None:
+                    _remove(entry.path, lock)
+
+
+def _is_own_folder(entry):
+    return (
+        entry.is_dir(follow_symlinks=False)
+        and entry.stat(follow_symlinks=False).st_uid == os.geteuid()
+    )
+
+
+def _lock(folder):
+    """A handle that holds the folder's lock; None where another process or no one can have it."""
+    try:
+        import fcntl
+
+        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    except (ImportError, OSError):
+        return None
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(handle)
+        return None
+    return handle
+
+
+def _remove(folder, lock):
+    shutil.rmtree(folder, ignore_errors=True)
+    if lock is not None:
+        os.close(lock)

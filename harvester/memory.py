@@ -1,0 +1,86 @@
+"""Whether the libraries fit into a limited memory, found out before any of it is used.
+
+OpenBLAS tries again without end where it gets no memory as it is loaded, or at its first call.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import re
+from pathlib import Path
+
+# What is imported inside functions elsewhere.
+IMPORTED_LATER = (
+    "scipy.linalg",
+    "scipy.optimize",
+    "scipy.signal",
+    "scipy.sparse.linalg",
+    "scipy.stats",
+)
+# Of each limit: the line of /proc/self/status, the shell's name, and how much more than numpy the
+# libraries take, measured with numba 0.68 and scipy 1.18 (bytes).
+LIMITS = {
+    "RLIMIT_AS": ("VmSize", "address space (ulimit -v)", 400 << 20),
+    "RLIMIT_DATA": ("VmData", "data (ulimit -d)", 180 << 20),
+}
+
+
+def load_libraries_early() -> None:
+    """Where memory is limited, import what is imported later, or say that it will not fit.
+
+    Raises
+    ------
+    MemoryError
+    """
+    if not _is_limited():
+        return
+    for name in IMPORTED_LATER:
+        importlib.import_module(name)
+    _use_blas_once()
+
+
+def _is_limited():
+    """Whether this process's memory is limited; MemoryError where the libraries will not fit."""
+    limited = False
+    for name, (line, words, needed) in LIMITS.items():
+        limit = _limit(name)
+        if limit is None:
+            continue
+        limited = True
+        if limit - _taken(line) < needed:
+            raise MemoryError(
+                f"the libraries need {needed >> 20} MB more of {words} than Python itself, and "
+                f"the limit is {limit >> 20} MB; raise it"
+            )
+    return limited
+
+
+def _limit(name):
+    """A limit of this process (bytes); None where there is none."""
+    try:
+        import resource
+    except ImportError:
+        return None
+    soft = resource.getrlimit(getattr(resource, name))[0]
+    return None if soft == resource.RLIM_INFINITY else soft
+
+
+def _taken(line):
+    """What this process has taken already (bytes); 0 where the system does not tell."""
+    with contextlib.suppress(OSError):
+        found = re.search(rf"{line}:\s+(\d+) kB", Path("/proc/self/status").read_text())
+        if found:
+            return 1024 * int(found.group(1))
+    return 0
+
+
+def _use_blas_once():
+    """Let the libraries' copies of BLAS take their buffers, one thread's."""
+    import numpy as np
+    from scipy import linalg
+    from threadpoolctl import threadpool_limits
+
+    threadpool_limits(1)
+    square = np.eye(200)
+    linalg.lu_factor(square @ square)

@@ -1,0 +1,37 @@
+"""The command's process from its first moment on."""
+
+import subprocess
+import sys
+
+import pytest
+
+from harvester.files.surroundings import PACKAGE
+
+INTERRUPTED = """
+import builtins, sys
+
+before = builtins.__import__
+
+def interrupted(name, *rest):
+    if name == {module!r}:
+        raise KeyboardInterrupt
+    return before(name, *rest)
+
+builtins.__import__ = interrupted
+sys.argv = ["harvester", "average", "paper"]
+from harvester.__main__ import main
+sys.exit(main())
+"""
+
+
+@pytest.mark.parametrize(
+    "module", ["harvester.command_line", "argparse", "harvester.scene.model", "numpy"]
+)
+def test_an_interrupt_while_libraries_are_imported_is_one_line(module):
+    program = INTERRUPTED.format(module=module)
+    shown = subprocess.run(
+        [sys.executable, "-c", program], cwd=PACKAGE.parent, capture_output=True, text=True
+    )
+    assert shown.returncode == 130
+    assert shown.stderr == "harvester: interrupted; nothing was written\n"
+    assert shown.stdout == ""
