@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from harvester.excitation.table import Table
+
 # Classes of MATLAB that hold plain numbers; cells, structures, objects and code are not read.
 NUMBER_CLASSES = {
     "double",
@@ -18,7 +20,7 @@ NUMBER_CLASSES = {
 MOST_NUMBERS = 2**26
 
 
-class MatTable:
+class MatTable(Table):
     """Samples by columns; names are those of the variables, `y[1]` for a column of a table.
 
     Parameters
@@ -39,8 +41,6 @@ class MatTable:
     ValueError
         It holds no such array.
     """
-
-    rate = None
 
     def __init__(self, content: bytes) -> None:
         sizes = self._sizes(content)

@@ -1,21 +1,20 @@
-"""Columns of recorded motion from CSV, .npy, .wav and .mat files."""
+"""Files of recorded motion: their size, their kind, and the reader of each kind."""
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
-from collections.abc import Callable
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import Any
 
 from harvester.errors import SceneError
 from harvester.excitation.mat_file import MatTable
 from harvester.excitation.npy_file import NpyTable
+from harvester.excitation.table import Table
 from harvester.excitation.text_file import TextTable
 from harvester.excitation.wav_file import WavTable
-from harvester.files.plain_text import named, nearest, shown
+from harvester.files.plain_text import named
 from harvester.files.reading import memory_limit, read_input
 
 # Bytes: a text takes seconds to read, and .npy of the same motion is smaller.
@@ -35,25 +34,6 @@ FOREIGN = {
     b"\x28\xb5\x2f\xfd": "compressed (zstd)",
     b"\x89HDF": "an HDF5 file (.h5, .mat)",
 }
-SHOWN_NAMES = 12
-
-
-class Columns(NamedTuple):
-    """What a file holds, before units.
-
-    Attributes
-    ----------
-    values : ndarray, shape (n,)
-        NaN where the file holds no number.
-    times : ndarray, shape (n,), or None
-        s, as in the time column.
-    sampling_rate : float or None
-        Hz, where the file itself tells it.
-    """
-
-    values: np.ndarray
-    times: np.ndarray | None
-    sampling_rate: float | None
 
 
 def read_record(file: str) -> tuple[bytes, str]:
@@ -74,41 +54,9 @@ def most_samples() -> int:
     return memory_limit() // BYTES_PER_SAMPLE
 
 
-def read_columns(
-    file: str, content: bytes, column: int | None = None, time_column: str | int | None = None
-) -> Columns:
-    """The column of motion, and that of time where one is named.
-
-    Parameters
-    ----------
-    file : str
-        `.npy`, `.wav`, or text with one line per sample: separated by commas, semicolons, tabs
-        or blanks, with or without a header, comments after #, % or //.
-    content : bytes
-        Of that file.
-    column, time_column : str, int or None
-        Name in the header, or number from 0. Without `column` a file of one column besides
-        time is read.
-
-    Returns
-    -------
-    Columns
-
-    Raises
-    ------
-    SceneError
-    """
-    where = named(file)
-    with _telling(where):
-        table = read_table(file, content)
-        places = _places(where, table, column, time_column)
-        values, *times = table.take(places)
-    return Columns(values, times[0] if times else None, table.rate)
-
-
 @contextlib.contextmanager
-def _telling(where):
-    """What a reader finds wrong, as a refusal of the file."""
+def refused_as_record(where: str) -> Iterator[None]:
+    """What a reader finds wrong, as a refusal of the file `where`."""
     try:
         yield
     except ValueError as error:
@@ -121,33 +69,8 @@ def _one_line(error):
     return " ".join(str(error).split())
 
 
-def read_named_columns(
-    file: str, content: bytes, wanted: Callable[[list[str], int], dict[str, int]]
-) -> tuple[dict[str, np.ndarray], float | None]:
-    """Several columns of a file by names of the caller's, and the rate where the file tells it.
-
-    Parameters
-    ----------
-    file : str
-    content : bytes
-        Of that file.
-    wanted : callable
-        Of the header's names (empty without a header) and the number of columns; gives the place
-        of each column by its new name.
-
-    Raises
-    ------
-    SceneError
-    """
-    with _telling(named(file)):
-        table = read_table(file, content)
-        places = wanted(table.names, table.width)
-        columns = table.take(list(places.values()))
-    return dict(zip(places, columns, strict=True)), table.rate
-
-
-def read_table(file: str, content: bytes) -> Any:
-    """A file's table by its reader: names, width, rows, rate, take.
+def read_table(file: str, content: bytes) -> Table:
+    """A file's table by its reader.
 
     Raises
     ------
@@ -168,39 +91,3 @@ def read_table(file: str, content: bytes) -> Any:
             "shorten it or lower its sampling rate"
         )
     return table
-
-
-def _places(where, table, column, time_column):
-    """Numbers of the column of motion and, where one is named, that of time."""
-    names, width = table.names, table.width
-    times = [] if time_column is None else [_place(where, "time_column", time_column, table)]
-    if column is not None:
-        return [_place(where, "column", column, table), *times]
-    others = [place for place in range(width) if place not in times]
-    if len(others) != 1:
-        listed = _listed(names) or f"0 … {width - 1}"
-        raise SceneError(f"{where}: excitation.column is missing; the file has {listed}")
-    return [*others, *times]
-
-
-def _place(where, key, wanted, table):
-    """Number of a column given by name or number."""
-    if isinstance(wanted, str):
-        if wanted in table.names:
-            return table.names.index(wanted)
-        listed = _listed(table.names) or "no header, only numbers"
-        raise SceneError(
-            f"{where}: excitation.{key} = {shown(wanted)}: no such column"
-            f"{nearest(wanted, table.names)}; the file has {listed}"
-        )
-    if not 0 <= wanted < table.width:
-        raise SceneError(
-            f"{where}: excitation.{key} = {shown(wanted)}: the file has columns "
-            f"0 … {table.width - 1}"
-        )
-    return wanted
-
-
-def _listed(names):
-    more = f", … ({len(names)} in all)" if len(names) > SHOWN_NAMES else ""
-    return ", ".join(named(name) for name in names[:SHOWN_NAMES]) + more

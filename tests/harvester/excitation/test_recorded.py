@@ -212,7 +212,7 @@ def test_a_mistake_is_refused_in_one_line_that_names_it(tmp_path, keys, words):
     ("text", "words"),
     [
         ("time,north\n", ["no numbers"]),
-        ("a;b\n" + "0,1;0,2\n" * 70, ["decimal points"]),
+        ("time,acc\n" + "0,1,0,2\n" * 70, ["decimal commas", "semicolons"]),
         ("1.0\n2.0\n", ["too short", "2 samples"]),
         ("1,2\n" * 70 + "1\n" + "1,2\n" * 70, ["line 71", "1 columns"]),
         ("a,b\n" + "1,2\n" * 70, ["column is missing", "a, b"]),
