@@ -21,7 +21,8 @@ FEWEST_SAMPLES = 64
 # Share of the samples that may be mended.
 LARGEST_MENDED_SHARE = 0.1
 # Samples are far outside the rest if they leave its middle by more than this multiple of the
-# largest deviation of all others. A shock's samples differ; those of a marker are equal, or there is only one.
+# largest deviation of all others. A shock's samples differ; those of a marker are equal, or it is
+# one sample alone.
 FAR_RATIO, FAR_RATIO_OF_ONE, SAMPLES_PER_MARKER = 5.0, 20.0, 2
 # Of the samples, those that show where the middle is and how far the rest reaches.
 SHARE_OF_REST = 0.5
@@ -260,15 +261,16 @@ def closed(values: np.ndarray) -> np.ndarray:
 def _refuse(file, fault, mend, count, total, where):
     """Unless it is to be mended and few enough."""
     name = {"nan": "without a number", "clipped": "clipped"}[fault]
+    cure = {"nan": "cut the record there", "clipped": "measure in a wider range"}[fault]
+    if count > LARGEST_MENDED_SHARE * total:
+        raise SceneError(
+            f"{file}: {count} of {total} samples are {name} ({where}): more than "
+            f"{LARGEST_MENDED_SHARE:.0%} cannot be mended: {cure}"
+        )
     if fault not in mend:
         raise SceneError(
             f'{file}: {count} of {total} samples are {name} ({where}); mend = ["{fault}"] mends '
             "them"
-        )
-    if count > LARGEST_MENDED_SHARE * total:
-        raise SceneError(
-            f"{file}: {count} of {total} samples are {name} ({where}): more than "
-            f"{LARGEST_MENDED_SHARE:.0%} cannot be mended"
         )
 
 
@@ -319,13 +321,8 @@ def _even(values, times, rate, mend, file, most):
     jitter = float(np.abs(times - grid).max()) / spacing
     if jitter <= LARGEST_JITTER:
         return EvenSamples(values, 1.0 / spacing)
-    if "uneven" not in mend:
-        raise SceneError(
-            f"{file}: the time column leaves an even grid by {jitter:.2g} spacings of "
-            f'{spacing:.6g} s; mend = ["uneven"] interpolates'
-        )
     median = float(np.median(steps))
-    spacing = median if rate is None else 1.0 / rate
+    even_spacing, spacing = spacing, median if rate is None else 1.0 / rate
     knots = (times[-1] - times[0]) / spacing
     if knots >= most:
         raise SceneError(
@@ -333,6 +330,11 @@ def _even(values, times, rate, mend, file, most):
             f"machine's memory allows {most}: cut the record at its gaps"
         )
     remark = _bridged(times, steps, median, file)
+    if "uneven" not in mend:
+        raise SceneError(
+            f"{file}: the time column leaves an even grid by {jitter:.2g} spacings of "
+            f'{even_spacing:.6g} s; mend = ["uneven"] interpolates'
+        )
     count = int(knots + 1e-9) + 1
     grid = times[0] + np.arange(count) * spacing
     return EvenSamples(np.interp(grid, times, values), 1.0 / spacing, (remark,))
