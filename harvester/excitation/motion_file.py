@@ -9,9 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from harvester.errors import SceneError
+from harvester.excitation.hdf5_file import Hdf5Table
+from harvester.excitation.ide_file import IdeTable
+from harvester.excitation.lvm_file import LvmTable
 from harvester.excitation.mat_file import MatTable
 from harvester.excitation.npy_file import NpyTable
 from harvester.excitation.table import Table
+from harvester.excitation.tdms_file import TdmsTable
 from harvester.excitation.text_file import TextTable
 from harvester.excitation.wav_file import WavTable
 from harvester.files.plain_text import named
@@ -24,15 +28,41 @@ FILE_SHARE = 0.25
 # Memory that reading and conditioning take for each sample, at most (measured: 92).
 BYTES_PER_SAMPLE = 100
 READERS: dict[str, Any] = {".npy": NpyTable, ".wav": WavTable, ".mat": MatTable}
-# How files begin that are often named .csv, .npy or .wav by mistake.
+# By how files begin, whatever their ending.
+READERS_BY_START: dict[bytes, Any] = {
+    b"\x89HDF\r\n\x1a\n": Hdf5Table,
+    b"MATLAB 7.3 MAT-file": Hdf5Table,
+    b"TDSm": TdmsTable,
+    b"\x1aE\xdf\xa3": IdeTable,
+    b"LabVIEW Measurement": LvmTable,
+}
+BINARY_ENDINGS = (*READERS, ".h5", ".hdf5", ".hdf", ".nc", ".tdms", ".ide")
+# How files begin that are often taken for records, and what to do with them.
+UNPACK = "unpack it"
+EXPORT = "export the samples as .csv from the program that wrote it"
 FOREIGN = {
-    b"PK\x03\x04": "a zip archive (.npz, .xlsx, .zip)",
-    b"PK\x05\x06": "an empty zip archive",
-    b"\x1f\x8b": "compressed (gzip)",
-    b"BZh": "compressed (bzip2)",
-    b"\xfd7zXZ": "compressed (xz)",
-    b"\x28\xb5\x2f\xfd": "compressed (zstd)",
-    b"\x89HDF": "an HDF5 file (.h5, .mat)",
+    b"PK\x03\x04": ("a zip archive (.npz, .xlsx, .zip)", f"{UNPACK}, or save its table as .csv"),
+    b"PK\x05\x06": ("an empty zip archive", UNPACK),
+    b"\x1f\x8b": ("compressed (gzip)", UNPACK),
+    b"BZh": ("compressed (bzip2)", UNPACK),
+    b"\xfd7zXZ": ("compressed (xz)", UNPACK),
+    b"\x28\xb5\x2f\xfd": ("compressed (zstd)", UNPACK),
+    b"7z\xbc\xaf": ("compressed (7z)", UNPACK),
+    b"Rar!": ("compressed (rar)", UNPACK),
+    b"\xd0\xcf\x11\xe0": ("an Excel workbook (.xls)", "save its sheet as .csv"),
+    b"PAR1": ("a Parquet file", "save it by pandas.read_parquet(…).to_csv(…)"),
+    b"ARROW1": ("an Arrow or Feather file", "save it by pandas.read_feather(…).to_csv(…)"),
+    b"SQLite format 3": ("an SQLite database", EXPORT),
+    b"CDF\x01": ("a NetCDF file of version 3", "save it as NetCDF 4 or .csv"),
+    b"CDF\x02": ("a NetCDF file of version 3", "save it as NetCDF 4 or .csv"),
+    b"fLaC": ("a FLAC file", "save it as .wav"),
+    b"OggS": ("an Ogg file", "save it as .wav"),
+    b"ID3": ("an MP3 file", "record it without loss, as .wav"),
+    b"FORM": ("an AIFF file", "save it as .wav"),
+    b"%PDF": ("a PDF document", EXPORT),
+    b"<?xml": ("an XML file (.tdm, .gpx, …)", EXPORT),
+    b"{": ("a JSON file", "save its arrays as .csv or .npy"),
+    b"    -1": ("a universal file (.uff, .unv)", "read it by pyuff and save the samples as .csv"),
 }
 
 
@@ -44,7 +74,7 @@ def read_record(file: str) -> tuple[bytes, str]:
     SceneError
         It is no plain file, is too large, or cannot be read.
     """
-    largest = LARGEST_RECORD if Path(file).suffix.lower() in READERS else LARGEST_TEXT
+    largest = LARGEST_RECORD if Path(file).suffix.lower() in BINARY_ENDINGS else LARGEST_TEXT
     content = read_input(file, "record", int(min(largest, FILE_SHARE * memory_limit())))
     return content, hashlib.sha256(content).hexdigest()
 
@@ -77,12 +107,14 @@ def read_table(file: str, content: bytes) -> Table:
     ValueError
         It is none, or has more samples than fit into memory.
     """
-    sort = next((sort for start, sort in FOREIGN.items() if content.startswith(start)), None)
-    if sort:
-        raise ValueError(f"it is {sort}: unpack it, or save the samples as .csv, .npy or .wav")
+    for start, (sort, cure) in FOREIGN.items():
+        if content.startswith(start):
+            raise ValueError(f"it is {sort}: {cure}")
     if not content:
         raise ValueError("it is empty")
-    table = READERS.get(Path(file).suffix.lower(), TextTable)(content)
+    by_start = (sort for start, sort in READERS_BY_START.items() if content.startswith(start))
+    reader = next(by_start, None) or READERS.get(Path(file).suffix.lower(), TextTable)
+    table: Table = reader(content)
     if table.width == 0 or table.rows == 0:
         raise ValueError("it holds no samples")
     if table.rows > most_samples():

@@ -46,7 +46,7 @@ RESPONSE = {
 QUANTITIES |= dict.fromkeys(("amplitude", "real", "imaginary"), RESPONSE)
 
 # Words for a unit, where letters for it would do.
-WORDS = {
+WORDS: dict[str, dict[str, tuple[str, ...]]] = {
     "time": {
         "s": ("sec", "secs", "second", "seconds"),
         "ms": ("msec", "msecs", "millis", "millisec", "millisecond", "milliseconds"),
@@ -237,13 +237,16 @@ def quantity_of(title: str, unit: str) -> str:
 
     Letters such as "a" name an acceleration only beside one of its units.
     """
-    words = " ".join(re.sub(r"[_.-]", " ", _without_label(title)).lower().split())
-    for quantity, titles in TITLES.items():
-        if titles.fullmatch(words):
-            return quantity
-    for quantity, letters in LETTERS.items():
-        if letters.fullmatch(words) and unit_named(quantity, unit):
-            return quantity
+    bare = _without_label(title)
+    # Behind the names of groups and structures: "data.time", "run 1/acceleration".
+    for name in (bare, re.split(r"[./](?=\w)", bare)[-1]):
+        words = " ".join(re.sub(r"[_.-]", " ", name).lower().split())
+        for quantity, titles in TITLES.items():
+            if titles.fullmatch(words):
+                return quantity
+        for quantity, letters in LETTERS.items():
+            if letters.fullmatch(words) and unit_named(quantity, unit):
+                return quantity
     return "time" if not unit and unit_named("time", words) == SAMPLES else ""
 
 

@@ -2,10 +2,42 @@
 
 from __future__ import annotations
 
+import contextlib
+import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
+
+from harvester.errors import HarvesterError
+
+
+class Unreadable(ValueError):
+    """What a reader itself finds wrong with a file, in words for its user."""
+
+
+@contextlib.contextmanager
+def broken_file(sort: str, cure: str) -> Iterator[None]:
+    """Whatever a library's parser meets in a broken file, as one refusal.
+
+    Parameters
+    ----------
+    sort : str
+        What the file should be.
+    cure : str
+
+    Raises
+    ------
+    Unreadable
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    except (Unreadable, HarvesterError, MemoryError):
+        raise
+    except Exception as error:
+        raise Unreadable(f"not a whole {sort} ({type(error).__name__}: {error}); {cure}") from None
 
 
 class Table(ABC):

@@ -161,7 +161,7 @@ class TextTable(Table):
 
     def _scan(self):
         """Count the rows: (lines above the first, with whether they are comments; lines behind)."""
-        above: deque[tuple[str, bool]] = deque(maxlen=HEADER_LINES)
+        above = deque(maxlen=HEADER_LINES)
         form = self._form
         number_at = form.kinds.index(NUMBER) if NUMBER in form.kinds else None
         waiting, ragged, last = 0, None, []
@@ -214,6 +214,8 @@ def _form_of(lines):
     for line in lines:
         best, best_share = None, 0.0
         for separator, decimal in FORMS:
+            if separator is not None and separator not in line:
+                continue
             fields = _fields(line, separator)
             kinds = tuple(_kind(field, decimal) for field in fields)
             empty = sum(not field.strip() for field in fields)
