@@ -36,7 +36,7 @@ def tables_of(source: str | Path, overrides: Iterable[str]) -> tuple[dict[str, A
     path = _find(source)
     where = named(str(path))
     try:
-        text = read_input(path, "scene", LARGEST_SCENE).decode("utf-8")
+        text = read_input(path, "scene", LARGEST_SCENE).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise SceneError(f"{where}: not a TOML file: {error}") from None
     tables = read_toml(text, where)
