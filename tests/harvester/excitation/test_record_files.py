@@ -318,13 +318,13 @@ def ide(path, scale="1/1000"):
     end = 4 * (COUNT - 1)
     block = {"ChannelIDRef": 8, "StartTimeCodeAbs": 0, "EndTimeCodeAbs": end,
              "ChannelDataPayload": counts.tobytes()}  # fmt: skip
+    parts = {
+        "CalibrationList": {"UnivariatePolynomial": [line]},
+        "RecordingProperties": {"ChannelList": {"Channel": [channel]}},
+        "ChannelDataBlock": block,
+    }
     with path.open("wb") as stream:
-        for name, content in (
-            ("CalibrationList", {"UnivariatePolynomial": [line]}),
-            ("RecordingProperties", {"ChannelList": {"Channel": [channel]}}),
-            ("ChannelDataBlock", block),
-        ):
-            stream.write(schema[name].encode(content))
+        schema.encode(stream, parts, headers=True)
 
 
 def structure(path):
