@@ -31,10 +31,10 @@ def add(commands: Any) -> None:
         action="append",
         required=True,
         metavar="FILE [SETTING=VALUE]",
-        help="CSV, .npy, .wav, .mat, .lvm, HDF5, TDMS or .IDE: base acceleration beside voltage, displacement or "
-        "velocity; or a frequency response, frequency beside amplitude and phase; behind it "
-        "acceleration=COLUMN:UNIT, voltage=COLUMN:UNIT, …, time=COLUMN, sampling_rate=HZ, or "
-        "what differs from the scene (load.resistance=1e5); may be given "
+        help="CSV, .npy, .wav, .mat, .lvm, HDF5, TDMS or .IDE: base acceleration beside voltage, "
+        "displacement or velocity; or a frequency response, frequency beside amplitude and phase; "
+        "behind it acceleration=COLUMN:UNIT, voltage=COLUMN:UNIT, …, time=COLUMN, "
+        "sampling_rate=HZ, or what differs from the scene (load.resistance=1e5); may be given "
         "again",
     )
     command.add_argument(
