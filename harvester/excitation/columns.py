@@ -255,13 +255,19 @@ class MeasuredFile:
         ------
         SceneError
         """
-        finite = times[np.isfinite(times)]
-        span = float(np.ptp(finite)) if finite.size > 1 else 0.0
-        own = (finite.size - 1) / span if 0.0 < span < np.inf else rate
-        if not rate / factor <= own <= rate * factor:
+        steps = np.diff(times[np.isfinite(times)])
+        rising = steps[steps > 0.0]
+        span = float(steps.sum())
+        if not rising.size or not np.isfinite(span):
+            return
+        # Stamps in whole seconds say the time of many samples only to within a second.
+        unsure = float(rising.min()) if rising.size < steps.size else 0.0
+        low, high = (steps.size / max(span + part, 1e-300) for part in (unsure, -unsure))
+        if low > rate * factor or high < rate / factor:
             raise SceneError(
-                f"{self.where}: {key} = {rate:g}: {self.label(place)} says {own:.6g} Hz: leave "
-                "sampling_rate out, or say in which unit the column is"
+                f"{self.where}: {key} = {rate:g}: {self.label(place)} says "
+                f"{steps.size / span:.6g} Hz: leave sampling_rate out, or say in which unit the "
+                "column is"
             )
 
 

@@ -314,7 +314,8 @@ def _even(values, times, rate, mend, file, most):
     if not steps.min() > SHORTEST_STEP:
         place = int(np.argmin(steps > SHORTEST_STEP))
         raise SceneError(
-            f"{file}: the time column does not rise after sample {place} (t = {times[place]:g})"
+            f"{file}: the time column does not rise after sample {place} (t = {times[place]:g}): "
+            "correct it, or leave it out and give excitation.sampling_rate"
         )
     spacing = (times[-1] - times[0]) / steps.size if rate is None else 1.0 / rate
     grid = times[0] + np.arange(times.size) * spacing

@@ -172,8 +172,8 @@ TITLES = {
         r"date( ?time)?|date and time|clock|zeit"
     ),
     "acceleration": re.compile(
-        r"(base |ground |table |shaker |input )?"
-        r"(acceleration|accel|acc|accelerometer|beschleunigung)( ?[xyz123])?"
+        r"((base|ground|table|shaker|input|linear|vertical|horizontal|[xyz]( axis)?) )?"
+        r"(acceleration|accel|acc|accelerometer|beschleunigung)( ?[xyz123]( axis)?)?"
     ),
     "voltage": re.compile(r"voltage"),
     "displacement": re.compile(r"displacement"),

@@ -5,17 +5,23 @@ import importlib
 import io
 from datetime import datetime, timedelta
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.io import savemat, wavfile
 
+from harvester.command_line import main
 from harvester.errors import SceneError
+from harvester.estimates.balance import energy_balance_residual
 from harvester.excitation import mat_file
 from harvester.excitation.quantities import ACCELERATION, QUANTITIES, heading, unit_named
 from harvester.excitation.recorded import RecordedMotion
 from harvester.identification.measurement import read_measurement
+from harvester.record.moments import QUANTITIES
 from harvester.scene.model import Scene
+from harvester.scene.source import BUILT_IN
+from harvester.scene.units import scale
 
 RATE, COUNT, G = 250.0, 500, 9.80665
 TIMES = np.arange(COUNT) / RATE
@@ -181,6 +187,13 @@ def test_start_leaves_out_what_is_before(tmp_path):
         found = RecordedMotion(file=str(shifted), unit="m/s^2", start=0.4, **keys)
         np.testing.assert_allclose(found.samples, MOTION[100:], atol=1e-6)
     refused(shifted, "the record ends before", unit="m/s^2", start=9.0)
+
+
+def test_stamps_in_whole_seconds_agree_with_a_rate(tmp_path):
+    stamps = [f"2026-03-01 12:00:{int(t):02d}" for t in TIMES]
+    path = written(tmp_path, ONE, [f"{s},{a:.8f}" for s, a in zip(stamps, MOTION, strict=True)])
+    assert_read(path, sampling_rate=RATE)
+    refused(path, "does not rise", "give excitation.sampling_rate")
 
 
 ROWS = {
@@ -492,6 +505,35 @@ def test_identification_reads_the_same_headings(tmp_path):
     ):
         with pytest.raises(SceneError, match=word):
             read_measurement(path, settings)
+
+
+def test_a_link_into_nothing_is_named(tmp_path):
+    (tmp_path / "a.csv").symlink_to("gone.csv")
+    with pytest.raises(SceneError, match=r"a link to gone\.csv, which does not exist"):
+        RecordedMotion(file=str(tmp_path / "a.csv"))
+
+
+def test_a_record_given_twice_is_refused(tmp_path, capsys):
+    path = str(written(tmp_path, ONE, rows()))
+    words = ["identify", "device", "--record", path, "time=0", "--record", path, "time=0"]
+    assert main(words) == 2
+    assert "is given twice" in capsys.readouterr().err
+
+
+def test_a_scene_may_begin_with_a_byte_order_mark(tmp_path):
+    text = (BUILT_IN / "linear.toml").read_text(encoding="utf-8")
+    (tmp_path / "a.toml").write_text(text, encoding="utf-8-sig")
+    assert Scene.load(tmp_path / "a.toml").digest() == Scene.load("linear").digest()
+
+
+def test_a_device_at_rest_that_nothing_drives_is_balanced():
+    system, _ = scale(Scene.load("linear"))
+    rest = np.zeros(9)
+    still = SimpleNamespace(integrals=np.zeros((2, len(QUANTITIES))), first=rest, last=rest)
+    assert energy_balance_residual([still], system) == 0.0
+    # Energy out of nothing is no balance.
+    moved = SimpleNamespace(integrals=still.integrals, first=rest, last=np.ones(9))
+    assert np.isnan(energy_balance_residual([moved], system))
 
 
 def test_the_page_lists_every_kind():
