@@ -18,7 +18,7 @@ from harvester.excitation import mat_file
 from harvester.excitation.quantities import ACCELERATION, QUANTITIES, heading, unit_named
 from harvester.excitation.recorded import RecordedMotion
 from harvester.identification.measurement import read_measurement
-from harvester.record.moments import QUANTITIES
+from harvester.record import moments
 from harvester.scene.model import Scene
 from harvester.scene.source import BUILT_IN
 from harvester.scene.units import scale
@@ -529,7 +529,7 @@ def test_a_scene_may_begin_with_a_byte_order_mark(tmp_path):
 def test_a_device_at_rest_that_nothing_drives_is_balanced():
     system, _ = scale(Scene.load("linear"))
     rest = np.zeros(9)
-    still = SimpleNamespace(integrals=np.zeros((2, len(QUANTITIES))), first=rest, last=rest)
+    still = SimpleNamespace(integrals=np.zeros((2, len(moments.QUANTITIES))), first=rest, last=rest)
     assert energy_balance_residual([still], system) == 0.0
     # Energy out of nothing is no balance.
     moved = SimpleNamespace(integrals=still.integrals, first=rest, last=np.ones(9))
