@@ -31,10 +31,10 @@ def add(commands: Any) -> None:
         action="append",
         required=True,
         metavar="FILE [SETTING=VALUE]",
-        help="CSV, .npy, .wav or .mat: base acceleration beside voltage, displacement or "
-        "velocity; or a frequency response, frequency beside amplitude and phase; behind it "
-        "acceleration=COLUMN:UNIT, voltage=COLUMN:UNIT, …, time=COLUMN, sampling_rate=HZ, or "
-        "what differs from the scene (load.resistance=1e5); may be given "
+        help="CSV, .npy, .wav, .mat, .lvm, HDF5, TDMS or .IDE: base acceleration beside voltage, "
+        "displacement or velocity; or a frequency response, frequency beside amplitude and phase; "
+        "behind it acceleration=COLUMN:UNIT, voltage=COLUMN:UNIT, …, time=COLUMN, "
+        "sampling_rate=HZ, or what differs from the scene (load.resistance=1e5); may be given "
         "again",
     )
     command.add_argument(
@@ -107,6 +107,12 @@ def _records(groups: list[list[str]], scene: Any) -> list:
                 files.append((word, {}))
                 continue
             files[-1][1].update([_setting(word)])
+    for place, (file, settings) in enumerate(files):
+        if (file, settings) in files[:place]:
+            raise HarvesterError(
+                f"--record {named(file)}: is given twice with the same settings, and each record "
+                "counts once: leave one out"
+            )
     return [read_measurement(file, settings, scene.units) for file, settings in files]
 
 

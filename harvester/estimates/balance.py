@@ -30,6 +30,9 @@ def energy_balance_residual(moments: list[Moments], parameters: System) -> float
         loss += total[QUANTITIES.index("loss_power")]
         stored += stored_change(m, parameters)
     scale = max(abs(put_in), load + loss)
+    if scale == 0.0 and stored == 0.0:
+        # A device at rest that nothing drives.
+        return 0.0
     return float((put_in - load - loss - stored) / scale) if scale > 0.0 else math.nan
 
 

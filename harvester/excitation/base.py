@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -87,6 +88,11 @@ class Excitation(ABC):
     def kept_samples(self) -> int:
         """Samples that a path holds in memory all along."""
         return 0
+
+    @property
+    def highest_frequency(self) -> float:
+        """Above it a measured path holds nothing (Hz); infinite where it is not measured."""
+        return math.inf
 
     @property
     def prescribes_displacement(self) -> bool:

@@ -3,25 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from harvester.errors import SceneError
 
 if TYPE_CHECKING:
-    from harvester.excitation.motion_file import Columns
+    from harvester.excitation.columns import Columns
 
-# To m/s².
-UNITS = {
-    "m/s^2": 1.0,
-    "cm/s^2": 1e-2,
-    "gal": 1e-2,
-    "mm/s^2": 1e-3,
-    "g": 9.80665,
-    "mg": 9.80665e-3,
-    "scaled": 1.0,
-}
 # A record's largest sample (m/s², or scaled): squares of others overflow or vanish.
 SMALLEST_PEAK, LARGEST_PEAK = 1e-30, 1e12
 # Of a time column (s).
@@ -30,6 +20,12 @@ FAULTS = ("nan", "uneven", "clipped")
 FEWEST_SAMPLES = 64
 # Share of the samples that may be mended.
 LARGEST_MENDED_SHARE = 0.1
+# Samples are far outside the rest if they leave its middle by more than this multiple of the
+# largest deviation of all others. A shock's samples differ; those of a marker are equal, or it is
+# one sample alone.
+FAR_RATIO, FAR_RATIO_OF_ONE, SAMPLES_PER_MARKER = 5.0, 20.0, 2
+# Of the samples, those that show where the middle is and how far the rest reaches.
+SHARE_OF_REST = 0.5
 # Deviation from an even grid, in spacings, that a printed time's rounding explains.
 LARGEST_JITTER = 0.1
 # A clipped crest has this many equal extreme samples, and a clipped record two of them: one
@@ -68,14 +64,74 @@ def refuse_size(values: np.ndarray, factor: float, unit: str, file: str) -> None
         )
 
 
-def even_samples(
-    columns: Columns, mend: Collection[str], file: str, most: int
-) -> tuple[np.ndarray, float]:
+class EvenSamples(NamedTuple):
+    """Samples, shape (n,), their rate (Hz), and what was mended of them, in words."""
+
+    values: np.ndarray
+    rate: float
+    remarks: tuple[str, ...] = ()
+
+
+def without_markers(
+    values: np.ndarray, mend: Collection[str]
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Samples whose markers (-9999, 65535, a rail) are NaN where that is to be mended.
+
+    Loggers write such a number for what they could not measure.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        In the file's numbers.
+    mend : sequence of str
+        Faults to mend; "nan" among them takes markers for gaps.
+
+    Returns
+    -------
+    ndarray, tuple of str
+        Samples, shape (n,), and a remark where there are markers.
+    """
+    far = far_outside(values)
+    if not far.any():
+        return values, ()
+    count, rest = int(np.count_nonzero(far)), values[np.isfinite(values) & ~far]
+    written = ", ".join(f"{value:g}" for value in np.unique(values[far])[:3])
+    noun, verb = ("sample", "is") if count == 1 else ("samples", "are")
+    remark = (
+        f"{count} of {values.size} {noun} {verb} {written}, far outside the rest "
+        f"({rest.min():.3g} to {rest.max():.3g})"
+    )
+    if "nan" not in mend:
+        return values, (f'{remark}, and taken as acceleration: mend = ["nan"] takes such for gaps',)
+    return np.where(far, np.nan, values), (f"{remark}: taken for gaps",)
+
+
+def far_outside(values: np.ndarray) -> np.ndarray:
+    """Where a few equal samples, or a single one, stand far outside all others: bool (n,)."""
+    far = np.zeros(values.size, dtype=bool)
+    finite = np.isfinite(values)
+    if np.count_nonzero(finite) < FEWEST_SAMPLES:
+        return far
+    deviation = np.abs(values - np.median(values[finite]))
+    ordered = np.sort(deviation[finite])
+    first = int(SHARE_OF_REST * ordered.size)
+    below, above = ordered[first:-1], ordered[first + 1 :]
+    jumps = np.flatnonzero((below > 0.0) & (above > FAR_RATIO * below))
+    if not jumps.size:
+        return far
+    rest = below[jumps[0]]
+    far[finite] = deviation[finite] > rest
+    count, markers = int(np.count_nonzero(far)), np.unique(values[far]).size
+    alone = count == 1 and deviation[far][0] > FAR_RATIO_OF_ONE * rest
+    return far if alone or count >= SAMPLES_PER_MARKER * markers else np.zeros_like(far)
+
+
+def even_samples(columns: Columns, mend: Collection[str], file: str, most: int) -> EvenSamples:
     """Evenly spaced finite samples, and their rate.
 
     Parameters
     ----------
-    columns : harvester.excitation.motion_file.Columns
+    columns : harvester.excitation.columns.Columns
         With a sampling rate or times.
     mend : sequence of str
         Faults to mend: "nan" by straight lines over the gap, "uneven" by straight lines onto an
@@ -87,8 +143,8 @@ def even_samples(
 
     Returns
     -------
-    ndarray, float
-        Samples in the file's unit, and Hz.
+    EvenSamples
+        In the unit of the columns.
 
     Raises
     ------
@@ -104,11 +160,17 @@ def even_samples(
             "the fewest"
         )
     times = np.arange(values.size) / rate if columns.times is None else columns.times
+    remarks: tuple[str, ...] = ()
     good = np.isfinite(values) & np.isfinite(times)
     lost = int(np.count_nonzero(~good))
     if lost:
         first = int(np.flatnonzero(~good)[0])
         _refuse(file, "nan", mend, lost, values.size, f"the first is sample {first}")
+        longest = _longest_run(~good)
+        remarks = (
+            f"{lost} of {values.size} samples were without a number and are on straight lines: the "
+            f"largest gap has {longest} sample{'s' if longest > 1 else ''}",
+        )
         # Without its times a sample leaves an uneven record; with them a gap on the grid.
         values[~good] = np.interp(np.flatnonzero(~good), np.flatnonzero(good), values[good])
         if columns.times is not None:
@@ -120,7 +182,10 @@ def even_samples(
         values = _unclip(values, clipped)
     if np.ptp(values) == 0.0:
         raise SceneError(f"{file}: the record is constant: every sample is {values[0]:g}")
-    return (values, rate) if columns.times is None else _even(values, times, rate, mend, file, most)
+    if columns.times is None:
+        return EvenSamples(values, rate, remarks)
+    even = _even(values, times, rate, mend, file, most)
+    return even._replace(remarks=remarks + even.remarks)
 
 
 def conditioned(
@@ -196,15 +261,16 @@ def closed(values: np.ndarray) -> np.ndarray:
 def _refuse(file, fault, mend, count, total, where):
     """Unless it is to be mended and few enough."""
     name = {"nan": "without a number", "clipped": "clipped"}[fault]
+    cure = {"nan": "cut the record there", "clipped": "measure in a wider range"}[fault]
+    if count > LARGEST_MENDED_SHARE * total:
+        raise SceneError(
+            f"{file}: {count} of {total} samples are {name} ({where}): more than "
+            f"{LARGEST_MENDED_SHARE:.0%} cannot be mended: {cure}"
+        )
     if fault not in mend:
         raise SceneError(
             f'{file}: {count} of {total} samples are {name} ({where}); mend = ["{fault}"] mends '
             "them"
-        )
-    if count > LARGEST_MENDED_SHARE * total:
-        raise SceneError(
-            f"{file}: {count} of {total} samples are {name} ({where}): more than "
-            f"{LARGEST_MENDED_SHARE:.0%} cannot be mended"
         )
 
 
@@ -219,6 +285,12 @@ def flat_crests(values: np.ndarray) -> np.ndarray:
         if np.count_nonzero(crests) >= FLAT_CRESTS:
             clipped |= flat[1:-1]
     return clipped
+
+
+def _longest_run(fault):
+    """Samples of the longest gap."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], fault, [False]]).astype(int)))
+    return int((edges[1::2] - edges[::2]).max())
 
 
 def _unclip(values, clipped):
@@ -242,24 +314,45 @@ def _even(values, times, rate, mend, file, most):
     if not steps.min() > SHORTEST_STEP:
         place = int(np.argmin(steps > SHORTEST_STEP))
         raise SceneError(
-            f"{file}: the time column does not rise after sample {place} (t = {times[place]:g})"
+            f"{file}: the time column does not rise after sample {place} (t = {times[place]:g}): "
+            "correct it, or leave it out and give excitation.sampling_rate"
         )
     spacing = (times[-1] - times[0]) / steps.size if rate is None else 1.0 / rate
     grid = times[0] + np.arange(times.size) * spacing
     jitter = float(np.abs(times - grid).max()) / spacing
     if jitter <= LARGEST_JITTER:
-        return values, 1.0 / spacing
-    if "uneven" not in mend:
-        raise SceneError(
-            f"{file}: the time column leaves an even grid by {jitter:.2g} spacings of "
-            f'{spacing:.6g} s; mend = ["uneven"] interpolates'
-        )
-    spacing = float(np.median(steps)) if rate is None else 1.0 / rate
+        return EvenSamples(values, 1.0 / spacing)
+    median = float(np.median(steps))
+    even_spacing, spacing = spacing, median if rate is None else 1.0 / rate
     knots = (times[-1] - times[0]) / spacing
     if knots >= most:
         raise SceneError(
             f"{file}: the time column covers {knots:.3g} spacings of {spacing:.6g} s, and this "
             f"machine's memory allows {most}: cut the record at its gaps"
         )
+    remark = _bridged(times, steps, median, file)
+    if "uneven" not in mend:
+        raise SceneError(
+            f"{file}: the time column leaves an even grid by {jitter:.2g} spacings of "
+            f'{even_spacing:.6g} s; mend = ["uneven"] interpolates'
+        )
     count = int(knots + 1e-9) + 1
-    return np.interp(times[0] + np.arange(count) * spacing, times, values), 1.0 / spacing
+    grid = times[0] + np.arange(count) * spacing
+    return EvenSamples(np.interp(grid, times, values), 1.0 / spacing, (remark,))
+
+
+def _bridged(times, steps, spacing, file):
+    """What straight lines onto an even grid bridge, in words; refused above the share of gaps."""
+    missing = float(np.sum(np.maximum(np.round(steps / spacing) - 1.0, 0.0)))
+    share = missing / (missing + times.size)
+    place = int(np.argmax(steps))
+    largest = f"the largest step is {steps[place]:.4g} s, after t = {times[place] - times[0]:.6g} s"
+    if share > LARGEST_MENDED_SHARE:
+        raise SceneError(
+            f"{file}: {share:.0%} of the samples are missing between the times ({largest}): more "
+            f"than {LARGEST_MENDED_SHARE:.0%} cannot be mended: cut the record at its gaps, or "
+            "choose a part by excitation.start"
+        )
+    return (
+        f"straight lines bring it to even steps: {share:.1%} of the samples were missing, {largest}"
+    )

@@ -1,91 +1,180 @@
-"""Columns of a .mat file: the real arrays in it, each a column or a table of columns."""
+"""Columns of a .mat file: its real arrays, also those within structures."""
 
 from __future__ import annotations
 
 import io
-import warnings
+import struct
+import zlib
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-# Classes of MATLAB that hold plain numbers; cells, structures, objects and code are not read.
+from harvester.excitation.arrays import REAL_KINDS, ArraysTable, rate_of
+from harvester.excitation.table import Unreadable, broken_file
+
+# Classes of MATLAB that hold plain numbers; at the top no cells, objects or code are read.
 NUMBER_CLASSES = {
     "double",
     "single",
     *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)),
 }
-# Numbers in all: a compressed file may claim more than it has bytes.
-MOST_NUMBERS = 2**26
+# scipy makes room for what cells and structures claim to hold before it reads them, and calls
+# itself for each within another.
+MOST_PARTS, DEEPEST = 100_000, 16
+LARGEST_STRUCTURE = 2**28
+# Of the format: kinds of elements and classes of matrices.
+MATRIX, COMPRESSED = 14, 15
+CELL, STRUCTURE, OBJECT = 1, 2, 3
+HEADER_BYTES, HEAD_BYTES = 128, 64
 
 
-class MatTable:
-    """Samples by columns; names are those of the variables, `y[1]` for a column of a table.
+class MatTable(ArraysTable):
+    """Samples by columns; names are those of the variables, `data.y` for a field of a structure.
+
+    A single number `fs` or `dt` is the sampling rate or its inverse.
 
     Parameters
     ----------
     content : bytes
-        Of the whole file, in MATLAB's formats 4 to 7.2; scipy reads its numbers and nothing else.
-
-    Attributes
-    ----------
-    names : list of str
-    width, rows : int
-        Columns, samples in each: those of the longest variables; shorter ones are left out.
-    rate : None
-        The file does not tell it.
+        Of the whole file, in MATLAB's formats 4 to 7.2; scipy reads its numbers and structures of
+        them, and nothing else.
 
     Raises
     ------
-    ValueError
+    Unreadable
         It holds no such array.
     """
 
-    rate = None
-
     def __init__(self, content: bytes) -> None:
-        sizes = self._sizes(content)
-        self.rows = max((max(shape) for shape in sizes.values()), default=0)
-        kept = [name for name, shape in sizes.items() if max(shape) == self.rows]
-        if sum(int(np.prod(sizes[name], dtype=float)) for name in kept) > MOST_NUMBERS:
-            raise ValueError(f"its variables hold more than {MOST_NUMBERS} numbers: shorten it")
-        self._columns: dict[str, np.ndarray] = {}
-        for name, values in self._load(content, kept).items():
-            table = np.atleast_2d(values)
-            table = table.T if table.shape[0] != self.rows else table
-            for place in range(table.shape[1]):
-                label = name if table.shape[1] == 1 else f"{name}[{place}]"
-                self._columns[label] = table[:, place]
-        self.names = list(self._columns)
-        self.width = len(self.names)
-
-    def take(self, places: list[int]) -> list[np.ndarray]:
-        """The columns at `places`, each float64 of shape (rows,)."""
-        return [np.array(self._columns[self.names[place]], dtype=float) for place in places]
-
-    def _sizes(self, content):
-        """Shapes of the variables that hold numbers in at most two dimensions."""
-        found = self._read("whosmat", content)
-        return {
+        listed = _read("whosmat", content)
+        arrays = {
             name: shape
-            for name, shape, kind in found
+            for name, shape, kind in listed
             if kind in NUMBER_CLASSES and len(shape) <= 2 and min(shape) > 0
         }
+        structures = [name for name, _, kind in listed if kind == "struct"]
+        fields: dict[str, np.ndarray] = {}
+        if structures:
+            _refuse_claims(content)
+            loaded = _read("loadmat", content, variable_names=structures, simplify_cells=True)
+            fields = dict(_fields("", {name: loaded[name] for name in structures}))
+        single = [name for name, shape in arrays.items() if max(shape) == 1]
+        numbers = {
+            name: float(value.ravel()[0]) for name, value in _load(content, single).items()
+        } | {name.rpartition(".")[2]: float(v) for name, v in fields.items() if v.ndim == 0}
+        self.rate = rate_of(numbers)
 
-    def _load(self, content, names):
-        values = self._read("loadmat", content, variable_names=names)
-        found = {name: values[name] for name in names if name in values}
-        return {name: each for name, each in found.items() if np.isrealobj(each)}
+        def load(names: list[str]) -> dict[str, np.ndarray]:
+            own = [name for name in names if name in arrays]
+            return _load(content, own) | {name: fields[name] for name in names if name in fields}
 
-    def _read(self, function: str, content: bytes, **options: Any) -> Any:
-        from scipy import io as scipy_io
+        super().__init__(arrays | {name: value.shape for name, value in fields.items()}, load)
 
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                return getattr(scipy_io, function)(io.BytesIO(content), **options)
-        # A broken file makes scipy raise whatever its parser meets.
-        except Exception as error:
-            raise ValueError(
-                f"not a whole .mat file of numbers ({type(error).__name__}: {error}); save it in "
-                "version 7 or older, or as .csv"
-            ) from None
+
+def _load(content, names):
+    """Arrays of the file by name; a complex one shows itself only here."""
+    if not names:
+        return {}
+    values = _read("loadmat", content, variable_names=names)
+    found = {name: values[name] for name in names if name in values}
+    return {name: each for name, each in found.items() if np.isrealobj(each)}
+
+
+def _read(function: str, content: bytes, **options: Any) -> Any:
+    from scipy import io as scipy_io
+
+    with broken_file(".mat file of numbers", "save it in version 7 or older, or as .csv"):
+        return getattr(scipy_io, function)(io.BytesIO(content), **options)
+
+
+def _fields(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
+    """(name, numbers) of every field of a structure that holds real numbers."""
+    if isinstance(value, dict):
+        for key, part in value.items():
+            yield from _fields(f"{name}.{key}" if name else key, part)
+    elif isinstance(value, list) or getattr(value, "dtype", np.dtype(float)).kind == "O":
+        for place, part in enumerate(np.ravel(np.array(value, dtype=object))):
+            if isinstance(part, dict):
+                yield from _fields(f"{name}[{place}]", part)
+    else:
+        array = np.asarray(value)
+        if array.dtype.kind in REAL_KINDS and array.ndim <= 2 and array.size:
+            yield name, array
+
+
+def _refuse_claims(content):
+    """Refuse structures that claim more than the file holds.
+
+    Raises
+    ------
+    Unreadable
+    """
+    order = {b"IM": "<", b"MI": ">"}.get(content[126:128])
+    if order is None:
+        raise Unreadable("the header of a .mat file with structures is broken: save it again")
+    try:
+        for kind, data in _elements(memoryview(content)[HEADER_BYTES:], order):
+            if kind == COMPRESSED:
+                # Only structures are unpacked here: arrays are read by their shape.
+                _, head = next(_elements(_unpacked(data, HEAD_BYTES), order))
+                if _class_of(head, order) != STRUCTURE:
+                    continue
+                kind, data = next(_elements(_unpacked(data, LARGEST_STRUCTURE), order))
+            if kind == MATRIX and _class_of(data, order) == STRUCTURE:
+                _count_parts(data, order, 0)
+    except (struct.error, zlib.error, StopIteration, IndexError, RuntimeError):
+        raise Unreadable("a structure of the .mat file is cut short: save it again") from None
+
+
+def _elements(data, order):
+    """(kind, content) of the elements that follow each other."""
+    place = 0
+    while place + 8 <= len(data):
+        kind, size = struct.unpack_from(f"{order}II", data, place)
+        # Up to four bytes lie within the tag itself.
+        if kind >> 16:
+            kind, size, start, place = kind & 0xFFFF, kind >> 16, place + 4, place + 8
+        else:
+            start = place + 8
+            place = start + size + (0 if kind == COMPRESSED else -size % 8)
+        yield kind, data[start : start + size]
+
+
+def _unpacked(data, most):
+    """The content of a compressed element; its first bytes where few are asked for."""
+    reader = zlib.decompressobj()
+    unpacked = reader.decompress(data, most)
+    if reader.unconsumed_tail and most > HEAD_BYTES:
+        raise Unreadable(f"a structure of it is larger than {most / 1e6:.0f} MB: shorten it")
+    return memoryview(unpacked)
+
+
+def _class_of(data, order):
+    return struct.unpack_from(f"{order}I", next(_elements(data, order))[1])[0] & 0xFF
+
+
+def _count_parts(data, order, depth):
+    """Parts of a matrix in all; refused where they are too many or too deep."""
+    if depth > DEEPEST:
+        raise Unreadable(f"its structures are nested more than {DEEPEST} deep")
+    if len(data) == 0 or _class_of(data, order) not in (CELL, STRUCTURE, OBJECT):
+        return 1
+    parts = _elements(data, order)
+    sort = struct.unpack_from(f"{order}I", next(parts)[1])[0] & 0xFF
+    shape = next(parts)[1]
+    claimed = np.prod(np.frombuffer(shape, f"{order}i4"), dtype=float)
+    next(parts)
+    if sort == OBJECT:
+        next(parts)
+    if sort != CELL:
+        length = max(1, struct.unpack_from(f"{order}i", next(parts)[1])[0])
+        claimed *= max(1, len(next(parts)[1]) // length)
+    if claimed > MOST_PARTS or 8.0 * claimed > len(data) + 8:
+        raise Unreadable("a structure of it claims more parts than it holds, or too many")
+    total = 1
+    for kind, part in parts:
+        total += _count_parts(part, order, depth + 1) if kind == MATRIX else 1
+        if total > MOST_PARTS:
+            raise Unreadable(f"its structures have more than {MOST_PARTS} parts")
+    return total

@@ -1,21 +1,24 @@
-"""Columns of recorded motion from CSV, .npy, .wav and .mat files."""
+"""Files of recorded motion: their size, their kind, and the reader of each kind."""
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
-from collections.abc import Callable
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import Any
 
 from harvester.errors import SceneError
+from harvester.excitation.hdf5_file import Hdf5Table
+from harvester.excitation.ide_file import IdeTable
+from harvester.excitation.lvm_file import LvmTable
 from harvester.excitation.mat_file import MatTable
 from harvester.excitation.npy_file import NpyTable
+from harvester.excitation.table import Table
+from harvester.excitation.tdms_file import TdmsTable
 from harvester.excitation.text_file import TextTable
 from harvester.excitation.wav_file import WavTable
-from harvester.files.plain_text import named, nearest, shown
+from harvester.files.plain_text import named
 from harvester.files.reading import memory_limit, read_input
 
 # Bytes: a text takes seconds to read, and .npy of the same motion is smaller.
@@ -25,35 +28,42 @@ FILE_SHARE = 0.25
 # Memory that reading and conditioning take for each sample, at most (measured: 92).
 BYTES_PER_SAMPLE = 100
 READERS: dict[str, Any] = {".npy": NpyTable, ".wav": WavTable, ".mat": MatTable}
-# How files begin that are often named .csv, .npy or .wav by mistake.
-FOREIGN = {
-    b"PK\x03\x04": "a zip archive (.npz, .xlsx, .zip)",
-    b"PK\x05\x06": "an empty zip archive",
-    b"\x1f\x8b": "compressed (gzip)",
-    b"BZh": "compressed (bzip2)",
-    b"\xfd7zXZ": "compressed (xz)",
-    b"\x28\xb5\x2f\xfd": "compressed (zstd)",
-    b"\x89HDF": "an HDF5 file (.h5, .mat)",
+# By how files begin, whatever their ending.
+READERS_BY_START: dict[bytes, Any] = {
+    b"\x89HDF\r\n\x1a\n": Hdf5Table,
+    b"MATLAB 7.3 MAT-file": Hdf5Table,
+    b"TDSm": TdmsTable,
+    b"\x1aE\xdf\xa3": IdeTable,
+    b"LabVIEW Measurement": LvmTable,
 }
-SHOWN_NAMES = 12
-
-
-class Columns(NamedTuple):
-    """What a file holds, before units.
-
-    Attributes
-    ----------
-    values : ndarray, shape (n,)
-        NaN where the file holds no number.
-    times : ndarray, shape (n,), or None
-        s, as in the time column.
-    sampling_rate : float or None
-        Hz, where the file itself tells it.
-    """
-
-    values: np.ndarray
-    times: np.ndarray | None
-    sampling_rate: float | None
+BINARY_ENDINGS = (*READERS, ".h5", ".hdf5", ".hdf", ".nc", ".tdms", ".ide")
+# How files begin that are often taken for records, and what to do with them.
+UNPACK = "unpack it"
+EXPORT = "export the samples as .csv from the program that wrote it"
+FOREIGN = {
+    b"PK\x03\x04": ("a zip archive (.npz, .xlsx, .zip)", f"{UNPACK}, or save its table as .csv"),
+    b"PK\x05\x06": ("an empty zip archive", UNPACK),
+    b"\x1f\x8b": ("compressed (gzip)", UNPACK),
+    b"BZh": ("compressed (bzip2)", UNPACK),
+    b"\xfd7zXZ": ("compressed (xz)", UNPACK),
+    b"\x28\xb5\x2f\xfd": ("compressed (zstd)", UNPACK),
+    b"7z\xbc\xaf": ("compressed (7z)", UNPACK),
+    b"Rar!": ("compressed (rar)", UNPACK),
+    b"\xd0\xcf\x11\xe0": ("an Excel workbook (.xls)", "save its sheet as .csv"),
+    b"PAR1": ("a Parquet file", "save it by pandas.read_parquet(…).to_csv(…)"),
+    b"ARROW1": ("an Arrow or Feather file", "save it by pandas.read_feather(…).to_csv(…)"),
+    b"SQLite format 3": ("an SQLite database", EXPORT),
+    b"CDF\x01": ("a NetCDF file of version 3", "save it as NetCDF 4 or .csv"),
+    b"CDF\x02": ("a NetCDF file of version 3", "save it as NetCDF 4 or .csv"),
+    b"fLaC": ("a FLAC file", "save it as .wav"),
+    b"OggS": ("an Ogg file", "save it as .wav"),
+    b"ID3": ("an MP3 file", "record it without loss, as .wav"),
+    b"FORM": ("an AIFF file", "save it as .wav"),
+    b"%PDF": ("a PDF document", EXPORT),
+    b"<?xml": ("an XML file (.tdm, .gpx, …)", EXPORT),
+    b"{": ("a JSON file", "save its arrays as .csv or .npy"),
+    b"    -1": ("a universal file (.uff, .unv)", "read it by pyuff and save the samples as .csv"),
+}
 
 
 def read_record(file: str) -> tuple[bytes, str]:
@@ -64,7 +74,7 @@ def read_record(file: str) -> tuple[bytes, str]:
     SceneError
         It is no plain file, is too large, or cannot be read.
     """
-    largest = LARGEST_RECORD if Path(file).suffix.lower() in READERS else LARGEST_TEXT
+    largest = LARGEST_RECORD if Path(file).suffix.lower() in BINARY_ENDINGS else LARGEST_TEXT
     content = read_input(file, "record", int(min(largest, FILE_SHARE * memory_limit())))
     return content, hashlib.sha256(content).hexdigest()
 
@@ -74,41 +84,9 @@ def most_samples() -> int:
     return memory_limit() // BYTES_PER_SAMPLE
 
 
-def read_columns(
-    file: str, content: bytes, column: int | None = None, time_column: str | int | None = None
-) -> Columns:
-    """The column of motion, and that of time where one is named.
-
-    Parameters
-    ----------
-    file : str
-        `.npy`, `.wav`, or text with one line per sample: separated by commas, semicolons, tabs
-        or blanks, with or without a header, comments after #, % or //.
-    content : bytes
-        Of that file.
-    column, time_column : str, int or None
-        Name in the header, or number from 0. Without `column` a file of one column besides
-        time is read.
-
-    Returns
-    -------
-    Columns
-
-    Raises
-    ------
-    SceneError
-    """
-    where = named(file)
-    with _telling(where):
-        table = read_table(file, content)
-        places = _places(where, table, column, time_column)
-        values, *times = table.take(places)
-    return Columns(values, times[0] if times else None, table.rate)
-
-
 @contextlib.contextmanager
-def _telling(where):
-    """What a reader finds wrong, as a refusal of the file."""
+def refused_as_record(where: str) -> Iterator[None]:
+    """What a reader finds wrong, as a refusal of the file `where`."""
     try:
         yield
     except ValueError as error:
@@ -121,45 +99,22 @@ def _one_line(error):
     return " ".join(str(error).split())
 
 
-def read_named_columns(
-    file: str, content: bytes, wanted: Callable[[list[str], int], dict[str, int]]
-) -> tuple[dict[str, np.ndarray], float | None]:
-    """Several columns of a file by names of the caller's, and the rate where the file tells it.
-
-    Parameters
-    ----------
-    file : str
-    content : bytes
-        Of that file.
-    wanted : callable
-        Of the header's names (empty without a header) and the number of columns; gives the place
-        of each column by its new name.
-
-    Raises
-    ------
-    SceneError
-    """
-    with _telling(named(file)):
-        table = read_table(file, content)
-        places = wanted(table.names, table.width)
-        columns = table.take(list(places.values()))
-    return dict(zip(places, columns, strict=True)), table.rate
-
-
-def read_table(file: str, content: bytes) -> Any:
-    """A file's table by its reader: names, width, rows, rate, take.
+def read_table(file: str, content: bytes) -> Table:
+    """A file's table by its reader.
 
     Raises
     ------
     ValueError
         It is none, or has more samples than fit into memory.
     """
-    sort = next((sort for start, sort in FOREIGN.items() if content.startswith(start)), None)
-    if sort:
-        raise ValueError(f"it is {sort}: unpack it, or save the samples as .csv, .npy or .wav")
+    for start, (sort, cure) in FOREIGN.items():
+        if content.startswith(start):
+            raise ValueError(f"it is {sort}: {cure}")
     if not content:
         raise ValueError("it is empty")
-    table = READERS.get(Path(file).suffix.lower(), TextTable)(content)
+    by_start = (sort for start, sort in READERS_BY_START.items() if content.startswith(start))
+    reader = next(by_start, None) or READERS.get(Path(file).suffix.lower(), TextTable)
+    table: Table = reader(content)
     if table.width == 0 or table.rows == 0:
         raise ValueError("it holds no samples")
     if table.rows > most_samples():
@@ -168,39 +123,3 @@ def read_table(file: str, content: bytes) -> Any:
             "shorten it or lower its sampling rate"
         )
     return table
-
-
-def _places(where, table, column, time_column):
-    """Numbers of the column of motion and, where one is named, that of time."""
-    names, width = table.names, table.width
-    times = [] if time_column is None else [_place(where, "time_column", time_column, table)]
-    if column is not None:
-        return [_place(where, "column", column, table), *times]
-    others = [place for place in range(width) if place not in times]
-    if len(others) != 1:
-        listed = _listed(names) or f"0 … {width - 1}"
-        raise SceneError(f"{where}: excitation.column is missing; the file has {listed}")
-    return [*others, *times]
-
-
-def _place(where, key, wanted, table):
-    """Number of a column given by name or number."""
-    if isinstance(wanted, str):
-        if wanted in table.names:
-            return table.names.index(wanted)
-        listed = _listed(table.names) or "no header, only numbers"
-        raise SceneError(
-            f"{where}: excitation.{key} = {shown(wanted)}: no such column"
-            f"{nearest(wanted, table.names)}; the file has {listed}"
-        )
-    if not 0 <= wanted < table.width:
-        raise SceneError(
-            f"{where}: excitation.{key} = {shown(wanted)}: the file has columns "
-            f"0 … {table.width - 1}"
-        )
-    return wanted
-
-
-def _listed(names):
-    more = f", … ({len(names)} in all)" if len(names) > SHOWN_NAMES else ""
-    return ", ".join(named(name) for name in names[:SHOWN_NAMES]) + more

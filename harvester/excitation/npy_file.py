@@ -7,10 +7,12 @@ import warnings
 
 import numpy as np
 
+from harvester.excitation.table import Table
+
 REAL_KINDS = "iuf"
 
 
-class NpyTable:
+class NpyTable(Table):
     """Samples by columns; the fields of a structured array are columns with names.
 
     Parameters
@@ -32,8 +34,6 @@ class NpyTable:
     ValueError
         It holds no such array.
     """
-
-    rate = None
 
     def __init__(self, content: bytes) -> None:
         table = _array(content)

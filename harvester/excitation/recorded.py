@@ -6,16 +6,18 @@ import math
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 
 from harvester.errors import SceneError
 from harvester.excitation import conditioning
 from harvester.excitation.base import Excitation, ExcitationPath, kernel_loss
-from harvester.excitation.motion_file import most_samples, read_columns, read_record
+from harvester.excitation.columns import motion_columns
+from harvester.excitation.motion_file import most_samples, read_record
+from harvester.excitation.quantities import ACCELERATION, QUANTITIES, unit_named
 from harvester.files import plain_text
-from harvester.files.plain_text import named
+from harvester.files.plain_text import named, nearest
 from harvester.scene.keys import Key, not_negative, positive
 
 if TYPE_CHECKING:
@@ -23,6 +25,10 @@ if TYPE_CHECKING:
 
     from harvester.scene.model import Run
 
+UNITS = (*ACCELERATION, "scaled")
+# The band that holds this share of the record's power misses the device if it lies beyond the
+# device's frequency by more than this factor.
+BAND_SHARE, BAND_MISS = 0.99, 3.0
 # Offset over the rms from which on the result carries a note.
 NOTED_OFFSET = 0.1
 STRETCHES = 4
@@ -30,7 +36,7 @@ STRETCHES = 4
 
 @dataclass(frozen=True)
 class RecordedMotion(Excitation):
-    """Base acceleration from a file (CSV, .npy, .wav, .mat), linear between its samples.
+    """Base acceleration from a file (docs/excitations.md lists its kinds), linear between samples.
 
     η is minus the base acceleration, as it acts on the displacement relative to the base; in a
     scaled scene (`unit = "scaled"`) the column is η itself.
@@ -39,12 +45,19 @@ class RecordedMotion(Excitation):
     ----------
     file : str
         Relative to the scene's folder in a scene file, else to the working folder.
-    unit : str
-        Of the column: a name in `conditioning.UNITS`.
+    unit : str or None
+        Of the column, scaled: a name in `UNITS`; left out where the column's heading says it, with
+        which it must agree.
     column, time_column : str, int or None
-        Name or number from 0; see `motion_file.read_columns`.
+        Name or number from 0; see `columns.motion_columns`.
+    time_unit : str or None
+        Of the time column; left out where its heading says it.
     sampling_rate : float or None
-        Hz; left out where the time column or the .wav file tells it.
+        Hz; left out where the time column or the file itself says it.
+    start : float or None
+        s after the record's first sample: what is before is left out.
+    scale, offset : float or None
+        The acceleration in `unit` is scale · column + offset: volts or raw counts. Left out: 1, 0.
     full_scale : float
         Of a .wav file, in `unit`.
     detrend : str
@@ -65,10 +78,14 @@ class RecordedMotion(Excitation):
     """
 
     file: str
-    unit: str
+    unit: str | None = None
     column: str | int | None = None
     time_column: str | int | None = None
+    time_unit: str | None = None
     sampling_rate: float | None = None
+    start: float | None = None
+    scale: float | None = None
+    offset: float | None = None
     full_scale: float = 1.0
     detrend: str = "none"
     band: tuple | None = None
@@ -80,10 +97,14 @@ class RecordedMotion(Excitation):
 
     KEYS: ClassVar[dict] = {
         "file": Key(kind=str, required=True),
-        "unit": Key(kind=str, words=tuple(conditioning.UNITS), required=True),
+        "unit": Key(kind=str, words=UNITS),
         "column": Key(kind=(str, int)),
         "time_column": Key(kind=(str, int)),
+        "time_unit": Key(kind=str, words=tuple(QUANTITIES["time"])),
         "sampling_rate": positive(),
+        "start": not_negative(),
+        "scale": Key(),
+        "offset": Key(),
         "full_scale": positive(),
         "detrend": Key(kind=str, words=("none", "mean", "linear")),
         "band": Key(each=not_negative(), count=(2, 2)),
@@ -99,12 +120,16 @@ class RecordedMotion(Excitation):
     @property
     def interval(self) -> float:
         """Between knots (s)."""
-        return _knots(self)[1]
+        return _knots(self).interval
 
     @property
     def samples(self) -> np.ndarray:
         """Base acceleration at the knots (m/s², or η in a scaled scene), shape (n,)."""
-        return _knots(self)[0]
+        return _knots(self).values
+
+    @property
+    def highest_frequency(self) -> float:
+        return 0.5 / one_pass(self).interval
 
     @property
     def kept_samples(self) -> int:
@@ -124,15 +149,16 @@ class RecordedMotion(Excitation):
 
     def check(self, units: str, run: Run, origin: str) -> None:
         if (self.unit == "scaled") != (units == "scaled"):
-            fitting = [unit for unit in conditioning.UNITS if unit != "scaled"]
-            known = '"scaled"' if units == "scaled" else ", ".join(fitting)
+            known = '"scaled"' if units == "scaled" else ", ".join(ACCELERATION)
+            given = f' = "{self.unit}"' if self.unit else " is missing"
             raise SceneError(
-                f'{origin}: excitation.unit = "{self.unit}": a scene with units = "{units}" '
-                f"takes {known}"
+                f'{origin}: excitation.unit{given}: a scene with units = "{units}" takes {known}'
             )
         if self.full_scale != 1.0 and Path(self.file).suffix.lower() != ".wav":
             raise SceneError(f"{origin}: excitation.full_scale belongs to .wav files")
-        interval = one_pass(self)[1]
+        if self.scale == 0.0:
+            raise SceneError(f"{origin}: excitation.scale = 0: must be another number than 0")
+        interval = one_pass(self).interval
         if self.knot_spacing is not None and self.knot_spacing > interval * (1.0 + 1e-9):
             raise SceneError(
                 f"{origin}: excitation.knot_spacing = {self.knot_spacing:g}: must be a number in "
@@ -174,9 +200,11 @@ class RecordedMotion(Excitation):
         squares = [float(np.mean(part**2)) for part in np.array_split(values, STRETCHES)]
         change = max(squares) / min(squares) if min(squares) > 0.0 else math.inf
         lines = [
+            *_band_remark(self, angular_frequency),
+            *(f"record {name}: {remark}" for remark in _knots(self).remarks),
             f"record {name} ({self.sha256[:12]}), {length:g} s, linear between knots "
             f"{self.interval:.4g} s apart: its density at the device's frequency is {loss:.1%} "
-            "below that of the band-limited signal"
+            "below that of the band-limited signal",
         ]
         if repeats:
             times = (run.settle + run.duration) * run.realizations / length
@@ -250,27 +278,43 @@ class RecordPath(ExcitationPath):
         return np.where(places < size, self._samples[np.minimum(places, size - 1)], 0.0)
 
 
+class Knots(NamedTuple):
+    """Base acceleration at the knots (m/s², or η in a scaled scene), shape (n,), their interval
+    (s), and what was mended of the record, in words."""
+
+    values: np.ndarray
+    interval: float
+    remarks: tuple[str, ...]
+
+
 @lru_cache(maxsize=4)
-def _knots(record):
-    """(samples in m/s², their interval) of a record; kept, as every realization asks."""
+def _knots(record: RecordedMotion) -> Knots:
+    """The knots of a record; kept, as every realization asks."""
     name = named(Path(record.file).name)
     try:
-        values, interval = _read_knots(record, name)
+        knots = _read_knots(record, name)
     except MemoryError:
         raise SceneError(
             f"{name}: the record does not fit into the free memory: shorten it or lower its "
             "sampling rate"
         ) from None
-    values.flags.writeable = False
-    return values, interval
+    knots.values.flags.writeable = False
+    return knots
 
 
 def _read_knots(record, name):
-    columns = _columns_with_rate(record, name)
-    factor_of_unit = conditioning.UNITS[record.unit] * record.full_scale
-    conditioning.refuse_size(columns.values, factor_of_unit, record.unit, name)
-    values, rate = conditioning.even_samples(columns, record.mend, name, most_samples())
-    values = values * factor_of_unit
+    columns = _from_start(_columns(record, name), record, name)
+    unit, factor_of_unit = _unit_and_factor(record, columns.unit, name)
+    values, markers = conditioning.without_markers(columns.values, record.mend)
+    if record.scale is not None or record.offset is not None:
+        scale = 1.0 if record.scale is None else record.scale
+        values = scale * values + (record.offset or 0.0)
+    factor_of_unit *= record.full_scale
+    conditioning.refuse_size(values, factor_of_unit, unit, name)
+    columns = columns._replace(values=values)
+    even = conditioning.even_samples(columns, record.mend, name, most_samples())
+    rate = even.rate
+    values = even.values * factor_of_unit
     values = conditioning.conditioned(values, rate, record.detrend, record.band, name)
     knots_per_sample = 1.0 / (rate * (record.knot_spacing or 1.0 / rate))
     if not knots_per_sample * values.size <= most_samples():
@@ -283,32 +327,101 @@ def _read_knots(record, name):
     values = conditioning.refined(values, factor)
     if record.repetition == "periodic":
         values = conditioning.closed(values)
-    return values, float(1.0 / (rate * factor))
+    remarks = (*columns.remarks, *markers, *even.remarks)
+    return Knots(values, float(1.0 / (rate * factor)), remarks)
 
 
-def _columns_with_rate(record, name):
-    """The file's columns, with the sampling rate where one is given."""
+def _columns(record, name):
+    """The file's columns."""
     content, digest = read_record(record.file)
     if digest != record.sha256:
         raise SceneError(f"{name}: the record has changed since the scene was read")
-    columns = read_columns(record.file, content, record.column, record.time_column)
-    given = record.sampling_rate
-    if given is not None and columns.sampling_rate not in (None, given):
-        raise SceneError(
-            f"{name}: excitation.sampling_rate = {given:g}: the file says "
-            f"{columns.sampling_rate:g} Hz"
-        )
-    columns = columns._replace(sampling_rate=given or columns.sampling_rate)
-    if columns.sampling_rate is None and columns.times is None:
-        raise SceneError(
-            f"{name}: excitation.sampling_rate is missing (Hz), or time_column to read it from"
-        )
-    return columns
+    return motion_columns(
+        record.file,
+        content,
+        record.column,
+        record.time_column,
+        record.time_unit,
+        record.sampling_rate,
+    )
 
 
-def one_pass(record: RecordedMotion) -> tuple[np.ndarray, float]:
+def _from_start(columns, record, name):
+    """The columns from `record.start` on."""
+    start, times = record.start, columns.times
+    if not start:
+        return columns
+    if times is None:
+        first = math.ceil(start * columns.sampling_rate - 1e-9)
+    else:
+        with np.errstate(invalid="ignore"):
+            late = np.flatnonzero(times >= start * (1.0 - 1e-12))
+        first = int(late[0]) if late.size else times.size
+    if first >= columns.values.size:
+        raise SceneError(f"{name}: excitation.start = {start:g}: the record ends before (s)")
+    return columns._replace(
+        values=columns.values[first:], times=None if times is None else times[first:] - times[first]
+    )
+
+
+def _unit_and_factor(record, written, name):
+    """Unit of the scaled column and its factor to m/s², by the heading and the scene."""
+    own = unit_named("acceleration", written) if written else None
+    if record.unit == "scaled":
+        if own:
+            raise SceneError(
+                f'{name}: the heading says {named(written)}, and the scene has units = "scaled": '
+                'take one with units = "SI", or a record in scaled units'
+            )
+        return "scaled", 1.0
+    if written and own is None and record.scale is None:
+        raise SceneError(
+            f"{name}: the heading says {named(written)}, which is no unit of acceleration"
+            f"{nearest(written, ACCELERATION)}: give excitation.scale, the acceleration of one "
+            f"{named(written)}, with its unit, or choose another excitation.column"
+        )
+    unit = record.unit or own
+    if unit is None:
+        raise SceneError(
+            f"{name}: excitation.unit is missing, and the file says none: it is one of "
+            f"{', '.join(ACCELERATION)}"
+        )
+    if own and ACCELERATION[own] != ACCELERATION[unit]:
+        raise SceneError(
+            f'{name}: excitation.unit = "{unit}": the heading says {named(written)}: leave unit '
+            "out, or correct the one that is wrong"
+        )
+    return unit, ACCELERATION[unit]
+
+
+def one_pass(record: RecordedMotion) -> Knots:
     """The record's own samples, neither refined nor closed, and their interval (s)."""
     return _knots(replace(record, repetition="none", knot_spacing=None))
+
+
+@lru_cache(maxsize=4)
+def _power_band(record: RecordedMotion) -> tuple[float, float]:
+    """Frequencies (Hz) between which the record has `BAND_SHARE` of its power."""
+    values, interval, _ = one_pass(record)
+    power = np.abs(np.fft.rfft(values - values.mean())) ** 2
+    gathered = np.cumsum(power) / power.sum()
+    frequencies = np.fft.rfftfreq(values.size, interval)
+    ends = np.searchsorted(gathered, [0.5 * (1.0 - BAND_SHARE), 0.5 * (1.0 + BAND_SHARE)])
+    low, high = frequencies[np.minimum(ends, frequencies.size - 1)]
+    return float(low), float(high)
+
+
+def _band_remark(record, angular_frequency):
+    """A line if the record's power lies far from the device's frequency."""
+    frequency = angular_frequency / (2.0 * math.pi)
+    low, high = _power_band(record)
+    if not 0.0 < frequency < math.inf or low / BAND_MISS <= frequency <= high * BAND_MISS:
+        return ()
+    return (
+        f"the record misses the device: {BAND_SHARE:.0%} of its power lies between {low:.3g} and "
+        f"{high:.3g} Hz, and the device moves at {frequency:.3g} Hz: see that time_unit or "
+        "sampling_rate are right",
+    )
 
 
 @lru_cache(maxsize=4)
@@ -316,7 +429,7 @@ def _equivalent_noise(record):
     """Noise with the record's greatest density, D = π S, and its variance D/τ1."""
     from scipy import signal
 
-    values, interval = _knots(record)
+    values, interval, _ = _knots(record)
     _, density = signal.welch(values, 1.0 / interval, nperseg=min(values.size, 1024))
     # One-sided per hertz: 4 π S(ω).
     intensity = float(density.max()) / 4.0

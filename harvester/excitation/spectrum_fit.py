@@ -181,7 +181,7 @@ def fit_spectrum(record: RecordedMotion, device_frequency: float) -> SpectrumFit
     """
     from scipy import optimize, signal, stats
 
-    values, interval = one_pass(record)
+    values, interval, _ = one_pass(record)
     length = values.size // STRETCHES
     frequency, density = signal.welch(values, 1.0 / interval, nperseg=max(length, 8))
     used = _band(record, frequency, FITTED_SHARE * 0.5 / interval)

@@ -41,6 +41,10 @@ class Sum(Excitation):
         return sum(part.kept_samples for part in self.parts)
 
     @property
+    def highest_frequency(self) -> float:
+        return min(part.highest_frequency for part in self.parts)
+
+    @property
     def symmetric(self) -> bool:
         return all(part.symmetric for part in self.parts)
 

@@ -2,45 +2,88 @@
 
 from __future__ import annotations
 
+import csv
 import io
+import re
 from array import array
-from typing import Any
+from collections import Counter, deque
+from collections.abc import Iterator
+from math import isnan, nan
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from harvester.excitation.quantities import heading, is_unit
+from harvester.excitation.table import Table
+from harvester.excitation.time_stamps import StampReader, is_stamp
+
 COMMENTS = ("#", "%", "//")
-# The first that a line holds; else blanks.
 SEPARATORS = (";", "\t", ",")
+# (separator, decimal mark) of a line; None are blanks. The first of equally good ones is taken;
+# decimal commas between commas are quoted.
+FORMS = (
+    *((separator, ".") for separator in (*SEPARATORS, None)),
+    *((separator, ",") for separator in (";", "\t", None, ",")),
+)
 # Characters: a line is one sample of every column.
 LONGEST_LINE = 1_000_000
+# The form is that of most of the last lines, of which a footer may be fewer than half.
+LINES_SEEN, BYTES_SEEN = 41, 200_000
+HEADER_LINES = 50
+NO_NUMBER = ("nan", "na", "n/a", "#n/a", "null", "none", "-", "--")
+NUMBER, STAMP, TEXT = "number", "stamp", "text"
+# A quoted field, a unit in brackets, or a word with a unit in brackets behind it.
+BLANK_SEPARATED = re.compile(r"\"[^\"]*\"|[\[(][^\])]*[\])]|\S+(?:\s+[\[(][^\])]*[\])])?")
+# What loggers write in a row of units for a column without one.
+NO_UNIT = ("", "-", "ts", "rn")
+# Decimals and exponent of a number, of which a line that was cut short has fewer.
+DIGITS = re.compile(r"[+-]?\d*[.,]?(\d*)([eE][+-]?\d*)?")
 
 
-class TextTable:
+class Form(NamedTuple):
+    """How a line of samples is written.
+
+    Attributes
+    ----------
+    separator : str or None
+        None are blanks.
+    decimal : str
+        "." or ",".
+    kinds : tuple of str
+        Of each column: `NUMBER`, `STAMP` or `TEXT`.
+    """
+
+    separator: str | None
+    decimal: str
+    kinds: tuple[str, ...]
+
+    def fits(self, fields: list[str]) -> bool:
+        """Whether a line has numbers and stamps, or nothing, where most lines have them."""
+        if len(fields) != len(self.kinds):
+            return False
+        pairs = [pair for pair in zip(fields, self.kinds, strict=True) if pair[1] != TEXT]
+        return any(field.strip() for field, _ in pairs) and all(
+            not field.strip() or _kind(field, self.decimal) == kind for field, kind in pairs
+        )
+
+
+class TextTable(Table):
     """Columns separated by commas, semicolons, tabs or blanks, with or without a header.
+
+    Numbers may be quoted, and have decimal commas where another sign separates them. The last line
+    may be cut short, and a footer may follow the samples. The names are those of the header, or of
+    the comment above the first line, and may have a row of units below them.
 
     Parameters
     ----------
     content : bytes
         UTF-8; lines that begin with #, % or // are comments.
 
-    Attributes
-    ----------
-    names : list of str
-        Of the header; empty without one.
-    width : int
-        Columns.
-    rows : int
-        Samples in each.
-    rate : None
-        A text file's comments are not read.
-
     Raises
     ------
     ValueError
-        It is no text, or its last line holds no numbers.
+        It is no text, or its last lines hold no numbers.
     """
-
-    rate = None
 
     def __init__(self, content: Any) -> None:
         if b"\0" in content:
@@ -48,43 +91,54 @@ class TextTable:
                 "it holds NUL bytes, as text in UTF-16 or no text does: save it as UTF-8"
             )
         self._content = content
-        last = None
-        for _, line in self._lines():
-            last = line
-        # The last line is one of samples, whatever stands in front of the first.
-        self._separator, numeric = _layout(last) if last else (None, [])
-        if not any(numeric):
-            raise ValueError("its last line holds no numbers (with decimal points, not commas)")
-        self.width = len(numeric)
-        self.rows, self._first, header = 0, 0, []
-        for number, line in self._lines():
-            if self.rows == 0 and not _fits(line, self._separator, numeric):
-                header = line.split(self._separator)
-                continue
-            self._first = self._first if self.rows else number
-            self.rows += 1
-            width = line.count(self._separator) + 1 if self._separator else len(line.split())
-            if width != self.width:
-                raise ValueError(
-                    f"line {number + 1} has {width} columns, and the last one {self.width}"
-                )
-        names = [name.strip().strip('"') for name in header]
-        self.names = names if len(names) == self.width else []
+        last_lines = self._last_lines()
+        self._form = _form_of(last_lines)
+        kinds = self._form.kinds
+        self.width = len(kinds)
+        self.texts = [place for place, kind in enumerate(kinds) if kind == TEXT]
+        self.rows, self._first = 0, 0
+        above, left_out = self._scan()
+        if self.rows > 1 and not left_out and self._is_cut_short(last_lines):
+            self.rows, left_out = self.rows - 1, 1
+        if left_out:
+            lines = "line holds" if left_out == 1 else f"{left_out} lines hold"
+            verb = "is" if left_out == 1 else "are"
+            self.remarks = (f"the file's last {lines} no whole sample and {verb} left out",)
+        self.names, units = _names_and_units(above, self._form)
+        self.units = [
+            "s" if kind == STAMP else unit for kind, unit in zip(kinds, units, strict=True)
+        ]
 
     def take(self, places: list[int]) -> list[np.ndarray]:
-        """The columns at `places`, each float64 of shape (rows,); NaN where there is no number."""
+        """The columns at `places`, each float64 of shape (rows,); NaN where there is no number.
+
+        Time stamps are seconds after the first.
+        """
         columns = [array("d") for _ in places]
-        appends = [(column.append, place) for column, place in zip(columns, places, strict=True)]
-        for number, line in self._lines():
-            if number < self._first:
+        readers = [
+            (column.append, place, self._reader(place))
+            for column, place in zip(columns, places, strict=True)
+        ]
+        left = self.rows
+        for number, line, comment in self._lines():
+            if number < self._first or comment:
                 continue
-            fields = line.split(self._separator)
-            for append, place in appends:
-                append(_float(fields[place]))
+            if left == 0:
+                break
+            left -= 1
+            fields = _fields(line, self._form.separator)
+            for append, place, read in readers:
+                append(read(fields[place]))
         return [np.frombuffer(column) for column in columns]
 
-    def _lines(self):
-        """(number from 0, text) of each line that is neither blank nor a comment."""
+    def _reader(self, place):
+        if self._form.kinds[place] == STAMP:
+            return StampReader().seconds
+        decimal = self._form.decimal
+        return lambda text: _float(text, decimal)
+
+    def _lines(self) -> Iterator[tuple[int, str, bool]]:
+        """(number from 0, text, whether it is a comment) of each line that is not blank."""
         stream = io.TextIOWrapper(io.BytesIO(self._content), encoding="utf-8-sig")
         number = 0
         while line := stream.readline(LONGEST_LINE + 1):
@@ -93,34 +147,179 @@ class TextTable:
                     f"line {number + 1} is longer than {LONGEST_LINE} characters: write one line "
                     "per sample"
                 )
-            if line.strip() and not line.lstrip().startswith(COMMENTS):
-                yield number, line
+            if line.strip():
+                yield number, line, line.lstrip().startswith(COMMENTS)
             number += 1
 
+    def _last_lines(self):
+        """The last lines that are no comments; the first of a long file's end may be a part."""
+        end = self._content[-BYTES_SEEN:].decode("utf-8-sig", errors="replace")
+        lines = re.split(r"\r\n|\r|\n", end)
+        lines = lines[1:] if len(self._content) > BYTES_SEEN and len(lines) > 2 else lines
+        kept = [line for line in lines if line.strip() and not line.lstrip().startswith(COMMENTS)]
+        return kept[-LINES_SEEN:]
 
-def _layout(line):
-    """(separator, which fields are numbers) of a line of samples; dates and names may be there."""
-    separator = next((mark for mark in SEPARATORS if mark in line), None)
-    return separator, [_is_number(text) for text in line.split(separator)]
+    def _scan(self):
+        """Count the rows: (lines above the first, with whether they are comments; lines behind)."""
+        above = deque(maxlen=HEADER_LINES)
+        form = self._form
+        number_at = form.kinds.index(NUMBER) if NUMBER in form.kinds else None
+        waiting, ragged, last = 0, None, []
+        for number, line, comment in self._lines():
+            if comment:
+                if not self.rows:
+                    above.append((line, True))
+                continue
+            fields = _fields(line, form.separator)
+            # One number shows a row between others; the first row and the last are seen whole.
+            quick = self.rows and number_at is not None and len(fields) == self.width
+            quick = quick and not isnan(_float(fields[number_at], form.decimal))
+            if quick or form.fits(fields):
+                if ragged:
+                    raise ValueError(
+                        f"line {ragged[0] + 1} has {ragged[1]} columns, and the last ones "
+                        f"{self.width}"
+                    )
+                self._first = self._first if self.rows else number
+                self.rows += waiting + 1
+                waiting, last = 0, fields
+            elif self.rows:
+                waiting += 1
+                wrong = len(fields) != self.width
+                ragged = (number, len(fields)) if wrong and not ragged else ragged
+            else:
+                above.append((line, False))
+        if self.rows > 1 and not form.fits(last):
+            self.rows, waiting = self.rows - 1, waiting + 1
+        return above, waiting
+
+    def _is_cut_short(self, lines):
+        """Whether the last number has fewer digits than all others, which have the same."""
+        if self._content.endswith((b"\n", b"\r")):
+            return False
+        *others, last = (_fields(line, self._form.separator)[-1] for line in lines)
+        written = {_digits(text) for text in others}
+        return len(others) > 1 and len(written) == 1 and _digits(last) < written.pop()
 
 
-def _fits(line, separator, numeric):
-    """Whether a line has numbers, or nothing, where the last one has numbers."""
-    fields = line.split(separator)
-    return len(fields) == len(numeric) and all(
-        _is_number(text) or not text.strip()
-        for text, wanted in zip(fields, numeric, strict=True)
-        if wanted
+def _digits(text):
+    """(decimals, letters of the exponent) of a number."""
+    match = DIGITS.fullmatch(text.strip())
+    return (len(match[1]), len(match[2] or "")) if match else (0, 0)
+
+
+def _form_of(lines):
+    """The form of most of some lines."""
+    seen = []
+    for line in lines:
+        best, best_share = None, 0.0
+        for separator, decimal in FORMS:
+            if separator is not None and separator not in line:
+                continue
+            fields = _fields(line, separator)
+            kinds = tuple(_kind(field, decimal) for field in fields)
+            empty = sum(not field.strip() for field in fields)
+            share = sum(kind != TEXT for kind in kinds) / max(1, len(kinds) - empty)
+            if share > best_share:
+                best, best_share = Form(separator, decimal, kinds), share
+        if best:
+            seen.append(best)
+    if not seen:
+        raise ValueError("its last lines hold no numbers")
+    (separator, decimal, width), _ = Counter(
+        (form.separator, form.decimal, len(form.kinds)) for form in reversed(seen)
+    ).most_common(1)[0]
+    alike = [form.kinds for form in seen if len(form.kinds) == width]
+    return Form(
+        separator, decimal, tuple(_most_common_kind(column) for column in zip(*alike, strict=True))
     )
 
 
-def _is_number(text):
-    return text.strip().lower() in ("nan", "na", "null") or not np.isnan(_float(text))
+def _most_common_kind(kinds):
+    """Of one column; a gap in it is text, too."""
+    counted = Counter(kind for kind in kinds if kind != TEXT)
+    return counted.most_common(1)[0][0] if counted else TEXT
 
 
-def _float(text):
+def _fields(line, separator):
+    """The fields of a line of samples."""
+    if '"' not in line:
+        return line.split(separator)
+    if separator is None:
+        return [field.strip('"') for field in BLANK_SEPARATED.findall(line)]
+    try:
+        return next(csv.reader([line.strip()], delimiter=separator, skipinitialspace=True))
+    except csv.Error as error:
+        raise ValueError(f"a line of it cannot be read: {error}") from None
+
+
+def _kind(field, decimal):
+    text = field.strip()
+    if text.lower() in NO_NUMBER or not isnan(_float(text, decimal)):
+        return NUMBER
+    return STAMP if ":" in text and is_stamp(text) else TEXT
+
+
+def _float(text, decimal):
     try:
         # Python's own 1_000 is no number elsewhere.
-        return np.nan if "_" in text else float(text)
+        if "_" in text:
+            return nan
+        return float(text) if decimal == "." else float(text.replace(",", "."))
     except ValueError:
-        return np.nan
+        return nan
+
+
+def _names_and_units(above, form):
+    """Names of the columns (none without a header) and the units in a row below them."""
+    rows = [_header_row(line, form) for line, comment in above if not comment]
+    rows = [row for row in rows if row]
+    if not rows:
+        # A comment is a header if it names a quantity: numpy.savetxt writes it so.
+        comments = [_header_row(line.strip().lstrip("#%/"), form) for line, mark in above if mark]
+        rows = [row for row in comments if any(heading(x).quantity or is_unit(x) for x in row)]
+    without = [""] * len(form.kinds)
+    if not rows:
+        _refuse_unquoted_commas(above, form)
+        return [], without
+    for place in range(len(rows) - 1, 0, -1):
+        if _is_unit_row(rows[place]):
+            return rows[place - 1], [unit.strip("[](){} ") for unit in rows[place]]
+    return rows[-1], without
+
+
+def _header_row(line, form):
+    """A line above the samples as one field per column, empty where it has another number."""
+    width = len(form.kinds)
+    others = [mark for mark in SEPARATORS if mark in line and mark != form.separator]
+    for separator in (form.separator, *others):
+        fields = BLANK_SEPARATED.findall(line) if separator is None else _fields(line, separator)
+        fields = [field.strip().strip('"') for field in fields]
+        if len(fields) == width + 1 and not fields[-1]:
+            return fields[:-1]
+        # A separator at the end of each line makes a column without a name.
+        if len(fields) == width - 1 and form.kinds[-1] == TEXT and separator is not None:
+            return [*fields, ""]
+        if len(fields) == width:
+            return fields
+    return [line.strip()] if width == 1 and heading(line).quantity else []
+
+
+def _is_unit_row(row):
+    """Whether a row below the names holds their units."""
+    return any(is_unit(text) for text in row) and all(
+        is_unit(text) or text.lower() in NO_UNIT or re.fullmatch(r"[\[({].*[\])}]", text)
+        for text in row
+    )
+
+
+def _refuse_unquoted_commas(above, form):
+    """Decimal commas between commas make two columns of each."""
+    for line, comment in above:
+        names = [] if comment or form.separator != "," else line.split(",")
+        if len(form.kinds) == 2 * len(names) and any(heading(name).quantity for name in names):
+            raise ValueError(
+                f"its header has {len(names)} names and its lines {len(form.kinds)} columns: "
+                "decimal commas cannot be told from commas between columns: save it with "
+                "semicolons between them"
+            )

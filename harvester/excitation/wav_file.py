@@ -8,13 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from harvester.excitation.table import Table
+
 PCM, FLOAT, EXTENSIBLE = 1, 3, 0xFFFE
 # What a program writes that does not know the size yet.
 UNKNOWN_SIZE = 0xFFFFFFFF
 MOST_CHUNKS = 1000
 
 
-class WavTable:
+class WavTable(Table):
     """Channels as columns; full scale of whole numbers is 1, and unsigned bytes are centred.
 
     Parameters

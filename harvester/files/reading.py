@@ -53,7 +53,10 @@ def read_input(file: Path | str, noun: str, largest: int) -> bytes:
         with open(descriptor, "rb") as stream:
             return stream.read(_check(os.fstat(descriptor), where, noun, largest))
     except OSError as error:
-        raise SceneError(f"{where}: the {noun} cannot be read: {error.strerror}") from None
+        reason = error.strerror
+        if isinstance(error, FileNotFoundError) and os.path.islink(file):
+            reason = f"it is a link to {named(os.readlink(file))}, which does not exist"
+        raise SceneError(f"{where}: the {noun} cannot be read: {reason}") from None
     except ValueError:
         raise SceneError(f"{where}: the {noun} cannot be read: no file has such a name") from None
     except MemoryError:

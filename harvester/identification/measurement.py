@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,47 +10,23 @@ from typing import Any
 import numpy as np
 
 from harvester.errors import SceneError
+from harvester.excitation.columns import MeasuredFile
 from harvester.excitation.conditioning import (
     FEWEST_SAMPLES,
     LARGEST_JITTER,
     SHORTEST_STEP,
-    UNITS,
     flat_crests,
 )
-from harvester.excitation.motion_file import read_named_columns, read_record
+from harvester.excitation.motion_file import read_record
+from harvester.excitation.quantities import QUANTITIES, factor_of, unit_named
 from harvester.files.plain_text import name as plain_name
 from harvester.files.plain_text import named, nearest, shown
 from harvester.identification.measured_response import MeasuredResponse, response_of
 
 OUTPUTS = ("voltage", "displacement", "velocity")
-# Factors to the scene's units; those of a scaled scene have none.
-QUANTITIES: dict[str, dict[str, float]] = {
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
-    "acceleration": {unit: factor for unit, factor in UNITS.items() if unit != "scaled"},
-    "voltage": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "kV": 1e3},
-    "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
-    "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
-    "frequency": {"Hz": 1.0, "kHz": 1e3, "rad/s": 0.5 / math.pi},
-    "phase": {"rad": 1.0, "deg": math.pi / 180.0},
-}
-RESPONSE = {
-    f"{volts}/{bracketed}": volt / factor
-    for volts, volt in QUANTITIES["voltage"].items()
-    for unit, factor in QUANTITIES["acceleration"].items()
-    for bracketed in (f"({unit})" if "/" in unit else unit,)
-}
-QUANTITIES |= dict.fromkeys(("amplitude", "real", "imaginary"), RESPONSE)
-SYNONYMS = {
-    "t": "time",
-    "f": "frequency",
-    "base acceleration": "acceleration",
-    "voltage amplitude": "amplitude",
-    "voltage phase": "phase",
-    "real part": "real",
-    "imaginary part": "imaginary",
-}
-# A name of a header with its unit behind it, in brackets, which a unit may contain.
-HEADER = re.compile(r"\s*([^\[(]*?)\s*(?:\[\s*([^\]]*?)\s*\]|\(\s*(.*?)\s*\))\s*")
+# Settings that turn a raw column into its quantity: scale · column + offset.
+LINE_ENDS = ("scale", "offset")
+LINES = tuple(f"{name}_{end}" for name in ("acceleration", *OUTPUTS) for end in LINE_ENDS)
 
 
 @dataclass(frozen=True)
@@ -149,9 +123,11 @@ def read_measurement(
     settings : dict of str to value, optional
         `acceleration`, `voltage`, `displacement`, `velocity`, `time`, of a response `frequency`,
         `amplitude` and `phase`, or `real` and `imaginary`: the column's name or number from 0, with
-        its unit behind a colon ("2:mV"); `sampling_rate` (Hz); any other key is one of
-        the scene, which had this value while the record was taken. A column whose header says
-        "voltage [mV]" or the like needs no setting.
+        its unit behind a colon ("2:mV") where its heading does not say it; `acceleration_scale`,
+        `acceleration_offset` and those of the others: the quantity is scale · column + offset in
+        that unit; `sampling_rate` (Hz); any other key is one of the scene, which had this value
+        while the record was taken. A column whose heading says "voltage [mV]" or the like needs no
+        setting.
     units : str
         Of the scene: "SI", or "scaled", where no column has a unit.
 
@@ -162,22 +138,17 @@ def read_measurement(
     """
     path, settings = str(file), dict(settings or {})
     where = named(path)
-    given = {name: settings.pop(name) for name in QUANTITIES if name in settings}
-    rate = settings.pop("sampling_rate", None)
+    given = {name: str(settings.pop(name)) for name in QUANTITIES if name in settings}
+    lines = {name: _number(where, name, settings.pop(name)) for name in LINES if name in settings}
+    rate = _number(where, "sampling_rate", settings.pop("sampling_rate", None))
     for key in settings:
         if "." not in key:
-            known = [*QUANTITIES, "sampling_rate"]
+            known = [*QUANTITIES, *LINES, "sampling_rate"]
             raise SceneError(f"{where}: unknown setting {named(key)}{nearest(key, known)}")
-    factors: dict[str, float] = {}
-
-    def wanted(names: list[str], width: int) -> dict[str, int]:
-        found = _columns(given, names, width, units, where)
-        factors.update({name: factor for name, (_, factor) in found.items()})
-        return {name: place for name, (place, _) in found.items()}
-
     content, _ = read_record(path)
-    columns, own_rate = read_named_columns(path, content, wanted)
-    columns = {name: values * factors[name] for name, values in columns.items()}
+    measured = MeasuredFile(path, content)
+    rate = measured.table.rate if rate is None else rate
+    columns = _columns(measured, given, lines, units, rate)
     if "frequency" in columns:
         return response_of(columns, settings, plain_name(Path(path).name))
     if "acceleration" not in columns:
@@ -185,90 +156,101 @@ def read_measurement(
             f"{where}: no column of the base's acceleration: write acceleration [m/s^2] in its "
             "header, or acceleration=COLUMN:UNIT behind the file"
         )
-    rate = _rate(columns.pop("time", None), rate, own_rate, where)
     return Measurement(
-        sampling_rate=rate,
+        sampling_rate=_rate(columns.pop("time", None), rate, where),
         changes=settings,
         name=plain_name(Path(path).name),
         **columns,
     )
 
 
-def _columns(given, names, width, units, where):
-    """(place, factor) of each quantity: as given, else by the header."""
-    found = {}
-    for place, header in enumerate(names):
-        title, unit = _title_and_unit(header)
-        title = title.lower().replace("_", " ")
-        quantity = SYNONYMS.get(title, title)
-        if quantity in QUANTITIES and quantity not in found and quantity not in given:
-            found[quantity] = place, _factor(quantity, unit, units, where)
-    for quantity, text in given.items():
-        column, unit = _column_and_unit(quantity, str(text), names)
-        found[quantity] = (
-            _place(quantity, column, names, width, where),
-            _factor(quantity, unit, units, where),
-        )
-    return found
+def _number(where, key, value):
+    """A setting's number."""
+    try:
+        return None if value is None else float(value)
+    except ValueError:
+        raise SceneError(f"{where}: {key} = {shown(value)}: must be a number") from None
 
 
-def _title_and_unit(header):
-    match = HEADER.fullmatch(header)
-    return (match[1], match[2] or match[3]) if match else (header.strip(), None)
-
-
-def _column_and_unit(quantity, text, names):
-    """A setting's column and unit: what follows the last colon, unless that is in the name."""
-    if text in names:
-        return text, _title_and_unit(text)[1]
-    column, colon, unit = text.rpartition(":")
-    return (column, unit) if colon else (text, None)
-
-
-def _place(quantity, column, names, width, where):
-    if column in names:
-        return names.index(column)
-    if column.isdigit() and int(column) < width:
-        return int(column)
-    listed = ", ".join(map(named, names)) or f"0 … {width - 1}"
-    raise SceneError(
-        f"{where}: {quantity} = {shown(column)}: no such column{nearest(column, names)}; the file "
-        f"has {listed}"
-    )
-
-
-def _factor(quantity, unit, units, where):
-    """To the scene's units."""
-    known = QUANTITIES[quantity]
-    if units != "SI" and unit in (None, "", "scaled", "1"):
-        return 1.0
-    if not unit:
+def _columns(measured, given, lines, units, rate):
+    """The columns of each quantity in SI, or in the scene's scaled units."""
+    places, unit_of = _places(measured, given), {}
+    for quantity, place in places.items():
+        unit = _column_and_unit(given.get(quantity, ""), measured.table.names)[1]
+        scaled_by = any(f"{quantity}_{end}" in lines for end in LINE_ENDS)
+        unit_of[quantity] = _unit(measured, quantity, place, unit, units, scaled_by)
+    values = dict(zip(places, measured.take(list(places.values())), strict=True))
+    for quantity, unit in unit_of.items():
         if quantity == "time":
-            return 1.0
+            cure = "write sampling_rate=HZ behind the file"
+            place = places[quantity]
+            values[quantity] = measured.seconds(values[quantity], place, unit or "s", rate, cure)
+            if rate is not None:
+                measured.compare_rates(values[quantity], rate, place)
+            continue
+        factor = QUANTITIES[quantity][unit] if unit else 1.0
+        scale, offset = (lines.get(f"{quantity}_{end}") for end in LINE_ENDS)
+        line = (1.0 if scale is None else scale) * values[quantity] + (offset or 0.0)
+        values[quantity] = line * factor
+    return values
+
+
+def _places(measured, given):
+    """Place of each quantity: as given, else by the headings, the plainest title first."""
+    places = {}
+    for quantity in QUANTITIES:
+        if quantity in given:
+            continue
+        found = measured.times() if quantity == "time" else measured.of(quantity)
+        plain = [place for place in found if measured.headings[place].title.lower() == quantity]
+        if quantity == "time" or plain or len(found) < 2:
+            places |= {quantity: (plain or found)[0]} if found else {}
+            continue
+        names = ", ".join(named(measured.table.names[place]) for place in found)
+        raise SceneError(
+            f"{measured.where}: several columns may be the {quantity} ({names}): name one by "
+            f"{quantity}=COLUMN:UNIT behind the file"
+        )
+    for quantity, text in given.items():
+        column = _column_and_unit(text, measured.table.names)[0]
+        number = column not in measured.table.names and column.isdigit()
+        places[quantity] = measured.place(quantity, int(column) if number else column)
+    return places
+
+
+def _column_and_unit(text, names):
+    """A setting's column and unit: what follows the last colon, unless that is in the name."""
+    column, colon, unit = text.rpartition(":")
+    return (column, unit) if colon and text not in names else (text, None)
+
+
+def _unit(measured, quantity, place, given, units, is_scaled):
+    """A column's unit in its usual spelling; empty for what a scaled scene takes as it is."""
+    where, written = measured.where, measured.headings[place].unit
+    if units != "SI" and (given or written) in (None, "", "scaled", "1"):
+        return ""
+    if is_scaled and given:
+        # The heading's unit is that of the raw column.
+        known = QUANTITIES[quantity]
+        factor_of(quantity, given, f"{where}: {quantity}", f"write {next(iter(known))} or the like")
+        return unit_named(quantity, given)
+    unit = measured.agreed_unit(quantity, place, f"{quantity}=COLUMN:UNIT", given)
+    if units != "SI" and quantity not in ("time", "frequency", "phase"):
+        raise SceneError(
+            f"{where}: {quantity} is in {named(given or written)}, and the scene has units = "
+            '"scaled": take one with units = "SI", or a record in scaled units'
+        )
+    if not unit and quantity != "time":
+        known = QUANTITIES[quantity]
         raise SceneError(
             f"{where}: {quantity} has no unit: write {quantity} [{next(iter(known))}] in its "
             f"header, or {quantity}=COLUMN:UNIT behind the file; units are {', '.join(known)}"
         )
-    plain = unit.replace("²", "^2").replace("µ", "u").replace("μ", "u").replace("s2", "s^2")
-    if units != "SI" and quantity not in ("time", "frequency", "phase"):
-        raise SceneError(
-            f'{where}: {quantity} is in {named(unit)}, and the scene has units = "scaled": take '
-            'one with units = "SI", or a record in scaled units'
-        )
-    if plain not in known:
-        raise SceneError(
-            f"{where}: {quantity}: unknown unit {named(unit)}{nearest(plain, known)}; units are "
-            f"{', '.join(known)}"
-        )
-    return known[plain]
+    return unit
 
 
-def _rate(times, given, own, where):
-    """Sampling rate (Hz) from the time column, the file, or as given."""
-    try:
-        rate = own if given is None else float(given)
-    except ValueError:
-        raise SceneError(f"{where}: sampling_rate = {shown(given)}: must be a number > 0") from None
+def _rate(times, rate, where):
+    """Sampling rate (Hz) from the time column, else as given or as the file says."""
     if times is None:
         if rate is None:
             raise SceneError(

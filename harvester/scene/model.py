@@ -5,12 +5,14 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MethodType
 from typing import Any, Protocol, overload
 
+from harvester.device import timescales
 from harvester.device.terminals import TransducerTable
 from harvester.device.transducer import TRANSDUCERS
 from harvester.engines import circuit
@@ -23,6 +25,7 @@ from harvester.scene.overrides import put
 from harvester.scene.schema import check_tables
 from harvester.scene.source import BUILT_IN, built_in_names, tables_of
 from harvester.scene.toml import plain_tables
+from harvester.scene.units import scale
 
 # Keys that a scene is written without where they hold what they hold without being given.
 RARE_KEYS = ("quadratic_damping", "side", "exponent", "law")
@@ -232,6 +235,7 @@ class Scene:
             parts["stoppers"] = (parts["stoppers"],)
         scene = cls(name=plain_text.name(name), folder=folder, **top, **parts)
         scene.excitation.check(scene.units, scene.run, origin)
+        _check_sampling(scene, origin)
         return scene
 
     def replace(self, changes: dict[str, Any] | None = None, /, **tables: Any) -> Scene:
@@ -320,6 +324,21 @@ class Scene:
             text += self.load.circuit.text
             text += "".join(each.text for each in self.load.circuit.measures)
         return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _check_sampling(scene, origin):
+    """Refuse a record whose samples are too far apart to hold the device's frequency."""
+    highest = scene.excitation.highest_frequency
+    if math.isinf(highest):
+        return
+    frequency = timescales.angular_frequency(scale(scene)[0]) / (2.0 * math.pi)
+    if frequency > highest:
+        raise SceneError(
+            f"{origin}: the record's samples are {0.5 / highest:.4g} s apart, which holds no more "
+            f"than {highest:.3g} Hz, and the device moves at {frequency:.3g} Hz: say what the time "
+            'column is in by excitation.time_unit ("ms", "us", … or "samples" with sampling_rate)'
+            ", or take a finer record"
+        )
 
 
 def _without_computed(table: dict[str, Any]) -> dict[str, Any]:

@@ -289,7 +289,7 @@ def test_a_record_that_is_quiet_at_first_has_notes(tmp_path):
     np.save(path, np.where(np.arange(400) < 150, 0.0, np.sin(np.arange(400))))
     table = {"kind": "record", "file": str(path), "unit": "scaled", "sampling_rate": 100.0}
     scene = Scene.load("linear").replace({"excitation": table, "run": {"duration": 0.5}})
-    assert "factor of inf" in scene.excitation.notes(0.01, 1.0, scene.run)[1]
+    assert "factor of inf" in scene.excitation.notes(0.01, 100.0, scene.run)[1]
 
 
 def test_lines_end_in_any_way(tmp_path):

@@ -1,0 +1,89 @@
+"""Named arrays of a file (variables, data sets, channels) as one table of columns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from harvester.excitation.table import Table, Unreadable
+
+REAL_KINDS = "iuf"
+# Numbers in all: a compressed file may claim more than it has bytes.
+MOST_NUMBERS = 2**26
+# Names of a single number that is the sampling rate (Hz), or the time between samples (s).
+RATES = ("fs", "sampling_rate", "samplingrate", "sample_rate", "samplerate", "sampling_frequency")
+INTERVALS = ("dt", "tinterval", "wf_increment")
+
+
+class ArraysTable(Table):
+    """The longest arrays, each a column or a table of columns; shorter ones are left out.
+
+    A table's columns are named `y[0]`, `y[1]`, … .
+
+    Parameters
+    ----------
+    shapes : mapping of str to tuple of int
+        Of the arrays of real numbers in one or two dimensions.
+    load : callable
+        Of the names of the longest arrays; gives them by name, as ndarrays of those shapes.
+    units : mapping of str to str
+        Of arrays whose units the file says.
+
+    Raises
+    ------
+    Unreadable
+        They hold too many numbers.
+    """
+
+    def __init__(
+        self,
+        shapes: Mapping[str, tuple[int, ...]],
+        load: Callable[[list[str]], Mapping[str, np.ndarray]],
+        units: Mapping[str, str] | None = None,
+    ) -> None:
+        sizes = {name: max(shape, default=1) for name, shape in shapes.items()}
+        longest = max(sizes.values(), default=0)
+        # Single numbers are no samples.
+        self.rows = longest if longest > 1 else 0
+        kept = [name for name, size in sizes.items() if size == self.rows]
+        if sum(int(np.prod(shapes[name], dtype=float)) for name in kept) > MOST_NUMBERS:
+            raise Unreadable(f"its arrays hold more than {MOST_NUMBERS} numbers: shorten it")
+        self._columns: dict[str, np.ndarray] = {}
+        self.units = []
+        for name, values in load(kept).items():
+            table = values[:, None] if values.ndim == 1 else values
+            table = table.T if table.shape[0] != self.rows else table
+            for place in range(table.shape[1]):
+                label = name if table.shape[1] == 1 else f"{name}[{place}]"
+                self._columns[label] = table[:, place]
+                self.units.append((units or {}).get(name, ""))
+        self.names = list(self._columns)
+        self.width = len(self.names)
+
+    def take(self, places: list[int]) -> list[np.ndarray]:
+        """The columns at `places`, each float64 of shape (rows,)."""
+        return [np.array(self._columns[self.names[place]], dtype=float) for place in places]
+
+
+def rate_of(numbers: Mapping[str, float]) -> float | None:
+    """Sampling rate (Hz) that single numbers of a file say by their names, None where none does.
+
+    Parameters
+    ----------
+    numbers : mapping of str to float
+        By their names, without those of groups or structures.
+
+    Raises
+    ------
+    Unreadable
+        Two of them say different rates.
+    """
+    rates = {name: value for name, value in numbers.items() if name.lower() in RATES}
+    intervals = {name: value for name, value in numbers.items() if name.lower() in INTERVALS}
+    rates |= {name: 1.0 / value for name, value in intervals.items() if value > 0.0}
+    found = {name: float(rate) for name, rate in rates.items() if 0.0 < rate < np.inf}
+    if found and max(found.values()) > min(found.values()) * (1.0 + 1e-6):
+        listed = ", ".join(f"{name}: {rate:g} Hz" for name, rate in found.items())
+        raise Unreadable(f"it says several sampling rates ({listed}): keep one of them")
+    return next(iter(found.values()), None)

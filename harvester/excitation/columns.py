@@ -1,0 +1,391 @@
+"""Columns of a measured file by quantity, name or number, with their units."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from harvester.errors import SceneError
+from harvester.excitation.motion_file import read_table, refused_as_record
+from harvester.excitation.quantities import (
+    QUANTITIES,
+    SAMPLES,
+    Heading,
+    column_named,
+    factor_of,
+    heading,
+    unit_named,
+)
+from harvester.excitation.table import Table
+from harvester.files.plain_text import named, nearest, shown
+
+SHOWN_NAMES = 12
+# A time column's mean rate and a given one may differ by these factors, the larger where the
+# column itself is asked for: uneven samples may then be brought to another rate.
+RATE_TOLERANCE, RATE_FACTOR = 1.05, 5.0
+
+
+class Columns(NamedTuple):
+    """A column of motion in the file's unit, and its times.
+
+    Attributes
+    ----------
+    values : ndarray, shape (n,)
+        NaN where the file holds no number.
+    times : ndarray, shape (n,), or None
+        s after the first.
+    sampling_rate : float or None
+        Hz, as given or as the file says.
+    unit : str
+        Of the samples, as the file writes it; empty where it does not say.
+    remarks : tuple of str
+        What a reader of results must know of the file.
+    """
+
+    values: np.ndarray
+    times: np.ndarray | None
+    sampling_rate: float | None
+    unit: str = ""
+    remarks: tuple[str, ...] = ()
+
+
+class MeasuredFile:
+    """A file's columns with what their headings say.
+
+    Parameters
+    ----------
+    file : str
+        For messages, and its ending for the reader.
+    content : bytes
+
+    Attributes
+    ----------
+    where : str
+        The file's name in messages.
+    table : harvester.excitation.table.Table
+    headings : list of harvester.excitation.quantities.Heading
+        One for each column; without a title where the file has no names.
+
+    Raises
+    ------
+    SceneError
+        It is no record.
+    """
+
+    def __init__(self, file: str, content: bytes) -> None:
+        self.where = named(file)
+        with refused_as_record(self.where):
+            self.table: Table = read_table(file, content)
+        names = self.table.names or [""] * self.table.width
+        apart = self.table.units or [""] * self.table.width
+        self.headings = [
+            _with_unit(heading(name), unit) for name, unit in zip(names, apart, strict=True)
+        ]
+
+    def take(self, places: list[int]) -> list[np.ndarray]:
+        """The columns at `places`, each float64 of shape (n,).
+
+        Raises
+        ------
+        SceneError
+        """
+        with refused_as_record(self.where):
+            return self.table.take(places)
+
+    def of(self, quantity: str) -> list[int]:
+        """Places of the columns of numbers whose headings name a quantity."""
+        return [
+            place
+            for place, each in enumerate(self.headings)
+            if each.quantity == quantity and place not in self.table.texts
+        ]
+
+    def times(self) -> list[int]:
+        """Places of the columns of times; those of sample numbers where nothing else is."""
+        found = self.of("time")
+        clocks = [k for k in found if unit_named("time", self.headings[k].unit) != SAMPLES]
+        return clocks or found
+
+    def place(self, key: str, wanted: str | int) -> int:
+        """Place of a column by its name, its title or its number.
+
+        Parameters
+        ----------
+        key : str
+            What asks for it, for messages.
+        wanted : str or int
+
+        Raises
+        ------
+        SceneError
+        """
+        names = self.table.names
+        if isinstance(wanted, str):
+            place = column_named(wanted, names)
+            if place is not None:
+                return place
+            listed = self.listed() if names else "no header, only numbers"
+            raise SceneError(
+                f"{self.where}: {key} = {shown(wanted)}: no such column{nearest(wanted, names)}; "
+                f"the file has {listed}"
+            )
+        if not 0 <= wanted < self.table.width:
+            raise SceneError(
+                f"{self.where}: {key} = {shown(wanted)}: the file has columns "
+                f"0 … {self.table.width - 1}"
+            )
+        return wanted
+
+    def listed(self) -> str:
+        """The columns' names, or their numbers."""
+        names = self.table.names
+        more = f", … ({len(names)} in all)" if len(names) > SHOWN_NAMES else ""
+        shown_names = ", ".join(named(name) for name in names[:SHOWN_NAMES] if name) + more
+        return shown_names or f"0 … {self.table.width - 1}"
+
+    def label(self, place: int) -> str:
+        """A column in messages: its name, or its number."""
+        names = self.table.names
+        return f"column {named(names[place]) if names and names[place] else place}"
+
+    def agreed_unit(self, quantity: str, place: int, key: str, given: str | None) -> str:
+        """The unit of a column, in its usual spelling: the heading's, or as given.
+
+        Parameters
+        ----------
+        quantity : str
+        place : int
+        key : str
+            What gives it, for messages.
+        given : str or None
+
+        Returns
+        -------
+        str
+            Empty where nobody says it.
+
+        Raises
+        ------
+        SceneError
+            It is unknown, or both say something else.
+        """
+        written = self.headings[place].unit
+        own = unit_named(quantity, written) if written else None
+        if given:
+            factor = factor_of(quantity, given, f"{self.where}: {key}", "write it in one of them")
+            if own and (own == SAMPLES) != (unit_named(quantity, given) == SAMPLES):
+                self._refuse_unit(place, key, given)
+            if own and QUANTITIES[quantity][own] != factor:
+                self._refuse_unit(place, key, given)
+            return str(unit_named(quantity, given))
+        if written and not own:
+            factor_of(
+                quantity,
+                written,
+                f"{self.where}: {self.label(place)}",
+                f"correct the header, or say it by {key}",
+            )
+        return own or ""
+
+    def _refuse_unit(self, place, key, given):
+        raise SceneError(
+            f"{self.where}: {key} = {shown(given)}: the heading of {self.label(place)} says "
+            f"{named(self.headings[place].unit)}: leave {key} out, or correct the one that is wrong"
+        )
+
+    def seconds(
+        self, values: np.ndarray, place: int, unit: str, rate: float | None, cure: str
+    ) -> np.ndarray:
+        """A column of times as seconds after the first, float64 of shape (n,).
+
+        Parameters
+        ----------
+        values : ndarray, shape (n,)
+        place : int
+            Of the column.
+        unit : str
+            Of time, in its usual spelling; "samples" need a rate.
+        rate : float or None
+            Hz.
+        cure : str
+            How a rate is given, for the message.
+
+        Raises
+        ------
+        SceneError
+            Sample numbers without a rate.
+        """
+        if unit == SAMPLES and rate is None:
+            raise SceneError(
+                f"{self.where}: {self.label(place)} counts samples, and their rate is not known: "
+                f"{cure}"
+            )
+        finite = np.flatnonzero(np.isfinite(values))
+        # Before they are scaled: the digits of an epoch's milliseconds are kept.
+        with np.errstate(all="ignore"):
+            since = values - values[finite[0]] if finite.size else values
+            factor = 1.0 / rate if unit == SAMPLES and rate else QUANTITIES["time"][unit]
+            return since * factor
+
+    def compare_rates(
+        self,
+        times: np.ndarray,
+        rate: float,
+        place: int,
+        factor: float = RATE_TOLERANCE,
+        key: str = "sampling_rate",
+    ) -> None:
+        """Refuse a rate that is not that of the times; times that never rise have none.
+
+        Parameters
+        ----------
+        times : ndarray, shape (n,)
+            s.
+        rate : float
+            Hz, as given.
+        place : int
+            Of the column of times.
+        factor : float
+            By which they may differ.
+        key : str
+            What gives the rate, for the message.
+
+        Raises
+        ------
+        SceneError
+        """
+        steps = np.diff(times[np.isfinite(times)])
+        rising = steps[steps > 0.0]
+        span = float(steps.sum())
+        if not rising.size or not np.isfinite(span):
+            return
+        # Stamps in whole seconds say the time of many samples only to within a second.
+        unsure = float(rising.min()) if rising.size < steps.size else 0.0
+        low, high = (steps.size / max(span + part, 1e-300) for part in (unsure, -unsure))
+        if low > rate * factor or high < rate / factor:
+            raise SceneError(
+                f"{self.where}: {key} = {rate:g}: {self.label(place)} says "
+                f"{steps.size / span:.6g} Hz: leave sampling_rate out, or say in which unit the "
+                "column is"
+            )
+
+
+def _with_unit(own, apart):
+    """A heading with the unit that stands apart from it, which goes before its own."""
+    if not apart:
+        return own
+    quantity = own.quantity or heading(f"{own.title} [{apart}]").quantity
+    return Heading(own.title, apart, quantity)
+
+
+def motion_columns(
+    file: str,
+    content: bytes,
+    column: str | int | None = None,
+    time_column: str | int | None = None,
+    time_unit: str | None = None,
+    sampling_rate: float | None = None,
+) -> Columns:
+    """The column of motion and its times, as the keys of a record's table ask for them.
+
+    Parameters
+    ----------
+    file : str
+    content : bytes
+        Of that file.
+    column, time_column : str, int or None
+        Name, title without unit, or number from 0. Without `column` it is the only one besides
+        time, or the only one whose heading names an acceleration; without `time_column`,
+        `sampling_rate` and a rate of the file it is the only one whose heading names a time.
+    time_unit : str or None
+        A unit of time, "samples" among them; must agree with the heading.
+    sampling_rate : float or None
+        Hz; must agree with the file.
+
+    Raises
+    ------
+    SceneError
+    """
+    measured = MeasuredFile(file, content)
+    rate = _agreed_rate(measured, sampling_rate)
+    time_place = _time_place(measured, time_column, rate is None)
+    place = _motion_place(measured, column, time_place)
+    unit = measured.headings[place].unit
+    remarks = measured.table.remarks
+    if time_place is None:
+        if time_unit is not None:
+            raise SceneError(
+                f"{measured.where}: excitation.time_unit = {shown(time_unit)}: no column of times "
+                "is read: name it by excitation.time_column"
+            )
+        _refuse_other_rate(measured, rate)
+        (values,) = measured.take([place])
+        return Columns(values, None, rate, unit, remarks)
+    values, times = measured.take([place, time_place])
+    known = measured.agreed_unit("time", time_place, "excitation.time_unit", time_unit)
+    cure = "give excitation.sampling_rate (Hz)"
+    times = measured.seconds(times, time_place, known or "s", rate, cure)
+    if rate is not None:
+        measured.compare_rates(times, rate, time_place, RATE_FACTOR, "excitation.sampling_rate")
+    return Columns(values, times, rate, unit, remarks)
+
+
+def _agreed_rate(measured, given):
+    """Sampling rate as given or as the file says, which must be the same."""
+    own = measured.table.rate
+    if given is not None and own is not None and not np.isclose(given, own, rtol=1e-6):
+        raise SceneError(
+            f"{measured.where}: excitation.sampling_rate = {given:g}: the file says {own:g} Hz"
+        )
+    return given if given is not None else own
+
+
+def _time_place(measured, wanted, needed):
+    """Place of the column of times: as asked for, or where one is needed the one that is."""
+    if wanted is not None:
+        return measured.place("excitation.time_column", wanted)
+    found = measured.times() if needed else []
+    if len(found) > 1:
+        names = ", ".join(named(measured.table.names[place]) for place in found)
+        raise SceneError(
+            f"{measured.where}: several columns may be the time ({names}): name one by "
+            "excitation.time_column"
+        )
+    if needed and not found:
+        raise SceneError(
+            f"{measured.where}: excitation.sampling_rate is missing (Hz), or time_column to read "
+            "it from"
+        )
+    return found[0] if found else None
+
+
+def _motion_place(measured, wanted, time_place):
+    if wanted is not None:
+        return measured.place("excitation.column", wanted)
+    times = measured.of("time") if time_place is None else [time_place]
+    others = [
+        place
+        for place in range(measured.table.width)
+        if place not in times and place not in measured.table.texts
+    ]
+    if len(others) != 1:
+        others = [place for place in measured.of("acceleration") if place in others]
+    if len(others) != 1:
+        raise SceneError(
+            f"{measured.where}: excitation.column is missing; the file has {measured.listed()}"
+        )
+    return others[0]
+
+
+def _refuse_other_rate(measured, rate):
+    """A given rate is compared with the one column whose heading says a unit of time."""
+    found = [place for place in measured.times() if measured.headings[place].unit]
+    if len(found) != 1:
+        return
+    unit = unit_named("time", measured.headings[found[0]].unit)
+    if unit is None or unit == SAMPLES:
+        return
+    (times,) = measured.take(found)
+    seconds = measured.seconds(times, found[0], unit, rate, "")
+    measured.compare_rates(seconds, rate, found[0], key="excitation.sampling_rate")

@@ -1,0 +1,137 @@
+"""Columns of an HDF5 file (.h5, .hdf5, .mat of version 7.3, .nc of version 4)."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from harvester.excitation.arrays import REAL_KINDS, ArraysTable, rate_of
+from harvester.excitation.table import Unreadable, broken_file
+from harvester.files.libraries import optional_library
+
+# Filters that HDF5 and h5py have built in (deflate, shuffle, Fletcher's sum, szip, nbit,
+# scale-offset, LZF); for others HDF5 would load a plug-in, which is code.
+FILTERS = {1, 2, 3, 4, 5, 6, 32000}
+# Objects of a file.
+MOST_OBJECTS = 10_000
+UNITS = ("units", "unit", "unit_string", "Units", "Unit")
+# MATLAB's classes of numbers, by an attribute that only its files have; and its own groups.
+MATLAB_CLASS, MATLAB_GROUPS = "MATLAB_class", ("#refs#", "#subsystem#")
+NUMBER_CLASSES = ("double", "single", "int", "uint")
+
+
+class Hdf5Table(ArraysTable):
+    """Samples by columns; names are the data sets' paths, `path.field` for a compound one.
+
+    A unit is the data set's attribute `units`; a sampling rate is an attribute or a data set of one
+    number named `fs`, `dt` or the like.
+
+    Parameters
+    ----------
+    content : bytes
+        Of the whole file; links to other files, data in them and plug-ins are refused.
+
+    Raises
+    ------
+    Unreadable
+        It holds no such array, or leads out of the file.
+    """
+
+    def __init__(self, content: bytes) -> None:
+        h5py = optional_library("h5py", "an HDF5 record", "loggers")
+        broken = broken_file("HDF5 file of numbers", "save the samples as .csv or .npy")
+        with broken, h5py.File(io.BytesIO(content), "r") as file:
+            self._read(h5py, file)
+
+    def _read(self, h5py, file):
+        shapes, places, units, numbers = {}, {}, {}, {}
+        for path, dataset in _datasets(h5py, file):
+            fields = dataset.dtype.names or ("",)
+            for field in fields:
+                kind = dataset.dtype[field] if field else dataset.dtype
+                if kind.kind not in REAL_KINDS or len(dataset.shape) > 2 or not _is_number(dataset):
+                    continue
+                name = f"{path}.{field}" if field else path
+                shapes[name], places[name] = dataset.shape, (dataset, field)
+                units[name] = _text_attribute(dataset, UNITS)
+                if dataset.size == 1:
+                    value = dataset[field][()] if field else dataset[()]
+                    numbers[path.rpartition("/")[2]] = float(np.ravel(value)[0])
+            numbers |= _number_attributes(dataset)
+        numbers |= _number_attributes(file)
+        self.rate = rate_of(numbers)
+
+        def load(names: list[str]) -> dict[str, np.ndarray]:
+            pairs = {name: places[name] for name in names}
+            return {k: each[f] if f else each[()] for k, (each, f) in pairs.items()}
+
+        filled = {name: shape for name, shape in shapes.items() if 0 not in shape}
+        super().__init__(filled, load, units)
+
+
+def _datasets(h5py: Any, file: Any) -> Iterator[tuple[str, Any]]:
+    """(path, data set) of all that the file itself holds."""
+    seen, left = set(), [("", file)]
+    while left:
+        path, group = left.pop()
+        for name in group:
+            where = f"{path}/{name}" if path else name
+            link = group.get(name, getlink=True)
+            if isinstance(link, h5py.ExternalLink):
+                raise Unreadable(f"{where} is a link to another file: copy its data into this one")
+            # A soft link names what is found under its own path, or what an external one leads to.
+            if not isinstance(link, h5py.HardLink) or name in MATLAB_GROUPS:
+                continue
+            each = group[name]
+            address = h5py.h5o.get_info(each.id).addr
+            if address in seen:
+                continue
+            seen.add(address)
+            if len(seen) > MOST_OBJECTS:
+                raise Unreadable(f"it holds more than {MOST_OBJECTS} objects: shorten it")
+            if isinstance(each, h5py.Group):
+                left.append((where, each))
+            elif isinstance(each, h5py.Dataset):
+                _refuse_outside(each, where)
+                yield where, each
+
+
+def _refuse_outside(dataset, where):
+    """Refuse data that lie in other files or need a plug-in."""
+    if dataset.external or dataset.is_virtual:
+        raise Unreadable(f"the data of {where} lie in other files: copy them into this one")
+    properties = dataset.id.get_create_plist()
+    codes = {properties.get_filter(place)[0] for place in range(properties.get_nfilters())}
+    if codes - FILTERS:
+        raise Unreadable(
+            f"{where} is packed by a filter that needs a plug-in ({min(codes - FILTERS)}): save it "
+            "uncompressed, or with gzip"
+        )
+
+
+def _is_number(dataset):
+    """Whether MATLAB, where it wrote the data set, took it for numbers and not for text."""
+    sort = _text_attribute(dataset, (MATLAB_CLASS,))
+    return not sort or sort.startswith(NUMBER_CLASSES)
+
+
+def _text_attribute(dataset, names):
+    for name in names:
+        value = dataset.attrs.get(name)
+        value = value.decode(errors="replace") if isinstance(value, bytes) else value
+        if isinstance(value, str):
+            return value
+    return ""
+
+
+def _number_attributes(holder):
+    """Attributes of one number."""
+    found = {name: np.asarray(holder.attrs[name]) for name in holder.attrs}
+    return {
+        name: float(value.ravel()[0])
+        for name, value in found.items()
+        if value.size == 1 and value.dtype.kind in REAL_KINDS
+    }

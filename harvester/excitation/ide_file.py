@@ -1,0 +1,97 @@
+"""Columns of an .IDE file, as enDAQ's and Mide's vibration loggers write."""
+
+from __future__ import annotations
+
+import io
+import logging
+import re
+from collections.abc import Iterator
+from typing import Any
+
+from harvester.excitation.arrays import ArraysTable
+from harvester.excitation.table import Unreadable, broken_file
+from harvester.files.libraries import optional_library
+
+SCHEMA = "mide_ide.xml"
+# Texts of the file that the reader evaluates: nothing but numbers and ratios is let through.
+EVALUATED = ("SampleRate", "TimeCodeScale", "ValuePrecision")
+NUMBER = re.compile(rb"\s*[\d.]{1,30}(e[+-]?\d{1,3})?\s*(/\s*[\d.]{1,30}\s*)?")
+ACCELERATION, MICROSECONDS = "Acceleration", 1e-6
+
+
+class IdeTable(ArraysTable):
+    """The channel of acceleration with the most samples; times, axes and their units.
+
+    Parameters
+    ----------
+    content : bytes
+        Of the whole file; calibrated as it says.
+
+    Raises
+    ------
+    Unreadable
+        It holds no acceleration.
+    """
+
+    def __init__(self, content: bytes) -> None:
+        importer = optional_library("idelib.importer", "an .IDE record", "loggers")
+        logger = logging.getLogger("idelib")
+        silent, logger.disabled = logger.disabled, True
+        try:
+            with broken_file(".IDE file", "export it as .csv"):
+                _refuse_expressions(content)
+                data = importer.openFile(io.BytesIO(content), quiet=True)
+                importer.readData(data)
+                self._read(data)
+        finally:
+            logger.disabled = silent
+
+    def _read(self, data):
+        found = {}
+        for channel in data.channels.values():
+            kinds = [_kind(axis.units) for axis in channel.subchannels]
+            if any(kind == ACCELERATION for kind, _ in kinds):
+                events = channel.getSession()
+                found[channel.name] = len(events), events, channel
+        if not found:
+            raise Unreadable("it holds no channel of acceleration")
+        chosen = max(found, key=lambda name: found[name][0])
+        count, events, channel = found.pop(chosen)
+        if found:
+            self.remarks = (
+                f"channel {chosen} is read, and not {', '.join(found)} of the same file",
+            )
+        names = ["time", *(axis.name for axis in channel.subchannels)]
+        units = ["s", *(_kind(axis.units)[1] for axis in channel.subchannels)]
+
+        def load(kept: list[str]) -> dict[str, Any]:
+            columns = dict(zip(names, events.arraySlice() if kept else [], strict=bool(kept)))
+            return {k: MICROSECONDS * v if k == "time" else v for k, v in columns.items()}
+
+        super().__init__(dict.fromkeys(names, (count,)), load, dict(zip(names, units, strict=True)))
+
+
+def _kind(units):
+    """(quantity, unit) of an axis."""
+    return units if isinstance(units, tuple) else ("", "")
+
+
+def _refuse_expressions(content):
+    """Refuse a text in the place of a number, which the reader would evaluate."""
+    core = optional_library("ebmlite", "an .IDE record", "loggers")
+    document = core.loadSchema(SCHEMA).load(io.BytesIO(content))
+    for name, value in _texts(document):
+        if not NUMBER.fullmatch(value):
+            raise Unreadable(f"its {name} is no number: export it as .csv")
+
+
+def _texts(document: Any) -> Iterator[tuple[str, bytes]]:
+    """(name, text) of all that the reader evaluates."""
+    left = [each for each in document if each.name == "RecordingProperties"]
+    while left:
+        element = left.pop()
+        if element.name in EVALUATED:
+            text = element.value
+            yield element.name, text.encode() if isinstance(text, str) else bytes(text)
+        elif isinstance(element.value, list):
+            left.extend(element.value)

@@ -1,0 +1,275 @@
+"""Quantities of measured columns: their units, and what a column's heading says of both.
+
+One reader serves the excitation by a record and the identification from records.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Collection
+from typing import NamedTuple
+
+from harvester.errors import SceneError
+from harvester.files.plain_text import named, nearest
+
+SAMPLES = "samples"
+# Factors to SI, by the unit's usual spelling; others are brought to it by `unit_named`.
+ACCELERATION = {
+    "m/s^2": 1.0,
+    "cm/s^2": 1e-2,
+    "gal": 1e-2,
+    "mm/s^2": 1e-3,
+    "g": 9.80665,
+    "mg": 9.80665e-3,
+    "ug": 9.80665e-6,
+    "ft/s^2": 0.3048,
+    "in/s^2": 0.0254,
+}
+TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
+QUANTITIES: dict[str, dict[str, float]] = {
+    # Sample numbers need a sampling rate.
+    "time": TIME | {SAMPLES: 1.0},
+    "acceleration": ACCELERATION,
+    "voltage": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "kV": 1e3},
+    "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254},
+    "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "in/s": 0.0254},
+    "frequency": {"Hz": 1.0, "kHz": 1e3, "rad/s": 0.5 / math.pi},
+    "phase": {"rad": 1.0, "deg": math.pi / 180.0},
+}
+RESPONSE = {
+    f"{volts}/{bracketed}": volt / factor
+    for volts, volt in QUANTITIES["voltage"].items()
+    for unit, factor in ACCELERATION.items()
+    for bracketed in (f"({unit})" if "/" in unit else unit,)
+}
+QUANTITIES |= dict.fromkeys(("amplitude", "real", "imaginary"), RESPONSE)
+
+# Words for a unit, where letters for it would do.
+WORDS: dict[str, dict[str, tuple[str, ...]]] = {
+    "time": {
+        "s": ("sec", "secs", "second", "seconds"),
+        "ms": ("msec", "msecs", "millis", "millisec", "millisecond", "milliseconds"),
+        "us": ("usec", "usecs", "micros", "microsec", "microsecond", "microseconds"),
+        "ns": ("nsec", "nanos", "nanosecond", "nanoseconds"),
+        "min": ("mins", "minute", "minutes"),
+        "h": ("hr", "hrs", "hour", "hours"),
+        SAMPLES: (
+            *("sample", "#", "index", "idx", "row", "point", "record"),
+            *("samplenumber", "sampleno", "sampleindex", "sample#"),
+        ),
+    },
+    "acceleration": {
+        "g": ("gn", "g0", "gee", "gs", "g's"),
+        "mg": ("milli-g", "millig", "mgn"),
+        "ug": ("micro-g", "microg"),
+        "gal": ("gals",),
+    },
+    "voltage": {
+        "V": ("volt", "volts"),
+        "mV": ("millivolt", "millivolts"),
+        "uV": ("microvolt", "microvolts"),
+    },
+    "displacement": {"m": ("meter", "meters", "metre", "metres"), "um": ("micron", "microns")},
+    "phase": {"deg": ("degree", "degrees", "°"), "rad": ("radian", "radians")},
+}
+LENGTHS = ("m", "cm", "mm", "ft", "in")
+# The ways in which "per second squared" and "per second" are written behind a length.
+PER_SECOND_SQUARED = (
+    *("/s2", "/s/s", "/(s^2)", "/sec^2", "/sec2", "/sec/sec", "s^-2", "s-2", "s^(-2)", "/s**2"),
+    *("_s2", "_s^2", "_s-2", "s2", "ps2", "ps^2", "pers2", "_per_s2", "_per_s^2"),
+)
+PER_SECOND = ("/sec", "s^-1", "s-1", "_s", "ps")
+# A unit that is read in two ways is refused with both.
+AMBIGUOUS = {
+    ("time", "m"): "minutes (min) or milliseconds (ms)",
+    ("voltage", "MV"): "millivolts (mV) or megavolts (1e3 kV)",
+}
+
+
+def _spellings(quantity: str) -> dict[str, str]:
+    """Usual spelling of a quantity's units by every spelling without capitals."""
+    known = {unit.lower(): unit for unit in QUANTITIES[quantity]}
+    for unit, words in WORDS.get(quantity, {}).items():
+        known |= dict.fromkeys(words, unit)
+    ends = {"acceleration": PER_SECOND_SQUARED, "velocity": PER_SECOND}.get(quantity, ())
+    usual = {"acceleration": "/s^2", "velocity": "/s"}.get(quantity, "")
+    for length in LENGTHS:
+        if f"{length}{usual}" in QUANTITIES[quantity]:
+            known |= dict.fromkeys((f"{length}{end}" for end in ends), f"{length}{usual}")
+    return known
+
+
+SPELLINGS = {quantity: _spellings(quantity) for quantity in QUANTITIES}
+SIGNS = str.maketrans({"²": "^2", "⁻": "^-", "¹": "1", "µ": "u", "μ": "u", "·": "", "⋅": ""})
+
+
+def unit_named(quantity: str, text: str) -> str | None:
+    """Usual spelling of a quantity's unit, None for a text that is none.
+
+    Examples
+    --------
+    >>> unit_named("acceleration", "m s⁻²"), unit_named("time", "µsec"), unit_named("time", "V")
+    ('m/s^2', 'us', None)
+    """
+    plain = "".join(text.translate(SIGNS).split()).replace("^-^2", "^-2")
+    if plain in QUANTITIES[quantity] or (quantity, plain) in AMBIGUOUS:
+        return plain if plain in QUANTITIES[quantity] else None
+    return SPELLINGS[quantity].get(plain.lower())
+
+
+def factor_of(quantity: str, unit: str, where: str, cure: str) -> float:
+    """Factor of a unit to SI.
+
+    Parameters
+    ----------
+    quantity : str
+        A name in `QUANTITIES`.
+    unit : str
+        In any spelling.
+    where, cure : str
+        For the message: file and column; what to do.
+
+    Raises
+    ------
+    SceneError
+        The quantity has no such unit, or the unit has two readings.
+    """
+    usual = unit_named(quantity, unit)
+    if usual is not None:
+        return QUANTITIES[quantity][usual]
+    known = QUANTITIES[quantity]
+    both = AMBIGUOUS.get((quantity, unit.strip()))
+    if both:
+        raise SceneError(f"{where}: {named(unit)} is ambiguous: {both}? {cure}")
+    raise SceneError(
+        f"{where}: unknown unit {named(unit)}{nearest(unit, known)}; units of {quantity} are "
+        f"{', '.join(known)}: {cure}"
+    )
+
+
+class Heading(NamedTuple):
+    """What a column's name says.
+
+    Attributes
+    ----------
+    title : str
+        The name without its unit.
+    unit : str
+        As written; empty where none is.
+    quantity : str
+        A name in `QUANTITIES`, empty where the title is none.
+    """
+
+    title: str
+    unit: str
+    quantity: str
+
+
+TITLES = {
+    "time": re.compile(
+        r"(elapsed |relative |rel )?time( ?stamps?)?|t|timestamps?|elapsed|x value|"
+        r"date( ?time)?|date and time|clock|zeit"
+    ),
+    "acceleration": re.compile(
+        r"((base|ground|table|shaker|input|linear|vertical|horizontal|[xyz]( axis)?) )?"
+        r"(acceleration|accel|acc|accelerometer|beschleunigung)( ?[xyz123]( axis)?)?"
+    ),
+    "voltage": re.compile(r"voltage"),
+    "displacement": re.compile(r"displacement"),
+    "velocity": re.compile(r"velocity"),
+    "frequency": re.compile(r"frequency|f"),
+    "amplitude": re.compile(r"(voltage )?amplitude"),
+    "phase": re.compile(r"(voltage )?phase"),
+    "real": re.compile(r"real( part)?"),
+    "imaginary": re.compile(r"imaginary( part)?"),
+}
+# Letters that name an acceleration only where its unit stands behind them.
+LETTERS = {"acceleration": re.compile(r"a( ?[xyz])?|ag|[xyz]|[xyz] axis")}
+BRACKETS = (
+    re.compile(r"(.*?)\[([^\[\]]*)\]\s*"),
+    re.compile(r"(.*?)\{([^{}]*)\}\s*"),
+    re.compile(r"(.*?)\(((?:[^()]|\([^()]*\))*)\)\s*"),
+)
+# What stands in brackets behind a name and tells a place or a channel.
+LABEL = re.compile(
+    r"[xyznew]|[+-]?[xyz][ -]?axis|\d+|north|east|south|west|up|down|vertical|horizontal|"
+    r"(ch|chan|channel|sensor|node|station)[ ._#-]*\w*|base|table|ground|shaker|mass|tip",
+    re.IGNORECASE,
+)
+SEPARATOR = re.compile(r"\s+in\s+|[\s_,:/-]+")
+
+
+def heading(text: str) -> Heading:
+    """Title, unit and quantity of a column's name.
+
+    Examples
+    --------
+    >>> heading("Acceleration (m/s²)")
+    Heading(title='Acceleration', unit='m/s²', quantity='acceleration')
+    >>> heading("t_ms")
+    Heading(title='t', unit='ms', quantity='time')
+    """
+    text = text.strip()
+    for bracket in BRACKETS:
+        match = bracket.fullmatch(text)
+        if match and not LABEL.fullmatch(match[2].strip()):
+            title, unit = match[1].strip(), match[2].strip()
+            return Heading(title, unit, quantity_of(title, unit))
+    quantity = quantity_of(text, "")
+    if quantity:
+        return Heading(text, SAMPLES if unit_named("time", text) == SAMPLES else "", quantity)
+    for mark in SEPARATOR.finditer(text):
+        title, unit = text[: mark.start()], text[mark.end() :]
+        quantity = quantity_of(title, unit)
+        if quantity and unit_named(quantity, unit):
+            return Heading(title, unit, quantity)
+    for quantity in ("time", "acceleration"):
+        # A column that bears its unit's name: "ms", "samples", "m/s^2".
+        unit_alone = unit_named(quantity, text)
+        if unit_alone and unit_alone not in ("min", "h"):
+            return Heading(text, text, quantity)
+    return Heading(text, "", "")
+
+
+def quantity_of(title: str, unit: str) -> str:
+    """The quantity that a title names, empty where it names none.
+
+    Letters such as "a" name an acceleration only beside one of its units.
+    """
+    bare = _without_label(title)
+    # Behind the names of groups and structures: "data.time", "run 1/acceleration".
+    for name in (bare, re.split(r"[./](?=\w)", bare)[-1]):
+        words = " ".join(re.sub(r"[_.-]", " ", name).lower().split())
+        for quantity, titles in TITLES.items():
+            if titles.fullmatch(words):
+                return quantity
+        for quantity, letters in LETTERS.items():
+            if letters.fullmatch(words) and unit_named(quantity, unit):
+                return quantity
+    return "time" if not unit and unit_named("time", words) == SAMPLES else ""
+
+
+def _without_label(title):
+    """A title without a place or channel in brackets behind it."""
+    matches = (bracket.fullmatch(title.strip()) for bracket in BRACKETS)
+    labels = (match for match in matches if match and LABEL.fullmatch(match[2].strip()))
+    return next((match[1] for match in labels), title)
+
+
+def is_unit(text: str) -> bool:
+    """Whether a text, in brackets or without, is a unit of any quantity."""
+    bare = text.strip().strip("[](){}").strip()
+    return any(unit_named(quantity, bare) for quantity in QUANTITIES)
+
+
+def column_named(wanted: str, names: Collection[str]) -> int | None:
+    """Place of a column by its whole name, or by its title where only one has that.
+
+    None where there is no such column.
+    """
+    listed = list(names)
+    if wanted in listed:
+        return listed.index(wanted)
+    titles = [heading(name).title for name in listed]
+    return titles.index(wanted) if titles.count(wanted) == 1 else None

@@ -1,0 +1,72 @@
+"""What every reader of a record's file offers."""
+
+from __future__ import annotations
+
+import contextlib
+import warnings
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Iterator, Sequence
+
+import numpy as np
+
+from harvester.errors import HarvesterError
+
+
+class Unreadable(ValueError):
+    """What a reader itself finds wrong with a file, in words for its user."""
+
+
+@contextlib.contextmanager
+def broken_file(sort: str, cure: str) -> Iterator[None]:
+    """Whatever a library's parser meets in a broken file, as one refusal.
+
+    Parameters
+    ----------
+    sort : str
+        What the file should be.
+    cure : str
+
+    Raises
+    ------
+    Unreadable
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    except (Unreadable, HarvesterError, MemoryError):
+        raise
+    except Exception as error:
+        raise Unreadable(f"not a whole {sort} ({type(error).__name__}: {error}); {cure}") from None
+
+
+class Table(ABC):
+    """Columns of samples.
+
+    Attributes
+    ----------
+    names : list of str
+        Of the columns; empty where the file has none.
+    units : sequence of str
+        Of the columns where they stand apart from the names ("" where none does); may be empty.
+    width, rows : int
+        Columns, samples in each.
+    rate : float or None
+        Hz, where the file itself says it.
+    texts : collection of int
+        Places of columns that hold words.
+    remarks : tuple of str
+        What a reader of results must know of the file.
+    """
+
+    names: list[str]
+    width: int
+    rows: int
+    units: Sequence[str] = ()
+    rate: float | None = None
+    texts: Collection[int] = ()
+    remarks: tuple[str, ...] = ()
+
+    @abstractmethod
+    def take(self, places: list[int]) -> list[np.ndarray]:
+        """The columns at `places`, each float64 of shape (rows,); NaN where there is no number."""

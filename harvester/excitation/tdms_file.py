@@ -1,0 +1,78 @@
+"""Columns of a TDMS file, as LabVIEW and other programs of its maker write."""
+
+from __future__ import annotations
+
+import importlib
+import io
+import logging
+
+import numpy as np
+
+from harvester.excitation.arrays import REAL_KINDS, ArraysTable, rate_of
+from harvester.excitation.table import Unreadable, broken_file
+from harvester.files.libraries import optional_library
+
+
+class TdmsTable(ArraysTable):
+    """Channels as columns, scaled as the file says; names are `group/channel`.
+
+    Parameters
+    ----------
+    content : bytes
+        Of the whole file.
+
+    Raises
+    ------
+    Unreadable
+        It holds no channel of numbers, or the longest have several rates.
+    """
+
+    def __init__(self, content: bytes) -> None:
+        nptdms = optional_library("nptdms", "a TDMS record", "loggers")
+        # Its loggers write to the console what the file's state says as well.
+        importlib.import_module("nptdms.log").log_manager.set_level(logging.ERROR)
+        broken = broken_file("TDMS file", "save the samples as .csv")
+        with broken, nptdms.TdmsFile.open(io.BytesIO(content)) as file:
+            self._read(file, len(content))
+            if file.file_status.incomplete_final_segment:
+                self.remarks = ("the file ends within its last part",)
+
+    def _read(self, file, most):
+        groups = file.groups()
+        channels = {
+            each.name if len(groups) == 1 else f"{group.name}/{each.name}": each
+            for group in groups
+            for each in group.channels()
+        }
+        # Samples are not packed: a file cannot hold more of them than it has bytes.
+        if any(len(each) > most for each in channels.values()):
+            raise Unreadable("it claims more samples than it holds: it is cut short")
+        read = {
+            name: each
+            for name, each in channels.items()
+            if each.dtype is not None and each.dtype.kind in REAL_KINDS + "M" and len(each)
+        }
+        longest = max((len(each) for each in read.values()), default=0)
+        steps = {
+            name: float(each.properties["wf_increment"])
+            for name, each in read.items()
+            if len(each) == longest and each.properties.get("wf_increment", 0.0)
+        }
+        if len(set(steps.values())) > 1:
+            raise Unreadable("its longest channels have several sampling rates: save one by itself")
+        self.rate = rate_of({"wf_increment": next(iter(steps.values()), 0.0)})
+        units = {name: str(each.properties.get("unit_string", "")) for name, each in read.items()}
+        units |= {name: "s" for name, each in read.items() if each.dtype.kind == "M"}
+
+        def load(names: list[str]) -> dict[str, np.ndarray]:
+            return {name: _numbers(read[name][:]) for name in names}
+
+        super().__init__({name: (len(each),) for name, each in read.items()}, load, units)
+
+
+def _numbers(values):
+    """Samples; time stamps as seconds after the first."""
+    values = np.asarray(values)
+    if values.dtype.kind != "M":
+        return values
+    return (values - values[0]) / np.timedelta64(1, "s")

@@ -1,0 +1,91 @@
+"""Dates and clock times of a text file's column, as seconds after the first."""
+
+from __future__ import annotations
+
+import re
+from datetime import datetime, timedelta
+from typing import Any
+
+DAY = 86400.0
+STAMP = re.compile(
+    r"(?:(?P<date>\d[\d./-]{5,9}\d)(?:T|,?\s+))?(?P<clock>\d{1,2}:\d{2}(?::\d{2})?)"
+    # Python reads microseconds, and some loggers write nanoseconds: the fraction is read apart.
+    r"(?:[.,](?P<fraction>\d+))?\s*(?P<half>[AaPp]\.?[Mm]\.?)?\s*(?P<zone>Z|[+-]\d{2}:?\d{2})?"
+)
+ISO_DATE = re.compile(r"\d{4}-\d{2}-\d{2}|\d{8}")
+
+
+def is_stamp(text: str) -> bool:
+    """Whether a text is a clock time, with or without a date."""
+    return STAMP.fullmatch(text.strip()) is not None
+
+
+class StampReader:
+    """Reads the stamps of one column, one after the other.
+
+    They follow ISO 8601 (2026-03-01T12:00:00.005Z), or are clock times (12:00:00.005, or 00:00.005
+    for minutes and seconds) without a date or behind a date that stays the same. A clock without a
+    date that goes back by half a day or more has passed midnight.
+
+    Examples
+    --------
+    >>> reader = StampReader()
+    >>> [reader.seconds(text) for text in ("23:59:59.5", "00:00:00.25")]
+    [0.0, 0.75]
+    """
+
+    def __init__(self) -> None:
+        self._first: tuple[Any, float] | None = None
+        self._date: str | None = None
+        self._clock, self._days = 0.0, 0
+
+    def seconds(self, text: str) -> float:
+        """Seconds after the first stamp; NaN for a text that is none.
+
+        Raises
+        ------
+        ValueError
+            Dates that are not in the order of ISO 8601 change, or zones are mixed.
+        """
+        match = STAMP.fullmatch(text.strip())
+        if match is None:
+            return float("nan")
+        clock, fraction = _clock(match), float(f"0.{match['fraction'] or 0}")
+        date = match["date"] or ""
+        whole: Any
+        if ISO_DATE.fullmatch(date):
+            midnight = datetime.fromisoformat(f"{date}T00:00:00{match['zone'] or ''}")
+            whole = midnight + timedelta(seconds=clock)
+        else:
+            whole = timedelta(seconds=self._on_one_day(date, clock))
+        if self._first is None:
+            self._first = whole, fraction
+        try:
+            passed = whole - self._first[0]
+        except TypeError:
+            raise ValueError("its time stamps are partly with and partly without a zone") from None
+        return passed.total_seconds() + (fraction - self._first[1])
+
+    def _on_one_day(self, date, clock):
+        """Seconds since the first midnight."""
+        if self._date not in (None, date):
+            raise ValueError(
+                f"its dates change ({self._date}, {date}), and in which order day and month stand "
+                "is not known: write them after ISO 8601 (2026-03-01T12:00:00.005), or seconds"
+            )
+        if not date and self._clock - clock > 0.5 * DAY:
+            self._days += 1
+        self._date, self._clock = date, clock
+        return self._days * DAY + clock
+
+
+def _clock(match):
+    """Whole seconds since midnight."""
+    parts = [int(part) for part in match["clock"].split(":")]
+    if len(parts) == 2:
+        # 00:00.005 are minutes and seconds, 12:30 hours and minutes.
+        parts = [0, *parts] if match["fraction"] else [*parts, 0]
+    hours, minutes, seconds = parts
+    half = (match["half"] or "").lower()[:1]
+    hours = hours % 12 + (12 if half == "p" else 0) if half else hours
+    return 3600 * hours + 60 * minutes + seconds
