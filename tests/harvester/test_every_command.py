@@ -1,17 +1,15 @@
 """Each command with each device, load and excitation: an answer, or a refusal that says why."""
 
-import queue
 import re
-from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from pathlib import Path
+from typing import ClassVar
 
 import every_command
 import pytest
 import worker_calls
 
 from harvester import averaging
-from harvester.engines.pools import WorkerPool
 from harvester.engines.workers import Worker
 from harvester.running import Task
 from harvester.verification.stability import matrix
@@ -43,19 +41,29 @@ def folder(tmp_path_factory):
     return path
 
 
+class SameWorker(Worker):
+    """The worker of every pool: one process, which compiles once for all calls."""
+
+    made: ClassVar[list] = []
+
+    def __new__(cls, folders=()):
+        if not cls.made:
+            cls.made.append(super().__new__(cls))
+            Worker.__init__(cls.made[0], [Path(every_command.__file__).parent])
+        return cls.made[0]
+
+    def __init__(self, folders=()):
+        pass
+
+    def close(self):
+        pass
+
+
 @pytest.fixture(scope="module")
 def briefly():
     """One worker process for all calls, each closure computed once, studies cut to a few points."""
-    worker = Worker([Path(every_command.__file__).parent])
     with pytest.MonkeyPatch.context() as patch:
-
-        def start(pool):
-            pool.size = 1
-            pool._threads, pool._workers = ThreadPoolExecutor(1), []
-            pool._idle = queue.SimpleQueue()
-            pool._idle.put(worker)
-
-        patch.setattr(WorkerPool, "_open", start)
+        patch.setattr("harvester.engines.pools.Worker", SameWorker)
         patch.setattr("harvester.studies.frequency_response.SETTLED_SHARE", 0.9)
         patch.setattr("harvester.studies.sensitivity.FEWEST_ROWS", 2)
         patch.setattr(matrix, "default_cases", lambda: FEW_CASES)
@@ -77,7 +85,8 @@ def briefly():
             "harvester.averaging.of_scene.average_parameters", lru_cache(averaging.average)
         )
         yield
-    worker.close()
+    for worker in SameWorker.made:
+        Worker.close(worker)
 
 
 def speeds_here(scene, version):

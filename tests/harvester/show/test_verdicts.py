@@ -18,8 +18,9 @@ NAMES = {
 
 def result(voltage=1.0, error=0.01, notes=(), **more):
     values = {**NAMES, "mean_square_voltage": voltage, **more}
+    note = "" if error else "too short for an error bar"
     return SimpleNamespace(
-        scaled_quantities={name: Estimate(v, error, None, "1") for name, v in values.items()},
+        scaled_quantities={name: Estimate(v, error, None, "1", note) for name, v in values.items()},
         notes=notes,
         energy_balance_residual=0.001,
     )
