@@ -52,6 +52,10 @@ class Sine(Excitation):
     def random(self) -> bool:
         return False
 
+    @property
+    def lines(self) -> tuple[tuple[float, float], ...]:
+        return ((self.frequency, self.amplitude),)
+
     def check(self, units: str, run: Run, origin: str) -> None:
         longest = 1.0 / (FEWEST_KNOTS_PER_PERIOD * self.frequency)
         if self.knot_spacing is not None and self.knot_spacing > longest:
@@ -98,6 +102,10 @@ class SteppedSine(Excitation):
     dwell: float
     knot_spacing: float
     kind: str = "stepped sine"
+
+    @property
+    def lines(self) -> tuple[tuple[float, float], ...]:
+        return tuple((frequency, self.amplitude) for frequency in self.frequencies)
 
     def spacing(self, longest: float) -> float:
         return self.knot_spacing

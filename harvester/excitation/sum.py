@@ -49,6 +49,10 @@ class Sum(Excitation):
         return any(part.random for part in self.parts)
 
     @property
+    def lines(self) -> tuple[tuple[float, float], ...]:
+        return tuple(line for part in self.parts for line in part.lines)
+
+    @property
     def drifts(self) -> bool:
         return any(part.drifts for part in self.parts)
 
