@@ -211,8 +211,8 @@ def add_transducer(
 ) -> None:
     """Elements of a transducer's network; `state` is the volts or amperes it begins with, as text.
 
-    The charge that the mass moves goes at its `pace`. A source that moves with the mass is controlled by the velocity, and a force is a current out of
-    it (Eq. 4).
+    A source that moves with the mass is controlled by the velocity, and a force is a current out of
+    it (Eq. 4). The charge that the mass moves goes at its `pace`.
     """
     for each in elements:
         gain = pace if each.kind == "moving current" else 1.0

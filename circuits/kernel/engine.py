@@ -102,7 +102,14 @@ def run_realizations(
     refinement = fixed / steps_per_knot(scene, engine="monte-carlo")
     for k, (path, start, watching) in enumerate(zip(paths, starts, observers, strict=True)):
         for record, output in integrate(
-            s, circuit, path, start, stop_time(scene), fixed, in_contact, refinement,
+            s,
+            circuit,
+            path,
+            start,
+            stop_time(scene),
+            fixed,
+            in_contact,
+            refinement,
             line_frequency(scene),
         ):
             if not all(np.isfinite(column[-1]) for column in record):

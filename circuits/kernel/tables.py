@@ -32,8 +32,8 @@ class Tables(NamedTuple):
     tape : (k, 4) operations, `tape_values` (k,) their constants.
     behavioural : (k, 4) row it adds to, row it takes from, first operation, place of its value;
         `inputs` (k, 3) which of them, place on the tape, unknown.
-    retimed : (k,) entries that `circuits.kernel.retiming` changes: the mass, and the currents that its
-        velocity drives.
+    retimed : (k,) entries that `circuits.kernel.retiming` changes: the mass, and the currents that
+        its velocity drives.
     nonlinear_rows, nonlinear_columns : (n,) whether what is not linear stands there.
     start : (2, n) y at the beginning, and what one volt or ampere of the transducer's state adds.
     """

@@ -76,6 +76,28 @@ def standard_error(series: np.ndarray) -> float | None:
     return None
 
 
+def error_without_chance(series: np.ndarray) -> float:
+    """Error of a mean over whole periods of an excitation without chance.
+
+    What is left of the start: the change from the first to the second half. Where the motion has
+    another period or none, how far batches scatter about that, as if each were by chance.
+
+    Parameters
+    ----------
+    series : ndarray, shape (realizations, batches)
+        Whole periods each.
+    """
+    series = np.asarray(series, dtype=float)
+    middle = series.shape[1] // 2
+    if middle == 0:
+        return 0.0 if len(series) == 1 else float(series.std() / math.sqrt(len(series)))
+    left = abs(float(series[:, -middle:].mean() - series[:, :middle].mean()))
+    scatter = standard_error(series)
+    if scatter is None:
+        scatter = float(series.std()) / math.sqrt(series.size)
+    return math.hypot(left, scatter)
+
+
 def standard_error_of_drift(series: np.ndarray) -> float | None:
     """Standard error of the mean where the strength of the excitation drifts, as in one record.
 

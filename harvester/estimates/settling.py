@@ -17,7 +17,6 @@ import numpy as np
 from harvester.device import spring as springs
 from harvester.device import timescales
 from harvester.estimates.batch_means import FEWEST_BATCHES, complete_batches, standard_error
-from harvester.excitation import PrescribedDisplacement, Sine
 from harvester.record.moments import QUANTITIES
 
 if TYPE_CHECKING:
@@ -159,11 +158,11 @@ def _too_short(run, time, what, share, names=None):
 
 def _slow(scene, time, what, error, names=None):
     """The shortfall of a run against what relaxes within one known time, or None."""
-    run, excitation = scene.run, scene.excitation
+    run = scene.run
     left = left_of_start(time, run.settle, run.duration)
     if left > max(error, SMALLEST_DRIFT):
         return _too_short(run, time, what, left, names)
-    if isinstance(excitation, Sine | PrescribedDisplacement):
+    if scene.excitation.period is not None and not scene.excitation.random:
         return None
     # Independent values that the slow part takes in all.
     values = run.realizations * (1.0 + run.duration / (2.0 * time))

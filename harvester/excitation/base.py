@@ -88,6 +88,11 @@ class Excitation(ABC):
         return ()
 
     @property
+    def period(self) -> float | None:
+        """Time after which it repeats itself (s); None where it does not."""
+        return None
+
+    @property
     def drifts(self) -> bool:
         """Whether its strength changes along the run, as in one record of an event."""
         return False
