@@ -81,10 +81,3 @@ def test_power_near_resonance_is_that_of_the_closed_form(detuning, engine, tmp_p
     scene = scene_at(detuning, tmp_path)
     # Without the pace Monte Carlo's is 30 to 80 % low here, the circuit's 10 to 60 %.
     assert mean_power(scene, engine) == pytest.approx(power_of(scene), rel=2e-3)
-
-
-def test_noise_knows_no_pace(tmp_path):
-    from harvester.engines.lines import line_frequency
-
-    noise = {"kind": "ornstein-uhlenbeck", "intensity": 1e-3, "correlation_time": 0.01}
-    assert line_frequency(scene_at(0.0, tmp_path, excitation=noise)) == 0.0

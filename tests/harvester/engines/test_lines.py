@@ -18,7 +18,7 @@ def driven(*frequencies, **changes):
     return Scene.load("linear").replace({"excitation": excitation, **changes})
 
 
-def test_noise_has_no_line():
+def test_noise_on_a_broad_resonance_has_no_line():
     scene = Scene.load("linear")
     assert line_frequency(scene) == spread(scene) == 0.0
 

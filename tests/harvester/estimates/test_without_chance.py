@@ -51,8 +51,9 @@ def linear_power(scene):
     system, scales = scale(scene)
     omega = 2.0 * math.pi * scene.excitation.frequency
     beta, rate = system.transducer.coupling, system.transducer.decay_rate()
-    stiffness, force = system.spring.coefficients[1], 1.0 / scales.displacement
+    stiffness, force = system.spring.coefficients[1], scene.excitation.amplitude
     voltage = 1j * omega / (1j * omega + rate)
+    force /= scales.displacement
     x = force / (stiffness - omega**2 + 1j * omega * system.damper.damping + beta * voltage)
     return 0.5 * beta * rate * abs(voltage * x) ** 2
 
