@@ -68,7 +68,8 @@ def run_estimates(
     """
     system, scales = scale(scene)
     moments = list(moments)
-    whole = estimate_all(moments, system, error_of(scene)) | estimate_output(moments)
+    error = error_of(scene)
+    whole = estimate_all(moments, system, error) | estimate_output(moments, error)
     whole = {name: with_steps(scene, each, step_error) for name, each in whole.items()}
     found = shortfalls(scene, system, moments, whole)
     notes = (

@@ -72,3 +72,27 @@ def test_the_mean_does_not_depend_on_where_a_period_is_cut(duration):
     [found] = run(scene, "monte-carlo", [0], "default", "external", None, lambda _: None)
     power = run_estimates(scene, [found.moments]).scaled["mean_power"]
     assert power.estimate == pytest.approx(linear_power(scene), rel=1e-3)
+
+
+def test_what_a_bridge_gets_from_a_sine_has_an_error_without_samples():
+    scene = Scene.load("device").replace(
+        {
+            "oscillator.linear_stiffness": 60.0,
+            "oscillator.cubic_stiffness": 0.0,
+            "oscillator.damping": 0.3,
+            "excitation": {"kind": "sine", "amplitude": 3.0, "frequency": 8.3},
+            "load": {"netlist": "bridge", "parameters": {"resistance": 1e6, "storage": 1e-6}},
+            "run.settle": 10.0,
+            "run.duration": 2.0,
+            "run.realizations": 1,
+        }
+    )
+    [found] = run(scene, "monte-carlo", [0], "default", "external", None, lambda _: None)
+    cost = step_error(scene, engine="monte-carlo")
+    power = run_estimates(scene, [found.moments], cost).scaled["mean_output_power"]
+    assert cost * power.estimate <= power.standard_error < 0.01 * power.estimate
+    assert power.effective_sample_size is None
+
+
+def test_one_batch_has_no_error():
+    assert error_without_chance(np.ones((1, 1))) is None
