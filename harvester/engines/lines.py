@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
 
-# By how much of half a resonance's width an integrator may misplace it. At twice this, a device on
-# its flank gives 1 % more or less.
+# By how much of half a resonance's width an integrator may misplace it: a device on its flank then
+# gives half a percent more or less.
 SHARE_OF_HALF_WIDTH = 0.005
 # A line whose response is this share of the greatest counts.
 COUNTING_RESPONSE = 0.1

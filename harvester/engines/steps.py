@@ -152,7 +152,8 @@ def step_error(scene: Scene, step: str | float = "default", engine: str = "circu
     constant, order, left = _frequency_error(scene, engine)
     length = knot_spacing(scene) / steps_per_knot(scene, step, engine)
     error = constant * (omega * length) ** order
-    flank = left * error / lines.half_width(scene) if left > 0.0 else 0.0
+    # Without damping there is no width, and the whole power may be missed.
+    flank = left * error / max(lines.half_width(scene), error) if left > 0.0 else 0.0
     return flank + LOAD_ERRORS * error
 
 
