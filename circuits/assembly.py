@@ -133,6 +133,8 @@ class Netlist:
     watched_energy : (float, float)
         Twice the energy over the terminal's voltage squared (F), and twice that which does not
         count (J).
+    pace : float
+        Of the motion's clock; the excitation is to be less by it.
     """
 
     text: str
@@ -152,6 +154,7 @@ class Netlist:
     measurement: Measurement = NOTHING
     watch: Watch = UNWATCHED
     watched_energy: tuple[float, float] = (0.0, 0.0)
+    pace: float = 1.0
 
     @property
     def sha256(self) -> str:
@@ -168,6 +171,7 @@ def assemble(
     integrator: str = "trapezoidal",
     save: Iterable[str] = (),
     compiled: bool = False,
+    pace: float = 1.0,
 ) -> Netlist:
     """Build the equivalent circuit of a scene with PySpice.
 
@@ -190,6 +194,8 @@ def assemble(
     compiled : bool
         The mechanics and the piezo are one compiled device each, see
         `circuits.ngspice.compiled_device`.
+    pace : float
+        Of the motion's clock, see `circuits.elements.pace_of`.
 
     Returns
     -------
@@ -220,8 +226,9 @@ def assemble(
         else:
             _add_mechanics(place, system, rate, length, start)
         parts = compiled_device.left_out(electrical) if compiled else electrical.elements
-        elements.add_transducer(place, parts, rate, scales, start[2])
+        elements.add_transducer(place, parts, rate, scales, start[2], pace)
         if not scene.excitation.prescribes_displacement:
+            elements.add_pace(place, rate, pace, start)
             elements.add_excitation(place, waveform)
         if load:
             elements.add_load(place, load, electrical)
@@ -242,7 +249,7 @@ def assemble(
             circuit.X(f"copy{copy}", "device", circuit.gnd, **values)
         prefixes = tuple(f"xcopy{copy}." for copy in range(len(starts)))
     if compiled:
-        compiled_device.add_model(circuit, system, rate, electrical, scales)
+        compiled_device.add_model(circuit, system, rate, electrical, scales, pace)
         compiled_device.add_starts(circuit, zip(prefixes, starts, strict=True))
     text = str(circuit)
     check_netlist(text)
@@ -279,6 +286,7 @@ def assemble(
         measurement=measurement_of(load, pins) if load else NOTHING,
         watch=watch_of(load, pins) if load else UNWATCHED,
         watched_energy=(capacitance, capacitance * (SMALL_VOLTAGE * scales.voltage) ** 2),
+        pace=pace,
     )
 
 

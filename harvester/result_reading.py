@@ -48,6 +48,7 @@ def result_of(content: dict[str, Any], folder: str | None) -> Result:
         simulated_time=_number(content["simulated_time"], "simulated_time"),
         steps=_count(content["steps"], "steps"),
         step=_maybe(content["step"], "step"),
+        step_error=_maybe(content.get("step_error"), "step_error"),
         realizations=_count(content["realizations"], "realizations"),
         netlist_sha256=None if digest is None else _text(digest, "netlist_sha256"),
         notes=tuple(_text(each, "notes") for each in _list(content["notes"], "notes")),

@@ -63,6 +63,9 @@ class Result:
     steps : int
     step : float or None
         Longest step (s).
+    step_error : float or None
+        Share of a mean power that the steps may cost, by `harvester.engines.steps.step_error`; None
+        where it is not known. It is part of the error bars where nothing is by chance.
     realizations : int
     engine_version : str
     netlist_sha256 : str or None
@@ -108,6 +111,7 @@ class Result:
     moments: list[Moments] = field(default_factory=list)
     spectrum_fit: SpectrumFit | None = None
     outcome: str = "complete"
+    step_error: float | None = None
 
     def quantity(self, name: str) -> Estimate:
         """One estimate in the scene's units, as `result[name]`.
@@ -174,6 +178,7 @@ class Result:
             "simulated_time": self.simulated_time,
             "steps": self.steps,
             "step": self.step,
+            "step_error": finite(self.step_error),
             "realizations": self.realizations,
             "seed": self.scene.run.seed,
             "netlist_sha256": self.netlist_sha256,
@@ -295,6 +300,8 @@ class Result:
                 f"{self.realizations} × {self.simulated_time / self.realizations:g} s, "
                 f"{self.steps} steps of at most {self.step:g} s, seed {self.scene.run.seed}"
             )
+        if self.step_error is not None:
+            facts.append(f"the steps cost powers up to {self.step_error:.1g} of themselves")
         if self.energy_balance_residual is not None:
             facts.append(f"energy balance residual {self.energy_balance_residual:.2%}")
         facts.append(f"{self.wall_seconds:.2f} s")

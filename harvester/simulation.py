@@ -18,7 +18,7 @@ from harvester.engines.circuit import device_used
 from harvester.engines.pools import Workers, processes
 from harvester.engines.protocol import ENGINES
 from harvester.engines.realization import Realization, run
-from harvester.engines.steps import STEP_LEVELS, knot_spacing, steps_per_knot
+from harvester.engines.steps import STEP_LEVELS, knot_spacing, step_error, steps_per_knot
 from harvester.errors import EnergyNotBalanced, HarvesterError, SimulationError
 from harvester.estimates.batch_means import measured_time
 from harvester.estimates.densities import densities
@@ -301,7 +301,8 @@ def _result(scene, engine, step, source, realizations, failures, outcome="comple
     moments = [realization.moments for realization in realizations]
     first = min(realization.started for realization in realizations)
     last = max(realization.ended for realization in realizations)
-    found = run_estimates(scene, moments)
+    cost = step_error(scene, step, engine)
+    found = run_estimates(scene, moments, cost)
     shapes = densities(moments, is_symmetric(scene, parameters))
     joints = [realization.joint for realization in realizations if realization.joint is not None]
     joint = joint_density_of(joints, is_symmetric(scene, parameters)) if joints else None
@@ -320,6 +321,7 @@ def _result(scene, engine, step, source, realizations, failures, outcome="comple
         simulated_time=sum(m.time_reached for m in moments),
         steps=sum(m.points for m in moments),
         step=knot_spacing(scene) / steps_per_knot(scene, step, engine),
+        step_error=cost if source == "external" else None,
         realizations=len(moments),
         engine_version=realizations[0].engine_version,
         netlist_sha256=realizations[0].netlist_sha256,

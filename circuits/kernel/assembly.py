@@ -115,6 +115,7 @@ def _add_transducer(b, network, scales, row_unit):
     for each in network.elements:
         _add_part(b, each, nodes, velocity, scales, row_unit)
     b.enter(velocity, velocity, capacity=row_unit)
+    b.retimed.insert(0, (velocity, velocity))
     b.mark([velocity], [velocity])
     return velocity
 
@@ -135,6 +136,7 @@ def _add_part(b, each, nodes, velocity, scales, row_unit):
     elif each.kind == "moving current":
         b.enter(a, velocity, conductance=-each.value)
         b.enter(z, velocity, conductance=each.value)
+        b.retimed += [(node, velocity) for node in (a, z) if node >= 0]
     elif each.kind == "force of voltage":
         gain = row_unit * each.value / scales.voltage
         b.enter(velocity, a, conductance=gain)

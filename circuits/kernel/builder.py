@@ -33,6 +33,8 @@ class Builder:
         self.nonlinear: set[tuple[str, int]] = set()
         self.initial: list[tuple[int, int, float, float]] = []
         self.inductances: dict[str, float] = {}
+        # (row, column) of the mass, then of the currents that its velocity drives.
+        self.retimed: list[tuple[int, int]] = []
 
     def node(self, name: str) -> int:
         """The place of a node's voltage; −1 for ground."""
@@ -149,6 +151,7 @@ def tables_of(b: Builder, velocity: int) -> Tables:
         tape_values=np.array(b.tape.values, dtype=float),
         behavioural=places(b.behavioural, 4),
         inputs=places(b.inputs, 3),
+        retimed=np.array([rows.index(each) for each in b.retimed], dtype=np.int64),
         nonlinear_rows=flags[0],
         nonlinear_columns=flags[1],
         start=_starts(b, n),

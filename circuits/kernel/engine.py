@@ -16,6 +16,7 @@ from circuits.kernel.mechanics import device_of
 from circuits.kernel.stage import (
     DISPLACEMENT,
     HELD_SPEED,
+    LINE,
     PROPOSED,
     STRICTNESS,
     TIME,
@@ -26,6 +27,7 @@ from circuits.kernel.stepping import CHATTER, FINE, advance
 from circuits.kernel.tables import Circuit
 from harvester.compilation import numba
 from harvester.device import contact, system, timescales
+from harvester.engines.lines import line_frequency
 from harvester.engines.steps import (
     CRAWL,
     GETS_NOWHERE,
@@ -100,7 +102,15 @@ def run_realizations(
     refinement = fixed / steps_per_knot(scene, engine="monte-carlo")
     for k, (path, start, watching) in enumerate(zip(paths, starts, observers, strict=True)):
         for record, output in integrate(
-            s, circuit, path, start, stop_time(scene), fixed, in_contact, refinement
+            s,
+            circuit,
+            path,
+            start,
+            stop_time(scene),
+            fixed,
+            in_contact,
+            refinement,
+            line_frequency(scene),
         ):
             if not all(np.isfinite(column[-1]) for column in record):
                 raise SolutionDiverged(
@@ -132,6 +142,7 @@ def integrate(
     steps_per_knot: int = 1,
     steps_per_contact: int = STEPS_PER_CONTACT,
     refinement: float = 1.0,
+    line: float = 0.0,
 ) -> Iterator[tuple[Record, np.ndarray]]:
     """Integrate the device with its load along a noise path.
 
@@ -152,6 +163,8 @@ def integrate(
         Of the steps against the default ones. A step's tolerated error goes with its square, down
         to what Newton's iterations leave: else where the error alone sets the steps a finer grid
         would change nothing.
+    line : float
+        Angular frequency at which the device's motion is to be exact (rad/s); 0: none.
 
     Yields
     ------
@@ -170,6 +183,7 @@ def integrate(
     device, state = device_of(s), _beginning(s, circuit, start)
     state.numbers[STRICTNESS] = min(max(refinement, 1.0), FINEST) ** 4
     state.numbers[PROPOSED] = stepping.RESTART * path.spacing / steps_per_knot
+    state.numbers[LINE] = line
     record = empty_record(CHUNK)
     output = np.zeros((1 + len(circuit.measurement.watched), CHUNK))
     spent, reached = time.thread_time(), 0.0

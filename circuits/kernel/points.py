@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from circuits.kernel.mechanics import Device, evaluate
-from circuits.kernel.stage import DISPLACEMENT, HELD_SPEED, MEAN_POWER
+from circuits.kernel.stage import DISPLACEMENT, HELD_SPEED, MEAN_POWER, PACE
 from harvester.compilation import compiled, merged
 from harvester.device import system as systems
 from harvester.record.record import fill
@@ -55,7 +55,8 @@ def given_power(device: Device, probes: Probes, state: State, share: float) -> f
     v = y[y.size - 1] + share * change[y.size - 1]
     electrical = (y[place] + share * change[place]) * units[1]
     own = systems.own_loss(device.transducer, v, electrical, amperes * units[2])
-    return systems.part_force(device.transducer, v, electrical) * v - own
+    pace = state.numbers[PACE]
+    return systems.part_force(device.transducer, v, electrical) * v * pace - own
 
 
 @merged

@@ -32,9 +32,9 @@ DIFFERENCE = 1e-6
 # Places among the numbers of a state, beside its vectors, see `circuits.kernel.stepping`.
 (
     DISPLACEMENT, HELD_SPEED, ZONE, PHASE, PROPOSED, RATES_KNOWN, LAST_STEP, ENERGY, SWITCHINGS,
-    TIME, MEAN_POWER, STRICTNESS,
-) = range(12)  # fmt: skip
-NUMBERS = STRICTNESS + 1
+    TIME, MEAN_POWER, STRICTNESS, LINE, TIMED_FOR, PACE, CANCELLED,
+) = range(16)  # fmt: skip
+NUMBERS = CANCELLED + 1
 
 
 class State(NamedTuple):
@@ -46,7 +46,7 @@ class State(NamedTuple):
     slots, stride : place in it of the factors kept, and how many numbers each has; `keys`
         (SLOTS + 1, 2) the step's δ and the switches' states that they are for, and which is next.
     motion : place of the velocity in `solution`; `core` (c,) the unknowns there.
-    y … switches : views of the memory, see `circuits.kernel.memory.Layout`.
+    y … capacity, conductance : views of the memory, see `circuits.kernel.memory.Layout`.
     latest : (n + 1,) y + u of the last iteration, ground last.
     closed : (k,) int64, of the switches.
     values, shares : (k,) of the tape.
@@ -77,6 +77,8 @@ class State(NamedTuple):
     slopes: np.ndarray
     sizes: np.ndarray
     switches: np.ndarray
+    capacity: np.ndarray
+    conductance: np.ndarray
     latest: np.ndarray
     closed: np.ndarray
     values: np.ndarray
@@ -98,9 +100,10 @@ def fresh_state(circuit: Circuit) -> State:
         "slopes": len(tables.inputs),
         "sizes": len(tables.behavioural),
         "switches": len(tables.switches),
+        **dict.fromkeys(("capacity", "conductance"), len(tables.entries)),
     }
     views = (memory[getattr(at, name) :][:length] for name, length in lengths.items())
-    return State(
+    state = State(
         circuit.code,
         memory.ctypes.data,
         at.slots,
@@ -115,6 +118,8 @@ def fresh_state(circuit: Circuit) -> State:
         shares=np.zeros(k),
         numbers=np.zeros(NUMBERS),
     )
+    state.numbers[PACE] = 1.0
+    return state
 
 
 @merged
@@ -226,7 +231,7 @@ def solve_stage(
         From `slot_of`.
     delta, time : float
     x_base : float
-        X less δ X' of the stage.
+        X less what δ X' adds in the stage.
     zone : (bool, float, float, float)
         Whether contacts act, between which displacements, and the held speed.
     row_unit : float
@@ -235,12 +240,13 @@ def solve_stage(
     code, memory = state.code, state.address
     last = state.y.size - 1
     touching, low, high, held = zone
+    way, cancelled = delta * state.numbers[PACE], state.numbers[CANCELLED]
     v = state.latest[last]
-    pull = force(device, touching, low, high, held, x_base + delta * v, v)
+    pull = force(device, touching, low, high, held, x_base + way * v, v) + cancelled * v
     nearby = DIFFERENCE * state.largest[last]
     per_nearby = delta * row_unit / nearby
-    slope = force(device, touching, low, high, held, x_base + delta * (v + nearby), v + nearby)
-    slope = (slope - pull) * per_nearby
+    slope = force(device, touching, low, high, held, x_base + way * (v + nearby), v + nearby)
+    slope = (slope + cancelled * (v + nearby) - pull) * per_nearby
     behavioural = tables.behavioural.shape[0] > 0
     settled = False
     for _ in range(MOST_ITERATIONS):
@@ -255,5 +261,5 @@ def solve_stage(
         if settled:
             break
         v = state.latest[last]
-        pull = force(device, touching, low, high, held, x_base + delta * v, v)
+        pull = force(device, touching, low, high, held, x_base + way * v, v) + cancelled * v
     return settled

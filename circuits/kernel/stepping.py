@@ -18,12 +18,14 @@ from circuits.kernel import waveform
 from circuits.kernel.emitter import call
 from circuits.kernel.mechanics import Device, evaluate
 from circuits.kernel.points import add_points, given_power, load_power, stored_energy
+from circuits.kernel.retiming import DIAGONAL, retime
 from circuits.kernel.stage import (
     DISPLACEMENT,
     ENERGY,
     HELD_SPEED,
     LAST_STEP,
     MEAN_POWER,
+    PACE,
     PHASE,
     PROPOSED,
     RATES_KNOWN,
@@ -42,8 +44,7 @@ from harvester.compilation import compiled, merged, uncounted
 from harvester.engines.zones import crossing, overshoots
 
 ROOT = np.sqrt(2.0)
-# δ over the step; the first stages' place in it.
-DIAGONAL = 1.0 - 0.5 * ROOT
+# The first stages' place in a step.
 STAGE = 2.0 - ROOT
 # Of the first stage's change in the second, for either method.
 BACKWARD, ALEXANDER = 0.5 * (1.0 + ROOT), 1.0 + ROOT
@@ -291,6 +292,8 @@ def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone):
     n, row_unit = y.size, probes.units[4]
     known, euler = numbers[RATES_KNOWN] == KNOWN, numbers[RATES_KNOWN] == TURNED
     delta = h if euler else DIAGONAL * h
+    retime(tables, state, 0.0 if euler else h)
+    pace = numbers[PACE]
     slot = slot_of(tables, state, delta)
     share, factor = (STAGE, BACKWARD) if known else (DIAGONAL, ALEXANDER)
     if euler:
@@ -300,12 +303,12 @@ def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone):
     _guess(tables, state, 0.0)
     if known:
         state.latest[n - 1] += STAGE * h * state.rates[n - 1] / row_unit
-    base = x + (delta * y[n - 1] if known else 0.0)
+    base = x + (delta * pace * y[n - 1] if known else 0.0)
     settled, error, carried, missed, moved, mean, power = True, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for stage in range(1 if euler else 2):
         ahead = share * h if stage == 0 else h
         _set_sources(tables, state, time + ahead, delta)
-        push = delta * row_unit * (noise + slope * ahead)
+        push = delta * row_unit / pace * (noise + slope * ahead)
         if stage == 0:
             call(code.begin, memory, slot, delta, delta if known else 0.0, push)
         else:
@@ -317,7 +320,7 @@ def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone):
         call(code.finish, memory, slot, further, 0.0, 0.0)
         if not settled:
             break
-        moved = base - x + delta * (y[n - 1] + state.change[n - 1])
+        moved = base - x + delta * pace * (y[n - 1] + state.change[n - 1])
         power = given_power(device, probes, state, 1.0)
         weights = POWER_WEIGHTS[0] if known else POWER_WEIGHTS[1]
         if stage == 0:

@@ -32,6 +32,8 @@ class Tables(NamedTuple):
     tape : (k, 4) operations, `tape_values` (k,) their constants.
     behavioural : (k, 4) row it adds to, row it takes from, first operation, place of its value;
         `inputs` (k, 3) which of them, place on the tape, unknown.
+    retimed : (k,) entries that `circuits.kernel.retiming` changes: the mass, and the currents that
+        its velocity drives.
     nonlinear_rows, nonlinear_columns : (n,) whether what is not linear stands there.
     start : (2, n) y at the beginning, and what one volt or ampere of the transducer's state adds.
     """
@@ -51,6 +53,7 @@ class Tables(NamedTuple):
     tape_values: np.ndarray
     behavioural: np.ndarray
     inputs: np.ndarray
+    retimed: np.ndarray
     nonlinear_rows: np.ndarray
     nonlinear_columns: np.ndarray
     start: np.ndarray

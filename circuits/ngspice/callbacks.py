@@ -97,6 +97,7 @@ STATE = np.dtype(
         ("memory", np.int64),  # float64 (copies, switches + 1)
         ("capacitance", np.float64),  # twice the energy over the terminal's voltage squared (F)
         ("least_energy", np.float64),  # twice that which does not count (J)
+        ("pace", np.float64),  # of the motion's clock
         ("refinement", np.float64),  # of the steps against the default ones
     ],
     align=True,
@@ -191,7 +192,7 @@ def get_noise(current: Any, time: float, name: Any, identity: int, user: Any) ->
         while 48 <= letters[place] <= 57:
             copy = 10 * copy + letters[place] - 48
             place += 1
-    current[0] = _noise(state, copy, time)
+    current[0] = _noise(state, copy, time) / state.pace
     return 0
 
 

@@ -149,7 +149,12 @@ def left_out(network: Network) -> list:
 
 
 def add_model(
-    circuit: Circuit, system: System, rate: float, network: Network, scales: Scales
+    circuit: Circuit,
+    system: System,
+    rate: float,
+    network: Network,
+    scales: Scales,
+    pace: float = 1.0,
 ) -> None:
     """The `.model` line that all copies of a scene's device share.
 
@@ -161,9 +166,11 @@ def add_model(
         ω of the netlist (rad/s).
     network : harvester.device.terminals.Network
     scales : harvester.scene.units.Scales
+    pace : float
+        Of the charge that the mass moves, see `circuits.elements.pace_of`.
     """
     charge, capacitance = (network.value(name) for name in ("charge", "piezo"))
-    side = verilog.Side(scales.voltage, charge, capacitance)
+    side = verilog.Side(scales.voltage, charge * pace, capacitance)
     name, _, values = verilog.module(system, rate, side)
     settings = " ".join(f"{key}={number(value)}" for key, value in values.items())
     circuit.raw_spice += f".model {MODEL} {name} {settings}\n"

@@ -9,9 +9,11 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from circuits.assembly import assemble, step_options
+from circuits.elements import pace_of
 from circuits.ngspice import compiled_device
 from circuits.ngspice.session import session
-from harvester.engines.steps import steps_per_contact, steps_per_knot
+from harvester.engines.lines import line_frequency
+from harvester.engines.steps import knot_spacing, steps_per_contact, steps_per_knot
 from harvester.errors import CompiledDeviceUnavailable
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
@@ -87,8 +89,9 @@ def run_realizations(
     else:
         options, by_error = step_options(scene, step, tolerance)
         compiled = _compiled(engine, scene, system, device)
+        pace = _pace(scene, step) if scheme == "trapezoidal" and tolerance is None else 1.0
         netlist = assemble(
-            scene, step, starts, options=options, integrator=scheme, compiled=compiled
+            scene, step, starts, options=options, integrator=scheme, compiled=compiled, pace=pace
         )
         steps = steps_per_knot(scene, step), steps_per_contact(scene, step)
         refinement = steps[0] / steps_per_knot(scene)
@@ -97,6 +100,12 @@ def run_realizations(
         "engine_version": version(engine),
         "netlist_sha256": netlist.sha256,
     }
+
+
+def _pace(scene, step):
+    """That at which steps of the grid are exact for the excitation's line."""
+    length = knot_spacing(scene) / steps_per_knot(scene, step)
+    return pace_of(line_frequency(scene) * length)
 
 
 def device_used(scene: Scene, device: str, report: Callable) -> str:

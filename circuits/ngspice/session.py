@@ -226,6 +226,7 @@ class Session(NgSpiceShared):
         state["state_scale"] = 1.0 / netlist.state_unit
         state["landing"] = LANDING if elements.holding(system) else 1.0
         state["rate"] = netlist.rate
+        state["pace"] = netlist.pace
         self._begin_watching(netlist, copies, measured)
         self._ngspice_shared.ngSpice_Init_Sync(
             ffi.NULL,

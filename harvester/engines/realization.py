@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -207,18 +208,31 @@ def empty_moments(scene: Scene) -> Moments:
     """Nothing accumulated yet, in the batches that the scene's run is cut into."""
     parameters, _ = scale(scene)
     spacing = knot_spacing(scene)
-    counts = batch_counts(scene.run.realizations, scene.run.duration / spacing)
+    start, batches, groups = _measured(scene, spacing)
     saddles = timescales.saddles(parameters)
     even = len(saddles) == 1 and parameters.symmetric and scene.excitation.symmetric
     moments = Moments.empty(
-        scene.run.settle,
+        start,
         stop_time(scene),
         timescales.free_zone(parameters),
         saddles,
         bool(saddles) and not even,
-        *counts,
+        batches,
+        groups,
         KNOTS_PER_SAMPLE * spacing,
     )
     if saddles:
-        moments.jumps = Jumps.empty(parameters, moments.start, moments.batch_length, counts[0])
+        moments.jumps = Jumps.empty(parameters, moments.start, moments.batch_length, batches)
     return moments
+
+
+def _measured(scene, spacing):
+    """When measuring begins (s), and the numbers of batches and groups: whole periods if it can."""
+    run, period = scene.run, scene.excitation.period
+    batches, groups = batch_counts(run.realizations, run.duration / spacing)
+    if period is None or period > run.duration:
+        return run.settle, batches, groups
+    periods = math.floor(run.duration / period + 1e-9)
+    batches = min(batches, periods)
+    start = stop_time(scene) - periods // batches * batches * period
+    return max(start, run.settle), batches, min(groups, batches)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.device import timescales
+from harvester.engines import lines
 from harvester.errors import HarvesterError, SceneError
 from harvester.excitation.ornstein_uhlenbeck import (
     KNOTS_PER_CORRELATION_TIME,
@@ -30,6 +31,17 @@ STEPS_PER_CONTACT = 30
 EVEN_STEPS_PER_CONTACT = 26
 # Steps by name, as divisions of the default one.
 STEP_LEVELS = {"default": 1, "fine": 4, "finest": 32}
+# Error of the frequency ω over itself, constant · (ω h)^order, of each method where it is not made
+# exact at a line: Runge–Kutta, TR-BDF2 and the trapezoidal rule, from their stability functions.
+FREQUENCY_ERRORS = {
+    "runge-kutta": (1.0 / 120.0, 4),
+    "monte-carlo": (0.0404, 2),
+    "circuit": (1.0 / 12.0, 2),
+}
+# Error of a load's power over that of the frequency: at most 4 behind bridges, doublers and SSHI.
+LOAD_ERRORS = 4.0
+# How much finer at most steps become for a line.
+FINER_NEAR_LINES = 3.0
 # A run that takes this much processor time (s) for less than this share of its longest step would
 # not end.
 PATIENCE, CRAWL = 6.0, 1e-3
@@ -112,12 +124,60 @@ def steps_per_knot(scene: Scene, step: str | float = "default", engine: str = "c
     longest = (
         2.0 * math.pi / timescales.fastest_angular_frequency(system) / STEPS_PER_PERIOD[engine]
     )
+    longest = _near_lines(scene, engine, longest)
     finer = REJECTING_STEPS if engine == "circuit" and load and load.may_jump else 1
     if engine == "monte-carlo" and system.transducer.decay_rate() * spacing > 1.0:
         finer *= STEPS_OF_FAST_LOADS
     if system.damper.damping * spacing > 1.0:
         finer = max(finer, STEPS_OF_SLAVED_VELOCITY)
     return max(1, math.ceil(spacing / longest - 1e-9)) * STEP_LEVELS[step] * finer
+
+
+def step_error(scene: Scene, step: str | float = "default", engine: str = "circuit") -> float:
+    """Share of a mean power that the steps may cost, from the methods' stability functions.
+
+    Of the linear device: what is left of the misplaced resonance on its flank, where the power
+    changes most, and a few times the frequency's own error for what the load does in a period. A
+    contact's or a switch's own error is not in it.
+
+    Parameters
+    ----------
+    scene, step, engine
+        See `steps_per_knot`.
+    """
+    system, _ = scale(scene)
+    omega = lines.line_frequency(scene) or timescales.angular_frequency(system)
+    period = scene.excitation.period
+    if scene.excitation.prescribes_displacement and period is not None:
+        omega = 2.0 * math.pi / period
+    constant, order, left = _frequency_error(scene, engine)
+    length = knot_spacing(scene) / steps_per_knot(scene, step, engine)
+    error = constant * (omega * length) ** order
+    # Without damping there is no width, and the whole power may be missed.
+    flank = left * error / max(lines.half_width(scene), error) if left > 0.0 else 0.0
+    return flank + LOAD_ERRORS * error
+
+
+def _frequency_error(scene, engine):
+    """Constant and order of an integrator's error of frequency, and the share left near lines."""
+    method = "runge-kutta" if engine == "monte-carlo" and scene.load.is_resistor else engine
+    left = lines.spread(scene)
+    if method == "runge-kutta" and lines.line_frequency(scene) > 0.0:
+        left = 1.0
+    return *FREQUENCY_ERRORS[method], left
+
+
+def _near_lines(scene, engine, longest):
+    """The longest step that places a resonance well enough where the excitation has lines."""
+    constant, order, left = _frequency_error(scene, engine)
+    if left == 0.0:
+        return longest
+    omega = lines.line_frequency(scene)
+    allowed = lines.SHARE_OF_HALF_WIDTH * lines.half_width(scene)
+    if left * constant * (omega * longest) ** order <= allowed:
+        return longest
+    wanted = (allowed / (constant * left)) ** (1.0 / order) / omega
+    return max(wanted, longest / FINER_NEAR_LINES)
 
 
 def steps_per_contact(scene: Scene, step: str | float = "default", engine: str = "circuit") -> int:

@@ -76,6 +76,35 @@ def standard_error(series: np.ndarray) -> float | None:
     return None
 
 
+def error_without_chance(series: np.ndarray) -> float | None:
+    """Error of a mean over whole periods of an excitation without chance.
+
+    What is left of the start: the change from the first to the second half. Where the motion has
+    another period or none, how far batches scatter about that, as if each were by chance.
+
+    Parameters
+    ----------
+    series : ndarray, shape (realizations, batches)
+        Whole periods each.
+
+    Returns
+    -------
+    float or None
+        None for a single batch, or without a batch.
+    """
+    series = np.asarray(series, dtype=float)
+    middle = series.shape[1] // 2
+    if series.size < 2:
+        return None
+    if middle == 0:
+        return float(series.std() / math.sqrt(len(series)))
+    left = abs(float(series[:, -middle:].mean() - series[:, :middle].mean()))
+    scatter = standard_error(series)
+    if scatter is None:
+        scatter = float(series.std()) / math.sqrt(series.size)
+    return math.hypot(left, scatter)
+
+
 def standard_error_of_drift(series: np.ndarray) -> float | None:
     """Standard error of the mean where the strength of the excitation drifts, as in one record.
 
@@ -141,6 +170,7 @@ def ratio_estimate(
     dimension: str,
     nothing: str = "there was none",
     squares: np.ndarray | None = None,
+    error_of: Callable = standard_error,
 ) -> Estimate:
     """`ratio_of_sums` as a quantity of this dimension.
 
@@ -153,10 +183,12 @@ def ratio_estimate(
     squares : ndarray, optional
         Time integrals of the square of what `upper` integrates over the time `lower`: its variance
         tells the effective sample size.
+    error_of : callable
+        See `harvester.estimates.means.estimate_all`.
     """
     if not lower.any():
         return Estimate(math.nan, None, None, dimension, nothing)
-    ratio, error = ratio_of_sums(upper, lower)
+    ratio, error = ratio_of_sums(upper, lower, error_of)
     size = None
     if squares is not None:
         size = independent_samples(ratio, float(squares.sum() / lower.sum()), error)

@@ -7,7 +7,7 @@ device itself loses, add up to 1.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -18,6 +18,7 @@ from harvester.estimates.batch_means import (
     complete_batches,
     independent_events,
     ratio_estimate,
+    standard_error,
 )
 from harvester.estimates.estimate import NO_VALUE, TOO_SHORT, Estimate
 from harvester.record.moments import QUANTITIES
@@ -33,13 +34,17 @@ UNCHANGED = "it never changed: no error bar tells how rare that is"
 INTEGRAL, CHANGE, RISES, FALLS, SQUARE = range(len(MEASURED))
 
 
-def estimate_measures(moments: Sequence[Moments]) -> dict[str, Estimate]:
+def estimate_measures(
+    moments: Sequence[Moments], error_of: Callable = standard_error
+) -> dict[str, Estimate]:
     """Quantities of the measures of a load.
 
     Parameters
     ----------
     moments : sequence of harvester.record.moments.Moments
         Of a load with an output.
+    error_of : callable
+        See `harvester.estimates.means.estimate_all`.
 
     Returns
     -------
@@ -55,7 +60,7 @@ def estimate_measures(moments: Sequence[Moments]) -> dict[str, Estimate]:
     found: dict[str, Estimate] = {}
     for row, (kind, name) in enumerate(output.rows):
         series = measured_series(moments, row)
-        found.update(_QUANTITIES[kind](name, series, batches, moments, row))
+        found.update(_QUANTITIES[kind](name, series, batches, moments, row, error_of))
     return found
 
 
@@ -85,23 +90,27 @@ def without_value(moments: Sequence[Moments]) -> list[tuple[str, str]]:
 
 
 def _power(suffix):
-    def quantities(name, series, batches, moments, row):
+    def quantities(name, series, batches, moments, row, error_of):
         energy, squares = series[:, :, INTEGRAL], series[:, :, SQUARE]
-        power = ratio_estimate(energy, _time(batches), "power", squares=squares)
+        power = ratio_estimate(energy, _time(batches), "power", squares=squares, error_of=error_of)
         yield f"{name}_{suffix}", power
         put_in = batches[:, :, QUANTITIES.index("input_power")]
-        yield f"{name}_{suffix}_share", ratio_estimate(energy, put_in, "1")
+        yield f"{name}_{suffix}_share", ratio_estimate(energy, put_in, "1", error_of=error_of)
 
     return quantities
 
 
-def _store(name, series, batches, moments, row):
-    yield f"{name}_storage_power", ratio_estimate(series[:, :, CHANGE], _time(batches), "power")
+def _store(name, series, batches, moments, row, error_of):
+    change = series[:, :, CHANGE]
+    power = ratio_estimate(change, _time(batches), "power", error_of=error_of)
+    yield f"{name}_storage_power", power
 
 
-def _state(name, series, batches, moments, row):
+def _state(name, series, batches, moments, row, error_of):
     squares = series[:, :, SQUARE]
-    share = ratio_estimate(series[:, :, INTEGRAL], _time(batches), "1", squares=squares)
+    share = ratio_estimate(
+        series[:, :, INTEGRAL], _time(batches), "1", squares=squares, error_of=error_of
+    )
     if share.note != NO_VALUE and not series[:, :, [RISES, FALLS]].any():
         share = Estimate(share.estimate, None, None, "1", UNCHANGED)
     yield f"{name}_time_share", share
@@ -115,14 +124,14 @@ def _state(name, series, batches, moments, row):
     yield f"{name}_stops_per_hour", _hourly(series[:, :, FALLS], _time(batches))
 
 
-def _taken(name, series, batches, moments, row):
+def _taken(name, series, batches, moments, row, error_of):
     """The row of the state itself stands in front."""
     state = measured_series(moments, row - 1)
     if not np.isfinite(state[:, :, INTEGRAL]).all():
         yield f"{name}_energy", Estimate(math.nan, None, None, "energy", NO_VALUE)
         return
-    times = state[:, :, FALLS]
-    yield f"{name}_energy", ratio_estimate(series[:, :, INTEGRAL], times, "energy")
+    times, energy = state[:, :, FALLS], series[:, :, INTEGRAL]
+    yield f"{name}_energy", ratio_estimate(energy, times, "energy", error_of=error_of)
 
 
 _QUANTITIES = {

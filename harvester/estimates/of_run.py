@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from harvester.errors import SceneError
 from harvester.estimates.balance import energy_balance_residual
 from harvester.estimates.batch_means import (
+    error_without_chance,
     measured_time,
     standard_error,
     standard_error_of_drift,
@@ -54,8 +56,18 @@ class RunEstimates:
         return withheld(self.whole, self.shortfalls)
 
 
-def run_estimates(scene: Scene, moments: Sequence[Moments]) -> RunEstimates:
+def run_estimates(
+    scene: Scene, moments: Sequence[Moments], step_error: float = 0.0
+) -> RunEstimates:
     """Estimates from the moments of a scene's realizations.
+
+    Parameters
+    ----------
+    scene : Scene
+    moments : sequence of Moments
+    step_error : float
+        Share that the steps may cost, see `harvester.engines.steps.step_error`: where nothing is by
+        chance it is part of the error.
 
     Raises
     ------
@@ -69,8 +81,9 @@ def run_estimates(scene: Scene, moments: Sequence[Moments]) -> RunEstimates:
             f"{scene.name}: run.duration = {scene.run.duration:g}: no whole step lies in it; "
             "raise it to some periods of the motion"
         )
-    error_of = standard_error_of_drift if scene.excitation.drifts else standard_error
-    whole = estimate_all(moments, system, error_of) | estimate_output(moments)
+    error = error_of(scene)
+    whole = estimate_all(moments, system, error) | estimate_output(moments, error)
+    whole = {name: with_steps(scene, each, step_error) for name, each in whole.items()}
     found = shortfalls(scene, system, moments, whole)
     notes = (
         *source_notes(scene.load.circuit),
@@ -92,6 +105,23 @@ def _without_value(load, moments):
         for measure in (load.measures if load else ())
         if any(row in names for row in measure.rows)
     )
+
+
+def error_of(scene: Scene) -> Callable:
+    """The error of a mean from batches that holds for a scene's excitation."""
+    if scene.excitation.drifts:
+        return standard_error_of_drift
+    return standard_error if scene.excitation.period is None else error_without_chance
+
+
+def with_steps(scene: Scene, estimate: Estimate, step_error: float) -> Estimate:
+    """An estimate with the step's error in its bar, and no samples, where nothing is by chance."""
+    if scene.excitation.period is None or scene.excitation.random:
+        return estimate
+    error = estimate.standard_error
+    if error is not None:
+        error = math.hypot(error, step_error * abs(estimate.estimate))
+    return replace(estimate, standard_error=error, effective_sample_size=None)
 
 
 def _loose_nodes(load):

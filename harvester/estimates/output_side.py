@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from harvester.estimates.batch_means import (
     complete_batches,
     ratio_estimate,
     ratio_of_sums,
+    standard_error,
 )
 from harvester.estimates.estimate import NOTHING_PUT_IN, Estimate, why_no_error
 from harvester.estimates.measures import INTEGRAL, SQUARE, estimate_measures, measured_series
@@ -33,12 +34,16 @@ RATIOS = {
 }
 
 
-def estimate_output(moments: Sequence[Any]) -> dict[str, Estimate]:
+def estimate_output(
+    moments: Sequence[Any], error_of: Callable = standard_error
+) -> dict[str, Estimate]:
     """Quantities of the output side of a set of realizations.
 
     Parameters
     ----------
     moments : sequence of harvester.record.moments.Moments
+    error_of : callable
+        See `harvester.estimates.means.estimate_all`.
 
     Returns
     -------
@@ -57,23 +62,23 @@ def estimate_output(moments: Sequence[Any]) -> dict[str, Estimate]:
     squares = _squares(moments, output)
     estimates = {
         name: ratio_estimate(
-            *output_ratio(moments, name), dimension, NOTHING_PUT_IN, squares.get(name)
+            *output_ratio(moments, name), dimension, NOTHING_PUT_IN, squares.get(name), error_of
         )
         for name, dimension in RATIOS.items()
     }
     estimates |= {
-        "output_ripple": _ripple(output, time),
+        "output_ripple": _ripple(output, time, error_of),
         "output_peak_to_peak": _single([m.output.highest - m.output.lowest for m in moments]),
         "start_up_time": _start_up(moments, output["voltage"], time),
     }
     if half > 0.0:
         energies = half**2 * output["fourth_power_of_voltage"]
         estimates["stored_energy"] = ratio_estimate(
-            half * output["square_voltage"], time, "energy", squares=energies
+            half * output["square_voltage"], time, "energy", squares=energies, error_of=error_of
         )
         final = [half * m.output.voltage**2 for m in moments]
         estimates["final_stored_energy"] = _single(final, "energy")
-    return estimates | estimate_measures(moments)
+    return estimates | estimate_measures(moments, error_of)
 
 
 def output_ratio(moments: Sequence[Any], name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -131,12 +136,12 @@ def _output_series(moments, batches):
     return {name: own[:, :, row] for row, name in enumerate(QUANTITIES)}
 
 
-def _ripple(output, time):
+def _ripple(output, time, error_of):
     """RMS of the voltage about its mean over the measured time (delta method)."""
     mean = float(output["voltage"].sum() / time.sum())
     # ⟨(v − mean)²⟩ batch by batch; to first order the mean's own error does not enter.
     spread = output["square_voltage"] - 2.0 * mean * output["voltage"] + mean**2 * time
-    variance, error = ratio_of_sums(spread, time)
+    variance, error = ratio_of_sums(spread, time, error_of)
     ripple = math.sqrt(max(variance, 0.0))
     if error is not None:
         error = 0.5 * error / ripple if ripple > 0.0 else 0.0

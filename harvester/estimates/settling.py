@@ -18,7 +18,6 @@ from harvester.device import spring as springs
 from harvester.device import timescales
 from harvester.estimates.batch_means import FEWEST_BATCHES, complete_batches, standard_error
 from harvester.estimates.estimate import NO_VALUE
-from harvester.excitation import PrescribedDisplacement, Sine
 from harvester.record.moments import QUANTITIES
 
 if TYPE_CHECKING:
@@ -98,6 +97,7 @@ def shortfalls(
         _charge(scene, p, moments, estimates),
         _storage(scene, moments, estimates),
         _jumps(p, moments, estimates),
+        _residence(scene, moments, estimates),
     ]
     found = [each for each in found if each]
     return found or _drift(moments)
@@ -160,11 +160,11 @@ def _too_short(run, time, what, share, names=None):
 
 def _slow(scene, time, what, error, names=None):
     """The shortfall of a run against what relaxes within one known time, or None."""
-    run, excitation = scene.run, scene.excitation
+    run = scene.run
     left = left_of_start(time, run.settle, run.duration)
     if left > max(error, SMALLEST_DRIFT):
         return _too_short(run, time, what, left, names)
-    if isinstance(excitation, Sine | PrescribedDisplacement):
+    if scene.excitation.period is not None and not scene.excitation.random:
         return None
     # Independent values that the slow part takes in all.
     values = run.realizations * (1.0 + run.duration / (2.0 * time))
@@ -302,6 +302,50 @@ def _jumps(p, moments, estimates):
         "run.realizations",
         QUANTITIES_OF_THE_CHARGE,
     )
+
+
+def _residence(scene, moments, estimates):
+    """Uneven wells that are seldom left: their shares of time are those of the starts."""
+    shares = [estimates.get(f"share_of_time_in_well_{k + 1}") for k in range(_wells(moments))]
+    if not scene.excitation.random or None in shares or not shares:
+        return None
+    counts = sum(each.jumps.counts.sum(axis=0) for each in moments)
+    times = sum(each.jumps.times.sum(axis=0) for each in moments)
+    if counts.sum() < FEW_JUMPS:
+        # From a start of one's own they are means within that well.
+        names = tuple(f"share_of_time_in_well_{k + 1}" for k in range(len(shares)))
+        return Shortfall(
+            f"{counts.sum():.0f} jumps between uneven wells in {times.sum():.3g} s",
+            "shares of time are those of the starts; raise run.duration or run.realizations, or "
+            "average by fokker_planck",
+            names if scene.start and not counts.any() else None,
+        )
+    rates = counts / np.maximum(times, 1e-300)[:, None]
+    slowest, stationary = _exchange(rates)
+    missing = float(1.0 - stationary.min())
+    if not scene.start:
+        # Wells are begun in turn from the right, and counted from the left.
+        begun = np.bincount(np.arange(len(moments)) % len(shares), minlength=len(shares))
+        missing = float(np.max(np.abs(begun[::-1] / len(moments) - stationary)))
+    left = missing * left_of_start(slowest, scene.run.settle, scene.run.duration)
+    error = max(each.standard_error or 0.0 for each in shares)
+    if left <= max(error, SMALLEST_DRIFT):
+        return None
+    return _too_short(scene.run, slowest, "the exchange between the wells", left)
+
+
+def _exchange(rates):
+    """(time in which wells exchange (s), stationary shares) of jump rates (1/s)."""
+    change = rates.T - np.diag(rates.sum(axis=1))
+    values, vectors = np.linalg.eig(change)
+    order = np.argsort(np.abs(values))
+    stationary = np.real(vectors[:, order[0]])
+    slowest = abs(values[order[1]].real)
+    return 1.0 / max(slowest, 1e-12), stationary / stationary.sum()
+
+
+def _wells(moments):
+    return 0 if moments[0].jumps is None else moments[0].jumps.times.shape[1]
 
 
 def _crossings(moments):

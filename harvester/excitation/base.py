@@ -80,6 +80,20 @@ class Excitation(ABC):
         return True
 
     @property
+    def lines(self) -> tuple[tuple[float, float], ...]:
+        """Frequency (Hz) and amplitude of each sine in it, at the same time or one after another.
+
+        A device meets them at its resonance with an error of its frequency, not of its power: steps
+        are chosen for that.
+        """
+        return ()
+
+    @property
+    def period(self) -> float | None:
+        """Time after which it repeats itself (s); None where it does not."""
+        return None
+
+    @property
     def drifts(self) -> bool:
         """Whether its strength changes along the run, as in one record of an event."""
         return False

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from harvester.excitation.base import Excitation, ExcitationPath
+from harvester.excitation.sine import WITHOUT_CHANCE
 from harvester.scene.keys import positive
 
 if TYPE_CHECKING:
@@ -49,6 +50,10 @@ class PrescribedDisplacement(Excitation):
     def random(self) -> bool:
         return False
 
+    @property
+    def period(self) -> float | None:
+        return 1.0 / self.frequency
+
     def spacing(self, longest: float) -> float:
         return self.knot_spacing or 1.0 / (KNOTS_PER_CYCLE * self.frequency)
 
@@ -59,10 +64,7 @@ class PrescribedDisplacement(Excitation):
         return _Nothing(spacing)
 
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
-        return (
-            "the displacement is prescribed: error bars tell how the means vary from stretch to "
-            "stretch of the run, nothing else",
-        )
+        return (WITHOUT_CHANCE,)
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,11 @@ BAND_SHARE, BAND_MISS = 0.99, 3.0
 # Offset over the rms from which on the result carries a note.
 NOTED_OFFSET = 0.1
 STRETCHES = 4
+# A record is one sine at a time, perhaps swept, where in most of so many stretches this share of
+# the power lies within so many bins of the strongest; noise behind a filter of Q < 20 has less.
+LINE_STRETCHES, LINE_SHARE, LINE_BINS = 16, 0.9, 3
+# Samples of a stretch.
+SHORTEST_STRETCH, LONGEST_STRETCH = 128, 1024
 
 
 @dataclass(frozen=True)
@@ -138,6 +143,14 @@ class RecordedMotion(Excitation):
     @property
     def symmetric(self) -> bool:
         return False
+
+    @property
+    def lines(self) -> tuple[tuple[float, float], ...]:
+        return _lines(self)
+
+    @property
+    def period(self) -> float | None:
+        return self.samples.size * self.interval if self.repetition == "periodic" else None
 
     @property
     def random(self) -> bool:
@@ -422,6 +435,27 @@ def _band_remark(record, angular_frequency):
         f"{high:.3g} Hz, and the device moves at {frequency:.3g} Hz: see that time_unit or "
         "sampling_rate are right",
     )
+
+
+def _lines(record):
+    """The strongest sine of each stretch where the record is one sine at a time, swept or not."""
+    values, interval = _knots(record)
+    size = min(values.size // LINE_STRETCHES, LONGEST_STRETCH)
+    if size < SHORTEST_STRETCH:
+        return ()
+    stretches = np.array(
+        [values[k * values.size // LINE_STRETCHES :][:size] for k in range(LINE_STRETCHES)]
+    )
+    stretches = (stretches - stretches.mean(axis=1, keepdims=True)) * np.hanning(size)
+    density = np.abs(np.fft.rfft(stretches, axis=1)) ** 2
+    peaks = density.argmax(axis=1)
+    nearby = np.abs(np.arange(density.shape[1]) - peaks[:, None]) <= LINE_BINS
+    power, whole = (density * nearby).sum(axis=1), density.sum(axis=1)
+    if not np.median(power) > LINE_SHARE * np.median(whole):
+        return ()
+    # Hann's window leaves 3/8 of the square.
+    amplitudes = np.sqrt(4.0 * power / (0.375 * size**2))
+    return tuple(zip((peaks / (size * interval)).tolist(), amplitudes.tolist(), strict=True))
 
 
 @lru_cache(maxsize=4)

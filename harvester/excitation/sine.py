@@ -19,6 +19,11 @@ if TYPE_CHECKING:
 KNOTS_PER_PERIOD = 40
 # Straight lines through fewer points a period are no sine.
 FEWEST_KNOTS_PER_PERIOD = 8
+WITHOUT_CHANCE = (
+    "the excitation is periodic and without chance: means are over whole periods, and error bars "
+    "tell what is left of the start, how the means vary if the motion has another period, and what "
+    "the steps cost"
+)
 
 
 @dataclass(frozen=True)
@@ -52,6 +57,14 @@ class Sine(Excitation):
     def random(self) -> bool:
         return False
 
+    @property
+    def lines(self) -> tuple[tuple[float, float], ...]:
+        return ((self.frequency, self.amplitude),)
+
+    @property
+    def period(self) -> float | None:
+        return 1.0 / self.frequency
+
     def check(self, units: str, run: Run, origin: str) -> None:
         longest = 1.0 / (FEWEST_KNOTS_PER_PERIOD * self.frequency)
         if self.knot_spacing is not None and self.knot_spacing > longest:
@@ -78,10 +91,7 @@ class Sine(Excitation):
         return SinePath(self.amplitude / length, (self.frequency,), math.inf, spacing, self.phase)
 
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
-        return (
-            "the excitation is periodic and without chance: error bars tell how the means vary "
-            "from stretch to stretch of the run, nothing else",
-        )
+        return (WITHOUT_CHANCE,)
 
 
 @dataclass(frozen=True)
@@ -98,6 +108,10 @@ class SteppedSine(Excitation):
     dwell: float
     knot_spacing: float
     kind: str = "stepped sine"
+
+    @property
+    def lines(self) -> tuple[tuple[float, float], ...]:
+        return tuple((frequency, self.amplitude) for frequency in self.frequencies)
 
     def spacing(self, longest: float) -> float:
         return self.knot_spacing

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -17,6 +19,9 @@ if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
 
     from harvester.scene.model import Run
+
+# Sines repeat together where their ratio is a fraction with at most this denominator, so nearly.
+MOST_REPEATS, SAME_RATIO = 1000, 1e-9
 
 
 @dataclass(frozen=True)
@@ -51,6 +56,27 @@ class Sum(Excitation):
     @property
     def random(self) -> bool:
         return any(part.random for part in self.parts)
+
+    @property
+    def lines(self) -> tuple[tuple[float, float], ...]:
+        return tuple(line for part in self.parts for line in part.lines)
+
+    @property
+    def period(self) -> float | None:
+        """The parts' common one, where their ratios are those of small whole numbers."""
+        periods = [part.period for part in self.parts]
+        if None in periods:
+            return None
+        first = periods[0]
+        ratios = [Fraction(each / first).limit_denominator(MOST_REPEATS) for each in periods]
+        if any(
+            abs(each / first / r - 1.0) > SAME_RATIO
+            for each, r in zip(periods, ratios, strict=True)
+        ):
+            return None
+        # The least common multiple of fractions.
+        upper = math.lcm(*(ratio.numerator for ratio in ratios))
+        return first * upper / math.gcd(*(ratio.denominator for ratio in ratios))
 
     @property
     def drifts(self) -> bool:

@@ -6,7 +6,7 @@ from dataclasses import KW_ONLY, dataclass, field, replace
 
 from harvester.engines import monte_carlo
 from harvester.engines.protocol import ENGINES
-from harvester.engines.steps import knot_spacing
+from harvester.engines.steps import knot_spacing, step_error
 from harvester.errors import EnergyNotBalanced, HarvesterError
 from harvester.estimates.densities import densities
 from harvester.estimates.estimate import Density, Estimate
@@ -302,7 +302,7 @@ def _answer(request, good, ended):
     moments = [each for part in good for each in part["moments"]]
     scene = replace(request.scene, run=replace(request.scene.run, realizations=len(moments)))
     parameters, _ = scale(scene)
-    found = run_estimates(scene, moments)
+    found = run_estimates(scene, moments, step_error(scene, request.step, request.method))
     if not abs(found.residual) <= LARGEST_RESIDUAL:
         return not_balanced(found.residual), math.inf
     reached, unseen = _reached(request, scene, parameters, found.whole)

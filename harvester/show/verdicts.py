@@ -49,25 +49,26 @@ def verdicts(comparison: Comparison) -> list[Verdict]:
 
 
 def _engines(comparison):
-    from harvester.studies.comparison import COMPARED
-
-    apart = {name: abs(comparison.difference(name)) for name in COMPARED}
+    apart = {name: abs(comparison.difference(name)) for name in comparison.compared}
     known = {name: sigma for name, sigma in apart.items() if not math.isnan(sigma)}
     if not known:
-        reasons = comparison.without_error_bar(COMPARED)
+        reasons = comparison.without_error_bar(comparison.compared)
         return Verdict(f"There is no error bar to judge by: {'; '.join(reasons)}.", False)
-    worst = max(known, key=known.get)
     short = len(apart) - len(known)
     tail = f"; {short} of {len(apart)} quantities have no error bar" if short else ""
-    if known[worst] <= AGREEING_STANDARD_ERRORS:
+    if not comparison.significant:
+        worst = max(known.values())
+        agreed = f"Circuit and Monte Carlo agree within {worst:.1f} standard errors{tail}."
+        return Verdict(agreed, True)
+    name, share = next(iter(comparison.significant.items()))
+    by = f"the {_words(name)} differs by {abs(share):.2%}, {known[name]:.1f} standard errors"
+    if comparison.agree:
+        from harvester.studies.comparison import AGREEING_SHARE
+
         return Verdict(
-            f"Circuit and Monte Carlo agree within {known[worst]:.1f} standard errors{tail}.", True
+            f"Circuit and Monte Carlo agree within {AGREEING_SHARE:.0%}: {by}{tail}.", True
         )
-    return Verdict(
-        f"Circuit and Monte Carlo disagree: the {_words(worst)} differs by {known[worst]:.1f} "
-        f"standard errors{tail}.",
-        False,
-    )
+    return Verdict(f"Circuit and Monte Carlo disagree: {by}{tail}.", False)
 
 
 def _step(comparison):

@@ -40,6 +40,9 @@ BETWEEN_WELLS = ("well_crossing_rate", "share_of_time_in_well", "jump_rate")
 # And where the load has an output: what reaches it.
 AT_THE_OUTPUT = ("mean_output_power", "end_to_end_efficiency", "output_voltage")
 BESIDE = (*BETWEEN_WELLS, *AT_THE_OUTPUT)
+# Joint standard errors up to which the engines agree, and the share of a quantity up to which a
+# greater difference is small all the same: what the default steps may cost, see docs/accuracy.md.
+AGREEING_STANDARD_ERRORS, AGREEING_SHARE = 3.0, 0.01
 # Difference as a share that is rounding, where neither has an error.
 SAME = 1e-9
 # From which to which share of the work a method lasts: Monte Carlo takes little of it.
@@ -96,6 +99,27 @@ class Comparison:
             return 0.0 if math.isclose(a.estimate, b.estimate, rel_tol=SAME) else math.inf
         return (a.estimate - b.estimate) / joint
 
+    def share(self, name: str) -> float:
+        """Circuit minus Monte Carlo as a share of Monte Carlo; nan where that is 0."""
+        a = self.circuit.scaled_quantities[name].estimate
+        b = self.monte_carlo.scaled_quantities[name].estimate
+        return a / b - 1.0 if b else math.nan
+
+    @property
+    def significant(self) -> dict[str, float]:
+        """Shares by which quantities differ more than their errors explain, the greatest first."""
+        apart = {
+            name: self.share(name)
+            for name in self.compared
+            if abs(self.difference(name)) > AGREEING_STANDARD_ERRORS
+        }
+        return dict(sorted(apart.items(), key=lambda each: -_or_infinite(each[1])))
+
+    @property
+    def agree(self) -> bool:
+        """Whether every quantity differs insignificantly or by less than `AGREEING_SHARE`."""
+        return all(_or_infinite(share) <= AGREEING_SHARE for share in self.significant.values())
+
     def deviation(self, closure: str, name: str) -> tuple[float, float]:
         """A closure's deviation from Monte Carlo as a share, and in standard errors.
 
@@ -140,15 +164,12 @@ class Comparison:
     def sentences(self) -> list[str]:
         """What the numbers say, one line each."""
         lines = [f"{engine.engine}: {'; '.join(engine.evidence())}" for engine in self._engines()]
-        differences = {name: abs(self.difference(name)) for name in COMPARED}
+        differences = {name: abs(self.difference(name)) for name in self.compared}
         bare = [name for name, sigma in differences.items() if math.isnan(sigma)]
         judged = [sigma for sigma in differences.values() if not math.isnan(sigma)]
         if judged:
-            verdict = "agree" if max(judged) <= 3.0 else "DISAGREE"
-            lines.append(
-                f"circuit and Monte Carlo {verdict}: at most {max(judged):.1f} joint standard "
-                "errors apart"
-            )
+            verdict = "agree" if self.agree else "DISAGREE"
+            lines.append(f"circuit and Monte Carlo {verdict}: {self._apart(max(judged))}")
         lines += self.without_error_bar(bare)
         lines += [f"closure {name} refused: {reason}" for name, reason in self.refused.items()]
         for name, (apart, chance) in self.joint_distances().items():
@@ -166,6 +187,17 @@ class Comparison:
         return [
             f"{', '.join(each).replace('_', ' ')}: {reason}" for reason, each in reasons.items()
         ]
+
+    def _apart(self, greatest):
+        """How far the engines are apart, of the greatest difference in joint standard errors."""
+        if not self.significant:
+            return f"at most {greatest:.1f} joint standard errors apart"
+        name, share = next(iter(self.significant.items()))
+        return (
+            f"the {name.replace('_', ' ')} by {abs(share):.2%}, "
+            f"{abs(self.difference(name)):.1f} joint standard errors; up to "
+            f"{AGREEING_SHARE:.0%} is what steps may cost"
+        )
 
     def joint_distances(self) -> dict[str, tuple[float, float]]:
         """Of closures with a joint density: ∬|p − p'| from Monte Carlo's, and that by chance."""
@@ -279,6 +311,10 @@ def _part(
 ) -> Callable[[float, str], object]:
     """Progress of one part of the work, told as that of the whole."""
     return lambda share, words: progress(begin + (end - begin) * share, words)
+
+
+def _or_infinite(share):
+    return math.inf if math.isnan(share) else abs(share)
 
 
 def _sigmas(number, places):

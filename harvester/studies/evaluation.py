@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from harvester.errors import HarvesterError
-from harvester.estimates.batch_means import complete_batches, standard_error
+from harvester.estimates.batch_means import complete_batches
 from harvester.estimates.estimate import Estimate
-from harvester.estimates.of_run import run_estimates
+from harvester.estimates.of_run import error_of, run_estimates, with_steps
 from harvester.estimates.paired import sums
 from harvester.estimates.settling import withheld
 from harvester.record.moments import Moments
@@ -74,6 +74,7 @@ def evaluate(
     scene: Scene,
     good: Sequence[dict],
     ended: HarvesterError | str,
+    step_error: float = 0.0,
 ) -> Evaluation:
     """Quantities of one point.
 
@@ -84,6 +85,8 @@ def evaluate(
         Answers of its tasks, in the order of their realizations.
     ended : HarvesterError or str
         What came instead of the next ones; "" where all came.
+    step_error : float
+        See `harvester.estimates.of_run.run_estimates`.
 
     Returns
     -------
@@ -99,22 +102,23 @@ def evaluate(
         error = _or_nan(mean.standard_error)
         return Evaluation(COMPLETE, {**estimates, POWER: mean}, power_error=error)
     moments = [each for part in good for each in part["moments"]]
-    found = run_estimates(scene, moments)
+    found = run_estimates(scene, moments, step_error)
     if not abs(found.residual) <= LARGEST_RESIDUAL:
         return Evaluation(told(not_balanced(found.residual)))
     outcome = "; ".join([COMPLETE, *found.notes, *residual_notes(found.residual)])
     if isinstance(ended, HarvesterError):
         outcome = f"ended after {len(moments)} realizations: {told(ended)}"
     series = power_series(moments, scales.power)
-    error = standard_error(series)
+    power = Estimate(float(series.mean()), error_of(scene)(series), None, "power")
+    power = with_steps(scene, power, step_error)
     estimates = in_units(found.whole, scales)
-    estimates[POWER] = Estimate(float(series.mean()), error, None, "power")
+    estimates[POWER] = power
     return Evaluation(
         outcome=outcome,
         estimates=withheld(estimates, found.shortfalls),
         series=series,
         realizations=len(moments),
-        power_error=_or_nan(error),
+        power_error=_or_nan(power.standard_error),
         waveform=_waveform_in_units(good[0]["waveform"], scales),
     )
 

@@ -4,6 +4,7 @@ import math
 from collections.abc import Generator
 from dataclasses import dataclass
 
+from harvester.engines.steps import step_error
 from harvester.running.realizations import Realizations, averaging, is_closure
 from harvester.running.request import FIRST_REALIZATIONS, good_ones, next_count
 from harvester.running.task import Wanted
@@ -45,11 +46,12 @@ class Point:
         most = MOST_REALIZATIONS if self.precision else self.scene.run.realizations
         # Without a precision the first round is the whole run.
         aim = self.precision or math.inf
+        cost = step_error(self.scene, self.step, self.method)
         found: list = []
         had, count, ahead = 0, FIRST_REALIZATIONS if self.precision else most, 0.0
         while True:
             found += yield Wanted(cut.tasks(had, count, most), ahead)
-            evaluation = evaluate(self.scene, *good_ones(found))
+            evaluation = evaluate(self.scene, *good_ones(found), cost)
             # Ended early, as long as can be, or precise enough.
             if evaluation.realizations < count or count >= most or evaluation.relative_error <= aim:
                 return evaluation

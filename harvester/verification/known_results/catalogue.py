@@ -49,6 +49,8 @@ OTHERS = {
     # At the longest step alone, without steps cut by the local error.
     "VACASK": ("VACASK, another simulator, on the exported netlist", 5e-4),
 }
+# Half a width of the resonance off it, and the words for that.
+FLANKS = ((-1.0, "on the lower flank"), (0.0, "on resonance"), (1.0, "on the upper flank"))
 SHU_LIEN = "standard interface, Ottman et al. 2002"
 
 
@@ -63,6 +65,8 @@ def catalogue() -> list[Truth]:
         *_loads(),
         *_coupled_bridges(),
         *_coupled_sece(),
+        *_flanks_of_a_resistor(),
+        *_flanks_of_a_bridge(),
         *_rebounds(),
         *_paths(),
         *_orbits(),
@@ -265,6 +269,43 @@ def _coupled_bridges():
         scene = _unit_device(coupling, capacitance, damping, force, omega, load, *run)
         asked = {"monte-carlo": Request(scene, "monte-carlo")}
         title = f"coupled bridge at its best frequency and resistance, theta^2/(k Cp) = {ratio:g}"
+        source = "Shu and Lien 2006"
+        yield Truth(title, source, exact, 0.02 * exact, asked, "mean_output_power", "W")
+
+
+def _flanks_of_a_resistor():
+    """On resonance and where the power is about half of that: steps must not shift it."""
+    damping, force, coupling, capacitance = 1e-3, 1e-3, 1e-3, 2e-3
+    resistance = 0.2 / capacitance
+    for side, words in FLANKS:
+        omega = 1.0 + side * 0.5 * damping
+        run = 25.0 / damping, 200.0 * math.pi / omega
+        load = {"resistance": resistance}
+        scene = _unit_device(coupling, capacitance, damping, force, omega, load, *run)
+        exact = formulas.resistor_power_at(omega, resistance, force, damping, coupling, capacitance)
+        asked = {method: Request(scene, method) for method in ("circuit", "monte-carlo")}
+        title = f"resistor at Q = 1000, {words}"
+        yield Truth(title, "linear circuit", exact, STEPS * exact, asked, "mean_power", "W")
+
+
+def _flanks_of_a_bridge():
+    damping, force, coupling, ratio = 0.01, 3.0, 1e-3, 0.01
+    capacitance = coupling**2 / ratio
+    resistance = 0.5 * math.pi / capacitance
+    numbers = resistance, force, damping, coupling, capacitance
+    peak = max(
+        (1.0 + ratio * k / 1000.0 for k in range(1001)),
+        key=lambda omega: formulas.coupled_bridge_power(omega, *numbers),
+    )
+    values = {"diode": 0, "resistance": resistance, "storage": 60.0 / resistance}
+    load = {"netlist": "bridge", "parameters": values}
+    for side, words in FLANKS:
+        omega = peak * (1.0 + side * 0.5 * damping)
+        run = 40.0 / damping, 200.0 * math.pi / omega
+        scene = _unit_device(coupling, capacitance, damping, force, omega, load, *run)
+        exact = formulas.coupled_bridge_power(omega, *numbers)
+        asked = {method: Request(scene, method) for method in ("circuit", "monte-carlo")}
+        title = f"bridge at Q = 100, {words}"
         source = "Shu and Lien 2006"
         yield Truth(title, source, exact, 0.02 * exact, asked, "mean_output_power", "W")
 

@@ -97,6 +97,23 @@ def resistor_power(unit: float, share: float) -> float:
     return 0.5 * unit * share / (1.0 + share**2)
 
 
+def resistor_power_at(
+    omega: float,
+    resistance: float,
+    force: float,
+    damping: float,
+    coupling: float,
+    capacitance: float,
+) -> float:
+    """Of a resistor on a mass and spring of 1 under F0 sin ωt; see `coupled_bridge_power`.
+
+    x = F0/[1 − ω² + iω (η + θ²/(1/R + iωCp))], P = |ωθx/(1/R + iωCp)|²/2R.
+    """
+    admittance = 1.0 / resistance + 1j * omega * capacitance
+    x = force / (1.0 - omega**2 + 1j * omega * (damping + coupling**2 / admittance))
+    return abs(omega * coupling * x / admittance) ** 2 / (2.0 * resistance)
+
+
 def bridge_power(unit: float, share: float) -> float:
     """Of an ideal bridge into a steady voltage: `share` of the best resistance π/2ωC."""
     return 2.0 * unit / math.pi * share / (1.0 + share) ** 2

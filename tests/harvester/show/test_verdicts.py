@@ -41,7 +41,21 @@ def test_agreement_is_stated_with_the_largest_difference():
 
 def test_disagreement_names_the_quantity():
     said, judged = texts(result(1.0 + 4.0 * 0.01 * 2**0.5))
-    assert "disagree: the mean-square voltage differs by 4.0 standard errors" in said[0]
+    assert "disagree: the mean-square voltage differs by 5.66%, 4.0 standard errors" in said[0]
+    assert judged[0].good is False
+
+
+def test_what_is_significant_and_small_is_named_and_agrees():
+    said, judged = texts(result(1.004, 1e-4), reference=result(error=1e-4))
+    assert "agree within 1%: the mean-square voltage differs by 0.40%" in said[0]
+    assert judged[0].good
+
+
+def test_the_output_of_a_load_is_judged_too():
+    output = {"mean_output_power": 1.1}
+    reference = result(mean_output_power=1.0)
+    said, judged = texts(result(**output), reference=reference)
+    assert "disagree: the mean output power differs by 10.00%" in said[0]
     assert judged[0].good is False
 
 
