@@ -58,6 +58,7 @@ def run_estimates(scene: Scene, moments: Sequence[Moments]) -> RunEstimates:
     notes = (
         *source_notes(scene.load.circuit),
         *_loose_nodes(scene.load.circuit),
+        *(scene.load.circuit.reading_notes if scene.load.circuit else ()),
         *efficiency_notes(whole, scales.of("power"), unit_of(scene, "power")),
         *(each.note for each in found),
     )
