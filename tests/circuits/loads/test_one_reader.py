@@ -10,6 +10,9 @@ import numpy as np
 import pytest
 from raw_files import ngspice_program
 
+from circuits.assembly import assemble
+from circuits.kernel.assembly import build
+from circuits.loads import subcircuits
 from circuits.loads.expression import leaves, parse, resolved, written
 from circuits.loads.scope import Scope
 from circuits.loads.subcircuits import find_netlist, read_load
@@ -17,6 +20,7 @@ from circuits.loads.tape import Values
 from circuits.loads.tree import parse as parse_tree
 from circuits.loads.vetting import Card
 from harvester.errors import NetlistError
+from harvester.scene.model import Scene
 from harvester.verification.known_results.simulators import read_raw
 
 OWN_46 = Path(sys.prefix) / "ngspice-osdi" / "usr" / "bin" / "ngspice"
@@ -197,6 +201,20 @@ def test_named_and_written_out_are_one_circuit(tmp_path, name):
         times = np.linspace(0.0, 0.05, 200)
         paths.append(np.interp(times, raw["time"], raw["v(out)"] - raw["v(ref)"]))
     assert np.abs(paths[0] - paths[1]).max() <= 1e-3 * max(np.abs(paths[0]).max(), 1e-6)
+
+
+def test_a_text_is_read_once_for_all_that_asks(monkeypatch):
+    texts = []
+    real = subcircuits.parse
+    monkeypatch.setattr(subcircuits, "parse", lambda *given: texts.append(1) or real(*given))
+    scene = Scene.load("device", ["load.netlist=node_buck"])
+    build(scene)
+    assemble(scene)
+    circuit = scene.load.circuit
+    assert circuit.watch.switches
+    assert circuit.sources
+    assert circuit.loose_nodes == ()
+    assert len(texts) == 1
 
 
 def random_expression(draw, depth=0):
