@@ -8,15 +8,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from circuits import elements
-from circuits.load_watch import NOTHING as UNWATCHED
-from circuits.load_watch import Watch, watch_of
-from circuits.loads.expressions import check_netlist
-from circuits.measurement import NOTHING, Measurement, measurement_of
+from circuits.loads import part_values
+from circuits.loads.expression import ExpressionError, check
+from circuits.loads.load_watch import NOTHING as UNWATCHED
+from circuits.loads.load_watch import Watch, watch_of
+from circuits.loads.measurement import NOTHING, Measurement, measurement_of
 from circuits.ngspice import compiled_device
 from harvester.device import timescales
 from harvester.device.system import speed_held
 from harvester.engines.realization import start_state
 from harvester.engines.steps import knot_spacing, steps_per_knot, stop_time
+from harvester.errors import NetlistError
 from harvester.scene.units import scale, setting
 
 if TYPE_CHECKING:
@@ -122,13 +124,13 @@ class Netlist:
         The transducer's scaled current for one ampere at the load's ammeter, where it asks for it.
     per_power : float
         Scaled power per watt at the load's ammeter; 0 without one.
-    output_resistors, storage : tuple of str
-        ngspice's names of the resistors and capacitors across the load's output.
+    conductance, capacitance : float
+        Across the load's output (S, F).
     drives_current : bool
         Whether an inductance of the transducer drives the load's current on.
-    measurement : circuits.measurement.Measurement
+    measurement : circuits.loads.measurement.Measurement
         Of the load.
-    watch : circuits.load_watch.Watch
+    watch : circuits.loads.load_watch.Watch
         Of the load.
     watched_energy : (float, float)
         Twice the energy over the terminal's voltage squared (F), and twice that which does not
@@ -148,8 +150,8 @@ class Netlist:
     state_unit: float = 1.0
     current_per_ampere: float = 0.0
     per_power: float = 0.0
-    output_resistors: tuple = ()
-    storage: tuple = ()
+    conductance: float = 0.0
+    capacitance: float = 0.0
     drives_current: bool = False
     measurement: Measurement = NOTHING
     watch: Watch = UNWATCHED
@@ -172,6 +174,7 @@ def assemble(
     save: Iterable[str] = (),
     compiled: bool = False,
     pace: float = 1.0,
+    named: bool = False,
 ) -> Netlist:
     """Build the equivalent circuit of a scene with PySpice.
 
@@ -196,15 +199,13 @@ def assemble(
         `circuits.ngspice.compiled_device`.
     pace : float
         Of the motion's clock, see `circuits.elements.pace_of`.
+    named : bool
+        The load keeps its sub-circuits and the names of its parameters, for people to read; not
+        where ngspice would take a name for another.
 
     Returns
     -------
     Netlist
-
-    Raises
-    ------
-    NetlistError
-        An expression is not well-formed.
     """
     from PySpice.Spice.Netlist import Circuit, SubCircuit
 
@@ -231,7 +232,7 @@ def assemble(
             elements.add_pace(place, rate, pace, start)
             elements.add_excitation(place, waveform)
         if load:
-            elements.add_load(place, load, electrical)
+            elements.add_load(place, load, electrical, named and load.is_plain)
         else:
             elements.add_resistor(place, _resistance(scene.load), electrical)
 
@@ -252,7 +253,7 @@ def assemble(
         compiled_device.add_model(circuit, system, rate, electrical, scales, pace)
         compiled_device.add_starts(circuit, zip(prefixes, starts, strict=True))
     text = str(circuit)
-    check_netlist(text)
+    _check_expressions(text)
     measured: Any = (electrical.power_unit,) if electrical.current_per_ampere > 0.0 else ()
     pins, capacitance = elements.load_pins(electrical), electrical.reference_capacitance
     if load and load.resistance is None:
@@ -262,9 +263,12 @@ def assemble(
         options += (
             f" chgtol={elements.number(3.0 * charge)} abstol={elements.number(charge * rate)}"
         )
-        measured = (electrical.power_unit, load.output_resistors, load.storage)
+        across = load.across_output
+        measured = (electrical.power_unit, part_values.conductance(across),
+                    part_values.capacitance(across))  # fmt: skip
     # The load was vetted when the scene was read.
-    text += load.text if load else ""
+    if load:
+        text += load.text if named and load.is_plain else load.run_text
     stop = stop_time(scene)
     first, shortest = length, 0.0
     if waveform == "external":
@@ -288,6 +292,17 @@ def assemble(
         watched_energy=(capacitance, capacitance * (SMALL_VOLTAGE * scales.voltage) ** 2),
         pace=pace,
     )
+
+
+def _check_expressions(text):
+    """Refuse a formula of the device's that would abort ngspice's process."""
+    for line in text.splitlines():
+        if line.startswith("B"):
+            head, _, formula = line.partition("=")
+            try:
+                check(formula.strip("{}'\" "), (), {})
+            except ExpressionError as fault:
+                raise NetlistError(f"netlist: {head.split()[0]}: {fault}") from None
 
 
 def _start(system, start, rate, electrical):

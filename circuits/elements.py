@@ -275,8 +275,8 @@ def load_pins(network: Network) -> dict[str, str]:
     return {"p": behind_ammeter(network), "n": GROUND, "out": OUTPUT, "ref": REFERENCE}
 
 
-def add_load(circuit: Circuit, load: LoadCircuit, network: Network) -> None:
-    """A netlist's call between the terminals, an ammeter before it.
+def add_load(circuit: Circuit, load: LoadCircuit, network: Network, named: bool) -> None:
+    """A netlist's call between the terminals, an ammeter before it; its parameters where `named`.
 
     While every diode blocks, a DC side has no potential of its own against the terminals, and
     Newton's iterations fail at short steps: a stray capacitance to ground gives it one.
@@ -284,7 +284,7 @@ def add_load(circuit: Circuit, load: LoadCircuit, network: Network) -> None:
     measured = load.resistance is None or network.current_per_ampere > 0.0
     first = _add_ammeter(circuit, network) if measured else network.terminal
     nodes = {"p": first, "n": circuit.gnd, "out": OUTPUT, "ref": REFERENCE}
-    values = {name: number(value) for name, value in load.parameters}
+    values = {name: number(value) for name, value in load.parameters if named}
     for pin in ("out", "ref") if load.has_output else ():
         stray = number(STRAY_SHARE * network.reference_capacitance)
         circuit.C(f"stray_{pin}", nodes[pin], circuit.gnd, stray, ic=number(0.0))

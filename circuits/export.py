@@ -158,7 +158,9 @@ def _assembled(scene, path, start, step, tolerance=None, integrator="trapezoidal
     save = saved(scene) if save is None else save
     if save and load and load.has_output:
         save = (*save, f"v({elements.OUTPUT})", f"v({elements.REFERENCE})")
-    netlist = assemble(scene, step, [start] if start else None, "PWL", options, integrator, save)
+    netlist = assemble(
+        scene, step, [start] if start else None, "PWL", options, integrator, save, named=True
+    )
     if scene.excitation.prescribes_displacement:
         return netlist, scales, None
     _check_step(timescales.contact_time(system), netlist.step)

@@ -13,8 +13,10 @@ from circuits.kernel.linear import order_of
 from circuits.kernel.memory import layout_of
 from circuits.kernel.parts import add_load
 from circuits.kernel.tables import Circuit, Probes
-from circuits.measurement import measurement_of
-from circuits.part_values import suspicion
+from circuits.loads.expression import leaves
+from circuits.loads.functions import LIMITED
+from circuits.loads.measurement import measurement_of
+from circuits.loads.part_values import capacitance, conductance, suspicion
 from harvester.device import timescales
 from harvester.device.terminals import GROUND, LOAD_AMMETER
 from harvester.scene.units import scale, setting
@@ -86,8 +88,15 @@ def build(scene: Scene) -> Circuit:
         tuple(b.switch_names),
         suspicion(load),
         measurement,
-        *_across(b, load),
+        tuple(f"{each.name} ({each.where})" for each in load.elements if _is_limited(each)),
+        conductance(load.across_output),
+        capacitance(load.across_output),
     )
+
+
+def _is_limited(each):
+    found = leaves(each.expression) if each.expression is not None else ()
+    return any(part[0] in LIMITED for part in found)
 
 
 def with_start(circuit: Circuit, state: float, state_unit: float) -> np.ndarray:
@@ -145,9 +154,3 @@ def _add_part(b, each, nodes, velocity, scales, row_unit):
         b.enter(velocity, b.branch(each.plus), conductance=row_unit * each.value)
     else:
         raise ValueError(f"{each.name}: no element of a circuit is a {each.kind!r}")
-
-
-def _across(b, load):
-    """Conductance (S) and capacitance (F) of what lies across the output."""
-    siemens = sum(max(1.0 / value, 0.0) for value in b.output["r"].values() if value)
-    return siemens, sum(b.output["c"].values())

@@ -8,7 +8,7 @@ import numpy as np
 
 from circuits.kernel import junction, waveform
 from circuits.kernel.tables import Tables
-from circuits.kernel.tape import Tape
+from circuits.loads.tape import Tape
 from harvester.device.terminals import GROUND
 
 
@@ -28,8 +28,6 @@ class Builder:
         self.behavioural: list[tuple[int, int, int, int]] = []
         self.inputs: list[tuple[int, int, int]] = []
         self.waiting: list[tuple] = []
-        # Values of what lies across the output, by letter and name.
-        self.output: dict[str, dict[str, float]] = {"r": {}, "c": {}}
         self.nonlinear: set[tuple[str, int]] = set()
         self.initial: list[tuple[int, int, float, float]] = []
         self.inductances: dict[str, float] = {}

@@ -206,6 +206,11 @@ def integrate(
 
 def _trouble(circuit, state, outcome, which):
     stopped = f"Monte Carlo stopped at t = {state.numbers[TIME]:g}: "
+    if circuit.limited and not np.isfinite(state.values).all():
+        return (
+            f"{stopped}an expression has no value there, a root, logarithm, arc or power outside "
+            f"its range: look at {', '.join(circuit.limited[:3])}"
+        )
     if outcome == CHATTER:
         name, where = circuit.switches[which]
         return (

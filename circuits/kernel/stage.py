@@ -14,12 +14,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from circuits.kernel import tape, waveform
+from circuits.kernel import waveform
 from circuits.kernel.code import Code
 from circuits.kernel.emitter import call
 from circuits.kernel.mechanics import Device, evaluate
 from circuits.kernel.memory import SLOTS, fresh_memory
 from circuits.kernel.tables import Circuit, Tables
+from circuits.loads.tape import evaluate as evaluate_tape
+from circuits.loads.tape import slopes as tape_slopes
 from harvester.compilation import compiled, merged
 
 MOST_ITERATIONS = 40
@@ -175,11 +177,11 @@ def _linearise(
     rows, behavioural, inputs, values, shares, latest, y, slopes, sizes, time
 ):  # fmt: skip
     """Behavioural sources at the latest iterate, in terms of the change u."""
-    tape.evaluate(rows, values, latest, time)
+    evaluate_tape(rows, values, latest, time)
     taken = 0
     for k in range(behavioural.shape[0]):
         first, last = behavioural[k, 2], behavioural[k, 3]
-        tape.slopes(rows, values, shares, first, last)
+        tape_slopes(rows, values, shares, first, last)
         sizes[k] = values[last]
         while taken < inputs.shape[0] and inputs[taken, 0] == k:
             unknown = inputs[taken, 2]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 if TYPE_CHECKING:
-    from circuits.measurement import Measurement
+    from circuits.loads.measurement import Measurement
 
 
 class Tables(NamedTuple):
@@ -89,6 +89,7 @@ class Circuit(NamedTuple):
     switches : (name, "file:line") of each switch.
     suspicion : what of the load may be why a run ended early, for messages; may be empty.
     measurement : of the load, from the unknowns watched.
+    limited : "name (file:line)" of each source whose expression has no value everywhere.
     conductance, capacitance : across the output (S, F).
     """
 
@@ -101,5 +102,6 @@ class Circuit(NamedTuple):
     switches: tuple[tuple[str, str], ...]
     suspicion: str
     measurement: Measurement
+    limited: tuple[str, ...]
     conductance: float
     capacitance: float

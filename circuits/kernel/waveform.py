@@ -10,71 +10,25 @@ import numpy as np
 from harvester.compilation import compiled
 
 if TYPE_CHECKING:
-    from circuits.kernel.flattening import Place
+    from circuits.loads.waveform import Waveform
 
 SINE, PULSE, EXPONENTIAL, LINES = range(4)
 # Numbers of a changing source: sign, its first and last corner, and up to seven of its own.
 SIGN, FIRST, LAST = range(3)
 OWN = 3
 COLUMNS = OWN + 7
-_KINDS = {"sin": SINE, "pulse": PULSE, "exp": EXPONENTIAL, "pwl": LINES}
-_FOREVER = 1e30
+KINDS = {"sin": SINE, "pulse": PULSE, "exp": EXPONENTIAL, "pwl": LINES}
 STEPS_OF_SINE = 40.0  # of a period: the method's error is then some 0.1 % of the sine
 
 
-def read(place: Place) -> float | tuple[int, list[float], list[tuple[float, float]]]:
-    """The shape of a V or I source: its constant, or (kind, seven numbers, corners).
-
-    Raises
-    ------
-    LoadError
-    """
-    words = [word for word in place.words if word not in ("(", ")", ",")]
-    constant, kind, numbers, skip = 0.0, None, [], False
-    for k, word in enumerate(words):
-        if skip:
-            skip = False
-        elif word == "dc":
-            continue
-        elif word == "ac" or word.startswith("ac="):
-            # Its size and phase take no part; a second number may follow.
-            if word == "ac":
-                break
-        elif word.startswith("dc="):
-            constant = place.value(word[3:])
-        elif word in _KINDS:
-            kind = word
-        elif "=" in word and not word.startswith("{"):
-            place.refuse(f"{word.partition('=')[0]}= of a source")
-        elif word.isalpha() and word in ("sffm", "am"):
-            place.refuse(f"the waveform {word}")
-        elif kind is None:
-            constant = place.value(words[k])
-        else:
-            numbers.append(place.value(word))
-    if kind is None:
-        return constant
-    if kind == "pwl":
-        points = list(zip(numbers[::2], numbers[1::2], strict=False))
-        if not points:
-            place.refuse("a pwl without points")
-        return LINES, [0.0] * 7, points
-    return _KINDS[kind], _numbers(kind, numbers), []
-
-
-def _numbers(kind, given):
-    """The seven numbers of a waveform with ngspice's defaults for those left out."""
-    defaults = {
-        "sin": [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-        "pulse": [0.0, 0.0, 0.0, 1e-9, 1e-9, _FOREVER, _FOREVER],
-        "exp": [0.0, 0.0, 0.0, 1e-9, _FOREVER, 1e-9, 0.0],
-    }[kind]
-    numbers = [*given[:7], *defaults[len(given[:7]) :]]
-    if kind == "sin":
+def shape(wave: Waveform) -> tuple[int, list[float], list[tuple[float, float]]]:
+    """(kind, seven numbers, corners) of a changing source."""
+    numbers = list(wave.numbers)
+    if wave.kind == "pwl":
+        return LINES, [0.0] * 7, list(zip(numbers[::2], numbers[1::2], strict=True))
+    if wave.kind == "sin":
         numbers[5] = math.radians(numbers[5])
-    if kind == "pulse":
-        numbers[3], numbers[4] = max(numbers[3], 1e-12), max(numbers[4], 1e-12)
-    return numbers
+    return KINDS[wave.kind], numbers + [0.0] * (7 - len(numbers)), []
 
 
 @compiled

@@ -10,7 +10,7 @@ import graphlib
 import re
 from typing import TYPE_CHECKING, NamedTuple
 
-from circuits.loads.expressions import SOLUTION, VARYING
+from circuits.loads.functions import SOLUTION, VARYING
 from circuits.loads.vetting import refuse
 
 if TYPE_CHECKING:

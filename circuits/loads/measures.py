@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from circuits.loads.expressions import expression_fault
-from circuits.loads.vetting import LONGEST_SHOWN, refuse, rewritten
+from circuits.loads.vetting import LONGEST_SHOWN, check_expression, refuse
 from harvester.files.plain_text import nearest
 from harvester.record.output_side import LOSS, OUTPUT, STATE, STORE, TAKEN
 
@@ -36,6 +35,7 @@ class Measure(NamedTuple):
     expression : in W, J, or true above 0.
     taking : of a state, the power taken while it holds; "" where none is told.
     where : "file:line".
+    trees : of both expressions, once they are read in the load's own sub-circuit.
     """
 
     kind: str
@@ -43,6 +43,7 @@ class Measure(NamedTuple):
     expression: str
     taking: str
     where: str
+    trees: Any = (None, None)
 
     @property
     def text(self) -> str:
@@ -96,12 +97,9 @@ def _vetted(card, scope):
     if KEPT_NAMES.fullmatch(name):
         refuse(card, f"measure: {name} would name a quantity of the program's own: rename it")
     plain = text.replace("{", "(").replace("}", ")")
-    expressions = [rewritten(part) for part in _TAKING.split(plain)]
-    if len(expressions) > (2 if kind == STATE else 1):
+    parts = _TAKING.split(plain)
+    if len(parts) > (2 if kind == STATE else 1):
         refuse(card, "measure: one 'taking', and of a state only")
-    for expression in expressions:
-        fault = expression_fault(expression, scope.parameters, scope.functions)
-        if fault:
-            refuse(card, f"measure: {fault} in {expression[:LONGEST_SHOWN]!r}")
+    expressions = [check_expression(card, part.strip(), scope) for part in parts]
     taking = expressions[1] if expressions[1:] else ""
     return Measure(kind, name, expressions[0], taking, card.where)

@@ -133,7 +133,8 @@ def _included(argument, beside, folder, where):
     if not name or (not quoted and len(name.split()) != 1):
         raise NetlistError(f"{where} {argument[:80]}: takes one file name (no library's section)")
     outside = re.match(r"[/\\~]|[a-z]:", name, re.IGNORECASE) or ".." in re.split(r"[/\\]", name)
-    path, place = beside / name, f"{where} {name[:80]}"
+    # As Windows parts folders.
+    path, place = beside / name.replace("\\", "/"), f"{where} {name[:80]}"
     with _named(place):
         outside = outside or not path.resolve().is_relative_to(folder)
         missing = not path.exists()

@@ -12,18 +12,22 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from circuits import elements
-from circuits.load_checks import check_load, loose_nodes
-from circuits.load_watch import Watch, watch_of
 from circuits.loads import vetting
-from circuits.loads.expansion import Expansion, called
+from circuits.loads.elements import Element
+from circuits.loads.expansion import Expansion
+from circuits.loads.flattening import elements, outermost
+from circuits.loads.load_checks import check_load, check_needs, loose_nodes
+from circuits.loads.load_watch import Watch, watch_of
+from circuits.loads.measurement import evaluated
 from circuits.loads.measures import vet_measures
+from circuits.loads.numbers import number
+from circuits.loads.part_values import charging_time, negative_parts, reading_notes, sources_of
 from circuits.loads.places import places
 from circuits.loads.reader import read_cards
 from circuits.loads.tree import parse, written
 from circuits.loads.vetting import check_nodes, check_value, listed, refuse, vet_element
-from circuits.measurement import measurement_of
-from circuits.part_values import charging_time, negative_parts, sources_of
+from circuits.loads.writer import reads_alike, run_text
+from harvester.device.terminals import GROUND
 from harvester.errors import NetlistError
 from harvester.files.plain_text import nearest
 from harvester.record.output_side import OUTPUT
@@ -31,6 +35,9 @@ from harvester.record.output_side import OUTPUT
 # What a load's sub-circuit is connected by: the piezo's terminals, and its DC side if it has one.
 PIEZO_PINS, OUTPUT_PINS = ("p", "n"), ("out", "ref")
 EXPECTED = "p n, or p n out ref (p n: the piezo's terminals; out ref: the DC side), in any order"
+# Suffixes that SPICE reads otherwise than people do, and both readings.
+_MISREAD = re.compile(r"\s*([+-]?[\d.]+(?:[eE][+-]?\d+)?)(M(?![eE][gG]|[iI][lL])|F)", re.ASCII)
+_READINGS = {"M": ("a million", "a thousandth"), "F": ("a farad", "a femtofarad")}
 
 
 @dataclass(frozen=True)
@@ -40,7 +47,9 @@ class LoadCircuit:
     Attributes
     ----------
     text : str
-        Cards for ngspice, includes in, ending with a newline.
+        Its file with the parameters by name, includes in, for exported decks; ends with a newline.
+    elements : tuple of circuits.loads.elements.Element
+        All that it holds, as both engines run it.
     name : str
         Of its sub-circuit.
     pins : tuple of str
@@ -49,8 +58,8 @@ class LoadCircuit:
         Values other than the netlist's own, given where it is called.
     defaults : tuple of (str, float)
         The netlist's own values of its sub-circuit's parameters, where they are plain numbers.
-    output_resistors, storage : tuple of str
-        Resistors and capacitors across the output, by ngspice's names.
+    across_output : tuple of circuits.loads.elements.Element
+        Resistors and capacitors across the output.
     linear, switches : bool
         Resistors and capacitors only; anything beside them and diodes.
     resistance : float or None
@@ -66,17 +75,27 @@ class LoadCircuit:
     pins: tuple
     parameters: tuple
     defaults: tuple
-    output_resistors: tuple
-    storage: tuple
+    across_output: tuple[Element, ...]
     linear: bool
     switches: bool
     resistance: float | None
     measures: tuple = ()
     places: tuple = field(default=(), compare=False, repr=False)
+    elements: tuple[Element, ...] = field(default=(), compare=False, repr=False)
+
+    @cached_property
+    def is_plain(self) -> bool:
+        """Whether ngspice reads the text with its names as it is meant here."""
+        return reads_alike(self.text, self.elements)
+
+    @cached_property
+    def run_text(self) -> str:
+        """Its sub-circuit as ngspice runs it: every number written out."""
+        return run_text(self.name, self.pins, self.elements)
 
     @cached_property
     def watch(self) -> Watch:
-        """What decides the steps, with its pins by their own names: see `circuits.load_watch`."""
+        """What decides the steps, its pins by their own names: `circuits.loads.load_watch`."""
         return watch_of(self, {pin: pin for pin in self.pins})
 
     @cached_property
@@ -88,6 +107,11 @@ class LoadCircuit:
     def negative_parts(self) -> tuple[str, ...]:
         """Resistors, capacitors and coils in it whose value is below 0."""
         return negative_parts(self)
+
+    @cached_property
+    def reading_notes(self) -> tuple[str, ...]:
+        """What in it may not be meant as it is read."""
+        return reading_notes(self)
 
     @cached_property
     def loose_nodes(self) -> tuple[str, ...]:
@@ -107,7 +131,7 @@ class LoadCircuit:
 
     @cached_property
     def charging_time(self) -> float:
-        """See `circuits.part_values.charging_time`."""
+        """See `circuits.loads.part_values.charging_time`."""
         return charging_time(self)
 
     @property
@@ -201,28 +225,34 @@ def read_load(
     _vet(root)
     expansion = Expansion(root)
     letters = expansion.content(top).letters
-    known = {**root.local, **top.parameters, **top.local}
-    sizes = {name: vetting.number(known[name]) for name in top.parameters}
+    scope = outermost(root, top.name, values)
+    check_needs(scope)
+    parts = tuple(elements(scope))
     measures = vet_measures([*root.measures, *top.measures], top.scope())
-    output_resistors, storage = _across_output(top, expansion, measures)
+    output = _across_output(top, parts, measures)
     load = LoadCircuit(
         text="\n".join(written(root)) + "\n",
         name=top.name,
         pins=top.pins,
         parameters=tuple(values.items()),
-        defaults=tuple((name, size) for name, size in sizes.items() if size is not None),
-        output_resistors=output_resistors,
-        storage=storage,
+        defaults=tuple(_defaults(root, top)),
+        across_output=tuple(output),
         linear=letters <= {"r", "c"},
         switches=not letters <= {"r", "c", "d"},
-        resistance=_single_resistance(top, {**known, **values}, letters),
-        measures=measures,
+        resistance=_single_resistance(top, parts),
+        measures=evaluated(measures, scope, parts),
         places=places(cards),
+        elements=parts,
     )
     check_load(load)
-    # Their nodes are there.
-    measurement_of(load, {pin: pin for pin in top.pins})
     return load
+
+
+def _defaults(root, top):
+    """(name, number) of its own parameters where the file gives a plain number."""
+    known = {**root.local, **top.parameters, **top.local}
+    sizes = ((name, number(known[name])) for name in top.parameters)
+    return [(name, size) for name, size in sizes if size is not None]
 
 
 def _chosen(root, path, name):
@@ -269,14 +299,21 @@ def _override(root, top, given, path):
             raise NetlistError(
                 f"{where}: {path.name} has no such parameter{nearest(name, known)}{there}"
             )
-        size = vetting.number(value) if isinstance(value, str) else float(value)
+        if isinstance(value, str) and (read := _MISREAD.match(value)):
+            mega, small = _READINGS[read.group(2)]
+            raise NetlistError(
+                f"{where}: {value[:30]} is {small} in SPICE and {mega} to most people: write "
+                f"{read.group(1)}{'meg' if read.group(2) == 'M' else ''} or "
+                f"{read.group(1)}{read.group(2).lower()}"
+            )
+        size = number(value) if isinstance(value, str) else float(value)
         if size is None or not abs(size) < float("inf"):
             raise NetlistError(f'{where}: must be a finite number, or one like "100k"')
         if name in top.parameters:
             values[name] = size
         else:
             place = top.local if name in top.local else root.local
-            place[name] = elements.number(size)
+            place[name] = repr(size)
     return values
 
 
@@ -285,7 +322,7 @@ def _vet(circuit):
     scope = circuit.scope()
     for values in (circuit.parameters, circuit.local):
         for name, value in values.items():
-            if vetting.number(value) is None and not value.startswith("{"):
+            if number(value) is None and not value.startswith("{"):
                 value = "{" + value + "}"
             values[name] = check_value(circuit.place(name), value, scope, name)
     for name, (card, kind, pairs) in circuit.models.items():
@@ -341,54 +378,34 @@ def _vetted(card, circuit, scope):
     return card, [*bare, *given]
 
 
-def _single_resistance(top, known, letters):
-    """The resistance of a load that is one resistor between its pins, else None.
-
-    `known` holds the parameters as ngspice takes them: a value given where the sub-circuit is
-    called goes before an inner .param, that before the sub-circuit's default, and all before the
-    file's own.
-    """
-    if {*top.pins} != {*PIEZO_PINS} or letters != {"r"} or len(top.elements) != 1:
+def _single_resistance(top, parts):
+    """The resistance of a load that is one resistor between its pins, else None."""
+    if {*top.pins} != {*PIEZO_PINS} or len(parts) != 1 or parts[0].letter != "r":
         return None
-    words = top.elements[0][1]
-    if {*words[1:3]} != {*PIEZO_PINS} or len(words) != 4:
-        return None
-    value = known.get(words[3][1:-1]) if words[3].startswith("{") else words[3]
-    size = vetting.number(value) if isinstance(value, str) else value
-    return size if size and size > 0.0 else None
+    ends = {*parts[0].nodes} in ({"p", "n"}, {"p", GROUND})
+    return parts[0].size if ends and (parts[0].size or 0.0) > 0.0 else None
 
 
-def _across_output(top, expansion, measures):
-    """ngspice's names of the resistors and of the capacitors across the output."""
-    found = {"r": [], "c": []}
+def _across_output(top, parts, measures):
+    """The resistors and capacitors across the output."""
     if OUTPUT_PINS[0] not in top.pins:
         if measures:
             refuse(top.card, f"measures are of a load with the pins {' '.join(OUTPUT_PINS)}")
-        return (), ()
-    for card, name, words, circuit in _across(top, {pin: pin for pin in OUTPUT_PINS}, "xload"):
-        if expansion.varies(circuit, words[3:]):
-            refuse(card, f"{words[0]} lies across out and ref: give it a constant value")
-        found[name[0]].append(name)
-    if not any(found.values()) and all(each.kind != OUTPUT for each in measures):
+        return []
+    across = [each for each in parts if {*each.nodes[:2]} == {*OUTPUT_PINS} and _was_rc(each)]
+    for each in across:
+        if each.value is None:
+            raise NetlistError(
+                f"{each.where}: {each.name} lies across out and ref: give it a constant value"
+            )
+    if not across and all(each.kind != OUTPUT for each in measures):
         refuse(
             top.card,
             "no resistor or capacitor lies across out and ref, and no measure is an output: "
             "nothing to harvest",
         )
-    return tuple(found["r"]), tuple(found["c"])
+    return across
 
 
-def _across(circuit, outputs, path):
-    """Resistors and capacitors between both pins of the output, in called sub-circuits too.
-
-    `outputs` says which of the circuit's nodes is which pin.
-    """
-    for card, words in circuit.elements:
-        target = called(circuit, words)
-        if target:
-            nodes = dict(zip(target.pins, words[1:], strict=False))
-            inside = {pin: outputs[node] for pin, node in nodes.items() if node in outputs}
-            if {*inside.values()} == {*OUTPUT_PINS}:
-                yield from _across(target, inside, f"{path}.{words[0]}")
-        elif words[0][0] in "rc" and {outputs.get(node) for node in words[1:3]} == {*OUTPUT_PINS}:
-            yield card, f"{words[0][0]}.{path}.{words[0]}", words, circuit
+def _was_rc(each):
+    return each.name.rpartition(".")[2][0] in "rc"

@@ -8,12 +8,17 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from circuits.loads import vetting
-from circuits.loads.expressions import FUNCTIONS
+from circuits.loads.expression import FUNCTIONS
 from circuits.loads.reader import MEASURE, NEEDS, Card
 from circuits.loads.vetting import Scope, check_nodes, listed, refuse
 
 # Definitions within definitions.
 DEEPEST_DEFINITION = 20
+_INSTEAD = {
+    ".ic": " (write ic= behind the capacitor or coil)",
+    ".title": " (write the title behind *)",
+    ".global": " (give the sub-circuits a pin for it)",
+}
 # A comma in front of the next `name=`, and so within no function.
 COMMA = re.compile(r"\s*,\s*(?=[a-z_]\w*\s*=[^=])")
 
@@ -90,9 +95,11 @@ def parse(cards: list[Card], name: str) -> Subcircuit:
                     f"{name} is ngspice's own function: outside of a .subckt yours would change "
                     "the device too; put it into the load's .subckt",
                 )
+            _once(card, here.functions, f".func {name}", name)
             here.functions[name] = (card, arguments, expression)
         elif first == ".model":
             name, kind, values = vetting.vet_model(card)
+            _once(card, here.models, f".model {name}", name)
             here.models[name] = (card, kind, values)
         elif first == MEASURE:
             here.measures.append(Card(rest, card.where))
@@ -101,7 +108,7 @@ def parse(cards: list[Card], name: str) -> Subcircuit:
                 refuse(card, "needs: put it into the .subckt whose parameters it is about")
             here.needs.append(Card(rest, card.where))
         elif first.startswith("."):
-            instead = " (write ic= behind the capacitor or coil)" if first == ".ic" else ""
+            instead = _INSTEAD.get(first, "")
             refuse(
                 card,
                 f"{first[:40]} is not accepted{instead}: a load holds elements, .model, .param, "
@@ -115,6 +122,12 @@ def parse(cards: list[Card], name: str) -> Subcircuit:
     if here is not root:
         refuse(here.card, f".subckt {here.name} without its .ends")
     return root
+
+
+def _once(card, known, what, name):
+    """Refuse a name that stands twice: releases differ in which of them counts."""
+    if name in known:
+        refuse(card, f"{what[:60]} is there twice, first at {known[name][0].where}: keep one")
 
 
 def _opened(outer, card, rest):

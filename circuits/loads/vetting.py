@@ -7,22 +7,22 @@ misread is put right where its meaning is plain, and refused by name where it is
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple, NoReturn
 
-from circuits.loads.expressions import NAMES, SOLUTION, VARYING, expression_fault
+from circuits.loads.expression import ExpressionError, check
+from circuits.loads.functions import SOLUTION, VARYING
+from circuits.loads.numbers import AMPERE, INFIX, NUMBER, THOUSANDTH_OF_AN_INCH, number
+from circuits.loads.part_models import unknown_word
 from circuits.loads.reader import Card
+from circuits.loads.waveform import KINDS
 from harvester.errors import NetlistError
 from harvester.files.plain_text import nearest
 
-FACTORS = {
-    "t": 1e12, "g": 1e9, "meg": 1e6, "k": 1e3, "mil": 25.4e-6, "m": 1e-3, "u": 1e-6, "n": 1e-9,
-    "p": 1e-12, "f": 1e-15,
-}  # fmt: skip
 MODELS = {
     "d", "npn", "pnp", "njf", "pjf", "nmos", "pmos", "vdmos", "sw", "csw", "r", "c", "l",
+    "vswitch", "iswitch",
 }  # fmt: skip
 # Data-sheet facts that LTspice keeps beside a model or a part and that do not enter it.
 FACTS = {"mfg", "type", "iave", "vpk", "vceo", "icrating", "tol", "pwr", "irms", "ipk", "pn", "v"}
@@ -36,7 +36,7 @@ PART_PARAMETERS = {
 # Of LTspice's parts; 0 is none of those in SERIES, and LTspice writes it so.
 SERIES = {"rser", "lser"}
 PARASITICS = {"rser", "rpar", "cpar", "lser", "rlshunt"}
-WAVEFORMS = {"dc", "ac", "pulse", "sin", "exp", "sffm", "am", "pwl"}
+WAVEFORMS = {"dc", "ac", "sine", "am", *KINDS}
 FLAGS = {"on", "off", "nchan", "pchan"}
 # Element letter → nodes, and what follows them.
 ELEMENTS = {
@@ -48,21 +48,16 @@ ELEMENTS = {
 }  # fmt: skip
 
 _CHARACTERS = re.compile(r"[\w\s.+\-*/^(){}\[\],=<>?:!&|%#~\"]*", re.ASCII)
-_NUMBER = re.compile(
-    r"([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[+-]?\d+)?)(meg|mil|[tgkmunpf])?([a-z]*)", re.ASCII
-)
-# A thousandth of an inch is one only outside of expressions, there it is a thousandth.
-_MIL = re.compile(r"(?<![\w.])((?:\d+(?:\.\d*)?|\.\d+)(?:e[+-]?\d+)?)mil(?![\w.])")
 # Of a name or a number.
 LONGEST_WORD = 250
 _LONG_WORD = re.compile(rf"[\w.]{{{LONGEST_WORD + 1}}}")
 # Of names in messages.
 MOST_SHOWN, LONGEST_SHOWN = 20, 60
 LONGEST_FAULT = 300
-# LTspice's 4k7, and a pair name=value whose value may be an expression.
-_INFIX = re.compile(r"(?<![\w.])(\d+)(meg|[tgkmunp])(\d+)(?![\w.])")
+# A pair name=value whose value may be an expression.
 _PAIR = re.compile(r"([a-z_]\w*)=(\{[^{}]*\}|[^\s{}()=]+)")
 _NODE = re.compile(r"[\w.+\-#/\[\]]+")
+_SOURCE_WORD = re.compile(r"\w+=\{[^{}]*\}|\{[^{}]*\}|[(),]|[^\s(),{}]+|\S")
 
 
 class Scope(NamedTuple):
@@ -71,15 +66,6 @@ class Scope(NamedTuple):
     parameters: Mapping
     functions: Mapping
     models: Mapping
-
-
-def number(text: str) -> float | None:
-    """A SPICE number like "100k" or "4k7" as a float, or None where it is none."""
-    match = _NUMBER.fullmatch(_INFIX.sub(r"\1.\3\2", text.strip().lower()))
-    if not match:
-        return None
-    value = float(match.group(1)) * FACTORS.get(match.group(2), 1.0)
-    return value if math.isfinite(value) else None
 
 
 def listed(names: Iterable[str]) -> str:
@@ -113,16 +99,27 @@ def tidy(card: Card) -> Card:
 
 def _joined_braces(card, text):
     """Blanks out of braces, so that an expression is one word."""
-    parts, depth = [], 0
+    depth = deepest = 0
     for character in text:
         depth += (character == "{") - (character == "}")
+        deepest = max(deepest, depth)
         if depth not in (0, 1):
             break
-        if not (depth and character == " "):
-            parts.append(character)
     if depth:
         refuse(card, f"braces do not match in {text[:50]!r}")
-    return "".join(parts)
+    return re.sub(r"\{[^{}]*\}", lambda braces: joined(card, braces.group()), text)
+
+
+def joined(card: Card, expression: str) -> str:
+    """An expression without blanks, refused where one parts two words."""
+    for before, after in re.findall(r"([\w.)]+) +(?=([\w.(]+))", expression):
+        words = {before, after} & {"and", "or", "not"}
+        if words:
+            refuse(card, f"{min(words)}: write && for and, || for or, ! for not")
+        # A blank may stand between a function and its arguments.
+        if before[-1] == ")" or after[0] != "(":
+            refuse(card, f"an operator is missing between {before[:40]!r} and {after[:40]!r}")
+    return expression.replace(" ", "")
 
 
 def vet_model(card: Card) -> tuple[str, str, list[tuple[str, str]]]:
@@ -145,8 +142,8 @@ def vet_model(card: Card) -> tuple[str, str, list[tuple[str, str]]]:
                 f"{name} belongs to LTspice's idealised diode, which ngspice does not have; "
                 "give is, n and rs",
             )
-        if kind == "sw" and name in ("lser", "vser", "ilimit"):
-            refuse(card, f"{name} belongs to LTspice's switch, which ngspice does not have")
+        if fault := unknown_word(kind, name):
+            refuse(card, fault)
         pairs.append((name, value))
     return match.group(1), kind, pairs
 
@@ -154,6 +151,13 @@ def vet_model(card: Card) -> tuple[str, str, list[tuple[str, str]]]:
 def vet_parameters(card: Card, text: str) -> dict[str, Any]:
     """Pairs of a list of parameters, {name: value}; the last of a name counts."""
     pairs = dict(_pairs(card, text, ()))
+    for name, value in pairs.items():
+        if THOUSANDTH_OF_AN_INCH.fullmatch(value):
+            refuse(
+                card,
+                f"{name}={value[:LONGEST_SHOWN]}: ngspice takes mil for a thousandth in a "
+                "parameter: write it times 25.4u",
+            )
     for name in VARYING & {*pairs}:
         refuse(card, f"{name} is ngspice's own and no parameter; give it another name")
     return pairs
@@ -176,7 +180,7 @@ def _pairs(card, text, flags):
     for word in re.sub(r"=([^={}\s]+)\s*\(", r"=\1(", text).split():
         match = _PAIR.fullmatch(word)
         if match:
-            pairs.append((match.group(1), _INFIX.sub(r"\1.\3\2", match.group(2))))
+            pairs.append((match.group(1), INFIX.sub(r"\1.\3\2", match.group(2))))
         elif word in flags:
             pairs.append((word, ""))
         else:
@@ -187,27 +191,36 @@ def _pairs(card, text, flags):
 def check_value(card: Card, value: str, scope: Scope, what: str = "value") -> str:
     """The value, a bare parameter or expression in braces; refused unless it means a number."""
     if value.startswith("{") and value.endswith("}"):
-        expression = rewritten(value[1:-1])
-        fault = expression_fault(expression, scope.parameters, scope.functions)
-        if fault or not expression:
-            refuse(card, f"{fault or 'nothing'} in {{{expression[:50]}}}")
-        return "{" + expression + "}"
+        return "{" + check_expression(card, value[1:-1], scope) + "}"
     size = number(value)
     if size is not None:
-        # What ngspice takes for a thousandth in a .param, or in another release for 1e-18.
-        unclear = re.search(r"mil|\da", value)
-        return repr(size) if unclear else _INFIX.sub(r"\1.\3\2", value)
+        return repr(size) if "mil" in value else INFIX.sub(r"\1.\3\2", value)
     if value in scope.parameters:
         return "{" + value + "}"
-    if _NUMBER.fullmatch(value):
+    if AMPERE.fullmatch(value):
+        refuse(
+            card,
+            f"{what} {value[:LONGEST_SHOWN]}: ngspice 46 reads 1e-18 for A, 39 reads 1: leave the "
+            "A out",
+        )
+    if NUMBER.fullmatch(value):
         refuse(card, f"{what} {value[:LONGEST_SHOWN]} is not finite")
     refuse(card, f"{what} {value[:40]!r} is no number{nearest(value, scope.parameters)}")
 
 
+def check_expression(card: Card, expression: str, scope: Scope) -> str:
+    """An expression without blanks in ngspice's spelling; refused unless it means something."""
+    text = rewritten(joined(card, expression))
+    try:
+        check(text, scope.parameters, scope.functions)
+    except ExpressionError as fault:
+        refuse(card, f"{fault} in {{{text[:50]}}}")
+    return text
+
+
 def rewritten(expression: str) -> str:
-    """LTspice's spelling in ngspice's."""
-    text = re.sub(r"(?<![\w.])if\(", "ternary_fcn(", expression.replace(" ", ""))
-    return _MIL.sub(r"(\1*25.4e-6)", _INFIX.sub(r"\1.\3\2", text))
+    """LTspice's 4k7 in ngspice's spelling."""
+    return INFIX.sub(r"\1.\3\2", expression.replace(" ", ""))
 
 
 def vet_element(card: Card, scope: Scope) -> list[str]:
@@ -240,14 +253,19 @@ def _value(card, rest, scope):
         if "=" in word and not word.startswith("{"):
             words += _part_parameter(card, word, scope)
             named = named or word[0:2] in ("r=", "c=", "l=")
-        elif word in scope.models:
+        elif _is_model(word, scope):
             words.append(word)
         else:
             named = True
             words.append(check_value(card, word, scope))
-    if not named and not any(word in scope.models for word in words):
+    if not named and not any(_is_model(word, scope) for word in words):
         refuse(card, f"{card.text[:50]!r}: no value")
     return words
+
+
+def _is_model(word, scope):
+    """Whether a word of R, C or L is a model: a number or a parameter of its name goes before."""
+    return word in scope.models and number(word) is None and word not in scope.parameters
 
 
 def _part_parameter(card, word, scope):
@@ -279,7 +297,8 @@ def _model(card, rest, scope):
             found = True
             words.append(word)
         elif found and word not in FLAGS:
-            words.append(check_value(card, word, scope))
+            area = "area=" if card.text[0] == "d" else ""
+            words.append(area + check_value(card, word, scope))
         else:
             check_nodes(card, [word])
             words.append(word)
@@ -293,10 +312,10 @@ def _model(card, rest, scope):
 def _source(card, rest, scope):
     """A number or one of the plain waveforms with numbers."""
     words = []
-    for word in re.sub(r"([(),])", r" \1 ", " ".join(rest)).split():
+    for word in _SOURCE_WORD.findall(" ".join(rest)):
         if word in WAVEFORMS or word in "(),":
             words.append(word)
-        elif "=" in word:
+        elif "=" in word and word[0] != "{":
             match = re.fullmatch(r"(dc|ac|r|td)=(\S+)", word)
             if not match:
                 refuse(card, f"{word[:40]!r} is not accepted in a source")
@@ -313,37 +332,37 @@ def _controlled(card, rest, scope):
     """Nodes or a source's name with a gain, or value={expression}."""
     if any(re.match(r"(poly|laplace|table|freq)\b", word) for word in rest):
         refuse(card, "poly, laplace, table and freq are not accepted: write a B source")
-    match = re.fullmatch(r"(value|vol|cur)=(.*)", " ".join(rest))
+    text, many = _multiplied(card, " ".join(rest), scope)
+    match = re.fullmatch(r"(value|vol|cur)[= ](.*)", text)
     if match:
         expression = match.group(2).strip()
         braced = expression if expression.startswith("{") else "{" + expression + "}"
-        _check_constants(card, expression, scope)
-        return [f"{match.group(1)}={check_value(card, braced, scope)}"]
-    check_nodes(card, rest[:-1])
-    if len(rest) != (3 if card.text[0] in "eg" else 2):
+        return [f"{match.group(1)}={check_value(card, braced, scope)}", *many]
+    # PSpice writes the controlling nodes as (c,d).
+    *controls, gain = re.sub(r"\(([^(),]+),([^(),]+)\)", r"\1 \2", text).split()
+    check_nodes(card, controls)
+    if len(controls) != (2 if card.text[0] in "eg" else 1):
         refuse(card, f"{card.text[:50]!r}: takes what controls it, and a gain")
-    return [*rest[:-1], check_value(card, rest[-1], scope)]
+    return [*controls, check_value(card, gain, scope), *many]
+
+
+def _multiplied(card, text, scope):
+    """A source's text and its ["m=…"], or []; voltages in parallel are one."""
+    match = re.fullmatch(r"(.*\S) m=(\S+)", text)
+    if not match:
+        return text, []
+    if card.text[0] in "eh" or match.group(1).startswith("v="):
+        refuse(card, f"m={match.group(2)[:40]}: sources of voltage side by side are one: leave it")
+    return match.group(1), [f"m={check_value(card, match.group(2), scope)}"]
 
 
 def _behavioural(card, rest, scope):
-    match = re.fullmatch(r"([iv])=(.+)", " ".join(rest))
+    text, many = _multiplied(card, " ".join(rest), scope)
+    match = re.fullmatch(r"([iv])=(.+)", text)
     if not match:
         refuse(card, f"{card.text[:50]!r}: write it as Bname n+ n- i=expression")
-    expression = rewritten(match.group(2).replace("{", "(").replace("}", ")"))
-    fault = expression_fault(expression, scope.parameters, scope.functions)
-    if fault:
-        refuse(card, f"{fault} in {expression[:60]!r}")
-    _check_constants(card, expression, scope)
-    return [f"{match.group(1)}={expression}"]
-
-
-def _check_constants(card, expression, scope):
-    """Refuse a constant of ngspice's that hides a parameter where the value follows the circuit."""
-    for name in re.findall(r"[a-z_]\w*", re.sub(r"\b[vi]\([^()]*\)", "", expression)):
-        if name in NAMES and name in scope.parameters:
-            value = number(str(scope.parameters[name]))
-            if name != "pi" or not math.isclose(value or 0.0, math.pi, rel_tol=1e-6):
-                refuse(card, f"{name} means ngspice's constant here: rename the parameter")
+    expression = match.group(2).replace("{", "(").replace("}", ")")
+    return [f"{match.group(1)}={check_expression(card, expression, scope)}", *many]
 
 
 _KINDS = {

@@ -17,12 +17,11 @@ import numpy as np
 from PySpice.Spice.NgSpice.Shared import NgSpiceCommandError, NgSpiceShared, ffi
 
 from circuits import elements
+from circuits.loads.part_values import suspicion
 from circuits.loads.places import file_of, with_places
 from circuits.ngspice import callbacks, compiled_device, messages
-from circuits.ngspice.across_output import measure_output
 from circuits.ngspice.library import code_models, find_library, no_initialisation_files
 from circuits.ngspice.solution import convert, units_of, vectors
-from circuits.part_values import suspicion
 from harvester.compilation import numbers_of
 from harvester.device import timescales
 from harvester.engines.steps import CRAWL, GETS_NOWHERE, PATIENCE, STEPS_PER_CONTACT
@@ -185,8 +184,10 @@ class Session(NgSpiceShared):
                 self._command("run")
             self._flush()
             self._check_end(netlist.stop)
-            if outputs is not None:
-                measure_output(self._ngspice_shared, netlist, outputs)
+            scale = netlist.per_power * netlist.voltage_scale**2
+            for output in outputs or ():
+                output.conductance = scale * netlist.conductance
+                output.capacitance = scale * netlist.capacitance
         finally:
             self._service = None
             for command in ("remcirc", "destroy all"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from circuits import elements
+from circuits.loads.writer import current_name, node_name
 from circuits.ngspice import callbacks
 from harvester.compilation import compiled
 from harvester.device import system as systems
@@ -54,9 +55,9 @@ def _watched(name, pins):
     if name in pins:
         return name
     if name.startswith("i("):
-        path = name[2:-1]
-        return f"{path.rpartition('.')[2][0]}.xload.{path}#branch"
-    return f"xload.{name}"
+        own = current_name(name[2:-1])
+        return f"{own[0]}.xload.{own}#branch"
+    return f"xload.{node_name(name)}"
 
 
 def _in_copy(name, prefix):

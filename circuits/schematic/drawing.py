@@ -93,7 +93,7 @@ def schematic(scene: Scene) -> Schematic:
     schemdraw_library()
     from circuits.assembly import assemble, network
 
-    circuit = read_topology(assemble(scene).text)
+    circuit = read_topology(assemble(scene, named=True).text)
     pen = Pen()
     transducer = network(scene)
     electrical = {*transducer.nodes, elements.behind_ammeter(transducer), *LOAD_SIDE}

@@ -89,6 +89,7 @@ def run_estimates(
         *source_notes(scene.load.circuit),
         *_loose_nodes(scene.load.circuit),
         *_without_value(scene.load.circuit, moments),
+        *(scene.load.circuit.reading_notes if scene.load.circuit else ()),
         *efficiency_notes(whole, scales.of("power"), unit_of(scene, "power")),
         *(each.note for each in found),
     )

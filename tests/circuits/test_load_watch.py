@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from circuits.load_watch import NOTHING, watch_of
+from circuits.loads.load_watch import NOTHING, watch_of
 from circuits.loads.subcircuits import find_netlist, read_load
 
 PINS = {"p": "terminal", "n": "0", "out": "output", "ref": "reference"}
@@ -60,8 +60,6 @@ def test_what_follows_the_motion_is_not_watched():
         "G1 p n value={v(p,n)^3}",
         "Q1 p p n part\n.model part npn",
         "S1 p n p n inverted\n.model inverted sw(vt=1 vh=-0.5)",
-        "S1 p n p n later\n.model later sw(vt={time} vh=0.5)",
-        "L1 p n 1m m=0",
         "C2 p n -1n\nL1 p n 1",
     ],
 )

@@ -336,16 +336,16 @@ FAULTS = [
     ),
     Fault(
         "reader: u is a thousandth",
-        "circuits/loads/vetting.py",
-        '"u": 1e-6',
-        '"u": 1e-3',
+        "circuits/loads/numbers.py",
+        '"u": -6',
+        '"u": -3',
         NUMBERS,
     ),
     Fault(
         "reader: meg is a thousandth",
-        "circuits/loads/vetting.py",
-        '"meg": 1e6',
-        '"meg": 1e-3',
+        "circuits/loads/numbers.py",
+        '"meg": 6',
+        '"meg": -3',
         NUMBERS,
     ),
     Fault(
@@ -371,7 +371,7 @@ FAULTS = [
     ),
     Fault(
         "switch: half the hysteresis is missing",
-        PARTS,
+        "circuits/loads/load_watch.py",
         "return middle - half, middle + half",
         "return middle - half, middle",
         ("circuits/test_load_watch.py",),

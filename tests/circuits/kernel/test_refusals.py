@@ -5,7 +5,7 @@ import pytest
 from circuits.kernel import engine
 from circuits.kernel.assembly import build
 from harvester.engines.realization import noise_path, start_state
-from harvester.errors import LoadError, SimulatorAborted
+from harvester.errors import LoadError, NetlistError, SimulatorAborted
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
 from harvester.simulation import simulate
@@ -26,19 +26,29 @@ def with_load(tmp_path, text, *overrides):
         ("Q1 p out n tr\n.model tr npn(bf=100)", 4, "letter Q"),
         ("D1 p out dm\n.model dm d(is=1n ikf=1)", 4, "ikf="),
         ("D1 p out dm temp=50\n.model dm d(is=1n)", 4, "temp="),
-        ("S1 p out p n sm\n.model sm sw(vt=1 vh=-0.1)", 4, "negative hysteresis"),
         ("B1 p out i=ddt(v(p))", 4, "ddt"),
-        ("R2 p out {1k}\nR3 p out r=1k tc=1 temp=80", 5, "temp="),
-        ("V1 p x am 1 2 3 4\nR2 x out 1k", 4, "waveform am"),
-        ("L1 p out 0", 4, "inductance of 0"),
-        ("Rx p out 1k\nB1 p n i=i(rx)", 5, r"i\(rx\)"),
-        ("R2 p out {1k+5%0}", 4, "% of a number that has none"),
     ],
 )
 def test_with_file_line_and_reason(tmp_path, text, line, reason):
     scene = with_load(tmp_path, text)
     with pytest.raises(LoadError, match=rf"mine\.lib:{line}: .*{reason}.*circuit engine"):
         build(scene)
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "reason"),
+    [
+        ("L1 p out 0", 4, "an inductance of 0"),
+        ("Rx p out 1k\nB1 p n i=i(rx)", 5, r"i\(rx\) is no current of the load"),
+        ("R2 p out {1k+5%0}", 4, "% of a number that has none"),
+        ("V1 p x am(1 2 3 4)\nR2 x out 1k", 4, "am is another source in ngspice 39 than in 46"),
+        ("D1 p out dm\n.model dm d(is=1n vz=5)", 5, "knows no vz of a model d.*leave it out"),
+        ("S1 p out p n sm\n.model sm sw(ron=0)", 4, "write 1m"),
+    ],
+)
+def test_what_no_engine_takes_is_refused_where_the_load_is_read(tmp_path, text, line, reason):
+    with pytest.raises(NetlistError, match=rf"mine\.lib:{line}: .*{reason}"):
+        with_load(tmp_path, text)
 
 
 def test_before_anything_runs(tmp_path):

@@ -54,7 +54,7 @@ def test_values_that_it_is_made_for_are_taken(tmp_path):
         ("leest < most", "unknown name leest"),
         ("least <", "missing operand at the end"),
         ("", "missing operand"),
-        ("v(a) < most", "cannot be told of the changing value"),
+        ("v(a) < most", "cannot be told of a value that changes"),
         ("time < most", "cannot be told of the name time"),
         ("sqrt(-least) < most", "cannot be told of sqrt"),
     ],

@@ -2,7 +2,7 @@
 
 import pytest
 
-from circuits.loads.vetting import number
+from circuits.loads.numbers import number
 
 
 @pytest.mark.parametrize(

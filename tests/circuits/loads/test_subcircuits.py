@@ -22,8 +22,7 @@ def read(tmp_path, text, **arguments):
 def test_ltspices_spelling_is_read_as_it_is_meant(tmp_path):
     load = read(tmp_path, DOUBLER)
     assert load.pins == ("p", "n", "out", "ref")
-    assert load.output_resistors == ("r.xload.r1",)
-    assert load.storage == ("c.xload.c2",)
+    assert [each.name for each in load.across_output] == ["c2", "r1"]
     assert not load.linear
     assert not load.switches
     assert "rload=4.7meg" in load.text

@@ -56,9 +56,7 @@ def test_names_in_a_load_are_no_trouble(run, tmp_path):
 @pytest.mark.parametrize(
     ("body", "expected"),
     [
-        ("B9 p n i=~1", r"b9 \(load\.lib:5\): parameter value"),
-        (".model dx d(is=1n qqq=3)\nD9 p n dx", r"model dx \(load\.lib:5\).*qqq"),
-        ("B9 p n i=ln(-1)", r"b9 \(load\.lib:5\): -1 out of range for ln"),
+        ("B9 p n i=ln(-1+0*v(p))", r"b9 \(load\.lib:5\): -1 out of range for ln"),
         (
             "V1 p x 0\nV2 p x 1\nR9 x n 1k",
             r"singular matrix: check node.* v[12] \(load\.lib:[56]\)",
@@ -71,9 +69,11 @@ def test_a_refusal_names_the_element_and_its_place(run, tmp_path, body, expected
 
 
 def test_an_element_of_a_called_sub_circuit_is_found_in_its_own_file(run, tmp_path):
-    (tmp_path / "parts.lib").write_text(".subckt part a b\nR8 a b 1k\nB9 a b i=~v(a)\n.ends\n")
+    (tmp_path / "parts.lib").write_text(
+        ".subckt part a b\nR8 a b 1k\nB9 a b i=ln(-1+0*v(a))\n.ends\n"
+    )
     scene = loaded(tmp_path, "Xone p n part", inner=".include parts.lib\n")
-    with pytest.raises(SimulationError, match=r"b9 \(parts\.lib:3\): parameter value"):
+    with pytest.raises(SimulationError, match=r"b9 \(parts\.lib:3\): -1 out of range"):
         run(scene)
 
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from circuits.measurement import Measurement
+from circuits.loads.measurement import Measurement
 from harvester.estimates.estimate import NO_VALUE
 from harvester.estimates.measures import INTEGRAL, without_value
 from harvester.estimates.output_side import estimate_output

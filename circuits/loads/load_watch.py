@@ -5,19 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
-from circuits.kernel.flattening import Place, elements
-from circuits.kernel.parts import hysteresis, stored
-from circuits.loads.vetting import WAVEFORMS
+from circuits.loads.part_models import LEVELS
 from harvester.device.terminals import GROUND
-from harvester.errors import LoadError
 
 if TYPE_CHECKING:
+    from circuits.loads.elements import Element, Model
     from circuits.loads.subcircuits import LoadCircuit
 
 # Transistors and behavioural sources change their currents by a law of their own, at any time.
 _JUMPING = frozenset("bqjm")
-_CHANGING = WAVEFORMS - {"dc", "ac"}
-_EXPRESSIONS = ("value=", "vol=", "cur=")
 
 
 class Watch(NamedTuple):
@@ -64,52 +60,46 @@ def watch_of(load: LoadCircuit, pins: Mapping[str, str]) -> Watch:
     Watch
         Empty for resistors, capacitors and diodes, which follow the motion.
     """
-    try:
-        places = list(elements(load, pins))
-    except LoadError:
-        return Watch(jumps=True) if load.switches else NOTHING
-    jumps = any(map(_has_waveform, places))
+    parts = load.elements
+    jumps = any(each.wave is not None for each in parts)
     if not load.switches:
         return Watch(jumps=jumps)
-    try:
-        switches = [_switch(place) for place in places if place.letter in "sw"]
-        stores = [_store(place) for place in places if place.letter in "cl"]
-    except LoadError:
-        return Watch(jumps=True)
-    jumps = jumps or any(map(_may_jump, places)) or any(size <= 0.0 for _, (size, _) in stores)
-    if any(low > high for _, (high, low, _) in switches):
-        return Watch(jumps=True)
-    watched = switches if jumps else [*switches, *stores]
+    switches = [_switch(each, pins) for each in parts if each.letter in "sw"]
+    jumps = jumps or any(map(_may_jump, parts))
+    stores = [] if jumps else [_store(each, pins) for each in parts if each.letter in "cl"]
+    watched = [*switches, *stores]
     return Watch(
         tuple(name for ends, _ in watched for name in ends),
         tuple(values for _, values in switches),
-        () if jumps else tuple(values for _, values in stores),
+        tuple(values for _, values in stores),
         tuple(pins.values()),
         jumps,
     )
 
 
-def _has_waveform(place: Place) -> bool:
-    return place.letter in "vi" and not _CHANGING.isdisjoint(place.words)
+def hysteresis(letter: str, model: Model | None) -> tuple[float, float]:
+    """Control (V, or A of a W) below which a switch opens, and that above which it closes."""
+    middle, half = (model.get(name) if model else 0.0 for name in LEVELS[letter])
+    return middle - half, middle + half
 
 
-def _may_jump(place: Place) -> bool:
-    return place.letter in _JUMPING or any(word.startswith(_EXPRESSIONS) for word in place.words)
+def _may_jump(each: Element) -> bool:
+    if each.letter in _JUMPING or each.expression is not None:
+        return True
+    return each.letter in "cl" and not (each.size or 0.0) > 0.0
 
 
-def _switch(place):
+def _switch(each, pins):
     """The control's ends, and (closes above, opens below, closed at first)."""
-    plain = place.plain()
-    ends = place.nodes[2:4]
-    if place.letter == "w":
-        ends = f"i({place.scope.path}{plain.pop(0)})", GROUND
-    _, model, _ = place.model(plain[0])
-    low, high = hysteresis(place, model)
-    return ends, (high, low, "on" in plain[1:])
+    ends = tuple(pins.get(node, node) for node in each.nodes[2:4])
+    if each.letter == "w":
+        ends = f"i({each.controls[0]})", GROUND
+    low, high = hysteresis(each.letter, each.model)
+    return ends, (high, low, "on" in each.flags)
 
 
-def _store(place):
+def _store(each, pins):
     """The ends of what is kept, and (size, whether it is a coil's current)."""
-    coil = place.letter == "l"
-    ends = (f"i({place.name})", GROUND) if coil else place.nodes[:2]
-    return ends, (stored(place)[0], coil)
+    coil = each.letter == "l"
+    ends = tuple(pins.get(node, node) for node in each.nodes)
+    return (f"i({each.name})", GROUND) if coil else ends, (each.size, coil)

@@ -1,0 +1,69 @@
+"""The frozen tree that a load is read to: its elements with numbers, full names and places."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from circuits.loads.expression import Tree
+from circuits.loads.waveform import Waveform
+
+
+class Model(NamedTuple):
+    """A .model as it counts at one place: its name there, its kind, and what it says."""
+
+    name: str
+    kind: str
+    numbers: tuple[tuple[str, float], ...]
+    flags: tuple[str, ...] = ()
+
+    def get(self, name: str, otherwise: float = 0.0) -> float:
+        """One of its numbers."""
+        return dict(self.numbers).get(name, otherwise)
+
+
+class Element(NamedTuple):
+    """One element of a load, with all calls of sub-circuits expanded.
+
+    Attributes
+    ----------
+    letter : its kind.
+    name : the calls on the way to it and its own, "xbridge.dupper".
+    nodes : names of nodes; those of the load's pins are the pins' own.
+    where : "file:line".
+    value : of R (Ω), C (F), L (H) as temperature, scale and model make it, of K the coupling, of
+        a controlled source its gain, of a constant source V or A.
+    numbers : what else the element says, "m" and "ic" among it.
+    model, wave, expression : of what has one; its expression is in volts, amperes or seconds.
+    controls : full names of the sources or coils that control it.
+    flags : "on" or "off".
+    voltage : whether an expression or a gain sets a voltage, not a current.
+    """
+
+    letter: str
+    name: str
+    nodes: tuple[str, ...]
+    where: str
+    value: float | None = None
+    numbers: tuple[tuple[str, float], ...] = ()
+    model: Model | None = None
+    wave: Waveform | None = None
+    expression: Tree | None = None
+    controls: tuple[str, ...] = ()
+    flags: tuple[str, ...] = ()
+    voltage: bool = False
+
+    def get(self, name: str, otherwise: float = 0.0) -> float:
+        """One of its further numbers."""
+        return dict(self.numbers).get(name, otherwise)
+
+    @property
+    def many(self) -> float:
+        """How many of it lie side by side."""
+        return self.get("m", 1.0)
+
+    @property
+    def size(self) -> float | None:
+        """Ω, F or H of all that lie side by side; None where an expression says it."""
+        if self.value is None or not self.many:
+            return None
+        return self.value * self.many if self.letter == "c" else self.value / self.many

@@ -1,0 +1,519 @@
+"""Expressions of netlists: read once into frozen trees, put into numbers, and written out again.
+
+A tree is a tuple: ("number", x), ("time",), ("name", n), ("v", node, node), ("i", source),
+("call", function, *trees), or (operation, *trees) with a name of `functions.OPERATIONS`.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+from circuits.loads.functions import CONSTANTS, OPERATIONS, SOLUTION, VARYING, folded
+from circuits.loads.numbers import AMPERE, INFIX, THOUSANDTH_OF_AN_INCH, number
+from harvester.device.terminals import GROUND
+from harvester.errors import HarvesterError
+from harvester.files.plain_text import nearest
+
+Tree = tuple[Any, ...]
+NAMES = {*CONSTANTS, "time", "hertz"}
+# Functions of the same meaning under another name, and how many arguments they take.
+_SAME = {"log": "ln", "pow": "^", "ternary_fcn": "if", "round": "nint"}
+# Functions that only ngspice itself evaluates.
+CIRCUIT_ONLY = {"ddt": (1,), "pwl": range(5, 10_000, 2)}
+ZERO, HALF, ONE = ("number", 0.0), ("number", 0.5), ("number", 1.0)
+
+
+def _median(x, low, high):
+    return ("min", ("max", x, ("min", low, high)), ("max", low, high))
+
+
+# Functions made of others: LTspice's and PSpice's words, and those of ngspice's .param.
+_MADE: dict[str, tuple[int, Callable]] = {
+    "log10": (1, lambda x: ("/", ("ln", x), ("number", math.log(10.0)))),
+    "u2": (1, lambda x: ("min", ("max", x, ZERO), ONE)),
+    "int": (1, lambda x: ("*", ("sgn", x), ("floor", ("abs", x)))),
+    "sqr": (1, lambda x: ("*", x, x)),
+    "arctan": (1, lambda x: ("atan", x)),
+    "hypot": (2, lambda x, y: ("sqrt", ("+", ("*", x, x), ("*", y, y)))),
+    "limit": (3, _median),
+    "buf": (1, lambda x: ("<", HALF, x)),
+    "inv": (1, lambda x: ("<=", x, HALF)),
+    "stp": (1, lambda x: ("<", ZERO, x)),
+    "pwrs": (2, lambda x, y: ("pwr", x, y)),
+    "if": (3, lambda c, a, b: ("if", _truth(c), a, b)),
+}
+# Of these the words that ngspice lacks, or means otherwise.
+ELSEWHERE_ALONE = {*_MADE, "round"} - {"log10", "u2"}
+# Functions of other SPICEs that have no equal here, and what to write.
+ELSEWHERE = {
+    "sign": "sgn(x)", "fabs": "abs(x)", "table": "pwl(x, x1, y1, x2, y2, …)",
+    "atan2": "atan(y/x), the quadrant by a condition",
+    "idt": "an integral: a current source into a capacitor, and its voltage",
+    "idtmod": "an integral: a current source into a capacitor, and its voltage",
+    "sdt": "an integral: a current source into a capacitor, and its voltage",
+    "square": "x*x, or a pulse(…) source for a square wave",
+    "delay": "a chain of R and C", "absdelay": "a chain of R and C",
+}  # fmt: skip
+# Parentheses within parentheses, conditions within conditions.
+DEEPEST = 100
+_TOKEN = re.compile(
+    r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?[a-z_]*)"
+    r"|(?P<solution>[vi]\([^()]*\))|(?P<name>[a-z_][\w.#]*)"
+    r"|(?P<operator>\*\*|&&|\|\||[<>=!]=|<>|[-+*/^<>?:,()!~%&|]))",
+    re.ASCII,
+)
+# Binary operators from the loosest to the tightest.
+_LEVELS = ({"||"}, {"&&"}, {"==", "!=", "<>"}, {"<", ">", "<=", ">="}, {"+", "-"}, {"*", "/", "%"})
+_TIGHTNESS = {sign: level for level, signs in enumerate(_LEVELS) for sign in signs}
+_WORDS = {"||": "or", "&&": "and"}
+_BOOLEAN = {"<", "<=", "==", "and", "or", "not"}
+
+
+class ExpressionError(HarvesterError):
+    """What is wrong with an expression, in a few words; its readers add the place."""
+
+
+class NotConstant(ExpressionError):
+    """A value that changes while the circuit runs."""
+
+
+def _truth(condition):
+    """LTspice's if() holds above 0.5; of a comparison that is the same."""
+    return condition if condition[0] in _BOOLEAN else ("<", HALF, condition)
+
+
+class _Parser:
+    """One expression by precedence; conditions, operands and powers one method each."""
+
+    def __init__(self, text):
+        self.tokens = _tokens(text)
+        self.place = self.depth = 0
+
+    def peek(self):
+        return self.tokens[self.place][1]
+
+    def take(self):
+        self.place += 1
+        return self.tokens[self.place - 1]
+
+    def whole(self):
+        tree = self.choice()
+        if self.peek():
+            raise ExpressionError(f"missing operator before {self.peek()[:60]!r}")
+        return tree
+
+    def choice(self):
+        """A condition with its two values, or a value."""
+        self.depth += 1
+        if self.depth > DEEPEST:
+            raise ExpressionError(f"it nests deeper than {DEEPEST} parentheses or conditions")
+        tree = self.binary(0)
+        if self.peek() == "?":
+            self.take()
+            yes = self.choice()
+            if self.take()[1] != ":":
+                raise ExpressionError("a '?' without its ':'")
+            tree = ("if", tree, yes, self.choice())
+        self.depth -= 1
+        return tree
+
+    def binary(self, loosest):
+        tree = self.signed()
+        while (level := _TIGHTNESS.get(self.peek(), -1)) >= loosest:
+            sign = self.take()[1]
+            tree = _compared(sign, tree, self.binary(level + 1))
+        return tree
+
+    def signed(self):
+        signs = []
+        while self.peek() in ("-", "+", "!"):
+            signs.append(self.take()[1])
+        tree = self.power()
+        for sign in reversed(signs):
+            tree = tree if sign == "+" else ("negative" if sign == "-" else "not", tree)
+        return tree
+
+    def power(self):
+        tree = self.atom()
+        while self.peek() in ("^", "**"):
+            self.take()
+            minus = False
+            while self.peek() in ("-", "+"):
+                minus ^= self.take()[1] == "-"
+            exponent = self.atom()
+            tree = ("^", tree, ("negative", exponent) if minus else exponent)
+        return tree
+
+    def atom(self):
+        kind, text = self.take()
+        if kind == "number":
+            return ("number", _number(text))
+        if kind == "solution":
+            return _solution(text)
+        if text == "(":
+            tree = self.choice()
+            self.close()
+            return tree
+        if kind != "name":
+            where = f"before {text!r}" if text else "at the end"
+            raise ExpressionError(f"missing operand {where}")
+        if self.peek() != "(":
+            return ("name", text)
+        return self.call(text)
+
+    def call(self, name):
+        self.take()
+        if self.peek() == ")":
+            self.take()
+            return ("call", name)
+        arguments = [self.choice()]
+        while self.peek() == ",":
+            self.take()
+            arguments.append(self.choice())
+        self.close()
+        return ("call", name, *arguments)
+
+    def close(self):
+        if self.peek() != ")":
+            raise ExpressionError(f"missing operator before {self.peek()[:60]!r}")
+        self.take()
+
+
+def _tokens(text):
+    """(kind, text) of each piece, and an end; parentheses and conditions counted."""
+    lowered = text.strip().lower()
+    tokens, place = [], 0
+    while place < len(lowered):
+        match = _TOKEN.match(lowered, place)
+        if not match:
+            raise ExpressionError(f"unexpected character {lowered[place]!r}")
+        kind = str(match.lastgroup)
+        tokens.append((kind, match.group(kind)))
+        place = match.end()
+    depth = questions = 0
+    for kind, piece in tokens:
+        depth += (piece == "(") - (piece == ")")
+        questions += (piece == "?") - (piece == ":")
+        if depth < 0:
+            raise ExpressionError("a closing parenthesis too many")
+        if questions < 0:
+            raise ExpressionError("a ':' without its '?'")
+        if depth > DEEPEST:
+            raise ExpressionError(f"parentheses nest deeper than {DEEPEST}")
+        if kind == "operator" and piece in ("&", "|", "~"):
+            write = "!x" if piece == "~" else f"{piece}{piece}"
+            raise ExpressionError(f"{piece!r} is no operator here: write {write}")
+    if depth:
+        raise ExpressionError(f"{depth} closing parenthes{'is' if depth == 1 else 'es'} missing")
+    if questions:
+        raise ExpressionError("a '?' without its ':'")
+    return [*tokens, ("end", "")]
+
+
+def _number(text):
+    value = number(text)
+    if AMPERE.fullmatch(text):
+        raise ExpressionError(f"{text}: ngspice 46 reads 1e-18 for A, 39 reads 1: leave the A out")
+    if THOUSANDTH_OF_AN_INCH.fullmatch(text):
+        raise ExpressionError(f"{text}: a thousandth in ngspice's .param: write it times 25.4u")
+    if value is None:
+        raise ExpressionError(f"{text[:60]} is no finite number")
+    return value
+
+
+def _solution(text):
+    """v(a), v(a,b) or i(source): names of nodes are free."""
+    names = [name.strip() for name in text[2:-1].split(",")]
+    most = 2 if text[0] == "v" else 1
+    if len(names) > most:
+        raise ExpressionError(f"{text[0]} takes {most} arguments, not {len(names)}")
+    if not all(re.fullmatch(r"[\w.+\-#/\[\]]+", name) for name in names):
+        raise ExpressionError(f"{text[:60]}: name a node, or of i() a source")
+    return ("v", names[0], names[1] if names[1:] else GROUND) if most == 2 else ("i", names[0])
+
+
+def _compared(sign, left, right):
+    if sign in (">", ">="):
+        return (sign.replace(">", "<"), right, left)
+    if sign in ("!=", "<>"):
+        return ("not", ("==", left, right))
+    return (_WORDS.get(sign, sign), left, right)
+
+
+@functools.lru_cache(maxsize=4096)
+def parse(text: str) -> Tree:
+    """The tree of an expression, its names and functions not yet looked up.
+
+    Raises
+    ------
+    ExpressionError
+    """
+    return _Parser(INFIX.sub(r"\1.\3\2", text.lower())).whole()
+
+
+def parts_of(tree: Tree) -> Tree:
+    """The trees that a tree is made of."""
+    if tree[0] == "call":
+        return tree[2:]
+    return () if tree[0] in ("number", "time", "name", "v", "i") else tree[1:]
+
+
+def rebuilt(tree: Tree, made: Callable) -> Any:
+    """What a tree comes to from its leaves on: `made(tree, what its parts came to)` of each.
+
+    Without recursion: a sum of a thousand terms is a thousand deep.
+    """
+    done: list[Any] = []
+    waiting = [(tree, False)]
+    while waiting:
+        here, ready = waiting.pop()
+        parts = parts_of(here)
+        if parts and not ready:
+            waiting.append((here, True))
+            waiting += [(part, False) for part in reversed(parts)]
+        else:
+            first = len(done) - len(parts)
+            done[first:] = [made(here, done[first:])]
+    return done[0]
+
+
+def leaves(tree: Tree) -> Iterator[Tree]:
+    """A tree and all within it."""
+    waiting = [tree]
+    while waiting:
+        here = waiting.pop()
+        yield here
+        waiting += parts_of(here)
+
+
+def is_constant(tree: Tree) -> bool:
+    """Whether a resolved tree is one number."""
+    return tree[0] == "number"
+
+
+def check(text: str, parameters: Any, functions: Mapping[str, Any]) -> None:
+    """Refuse an expression with names or functions that mean nothing, or calls that do not fit.
+
+    Parameters
+    ----------
+    text : str
+    parameters : collection of str
+    functions : mapping of str to sequence
+        The file's own; the second of each is its arguments.
+
+    Raises
+    ------
+    ExpressionError
+    """
+    for each in leaves(parse(text)):
+        if each[0] == "name" and each[1] not in NAMES and each[1] not in parameters:
+            raise ExpressionError(f"unknown name {each[1][:60]}{_instead(each[1], parameters)}")
+        if each[0] == "call":
+            _check_call(each[1], len(each) - 2, functions)
+
+
+def _instead(name, known):
+    if name in ("true", "false", "yes", "no"):
+        return "; write 1 or 0"
+    return nearest(name, known)
+
+
+def _check_call(name, count, functions):
+    if name in functions:
+        expected: Any = (len(functions[name][1]),)
+    else:
+        expected = _arguments_of(name, functions)
+    if count not in expected:
+        raise ExpressionError(f"{name} takes {expected[0]} arguments, not {count}")
+
+
+def _arguments_of(name, functions):
+    if name in _MADE:
+        return (_MADE[name][0],)
+    if name in CIRCUIT_ONLY:
+        return CIRCUIT_ONLY[name]
+    if name in SOLUTION:
+        raise ExpressionError(f"{name}() takes names of nodes or a source")
+    if name in FUNCTIONS:
+        return (OPERATIONS[_SAME.get(name, name)].arguments,)
+    known = {*FUNCTIONS, *functions}
+    hint = f"; write {ELSEWHERE[name]}" if name in ELSEWHERE else nearest(name, known)
+    raise ExpressionError(f"unknown function {name[:60]}{hint}")
+
+
+_HIDDEN = {"negative", "and", "or", "not"}
+# All that an expression may call, the file's own aside.
+FUNCTIONS = {name for name in OPERATIONS if name.isalpha() and name not in _HIDDEN}
+FUNCTIONS |= {*_SAME, *_MADE, *CIRCUIT_ONLY, *SOLUTION}
+
+
+class Names:
+    """What names and functions mean where an expression stands; `circuits.loads.scope` fills it.
+
+    Attributes
+    ----------
+    parameters_only : bool
+        Of a parameter's value: pow() keeps the sign and pwr() does not, and nothing varies.
+    """
+
+    parameters_only = False
+
+    def name(self, name: str) -> Tree:
+        """A name's tree."""
+        raise ExpressionError(f"unknown name {name[:60]}")
+
+    def function(self, name: str) -> Any:
+        """(arguments, tree, names of its own functions) of a function of the file's, or None."""
+        return None
+
+
+class _Within(Names):
+    """Within a function: its arguments, else the caller's names; functions from where it stands.
+
+    ngspice puts a function's text in the place of its call.
+    """
+
+    def __init__(self, given, outer, functions):
+        self.parameters_only = outer.parameters_only
+        self._given, self._outer, self.function = given, outer, functions
+
+    def name(self, name):
+        return self._given[name] if name in self._given else self._outer.name(name)
+
+
+def resolved(tree: Tree, names: Names) -> Tree:
+    """The tree with its names and functions looked up, constants put into numbers.
+
+    Raises
+    ------
+    ExpressionError
+    """
+
+    def made(here, parts):
+        if here[0] == "name":
+            return names.name(here[1])
+        if here[0] == "call":
+            return _called(here[1], parts, names)
+        if here[0] in ("v", "i") and names.parameters_only:
+            raise NotConstant("a value that changes while the circuit runs")
+        return _folded(here[0], parts, names) if parts else here
+
+    return rebuilt(tree, made)
+
+
+def _called(name, arguments, names):
+    own = names.function(name)
+    if own is not None:
+        wanted, body, functions = own
+        if len(wanted) != len(arguments):
+            raise ExpressionError(f"{name} takes {len(wanted)} arguments, not {len(arguments)}")
+        given = dict(zip(wanted, arguments, strict=True))
+        return resolved(body, _Within(given, names, functions))
+    _check_call(name, len(arguments), {})
+    if name in CIRCUIT_ONLY:
+        return ("call", name, *arguments)
+    if names.parameters_only and name in ("pow", "pwr"):
+        return _of_parameters(name, arguments)
+    if name in _MADE:
+        made = _MADE[name][1](*arguments)
+        return rebuilt(made, lambda here, parts: _folded(here[0], parts, names) if parts else here)
+    return _folded(_SAME.get(name, name), arguments, names)
+
+
+def _of_parameters(name, arguments):
+    """pow() of ngspice's parameters is C's, pwr() the power of the size."""
+    x, y = (each[1] for each in arguments)
+    try:
+        return ("number", math.pow(x if name == "pow" else abs(x), y))
+    except (ValueError, OverflowError):
+        raise ExpressionError(f"{name} of a number that has none") from None
+
+
+def _folded(kind, parts, names):
+    if kind == "if" and is_constant(parts[0]):
+        return parts[1] if parts[0][1] else parts[2]
+    if not all(map(is_constant, parts)):
+        if kind == "%":
+            raise ExpressionError("% of a value that changes: write x-y*floor(x/y)")
+        return (kind, *parts)
+    numbers = [part[1] for part in parts]
+    if kind in ("%", "/") and names.parameters_only and numbers[1] == 0.0:
+        raise ExpressionError(f"{kind} of a number that has none: it divides by 0")
+    if kind == "%":
+        value = math.fmod(*numbers) if numbers[1] else math.nan
+    else:
+        value = folded(kind, numbers)
+    if not math.isfinite(value):
+        raise ExpressionError(f"{kind} of a number that has none")
+    return ("number", value)
+
+
+_LOOSE = {"+": 1, "-": 1, "*": 2, "/": 2}
+
+
+def written(tree: Tree, node: Callable = str, source: Callable = str) -> str:
+    """A resolved tree as ngspice reads it back, whatever its release: every order in parentheses.
+
+    Parameters
+    ----------
+    tree : tuple
+    node, source : callable
+        How a node and a source are spelt.
+    """
+
+    def made(here, parts):
+        kind = here[0]
+        if kind == "number":
+            text = repr(float(here[1]))
+            return f"({text})" if text.startswith("-") else text, 9
+        if kind == "time":
+            return "time", 9
+        if kind == "i":
+            return f"i({source(here[1])})", 9
+        if kind == "v":
+            return _voltage(*here[1:], node), 9
+        if kind == "call":
+            return f"{here[1]}({','.join(text for text, _ in parts)})", 9
+        tightness = _LOOSE.get(kind, 0)
+        said = [text for text, _ in parts]
+        form = OPERATIONS[kind].ngspice
+        if form[0].isalpha():
+            return form.format(*said), 9
+        said = [
+            text if own == 9 or (k == 0 and 0 < tightness <= own) else f"({text})"
+            for k, (text, own) in enumerate(parts)
+        ]
+        return form.format(*said), tightness
+
+    return rebuilt(tree, made)[0]
+
+
+def _voltage(a, z, node):
+    if a == z:
+        return "0.0"
+    if a == GROUND:
+        return f"(-v({node(z)}))"
+    return f"v({node(a)})" if z == GROUND else f"v({node(a)},{node(z)})"
+
+
+def varies(tree: Tree) -> bool:
+    """Whether a tree that is not yet resolved asks for what changes while the circuit runs."""
+    return any(
+        each[0] in (*SOLUTION, "time") or (each[0] == "name" and each[1] in VARYING)
+        for each in leaves(tree)
+    )
+
+
+def renamed(tree: Tree, nodes: Mapping[str, str]) -> Tree:
+    """A resolved tree with some of its nodes under other names."""
+
+    def made(here: Tree, parts: list[Tree]) -> Tree:
+        if here[0] == "v":
+            return ("v", *(nodes.get(node, node) for node in here[1:]))
+        return (*here[: len(here) - len(parts)], *parts) if parts else here
+
+    return rebuilt(tree, made)

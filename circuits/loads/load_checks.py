@@ -1,0 +1,153 @@
+"""Whether what a load's file says is a circuit: its needs, couplings, resistances, nodes named."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from circuits.loads.expression import ExpressionError, leaves, parse
+from circuits.loads.flattening import calls
+from harvester.device.terminals import GROUND
+from harvester.errors import NetlistError
+from harvester.files.plain_text import nearest
+
+if TYPE_CHECKING:
+    from circuits.loads.elements import Element
+    from circuits.loads.scope import Scope
+    from circuits.loads.subcircuits import LoadCircuit
+
+# Coils that are coupled fully hold no energy in some of their currents, to within rounding.
+ROUNDING = 1e-9
+# Ω: of less, rounding of the voltages at its ends hides the current of a harvester.
+LEAST_RESISTANCE = 1e-6
+# Letters of elements whose second pair of nodes controls them and carries no current.
+_CONTROLLED = "seg"
+
+
+def check_load(load: LoadCircuit) -> None:
+    """Refuse what is no circuit.
+
+    Raises
+    ------
+    NetlistError
+        One line with file, line and fault.
+    """
+    _check_resistances(load.elements)
+    _check_couplings(load.elements)
+    _check_nodes(load.elements, load.pins)
+    _check_currents(load.elements)
+
+
+def loose_nodes(load: LoadCircuit) -> tuple[str, ...]:
+    """Nodes with one element's end, that nothing asks for, as "node of name (file:line)"."""
+    ends = Counter(node for each in load.elements for node in _connected(each))
+    known = {GROUND, *load.pins, *(node for each in load.elements for node in _controlling(each))}
+    return tuple(
+        f"{node} of {each.name} ({each.where})"
+        for each in load.elements
+        for node in _connected(each)
+        if ends[node] == 1 and node not in known
+    )
+
+
+def check_needs(scope: Scope) -> None:
+    """Refuse values that a sub-circuit says it is not made for.
+
+    Raises
+    ------
+    NetlistError
+    """
+    for each in calls(scope):
+        for card in each.circuit.needs:
+            needs = f"{card.where}: {each.circuit.name} needs {card.text}"
+            try:
+                holds = each.value("{" + card.text + "}") > 0.0
+            except ExpressionError as reason:
+                raise NetlistError(f"{needs}: that cannot be told of {reason}") from None
+            if not holds:
+                raise NetlistError(f"{needs} here, with {_values(each, card.text)}")
+
+
+def _values(scope, condition):
+    """ "name = value" of each parameter of a condition."""
+    found = (each[1] for each in leaves(parse(condition)) if each[0] == "name")
+    names = sorted({*found}, key=condition.index)
+    told = [f"{name} = {scope.parameter(name):g}" for name in names]
+    return ", ".join(told) or "no parameter in it"
+
+
+def _check_resistances(parts):
+    for each in parts:
+        size = each.size if each.letter == "r" else None
+        if size is not None and abs(size) < LEAST_RESISTANCE:
+            raise NetlistError(
+                f"{each.where}: {each.name}: {abs(size):g} Ω: below {LEAST_RESISTANCE:g} Ω "
+                "currents are lost to rounding; 1m, a thousandth of an ohm, does the same"
+            )
+
+
+def _check_nodes(parts, pins):
+    """Refuse a voltage that controls something where nothing is connected."""
+    known = {GROUND, *pins, *(node for each in parts for node in _connected(each))}
+    for each in parts:
+        for node in _controlling(each):
+            if node not in known:
+                raise NetlistError(
+                    f"{each.where}: {each.name}: nothing is connected to the node "
+                    f"{node[:60]}{nearest(node, known)}"
+                )
+
+
+def _check_currents(parts):
+    """Refuse a current that no element has."""
+    known = {each.name for each in parts if each.letter in "vehl" or each.voltage}
+    for each in parts:
+        asked = {leaf[1] for leaf in leaves(each.expression or ("time",)) if leaf[0] == "i"}
+        for name in sorted({*each.controls, *asked}):
+            if name not in known:
+                raise NetlistError(
+                    f"{each.where}: {each.name}: i({name[:60]}) is no current of the load"
+                    f"{nearest(name, known)}: only that of a V, E, H, L or of a B with v= is; a "
+                    "source of 0 V in series is an ammeter"
+                )
+
+
+def _controlling(each: Element) -> list[str]:
+    """Nodes whose voltage an element asks for."""
+    pairs = (leaf[1:] for leaf in leaves(each.expression or ("time",)) if leaf[0] == "v")
+    inner = sorted({node for pair in pairs for node in pair})
+    return [*each.nodes[2:], *inner] if each.letter in _CONTROLLED else inner
+
+
+def _connected(each: Element) -> Iterable[str]:
+    """Nodes that an element's current flows through."""
+    return each.nodes[:2] if each.letter in _CONTROLLED else each.nodes
+
+
+def _check_couplings(parts):
+    """Refuse coils whose couplings contradict: some currents would hold less than 0 J."""
+    couplings = [each for each in parts if each.letter == "k"]
+    names = list(dict.fromkeys(name for each in couplings for name in each.controls))
+    energy = np.eye(len(names))
+    for each in couplings:
+        size = each.value
+        if abs(size) > 1.0:
+            raise NetlistError(
+                f"{each.where}: {each.name}: a coupling of {size:g}; it lies between -1 and 1"
+            )
+        ends = [names.index(name) for name in each.controls]
+        energy[np.ix_(ends, ends)] += size * (1.0 - np.eye(len(ends)))
+    if names:
+        levels, currents = np.linalg.eigh(energy)
+        if levels[0] < -ROUNDING:
+            flowing = np.abs(currents[:, 0]) > ROUNDING
+            coils = [name for name, flows in zip(names, flowing, strict=True) if flows]
+            last = [each for each in couplings if not set(coils).isdisjoint(each.controls)][-1]
+            raise NetlistError(
+                f"{last.where}: {last.name}: no coils are coupled so: some currents in "
+                f"{', '.join(coils[:5])} would hold less than no energy; lower the couplings, or "
+                "give one the other sign"
+            )

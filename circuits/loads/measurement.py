@@ -1,0 +1,154 @@
+"""A load's measures as functions of its nodes' voltages and its sources' currents."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from circuits.loads.expression import CIRCUIT_ONLY, ExpressionError, Tree, leaves, renamed
+from circuits.loads.tape import Values
+from harvester.device.terminals import GROUND
+from harvester.errors import NetlistError
+from harvester.files.plain_text import nearest
+from harvester.record.output_side import STATE
+
+if TYPE_CHECKING:
+    from circuits.loads.elements import Element
+    from circuits.loads.measures import Measure
+    from circuits.loads.scope import Scope
+    from circuits.loads.subcircuits import LoadCircuit
+
+# Letters of elements whose current is an unknown of the circuit.
+_WITH_CURRENT = "vehl"
+
+
+class _Rows(NamedTuple):
+    rows: tuple[tuple[str, str], ...] = ()
+    trees: tuple[Tree, ...] = ()
+    watched: tuple[str, ...] = ()
+    pins: tuple[str, ...] = ()
+
+
+class Measurement(_Rows):
+    """The measures of a load, ready to be evaluated.
+
+    Attributes
+    ----------
+    rows : tuple of (str, str)
+        Kind and name of each value; what a state takes is a row of the kind `TAKEN`.
+    trees : tuple
+        Their expressions, see `circuits.loads.expression`.
+    watched : tuple of str
+        The unknowns that they are made of: a node's full name, or "i(name)".
+    pins : tuple of str
+        Those of them that are nodes at the load's pins.
+    """
+
+    @cached_property
+    def _values(self) -> Values:
+        return Values(self.trees, self.watched)
+
+    def values(self, time: np.ndarray, unknowns: np.ndarray, unit: float) -> np.ndarray:
+        """Values of all rows at consecutive points.
+
+        Parameters
+        ----------
+        time : ndarray, shape (n,)
+        unknowns : ndarray, shape (len(watched), n)
+            In V and A.
+        unit : float
+            Of a watt and a joule.
+
+        Returns
+        -------
+        ndarray, shape (len(rows), n)
+            Powers and energies in that unit; of states 1 where they hold, else 0. nan where an
+            expression has no value.
+        """
+        if not self.rows:
+            return np.empty((0, time.size))
+        found = self._values(time, unknowns)
+        for row, (kind, _) in zip(found, self.rows, strict=True):
+            holds = np.where(np.isnan(row), np.nan, row > 0.0)
+            row[:] = holds if kind == STATE else unit * row
+        return found
+
+
+NOTHING = Measurement()
+
+
+def measurement_of(load: LoadCircuit, pins: Mapping[str, str]) -> Measurement:
+    """The measures of a load with its pins at these nodes.
+
+    Parameters
+    ----------
+    load : circuits.loads.subcircuits.LoadCircuit
+    pins : dict of str to str
+        Full names of the nodes at its pins.
+    """
+    trees: list[Tree] = []
+    for measure in load.measures:
+        held, taken = (tree and renamed(tree, pins) for tree in measure.trees)
+        trees.append(held)
+        if taken:
+            trees.append(("if", ("<", ("number", 0.0), held), taken, ("number", 0.0)))
+    watched = tuple(dict.fromkeys(name for tree in trees for name in _unknowns(tree)))
+    outside = tuple(name for name in watched if name in pins.values())
+    return Measurement(load.measured, tuple(trees), watched, outside)
+
+
+def evaluated(
+    measures: tuple[Measure, ...], scope: Scope, parts: tuple[Element, ...]
+) -> tuple[Measure, ...]:
+    """The measures with their expressions read in the load's own sub-circuit.
+
+    Raises
+    ------
+    NetlistError
+        An expression needs a node or a current that the load does not have; with file and line.
+    """
+    known = {*scope.nodes.values(), *(node for part in parts for node in part.nodes)}
+    known |= {f"i({part.name})" for part in parts if _has_current(part)}
+
+    def read(measure: Measure, text: str) -> Any:
+        if not text:
+            return None
+        try:
+            tree = scope.tree(text)
+            only = next((each[1] for each in leaves(tree) if each[0] == "call"), None)
+            if only in CIRCUIT_ONLY:
+                raise ExpressionError(f"the function {only}()")
+        except ExpressionError as reason:
+            raise NetlistError(f"{measure.where}: measure: cannot be evaluated: {reason}") from None
+        _check_known(measure, tree, known)
+        return tree
+
+    return tuple(
+        each._replace(trees=(read(each, each.expression), read(each, each.taking)))
+        for each in measures
+    )
+
+
+def _has_current(part):
+    return part.letter in _WITH_CURRENT or (part.letter == "b" and part.voltage)
+
+
+def _check_known(measure, tree, known):
+    for name in _unknowns(tree):
+        if name not in known:
+            what = "current" if name.startswith("i(") else "node"
+            raise NetlistError(
+                f"{measure.where}: measure: the load has no {what} {name[:60]}"
+                f"{nearest(name, known)}; a current is that of a V, E, H, L or of a B with v="
+            )
+
+
+def _unknowns(tree: Tree) -> Iterator[str]:
+    for each in leaves(tree):
+        if each[0] == "v":
+            yield from (node for node in each[1:] if node != GROUND)
+        elif each[0] == "i":
+            yield f"i({each[1]})"

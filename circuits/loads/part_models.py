@@ -1,0 +1,193 @@
+"""What models make of parts: values of R, C and L, ranges of diodes, laws of switches."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from circuits.loads.elements import Model
+from circuits.loads.expression import ZERO, ExpressionError, Tree
+from harvester.files.plain_text import nearest
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+# °C of the circuit, and at which values count.
+TEMPERATURE = 27.0
+# ngspice's own length and width of a resistor or capacitor (m).
+_EDGE = 10e-6
+_TEMPERATURES = {"tc", "tc1", "tc1r", "tc2", "tc2r", "tce", "tnom"}
+# Of a resistor's or capacitor's model, and of a coil's; noise and limits do not count in a run.
+_NOISE = {"kf", "af", "lf", "wf", "ef", "bv_max"}
+_DIODE = (
+    "level is js isw jsw rs trs trs1 trs2 n ns tt ttt1 ttt2 cjo cj0 cj cjp cjsw vj pb php vjsw m "
+    "mj mjsw ikf ik ikr ikp nbv area pj tlev tlevc eg xti cta ctc ctp tpb tvj tphp tcv tbv1 tm1 "
+    "tm2 tnom tref fc fcs bv vb vrb ibv ib kf af fv_max bv_max id_max te_max pd_max rth0 cth0 "
+    "jtun jtunsw ntun xtitun keg isr nr lm lp wm wp xom xoi xm xp xw vp gap1 gap2 rsw w l"
+)
+KNOWN = {
+    "r": {"r", "res", "rsh", "narrow", "dw", "short", "dlr", "defw", "w", "l", *_TEMPERATURES,
+          *_NOISE},
+    "c": {"c", "cap", "cj", "cjsw", "defw", "w", "defl", "l", "narrow", "short", "del",
+          *_TEMPERATURES, "bv_max"},
+    "l": {"l", "ind", *_TEMPERATURES},
+    "d": set(_DIODE.split()),
+    "sw": {"vt", "vh", "ron", "roff"}, "csw": {"it", "ih", "ron", "roff"},
+    "vswitch": {"von", "voff", "ron", "roff"}, "iswitch": {"ion", "ioff", "ron", "roff"},
+}  # fmt: skip
+# Words of switches that mean another law or part elsewhere.
+ELSEWHERE = {
+    "level": "level=2 is LTspice's switch with a limit of current: write a B source",
+    "ilimit": "it belongs to LTspice's switch: write a B source",
+    "lser": "it belongs to LTspice's switch: write an element of its own",
+    "vser": "it belongs to LTspice's switch: write an element of its own",
+    "td": "it belongs to PSpice's switch: delay the control by R and C",
+}
+# Diodes' names of the same meaning.
+_SAME = {
+    "js": "is", "trs": "trs1", "cj0": "cjo", "cj": "cjo", "pb": "vj", "mj": "m", "ik": "ikf",
+    "vb": "bv", "vrb": "bv", "ib": "ibv", "tref": "tnom",
+}  # fmt: skip
+# A: ngspice's least saturation current.
+LEAST_SATURATION = 1e-28
+# Threshold and half the hysteresis in a switch's model.
+LEVELS = {"s": ("vt", "vh"), "w": ("it", "ih")}
+# Controls at which PSpice's switches are on and off, and what they are without a word.
+_ENDS = {"vswitch": (("von", 1.0), ("voff", 0.0)), "iswitch": (("ion", 1e-3), ("ioff", 0.0))}
+
+
+def unknown_word(kind: str, name: str) -> str:
+    """What is wrong with a name in a model of this kind; empty where nothing is."""
+    if name in KNOWN.get(kind, (name,)):
+        return ""
+    if kind in ("sw", "csw", "vswitch", "iswitch") and name in ELSEWHERE:
+        return f"{name}: {ELSEWHERE[name]}"
+    return f"ngspice knows no {name} of a model {kind}{nearest(name, KNOWN[kind])}; leave it out"
+
+
+def size(
+    letter: str, given: float | None, model: Model | None, numbers: Mapping[str, float]
+) -> float:
+    """Ω, F or H of one R, C or L as its model, scale and temperature make it.
+
+    Raises
+    ------
+    ExpressionError
+        Nothing gives a value.
+    """
+    model = model or Model("", letter, ())
+    if model.kind != letter:
+        raise ExpressionError(f"the model {model.name} is one of {model.kind}, not of {letter}")
+    if given is None:
+        given = _by_model(letter, model, numbers)
+    if given is None:
+        raise ExpressionError("it has no value")
+    temperature = numbers.get("temp", TEMPERATURE + numbers.get("dtemp", 0.0))
+    warmer = temperature - model.get("tnom", TEMPERATURE)
+    first = _first_of(numbers, model, "tc1", "tc", "tc1r")
+    second = _first_of(numbers, model, "tc2", "tc2r")
+    factor = 1.0 + first * warmer + second * warmer**2
+    power = _first_of(numbers, model, "tce")
+    if power:
+        factor = math.pow(1.01, power * warmer)
+    return given * factor * numbers.get("scale", 1.0)
+
+
+def _first_of(numbers, model, *names):
+    found = (each for name in names for each in (numbers.get(name), dict(model.numbers).get(name)))
+    return next((each for each in found if each is not None), 0.0)
+
+
+def _by_model(letter, model, numbers):
+    said = dict(model.numbers)
+    own = {"r": ("r", "res"), "c": ("cap", "c"), "l": ("ind", "l")}[letter]
+    value = next((said[name] for name in own if name in said), None)
+    if value is not None or letter == "l":
+        return value
+    width = numbers.get("w", said.get("w", said.get("defw", _EDGE)))
+    length = numbers.get("l", said.get("l", said.get("defl", _EDGE)))
+    narrow = said.get("narrow", said.get("dw", 0.0))
+    short = said.get("short", said.get("dlr", said.get("del", 0.0)))
+    if letter == "r":
+        length, width = length - 2.0 * short, width - 2.0 * narrow
+        if "rsh" not in said or width <= 0.0:
+            return None
+        return said["rsh"] * length / width
+    if "cj" not in said:
+        return None
+    length, width = length - short, width - narrow
+    return said["cj"] * length * width + 2.0 * said.get("cjsw", 0.0) * (length + width)
+
+
+def check_diode(line: Any, model: Model, numbers: Mapping[str, float]) -> Model:
+    """A diode's model with one name for each number; refused outside its range.
+
+    Raises
+    ------
+    NetlistError
+    """
+    if model.kind != "d":
+        line.refuse(f"a diode with a model of {model.kind}")
+    said = {_SAME.get(key, key): value for key, value in model.numbers}
+    # ngspice takes no less.
+    said["is"] = max(said.get("is", 1e-14), LEAST_SATURATION) if said.get("is", 1.0) > 0.0 else 0.0
+    area = numbers.get("area", 1.0) * numbers.get("m", 1.0)
+    if not (said.get("is", 1e-14) > 0.0 and said.get("n", 1.0) > 0.0 and area > 0.0):
+        line.refuse("is, n, area and m of a diode lie above 0")
+    if not (0.0 <= said.get("m", 0.5) < 1.0 and 0.0 <= said.get("fc", 0.5) < 1.0):
+        line.refuse("m and fc of a diode lie from 0 to below 1")
+    if said.get("rs", 0.0) < 0.0 or said.get("bv", 1.0) <= 0.0 or said.get("vj", 1.0) <= 0.0:
+        line.refuse("rs of a diode is not below 0, bv and vj are above it")
+    if said.get("level", 1.0) not in (1.0, 3.0):
+        line.refuse("level= of a diode is 1 or 3 here: give is, n, rs, cjo")
+    return model._replace(numbers=tuple(said.items()))
+
+
+def switch(line: Any, model: Model) -> Model:
+    """A switch's model with all its numbers.
+
+    Raises
+    ------
+    NetlistError
+    """
+    kind = "csw" if line.letter == "w" else "sw"
+    if model.kind != kind:
+        line.refuse(f"a switch with a model of {model.kind}: it takes {kind}")
+    off, on = _resistances(line, model)
+    threshold, width = LEVELS[line.letter]
+    numbers = {threshold: model.get(threshold), width: model.get(width), "ron": on, "roff": off}
+    return model._replace(numbers=tuple(numbers.items()))
+
+
+def _resistances(line, model):
+    """Ω of a switch that is open and closed."""
+    off, on = model.get("roff", 1e12), model.get("ron", 1.0)
+    if min(off, on) < 1e-6:
+        line.refuse(f"ron={on:g} roff={off:g}: below 1e-06 Ω currents are lost to rounding; write "
+                    "1m, a thousandth of an ohm")  # fmt: skip
+    return off, on
+
+
+def smooth_switch(line: Any, model: Model, control: Tree) -> Tree | None:
+    """Conductance of a switch that LTspice and PSpice turn smoothly; None of ngspice's.
+
+    LTspice: a hysteresis below 0, PSpice: VSWITCH and ISWITCH. The logarithm of the conductance is
+    a cubic between both ends.
+    """
+    if model.kind in _ENDS:
+        high, low = (model.get(*each) for each in _ENDS[model.kind])
+        if (model.kind == "vswitch") != (line.letter == "s"):
+            line.refuse(f"a switch with a model of {model.kind}")
+        off, on = model.get("roff", 1e6), model.get("ron", 1.0)
+    else:
+        threshold, width = LEVELS[line.letter]
+        if model.get(width) >= 0.0:
+            return None
+        low, high = model.get(threshold) + model.get(width), model.get(threshold) - model.get(width)
+        off, on = model.get("roff", 1e12), model.get("ron", 1.0)
+    if high == low or min(off, on) <= 0.0:
+        line.refuse("a smooth switch needs two controls that differ, and resistances above 0")
+    share = ("/", ("-", control, ("number", low)), ("number", high - low))
+    x = ("min", ("max", share, ZERO), ("number", 1.0))
+    cubic = ("*", ("*", x, x), ("-", ("number", 3.0), ("*", ("number", 2.0), x)))
+    return ("/", ("exp", ("*", ("number", math.log(off / on)), cubic)), ("number", off))

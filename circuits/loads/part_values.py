@@ -1,0 +1,80 @@
+"""Values of a load's parts: which can deliver energy, and how long the output takes to charge."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from circuits.loads.elements import Element
+    from circuits.loads.subcircuits import LoadCircuit
+
+# Of what lies across an output (F and Ω): less is rather a misread suffix.
+LEAST_STORAGE, LEAST_LOAD = 1e-12, 1.0
+
+
+def sources_of(load: LoadCircuit) -> tuple[str, ...]:
+    """Names of a load's independent sources that are not 0."""
+    names = (each.name.rpartition(".")[2] for each in load.elements if _gives(each))
+    return tuple(dict.fromkeys(names))
+
+
+def negative_parts(load: LoadCircuit) -> tuple[str, ...]:
+    """Resistors, capacitors and coils of a load whose value is below 0, as "name (file:line)"."""
+    return tuple(
+        f"{each.name} ({each.where})"
+        for each in load.elements
+        if each.letter in "rcl" and (each.size or 0.0) < 0.0
+    )
+
+
+def conductance(parts: Iterable[Element]) -> float:
+    """Of resistors side by side (S); what one below 0 delivers is not used."""
+    return sum(max(1.0 / each.size, 0.0) for each in parts if each.letter == "r" and each.size)
+
+
+def capacitance(parts: Iterable[Element]) -> float:
+    """Of capacitors side by side (F)."""
+    return sum(each.size or 0.0 for each in parts if each.letter == "c")
+
+
+def charging_time(load: LoadCircuit) -> float:
+    """R·C of the resistors and capacitors across a load's output (s); 0 without both."""
+    siemens = conductance(load.across_output)
+    return capacitance(load.across_output) / siemens if siemens else 0.0
+
+
+def suspicion(load: LoadCircuit | None) -> str:
+    """What to suspect when a run with a load ended early, to be put behind the reason."""
+    if load is None or not load.negative_parts:
+        return ""
+    names = ", ".join(load.negative_parts[:3])
+    return f"; a value below 0 makes what it feeds grow without an end: {names}"
+
+
+def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
+    """What the reader took for something that its writer may not have meant."""
+    smooth = [each for each in load.elements if each.letter == "b" and _own(each)[0] in "sw"]
+    notes = [
+        f"{each.name} ({each.where}) is read as a smooth switch of LTspice or PSpice: its "
+        "conductance changes over the whole hysteresis"
+        for each in smooth
+    ]
+    for each in load.across_output:
+        small = LEAST_STORAGE if each.letter == "c" else LEAST_LOAD
+        if 0.0 < (each.size or 0.0) < small:
+            unit = "F" if each.letter == "c" else "Ω"
+            notes.append(
+                f"{each.name} ({each.where}) across the output is {each.size:g} {unit}: in SPICE F "
+                "behind a number is femto and M is milli; a farad has no letter, a million is meg"
+            )
+    return tuple(notes)
+
+
+def _own(each):
+    return each.name.rpartition(".")[2]
+
+
+def _gives(each):
+    return each.letter in "vi" and (each.wave is not None or each.value != 0.0)

@@ -1,0 +1,230 @@
+"""What names mean in each call of a sub-circuit, by ngspice's rules.
+
+A parameter is looked for where it is used, then in the calls around it, outwards to the file: a
+value given in the call goes before a .param of the sub-circuit, that before the default of its
+.subckt line. Functions, models and sub-circuits are looked for where their user is *defined*,
+outwards. A function's text takes the place of its call, so that its free names are the caller's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from circuits.loads.expression import (
+    ExpressionError,
+    Names,
+    NotConstant,
+    Tree,
+    is_constant,
+    leaves,
+    parse,
+    parts_of,
+    rebuilt,
+    resolved,
+)
+from circuits.loads.functions import CONSTANTS
+from circuits.loads.numbers import number
+from circuits.loads.tree import Subcircuit
+from harvester.device.terminals import GROUND
+
+# Constants that go before parameters in ngspice's behavioural sources, unlike all others.
+_FIRST = ("pi", "e")
+
+
+class _Parameters(Names):
+    """Names in a parameter's value, or in any that must be a number."""
+
+    parameters_only = True
+
+    def __init__(self, scope):
+        self._scope = scope
+        self.function = scope.function
+
+    def name(self, name):
+        return ("number", self._scope.parameter(name))
+
+
+class _Circuit(Names):
+    """Names in an expression of the circuit's voltages and currents."""
+
+    def __init__(self, scope):
+        self._scope = scope
+        self.function = scope.function
+
+    def name(self, name):
+        if name == "time":
+            return ("time",)
+        if name == "hertz":
+            raise NotConstant("hertz, which has no value in a run")
+        value = self._scope.parameter(name)
+        if name in _FIRST and not math.isclose(value, CONSTANTS[name], rel_tol=1e-6):
+            raise ExpressionError(f"{name} means ngspice's constant here: rename the parameter")
+        return ("number", value)
+
+
+class Scope:
+    """One call of a sub-circuit: the values given to it and its nodes.
+
+    Parameters
+    ----------
+    circuit : Subcircuit
+    given : dict of str to float
+        Values of its parameters, as the call says them.
+    nodes : mapping of str to str
+        Full names of the nodes at its pins.
+    path : str
+        The calls on the way to it, "xbridge.".
+    parent, caller : Scope or None
+        Around its definition, and of its call; of the file None.
+    """
+
+    def __init__(
+        self,
+        circuit: Subcircuit,
+        given: Mapping[str, float] | None = None,
+        nodes: Mapping[str, str] | None = None,
+        path: str = "",
+        parent: Scope | None = None,
+        caller: Scope | None = None,
+    ) -> None:
+        self.circuit, self.given, self.nodes = circuit, given or {}, nodes or {}
+        self.path, self.parent, self.caller = path, parent, caller
+        self._under_way: set[str] = set()
+        self._values: dict[str, float] = {}
+
+    def value(self, text: str) -> float:
+        """A number, a parameter's name or an expression in braces as a number.
+
+        Raises
+        ------
+        ExpressionError
+        """
+        size = number(text)
+        if size is not None:
+            return size
+        found = resolved(parse(text.strip("{}")), _Parameters(self))
+        if not is_constant(found):
+            raise NotConstant("a value that changes while the circuit runs")
+        return float(found[1])
+
+    def tree(self, text: str) -> Tree:
+        """An expression of the circuit's solution, its nodes and sources by their full names."""
+        return self.with_full_names(resolved(parse(text.strip("{}")), self.circuit_names))
+
+    @property
+    def circuit_names(self) -> Names:
+        """What names mean in an expression of the circuit's solution."""
+        return _Circuit(self)
+
+    def parameter(self, name: str) -> float:
+        """The value of a parameter, from here outwards along the calls.
+
+        Raises
+        ------
+        ExpressionError
+        """
+        if name in ("time", "hertz"):
+            raise NotConstant(f"the name {name}")
+        if name not in self._under_way:
+            if name in self.given:
+                return self.given[name]
+            for values in (self.circuit.local, self.circuit.parameters):
+                if name in values:
+                    return self._evaluated(name, values[name])
+        if self.caller is not None:
+            return self.caller.parameter(name)
+        if name in CONSTANTS:
+            return CONSTANTS[name]
+        raise ExpressionError(f"the name {name[:60]}")
+
+    def _evaluated(self, name, text):
+        """A value of this sub-circuit's own; one that names itself means that around it."""
+        if name in self._values:
+            return self._values[name]
+        alone = not self._under_way
+        self._under_way.add(name)
+        try:
+            value = self.value(text)
+        finally:
+            self._under_way.discard(name)
+        if alone:
+            self._values[name] = value
+        return value
+
+    def function(self, name: str) -> Any:
+        """(arguments, tree, functions there) of one of the file's functions, or None."""
+        for scope in self.outwards():
+            if name in scope.circuit.functions:
+                _, arguments, expression = scope.circuit.functions[name]
+                return arguments, parse(expression), scope.function
+        return None
+
+    def model(self, name: str) -> tuple[Scope, Any] | None:
+        """The scope of a model's definition and (card, kind, pairs), or None."""
+        for scope in self.outwards():
+            if name in scope.circuit.models:
+                return scope, scope.circuit.models[name]
+        return None
+
+    def outwards(self) -> Iterator[Scope]:
+        """This one and those around its definition."""
+        scope: Scope | None = self
+        while scope is not None:
+            yield scope
+            scope = scope.parent
+
+    def node(self, name: str) -> str:
+        """The full name of a node."""
+        if name in ("0", "gnd"):
+            return GROUND
+        return self.nodes.get(name, f"{self.path}{name}")
+
+    def with_full_names(self, tree: Tree) -> Tree:
+        """A tree with its nodes and sources by their full names."""
+
+        def made(here, parts):
+            if here[0] == "v":
+                return ("v", self.node(here[1]), self.node(here[2]))
+            if here[0] == "i":
+                return ("i", f"{self.path}{here[1]}")
+            return (*here[: len(here) - len(parts)], *parts) if parts_of(here) else here
+
+        return rebuilt(tree, made)
+
+    def called(self, name: str, target: Subcircuit, pins: list[str], given: dict[str, str]) -> Any:
+        """The scope of a call from here, values given as text.
+
+        Raises
+        ------
+        ExpressionError
+            A value names what means something else within what is called, where ngspice looks.
+        """
+        values = {key: self.value(text) for key, text in given.items()}
+        nodes = {pin: self.node(node) for pin, node in zip(target.pins, pins, strict=True)}
+        parent = next(each for each in self.outwards() if each.circuit is target.outer)
+        inside = Scope(target, values, nodes, f"{self.path}{name}.", parent, self)
+        for key, text in given.items():
+            inside._check_given(key, text, values[key])
+        return inside
+
+    def _check_given(self, key, text, value):
+        """Refuse a value whose names mean another here: ngspice would take those."""
+        if number(text) is not None:
+            return
+        own = {*self.given, *self.circuit.local, *self.circuit.parameters}
+        names = {each[1] for each in leaves(parse(text.strip("{}"))) if each[0] == "name"}
+        hidden = (names & own) - {key}
+        self._under_way.add(key)
+        try:
+            other = self.value(text) if hidden else value
+        except ExpressionError:
+            return
+        finally:
+            self._under_way.discard(key)
+        if other != value:
+            raise ExpressionError(
+                f"{key}={text[:40]}: {self.circuit.name} has a parameter {min(hidden)} too, whose "
+                "value ngspice takes here: rename one of them"
+            )

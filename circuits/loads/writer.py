@@ -1,0 +1,132 @@
+"""A load as ngspice runs it: one flat sub-circuit with every number written out.
+
+Nothing is left for ngspice to look up: no parameter, function, default or suffix.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+from circuits.loads.elements import Element
+from circuits.loads.expression import ELSEWHERE_ALONE, FUNCTIONS, Tree
+from circuits.loads.expression import written as expression_written
+from circuits.loads.functions import CONSTANTS, SOLUTION
+from circuits.loads.potentials import starts
+
+# Characters of a node's name that an expression could take for an operator.
+_ODD = re.compile(r"[^\w.#]", re.ASCII)
+
+
+def node_name(name: str) -> str:
+    """A node of a load as the run's netlist calls it."""
+    return _ODD.sub(lambda odd: f"_{ord(odd.group()):x}_", name)
+
+
+def element_name(letter: str, name: str) -> str:
+    """An element of a load as the run's netlist calls it: ngspice knows its kind by its letter."""
+    own = name if name.startswith(letter) and "." not in name else f"{letter}.{name}"
+    return _ODD.sub(lambda odd: f"_{ord(odd.group()):x}_", own)
+
+
+def current_name(name: str) -> str:
+    """The source with this full name, whose letter stands behind its last dot."""
+    return element_name(name.rpartition(".")[2][0], name)
+
+
+def run_text(name: str, pins: Iterable[str], elements: Iterable[Element]) -> str:
+    """The sub-circuit that ngspice runs, ending with a newline."""
+    elements = tuple(elements)
+    names = _model_names(elements)
+    models = [_model(name, model) for model, name in names.items()]
+    lines = [_line(each, names) for each in elements]
+    lines += [f".ic v({node_name(k)})={_number(v)}" for k, v in starts(elements).items()]
+    return "\n".join([f".subckt {name} {' '.join(pins)}", *models, *lines, f".ends {name}"]) + "\n"
+
+
+def reads_alike(text: str, elements: tuple[Element, ...]) -> bool:
+    """Whether ngspice makes these elements of a file's text.
+
+    Not where a parameter has the name of one of its functions or constants, where a word is
+    another SPICE's, and where a start has to be said.
+    """
+    named = {*re.findall(r"(?<![\w.])([a-z_]\w*)=", text)}
+    asked = {*re.findall(r"(?<![\w.])([a-z_]\w*)(?=[-+*/^<>?:,!&|})])", text)}
+    called = {*re.findall(r"(?<![\w.])([a-z_]\w*)\(", text)}
+    smooth = any(
+        each.letter == "b" and each.name.rpartition(".")[2][0] in "sw" for each in elements
+    )
+    parameters = {*re.findall(r"(?m)^\.param (\w+)=", text)}
+    parameters |= {*re.findall(r" (\w+)=", " ".join(re.findall(r"(?m)^\.subckt .*", text)))}
+    return not (
+        smooth
+        or starts(elements)
+        or called & ELSEWHERE_ALONE
+        or parameters & ((FUNCTIONS - SOLUTION) | {"pi", "e"})
+        or (asked & {*CONSTANTS} - {"temper"}) - named
+    )
+
+
+def _model_names(elements):
+    """(kind, numbers, flags) of each model that differs → its name, which stands once."""
+    names: dict[tuple, str] = {}
+    for model in (each.model for each in elements if each.model is not None):
+        if model[1:] not in names:
+            name, taken = _ODD.sub("_", model.name), {*names.values()}
+            names[model[1:]] = name if name not in taken else f"{name}_{len(names)}"
+    return names
+
+
+def _model(name, model):
+    kind, numbers, flags = model
+    inside = " ".join([*(f"{key}={_number(value)}" for key, value in numbers), *flags])
+    return f".model {name} {kind}({inside})"
+
+
+def _number(value):
+    """A number in full; whole ones without a point, as levels are."""
+    whole = float(value).is_integer() and abs(value) < 1e6
+    return str(int(value)) if whole else repr(float(value))
+
+
+def _line(each, names):
+    words = [element_name(each.letter, each.name), *map(node_name, each.nodes)]
+    words += [current_name(name) for name in each.controls]
+    numbers = [f"{key}={_number(value)}" for key, value in each.numbers]
+    if each.expression is not None:
+        return " ".join([*words, *_by_expression(each)])
+    if each.wave is not None:
+        inside = " ".join(map(_number, each.wave.numbers))
+        return " ".join([*words, f"{each.wave.kind}({inside})"])
+    if each.model is not None:
+        words.append(names[each.model[1:]])
+    elif each.letter in "vi":
+        words.append(f"dc {_number(each.value)}")
+    elif each.letter in "rcl":
+        words.append(f"{each.letter}={_number(each.value)}")
+    elif each.letter == "k":
+        words.append(_number(each.value))
+    else:
+        # ngspice's multiplier of a controlled source is its gain's.
+        return " ".join([*words, _number(each.value * each.many)])
+    return " ".join([*words, *numbers, *each.flags])
+
+
+def _by_expression(each):
+    text = said(each.expression)
+    if each.letter in "cl":
+        return [
+            f"{each.letter}='{text}'",
+            *(f"{key}={_number(value)}" for key, value in each.numbers),
+        ]
+    if each.many != 1.0:
+        text = f"({text})*{_number(each.many)}"
+    key = "v" if each.voltage else "i"
+    if each.letter == "b":
+        return [f"{key}={text}"]
+    return [f"{'vol' if each.voltage else 'cur'}='{text}'"]
+
+
+def said(tree: Tree) -> str:
+    """An expression of a load's with its nodes and sources by the run's names."""
+    return expression_written(tree, node_name, current_name)
