@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from harvester.record.output_side import OUTPUT
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
@@ -61,6 +63,11 @@ def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
         "conductance changes over the whole hysteresis"
         for each in smooth
     ]
+    outputs = [each for each in load.across_output if each.letter == "r"]
+    if load.has_output and not outputs and all(each.kind != OUTPUT for each in load.measures):
+        notes.append(
+            "no resistor lies across out and ref and no measure is an output: its power is 0"
+        )
     for each in load.across_output:
         small = LEAST_STORAGE if each.letter == "c" else LEAST_LOAD
         if 0.0 < (each.size or 0.0) < small:

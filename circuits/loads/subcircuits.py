@@ -15,7 +15,7 @@ from typing import Any
 from circuits.loads import vetting
 from circuits.loads.elements import Element
 from circuits.loads.expansion import Expansion
-from circuits.loads.flattening import elements, outermost
+from circuits.loads.flattening import calls, elements, outermost
 from circuits.loads.load_checks import check_load, check_needs, loose_nodes
 from circuits.loads.load_watch import Watch, watch_of
 from circuits.loads.measurement import evaluated
@@ -227,6 +227,9 @@ def read_load(
     letters = expansion.content(top).letters
     scope = outermost(root, top.name, values)
     check_needs(scope)
+    for each in calls(scope):
+        if each.circuit is not top and each.circuit.measures:
+            refuse(each.circuit.measures[0], "measure: put it into the load's own sub-circuit")
     parts = tuple(elements(scope))
     measures = vet_measures([*root.measures, *top.measures], top.scope())
     output = _across_output(top, parts, measures)

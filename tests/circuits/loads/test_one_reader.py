@@ -169,6 +169,8 @@ def test_what_ngspice_reads_otherwise_runs_as_it_is_meant(tmp_path, body, before
         ("R9 p n {1k 2}", "", "an operator is missing"),
         ("* needs: x>1 and x<3\nR9 p n 1k", ".param x=2", "write && for and"),
         ("R9 p n {1k+(2}", "", "closing parenthesis missing"),
+        ("X1 p n s", ".subckt s a b\n* measure: loss x = v(a)\nR1 a b 1k\n.ends",
+         "measure: put it into the load's own sub-circuit"),
         ("E1 out ref p n 2 m=3", "", "sources of voltage side by side are one"),
     ],
 )  # fmt: skip
@@ -201,6 +203,25 @@ def test_named_and_written_out_are_one_circuit(tmp_path, name):
         times = np.linspace(0.0, 0.05, 200)
         paths.append(np.interp(times, raw["time"], raw["v(out)"] - raw["v(ref)"]))
     assert np.abs(paths[0] - paths[1]).max() <= 1e-3 * max(np.abs(paths[0]).max(), 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("body", "note"),
+    [
+        ("C1 out ref 1F", "in SPICE F behind a number is femto and M is milli"),
+        ("R1 out ref 100M", "in SPICE F behind a number is femto and M is milli"),
+        ("C1 out ref 1u", "no measure is an output: its power is 0"),
+        (
+            "R1 out ref 1k\nS1 p n out ref sm\n.model sm sw(vt=1 vh=-1)",
+            "is read as a smooth switch",
+        ),
+        ("R1 out ref 1k\nC1 out ref 1u", ""),
+    ],
+)
+def test_what_may_not_be_meant_so_is_noted(tmp_path, body, note):
+    _, path = load(tmp_path, body)
+    notes = read_load(path).reading_notes
+    assert any(note in each for each in notes) if note else not notes
 
 
 def test_a_text_is_read_once_for_all_that_asks(monkeypatch):
