@@ -147,5 +147,4 @@ def test_the_load_that_a_page_shows_is_one(page, tmp_path):
     path.write_text(text)
     load = read_load(path)
     assert load.has_output
-    assert load.output_resistors
-    assert load.storage
+    assert {each.letter for each in load.across_output} == {"c", "r"}

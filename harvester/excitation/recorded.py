@@ -439,7 +439,7 @@ def _band_remark(record, angular_frequency):
 
 def _lines(record):
     """The strongest sine of each stretch where the record is one sine at a time, swept or not."""
-    values, interval = _knots(record)
+    values, interval, _ = _knots(record)
     size = min(values.size // LINE_STRETCHES, LONGEST_STRETCH)
     if size < SHORTEST_STRETCH:
         return ()
