@@ -448,6 +448,8 @@ def _lines(record):
     )
     stretches = (stretches - stretches.mean(axis=1, keepdims=True)) * np.hanning(size)
     density = np.abs(np.fft.rfft(stretches, axis=1)) ** 2
+    # What the mean and the window leave at frequency 0 is no sine.
+    density[:, 0] = 0.0
     peaks = density.argmax(axis=1)
     nearby = np.abs(np.arange(density.shape[1]) - peaks[:, None]) <= LINE_BINS
     power, whole = (density * nearby).sum(axis=1), density.sum(axis=1)

@@ -95,3 +95,19 @@ def test_records_of_one_sine_at_a_time_are_lines(shape, lines, tmp_path):
         frequency, amplitude = found[0]
         assert frequency == pytest.approx(9.7, abs=rate / 1024.0)
         assert amplitude == pytest.approx(1.0, rel=0.02)
+
+
+def test_a_burst_in_a_silent_record_is_no_line_at_frequency_0(tmp_path):
+    """Its silent stretches hold nothing but what rounding leaves of their mean."""
+    times = np.arange(20000) / 400.0
+    np.save(tmp_path / "record.npy", np.exp(-((times - 25.0) ** 2)) * np.sin(60.0 * times) + 1e-9)
+    record = {
+        "kind": "record",
+        "file": str(tmp_path / "record.npy"),
+        "sampling_rate": 400.0,
+        "unit": "m/s^2",
+    }
+    run = {"run.settle": 1.0, "run.duration": 20.0, "run.realizations": 1}
+    scene = Scene.load("device").replace({"excitation": record, **run})
+    assert all(frequency > 0.0 for frequency, amplitude in scene.excitation.lines if amplitude)
+    assert steps_per_knot(scene) >= 1
