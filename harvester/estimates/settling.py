@@ -97,7 +97,7 @@ def shortfalls(
         _charge(scene, p, moments, estimates),
         _storage(scene, moments, estimates),
         _jumps(p, moments, estimates),
-        _residence(scene, moments, estimates),
+        _residence(scene, p, moments, estimates),
     ]
     found = [each for each in found if each]
     return found or _drift(moments)
@@ -304,7 +304,7 @@ def _jumps(p, moments, estimates):
     )
 
 
-def _residence(scene, moments, estimates):
+def _residence(scene, p, moments, estimates):
     """Uneven wells that are seldom left: their shares of time are those of the starts."""
     shares = [estimates.get(f"share_of_time_in_well_{k + 1}") for k in range(_wells(moments))]
     if not scene.excitation.random or None in shares or not shares:
@@ -312,14 +312,17 @@ def _residence(scene, moments, estimates):
     counts = sum(each.jumps.counts.sum(axis=0) for each in moments)
     times = sum(each.jumps.times.sum(axis=0) for each in moments)
     if counts.sum() < FEW_JUMPS:
-        # From a start of one's own they are means within that well.
+        # From a start of one's own they are means within that well; of a symmetric device all
+        # wells have the same.
         names = tuple(f"share_of_time_in_well_{k + 1}" for k in range(len(shares)))
         return Shortfall(
             f"{counts.sum():.0f} jumps between uneven wells in {times.sum():.3g} s",
             "shares of time are those of the starts; raise run.duration or run.realizations, or "
             "average by fokker_planck",
-            names if scene.start and not counts.any() else None,
+            names if p.symmetric or (scene.start and not counts.any()) else None,
         )
+    if p.symmetric:
+        return None
     rates = counts / np.maximum(times, 1e-300)[:, None]
     slowest, stationary = _exchange(rates)
     missing = float(1.0 - stationary.min())
