@@ -16,10 +16,10 @@ from circuits.loads.measurement import NOTHING, Measurement, measurement_of
 from circuits.ngspice import compiled_device
 from harvester.device import timescales
 from harvester.device.system import speed_held
-from harvester.engines.realization import start_state
-from harvester.engines.steps import knot_spacing, steps_per_knot, stop_time
 from harvester.errors import NetlistError
+from harvester.prepared.steps import knot_spacing, steps_per_knot, stop_time
 from harvester.scene.units import scale, setting
+from harvester.simulation.realization import start_state
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -67,7 +67,7 @@ def step_options(
     ----------
     scene : Scene
     step : str or float
-        See `harvester.engines.steps.steps_per_knot`.
+        See `harvester.prepared.steps.steps_per_knot`.
     tolerance : float or None
         Relative tolerance of the local error; None: none, or for a load that may jump one that
         goes with the step, because ngspice's trapezoidal steps grow as its square root.
@@ -182,7 +182,7 @@ def assemble(
     ----------
     scene : Scene
     step : str or float
-        See `harvester.engines.steps.steps_per_knot`.
+        See `harvester.prepared.steps.steps_per_knot`.
     starts : sequence of (float, float, float) or None
         For each copy of the device in the netlist its X, X' and transducer's state, scaled; None:
         one copy, as the first realization starts.

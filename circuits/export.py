@@ -19,8 +19,8 @@ from circuits.assembly import (
 )
 from circuits.ltspice import DIFFERENCES, to_ltspice
 from harvester.device import timescales
-from harvester.engines.steps import REJECTING_STEPS, knot_spacing, steps_per_knot
 from harvester.errors import NetlistError
+from harvester.prepared.steps import REJECTING_STEPS, knot_spacing, steps_per_knot
 from harvester.scene.units import scale
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def stand_alone(
     start : (float, float, float) or None
         X, X' and transducer's state at the beginning, scaled; None: as the first realization.
     step : str or float
-        Longest step, see `harvester.engines.steps.steps_per_knot`.
+        Longest step, see `harvester.prepared.steps.steps_per_knot`.
     tolerance : float or None
         Relative tolerance of ngspice's step control; None: its own default, or what a load
         with diodes needs.

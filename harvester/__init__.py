@@ -12,11 +12,10 @@ Functions take a scene, its file or its built-in name, and everything else by ke
 
 import importlib
 
-# As `typing` has it, which a worker process cannot import yet: see `harvester.engines.isolation`.
+# As `typing` has it, which a worker process cannot import yet: see `harvester.workers.isolation`.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from harvester.averaging.of_scene import average as average
-    from harvester.engines.circuit import schematic as schematic
     from harvester.errors import AveragingError as AveragingError
     from harvester.errors import CompiledDeviceUnavailable as CompiledDeviceUnavailable
     from harvester.errors import EnergyNotBalanced as EnergyNotBalanced
@@ -39,14 +38,15 @@ if TYPE_CHECKING:
     from harvester.errors import SolutionDiverged as SolutionDiverged
     from harvester.errors import UnknownOption as UnknownOption
     from harvester.errors import UnknownQuantity as UnknownQuantity
+    from harvester.explorer.explorer import explore as explore
     from harvester.identification.identify import identify as identify
     from harvester.identification.measured_response import MeasuredResponse as MeasuredResponse
     from harvester.identification.measurement import Measurement as Measurement
     from harvester.identification.measurement import read_measurement as read_measurement
-    from harvester.results import Result as Result
+    from harvester.results.result import Result as Result
     from harvester.scene.model import Scene as Scene
-    from harvester.show.explorer import explore as explore
-    from harvester.simulation import simulate as simulate
+    from harvester.simulation.circuit import schematic as schematic
+    from harvester.simulation.simulate import simulate as simulate
     from harvester.studies import Report as Report
     from harvester.studies import load_study as load_study
     from harvester.studies import save as save
@@ -69,11 +69,11 @@ __version__ = "0.1.0"
 # The same again, imported where it is first used, so that `import harvester` stays light.
 _WHERE = {
     "Scene": "harvester.scene.model",
-    "Result": "harvester.results",
-    "simulate": "harvester.simulation",
+    "Result": "harvester.results.result",
+    "simulate": "harvester.simulation.simulate",
     "average": "harvester.averaging.of_scene",
     "validate": "harvester.studies.comparison",
-    "explore": "harvester.show.explorer",
+    "explore": "harvester.explorer.explorer",
     "frequency_response": "harvester.studies.frequency_response",
     "load_study": "harvester.studies",
     "Report": "harvester.studies",
@@ -91,7 +91,7 @@ _WHERE = {
     "verify": "harvester.verification.known_results.truth",
     "reproduce": "harvester.verification.paper.reproduce",
     "claims": "harvester.verification.paper.claims",
-    "schematic": "harvester.engines.circuit",
+    "schematic": "harvester.simulation.circuit",
     "HarvesterError": "harvester.errors",
     "SceneError": "harvester.errors",
     "UnknownOption": "harvester.errors",

@@ -31,10 +31,10 @@ from harvester.commands import (
     work_precision,
 )
 from harvester.commands.options import complain
+from harvester.commands.quiet import quiet
 from harvester.errors import EngineNotFound, HarvesterError, SimulationError
 from harvester.files.plain_text import nearest, one_line
 from harvester.files.streams import guarded_streams
-from harvester.show.quiet import quiet
 
 COMMANDS = (
     new,

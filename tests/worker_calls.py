@@ -6,12 +6,12 @@ import time
 from circuits.assembly import Netlist, assemble
 from circuits.ngspice import compiled_device
 from circuits.ngspice.session import session
-from harvester.engines.protocol import ENGINES
-from harvester.engines.realization import noise_path, start_state
-from harvester.engines.steps import steps_per_knot
 from harvester.errors import SimulatorAborted
+from harvester.prepared.steps import steps_per_knot
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
+from harvester.simulation.methods import ENGINES
+from harvester.simulation.realization import noise_path, start_state
 from harvester.verification.work_precision import throughput
 
 
@@ -134,7 +134,7 @@ def drop(report, scene, speed, step):
     from truths import Keep
 
     from circuits.assembly import assemble
-    from harvester.engines.steps import steps_per_knot
+    from harvester.prepared.steps import steps_per_knot
 
     parameters, _ = scale(scene)
     netlist = assemble(scene, step)
@@ -168,7 +168,7 @@ def run_with_law(report, tables, engine, step):
     from truths import Keep
 
     from harvester.device.contact import LAWS
-    from harvester.engines.steps import knot_spacing
+    from harvester.prepared.steps import knot_spacing
 
     LAWS["dashpot"] = spring_dashpot
     scene = Scene.from_tables(tables)

@@ -1,4 +1,4 @@
-"""Monte Carlo of a device with a netlist as load: `harvester.engines.monte_carlo` calls it."""
+"""Monte Carlo of a device with a netlist as load: `harvester.monte_carlo.engine` calls it."""
 
 from __future__ import annotations
 
@@ -27,8 +27,9 @@ from circuits.kernel.stepping import CHATTER, FINE, advance
 from circuits.kernel.tables import Circuit
 from harvester.compilation import numba
 from harvester.device import contact, system, timescales
-from harvester.engines.lines import line_frequency
-from harvester.engines.steps import (
+from harvester.errors import SimulatorAborted, SolutionDiverged
+from harvester.prepared.lines import line_frequency
+from harvester.prepared.steps import (
     CRAWL,
     GETS_NOWHERE,
     PATIENCE,
@@ -39,7 +40,6 @@ from harvester.engines.steps import (
     steps_per_knot,
     stop_time,
 )
-from harvester.errors import SimulatorAborted, SolutionDiverged
 from harvester.record.record import Record, empty_record, part
 from harvester.scene.units import scale
 

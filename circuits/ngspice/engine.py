@@ -1,4 +1,4 @@
-"""The circuit engine: scene → netlist → ngspice, as `harvester.engines.realization` calls it."""
+"""The circuit engine: scene → netlist → ngspice, as `harvester.simulation.realization` calls it."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from circuits.assembly import assemble, step_options
 from circuits.elements import pace_of
 from circuits.ngspice import compiled_device
 from circuits.ngspice.session import session
-from harvester.engines.lines import line_frequency
-from harvester.engines.steps import knot_spacing, steps_per_contact, steps_per_knot
 from harvester.errors import CompiledDeviceUnavailable
+from harvester.prepared.lines import line_frequency
+from harvester.prepared.steps import knot_spacing, steps_per_contact, steps_per_knot
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
 
@@ -53,7 +53,7 @@ def run_realizations(
     observers : sequence of sequences of objects with `add(record)`
         Those of each realization.
     step : str or float
-        See `harvester.engines.steps.steps_per_knot`.
+        See `harvester.prepared.steps.steps_per_knot`.
     source : str
         "external", or "pwl" for a PWL source in the netlist with ngspice's own steps, which
         takes one realization.

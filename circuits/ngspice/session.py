@@ -1,6 +1,6 @@
 """One ngspice library in this process: loads a netlist, runs it, streams its solution.
 
-Runs in a worker process of its own (`harvester.engines.workers`), because some mistakes make
+Runs in a worker process of its own (`harvester.workers.process`), because some mistakes make
 ngspice abort or hang. PySpice loads the library and sends the commands; its callbacks are replaced
 by the compiled ones of `circuits.ngspice.callbacks`.
 """
@@ -24,10 +24,10 @@ from circuits.ngspice.library import code_models, find_library, no_initialisatio
 from circuits.ngspice.solution import convert, units_of, vectors
 from harvester.compilation import numbers_of
 from harvester.device import timescales
-from harvester.engines.steps import CRAWL, GETS_NOWHERE, PATIENCE, STEPS_PER_CONTACT
-from harvester.engines.worker import as_answer, give_up
 from harvester.errors import CompiledDeviceUnavailable, SimulatorAborted, SolutionDiverged
+from harvester.prepared.steps import CRAWL, GETS_NOWHERE, PATIENCE, STEPS_PER_CONTACT
 from harvester.record.record import empty_record, part
+from harvester.workers.worker import as_answer, give_up
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

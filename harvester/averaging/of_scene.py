@@ -16,7 +16,7 @@ from harvester.estimates.estimate import Density, Estimate, root
 from harvester.estimates.joint_density import JointDensity
 from harvester.excitation import OrnsteinUhlenbeck, RecordedMotion
 from harvester.excitation.spectrum_fit import fit_spectrum
-from harvester.results import Result
+from harvester.results.result import Result
 from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor, scale
 

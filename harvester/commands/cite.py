@@ -32,7 +32,7 @@ def add(commands: Any) -> None:
 
 def run(options: Namespace) -> None:
     """Carry it out; returns the exit code, or None for 0."""
-    from harvester.show.citations import SOURCES, sources_of
+    from harvester.commands.citations import SOURCES, sources_of
 
     found: Sequence = SOURCES
     if options.result:

@@ -23,10 +23,10 @@ def add(commands: Any) -> None:
 
 def run(options: Namespace) -> None:
     """Carry it out; returns the exit code, or None for 0."""
-    from harvester.engines.circuit import describe
-    from harvester.engines.workers import Worker
+    from harvester.commands.console import show_engine
     from harvester.files.writing import check_writable, is_standard_output, write_json
-    from harvester.show.console import show_engine
+    from harvester.simulation.circuit import describe
+    from harvester.workers.process import Worker
 
     if options.json:
         check_writable(options.json)

@@ -63,10 +63,10 @@ def add(commands: Any) -> None:
 def run(options: Namespace) -> None:
     """Carry it out."""
     scene = read_scene(options)
+    from harvester.commands.console import progress
     from harvester.commands.options import check_options
     from harvester.files.writing import check_writable, in_folder
     from harvester.identification.identify import identify
-    from harvester.show.console import progress
 
     name = f"{scene.name}-identified"
     check_options(options, name)

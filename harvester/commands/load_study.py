@@ -57,9 +57,9 @@ def run(options: Namespace) -> int:
     scene = read_scene(options)
     check_options(options)
     sweeps = _sweeps(options.sweep)
+    from harvester.commands.console import show_table
     from harvester.files.tables import xarray_or_say
     from harvester.files.writing import in_folder
-    from harvester.show.console import show_table
     from harvester.studies import Report, load_study, save
     from harvester.studies.files import FILES
     from harvester.studies.study import TIME_BUDGET

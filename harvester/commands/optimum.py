@@ -72,7 +72,7 @@ def run(options: Namespace) -> None:
     """Carry it out."""
     scene, name = checked_scene(options, "optimum")
     over = _ranges(options)
-    from harvester.show.console import progress
+    from harvester.commands.console import progress
 
     with progress() as follow, study_runner(options, None) as runner:
         find = _of_one if len(over) == 1 else _of_several

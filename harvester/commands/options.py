@@ -10,9 +10,9 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
+from harvester.commands.quiet import is_quiet
 from harvester.errors import HarvesterError
 from harvester.files.plain_text import named, one_line
-from harvester.show.quiet import is_quiet
 
 if TYPE_CHECKING:
     from harvester.running.runner import Runner
@@ -150,9 +150,9 @@ def study_runner(
     time_budget : float or None
         Where the options have none.
     """
+    from harvester.commands.console import progress
     from harvester.running import open_runner
-    from harvester.show.console import progress
-    from harvester.simulation import TIME_LIMIT
+    from harvester.simulation.simulate import TIME_LIMIT
 
     if options.output:
         options.kept_when_interrupted = "what is finished is kept: the same command goes on"
@@ -250,8 +250,8 @@ def checked_scene(options: Namespace, kind: str) -> tuple[Scene, str]:
 
 def deliver(options: Namespace, name: str, content: Shown, title: str) -> None:
     """Show a result, and write the files that were asked for."""
+    from harvester.commands.console import show_table
     from harvester.files.writing import is_standard_output
-    from harvester.show.console import show_table
 
     show_table(content, title, to_stderr=is_standard_output(options.json))
     write_result(options, name, content)

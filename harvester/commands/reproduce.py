@@ -43,8 +43,8 @@ def run(options: Namespace) -> int:
     names = _chosen(options.figures, ["fig2", "fig3", *FIGURES])
     for name in names:
         check_options(options, name)
+    from harvester.commands.console import show_table
     from harvester.scene.model import Scene
-    from harvester.show.console import show_table
 
     scene = Scene.load("paper")
     if options.seed is not None:

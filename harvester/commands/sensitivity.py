@@ -72,8 +72,8 @@ def run(options: Namespace) -> None:
     """Carry it out."""
     scene = read_scene(options)
     vary = _distributions(options.vary)
+    from harvester.commands.console import show_table
     from harvester.files.writing import in_folder
-    from harvester.show.console import show_table
     from harvester.studies.sensitivity import sensitivity
 
     for file in FILES if options.output else ():

@@ -57,8 +57,8 @@ def add(commands: Any) -> None:
 def run(options: Namespace) -> int:
     """Carry it out; returns the exit code, or None for 0."""
     scene, name = checked_scene(options, options.method)
-    from harvester.show.console import progress
-    from harvester.simulation import simulate
+    from harvester.commands.console import progress
+    from harvester.simulation.simulate import simulate
 
     with progress() as follow:
         result = simulate(

@@ -51,8 +51,8 @@ def run(options: Namespace) -> None:
         raise HarvesterError(f"--seconds {options.seconds:g}: must be a number > 0")
     scenes = _scenes(options)
     check_options(options, NAME)
+    from harvester.commands.console import show_table
     from harvester.files.writing import is_standard_output
-    from harvester.show.console import show_table
     from harvester.verification.work_precision.time_to_accuracy import SECONDS, time_to_accuracy
 
     with study_runner(options, NAME) as runner:

@@ -36,8 +36,8 @@ def add(commands: Any) -> None:
 def run(options: Namespace) -> None:
     """Carry it out; returns the exit code, or None for 0."""
     scene, name = checked_scene(options, "validate")
+    from harvester.commands.console import progress
     from harvester.files.writing import check_writable, write_text
-    from harvester.show.console import progress
     from harvester.studies.comparison import validate
 
     check_writable(options.report)

@@ -62,7 +62,7 @@ class Excitation(ABC):
 
     Attributes
     ----------
-    KEYS : dict of str to harvester.scene.keys.Key
+    KEYS : dict of str to harvester.device.keys.Key
         What the table may hold besides `kind`.
     """
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from harvester.device.keys import Key, not_negative, positive
 from harvester.errors import SceneError
 from harvester.excitation.base import Excitation, ExcitationPath
-from harvester.scene.keys import Key, not_negative, positive
 
 if TYPE_CHECKING:
     from harvester.scene.model import Run

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from harvester.device.keys import Key, positive
 from harvester.errors import SceneError
 from harvester.excitation.base import Excitation, ExcitationPath
 from harvester.excitation.motion_file import most_samples
-from harvester.scene.keys import Key, positive
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence

@@ -11,9 +11,9 @@ import numpy as np
 
 from harvester.device import system as device
 from harvester.device.damper import QuadraticDamper
-from harvester.engines.sampled import states_at_samples
 from harvester.errors import HarvesterError, IdentificationError
 from harvester.identification.unknowns import with_values
+from harvester.monte_carlo.sampled import states_at_samples
 from harvester.scene.units import Scales, scale
 
 if TYPE_CHECKING:

@@ -11,9 +11,6 @@ from typing import Any
 import numpy as np
 
 from harvester.device import timescales
-from harvester.engines import side_by_side
-from harvester.engines.protocol import ENGINES
-from harvester.engines.realization import empty_moments, run
 from harvester.estimates.batch_means import FEWEST_TO_DRIFT, TOTAL_BATCHES
 from harvester.estimates.estimate import Estimate
 from harvester.record.moments import QUANTITIES
@@ -22,6 +19,9 @@ from harvester.record.record import Record
 from harvester.running.task import Task
 from harvester.scene.model import Scene
 from harvester.scene.units import Scales, scale
+from harvester.simulation import side_by_side
+from harvester.simulation.methods import ENGINES
+from harvester.simulation.realization import empty_moments, run
 
 # Realizations in one task where they run side by side or fast.
 REALIZATIONS_TOGETHER = 8

@@ -4,9 +4,6 @@ import math
 from collections.abc import Generator, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 
-from harvester.engines import monte_carlo
-from harvester.engines.protocol import ENGINES
-from harvester.engines.steps import knot_spacing, step_error
 from harvester.errors import EnergyNotBalanced, HarvesterError
 from harvester.estimates.densities import densities
 from harvester.estimates.estimate import Density, Estimate
@@ -14,11 +11,14 @@ from harvester.estimates.of_run import run_estimates
 from harvester.estimates.settling import unseen_jump
 from harvester.files.plain_text import nearest
 from harvester.files.writing import finite
+from harvester.monte_carlo import engine as monte_carlo
+from harvester.prepared.steps import knot_spacing, step_error
 from harvester.running.realizations import MANY_REALIZATIONS, Realizations, averaging, is_closure
 from harvester.running.task import Wanted
 from harvester.scene.model import Scene
 from harvester.scene.units import Scales, scale
-from harvester.simulation import (
+from harvester.simulation.methods import ENGINES
+from harvester.simulation.simulate import (
     LARGEST_RESIDUAL,
     NOTED_RESIDUAL,
     check_name,

@@ -9,15 +9,15 @@ import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
 
-from harvester.engines.circuit import describe
-from harvester.engines.pools import LOOK_AROUND, ExecutorPool, WorkerPool, lost
 from harvester.errors import HarvesterError
 from harvester.running.folder import StudyFolder
 from harvester.running.progress import Progress
 from harvester.running.request import Answer, Request, answering
 from harvester.running.store import MISSING, Store
 from harvester.running.task import Task, Wanted, compute
-from harvester.simulation import TIME_LIMIT
+from harvester.simulation.circuit import describe
+from harvester.simulation.simulate import TIME_LIMIT
+from harvester.workers.pools import LOOK_AROUND, ExecutorPool, WorkerPool, lost
 
 # Answers that are named when they are not believed.
 MOST_NAMED = 10

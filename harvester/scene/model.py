@@ -15,7 +15,6 @@ from typing import Any, Protocol, overload
 from harvester.device import timescales
 from harvester.device.terminals import TransducerTable
 from harvester.device.transducer import TRANSDUCERS
-from harvester.engines import circuit
 from harvester.errors import SceneError
 from harvester.excitation import KINDS, Excitation, build
 from harvester.files import plain_text
@@ -26,6 +25,7 @@ from harvester.scene.schema import check_tables
 from harvester.scene.source import BUILT_IN, built_in_names, tables_of
 from harvester.scene.toml import plain_tables
 from harvester.scene.units import scale
+from harvester.simulation import circuit
 
 # Keys that a scene is written without where they hold what they hold without being given.
 RARE_KEYS = ("quadratic_damping", "side", "exponent", "law")

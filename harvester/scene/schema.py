@@ -5,10 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from harvester.device.contact import LAWS, SIDES
-from harvester.device.transducer import TRANSDUCERS
-from harvester.errors import SceneError
-from harvester.files.plain_text import named, nearest, shown
-from harvester.scene.keys import (
+from harvester.device.keys import (
     BOTH,
     NAMED_VALUES,
     SCALED,
@@ -19,6 +16,9 @@ from harvester.scene.keys import (
     not_negative,
     positive,
 )
+from harvester.device.transducer import TRANSDUCERS
+from harvester.errors import SceneError
+from harvester.files.plain_text import named, nearest, shown
 
 # As wide as what numpy draws one from.
 LARGEST_SEED = 2**128 - 1

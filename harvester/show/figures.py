@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from harvester.results import Result
+    from harvester.results.result import Result
     from harvester.studies.comparison import Comparison
     from harvester.verification.work_precision.diagram import WorkPrecision
 

@@ -49,7 +49,7 @@ def report(comparison: Comparison) -> str:
     str
         Self-contained: style and pictures are in it.
     """
-    from harvester.engines.circuit import netlist_of
+    from harvester.simulation.circuit import netlist_of
 
     scene = comparison.scene
     header, rows = comparison.table()
@@ -131,7 +131,8 @@ def table_of(header: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "
 
 
 def _figures(comparison):
-    from harvester.show import figures, joint_figure
+    from harvester.results import joint_drawing as joint_figure
+    from harvester.show import figures
 
     scene = comparison.scene.name
     drawn = [
@@ -163,7 +164,7 @@ def figure_of(svg: bytes, alternative: str, caption: str, narrowest: str = NARRO
 
 
 def _schematic(scene):
-    from harvester.engines.circuit import schematic
+    from harvester.simulation.circuit import schematic
 
     try:
         drawing = schematic(scene)

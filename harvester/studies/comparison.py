@@ -14,15 +14,15 @@ from harvester.averaging import CLOSURES
 from harvester.averaging.of_scene import average
 from harvester.calling import takes_scene
 from harvester.device import timescales
-from harvester.engines.pools import Workers
 from harvester.errors import AveragingError, LoadError
 from harvester.estimates.estimate import Estimate
-from harvester.estimates.paired import paired_difference
 from harvester.files.writing import finite
-from harvester.results import Result, with_error
+from harvester.results.paired import paired_difference
+from harvester.results.result import Result, with_error
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
-from harvester.simulation import TIME_LIMIT, running, simulate
+from harvester.simulation.simulate import TIME_LIMIT, running, simulate
+from harvester.workers.pools import Workers
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -223,7 +223,8 @@ class Comparison:
 
     def joint_figure(self) -> Figure | None:
         """p(X, X') of the stationary solver and of Monte Carlo, in the same places and colours."""
-        from harvester.show import figures, joint_figure
+        from harvester.results import joint_drawing as joint_figure
+        from harvester.show import figures
 
         return figures.drawn(joint_figure.draw, [*self.closures.values(), self.monte_carlo])
 

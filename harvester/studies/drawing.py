@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.record.record import Record
-from harvester.results import unit_of
+from harvester.results.result import unit_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -10,14 +10,14 @@ from harvester.errors import HarvesterError
 from harvester.estimates.batch_means import complete_batches
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.of_run import error_of, run_estimates, with_steps
-from harvester.estimates.paired import sums
 from harvester.estimates.settling import withheld
 from harvester.record.moments import Moments
 from harvester.record.record import Record
+from harvester.results.paired import sums
 from harvester.running.request import COMPLETE, in_units, not_balanced, residual_notes, told
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
-from harvester.simulation import LARGEST_RESIDUAL
+from harvester.simulation.simulate import LARGEST_RESIDUAL
 
 # Dimensions of a record's columns; the others are powers.
 WAVEFORM = {

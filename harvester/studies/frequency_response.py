@@ -18,19 +18,19 @@ import numpy as np
 from harvester.arguments import listed
 from harvester.calling import takes_scene
 from harvester.device import timescales
-from harvester.engines.protocol import ENGINES
-from harvester.engines.realization import Waveform, start_state
-from harvester.engines.steps import knot_spacing
 from harvester.errors import HarvesterError
 from harvester.excitation.sine import KNOTS_PER_PERIOD, Sine, SteppedSine
 from harvester.files.plain_text import json_text
 from harvester.files.tables import xarray_or_say
 from harvester.files.writing import finite
-from harvester.results import SI_UNITS
+from harvester.prepared.steps import knot_spacing
+from harvester.results.result import SI_UNITS
 from harvester.running import RunnerOptions, Task, open_runner
 from harvester.scene.model import Scene
 from harvester.scene.units import Scales, scale
-from harvester.simulation import check_name, check_step
+from harvester.simulation.methods import ENGINES
+from harvester.simulation.realization import Waveform, start_state
+from harvester.simulation.simulate import check_name, check_step
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -173,7 +173,8 @@ class FrequencyResponse:
 
     def figure(self) -> Figure:
         """Amplitude, voltage and power over frequency."""
-        from harvester.show import figures, frequency_figure
+        from harvester.show import figures
+        from harvester.studies import frequency_drawing as frequency_figure
 
         return figures.drawn(frequency_figure.draw, self)
 

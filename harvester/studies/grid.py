@@ -8,9 +8,9 @@ from numbers import Real
 from pathlib import Path
 
 from harvester.arguments import listed, table
-from harvester.engines.steps import knot_spacing
 from harvester.errors import HarvesterError, SceneError
 from harvester.files.plain_text import name, nearest, shown
+from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
 

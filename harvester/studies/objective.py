@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 
 from harvester.averaging import CLOSURES
-from harvester.engines import monte_carlo
-from harvester.engines.protocol import ENGINES
-from harvester.engines.steps import knot_spacing, resolving
 from harvester.errors import HarvesterError, LoadError, OutOfTime, SceneError
 from harvester.estimates.batch_means import standard_error
 from harvester.estimates.estimate import Estimate
-from harvester.estimates.paired import deviations, has_deviations
+from harvester.monte_carlo import engine as monte_carlo
+from harvester.prepared.steps import knot_spacing, resolving
+from harvester.results.paired import deviations, has_deviations
 from harvester.running import Request
 from harvester.running.request import COMPLETE
 from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor, scale
-from harvester.simulation import check_name
+from harvester.simulation.methods import ENGINES
+from harvester.simulation.simulate import check_name
 from harvester.studies.axis import Axis
 
 
@@ -154,7 +154,7 @@ def series_in_units(answer: Any, quantity: str) -> np.ndarray:
     answer : harvester.running.Answer
         With its moments.
     quantity : str
-        One that `harvester.estimates.paired.deviations` knows.
+        One that `harvester.results.paired.deviations` knows.
 
     Returns
     -------

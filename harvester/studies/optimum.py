@@ -12,16 +12,16 @@ from typing import Any, Unpack
 
 from harvester.averaging import CLOSURES, DEFAULT_CLOSURE
 from harvester.calling import takes_scene
-from harvester.engines import monte_carlo
-from harvester.engines.protocol import ENGINES
 from harvester.errors import HarvesterError
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.output_side import RATIOS
 from harvester.files.writing import finite
-from harvester.results import with_error
+from harvester.monte_carlo import engine as monte_carlo
+from harvester.results.result import with_error
 from harvester.running import Request, RunnerOptions, open_runner
 from harvester.scene.model import Scene
-from harvester.simulation import check_name
+from harvester.simulation.methods import ENGINES
+from harvester.simulation.simulate import check_name
 from harvester.studies.axis import Axis
 from harvester.studies.objective import answers_in_time, missing_from, on_common_knots
 from harvester.studies.optimum_search import Search, amount, averaged

@@ -4,7 +4,7 @@ import math
 from collections.abc import Generator
 from dataclasses import dataclass
 
-from harvester.engines.steps import step_error
+from harvester.prepared.steps import step_error
 from harvester.running.realizations import Realizations, averaging, is_closure
 from harvester.running.request import FIRST_REALIZATIONS, good_ones, next_count
 from harvester.running.task import Wanted

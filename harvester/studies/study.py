@@ -8,13 +8,13 @@ from typing import Unpack
 import harvester
 from harvester.averaging import CLOSURES
 from harvester.calling import takes_scene
-from harvester.engines import monte_carlo
-from harvester.engines.protocol import ENGINES
 from harvester.errors import HarvesterError, LoadError
+from harvester.monte_carlo import engine as monte_carlo
 from harvester.running import RunnerOptions, open_runner
 from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor
-from harvester.simulation import check_name, check_step, require_noise
+from harvester.simulation.methods import ENGINES
+from harvester.simulation.simulate import check_name, check_step, require_noise
 from harvester.studies.evaluation import Evaluation
 from harvester.studies.grid import Grid, make_grid
 from harvester.studies.point import MOST_REALIZATIONS, Point

@@ -3,7 +3,7 @@ import re
 import pytest
 
 from circuits.assembly import assemble
-from harvester.engines.steps import knot_spacing, stop_time
+from harvester.prepared.steps import knot_spacing, stop_time
 from harvester.scene.model import Scene
 
 MECHANICS = {"Cdisplacement", "Gvelocity", "Cmass", "Gspring", "Rdamper", "Inoise"}

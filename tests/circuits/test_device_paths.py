@@ -5,9 +5,9 @@ import pytest
 from device_scenes import DEVICES, FOLLOWED, device
 from device_truths import written_path
 
-from harvester.engines.steps import knot_spacing, stop_time
+from harvester.prepared.steps import knot_spacing, stop_time
 from harvester.scene.units import scale
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 
 EACH = [
     pytest.param(name, marks=() if name in FOLLOWED else pytest.mark.exhaustive, id=name)

@@ -8,13 +8,13 @@ from truths import contact_force, flat
 
 from circuits.export import stand_alone
 from circuits.ngspice.library import candidates
-from harvester.engines.pools import WorkerPool
-from harvester.engines.realization import noise_path
-from harvester.engines.steps import knot_spacing
 from harvester.errors import NetlistError
+from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
-from harvester.simulation import simulate
+from harvester.simulation.realization import noise_path
+from harvester.simulation.simulate import simulate
 from harvester.verification.known_results.simulators import read_raw
+from harvester.workers.pools import WorkerPool
 
 
 @pytest.fixture(scope="module")

@@ -6,10 +6,10 @@ from device_scenes import random_device
 from device_truths import written_path
 from truths import Keep
 
-from harvester.engines.monte_carlo import run_realizations
-from harvester.engines.realization import noise_path, start_state
-from harvester.engines.steps import knot_spacing, stop_time
-from harvester.simulation import simulate
+from harvester.monte_carlo.engine import run_realizations
+from harvester.prepared.steps import knot_spacing, stop_time
+from harvester.simulation.realization import noise_path, start_state
+from harvester.simulation.simulate import simulate
 
 SEEDS = (1, 8, 9, 11, 12)
 SMALL = 1e-6

@@ -11,7 +11,7 @@ from truths import assert_near
 from harvester.device import timescales
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 
 SKEW = [-0.08, -2.0, 0.3, 2.2]
 ELASTIC = {"stiffness": 40.0, "restitution": 1.0}

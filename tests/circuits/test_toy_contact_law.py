@@ -12,8 +12,8 @@ from harvester.averaging import CLOSURES
 from harvester.averaging.of_scene import average
 from harvester.device import system
 from harvester.device.contact import LAWS
-from harvester.engines.steps import knot_spacing, stop_time
 from harvester.errors import AveragingError, SceneError
+from harvester.prepared.steps import knot_spacing, stop_time
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
 

@@ -13,11 +13,11 @@ from circuits.export import for_ltspice, stand_alone
 from circuits.schematic.drawing import schematic
 from harvester.averaging.of_scene import average
 from harvester.device.transducer import TRANSDUCERS
-from harvester.engines.realization import noise_path
 from harvester.errors import AveragingError, SceneError
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
-from harvester.simulation import simulate
+from harvester.simulation.realization import noise_path
+from harvester.simulation.simulate import simulate
 
 MASS, DAMPING, STIFFNESS = 0.02, 0.05, 120.0
 THETA, CAPACITANCE, ELECTRODE, LOAD, INTENSITY = 8e-4, 4e-8, 1.5e5, 3e5, 0.4

@@ -64,7 +64,7 @@ class Names(event.Listener):
 compiled = []
 event.register("numba:compile", Names())
 from harvester import average
-from harvester.engines.realization import run
+from harvester.simulation.realization import run
 from harvester.scene.model import Scene
 brief = {"run.duration": 1.0, "run.settle": 0.0, "run.realizations": 1}
 for name, load in (("linear", {}), ("device", {"load.netlist": "bridge"})):

@@ -10,7 +10,6 @@ import pytest
 import worker_calls
 
 from harvester import averaging
-from harvester.engines.workers import Worker
 from harvester.running import Task
 from harvester.verification.stability import matrix
 from harvester.verification.stability.cases import Case
@@ -21,6 +20,7 @@ from harvester.verification.work_precision import (
     timed,
 )
 from harvester.verification.work_precision.methods import Method
+from harvester.workers.process import Worker
 
 # Words of Python about a fault of ours.
 FAULT = re.compile(r"Traceback|\b(?!Memory)[A-Z]\w*(?:Error|Exception|Warning)\b: ")
@@ -63,7 +63,7 @@ class SameWorker(Worker):
 def briefly():
     """One worker process for all calls, each closure computed once, studies cut to a few points."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("harvester.engines.pools.Worker", SameWorker)
+        patch.setattr("harvester.workers.pools.Worker", SameWorker)
         patch.setattr("harvester.studies.frequency_response.SETTLED_SHARE", 0.9)
         patch.setattr("harvester.studies.sensitivity.FEWEST_ROWS", 2)
         patch.setattr(matrix, "default_cases", lambda: FEW_CASES)

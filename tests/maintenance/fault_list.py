@@ -186,27 +186,27 @@ FAULTS = [
     ),
     Fault(
         "steps: a stage of Runge-Kutta goes from the first slope",
-        "harvester/engines/schemes.py",
+        "harvester/monte_carlo/schemes.py",
         "held, x + half * v2, v3, e3, middle)",
         "held, x + half * v, v3, e3, middle)",
         (
-            "harvester/engines/test_monte_carlo.py"
+            "harvester/monte_carlo/test_engine.py"
             "::test_the_order_is_four_against_scipy_on_the_same_path",
         ),
     ),
     Fault(
         "steps: finer ones are not finer in a contact",
-        "harvester/engines/steps.py",
+        "harvester/prepared/steps.py",
         "return math.ceil(fewest * max(finer, 1.0))",
         "return math.ceil(fewest)",
-        ("harvester/engines/test_steps.py",),
+        ("harvester/prepared/test_steps.py",),
     ),
     Fault(
         "steps: the cubic to an edge bends at the other end",
-        "harvester/engines/zones.py",
+        "harvester/device/zones.py",
         "bend = u * w * (a * w + b * u)",
         "bend = u * w * (a * u + b * w)",
-        ("harvester/engines/test_zones.py",),
+        ("harvester/device/test_zones.py",),
     ),
     Fault(
         "moments: the last point of a stretch counts twice",

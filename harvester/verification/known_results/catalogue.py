@@ -3,8 +3,8 @@
 import math
 
 from harvester.device import timescales
-from harvester.engines.steps import knot_spacing
 from harvester.excitation.base import kernel_loss
+from harvester.prepared.steps import knot_spacing
 from harvester.running import Request
 from harvester.running.task import Task
 from harvester.scene.model import Scene

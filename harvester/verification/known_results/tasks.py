@@ -4,10 +4,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from harvester.engines.realization import run
-from harvester.engines.steps import knot_spacing
 from harvester.estimates.of_run import run_estimates
+from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
+from harvester.simulation.realization import run
 from harvester.verification.known_results import radau, simulators
 from harvester.verification.work_precision import reference_path
 

@@ -14,7 +14,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from harvester.estimates.paired import paired_difference
+from harvester.results.paired import paired_difference
 from harvester.running import Answer
 from harvester.scene.model import Scene
 from harvester.verification.paper.density_features import FEATURES, middle_of, peak_of

@@ -7,9 +7,9 @@ from typing import Any, Unpack
 
 from harvester.averaging import CLOSURES
 from harvester.calling import takes_scene
-from harvester.engines.steps import with_knots
 from harvester.files.tables import markdown_table
 from harvester.files.writing import finite
+from harvester.prepared.steps import with_knots
 from harvester.running import RunnerOptions, open_runner
 from harvester.scene.model import Scene
 from harvester.verification.paper.claim_tests import Finding, name_of

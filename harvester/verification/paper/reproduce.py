@@ -10,13 +10,13 @@ import numpy as np
 from harvester.arguments import listed
 from harvester.averaging import CLOSURES
 from harvester.calling import takes_scene
-from harvester.engines.steps import with_knots
 from harvester.errors import HarvesterError, SimulationError
 from harvester.files.writing import finite
+from harvester.prepared.steps import with_knots
 from harvester.running import Answer, RunnerOptions, open_runner
 from harvester.running.request import relative_error
 from harvester.scene.model import Scene
-from harvester.simulation import check_name
+from harvester.simulation.simulate import check_name
 from harvester.verification.paper.figures_list import FIGURES, SYMBOLS, Curve, Figure, Panel
 from harvester.verification.paper.runs import costly_first, request
 

@@ -10,15 +10,15 @@ from dataclasses import dataclass
 
 from harvester.averaging import CLOSURES, average
 from harvester.averaging.of_scene import averaged_device, estimates_of
-from harvester.engines import monte_carlo
-from harvester.engines.protocol import ENGINES
-from harvester.engines.realization import run
-from harvester.engines.steps import knot_spacing, steps_per_knot
 from harvester.estimates.balance import energy_balance_residual
 from harvester.estimates.means import estimate_all
+from harvester.monte_carlo import engine as monte_carlo
+from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.running.codec import register
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
+from harvester.simulation.methods import ENGINES
+from harvester.simulation.realization import run
 from harvester.verification.stability.cases import SETTLED_TIMES, STEP_BUDGET, slowest_time
 from harvester.verification.stability.paths import PathDeviation, ignore, path_deviation
 

@@ -11,8 +11,8 @@ from harvester.device import spring as springs
 from harvester.device import timescales
 from harvester.device.hertz import HERTZ_EXPONENT
 from harvester.device.piezo import PiezoTable
-from harvester.engines.steps import knot_spacing, steps_per_knot
 from harvester.errors import SceneError
+from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.scene.model import Scene
 from harvester.scene.units import length_scale, scale
 

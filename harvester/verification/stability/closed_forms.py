@@ -12,7 +12,7 @@ from scipy.linalg import expm, solve_discrete_lyapunov
 
 from harvester.device import timescales
 from harvester.device.system import System, elastic_force, potential
-from harvester.engines.steps import knot_spacing
+from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
 

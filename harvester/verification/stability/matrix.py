@@ -15,7 +15,7 @@ from harvester.errors import SceneError
 from harvester.files.writing import finite
 from harvester.running import RunnerOptions, Task, open_runner
 from harvester.scene.model import Scene
-from harvester.simulation import check_step, require_noise
+from harvester.simulation.simulate import check_step, require_noise
 from harvester.verification.stability import TIME_LIMIT
 from harvester.verification.stability.answers import METHODS, answer
 from harvester.verification.stability.cases import Case, changed, default_cases

@@ -13,13 +13,13 @@ import numpy as np
 
 from harvester.device import timescales
 from harvester.device.piezo import PiezoTable
-from harvester.engines import side_by_side
-from harvester.engines.realization import Realization, run
-from harvester.engines.steps import knot_spacing, steps_per_knot
 from harvester.errors import LoadError
+from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.running.codec import register
 from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor, scale
+from harvester.simulation import side_by_side
+from harvester.simulation.realization import Realization, run
 from harvester.verification.stability.replay import can_replay, replayed
 
 # Steps of the circuit along all paths together, away from contacts; greatest and smallest number
@@ -104,7 +104,7 @@ def path_deviation(
     Returns
     -------
     PathDeviation
-    list of harvester.engines.realization.Realization
+    list of harvester.simulation.realization.Realization
         Those at the step asked for.
     """
     brief = path_scene(scene)

@@ -10,10 +10,10 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from harvester.engines.protocol import ENGINES
 from harvester.errors import AveragingError, LoadError, SceneError, SimulatorTimeout
 from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor
+from harvester.simulation.methods import ENGINES
 from harvester.verification.stability.answers import CaseAnswer
 from harvester.verification.stability.cases import Case
 from harvester.verification.stability.closed_forms import closed_forms

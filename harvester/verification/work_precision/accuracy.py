@@ -12,8 +12,8 @@ import numpy as np
 
 from harvester.estimates.batch_means import standard_error
 from harvester.estimates.estimate import TOO_SHORT, Estimate
-from harvester.estimates.paired import deviations
 from harvester.record.moments import Moments
+from harvester.results.paired import deviations
 
 # Errors whose times are read off, as shares.
 LIMITS = (0.1, 0.03, 0.01)

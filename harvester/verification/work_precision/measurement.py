@@ -14,16 +14,16 @@ import numpy as np
 
 from harvester.calling import takes_scene
 from harvester.device import timescales
-from harvester.engines.circuit import check_compiled
-from harvester.engines.realization import run
-from harvester.engines.steps import knot_spacing
 from harvester.errors import HarvesterError, OutOfTime
-from harvester.estimates.paired import paired_difference
+from harvester.prepared.steps import knot_spacing
+from harvester.results.paired import paired_difference
 from harvester.running import Request, RunnerOptions, Task, open_runner
 from harvester.running.request import OUT_OF_TIME, good_ones, told
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
-from harvester.simulation import require_noise
+from harvester.simulation.circuit import check_compiled
+from harvester.simulation.realization import run
+from harvester.simulation.simulate import require_noise
 from harvester.verification.work_precision import throughput
 from harvester.verification.work_precision.diagram import (
     MEANS,

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from harvester.engines import side_by_side
-from harvester.engines.steps import knot_spacing, steps_per_knot
+from harvester.prepared.steps import knot_spacing, steps_per_knot
+from harvester.simulation import side_by_side
 
 if TYPE_CHECKING:
     from harvester.running import Runner
@@ -64,7 +64,7 @@ class Method:
         return f"step {self.step(scene):.4g}"
 
     def options(self, scene: Scene) -> dict[str, Any]:
-        """Arguments that `harvester.engines.realization.run` and `harvester.simulate` share."""
+        """Arguments that `harvester.simulation.realization.run` and `harvester.simulate` share."""
         return {
             "engine": self.engine,
             "step": self.step(scene),

@@ -8,14 +8,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from harvester.engines.pools import WorkerPool, Workers
-from harvester.engines.realization import run
-from harvester.engines.side_by_side import MOST_COPIES
-from harvester.engines.steps import knot_spacing
 from harvester.files.writing import finite
+from harvester.prepared.steps import knot_spacing
 from harvester.running.codec import register
 from harvester.running.task import Task
 from harvester.scene.model import Scene
+from harvester.simulation.realization import run
+from harvester.simulation.side_by_side import MOST_COPIES
+from harvester.workers.pools import WorkerPool, Workers
 
 # Knots of a realization: a source in the netlist is scanned point by point, so its cost depends
 # on how many it has.
@@ -89,7 +89,7 @@ def measure(
     Parameters
     ----------
     scene : Scene
-    pool : harvester.engines.pools.WorkerPool
+    pool : harvester.workers.pools.WorkerPool
         With two workers or more for the ratio of two processes to one.
     compiled : bool
         The compiled device is on.

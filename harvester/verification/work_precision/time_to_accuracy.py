@@ -10,7 +10,7 @@ from harvester.running import RunnerOptions, open_runner
 from harvester.running.request import good_ones, told
 from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor
-from harvester.simulation import require_noise
+from harvester.simulation.simulate import require_noise
 from harvester.verification.work_precision.accuracy import (
     OUTPUT_POWER,
     TotalError,

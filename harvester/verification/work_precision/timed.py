@@ -5,17 +5,17 @@ from functools import cached_property
 from typing import Any
 
 from harvester.averaging import CLOSURES
-from harvester.engines.realization import run
-from harvester.engines.steps import knot_spacing
 from harvester.errors import HarvesterError
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.means import estimate_all
 from harvester.estimates.output_side import estimate_output
+from harvester.prepared.steps import knot_spacing
 from harvester.record.moments import Moments
 from harvester.running import Runner, Task
 from harvester.running.realizations import averages
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
+from harvester.simulation.realization import run
 from harvester.verification.work_precision.methods import Method
 
 WARM_UP_KNOTS = 20
@@ -29,7 +29,7 @@ def timed(
     Parameters
     ----------
     method : dict
-        Options of `harvester.engines.realization.run`.
+        Options of `harvester.simulation.realization.run`.
 
     Returns
     -------

@@ -7,8 +7,8 @@ import pytest
 
 from circuits.kernel.retiming import DIAGONAL, pace_of
 from harvester import Scene
-from harvester.engines.realization import run
 from harvester.estimates.of_run import run_estimates
+from harvester.simulation.realization import run
 
 MASS, QUALITY, HERTZ, COUPLING, CAPACITANCE = 0.02, 1000.0, 12.0, 2e-5, 4e-8
 # Not a resistor to the program, which would else take it as one.

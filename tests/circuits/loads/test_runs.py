@@ -10,11 +10,11 @@ from truths import flat
 from circuits.assembly import assemble
 from circuits.export import stand_alone
 from harvester.averaging.of_scene import average
-from harvester.engines.realization import noise_path
 from harvester.errors import LoadError, NetlistError
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
-from harvester.simulation import simulate
+from harvester.simulation.realization import noise_path
+from harvester.simulation.simulate import simulate
 
 SHORT = ["run.duration=2", "run.settle=0", "run.realizations=1"]
 LINEAR = ["oscillator.linear_stiffness=126.9", "oscillator.cubic_stiffness=0"]

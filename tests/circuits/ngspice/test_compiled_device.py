@@ -11,8 +11,8 @@ import worker_calls
 
 from circuits import verilog
 from circuits.ngspice import compiled_device
-from harvester.engines.steps import knot_spacing
 from harvester.errors import CompiledDeviceUnavailable
+from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
 

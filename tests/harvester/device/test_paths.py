@@ -6,10 +6,10 @@ from device_scenes import DEVICES, FOLLOWED, device
 from device_truths import written_path
 from truths import Keep
 
-from harvester.engines.monte_carlo import run_realizations
-from harvester.engines.realization import noise_path, start_state
-from harvester.engines.steps import knot_spacing, stop_time
+from harvester.monte_carlo.engine import run_realizations
+from harvester.prepared.steps import knot_spacing, stop_time
 from harvester.scene.units import scale
+from harvester.simulation.realization import noise_path, start_state
 
 
 def deviation(scene, states, reference):

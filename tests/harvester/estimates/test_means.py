@@ -5,7 +5,6 @@ import pytest
 from scipy.signal import lfilter
 from truths import flat, records_of
 
-from harvester.engines.realization import empty_moments
 from harvester.estimates.balance import energy_balance_residual
 from harvester.estimates.batch_means import (
     complete_batches,
@@ -16,12 +15,13 @@ from harvester.estimates.batch_means import (
 from harvester.estimates.densities import densities
 from harvester.estimates.estimate import TOO_SHORT, Estimate
 from harvester.estimates.means import estimate_all
-from harvester.estimates.paired import deviations, paired_difference
 from harvester.record.moments import Moments
 from harvester.record.record import Record
+from harvester.results.paired import deviations, paired_difference
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
-from harvester.simulation import simulate
+from harvester.simulation.realization import empty_moments
+from harvester.simulation.simulate import simulate
 
 
 def autoregressive(seed, memory, rows, length):

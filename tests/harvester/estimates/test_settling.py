@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from harvester.averaging import average
-from harvester.engines.protocol import ENGINES
 from harvester.estimates.settling import left_of_start, shortfalls, withheld
 from harvester.record.moments import QUANTITIES, Moments
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
-from harvester.simulation import simulate
+from harvester.simulation.methods import ENGINES
+from harvester.simulation.simulate import simulate
 
 SLOW_LOAD = ["load.decay_rate=1e-3", "excitation.intensity=0.1", "run.realizations=32"]
 LONG = {"run.settle": 8000.0, "run.duration": 2000.0}

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from harvester import Scene
-from harvester.engines.realization import run
-from harvester.engines.steps import step_error
 from harvester.estimates.batch_means import error_without_chance
 from harvester.estimates.of_run import run_estimates
+from harvester.prepared.steps import step_error
+from harvester.simulation.realization import run
 
 
 def test_equal_batches_have_no_error():

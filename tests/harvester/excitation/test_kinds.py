@@ -7,14 +7,14 @@ import pytest
 from truths import flat
 
 from harvester.averaging.of_scene import average
-from harvester.engines.realization import noise_path
-from harvester.engines.steps import knot_spacing
+from harvester.device.keys import positive
 from harvester.errors import AveragingError, HarvesterError, SceneError
 from harvester.excitation import KINDS, Excitation, White, realization_seed
 from harvester.excitation.white import WhitePath
-from harvester.scene.keys import positive
+from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
-from harvester.simulation import simulate
+from harvester.simulation.realization import noise_path
+from harvester.simulation.simulate import simulate
 
 OU = {"kind": "ornstein-uhlenbeck", "intensity": 0.02, "correlation_time": 0.4}
 WHITE = {"kind": "white", "intensity": 0.02}

@@ -4,11 +4,11 @@ from scipy import signal
 from scipy.io import wavfile
 from truths import Keep, flat, records_of
 
-from harvester.engines.realization import noise_path
 from harvester.errors import SceneError
 from harvester.excitation import conditioning
 from harvester.scene.model import Scene
-from harvester.simulation import simulate
+from harvester.simulation.realization import noise_path
+from harvester.simulation.simulate import simulate
 
 RATE = 100.0
 

@@ -8,11 +8,11 @@ from circuits.export import for_ltspice, stand_alone
 from circuits.schematic.drawing import schematic
 from harvester.averaging.of_scene import average
 from harvester.command_line import main
-from harvester.engines.realization import noise_path
 from harvester.files.plain_text import json_text, name, one_line
 from harvester.scene.model import Scene
 from harvester.scene.source import BUILT_IN
 from harvester.show import figures
+from harvester.simulation.realization import noise_path
 from harvester.studies.grid import make_grid
 
 LINEAR = (BUILT_IN / "linear.toml").read_text()

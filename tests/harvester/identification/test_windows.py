@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from measured_records import scene_of
 
-from harvester.engines.sampled import states_at_samples
 from harvester.identification.shooting import Fit
 from harvester.identification.windows import lengthened
+from harvester.monte_carlo.sampled import states_at_samples
 from harvester.scene.units import scale
 
 WINDOWS, SAMPLES = 9, 20

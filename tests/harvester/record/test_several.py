@@ -5,11 +5,11 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from harvester.engines.monte_carlo import integrate, record_of
-from harvester.engines.realization import empty_moments, noise_path, start_state
-from harvester.engines.steps import knot_spacing, stop_time
+from harvester.monte_carlo.engine import integrate, record_of
+from harvester.prepared.steps import knot_spacing, stop_time
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
+from harvester.simulation.realization import empty_moments, noise_path, start_state
 
 REALIZATIONS = 11  # a block of eight and a part of one
 KNOTS = 6144  # 24 batches of whole knots: a contact's points then lie in one of them

@@ -8,14 +8,14 @@ import pytest
 from scipy.integrate import quad
 from truths import flat, interpolated_linear_means
 
-from harvester.engines.steps import knot_spacing
 from harvester.errors import AveragingError, HarvesterError, LoadError
-from harvester.estimates.paired import paired_difference
+from harvester.prepared.steps import knot_spacing
+from harvester.results.paired import paired_difference
 from harvester.running import Request, open_runner
 from harvester.running.realizations import Realizations
 from harvester.running.request import next_count, relative_error
 from harvester.scene.model import Scene
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 
 LINEAR = Scene.load("linear", ["run.realizations=2", "run.duration=500", "run.settle=50"])
 PAPER = Scene.load("paper", ["run.realizations=2", "run.duration=500", "run.settle=50"])

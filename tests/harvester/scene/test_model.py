@@ -4,11 +4,11 @@ import pytest
 from truths import flat, well
 
 from harvester.averaging.of_scene import average
-from harvester.engines.steps import knot_spacing
 from harvester.errors import SceneError
+from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 
 
 def test_every_built_in_scene_loads_and_has_finite_parameters():

@@ -7,11 +7,11 @@ import pytest
 from circuits.assembly import assemble
 from harvester.averaging.of_scene import average
 from harvester.command_line import main
-from harvester.estimates.paired import paired_difference
-from harvester.results import with_error
+from harvester.results.paired import paired_difference
+from harvester.results.result import with_error
 from harvester.scene.model import Scene
 from harvester.show.page import report
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 from harvester.studies.comparison import Comparison
 
 EMPTY = {"meta", "img", "br"}

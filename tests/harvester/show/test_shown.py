@@ -5,7 +5,7 @@ import inspect
 import pytest
 
 from harvester.identification.identification import Identification
-from harvester.results import Result
+from harvester.results.result import Result
 from harvester.show.shown import Shown, Tabled
 from harvester.studies.comparison import Comparison
 from harvester.studies.frequency_response import FrequencyResponse

@@ -7,7 +7,7 @@ from harvester.averaging.of_scene import average as average_scene
 from harvester.device import timescales
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 
 
 def assert_as_simulated(scene, names):

@@ -11,7 +11,7 @@ from harvester.averaging.of_scene import averaged_device
 from harvester.device import timescales
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 from harvester.stationary.jumps import slowest_decay_rate
 from harvester.stationary.propagator import Propagator
 

@@ -1,7 +1,7 @@
 import pytest
 
-from harvester.engines.steps import knot_spacing
 from harvester.errors import HarvesterError
+from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
 from harvester.studies.grid import make_grid
 

@@ -10,12 +10,12 @@ from scipy.optimize import minimize_scalar
 from truths import flat, interpolated_linear_means, oscillator_power
 
 from harvester.command_line import main
-from harvester.engines.steps import knot_spacing
 from harvester.errors import HarvesterError, OptimumError
 from harvester.estimates.estimate import Estimate
+from harvester.prepared.steps import knot_spacing
 from harvester.running import open_runner
 from harvester.scene.model import Scene
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 from harvester.studies import optimum_search
 from harvester.studies.axis import Axis
 from harvester.studies.objective import missing_from

@@ -9,8 +9,8 @@ from toy_runner import ToyRunner
 from truths import flat, interpolated_linear_means, oscillator_power
 
 from harvester.command_line import main
-from harvester.engines.steps import knot_spacing
 from harvester.errors import HarvesterError, SimulationError
+from harvester.prepared.steps import knot_spacing
 from harvester.running import open_runner
 from harvester.scene.model import Scene
 from harvester.show import figures

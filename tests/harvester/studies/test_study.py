@@ -14,10 +14,10 @@ from truths import flat, interpolated_linear_means
 
 from harvester.averaging.of_scene import average
 from harvester.command_line import main
-from harvester.engines.steps import knot_spacing
+from harvester.commands.console import show_table
 from harvester.errors import HarvesterError
+from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
-from harvester.show.console import show_table
 from harvester.studies import Report, load_study, save, to_dataset
 from harvester.studies import proof as proof_module
 from harvester.studies.proof import Proof, proving

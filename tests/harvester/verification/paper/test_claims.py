@@ -10,8 +10,8 @@ import pytest
 from truths import flat, interpolated_linear_means
 
 from harvester.command_line import main
-from harvester.engines.steps import knot_spacing
 from harvester.estimates.estimate import Density, Estimate
+from harvester.prepared.steps import knot_spacing
 from harvester.running import Answer, Request, open_runner
 from harvester.scene.model import Scene
 from harvester.verification.paper import claims as module

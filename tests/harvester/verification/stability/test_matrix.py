@@ -8,12 +8,12 @@ from truths import drop_scene, flat
 
 from harvester.command_line import main
 from harvester.device.timescales import fastest_angular_frequency, wells
-from harvester.engines.steps import knot_spacing, steps_per_knot
 from harvester.errors import SceneError
+from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.running import open_runner
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 from harvester.verification.known_results.formulas import rebound_speed
 from harvester.verification.stability import matrix as module
 from harvester.verification.stability.cases import (

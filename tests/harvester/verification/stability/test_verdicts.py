@@ -5,9 +5,6 @@ import math
 
 import pytest
 
-from harvester.engines import circuit, monte_carlo
-from harvester.engines.protocol import ENGINES, Engine
-from harvester.engines.steps import knot_spacing, steps_per_knot
 from harvester.errors import (
     AveragingError,
     HarvesterError,
@@ -16,7 +13,11 @@ from harvester.errors import (
     SimulatorTimeout,
 )
 from harvester.estimates.estimate import Estimate
+from harvester.monte_carlo import engine as monte_carlo
+from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.scene.model import Scene
+from harvester.simulation import circuit
+from harvester.simulation.methods import ENGINES, Engine
 from harvester.verification.stability.answers import CaseAnswer
 from harvester.verification.stability.cases import Case
 from harvester.verification.stability.paths import PathDeviation, path_deviation

@@ -8,10 +8,10 @@ from truths import reference_path as independent_path
 
 from harvester.command_line import main
 from harvester.errors import LoadError, OutOfTime
-from harvester.estimates.paired import paired_difference
+from harvester.results.paired import paired_difference
 from harvester.running import Task, open_runner
 from harvester.scene.model import Scene
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 from harvester.verification.work_precision import measurement, reference_path
 from harvester.verification.work_precision.diagram import MEANS, STATES
 from harvester.verification.work_precision.measurement import work_precision

@@ -4,9 +4,9 @@ import every_command
 import numpy as np
 import pytest
 
-from harvester.engines.realization import run
-from harvester.engines.steps import knot_spacing
+from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
+from harvester.simulation.realization import run
 from harvester.verification.work_precision import reference_path
 
 KNOTS = 120

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from harvester.engines.steps import knot_spacing
+from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
 from harvester.verification.work_precision.throughput import Throughput, measure, ratios, to_dict
 

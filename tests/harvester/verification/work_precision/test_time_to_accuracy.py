@@ -14,7 +14,7 @@ from harvester.running import open_runner
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
 from harvester.show import palette
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 from harvester.verification.work_precision import time_to_accuracy as module
 from harvester.verification.work_precision import timed
 from harvester.verification.work_precision.accuracy import TotalError, bias_of

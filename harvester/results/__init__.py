@@ -1,0 +1,1 @@
+"""What engines and closures return, and how it is written and drawn."""

@@ -1,0 +1,1 @@
+"""`simulate`: realizations by one engine, and what they come to."""
