@@ -7,19 +7,18 @@ import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from circuits import elements
+from circuits import elements, verilog
 from circuits.loads import part_values
 from circuits.loads.expression import ExpressionError, check
 from circuits.loads.load_watch import NOTHING as UNWATCHED
 from circuits.loads.load_watch import Watch, watch_of
 from circuits.loads.measurement import NOTHING, Measurement, measurement_of
-from circuits.ngspice import compiled_device
 from harvester.device import timescales
 from harvester.device.system import speed_held
 from harvester.errors import NetlistError
+from harvester.prepared.paths import start_state
 from harvester.prepared.steps import knot_spacing, steps_per_knot, stop_time
 from harvester.scene.units import scale, setting
-from harvester.simulation.realization import start_state
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -196,7 +195,7 @@ def assemble(
         Vectors that ngspice keeps in its memory; what streams out needs none.
     compiled : bool
         The mechanics and the piezo are one compiled device each, see
-        `circuits.ngspice.compiled_device`.
+        `circuits.verilog`.
     pace : float
         Of the motion's clock, see `circuits.elements.pace_of`.
     named : bool
@@ -223,10 +222,10 @@ def assemble(
         if scene.excitation.prescribes_displacement:
             elements.add_prescribed_displacement(place, rate, scene.excitation, scales, electrical)
         elif compiled:
-            compiled_device.add_device(place)
+            verilog.add_device(place)
         else:
             _add_mechanics(place, system, rate, length, start)
-        parts = compiled_device.left_out(electrical) if compiled else electrical.elements
+        parts = verilog.left_out(electrical) if compiled else electrical.elements
         elements.add_transducer(place, parts, rate, scales, start[2], pace)
         if not scene.excitation.prescribes_displacement:
             elements.add_pace(place, rate, pace, start)
@@ -250,8 +249,8 @@ def assemble(
             circuit.X(f"copy{copy}", "device", circuit.gnd, **values)
         prefixes = tuple(f"xcopy{copy}." for copy in range(len(starts)))
     if compiled:
-        compiled_device.add_model(circuit, system, rate, electrical, scales, pace)
-        compiled_device.add_starts(circuit, zip(prefixes, starts, strict=True))
+        verilog.add_model(circuit, system, rate, electrical, scales, pace)
+        verilog.add_starts(circuit, zip(prefixes, starts, strict=True))
     text = str(circuit)
     _check_expressions(text)
     measured: Any = (electrical.power_unit,) if electrical.current_per_ampere > 0.0 else ()

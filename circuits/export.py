@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
@@ -102,11 +101,11 @@ def stand_alone(
 
 def for_ltspice(
     scene: Scene,
-    path: str | Path,
-    noise_file: str | None,
+    path: ExcitationPath,
+    noise_file: str,
     start: Any = None,
     step: str | float = "default",
-) -> Any:
+) -> tuple[str, str | None]:
     """The same netlist in LTspice's words, with the noise in a file beside it.
 
     Parameters

@@ -15,6 +15,7 @@ import importlib
 # As `typing` has it, which a worker process cannot import yet: see `harvester.workers.isolation`.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from circuits.schematic.drawing import schematic as schematic
     from harvester.averaging.of_scene import average as average
     from harvester.errors import AveragingError as AveragingError
     from harvester.errors import CompiledDeviceUnavailable as CompiledDeviceUnavailable
@@ -45,7 +46,6 @@ if TYPE_CHECKING:
     from harvester.identification.measurement import read_measurement as read_measurement
     from harvester.results.result import Result as Result
     from harvester.scene.model import Scene as Scene
-    from harvester.simulation.circuit import schematic as schematic
     from harvester.simulation.simulate import simulate as simulate
     from harvester.studies import Report as Report
     from harvester.studies import load_study as load_study
@@ -91,7 +91,7 @@ _WHERE = {
     "verify": "harvester.verification.known_results.truth",
     "reproduce": "harvester.verification.paper.reproduce",
     "claims": "harvester.verification.paper.claims",
-    "schematic": "harvester.simulation.circuit",
+    "schematic": "circuits.schematic.drawing",
     "HarvesterError": "harvester.errors",
     "SceneError": "harvester.errors",
     "UnknownOption": "harvester.errors",

@@ -94,4 +94,4 @@ if below:
     )
 else:
     print("This run is too short to show any circuit step's biases below 1 %: lengthen it.")
-figures.draw_work_precision(diagram)
+diagram.figure()

@@ -8,9 +8,9 @@ from kept import kept
 from scipy.integrate import DOP853, quad
 from scipy.optimize import brentq
 
+from harvester.prepared.paths import noise_path, start_state
 from harvester.prepared.steps import knot_spacing
 from harvester.scene.units import scale
-from harvester.simulation.realization import noise_path, start_state
 
 
 class Written:

@@ -17,10 +17,10 @@ from harvester.device.piezo import piezo
 from harvester.device.spring import spring
 from harvester.device.system import Noise, System
 from harvester.monte_carlo.engine import integrate, record_of
+from harvester.prepared.paths import noise_path, start_state
 from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
-from harvester.simulation.realization import noise_path, start_state
 from harvester.verification.known_results.formulas import linear_piezo_power
 
 # One mass and its stoppers alone, v0 held: what `rebound_speed` is the law of.

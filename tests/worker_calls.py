@@ -3,15 +3,16 @@
 import os
 import time
 
+from circuits import verilog
 from circuits.assembly import Netlist, assemble
 from circuits.ngspice import compiled_device
 from circuits.ngspice.session import session
 from harvester.errors import SimulatorAborted
+from harvester.prepared.paths import noise_path, start_state
 from harvester.prepared.steps import steps_per_knot
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
 from harvester.simulation.methods import ENGINES
-from harvester.simulation.realization import noise_path, start_state
 from harvester.verification.work_precision import throughput
 
 
@@ -69,7 +70,7 @@ def run_text(report, text, stop):
 
 
 def load_compiled_device(report):
-    compiled_device.load(session(), compiled_device.module_of(scale(Scene.load("paper"))[0])[1])
+    compiled_device.load(session(), verilog.module_of(scale(Scene.load("paper"))[0])[1])
 
 
 def run_device(report, scene, compiled, copies=1):
@@ -78,7 +79,7 @@ def run_device(report, scene, compiled, copies=1):
 
     parameters, _ = scale(scene)
     if compiled:
-        text = compiled_device.module_of(parameters)[1]
+        text = verilog.module_of(parameters)[1]
         compiled_device.load(session(), text)
         compiled_device.load(session(), text)  # a second time does no harm
     starts = [start_state(scene, index) for index in range(copies)]

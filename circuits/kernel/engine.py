@@ -1,4 +1,4 @@
-"""Monte Carlo of a device with a netlist as load: `harvester.monte_carlo.engine` calls it."""
+"""Monte Carlo of a device with a netlist as load."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from circuits.kernel.stepping import CHATTER, FINE, advance
 from circuits.kernel.tables import Circuit
 from harvester.compilation import numba
 from harvester.device import contact, system, timescales
-from harvester.errors import SimulatorAborted, SolutionDiverged
+from harvester.errors import LoadError, SimulatorAborted, SolutionDiverged
 from harvester.prepared.lines import line_frequency
 from harvester.prepared.steps import (
     CRAWL,
@@ -80,9 +80,15 @@ def run_realizations(
     starts: list[tuple[float, float, float]],
     observers: list[Any],
     step: str | float,
+    source: str,
+    scheme: str = "runge-kutta",
+    tolerance: float | None = None,
+    device: str | None = None,
     outputs: Any = None,
 ) -> dict[str, str | None]:
     """Integrate realizations one by one; see `circuits.ngspice.engine.run_realizations`.
+
+    `source`, `tolerance` and `device` are not used. There is one scheme for netlists.
 
     Returns
     -------
@@ -92,9 +98,11 @@ def run_realizations(
     Raises
     ------
     LoadError
-        The load holds what is not taken.
+        The load holds what is not taken, or another scheme is asked for.
     SimulatorAborted, SolutionDiverged
     """
+    if scheme != "runge-kutta":
+        raise LoadError(f"{scene.name}: --scheme {scheme} is for a resistor as load; leave it out")
     s, scales = scale(scene)
     circuit = circuit_of(scene)
     fixed = steps_per_knot(scene, step, "monte-carlo")

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from PySpice.Spice.NgSpice.Shared import NgSpiceCommandError, NgSpiceShared, ffi
 
-from circuits import elements
+from circuits import elements, verilog
 from circuits.loads.part_values import suspicion
 from circuits.loads.places import file_of, with_places
 from circuits.ngspice import callbacks, compiled_device, messages
@@ -112,7 +112,7 @@ class Session(NgSpiceShared):
         system : harvester.device.system.System
         """
         try:
-            name, text = compiled_device.module_of(system)
+            name, text = verilog.module_of(system)
         except CompiledDeviceUnavailable as reason:
             return str(reason)
         if name not in self._compiled_devices:

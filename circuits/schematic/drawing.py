@@ -22,11 +22,12 @@ from circuits.schematic.symbols import (
     schemdraw_library,
     width,
 )
+from harvester.calling import scene_of
 from harvester.errors import OutputError
 from harvester.files.writing import whole_file
 
 if TYPE_CHECKING:
-    from harvester.scene.model import Scene
+    from harvester.calling import SceneOrName
 
 FORMATS = (".svg", ".png")
 LOAD_SIDE = (elements.OUTPUT, elements.REFERENCE)
@@ -74,23 +75,26 @@ class Schematic:
             file.write(image)
 
 
-def schematic(scene: Scene) -> Schematic:
+def schematic(scene: SceneOrName) -> Schematic:
     """Draw the circuit of a scene: all of its netlist's elements, and no others.
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene, str or Path
+        Itself, its file or its built-in name.
 
     Returns
     -------
     Schematic
+        A notebook shows it; `save(path)` writes it as SVG or PNG.
 
     Raises
     ------
     MissingLibrary
-        schemdraw is not installed.
+        schemdraw, of the extra `schematic`.
     """
     schemdraw_library()
+    scene = scene_of(scene)
     from circuits.assembly import assemble, network
 
     circuit = read_topology(assemble(scene, named=True).text)

@@ -15,9 +15,9 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRe
 from rich.table import Table
 
 from harvester.commands.quiet import is_quiet
+from harvester.commands.shown import Tabled
 from harvester.commands.sketch import densities
 from harvester.files.plain_text import one_line
-from harvester.show.shown import Tabled
 
 # A progress bar that lasts less than this would only flicker.
 SHOW_AFTER_SECONDS = 0.5

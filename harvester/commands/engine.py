@@ -23,9 +23,9 @@ def add(commands: Any) -> None:
 
 def run(options: Namespace) -> None:
     """Carry it out; returns the exit code, or None for 0."""
+    from circuits.ngspice.engine import describe
     from harvester.commands.console import show_engine
     from harvester.files.writing import check_writable, is_standard_output, write_json
-    from harvester.simulation.circuit import describe
     from harvester.workers.process import Worker
 
     if options.json:

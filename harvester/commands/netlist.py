@@ -44,10 +44,10 @@ def add(commands: Any) -> None:
 def run(options: Namespace) -> None:
     """Carry it out; returns the exit code, or None for 0."""
     scene = read_scene(options)
+    from circuits.export import for_ltspice, stand_alone
     from harvester.files.plain_text import name, nearest
     from harvester.files.writing import check_writable, in_folder, is_stream, write_text
-    from harvester.simulation.circuit import for_ltspice, stand_alone
-    from harvester.simulation.realization import noise_path, start_state
+    from harvester.prepared.paths import noise_path, start_state
     from harvester.simulation.simulate import check_step
 
     if options.dialect not in DIALECTS:

@@ -15,9 +15,9 @@ from harvester.errors import HarvesterError
 from harvester.files.plain_text import named, one_line
 
 if TYPE_CHECKING:
+    from harvester.commands.shown import Shown
     from harvester.running.runner import Runner
     from harvester.scene.model import Scene
-    from harvester.show.shown import Shown
 
 STEP_HELP = "default, fine, finest, or the longest step in seconds"
 # Of a list given by its ends.

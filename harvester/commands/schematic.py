@@ -32,8 +32,8 @@ def add(commands: Any) -> None:
 def run(options: Namespace) -> None:
     """Carry it out; returns the exit code, or None for 0."""
     scene = read_scene(options)
+    from circuits.schematic.drawing import schematic
     from harvester.files.writing import in_folder, is_stream, write_text
-    from harvester.simulation.circuit import schematic
 
     drawing = schematic(scene)
     if is_stream(options.output):

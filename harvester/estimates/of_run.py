@@ -20,7 +20,7 @@ from harvester.estimates.measures import without_value
 from harvester.estimates.output_side import estimate_output
 from harvester.estimates.passivity import efficiency_notes, source_notes
 from harvester.estimates.settling import Shortfall, shortfalls, withheld
-from harvester.results.result import unit_of
+from harvester.estimates.units import unit_of
 from harvester.scene.units import scale
 
 if TYPE_CHECKING:
@@ -66,8 +66,8 @@ def run_estimates(
     scene : Scene
     moments : sequence of Moments
     step_error : float
-        Share that the steps may cost, see `harvester.prepared.steps.step_error`: where nothing is by
-        chance it is part of the error.
+        Share that the steps may cost, see `harvester.prepared.steps.step_error`: where nothing is
+        by chance it is part of the error.
 
     Raises
     ------

@@ -11,7 +11,7 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
 
-    from harvester.scene.model import Run
+    from harvester.excitation.run import Run
 
 
 def realization_seed(seed: int, index: int) -> SeedSequence:

@@ -13,7 +13,7 @@ from harvester.excitation.base import Excitation, ExcitationPath
 from harvester.excitation.sine import WITHOUT_CHANCE
 
 if TYPE_CHECKING:
-    from harvester.scene.model import Run
+    from harvester.excitation.run import Run
 
 # A rectifier's switching is resolved, not only the sine.
 KNOTS_PER_CYCLE = 200

@@ -23,7 +23,7 @@ from harvester.files.plain_text import named, nearest
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
 
-    from harvester.scene.model import Run
+    from harvester.excitation.run import Run
 
 UNITS = (*ACCELERATION, "scaled")
 # The band that holds this share of the record's power misses the device if it lies beyond the

@@ -14,7 +14,7 @@ from harvester.errors import SceneError
 from harvester.excitation.base import Excitation, ExcitationPath
 
 if TYPE_CHECKING:
-    from harvester.scene.model import Run
+    from harvester.excitation.run import Run
 
 KNOTS_PER_PERIOD = 40
 # Straight lines through fewer points a period are no sine.

@@ -18,7 +18,7 @@ from harvester.excitation.motion_file import most_samples
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
 
-    from harvester.scene.model import Run
+    from harvester.excitation.run import Run
 
 # Sines repeat together where their ratio is a fraction with at most this denominator, so nearly.
 MOST_REPEATS, SAME_RATIO = 1000, 1e-9

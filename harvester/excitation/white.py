@@ -16,7 +16,7 @@ from harvester.excitation.normals import NormalSequence
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
 
-    from harvester.scene.model import Run
+    from harvester.excitation.run import Run
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from harvester.show.figures import axis_label, draw_density, frame
+from harvester.results.drawing import axis_label, draw_density, frame
 from harvester.show.palette import CIRCUIT, LINES, MONTE_CARLO
 
 if TYPE_CHECKING:

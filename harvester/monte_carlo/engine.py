@@ -1,6 +1,6 @@
 """Monte Carlo reference: the equations themselves on the given noise path, no ngspice.
 
-A resistor as load: Runge–Kutta of fourth order, here. A netlist: `circuits.kernel`.
+For a resistor as load, by Runge–Kutta of fourth order; `circuits.kernel` takes netlists.
 
 Steps land on the noise's knots and on the moments at which a contact begins or ends, so that
 the scheme keeps its order where the force is smooth; in contact the step resolves the contact
@@ -22,7 +22,7 @@ import numpy as np
 
 from harvester.compilation import numba
 from harvester.device import contact
-from harvester.errors import LoadError, SolutionDiverged
+from harvester.errors import SolutionDiverged
 from harvester.monte_carlo.lockstep import Room, advance
 from harvester.prepared.steps import (
     EVEN_STEPS_PER_CONTACT,
@@ -31,16 +31,14 @@ from harvester.prepared.steps import (
     stop_time,
 )
 from harvester.record.moments import Moments
-from harvester.record.record import Record
+from harvester.record.record import Observer, Record
 from harvester.record.several import TOGETHER, SeveralMoments
-from harvester.scene.units import require_mass, scale
-from harvester.simulation import circuit
+from harvester.scene.units import scale
 
 if TYPE_CHECKING:
     from harvester.device.system import System
     from harvester.excitation.base import ExcitationPath
     from harvester.scene.model import Scene
-    from harvester.simulation.realization import Reporter
 
 # Realizations in step with each other: more are hardly faster.
 MOST_TOGETHER = 64
@@ -54,23 +52,8 @@ SCHEMES = {"runge-kutta": "Runge-Kutta 4", "heun": "Heun 2"}
 EXACT_DECAY = "exact decay, order 3"
 
 
-def check(scene: Scene) -> None:
-    """Refuse what Monte Carlo does not take: a motion prescribed, some elements of a load.
-
-    Raises
-    ------
-    LoadError
-    """
-    require_mass(scene, "Monte Carlo")
-    if not scene.load.is_resistor:
-        circuit.check_compiled(scene)
-
-
 def prepare(scene: Scene) -> None:
     """Load the compiled code for a scene's parts, so that it does not count as simulation."""
-    if not scene.load.is_resistor:
-        circuit.prepare_compiled(scene)
-        return
     s, _ = scale(scene)
     tally = SeveralMoments([_unwanted(0.0, 1.0)], 1.0).tally
     room, place = Room.of(s, [(0.0, 0.0, 0.0)], 0), _beginning()
@@ -82,7 +65,7 @@ def run_realizations(
     scene: Scene,
     paths: list[ExcitationPath],
     starts: list[tuple[float, float, float]],
-    observers: list[list[Reporter | Moments]],
+    observers: list[list[Observer]],
     step: str | float,
     source: str,
     scheme: str = "runge-kutta",
@@ -92,8 +75,8 @@ def run_realizations(
 ) -> dict[str, str | None]:
     """Integrate realizations side by side; see `circuits.ngspice.engine.run_realizations`.
 
-    `scheme` is "runge-kutta" or "heun", for a resistor as load. `source`, `tolerance` and `device`
-    are not used: the path is taken as it is, in fixed steps or those that a netlist needs.
+    `scheme` is "runge-kutta" or "heun". `source`, `tolerance`, `device` and `outputs` are not used:
+    the path is taken as it is, in fixed steps, and a resistor has no output side.
 
     Returns
     -------
@@ -103,15 +86,7 @@ def run_realizations(
     Raises
     ------
     SolutionDiverged
-    LoadError
-        Heun's scheme is asked for and the load is a netlist.
     """
-    if not scene.load.is_resistor:
-        if scheme != "runge-kutta":
-            raise LoadError(
-                f"{scene.name}: --scheme {scheme} is for a resistor as load; leave it out"
-            )
-        return circuit.run_compiled(scene, paths, starts, observers, step, outputs)
     s, _ = scale(scene)
     fixed = steps_per_knot(scene, step, "monte-carlo")
     in_contact = steps_per_contact(scene, step, "monte-carlo")

@@ -117,9 +117,9 @@ def advance(
 ) -> None:
     """Integrate until the noise is at its end or a realization has no room for points.
 
-    `heun` as in `harvester.monte_carlo.schemes.one_step`; `edges` are those of the zones; `noise` has
-    shape (knots, blocks, 8). `place`, changed, is the segment between knots, the step in it, how
-    many realizations are stepped apart in it, and the batch under way.
+    `heun` as in `harvester.monte_carlo.schemes.one_step`; `edges` are those of the zones; `noise`
+    has shape (knots, blocks, 8). `place`, changed, is the segment between knots, the step in it,
+    how many realizations are stepped apart in it, and the batch under way.
     """
     free = 1
     while edges[free] < 0.0:

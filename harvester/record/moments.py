@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from circuits.loads.kinds import STATE
 from harvester.compilation import compiled, merged, summing, uncounted
 from harvester.record.jumps import Jumps
-from harvester.record.output_side import STATE, OutputMoments
+from harvester.record.output_side import OutputMoments
 from harvester.record.record import Record, copy_point, part
 
 # Rows of `Moments.integrals`: time integrals of these, and the numbers of two events.

@@ -8,9 +8,10 @@ import numbers
 from typing import Any
 
 from harvester.estimates.estimate import Estimate
+from harvester.estimates.units import SI_UNITS
 from harvester.excitation.spectrum_fit import SpectrumFit
 from harvester.files.plain_text import shown
-from harvester.results.result import SI_UNITS, Result
+from harvester.results.result import Result
 from harvester.scene.model import Scene
 from harvester.scene.units import Scales
 

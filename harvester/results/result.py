@@ -11,29 +11,18 @@ from typing import TYPE_CHECKING, Any
 from harvester.errors import HarvesterError, UnknownQuantity
 from harvester.estimates.estimate import Density, Estimate
 from harvester.estimates.joint_density import JointDensity
+from harvester.estimates.units import unit_of
 from harvester.excitation.spectrum_fit import SpectrumFit
 from harvester.files.plain_text import nearest, one_line, shown
 from harvester.files.writing import finite
 from harvester.record.moments import Moments
 from harvester.record.record import Record
 from harvester.scene.model import Scene
-from harvester.scene.units import UNSCALED, Scales
+from harvester.scene.units import Scales
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from xarray import Dataset
-
-SI_UNITS = {
-    "voltage": "V",
-    "power": "W",
-    "displacement": "m",
-    "velocity": "m/s",
-    "energy": "J",
-    "rate": "1/s",
-    "hourly_rate": "1/h",
-    "time": "s",
-    "1": "1",
-}
 
 
 @dataclass(frozen=True, repr=False)
@@ -64,8 +53,8 @@ class Result:
     step : float or None
         Longest step (s).
     step_error : float or None
-        Share of a mean power that the steps may cost, by `harvester.prepared.steps.step_error`; None
-        where it is not known. It is part of the error bars where nothing is by chance.
+        Share of a mean power that the steps may cost, by `harvester.prepared.steps.step_error`;
+        None where it is not known. It is part of the error bars where nothing is by chance.
     realizations : int
     engine_version : str
     netlist_sha256 : str or None
@@ -264,16 +253,17 @@ class Result:
 
     def figure(self) -> Figure | None:
         """Its densities, and the fit to a record; None where it has neither."""
+        from harvester.results.drawing import draw_result
         from harvester.show import figures
 
-        return figures.drawn(figures.draw_result, self)
+        return figures.drawn(draw_result, self)
 
     def joint_figure(self) -> Figure | None:
         """Its joint density of displacement and velocity; None where it has none."""
-        from harvester.results import joint_drawing as joint_figure
+        from harvester.results import joint_drawing
         from harvester.show import figures
 
-        return figures.drawn(joint_figure.draw, [self])
+        return figures.drawn(joint_drawing.draw, [self])
 
     def __repr__(self) -> str:
         first = next(iter(self.quantities.items()), None)
@@ -309,19 +299,6 @@ class Result:
         if self.netlist_sha256:
             facts.append(f"netlist {self.netlist_sha256[:12]}")
         return facts
-
-
-def unit_of(scene: Scene, dimension: str) -> str:
-    """Unit of a dimension like "voltage^2" in a scene's own units."""
-    base, _, exponent = dimension.partition("^")
-    if base == "1":
-        return "1"
-    if scene.units == "SI" or base in UNSCALED:
-        unit = SI_UNITS[base]
-        unit = f"({unit})" if exponent and "/" in unit else unit
-    else:
-        unit = f"scaled {base}"
-    return f"{unit}^{exponent}" if exponent else unit
 
 
 def with_error(estimate: Estimate) -> str:

@@ -11,7 +11,6 @@ from harvester.estimates.of_run import run_estimates
 from harvester.estimates.settling import unseen_jump
 from harvester.files.plain_text import nearest
 from harvester.files.writing import finite
-from harvester.monte_carlo import engine as monte_carlo
 from harvester.prepared.steps import knot_spacing, step_error
 from harvester.running.realizations import MANY_REALIZATIONS, Realizations, averaging, is_closure
 from harvester.running.task import Wanted
@@ -208,7 +207,7 @@ def answering(
         return (yield from _averaged(request, density or request.density))
     if request.method == "monte-carlo":
         try:
-            monte_carlo.check(request.scene)
+            ENGINES["monte-carlo"].check(request.scene)
         except HarvesterError as error:
             return error
     return (yield from _simulated(request, version, density or request.density))

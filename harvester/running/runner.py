@@ -15,7 +15,6 @@ from harvester.running.progress import Progress
 from harvester.running.request import Answer, Request, answering
 from harvester.running.store import MISSING, Store
 from harvester.running.task import Task, Wanted, compute
-from harvester.simulation.circuit import describe
 from harvester.simulation.simulate import TIME_LIMIT
 from harvester.workers.pools import LOOK_AROUND, ExecutorPool, WorkerPool, lost
 
@@ -136,6 +135,8 @@ class Runner:
         if method != "circuit":
             return ""
         if not self._circuit:
+            from circuits.ngspice.engine import describe
+
             found = self.pool.map(describe, [{}])[0]
             device = "behavioural" if found["compiled_device_off"] else "compiled"
             self._circuit = f"{found['version']}, {device} device"

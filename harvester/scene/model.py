@@ -17,6 +17,7 @@ from harvester.device.terminals import TransducerTable
 from harvester.device.transducer import TRANSDUCERS
 from harvester.errors import SceneError
 from harvester.excitation import KINDS, Excitation, build
+from harvester.excitation.run import Run
 from harvester.files import plain_text
 from harvester.files.plain_text import named, shown
 from harvester.scene.named_values import NamedValues
@@ -25,7 +26,6 @@ from harvester.scene.schema import check_tables
 from harvester.scene.source import BUILT_IN, built_in_names, tables_of
 from harvester.scene.toml import plain_tables
 from harvester.scene.units import scale
-from harvester.simulation import circuit
 
 # Keys that a scene is written without where they hold what they hold without being given.
 RARE_KEYS = ("quadratic_damping", "side", "exponent", "law")
@@ -105,16 +105,6 @@ class Load:
     def is_resistor(self) -> bool:
         """Whether λ describes it: the built-in resistor, or a netlist that holds only one."""
         return self.circuit is None or self.circuit.resistance is not None
-
-
-@dataclass(frozen=True)
-class Run:
-    """Length of each realization and what is discarded before it (s); seed; how many."""
-
-    duration: float
-    settle: float = 0.0
-    seed: int = 0
-    realizations: int = 1
 
 
 def _tables() -> dict[str, tuple[str, Any]]:
@@ -367,9 +357,10 @@ def _folders(folder):
 
 
 def _read_netlist(load, folders):
-    return circuit.read_load(
-        load["netlist"], folders, load.get("subcircuit"), load.get("parameters")
-    )
+    from circuits.loads.subcircuits import find_netlist, read_load
+
+    file = find_netlist(load["netlist"], folders)
+    return read_load(file, load.get("subcircuit"), load.get("parameters"))
 
 
 def _plain(part, kept):

@@ -12,7 +12,7 @@ import numpy as np
 
 from harvester.device import timescales
 from harvester.estimates.batch_means import KNOTS_PER_SAMPLE, batch_counts
-from harvester.excitation import realization_seed
+from harvester.prepared.paths import noise_path, start_state
 from harvester.prepared.steps import knot_spacing, stop_time
 from harvester.record.joint import JointHistogram
 from harvester.record.joint import prepare as prepare_joint
@@ -21,11 +21,10 @@ from harvester.record.moments import Moments
 from harvester.record.moments import prepare as prepare_moments
 from harvester.record.output_side import OutputMoments
 from harvester.record.record import Record
-from harvester.scene.units import scale, setting
+from harvester.scene.units import scale
 from harvester.simulation.methods import ENGINES
 
 if TYPE_CHECKING:
-    from harvester.excitation.base import ExcitationPath
     from harvester.scene.model import Scene
 
 REPORT_SECONDS = 0.25
@@ -98,30 +97,6 @@ class Reporter:
         if now >= self._next:
             self._report(self._moments)
             self._next = now + REPORT_SECONDS
-
-
-def start_state(scene: Scene, index: int) -> tuple[float, float, float]:
-    """(X, X', transducer's state) in which a realization starts, scaled.
-
-    At rest in the wells in turn, beginning on the right, unless the scene says where.
-    """
-    parameters, scales = scale(scene)
-    wells = timescales.wells(parameters)
-    displacement, velocity, state = wells[index % len(wells)], 0.0, 0.0
-    start = scene.start
-    if start:
-        if start.displacement is not None:
-            displacement = start.displacement / scales.displacement
-        velocity = start.velocity / scales.displacement
-        state = start.voltage / scene.transducer.state_unit(setting(scene))
-    return displacement, velocity, state
-
-
-def noise_path(scene: Scene, index: int) -> ExcitationPath:
-    """The excitation of one realization, at its beginning; the same for every engine."""
-    _, scales = scale(scene)
-    seed = realization_seed(scene.run.seed, index)
-    return scene.excitation.path(knot_spacing(scene), scales.displacement, seed)
 
 
 def run(

@@ -20,14 +20,12 @@ from harvester.estimates.joint_density import joint_density as joint_density_of
 from harvester.estimates.of_run import run_estimates
 from harvester.excitation import OrnsteinUhlenbeck
 from harvester.files.plain_text import nearest
-from harvester.monte_carlo import engine as monte_carlo
 from harvester.prepared.steps import STEP_LEVELS, knot_spacing, step_error, steps_per_knot
 from harvester.results.residual_cause import suspected_cause
 from harvester.results.result import Result
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
 from harvester.simulation import side_by_side
-from harvester.simulation.circuit import device_used
 from harvester.simulation.methods import ENGINES
 from harvester.simulation.realization import Realization, run
 from harvester.workers.pools import Workers, processes
@@ -79,7 +77,8 @@ def simulate(
         Circuit only. "external": the path through compiled callbacks. "pwl": as a source in
         the netlist with ngspice's own steps, for comparison.
     scheme : str or None
-        One of the engine's `schemes` (harvester.simulation.methods), for comparison; None: the first.
+        One of the engine's `schemes` (harvester.simulation.methods), for comparison; None: the
+        first.
     tolerance : float or None
         Circuit only: relative tolerance of ngspice's control by the local error, which shortens
         steps below `step`; None: fixed steps, or ngspice's own tolerance for "pwl".
@@ -128,8 +127,7 @@ def simulate(
     step = check_step(step)
     engine = check_name("method", method, ENGINES)
     source = check_name("source", source, SOURCES)
-    if engine == "monte-carlo":
-        monte_carlo.check(scene)
+    ENGINES[engine].check(scene)
     scheme = check_name("scheme", scheme or ENGINES[engine].schemes[0], ENGINES[engine].schemes)
     device = check_name("device", device, DEVICES)
     copies = check_copies(copies, scene, engine, source)
@@ -158,6 +156,8 @@ def _copies_that_pay(scene, engine, device, options, pool):
         return side_by_side.together(count, workers) if scene.load.is_resistor else 1
     if engine != "circuit" or count == 1 or not side_by_side.share_steps(scene, *shared):
         return 1
+    from circuits.ngspice.engine import device_used
+
     (used,) = pool.map(device_used, [{"scene": scene, "device": device}])
     return side_by_side.copies(count, used)
 

@@ -218,15 +218,16 @@ class Comparison:
     def figure(self) -> Figure:
         """Densities by every method, and circuit and Monte Carlo on one path of noise."""
         from harvester.show import figures
+        from harvester.studies.comparison_drawing import draw_comparison
 
-        return figures.drawn(figures.draw_comparison, self)
+        return figures.drawn(draw_comparison, self)
 
     def joint_figure(self) -> Figure | None:
         """p(X, X') of the stationary solver and of Monte Carlo, in the same places and colours."""
-        from harvester.results import joint_drawing as joint_figure
+        from harvester.results import joint_drawing
         from harvester.show import figures
 
-        return figures.drawn(joint_figure.draw, [*self.closures.values(), self.monte_carlo])
+        return figures.drawn(joint_drawing.draw, [*self.closures.values(), self.monte_carlo])
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""

@@ -19,17 +19,18 @@ from harvester.arguments import listed
 from harvester.calling import takes_scene
 from harvester.device import timescales
 from harvester.errors import HarvesterError
+from harvester.estimates.units import SI_UNITS
 from harvester.excitation.sine import KNOTS_PER_PERIOD, Sine, SteppedSine
 from harvester.files.plain_text import json_text
 from harvester.files.tables import xarray_or_say
 from harvester.files.writing import finite
+from harvester.prepared.paths import start_state
 from harvester.prepared.steps import knot_spacing
-from harvester.results.result import SI_UNITS
 from harvester.running import RunnerOptions, Task, open_runner
 from harvester.scene.model import Scene
 from harvester.scene.units import Scales, scale
 from harvester.simulation.methods import ENGINES
-from harvester.simulation.realization import Waveform, start_state
+from harvester.simulation.realization import Waveform
 from harvester.simulation.simulate import check_name, check_step
 
 if TYPE_CHECKING:

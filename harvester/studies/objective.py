@@ -12,7 +12,6 @@ from harvester.averaging import CLOSURES
 from harvester.errors import HarvesterError, LoadError, OutOfTime, SceneError
 from harvester.estimates.batch_means import standard_error
 from harvester.estimates.estimate import Estimate
-from harvester.monte_carlo import engine as monte_carlo
 from harvester.prepared.steps import knot_spacing, resolving
 from harvester.results.paired import deviations, has_deviations
 from harvester.running import Request
@@ -35,13 +34,13 @@ def checked_method(scene: Scene, method: str | None) -> str:
     """
     if method is None:
         try:
-            monte_carlo.check(scene)
+            ENGINES["monte-carlo"].check(scene)
         except LoadError:
             return "circuit"
         return "monte-carlo"
     check_name("method", method, (*ENGINES, *CLOSURES))
     if method == "monte-carlo":
-        monte_carlo.check(scene)
+        ENGINES["monte-carlo"].check(scene)
     elif method != "circuit":
         require_resistor(scene, method)
     return method

@@ -16,7 +16,6 @@ from harvester.errors import HarvesterError
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.output_side import RATIOS
 from harvester.files.writing import finite
-from harvester.monte_carlo import engine as monte_carlo
 from harvester.results.result import with_error
 from harvester.running import Request, RunnerOptions, open_runner
 from harvester.scene.model import Scene
@@ -196,8 +195,7 @@ def optimum(
     load = scene.load.circuit
     check_name("quantity", maximise, (*MAXIMISED, *(RATIOS if load and load.has_output else ())))
     check_name("method", method, ENGINES)
-    if method == "monte-carlo":
-        monte_carlo.check(scene)
+    ENGINES[method].check(scene)
     closure = check_name("closure", closure or DEFAULT_CLOSURE, CLOSURES)
     axis = Axis.of(scene, over, low, high)
     device = _common_knots(scene, axis)

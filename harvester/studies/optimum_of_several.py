@@ -20,8 +20,9 @@ from harvester.arguments import listed, table
 from harvester.calling import takes_scene
 from harvester.errors import HarvesterError, OptimumError
 from harvester.estimates.estimate import Estimate
+from harvester.estimates.units import unit_of
 from harvester.files.writing import finite
-from harvester.results.result import unit_of, with_error
+from harvester.results.result import with_error
 from harvester.running import Request, RunnerOptions, open_runner
 from harvester.scene.model import Scene
 from harvester.simulation.methods import ENGINES

@@ -12,7 +12,8 @@ from harvester.arguments import table
 from harvester.calling import takes_scene
 from harvester.errors import HarvesterError, OutOfTime
 from harvester.estimates.estimate import Estimate
-from harvester.results.result import unit_of, with_error
+from harvester.estimates.units import unit_of
+from harvester.results.result import with_error
 from harvester.running import Request, RunnerOptions, open_runner
 from harvester.scene.model import Scene
 from harvester.studies.devices import devices, parameters

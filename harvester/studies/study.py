@@ -9,7 +9,6 @@ import harvester
 from harvester.averaging import CLOSURES
 from harvester.calling import takes_scene
 from harvester.errors import HarvesterError, LoadError
-from harvester.monte_carlo import engine as monte_carlo
 from harvester.running import RunnerOptions, open_runner
 from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor
@@ -161,7 +160,7 @@ def _method_of(scene, method):
     """What runs a point: where the circuit is judge, it itself what Monte Carlo does not take."""
     if method in (JUDGED, "monte-carlo"):
         try:
-            monte_carlo.check(scene)
+            ENGINES["monte-carlo"].check(scene)
         except LoadError:
             if method != JUDGED:
                 raise

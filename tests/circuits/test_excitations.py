@@ -7,8 +7,8 @@ import pytest
 from scipy import signal
 
 from circuits.export import stand_alone
+from harvester.prepared.paths import noise_path
 from harvester.scene.model import Scene
-from harvester.simulation.realization import noise_path
 from harvester.simulation.simulate import simulate
 from harvester.studies.comparison import Comparison
 

@@ -9,9 +9,9 @@ from truths import contact_force, flat
 from circuits.export import stand_alone
 from circuits.ngspice.library import candidates
 from harvester.errors import NetlistError
+from harvester.prepared.paths import noise_path
 from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
-from harvester.simulation.realization import noise_path
 from harvester.simulation.simulate import simulate
 from harvester.verification.known_results.simulators import read_raw
 from harvester.workers.pools import WorkerPool

@@ -10,8 +10,8 @@ from circuits.loads.subcircuits import load_names
 from circuits.ltspice import FUNCTIONS, to_ltspice, translate
 from harvester.command_line import main
 from harvester.errors import NetlistError
+from harvester.prepared.paths import noise_path
 from harvester.scene.model import Scene
-from harvester.simulation.realization import noise_path
 
 # What LTspice's help says its functions do, as Python.
 MEANING = {

@@ -7,8 +7,8 @@ from device_truths import written_path
 from truths import Keep
 
 from harvester.monte_carlo.engine import run_realizations
+from harvester.prepared.paths import noise_path, start_state
 from harvester.prepared.steps import knot_spacing, stop_time
-from harvester.simulation.realization import noise_path, start_state
 from harvester.simulation.simulate import simulate
 
 SEEDS = (1, 8, 9, 11, 12)

@@ -14,9 +14,9 @@ from circuits.schematic.drawing import schematic
 from harvester.averaging.of_scene import average
 from harvester.device.transducer import TRANSDUCERS
 from harvester.errors import AveragingError, SceneError
+from harvester.prepared.paths import noise_path
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
-from harvester.simulation.realization import noise_path
 from harvester.simulation.simulate import simulate
 
 MASS, DAMPING, STIFFNESS = 0.02, 0.05, 120.0

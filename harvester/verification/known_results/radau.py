@@ -7,9 +7,9 @@ C (o' − r') = i1 + i2 − (o − r)/R,  (C + s) r' − C o' = −i3 − i4 + (
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from harvester.prepared.paths import noise_path, start_state
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
-from harvester.simulation.realization import noise_path, start_state
 
 # 1N4148, of netlists/diodes.lib: saturation current (A), series resistance and leakage (ohm).
 SATURATION, SERIES, LEAKAGE = 2.52e-9, 0.568, 0.9e9

@@ -11,13 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
+from circuits.export import stand_alone
 from harvester.errors import ProgramNotFound, SimulationError
 from harvester.files.temporary import TemporaryFolder
+from harvester.prepared.paths import noise_path, start_state
 from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
-from harvester.simulation.circuit import stand_alone
-from harvester.simulation.realization import noise_path, start_state
 
 TOLERANCE = 1e-6
 # Of one run (s); it takes less than one.

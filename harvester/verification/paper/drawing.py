@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.averaging import CLOSURES
-from harvester.show.figures import WORTH_DRAWING, drawn
+from harvester.results.drawing import WORTH_DRAWING
+from harvester.show.figures import drawn
 from harvester.verification.paper.figures_list import SYMBOLS
 from harvester.verification.paper.orbit_maps import FrequencyResponse, Surfaces
 from harvester.verification.paper.reproduce import Reproduction, answered

@@ -12,7 +12,6 @@ from harvester.averaging import CLOSURES, average
 from harvester.averaging.of_scene import averaged_device, estimates_of
 from harvester.estimates.balance import energy_balance_residual
 from harvester.estimates.means import estimate_all
-from harvester.monte_carlo import engine as monte_carlo
 from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.running.codec import register
 from harvester.scene.model import Scene
@@ -80,8 +79,7 @@ def answer(scene: Scene, method: str, step: str | float, report: Callable) -> Ca
 
 
 def _simulated(scene, engine, step):
-    if engine == "monte-carlo":
-        monte_carlo.check(scene)
+    ENGINES[engine].check(scene)
     path, realizations = path_deviation(scene, engine, step)
     estimates, settled = {}, True
     if engine == "monte-carlo":

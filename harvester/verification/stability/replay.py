@@ -14,11 +14,11 @@ from scipy.integrate import cumulative_trapezoid
 from harvester.device import spring as springs
 from harvester.device.piezo import Piezo
 from harvester.device.system import elastic_force
+from harvester.prepared.paths import noise_path, start_state
 from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.record.record import Record
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
-from harvester.simulation.realization import noise_path, start_state
 
 # Steps of the integrator for each of the engine's, and with stoppers: it has none of their own.
 FINER, FINER_IN_CONTACT = 2, 8

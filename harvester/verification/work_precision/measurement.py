@@ -12,6 +12,7 @@ from typing import Any, Unpack
 
 import numpy as np
 
+from circuits.kernel.engine import circuit_of
 from harvester.calling import takes_scene
 from harvester.device import timescales
 from harvester.errors import HarvesterError, OutOfTime
@@ -21,7 +22,6 @@ from harvester.running import Request, RunnerOptions, Task, open_runner
 from harvester.running.request import OUT_OF_TIME, good_ones, told
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
-from harvester.simulation.circuit import check_compiled
 from harvester.simulation.realization import run
 from harvester.simulation.simulate import require_noise
 from harvester.verification.work_precision import throughput
@@ -146,7 +146,7 @@ def _has_load(scene):
     """
     if scene.load.is_resistor:
         return False
-    check_compiled(scene)
+    circuit_of(scene)
     return True
 
 

@@ -16,10 +16,10 @@ from harvester.device.coil import Coil, ResistiveCoil
 from harvester.device.hertz import HertzDamp
 from harvester.device.piezo import Piezo
 from harvester.errors import SceneError
+from harvester.prepared.paths import noise_path, start_state
 from harvester.prepared.steps import knot_spacing, stop_time
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
-from harvester.simulation.realization import noise_path, start_state
 
 RELATIVE_TOLERANCE, ABSOLUTE_TOLERANCE = 3e-14, 1e-15
 

@@ -15,10 +15,10 @@ from scipy.optimize import minimize
 from scipy.special import erfc
 
 from circuits.kernel.engine import circuit_of, integrate
+from harvester.prepared.paths import noise_path, start_state
 from harvester.prepared.steps import steps_per_knot, stop_time
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
-from harvester.simulation.realization import noise_path, start_state
 
 
 def scene_of(coupling, capacitance, damping, excitation, load, run):

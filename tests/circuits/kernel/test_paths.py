@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from circuits.kernel.engine import circuit_of, integrate
+from harvester.prepared.paths import noise_path, start_state
 from harvester.prepared.steps import steps_per_knot, stop_time
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
-from harvester.simulation.realization import noise_path, start_state
 from harvester.simulation.simulate import simulate
 
 SHORT = ["run.duration=0.8", "run.settle=0", "run.realizations=1"]

@@ -5,9 +5,9 @@ import pytest
 from circuits.kernel import engine
 from circuits.kernel.assembly import build
 from harvester.errors import LoadError, NetlistError, SimulatorAborted
+from harvester.prepared.paths import noise_path, start_state
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
-from harvester.simulation.realization import noise_path, start_state
 from harvester.simulation.simulate import simulate
 
 AROUND = "* a load\n.subckt load p n out ref\nR1 out ref 100k\n{}\n.ends\n"

@@ -11,9 +11,9 @@ from circuits.assembly import assemble
 from circuits.export import stand_alone
 from harvester.averaging.of_scene import average
 from harvester.errors import LoadError, NetlistError
+from harvester.prepared.paths import noise_path
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
-from harvester.simulation.realization import noise_path
 from harvester.simulation.simulate import simulate
 
 SHORT = ["run.duration=2", "run.settle=0", "run.realizations=1"]

@@ -234,7 +234,7 @@ def test_copies_in_one_netlist_and_two_shapes_in_one_process(loaded):
 
 
 def shape(name, *overrides):
-    return compiled_device.module_of(scale(Scene.load(name, overrides))[0])
+    return verilog.module_of(scale(Scene.load(name, overrides))[0])
 
 
 @pytest.mark.parametrize(

@@ -7,9 +7,9 @@ from device_truths import written_path
 from truths import Keep
 
 from harvester.monte_carlo.engine import run_realizations
+from harvester.prepared.paths import noise_path, start_state
 from harvester.prepared.steps import knot_spacing, stop_time
 from harvester.scene.units import scale
-from harvester.simulation.realization import noise_path, start_state
 
 
 def deviation(scene, states, reference):

@@ -11,9 +11,9 @@ from harvester.device.keys import positive
 from harvester.errors import AveragingError, HarvesterError, SceneError
 from harvester.excitation import KINDS, Excitation, White, realization_seed
 from harvester.excitation.white import WhitePath
+from harvester.prepared.paths import noise_path
 from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
-from harvester.simulation.realization import noise_path
 from harvester.simulation.simulate import simulate
 
 OU = {"kind": "ornstein-uhlenbeck", "intensity": 0.02, "correlation_time": 0.4}

@@ -6,8 +6,8 @@ from truths import Keep, flat, records_of
 
 from harvester.errors import SceneError
 from harvester.excitation import conditioning
+from harvester.prepared.paths import noise_path
 from harvester.scene.model import Scene
-from harvester.simulation.realization import noise_path
 from harvester.simulation.simulate import simulate
 
 RATE = 100.0

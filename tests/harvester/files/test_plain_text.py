@@ -9,10 +9,11 @@ from circuits.schematic.drawing import schematic
 from harvester.averaging.of_scene import average
 from harvester.command_line import main
 from harvester.files.plain_text import json_text, name, one_line
+from harvester.prepared.paths import noise_path
+from harvester.results.drawing import draw_result
 from harvester.scene.model import Scene
 from harvester.scene.source import BUILT_IN
 from harvester.show import figures
-from harvester.simulation.realization import noise_path
 from harvester.studies.grid import make_grid
 
 LINEAR = (BUILT_IN / "linear.toml").read_text()
@@ -108,9 +109,9 @@ def test_schematics_and_studies_take_names(tmp_path):
 
 def test_figures_believe_no_matplotlibrc(tmp_path, monkeypatch):
     result = average(Scene.load("linear"), method="paper")
-    plain = figures.picture(figures.draw_result, result, "png")
+    plain = figures.picture(draw_result, result, "png")
     import matplotlib
 
     with matplotlib.rc_context({"font.size": 40, "text.usetex": True}):
-        assert figures.picture(figures.draw_result, result, "png") == plain
+        assert figures.picture(draw_result, result, "png") == plain
         assert schematic(result.scene).image(".png")

@@ -8,10 +8,10 @@ from truths import Keep, drop_scene, flat, records_of, reference_path
 from harvester.errors import SolutionDiverged
 from harvester.excitation import NoisePath
 from harvester.monte_carlo.engine import integrate, record_of
+from harvester.prepared.paths import noise_path, start_state
 from harvester.record.moments import Moments
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
-from harvester.simulation.realization import noise_path, start_state
 from harvester.verification.known_results.formulas import rebound_speed
 
 

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from harvester.monte_carlo.engine import integrate, record_of
+from harvester.prepared.paths import noise_path, start_state
 from harvester.prepared.steps import knot_spacing, stop_time
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
-from harvester.simulation.realization import empty_moments, noise_path, start_state
+from harvester.simulation.realization import empty_moments
 
 REALIZATIONS = 11  # a block of eight and a part of one
 KNOTS = 6144  # 24 batches of whole knots: a contact's points then lie in one of them

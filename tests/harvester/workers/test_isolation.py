@@ -7,9 +7,9 @@ import sys
 import pytest
 import worker_calls
 
+from circuits.ngspice.engine import describe
 from circuits.ngspice.library import code_models, find_library, no_initialisation_files
 from harvester.scene.model import Scene
-from harvester.simulation.circuit import describe
 from harvester.workers import isolation
 from harvester.workers.process import Worker
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
+
+from harvester.show.page import Verdict
 
 if TYPE_CHECKING:
     from harvester.studies.comparison import Comparison
@@ -20,13 +22,6 @@ LIMITS = {
     "consistent": "it is for motion inside a well and misses the slow part of the voltage after "
     "a jump between wells",
 }
-
-
-class Verdict(NamedTuple):
-    """A sentence, and whether it is good news; None where it is neither."""
-
-    text: str
-    good: bool | None = None
 
 
 def verdicts(comparison: Comparison) -> list[Verdict]:

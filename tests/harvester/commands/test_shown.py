@@ -4,9 +4,9 @@ import inspect
 
 import pytest
 
+from harvester.commands.shown import Shown, Tabled
 from harvester.identification.identification import Identification
 from harvester.results.result import Result
-from harvester.show.shown import Shown, Tabled
 from harvester.studies.comparison import Comparison
 from harvester.studies.frequency_response import FrequencyResponse
 from harvester.studies.optimum import Optimum

@@ -3,8 +3,8 @@ from types import SimpleNamespace
 import pytest
 
 from harvester.estimates.estimate import Estimate
-from harvester.show.verdicts import verdicts
 from harvester.studies.comparison import Comparison
+from harvester.studies.comparison_verdicts import verdicts
 
 NAMES = {
     "mean_square_voltage": 1.0,

@@ -10,9 +10,9 @@ from harvester.command_line import main
 from harvester.results.paired import paired_difference
 from harvester.results.result import with_error
 from harvester.scene.model import Scene
-from harvester.show.page import report
 from harvester.simulation.simulate import simulate
 from harvester.studies.comparison import Comparison
+from harvester.studies.comparison_report import report
 
 EMPTY = {"meta", "img", "br"}
 
