@@ -12,6 +12,8 @@ Functions take a scene, its file or its built-in name, and everything else by ke
 
 import importlib
 
+from harvester.version import __version__
+
 # As `typing` has it, which a worker process cannot import yet: see `harvester.workers.isolation`.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -63,8 +65,6 @@ if TYPE_CHECKING:
     from harvester.verification.work_precision.time_to_accuracy import (
         time_to_accuracy as time_to_accuracy,
     )
-
-__version__ = "0.1.0"
 
 # The same again, imported where it is first used, so that `import harvester` stays light.
 _WHERE = {

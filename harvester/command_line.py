@@ -7,7 +7,6 @@ import sys
 import warnings
 from typing import Any, NoReturn
 
-from harvester import __version__
 from harvester.commands import (
     average,
     cite,
@@ -35,6 +34,7 @@ from harvester.commands.quiet import quiet
 from harvester.errors import EngineNotFound, HarvesterError, SimulationError
 from harvester.files.plain_text import nearest, one_line
 from harvester.files.streams import guarded_streams
+from harvester.version import __version__
 
 COMMANDS = (
     new,

@@ -11,8 +11,8 @@ from importlib import resources
 from string import Template
 from typing import NamedTuple
 
-from harvester import __version__
 from harvester.files.plain_text import one_line
+from harvester.version import __version__
 
 # Below these widths a picture scrolls in its frame instead of becoming unreadable.
 NARROWEST_FIGURE, NARROWEST_SCHEMATIC = "36rem", "64rem"

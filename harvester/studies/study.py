@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Unpack
 
-import harvester
 from harvester.averaging import CLOSURES
 from harvester.calling import takes_scene
 from harvester.errors import HarvesterError, LoadError
@@ -18,6 +17,7 @@ from harvester.studies.evaluation import Evaluation
 from harvester.studies.grid import Grid, make_grid
 from harvester.studies.point import MOST_REALIZATIONS, Point
 from harvester.studies.proof import Proof, places_to_prove, proving
+from harvester.version import __version__
 
 # Measured time of a realization over its settling: a fifth of the run is then spent on settling.
 DURATION_OVER_SETTLE = 4.0
@@ -144,7 +144,7 @@ def load_study(
         grid=grid,
         method=method,
         methods=methods,
-        version=", ".join(filter(None, (f"harvester {harvester.__version__}", version))),
+        version=", ".join(filter(None, (f"harvester {__version__}", version))),
         precision=precision,
         evaluations=evaluations,
         proofs=proofs,

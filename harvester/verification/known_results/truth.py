@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Unpack
 
-from harvester import __version__
 from harvester.arguments import checked_options, usual_arithmetic
 from harvester.errors import HarvesterError, ProgramNotFound
 from harvester.files.tables import markdown_table
@@ -15,6 +14,7 @@ from harvester.files.writing import finite
 from harvester.running import Request, RunnerOptions, open_runner
 from harvester.running.request import told
 from harvester.running.task import Task
+from harvester.version import __version__
 
 # Standard errors within which a method agrees; by chance one agreement in 370 is missed.
 AGREEING_SIGMAS = 3.0
