@@ -10,7 +10,7 @@ from harvester.estimates.estimate import Density, Estimate
 from harvester.estimates.of_run import run_estimates
 from harvester.estimates.settling import unseen_jump
 from harvester.files.plain_text import nearest
-from harvester.files.writing import finite
+from harvester.files.serialising import plain
 from harvester.prepared.steps import knot_spacing, step_error
 from harvester.running.realizations import MANY_REALIZATIONS, Realizations, averaging, is_closure
 from harvester.running.task import Wanted
@@ -160,10 +160,10 @@ class Answer:
     def to_dict(self) -> dict:
         """Plain values for JSON."""
         content = {
-            "quantities": {name: each.to_dict() for name, each in self.quantities.items()},
+            "quantities": self.quantities,
             "seconds": self.seconds,
             "outcome": self.outcome,
-            "notes": list(self.notes),
+            "notes": self.notes,
         }
         if self.simulated_time > 0.0:
             content |= {
@@ -171,17 +171,16 @@ class Answer:
                 "seed": self.scene.run.seed,
                 "realizations": self.realizations,
                 "knot_spacing": knot_spacing(self.scene),
-                "energy_balance_residual": finite(self.energy_balance_residual),
+                "energy_balance_residual": self.energy_balance_residual,
                 "misses_jumps": self.misses_jumps,
             }
         if self.density is not None:
-            error = self.density.standard_error
             content["density"] = {
-                "displacement": self.density.centre.tolist(),
-                "density": self.density.density.tolist(),
-                "standard_error": None if error is None else error.tolist(),
+                "displacement": self.density.centre,
+                "density": self.density.density,
+                "standard_error": self.density.standard_error,
             }
-        return content
+        return plain(content)
 
 
 def answering(
