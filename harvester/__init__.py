@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from harvester.studies.comparison import validate as validate
     from harvester.studies.frequency_response import frequency_response as frequency_response
     from harvester.studies.optimum import optimum as optimum
-    from harvester.studies.optimum_of_several import optimum_of_several as optimum_of_several
+    from harvester.studies.optimum.several import optimum_of_several as optimum_of_several
     from harvester.studies.sensitivity import sensitivity as sensitivity
     from harvester.verification.known_results.truth import verify as verify
     from harvester.verification.paper.claims import claims as claims
@@ -79,7 +79,7 @@ _WHERE = {
     "Report": "harvester.studies",
     "save": "harvester.studies",
     "optimum": "harvester.studies.optimum",
-    "optimum_of_several": "harvester.studies.optimum_of_several",
+    "optimum_of_several": "harvester.studies.optimum.several",
     "sensitivity": "harvester.studies.sensitivity",
     "identify": "harvester.identification.identify",
     "Measurement": "harvester.identification.measurement",

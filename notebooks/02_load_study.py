@@ -28,7 +28,7 @@ import numpy as np
 import harvester
 from harvester.show import figures
 from harvester.studies import Report
-from harvester.studies.drawing import draw_power
+from harvester.studies.loads.drawing import draw_power
 
 plt.style.use(figures.STYLE)
 

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 from harvester.running import open_runner
 from harvester.scene.model import Scene
-from harvester.studies import Report, load_study, optimum_search
+from harvester.studies import Report, load_study
 from harvester.studies.frequency_response import frequency_response
-from harvester.studies.optimum import optimum
-from harvester.studies.optimum_of_several import optimum_of_several
+from harvester.studies.optimum import line, optimum
+from harvester.studies.optimum.several import optimum_of_several
 from harvester.studies.sensitivity import sensitivity
 from harvester.verification.paper import claims, reproduce, runs
 from harvester.verification.paper.claim_tests import Trend
@@ -71,7 +71,7 @@ def tolerances(**options):
 
 def maximum(**options):
     """The best load of a linear device, and the best load and noise."""
-    optimum_search.SCANNED, optimum_search.REFINED = 9, 5
+    line.SCANNED, line.REFINED = 9, 5
     one = optimum(
         BRIEF, "load.decay_rate", maximise="mean_power", closure="consistent", **options
     ).to_dict()

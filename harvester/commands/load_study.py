@@ -61,8 +61,8 @@ def run(options: Namespace) -> int:
     from harvester.files.tables import xarray_or_say
     from harvester.files.writing import in_folder
     from harvester.studies import Report, load_study, save
-    from harvester.studies.files import FILES
-    from harvester.studies.study import TIME_BUDGET
+    from harvester.studies.loads.files import FILES
+    from harvester.studies.loads.study import TIME_BUDGET
 
     if options.output:
         xarray_or_say()

@@ -101,7 +101,7 @@ def _of_one(scene, over, options, runner, follow):
 
 
 def _of_several(scene, over, options, runner, follow):
-    from harvester.studies.optimum_of_several import optimum_of_several
+    from harvester.studies.optimum.several import optimum_of_several
 
     if options.closure is not None:
         raise HarvesterError("--closure: is for one parameter; over several use --method")

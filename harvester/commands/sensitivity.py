@@ -109,7 +109,7 @@ def _distributions(texts):
 def _save(study, folder):
     from harvester.files.writing import in_folder, write_json, write_text
     from harvester.show import figures
-    from harvester.studies import sensitivity_drawing
+    from harvester.studies.sensitivity import drawing as sensitivity_drawing
 
     content, table, tornado, distribution = (in_folder(folder, file) for file in FILES)
     write_json(content, study.to_dict())

@@ -54,7 +54,7 @@ def run(options: Namespace) -> None:
         deliver(options, name, comparison, "one scene, the same noise")
     finally:
         if options.report:
-            from harvester.studies.comparison_report import report
+            from harvester.studies.comparison.report import report
 
             write_text(options.report, report(comparison))
             say(f"written: {options.report}")

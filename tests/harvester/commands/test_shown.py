@@ -9,9 +9,9 @@ from harvester.identification.identification import Identification
 from harvester.results.result import Result
 from harvester.studies.comparison import Comparison
 from harvester.studies.frequency_response import FrequencyResponse
+from harvester.studies.loads.outcome import Report
 from harvester.studies.optimum import Optimum
-from harvester.studies.optimum_of_several import OptimumOfSeveral
-from harvester.studies.outcome import Report
+from harvester.studies.optimum.several import OptimumOfSeveral
 from harvester.studies.sensitivity import Sensitivity
 from harvester.verification.known_results.truth import Verification
 from harvester.verification.paper import orbit_maps

@@ -14,7 +14,7 @@ from harvester.prepared.steps import knot_spacing
 from harvester.running import open_runner
 from harvester.scene.model import Scene
 from harvester.show import figures
-from harvester.studies import sensitivity_drawing
+from harvester.studies.sensitivity import drawing as sensitivity_drawing
 from harvester.studies.sensitivity import sensitivity
 
 PAPER = Scene.load("paper")

@@ -19,8 +19,8 @@ from harvester.errors import HarvesterError
 from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
 from harvester.studies import Report, load_study, save, to_dataset
-from harvester.studies import proof as proof_module
-from harvester.studies.proof import Proof, proving
+from harvester.studies.loads import proof as proof_module
+from harvester.studies.loads.proof import Proof, proving
 
 RESISTANCE = "load.parameters.resistance"
 BRIEF = {"run.duration": 20.0, "run.settle": 5.0}

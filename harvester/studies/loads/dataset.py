@@ -11,12 +11,12 @@ from harvester.estimates.units import unit_of
 from harvester.files.plain_text import json_text
 from harvester.files.tables import xarray_or_say
 from harvester.record.record import Record
-from harvester.studies.evaluation import WAVEFORM
+from harvester.studies.loads.evaluation import WAVEFORM
 
 if TYPE_CHECKING:
     from xarray import Dataset
 
-    from harvester.studies.outcome import Report
+    from harvester.studies.loads.outcome import Report
 
 
 def to_dataset(report: Report) -> Dataset:
@@ -24,7 +24,7 @@ def to_dataset(report: Report) -> Dataset:
 
     Parameters
     ----------
-    report : harvester.studies.outcome.Report
+    report : harvester.studies.loads.outcome.Report
 
     Returns
     -------

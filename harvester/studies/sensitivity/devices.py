@@ -7,9 +7,9 @@ import numpy as np
 
 from harvester.errors import HarvesterError, SceneError
 from harvester.scene.model import Scene
-from harvester.studies.joint_tolerance import Direction
-from harvester.studies.objective import on_common_knots
-from harvester.studies.tolerances import Tolerance
+from harvester.studies.optimum.objective import on_common_knots
+from harvester.studies.sensitivity.joint_tolerance import Direction
+from harvester.studies.sensitivity.tolerances import Tolerance
 
 
 def parameters(tolerances: Sequence[Tolerance | Direction], shares: np.ndarray) -> dict[str, float]:
@@ -35,7 +35,7 @@ def devices(
     scene : Scene
     tolerances : sequence of Tolerance or Direction
     shares : ndarray, shape (rows, devices, parameters)
-        See `harvester.studies.sobol.design`.
+        See `harvester.studies.sensitivity.sobol.design`.
     replicates : int
         Each has its part of the realizations, on noise that is a row's own.
 

@@ -218,7 +218,7 @@ class Comparison:
     def figure(self) -> Figure:
         """Densities by every method, and circuit and Monte Carlo on one path of noise."""
         from harvester.show import figures
-        from harvester.studies.comparison_drawing import draw_comparison
+        from harvester.studies.comparison.drawing import draw_comparison
 
         return figures.drawn(draw_comparison, self)
 

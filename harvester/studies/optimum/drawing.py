@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from harvester.studies.optimum_of_several import OptimumOfSeveral
+    from harvester.studies.optimum.several import OptimumOfSeveral
 
 # Panels in one row.
 COLUMNS = 3
@@ -45,7 +45,7 @@ def draw(found: OptimumOfSeveral) -> Figure:
 
 
 def _draw_parameter(axes, found, each):
-    from harvester.studies.flat_region import FLAT_SHARE
+    from harvester.studies.optimum.flat_region import FLAT_SHARE
 
     key = each.axis.key
     axes.plot(

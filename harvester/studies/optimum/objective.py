@@ -20,7 +20,7 @@ from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor, scale
 from harvester.simulation.methods import ENGINES
 from harvester.simulation.simulate import check_name
-from harvester.studies.axis import Axis
+from harvester.studies.optimum.axis import Axis
 
 
 def checked_method(scene: Scene, method: str | None) -> str:

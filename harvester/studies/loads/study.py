@@ -13,10 +13,10 @@ from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor
 from harvester.simulation.methods import ENGINES
 from harvester.simulation.simulate import check_name, check_step, require_noise
-from harvester.studies.evaluation import Evaluation
 from harvester.studies.grid import Grid, make_grid
-from harvester.studies.point import MOST_REALIZATIONS, Point
-from harvester.studies.proof import Proof, places_to_prove, proving
+from harvester.studies.loads.evaluation import Evaluation
+from harvester.studies.loads.point import MOST_REALIZATIONS, Point
+from harvester.studies.loads.proof import Proof, places_to_prove, proving
 from harvester.version import __version__
 
 # Measured time of a realization over its settling: a fifth of the run is then spent on settling.
@@ -96,7 +96,7 @@ def load_study(
         "table.key" to values; several make a grid.
     method : str
         "judged": Monte Carlo, and at some places the circuit on the same noise, see
-        `harvester.studies.proof`; a load that only the circuit takes is run by it alone.
+        `harvester.studies.loads.proof`; a load that only the circuit takes is run by it alone.
         "monte-carlo" or "circuit" alone; where the load is a resistor also a closure.
     precision : float or None
         Relative standard error of the output power that each point is run for; None: the

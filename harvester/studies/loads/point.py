@@ -9,7 +9,7 @@ from harvester.running.realizations import Realizations, averaging, is_closure
 from harvester.running.request import FIRST_REALIZATIONS, good_ones, next_count
 from harvester.running.task import Wanted
 from harvester.scene.model import Scene
-from harvester.studies.evaluation import Evaluation, evaluate
+from harvester.studies.loads.evaluation import Evaluation, evaluate
 
 # With a precision, of one point.
 MOST_REALIZATIONS = 4000

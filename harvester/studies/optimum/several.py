@@ -26,9 +26,9 @@ from harvester.results.result import with_error
 from harvester.running import Request, RunnerOptions, open_runner
 from harvester.scene.model import Scene
 from harvester.simulation.methods import ENGINES
-from harvester.studies.axis import Axis
-from harvester.studies.flat_region import FLAT_SHARE, NARROW, climb, ranges
-from harvester.studies.objective import (
+from harvester.studies.optimum.axis import Axis
+from harvester.studies.optimum.flat_region import FLAT_SHARE, NARROW, climb, ranges
+from harvester.studies.optimum.objective import (
     Objective,
     check_quantity,
     checked_method,
@@ -36,7 +36,7 @@ from harvester.studies.objective import (
     is_noisy,
     missing_from,
 )
-from harvester.studies.proposals import BATCH, Proposals
+from harvester.studies.optimum.proposals import BATCH, Proposals
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -175,7 +175,7 @@ class OptimumOfSeveral:
     def figure(self) -> Figure:
         """Every place proposed over each parameter, the maximum, and how far it is flat."""
         from harvester.show import figures
-        from harvester.studies.optimum_drawing import draw
+        from harvester.studies.optimum.drawing import draw
 
         return figures.drawn(draw, self)
 

@@ -58,7 +58,7 @@ def _engines(comparison):
     name, share = next(iter(comparison.significant.items()))
     by = f"the {_words(name)} differs by {abs(share):.2%}, {known[name]:.1f} standard errors"
     if comparison.agree:
-        from harvester.studies.comparison import AGREEING_SHARE
+        from harvester.studies.comparison.comparison import AGREEING_SHARE
 
         return Verdict(
             f"Circuit and Monte Carlo agree within {AGREEING_SHARE:.0%}: {by}{tail}.", True

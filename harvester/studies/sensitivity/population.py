@@ -4,7 +4,7 @@ What is measured of a device is blurred by the noise of its run. The blur widens
 and moves devices over the limit, more of them from where there are more. It is taken out twice:
 
 - the devices' values are drawn together about their mean until their variance is that without the
-  noise (`harvester.studies.sobol`), so that spread and quantiles are those of the devices;
+  noise (`harvester.studies.sensitivity.sobol`), so that spread and quantiles are those of the devices;
 - the share above a limit changes in proportion to the variance of the noise while that is small.
   The mean of two replicates has half the variance of one, so that twice the share among the means
   less the share among single replicates is the share without noise (Richardson's extrapolation;
@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
-from harvester.studies.sobol import CONFIDENCE, Interval, interval, product
+from harvester.studies.sensitivity.sobol import CONFIDENCE, Interval, interval, product
 
 QUANTILES = (0.05, 0.5, 0.95)
 RESAMPLES = 1000
@@ -69,7 +69,7 @@ def population(values: np.ndarray, variance: Interval, seed: int) -> Population:
     values : ndarray, shape (replicates, rows, devices in a row)
         Rows are independent of each other.
     variance : Interval
-        Without noise, from `harvester.studies.sobol.indices`.
+        Without noise, from `harvester.studies.sensitivity.sobol.indices`.
     seed : int
         Of the resampling.
     """

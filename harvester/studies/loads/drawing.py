@@ -14,7 +14,7 @@ from harvester.record.record import Record
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from harvester.studies.outcome import Report
+    from harvester.studies.loads.outcome import Report
 
 MARKERS = "osD^vP*X"
 # Panels in one row, and cycles of small oscillations in a waveform.

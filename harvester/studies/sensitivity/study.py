@@ -16,10 +16,7 @@ from harvester.estimates.units import unit_of
 from harvester.results.result import with_error
 from harvester.running import Request, RunnerOptions, open_runner
 from harvester.scene.model import Scene
-from harvester.studies.devices import devices, parameters
-from harvester.studies.effects import ENDS, effects
-from harvester.studies.joint_tolerance import directions
-from harvester.studies.objective import (
+from harvester.studies.optimum.objective import (
     check_quantity,
     checked_method,
     first_answer,
@@ -29,9 +26,12 @@ from harvester.studies.objective import (
     told,
     value_of,
 )
-from harvester.studies.population import Population, Yield, population, share_above
-from harvester.studies.sobol import Indices, design, indices
-from harvester.studies.tolerances import tolerance
+from harvester.studies.sensitivity.devices import devices, parameters
+from harvester.studies.sensitivity.effects import ENDS, effects
+from harvester.studies.sensitivity.joint_tolerance import directions
+from harvester.studies.sensitivity.population import Population, Yield, population, share_above
+from harvester.studies.sensitivity.sobol import Indices, design, indices
+from harvester.studies.sensitivity.tolerances import tolerance
 
 ROWS = 64
 # Rows of a design without which no interval is worth naming, and the most there may be.
@@ -62,7 +62,7 @@ class Sensitivity:
         high (at 5 % and 95 % of the devices), the others as they come.
     yield_above : Yield or None
     shares : ndarray, shape (rows, parameters + 2, parameters)
-        The design; see `harvester.studies.sobol.design`.
+        The design; see `harvester.studies.sensitivity.sobol.design`.
     values : ndarray, shape (replicates, rows, parameters + 2)
     rows_asked : int
     failures : tuple of str
@@ -197,7 +197,7 @@ class Sensitivity:
 
     def figure(self) -> Any:
         """The tornado and the indices."""
-        from harvester.studies.sensitivity_drawing import draw_tornado
+        from harvester.studies.sensitivity.drawing import draw_tornado
 
         return draw_tornado(self)
 
@@ -235,10 +235,10 @@ def sensitivity(
     scene : Scene
         Its run is that of each device, half of the realizations for each replicate.
     vary : dict of str to str
-        Key of a number of the scene, to its distribution: see `harvester.studies.tolerances`.
+        Key of a number of the scene, to its distribution: see `harvester.studies.sensitivity.tolerances`.
     covariance : dict or file, optional
         Of an identification: what it leaves open of its values scatters too, along the principal
-        axes; see `harvester.studies.joint_tolerance`.
+        axes; see `harvester.studies.sensitivity.joint_tolerance`.
     quantity : str
         What every method calls it: `mean_power`, of a load with an output `mean_output_power`, …
     method : str or None
@@ -267,7 +267,7 @@ def sensitivity(
 
     Notes
     -----
-    `harvester.studies.sobol` says what is estimated, and how the noise is taken out.
+    `harvester.studies.sensitivity.sobol` says what is estimated, and how the noise is taken out.
     """
     clock = time.perf_counter()
     varied = table(vary, "vary", 'vary={"load.resistance": "±10%"}')

@@ -13,8 +13,8 @@ from harvester.results import joint_drawing
 from harvester.results.drawing import draw_result
 from harvester.show import figures
 from harvester.show.page import facts, figure_of, page, table_of, verdict_list, wide
-from harvester.studies.comparison_drawing import draw_comparison
-from harvester.studies.comparison_verdicts import verdicts
+from harvester.studies.comparison.drawing import draw_comparison
+from harvester.studies.comparison.verdicts import verdicts
 
 if TYPE_CHECKING:
     from harvester.studies.comparison import Comparison

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from harvester.studies.sobol import Interval, interval
+from harvester.studies.sensitivity.sobol import Interval, interval
 
 # Where a parameter counts as low and as high, as shares of the devices.
 ENDS = (0.05, 0.95)

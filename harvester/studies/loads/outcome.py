@@ -17,9 +17,9 @@ from harvester.results.result import with_error
 from harvester.running.realizations import PERIODS
 from harvester.running.request import COMPLETE
 from harvester.scene.model import Scene
-from harvester.studies.curves import Difference, optimum_of, rank
-from harvester.studies.evaluation import Evaluation
-from harvester.studies.study import Study
+from harvester.studies.loads.curves import Difference, optimum_of, rank
+from harvester.studies.loads.evaluation import Evaluation
+from harvester.studies.loads.study import Study
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -209,7 +209,7 @@ class Report:
     def figure(self) -> Figure:
         """Output power over the swept value."""
         from harvester.show import figures
-        from harvester.studies.drawing import draw_power
+        from harvester.studies.loads.drawing import draw_power
 
         return figures.drawn(draw_power, self)
 

@@ -21,9 +21,9 @@ from harvester.running import Request, RunnerOptions, open_runner
 from harvester.scene.model import Scene
 from harvester.simulation.methods import ENGINES
 from harvester.simulation.simulate import check_name
-from harvester.studies.axis import Axis
-from harvester.studies.objective import answers_in_time, missing_from, on_common_knots
-from harvester.studies.optimum_search import Search, amount, averaged
+from harvester.studies.optimum.axis import Axis
+from harvester.studies.optimum.line import Search, amount, averaged
+from harvester.studies.optimum.objective import answers_in_time, missing_from, on_common_knots
 
 MAXIMISED = ("power_conversion_efficiency", "mean_power", "mean_square_voltage")
 # Standard errors to either side of the place that make its interval.
@@ -158,7 +158,7 @@ def optimum(
 ) -> Optimum:
     """Find where a mean is largest over one parameter, by averaging and by simulation.
 
-    `harvester.studies.optimum_of_several` takes several.
+    `harvester.studies.optimum.several` takes several.
 
     Parameters
     ----------

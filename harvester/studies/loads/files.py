@@ -6,9 +6,9 @@ from harvester.files.tables import write_csv, write_netcdf
 from harvester.files.writing import in_folder
 from harvester.running.folder import StudyFolder, held
 from harvester.show import figures
-from harvester.studies import drawing
-from harvester.studies.dataset import table_of, to_dataset
-from harvester.studies.outcome import Report
+from harvester.studies.loads import drawing
+from harvester.studies.loads.dataset import table_of, to_dataset
+from harvester.studies.loads.outcome import Report
 
 FIGURES = {
     "power.png": drawing.draw_power,
@@ -23,7 +23,7 @@ def save(report: Report, folder: str | Path | StudyFolder) -> list[str]:
 
     Parameters
     ----------
-    report : harvester.studies.outcome.Report
+    report : harvester.studies.loads.outcome.Report
     folder : str or Path or StudyFolder
 
     Raises

@@ -11,8 +11,8 @@ from harvester.estimates.batch_means import standard_error
 from harvester.estimates.estimate import Estimate
 from harvester.running import Answer, Request, Runner
 from harvester.scene.model import Scene
-from harvester.studies.axis import Axis
-from harvester.studies.objective import answers_in_time, series_in_units
+from harvester.studies.optimum.axis import Axis
+from harvester.studies.optimum.objective import answers_in_time, series_in_units
 
 # Places of averaging's scan, those between the neighbours of its highest, and the degree of the
 # polynomial through them; places of a fit to simulations.

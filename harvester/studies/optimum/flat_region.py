@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from harvester.studies.axis import Axis
-from harvester.studies.objective import Objective
+from harvester.studies.optimum.axis import Axis
+from harvester.studies.optimum.objective import Objective
 
 # Share of a range that a flat region is narrow below.
 NARROW = 0.02

@@ -20,8 +20,8 @@ from harvester.running.realizations import Realizations, periods_of
 from harvester.running.request import good_ones, told
 from harvester.running.task import Wanted
 from harvester.scene.model import Scene
-from harvester.studies.evaluation import Evaluation, series_of
 from harvester.studies.grid import Grid
+from harvester.studies.loads.evaluation import Evaluation, series_of
 
 # Realizations of a place that both engines run, of its own length and of the first periods alone.
 PROOF_REALIZATIONS, EARLY_REALIZATIONS = 8, 64

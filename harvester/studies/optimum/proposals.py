@@ -21,7 +21,7 @@ extra trees, scikit-optimize          —        1.6, 1.6 %   1.3, 3.3 %   110 f
 
 A Gaussian process does better still in few evaluations of a smooth function, at half a second for
 each (two searches of 80 only were measured); Optuna's needs PyTorch. What the Parzen estimator
-leaves, the climb of `harvester.studies.flat_region` takes.
+leaves, the climb of `harvester.studies.optimum.flat_region` takes.
 """
 
 import warnings

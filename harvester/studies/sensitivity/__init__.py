@@ -1,0 +1,5 @@
+"""`sensitivity`: which tolerance of a device matters, how its quantity scatters, and the yield."""
+
+from harvester.studies.sensitivity.study import Sensitivity, sensitivity
+
+__all__ = ["Sensitivity", "sensitivity"]
