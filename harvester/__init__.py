@@ -49,14 +49,13 @@ if TYPE_CHECKING:
     from harvester.results.result import Result as Result
     from harvester.scene.model import Scene as Scene
     from harvester.simulation.simulate import simulate as simulate
-    from harvester.studies import Report as Report
-    from harvester.studies import load_study as load_study
-    from harvester.studies import save as save
     from harvester.studies.comparison import validate as validate
     from harvester.studies.frequency_response import frequency_response as frequency_response
+    from harvester.studies.loads.study import load_study as load_study
+    from harvester.studies.loads.study import save as save
     from harvester.studies.optimum import optimum as optimum
-    from harvester.studies.optimum.several import optimum_of_several as optimum_of_several
     from harvester.studies.sensitivity import sensitivity as sensitivity
+    from harvester.studies.sweep import sweep as sweep
     from harvester.verification.known_results.truth import verify as verify
     from harvester.verification.paper.claims import claims as claims
     from harvester.verification.paper.reproduce import reproduce as reproduce
@@ -75,11 +74,10 @@ _WHERE = {
     "validate": "harvester.studies.comparison",
     "explore": "harvester.explorer.explorer",
     "frequency_response": "harvester.studies.frequency_response",
-    "load_study": "harvester.studies",
-    "Report": "harvester.studies",
-    "save": "harvester.studies",
+    "sweep": "harvester.studies.sweep",
+    "load_study": "harvester.studies.loads.study",
+    "save": "harvester.studies.loads.study",
     "optimum": "harvester.studies.optimum",
-    "optimum_of_several": "harvester.studies.optimum.several",
     "sensitivity": "harvester.studies.sensitivity",
     "identify": "harvester.identification.identify",
     "Measurement": "harvester.identification.measurement",
@@ -116,11 +114,17 @@ _WHERE = {
     "OutOfTime": "harvester.errors",
 }
 __all__ = ["__version__", *_WHERE]
+# Names that go with the next release; each says what to write instead.
+_FORMER = {
+    "Report": "harvester.studies.former",
+    "optimum_of_several": "harvester.studies.former",
+}
 
 
 def __getattr__(name: str) -> object:
-    if name in _WHERE:
-        return getattr(importlib.import_module(_WHERE[name]), name)
+    where = _WHERE.get(name) or _FORMER.get(name)
+    if where:
+        return getattr(importlib.import_module(where), name)
     raise AttributeError(f"module 'harvester' has no attribute {name!r}")
 
 

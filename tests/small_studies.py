@@ -6,10 +6,9 @@ from dataclasses import replace
 
 from harvester.running import open_runner
 from harvester.scene.model import Scene
-from harvester.studies import Report, load_study
+from harvester.studies import load_study
 from harvester.studies.frequency_response import frequency_response
 from harvester.studies.optimum import line, optimum
-from harvester.studies.optimum.several import optimum_of_several
 from harvester.studies.sensitivity import sensitivity
 from harvester.verification.paper import claims, reproduce, runs
 from harvester.verification.paper.claim_tests import Trend
@@ -35,7 +34,7 @@ def loads(**options):
         options["method"], options["precision"] = engine, precision
         study = load_study(scene, loads=["resistor"], sweeps=sweeps, time_budget=600.0, **options)
         found += [(e.outcome, e.realizations, e.power, e.power_error) for e in study.evaluations]
-        assert Report(study).table()
+        assert study.table()
     return found
 
 
@@ -76,9 +75,7 @@ def maximum(**options):
         BRIEF, "load.decay_rate", maximise="mean_power", closure="consistent", **options
     ).to_dict()
     over = {"load.decay_rate": (0.5, 10.0), "excitation.correlation_time": (0.1, 1.0)}
-    both = optimum_of_several(
-        BRIEF, over, maximise="mean_power", evaluations=24, **options
-    ).to_dict()
+    both = optimum(BRIEF, over, maximise="mean_power", evaluations=24, **options).to_dict()
     return [one, both]
 
 

@@ -60,9 +60,7 @@ def run(options: Namespace) -> int:
     from harvester.commands.console import show_table
     from harvester.files.tables import xarray_or_say
     from harvester.files.writing import in_folder
-    from harvester.studies import Report, load_study, save
-    from harvester.studies.loads.files import FILES
-    from harvester.studies.loads.study import TIME_BUDGET
+    from harvester.studies.loads.study import FILES, TIME_BUDGET, load_study, save
 
     if options.output:
         xarray_or_say()
@@ -80,10 +78,9 @@ def run(options: Namespace) -> int:
             step=options.step,
             runner=runner,
         )
-        report = Report(study)
-        show_table(report, "load study", alarms=report.alarms())
+        show_table(study, "load study", alarms=study.alarms())
         if runner.folder is not None:
-            written = save(report, runner.folder)
+            written = save(study, runner.folder)
             say(f"written to {options.output}: {', '.join(written)}")
     return 0 if any(e.estimates for e in study.evaluations) else 1
 

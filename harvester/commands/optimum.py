@@ -73,48 +73,21 @@ def run(options: Namespace) -> None:
     scene, name = checked_scene(options, "optimum")
     over = _ranges(options)
     from harvester.commands.console import progress
-
-    with progress() as follow, study_runner(options, None) as runner:
-        find = _of_one if len(over) == 1 else _of_several
-        found = find(scene, over, options, runner, follow("optimum", None))
-        deliver(options, name, found, f"optimum over {', '.join(over)}")
-
-
-def _of_one(scene, over, options, runner, follow):
     from harvester.studies.optimum import optimum
 
-    for option in ("evaluations", "precision"):
-        if getattr(options, option) is not None:
-            raise HarvesterError(f"--{option}: is for several parameters, a second --over")
-    ((key, (low, high)),) = over.items()
-    return optimum(
-        scene,
-        key,
-        low=low,
-        high=high,
-        maximise=options.maximise,
-        method=options.method or "monte-carlo",
-        closure=options.closure,
-        runner=runner,
-        progress=follow,
-    )
-
-
-def _of_several(scene, over, options, runner, follow):
-    from harvester.studies.optimum.several import optimum_of_several
-
-    if options.closure is not None:
-        raise HarvesterError("--closure: is for one parameter; over several use --method")
-    return optimum_of_several(
-        scene,
-        over,
-        maximise=options.maximise,
-        method=options.method,
-        evaluations=options.evaluations,
-        precision=options.precision,
-        runner=runner,
-        progress=follow,
-    )
+    with progress() as follow, study_runner(options, None) as runner:
+        found = optimum(
+            scene,
+            over,
+            maximise=options.maximise,
+            method=options.method,
+            closure=options.closure,
+            evaluations=options.evaluations,
+            precision=options.precision,
+            runner=runner,
+            progress=follow("optimum", None),
+        )
+        deliver(options, name, found, f"optimum over {', '.join(over)}")
 
 
 def _ranges(options):

@@ -1,8 +1,9 @@
 """A scene by a method until its error bars are small enough, and what it comes to."""
 
 import math
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
+from typing import TypeVar
 
 from harvester.errors import EnergyNotBalanced, HarvesterError
 from harvester.estimates.densities import densities
@@ -26,6 +27,8 @@ from harvester.simulation.simulate import (
     notes_on_excitation,
     require_noise,
 )
+
+Found = TypeVar("Found")
 
 JUDGED = ("mean_square_voltage", "power_conversion_efficiency")
 COMPLETE = "complete"
@@ -212,7 +215,44 @@ def answering(
     return (yield from _simulated(request, version, density or request.density))
 
 
-def next_count(had: int, reached: float, precision: float, cut: Realizations, most: int) -> int:
+def in_rounds(
+    cut: Realizations,
+    first: int,
+    most: int,
+    precision: float | None,
+    judge: Callable[[list, HarvesterError | str], tuple[Found, float]],
+) -> Generator[Wanted, list, Found]:
+    """A plan for `Runner.follow` that adds realizations until they are precise enough.
+
+    Parameters
+    ----------
+    cut : Realizations
+    first, most : int
+        Realizations of the first round, and of all.
+    precision : float or None
+        Relative error that ends it; None: the first round is all.
+    judge : callable
+        Given the answers of all tasks so far and what ended them ("" while they go on), returns
+        what they come to and its relative error; 0 where more realizations would not help.
+
+    Returns
+    -------
+    generator
+        Of what `judge` made of the last round.
+    """
+    had, count, found, ahead = 0, first, [], 0.0
+    while True:
+        found += yield Wanted(cut.tasks(had, count, most), ahead)
+        good, ended = good_ones(found)
+        content, reached = judge(good, ended)
+        if ended or count >= most or precision is None or reached <= precision:
+            return content
+        had, count = count, _next_count(count, reached, precision, cut, most)
+        needed = min(had * min(reached / precision, most) ** 2, most)
+        ahead = max(needed - count, 0.0) / cut.size
+
+
+def _next_count(had, reached, precision, cut, most):
     """Realizations of the next round, from the error that so many have reached."""
     # What exceeds the growth is not squared: it may overflow.
     needed = had * min(MARGIN * min(reached / precision, GROWTH) ** 2, GROWTH)
@@ -277,22 +317,17 @@ def _averaged(request, density):
 
 
 def _simulated(request, version, density):
-    """Rounds of realizations until they are precise enough."""
+    """The realizations that the request needs, by an engine."""
     cut = Realizations.of(request.cut_from, request.method, request.step, version, density)
     most = cut.whole(request.most) if request.precision else request.first
-    count, had, found, ahead = min(cut.whole(request.first), most), 0, [], 0.0
-    while True:
-        found += yield Wanted(cut.tasks(had, count, most), ahead)
-        good, ended = good_ones(found)
+    first = min(cut.whole(request.first), most)
+
+    def judge(good, ended):
         if not good:
-            return None if ended == OUT_OF_TIME else ended
-        answer, reached = _answer(request, good, ended)
-        precise = request.precision is None or reached <= request.precision
-        if ended or precise or count >= most or isinstance(answer, HarvesterError):
-            return answer
-        had, count = count, next_count(count, reached, request.precision, cut, most)
-        needed = min(had * min(reached / request.precision, most) ** 2, most)
-        ahead = max(needed - count, 0.0) / cut.size
+            return None if ended == OUT_OF_TIME else ended, 0.0
+        return _answer(request, good, ended)
+
+    return (yield from in_rounds(cut, first, most, request.precision, judge))
 
 
 def _answer(request, good, ended):
@@ -302,7 +337,7 @@ def _answer(request, good, ended):
     parameters, _ = scale(scene)
     found = run_estimates(scene, moments, step_error(scene, request.step, request.method))
     if not abs(found.residual) <= LARGEST_RESIDUAL:
-        return not_balanced(found.residual), math.inf
+        return not_balanced(found.residual), 0.0
     reached, unseen = _reached(request, scene, parameters, found.whole)
     shape = densities(moments, is_symmetric(scene, parameters)) if request.density else {}
     shape = shape.get("displacement")

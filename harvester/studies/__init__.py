@@ -1,8 +1,6 @@
-"""Load studies: many loads and values on common noise, with error bars, that survive a kill."""
+"""Studies: a scene over values, loads and methods, with error bars, that survive a kill."""
 
-from harvester.studies.loads.dataset import to_dataset
-from harvester.studies.loads.files import save
-from harvester.studies.loads.outcome import Report
-from harvester.studies.loads.study import load_study
+from harvester.studies.former import Report, to_dataset
+from harvester.studies.loads.study import Study, load_study, save
 
-__all__ = ["Report", "load_study", "save", "to_dataset"]
+__all__ = ["Report", "Study", "load_study", "save", "to_dataset"]

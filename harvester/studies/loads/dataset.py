@@ -1,9 +1,9 @@
-"""A study as an xarray Dataset and as a table: the same study gives the same content."""
+"""A load study as an xarray Dataset: the same study gives the same content."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,19 +12,20 @@ from harvester.files.plain_text import json_text
 from harvester.files.tables import xarray_or_say
 from harvester.record.record import Record
 from harvester.studies.loads.evaluation import WAVEFORM
+from harvester.studies.sweep import variables_of
 
 if TYPE_CHECKING:
     from xarray import Dataset
 
-    from harvester.studies.loads.outcome import Report
+    from harvester.studies.loads.study import Study
 
 
-def to_dataset(report: Report) -> Dataset:
+def dataset_of(study: Study) -> Dataset:
     """The study as an xarray Dataset in the scene's units.
 
     Parameters
     ----------
-    report : harvester.studies.loads.outcome.Report
+    study : harvester.studies.loads.study.Study
 
     Returns
     -------
@@ -34,19 +35,12 @@ def to_dataset(report: Report) -> Dataset:
         `…_standard_error`. No time of day and no duration: equal studies are equal.
     """
     xarray = xarray_or_say()
-    study = report.study
     grid = study.grid
     dimensions = ("load", *grid.sweeps)
     coordinates = {"load": list(grid.loads), **{k: list(v) for k, v in grid.sweeps.items()}}
-    variables: dict[str, tuple] = {
-        name: (dimensions, values, {"unit": unit}) for name, values, unit in _quantities(report)
-    }
-    variables |= {
-        "realizations": (dimensions, _each(report, lambda e: e.realizations, np.int32)),
-        "outcome": (dimensions, _each(report, lambda e: e.outcome, str)),
-    }
-    variables |= _proofs(report, dimensions)
-    variables |= _optima(report) | _differences(report) | _waveforms(report)
+    variables = variables_of(study.scene, study.cells, dimensions)
+    variables |= _proofs(study, dimensions)
+    variables |= _optima(study) | _differences(study) | _waveforms(study)
     coordinates |= {"better": list(grid.loads), "worse": list(grid.loads)}
     attributes = {
         "scene": json_text(grid.scene.to_dict()),
@@ -59,46 +53,7 @@ def to_dataset(report: Report) -> Dataset:
     return xarray.Dataset(variables, coordinates, attributes)
 
 
-def table_of(report: Report) -> tuple[list[str], list[list[Any]]]:
-    """Header and rows, one a point: load, swept values, every quantity with its standard error."""
-    grid = report.study.grid
-    quantities = list(_quantities(report))
-    header = ["load", *grid.sweeps, *(f"{name} [{unit}]" for name, _, unit in quantities)]
-    rows = []
-    for place in np.ndindex(report.evaluations.shape):
-        evaluation: Any = report.evaluations[place]
-        swept = [v[k] for v, k in zip(grid.sweeps.values(), place[1:], strict=True)]
-        values = [values[place] for _, values, _ in quantities]
-        row = [grid.loads[place[0]], *swept, *values, evaluation.realizations]
-        rows.append([*row, evaluation.outcome])
-    return [*header, "realizations", "outcome"], rows
-
-
-def _each(report, value, kind):
-    flat = [value(evaluation) for evaluation in report.evaluations.ravel()]
-    return np.array(flat, dtype=kind).reshape(report.evaluations.shape)
-
-
-def _quantities(report):
-    """(name, array, unit) of every quantity that any point has, and of its standard error."""
-    found = {}
-    for evaluation in report.evaluations.ravel():
-        for name, estimate in evaluation.estimates.items():
-            found.setdefault(name, estimate.dimension)
-    for name in sorted(found):
-        unit = unit_of(report.scene, found[name])
-        yield name, _each(report, lambda e, n=name: _value(e, n, "estimate"), float), unit
-        errors = _each(report, lambda e, n=name: _value(e, n, "standard_error"), float)
-        yield f"{name}_standard_error", errors, unit
-
-
-def _value(evaluation, name, attribute):
-    estimate = evaluation.estimates.get(name)
-    value = None if estimate is None else getattr(estimate, attribute)
-    return math.nan if value is None else value
-
-
-def _proofs(report, dimensions):
+def _proofs(study, dimensions):
     """(circuit − Monte Carlo)/Monte Carlo of the output power; nan where there is no proof."""
     attributes = ("difference", "standard_error", "early_difference", "early_standard_error")
     names = (
@@ -107,26 +62,26 @@ def _proofs(report, dimensions):
         "early_difference",
         "early_difference_standard_error",
     )
-    found = np.full((len(names), len(report.study.evaluations)), math.nan)
-    for each in report.study.proofs:
+    found = np.full((len(names), len(study.evaluations)), math.nan)
+    for each in study.proofs:
         found[:, each.place] = [getattr(each, name) for name in attributes]
-    shape = report.evaluations.shape
+    shape = study.cells.shape
     return {
         f"circuit_{name}": (dimensions, row.reshape(shape), {"unit": "1"})
         for name, row in zip(names, found, strict=True)
     }
 
 
-def _optima(report):
-    key, others = report.curve_keys
+def _optima(study):
+    key, others = study.curve_keys
     if key is None:
         return {}
-    places = np.array(report.study.grid.sweeps[key])
+    places = np.array(study.grid.sweeps[key])
     dimensions = ("load", *others)
-    shape = report.optima.shape
+    shape = study.optima.shape
 
     def array(value, kind=float):
-        return np.array([value(each) for each in report.optima.ravel()], kind).reshape(shape)
+        return np.array([value(each) for each in study.optima.ravel()], kind).reshape(shape)
 
     attributes = {"along": key}
     return {
@@ -138,13 +93,13 @@ def _optima(report):
     }
 
 
-def _differences(report):
+def _differences(study):
     """P(better)/P(worse) − 1 of the loads at their optima, nan where the order is the other."""
-    _, others = report.curve_keys
-    loads = report.study.grid.loads
-    shape = (len(loads), len(loads), *report.optima.shape[1:])
+    _, others = study.curve_keys
+    loads = study.grid.loads
+    shape = (len(loads), len(loads), *study.optima.shape[1:])
     values, errors = np.full(shape, math.nan), np.full(shape, math.nan)
-    for other, (_, differences) in report.rankings.items():
+    for other, (_, differences) in study.rankings.items():
         for each in differences:
             where = (loads.index(each.better), loads.index(each.worse), *other)
             values[where], errors[where] = each.estimate, each.standard_error
@@ -155,20 +110,20 @@ def _differences(report):
     }
 
 
-def _waveforms(report):
+def _waveforms(study):
     """A few periods at each load's highest point, where there are any."""
-    _, others = report.curve_keys
-    best = {where: report.best(where) for where in np.ndindex(report.optima.shape)}
+    _, others = study.curve_keys
+    best = {where: study.best(where) for where in np.ndindex(study.optima.shape)}
     drawn = {where: e.waveform for where, e in best.items() if e and e.waveform is not None}
     if not drawn:
         return {}
     count = next(iter(drawn.values())).shape[1]
     variables = {}
     for name, dimension in WAVEFORM.items():
-        values = np.full((*report.optima.shape, count), math.nan)
+        values = np.full((*study.optima.shape, count), math.nan)
         row = Record._fields.index(name)
         for where, waveform in drawn.items():
             values[where] = waveform[row]
-        unit = {"unit": unit_of(report.scene, dimension)}
+        unit = {"unit": unit_of(study.scene, dimension)}
         variables[f"waveform_{name}"] = (("load", *others, "sample"), values, unit)
     return variables

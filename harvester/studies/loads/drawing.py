@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from itertools import cycle
 from typing import TYPE_CHECKING
 
@@ -10,15 +11,14 @@ import numpy as np
 
 from harvester.estimates.units import unit_of
 from harvester.record.record import Record
+from harvester.show.panels import Panel, Series, draw_panels, entitle, is_wide
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from harvester.studies.loads.outcome import Report
+    from harvester.studies.loads.study import Study
 
 MARKERS = "osD^vP*X"
-# Panels in one row, and cycles of small oscillations in a waveform.
-COLUMNS = 3
 # Standard errors that a bar spans to either side.
 BARS = 2.0
 PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
@@ -31,45 +31,41 @@ LABELS = {
 EFFICIENCIES = ("end_to_end_efficiency", "power_conversion_efficiency_of_input")
 
 
-def draw_power(report: Report) -> Figure:
+def draw_power(study: Study) -> Figure:
     """Output power over the swept value, one curve a load; its optimum's interval below."""
-    top = max((e.power for e in report.study.evaluations if math.isfinite(e.power)), default=1.0)
-    factor, prefix = _prefix(top) if report.scene.units == "SI" else (1.0, "")
-    unit = f"{prefix}W" if report.scene.units == "SI" else "scaled"
+    top = max((e.power for e in study.evaluations if math.isfinite(e.power)), default=1.0)
+    factor, prefix = _prefix(top) if study.scene.units == "SI" else (1.0, "")
+    unit = f"{prefix}W" if study.scene.units == "SI" else "scaled"
 
     def value(evaluation):
         estimate = evaluation.estimates.get("output_power")
-        return estimate and (estimate.estimate / factor, estimate.standard_error)
+        return estimate and estimate.times(1.0 / factor)
 
-    figure, panels = _panels(report, f"output power [{unit}]", value, factor)
-    for axes, other in panels:
-        _draw_optima(axes, report, other)
-    return figure
+    return _draw(study, f"output power [{unit}]", value, _draw_optima)
 
 
-def draw_efficiency(report: Report) -> Figure:
+def draw_efficiency(study: Study) -> Figure:
     """Harvested power over the mechanical input."""
 
     def value(evaluation):
-        found = [evaluation.estimates[n] for n in EFFICIENCIES if n in evaluation.estimates]
-        if not found:
-            found = [e for n, e in evaluation.estimates.items() if n.startswith("power_conv")]
-        return (100.0 * found[0].estimate, found[0].standard_error) if found else None
+        names = [n for n in EFFICIENCIES if n in evaluation.estimates]
+        names += [n for n in evaluation.estimates if n.startswith("power_conv")]
+        return evaluation.estimates[names[0]].times(100.0) if names else None
 
-    return _panels(report, "power harvested of that put in [%]", value, 0.01)[0]
+    return _draw(study, "power harvested of that put in [%]", value, lambda *_: None)
 
 
-def draw_waveforms(report: Report) -> Figure:
+def draw_waveforms(study: Study) -> Figure:
     """Displacement and piezo voltage at each load's highest point, all on the same noise."""
     from matplotlib.figure import Figure
 
     other = max(
-        (other for other, _ in report.others()),
-        key=lambda o: max((report.best((k, *o)) or _Nothing).power for k in _loads(report)),
+        (other for other, _ in study.others()),
+        key=lambda o: max((study.best((k, *o)) or _Nothing).power for k in _loads(study)),
     )
     shown = [
-        (load, report.best((k, *other)), colour)
-        for (k, load), colour in zip(enumerate(report.study.grid.loads), _colours(), strict=False)
+        (load, study.best((k, *other)), colour)
+        for (k, load), colour in zip(enumerate(study.grid.loads), _colours(), strict=False)
     ]
     shown = [(load, e, c) for load, e, c in shown if e is not None and e.waveform is not None]
     figure = Figure(figsize=(7.0, 1.0 + 1.3 * max(len(shown), 1)))
@@ -77,14 +73,14 @@ def draw_waveforms(report: Report) -> Figure:
     for place, (load, evaluation, colour) in enumerate(shown):
         axes = figure.add_subplot(len(shown), 1, place + 1, sharex=first)
         first = first or axes
-        _draw_waveform(axes, report, load, evaluation, colour)
+        _draw_waveform(axes, study, load, evaluation, colour)
         axes.tick_params(labelbottom=place == len(shown) - 1)
     if shown:
         axes.set_xlabel("time [s]")
-    words = dict(report.others())[other]
+    words = dict(study.others())[other]
     title = "piezo voltage (colour) and displacement (grey) where each load is best"
-    title = f"{report.scene.name}: {title}{', ' * bool(words)}{words}"
-    figure.suptitle(title, x=0.01, ha="left", fontsize=9)
+    title = f"{study.scene.name}: {title}{', ' * bool(words)}{words}"
+    entitle(figure, title)
     return figure
 
 
@@ -94,8 +90,8 @@ class _Nothing:
     power = -math.inf
 
 
-def _loads(report):
-    return range(len(report.study.grid.loads))
+def _loads(study):
+    return range(len(study.grid.loads))
 
 
 def _colours():
@@ -112,72 +108,61 @@ def _prefix(value):
     return PREFIXES[-1]
 
 
-def _panels(report, label, value, factor):
-    """A panel for each place of the other sweeps; (figure, [(axes, place)])."""
-    from matplotlib.figure import Figure
-
-    others = list(report.others())
-    columns = min(len(others), COLUMNS)
-    rows = -(-len(others) // columns)
-    figure = Figure(figsize=(max(1.2 + 3.2 * columns, 5.0), 0.6 + 3.0 * rows))
-    panels = []
-    for place, (other, words) in enumerate(others):
-        axes = figure.add_subplot(rows, columns, place + 1)
-        _draw_curves(axes, report, other, value, factor)
-        axes.set_title(words)
-        axes.set_ylabel(label if place % columns == 0 else "")
-        panels.append((axes, other))
-    handles, names = panels[0][0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=min(len(names), 5))
-    figure.suptitle(
-        f"{report.scene.name}: {report.study.method}, bars: 2 standard errors (hollow: none)",
-        x=0.01,
-        ha="left",
-        fontsize=9,
+def _draw(study, label, value, more):
+    """A panel for each place of the other sweeps, with a curve for each load."""
+    key, _ = study.curve_keys
+    places = np.array(study.grid.sweeps[key] if key else (0.0,))
+    panels = [
+        Panel(
+            x_label=LABELS.get(key, key) if key else "",
+            y_label=label,
+            series=_curves(study, other, places, value),
+            title=words,
+            log_x=is_wide(places),
+            from_zero=True,
+            more=partial(_finish, study, other, more),
+        )
+        for other, words in study.others()
+    ]
+    return draw_panels(
+        panels, f"{study.scene.name}: {study.method}, bars: 2 standard errors (hollow: none)"
     )
-    return figure, panels
 
 
-def _draw_curves(axes, report, other, value, factor):
-    key, _ = report.curve_keys
-    places = np.array(report.study.grid.sweeps[key]) if key else None
-    for k, colour, marker in zip(_loads(report), _colours(), cycle(MARKERS), strict=False):
-        row = report.curves[(k, *other)]
-        shown = [(place, value(e)) for place, e in enumerate(row) if value(e)]
+def _finish(study, other, more, axes):
+    """What is no curve: the loads' names where nothing is swept, and `more`."""
+    if study.curve_keys[0] is None:
+        axes.set_xticks(list(_loads(study)), study.grid.loads)
+    more(study, other, axes)
+
+
+def _curves(study, other, places, value):
+    series = []
+    order = np.argsort(places)
+    for k, colour, marker in zip(_loads(study), _colours(), cycle(MARKERS), strict=False):
+        row = [study.curves[(k, *other)][place] for place in order]
+        shown = [(place, each) for place, e in zip(order, row, strict=True) if (each := value(e))]
         if not shown:
             continue
-        x = [places[place] if key else k for place, _ in shown]
-        y = [estimate for _, (estimate, _) in shown]
-        bars = [0.0 if error is None else BARS * error / factor for _, (_, error) in shown]
-        order = np.argsort(x)
-        axes.errorbar(
-            np.array(x)[order],
-            np.array(y)[order],
-            np.array(bars)[order],
-            color=colour,
-            marker=marker,
-            markersize=4,
-            capsize=2,
-            linewidth=1.0,
-            label=report.study.grid.loads[k],
+        errors = [each.standard_error for _, each in shown]
+        series.append(
+            Series(
+                x=[places[place] if study.curve_keys[0] else k for place, _ in shown],
+                y=[each.estimate for _, each in shown],
+                label=study.grid.loads[k],
+                colour=colour,
+                marker=marker,
+                bars=[0.0 if error is None else BARS * error for error in errors],
+                hollow=[error is None for error in errors],
+            )
         )
-        bare = [place for place, (_, (_, error)) in enumerate(shown) if error is None]
-        if bare:
-            at, height = np.array(x)[bare], np.array(y)[bare]
-            axes.plot(at, height, marker, color=colour, markersize=4, markerfacecolor="white")
-    axes.set_ylim(bottom=0.0)
-    if key is None:
-        axes.set_xticks(list(_loads(report)), report.study.grid.loads)
-        return
-    if places.min() > 0.0 and places.max() > 10.0 * places.min():
-        axes.set_xscale("log")
-    axes.set_xlabel(LABELS.get(key, key))
+    return series
 
 
-def _draw_optima(axes, report, other):
+def _draw_optima(study, other, axes):
     """Each optimum's interval as a bar near the axis, in the load's colour."""
-    for k, colour in zip(_loads(report), _colours(), strict=False):
-        optimum, _ = report.optima[(k, *other)]
+    for k, colour in zip(_loads(study), _colours(), strict=False):
+        optimum, _ = study.optima[(k, *other)]
         if math.isfinite(optimum.low):
             height = 0.02 + 0.025 * k
             where = axes.get_xaxis_transform()
@@ -186,16 +171,20 @@ def _draw_optima(axes, report, other):
             axes.plot([optimum.place], [height], "|", color=colour, transform=where)
 
 
-def _draw_waveform(axes, report, load, evaluation, colour):
+def _draw_waveform(axes, study, load, evaluation, colour):
     time, voltage, displacement = (
         evaluation.waveform[Record._fields.index(name)]
         for name in ("time", "voltage", "displacement")
     )
-    in_metres = report.scene.units == "SI"
+    in_metres = study.scene.units == "SI"
     axes.plot(time, voltage, color=colour)
-    axes.set_ylabel(f"voltage [{unit_of(report.scene, 'voltage')}]" if in_metres else "voltage")
+    axes.set_ylabel(f"voltage [{unit_of(study.scene, 'voltage')}]" if in_metres else "voltage")
     axes.set_title(load)
     beside = axes.twinx()
     beside.plot(time, 1e3 * displacement if in_metres else displacement, color="0.6", linewidth=0.8)
     beside.spines.right.set_visible(True)
     beside.set_ylabel("X [mm]" if in_metres else "X", color="0.5")
+
+
+# Of `harvester.studies.loads.study.FIGURES`.
+FIGURES = (draw_power, draw_efficiency, draw_waveforms)

@@ -1,7 +1,7 @@
-"""From the realizations of one point to its quantities with error bars."""
+"""One point of a load study: its realizations until its power is precise, and what they come to."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,13 +11,26 @@ from harvester.estimates.batch_means import complete_batches
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.of_run import error_of, run_estimates, with_steps
 from harvester.estimates.settling import withheld
+from harvester.prepared.steps import step_error
 from harvester.record.moments import Moments
 from harvester.record.record import Record
 from harvester.results.paired import sums
-from harvester.running.request import COMPLETE, in_units, not_balanced, residual_notes, told
+from harvester.running.realizations import Realizations, averaging, is_closure
+from harvester.running.request import (
+    COMPLETE,
+    FIRST_REALIZATIONS,
+    good_ones,
+    in_rounds,
+    in_units,
+    not_balanced,
+    residual_notes,
+    told,
+)
+from harvester.running.task import Wanted
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
 from harvester.simulation.simulate import LARGEST_RESIDUAL
+from harvester.studies.sweep import Cell
 
 # Dimensions of a record's columns; the others are powers.
 WAVEFORM = {
@@ -30,20 +43,21 @@ WAVEFORM = {
 POWER = "output_power"
 
 
+# With a precision, of one point.
+MOST_REALIZATIONS = 4000
+
+
 @dataclass(frozen=True)
-class Evaluation:
+class Evaluation(Cell):
     """What a point has come to.
+
+    Its estimates have `output_power` too, the power into the load's output, or, without a DC side,
+    what leaves the transducer.
 
     Attributes
     ----------
-    outcome : str
-        "complete", or what went wrong.
-    estimates : dict of str to Estimate
-        In the scene's units; `output_power` is the power into the load's output, or, without a
-        DC side, what leaves the piezo.
     series : ndarray, shape (realizations, batches), or None
         Output power, in the scene's units.
-    realizations : int
     power_error : float
         Standard error of the output power, nan where there is none, also where `estimates`
         withholds it for a run too short for what is slow.
@@ -51,10 +65,7 @@ class Evaluation:
         Beginning of the first realization, rows as in `Record`, in the scene's units.
     """
 
-    outcome: str
-    estimates: dict[str, Estimate] = field(default_factory=dict)
     series: np.ndarray | None = field(default=None, repr=False)
-    realizations: int = 0
     power_error: float = math.nan
     waveform: np.ndarray | None = field(default=None, repr=False)
 
@@ -70,50 +81,74 @@ class Evaluation:
         return math.inf if math.isnan(share) else share
 
 
-def evaluate(
-    scene: Scene,
-    good: Sequence[dict],
-    ended: HarvesterError | str,
-    step_error: float = 0.0,
-) -> Evaluation:
+def evaluating(
+    scene: Scene, method: str, step: str | float, version: str, precision: float | None
+) -> Generator[Wanted, list, Evaluation]:
+    """A plan for `Runner.follow` that returns the evaluation of one point.
+
+    Parameters
+    ----------
+    scene : Scene
+    method : str
+        Engine or closure.
+    step : str or float
+    version : str
+        See `harvester.running.runner.Runner.version`.
+    precision : float or None
+        Relative standard error of the output power; None: the scene's own run.
+    """
+    if is_closure(method):
+        answers = yield Wanted([averaging(scene, method)])
+        return _evaluate(scene, method, *good_ones(answers))
+    cut = Realizations.of(scene, method, step, version, waveform=True)
+    cost = step_error(scene, step, method)
+
+    def judge(good, ended):
+        found = _evaluate(scene, method, good, ended, cost)
+        return found, found.relative_error if found.realizations else 0.0
+
+    most = MOST_REALIZATIONS if precision else scene.run.realizations
+    first = FIRST_REALIZATIONS if precision else most
+    return (yield from in_rounds(cut, first, most, precision, judge))
+
+
+def _evaluate(scene, method, good, ended, cost=0.0):
     """Quantities of one point.
 
     Parameters
     ----------
     scene : Scene
+    method : str
     good : sequence of dict
         Answers of its tasks, in the order of their realizations.
     ended : HarvesterError or str
         What came instead of the next ones; "" where all came.
-    step_error : float
-        See `harvester.estimates.of_run.run_estimates`.
-
-    Returns
-    -------
-    Evaluation
+    cost : float
+        Share of a power that the steps may cost; see `harvester.prepared.steps.step_error`.
     """
     _, scales = scale(scene)
     if not good:
         words = told(ended) if isinstance(ended, HarvesterError) else f"nothing was run: {ended}"
-        return Evaluation(words)
+        return Evaluation(method, words)
     if "quantities" in good[0]:
         estimates = in_units(good[0]["quantities"], scales)
         mean = estimates["mean_power"]
         error = _or_nan(mean.standard_error)
-        return Evaluation(COMPLETE, {**estimates, POWER: mean}, power_error=error)
+        return Evaluation(method, COMPLETE, {**estimates, POWER: mean}, power_error=error)
     moments = [each for part in good for each in part["moments"]]
-    found = run_estimates(scene, moments, step_error)
+    found = run_estimates(scene, moments, cost)
     if not abs(found.residual) <= LARGEST_RESIDUAL:
-        return Evaluation(told(not_balanced(found.residual)))
+        return Evaluation(method, told(not_balanced(found.residual)))
     outcome = "; ".join([COMPLETE, *found.notes, *residual_notes(found.residual)])
     if isinstance(ended, HarvesterError):
         outcome = f"ended after {len(moments)} realizations: {told(ended)}"
     series = power_series(moments, scales.power)
     power = Estimate(float(series.mean()), error_of(scene)(series), None, "power")
-    power = with_steps(scene, power, step_error)
+    power = with_steps(scene, power, cost)
     estimates = in_units(found.whole, scales)
     estimates[POWER] = power
     return Evaluation(
+        method=method,
         outcome=outcome,
         estimates=withheld(estimates, found.shortfalls),
         series=series,

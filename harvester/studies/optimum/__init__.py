@@ -1,5 +1,6 @@
 """`optimum`: where one parameter, or several, make a mean largest."""
 
-from harvester.studies.optimum.one import Optimum, optimum
+from harvester.studies.optimum.find import optimum
+from harvester.studies.optimum.result import Optimum
 
 __all__ = ["Optimum", "optimum"]

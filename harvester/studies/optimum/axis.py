@@ -1,4 +1,4 @@
-"""One parameter that a maximum is looked for over."""
+"""A parameter that a maximum is looked for over, and its place there."""
 
 import math
 from dataclasses import dataclass
@@ -9,6 +9,10 @@ from harvester.scene.numbers import number
 
 # Ranges wider than this ratio are gone through over ln of the parameter.
 LOGARITHMIC = 3.0
+# Share of a range that a flat region is narrow below.
+NARROW = 0.02
+# Standard errors to either side that make an interval.
+INTERVAL = 2.0
 # A range that was not given: the scene's value over and times this.
 SPAN = 10.0
 
@@ -78,3 +82,35 @@ class Axis:
         if self.logarithmic:
             return self.value(coordinate) * math.log(self.high / self.low)
         return self.high - self.low
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter at a maximum.
+
+    Attributes
+    ----------
+    axis : Axis
+    place : float
+    standard_error : float or None
+        Of the place, where a curve was fitted for it.
+    flat_low, flat_high : float
+        The others held, the quantity stays within 1 % of the maximum, or cannot be told to fall by
+        more, from here to there; nan where the runs are too short to tell, or it was not asked.
+    open_low, open_high : bool
+        The range ends before the flat region does.
+    """
+
+    axis: Axis
+    place: float
+    standard_error: float | None = None
+    flat_low: float = math.nan
+    flat_high: float = math.nan
+    open_low: bool = False
+    open_high: bool = False
+
+    @property
+    def is_narrow(self) -> bool:
+        """Whether the flat region is a small share of the range."""
+        width = self.axis.coordinate(self.flat_high) - self.axis.coordinate(self.flat_low)
+        return bool(width < NARROW)

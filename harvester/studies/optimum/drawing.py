@@ -1,81 +1,61 @@
-"""Figure of a maximum over several parameters."""
+"""Figure of an optimum: a panel for each parameter."""
 
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING
+
+from harvester.show.panels import Panel, Series, draw_panels
+from harvester.studies.optimum.axis import INTERVAL
+from harvester.studies.optimum.flat_region import FLAT_SHARE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from harvester.studies.optimum.several import OptimumOfSeveral
+    from harvester.studies.optimum.result import Optimum
 
-# Panels in one row.
-COLUMNS = 3
-PROPOSED, MAXIMUM, OWN = "0.6", "#D55E00", "#0072B2"
+SEARCHED, MAXIMUM, OWN = "0.6", "#D55E00", "#0072B2"
 
 
-def draw(found: OptimumOfSeveral) -> Figure:
-    """A panel for each parameter: places proposed, the maximum, how far it is flat.
+def draw(found: Optimum) -> Figure:
+    """Places searched, the maximum, how far it is flat.
 
-    Places differ in the other parameters too, so that the highest of them are the outline.
+    Over several parameters places differ in the others too, so that the highest of them are the
+    outline.
     """
-    from matplotlib.figure import Figure
-
-    columns = min(len(found.ranges), COLUMNS)
-    rows = -(-len(found.ranges) // columns)
-    figure = Figure(figsize=(1.0 + 3.0 * columns, 0.9 + 2.4 * rows))
-    panels = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel()
-    for axes, each in zip(panels, found.ranges, strict=False):
-        _draw_parameter(axes, found, each)
-    for axes in panels[len(found.ranges) :]:
-        axes.remove()
-    for axes in panels[::columns][:rows]:
-        axes.set_ylabel(f"{found.quantity.replace('_', ' ')} [{found.unit.split()[0]}]")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4)
-    figure.suptitle(
-        f"{found.scene.name}: {len(found.searched)} places proposed, by {found.method} "
-        "(bar: two standard errors)",
-        x=0.01,
-        ha="left",
-        fontsize=9,
+    panels = [_panel(found, each) for each in found.parameters]
+    title = (
+        f"{found.scene.name}: {len(found.searched)} places searched, by {found.method} "
+        "(bars: two standard errors)"
     )
-    return figure
+    return draw_panels(panels, title, size=(3.0, 2.4), sharey=True)
 
 
-def _draw_parameter(axes, found, each):
-    from harvester.studies.optimum.flat_region import FLAT_SHARE
-
+def _panel(found, each):
     key = each.axis.key
-    axes.plot(
-        [place[key] for place, _ in found.searched],
-        [value for _, value in found.searched],
-        ".",
-        color=PROPOSED,
-        markersize=4,
-        label="proposed",
+    places = [place[key] for place, _ in found.searched]
+    values = [value.estimate for _, value in found.searched]
+    bars = [INTERVAL * (value.standard_error or 0.0) for _, value in found.searched]
+    height = INTERVAL * (found.value.standard_error or 0.0)
+    maximum = Series(
+        [each.place], [found.value.estimate], "maximum", MAXIMUM, "", "*", bars=[height], size=8
     )
-    if not math.isnan(each.flat_low + each.flat_high):
-        axes.axvspan(
-            each.flat_low,
-            each.flat_high,
-            color=MAXIMUM,
-            alpha=0.15,
-            lw=0,
-            label=f"within {FLAT_SHARE:.0%}, the others held",
-        )
-    axes.axhline(found.own.estimate, color=OWN, linestyle=":", label="the scene itself")
-    axes.errorbar(
-        each.place,
-        found.value.estimate,
-        2.0 * (found.value.standard_error or 0.0),
-        fmt="*",
-        color=MAXIMUM,
-        markersize=8,
-        capsize=2,
-        label="maximum",
+    return Panel(
+        x_label=key,
+        y_label=f"{found.quantity.replace('_', ' ')} [{found.unit.split()[0]}]",
+        series=[Series(places, values, "searched", SEARCHED, "", ".", bars=bars), maximum],
+        log_x=each.axis.logarithmic,
+        more=partial(_draw_bounds, found, each),
     )
-    if each.axis.logarithmic:
-        axes.set_xscale("log")
-    axes.set_xlabel(key)
+
+
+def _draw_bounds(found, each, axes):
+    """How far the place may lie off, or the maximum is flat, and the scene itself."""
+    low, high, label = each.flat_low, each.flat_high, f"within {FLAT_SHARE:.0%}, the others held"
+    if each.standard_error is not None:
+        low, high, label = *found.interval, "interval of the place"
+    if not math.isnan(low + high):
+        axes.axvspan(low, high, color=MAXIMUM, alpha=0.15, lw=0, label=label)
+    if found.own is not None:
+        axes.axhline(found.own.estimate, color=OWN, linestyle=":", label="the scene itself")

@@ -11,11 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from harvester.studies.optimum.axis import Axis
+from harvester.studies.optimum.axis import Axis, Parameter
 from harvester.studies.optimum.objective import Objective
 
-# Share of a range that a flat region is narrow below.
-NARROW = 0.02
 # Lost height, as a share, up to which a place counts as flat; and standard errors of the loss.
 FLAT_SHARE, FLAT_SIGMAS = 0.01, 2.0
 # Steps outwards: the whole way to the end of the range halved so often; then the edge is halved.
@@ -40,35 +38,6 @@ class Side:
 
     end: float
     is_open: bool
-
-
-@dataclass(frozen=True)
-class Range:
-    """One parameter at a maximum.
-
-    Attributes
-    ----------
-    axis : Axis
-    place : float
-    flat_low, flat_high : float
-        The others held, the quantity stays within 1 % of the maximum, or cannot be told to fall by
-        more, from here to there; nan where the runs are too short to tell.
-    open_low, open_high : bool
-        The range ends before the flat region does.
-    """
-
-    axis: Axis
-    place: float
-    flat_low: float
-    flat_high: float
-    open_low: bool
-    open_high: bool
-
-    @property
-    def is_narrow(self) -> bool:
-        """Whether the flat region is a small share of the range."""
-        width = self.axis.coordinate(self.flat_high) - self.axis.coordinate(self.flat_low)
-        return bool(width < NARROW)
 
 
 def climb(objective: Objective, place: tuple, stage: int) -> tuple[tuple, Any, list]:
@@ -167,10 +136,10 @@ class _Ray:
         return inside, None
 
 
-def ranges(axes: Sequence[Axis], place: tuple, sides: list) -> list[Range]:
+def ranges(axes: Sequence[Axis], place: tuple, sides: list) -> list[Parameter]:
     """What `climb` found, in the units of each parameter."""
     return [
-        Range(
+        Parameter(
             axis=axis,
             place=axis.value(coordinate),
             flat_low=axis.value(below.end),

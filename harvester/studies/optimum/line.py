@@ -1,7 +1,12 @@
-"""How `studies.optimum` looks for a maximum: by averaging, then by simulation on common noise."""
+"""An optimum over one parameter: by averaging, then by simulation on common noise.
+
+Averaging scans the range and refines its highest point. Simulation then looks there, on common
+noise, moves on while the slope asks for it, and fits a cubic to several places: the interval of
+the maximum's place is what the paired errors of the values make of it.
+"""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -9,10 +14,13 @@ from scipy.interpolate import CubicSpline
 from harvester.errors import HarvesterError, OptimumError
 from harvester.estimates.batch_means import standard_error
 from harvester.estimates.estimate import Estimate
+from harvester.estimates.units import unit_of
 from harvester.running import Answer, Request, Runner
 from harvester.scene.model import Scene
-from harvester.studies.optimum.axis import Axis
-from harvester.studies.optimum.objective import answers_in_time, series_in_units
+from harvester.studies.answers import answers_in_time, on_common_knots
+from harvester.studies.optimum.axis import Axis, Parameter
+from harvester.studies.optimum.objective import series_in_units
+from harvester.studies.optimum.result import Averaging, Optimum
 
 # Places of averaging's scan, those between the neighbours of its highest, and the degree of the
 # polynomial through them; places of a fit to simulations.
@@ -35,6 +43,55 @@ MISFIT, MISFIT_SHARE = 4.0, 0.05
 STANDS_OUT, NARROWED = 1e-3, 1e-2
 # A window is moved to a maximum that lies off its middle by more than this share of its half.
 RECENTRED = 0.2
+MAXIMISED = ("power_conversion_efficiency", "mean_power", "mean_square_voltage")
+
+
+def along(
+    scene: Scene,
+    axis: Axis,
+    quantity: str,
+    method: str,
+    closure: str,
+    runner: Runner,
+    follow: Callable[[float, str], object],
+) -> Optimum:
+    """The optimum over one parameter, all of it but its time.
+
+    Raises
+    ------
+    OptimumError, SimulationError
+    """
+    device = _on_common_knots(scene, axis)
+    place, value, reason = None, None, f"knows no {quantity.replace('_', ' ')}"
+    if quantity in MAXIMISED:
+        place, value, reason = averaged(device, axis, quantity, closure, runner)
+    follow(0.3, "simulation")
+    search = Search(device, axis, quantity, method, runner)
+    found, fitted = search.find(None if place is None else axis.coordinate(place))
+    follow(0.9, "comparison")
+    there = device.replace({axis.key: found.estimate})
+    wanted = [search.request(axis.coordinate(found.estimate)), Request(there, closure)]
+    simulated, by_closure = answers_in_time(runner, wanted)
+    if isinstance(simulated, HarvesterError):
+        raise simulated
+    refused = isinstance(by_closure, HarvesterError) or quantity not in MAXIMISED
+    there = None if refused else amount(by_closure, quantity)
+    return Optimum(
+        scene=scene,
+        quantity=quantity,
+        unit=unit_of(scene, simulated.quantities[quantity].dimension),
+        method=method,
+        parameters=[Parameter(axis, found.estimate, found.standard_error)],
+        value=simulated.in_units()[quantity],
+        searched=[({axis.key: each}, estimate) for each, estimate in fitted],
+        averaging=Averaging(closure, place, value, reason, there),
+    )
+
+
+def _on_common_knots(scene, axis):
+    """The scene with one spacing for the whole range: else places would not share their noise."""
+    ends = [scene.replace({axis.key: end}) for end in (axis.low, axis.high)]
+    return on_common_knots([scene], ends)[0]
 
 
 def amount(answer: Answer, quantity: str) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 
 from harvester.errors import HarvesterError, SceneError
 from harvester.scene.model import Scene
-from harvester.studies.optimum.objective import on_common_knots
+from harvester.studies.answers import on_common_knots
 from harvester.studies.sensitivity.joint_tolerance import Direction
 from harvester.studies.sensitivity.tolerances import Tolerance
 

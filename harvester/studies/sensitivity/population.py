@@ -4,7 +4,7 @@ What is measured of a device is blurred by the noise of its run. The blur widens
 and moves devices over the limit, more of them from where there are more. It is taken out twice:
 
 - the devices' values are drawn together about their mean until their variance is that without the
-  noise (`harvester.studies.sensitivity.sobol`), so that spread and quantiles are those of the devices;
+  noise (see `sobol` beside this), so that spread and quantiles are those of the devices;
 - the share above a limit changes in proportion to the variance of the noise while that is small.
   The mean of two replicates has half the variance of one, so that twice the share among the means
   less the share among single replicates is the share without noise (Richardson's extrapolation;

@@ -16,7 +16,7 @@ from harvester.estimates.units import unit_of
 from harvester.results.result import with_error
 from harvester.running import Request, RunnerOptions, open_runner
 from harvester.scene.model import Scene
-from harvester.studies.optimum.objective import (
+from harvester.studies.answers import (
     check_quantity,
     checked_method,
     first_answer,
@@ -235,7 +235,8 @@ def sensitivity(
     scene : Scene
         Its run is that of each device, half of the realizations for each replicate.
     vary : dict of str to str
-        Key of a number of the scene, to its distribution: see `harvester.studies.sensitivity.tolerances`.
+        Key of a number of the scene, to its distribution: see
+        `harvester.studies.sensitivity.tolerances`.
     covariance : dict or file, optional
         Of an identification: what it leaves open of its values scatters too, along the principal
         axes; see `harvester.studies.sensitivity.joint_tolerance`.

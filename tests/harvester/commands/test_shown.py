@@ -9,10 +9,10 @@ from harvester.identification.identification import Identification
 from harvester.results.result import Result
 from harvester.studies.comparison import Comparison
 from harvester.studies.frequency_response import FrequencyResponse
-from harvester.studies.loads.outcome import Report
+from harvester.studies.loads.study import Study
 from harvester.studies.optimum import Optimum
-from harvester.studies.optimum.several import OptimumOfSeveral
 from harvester.studies.sensitivity import Sensitivity
+from harvester.studies.sweep import Sweep
 from harvester.verification.known_results.truth import Verification
 from harvester.verification.paper import orbit_maps
 from harvester.verification.paper.claims import Judgement
@@ -27,12 +27,12 @@ SHOWN = [
     Identification,
     Judgement,
     Optimum,
-    OptimumOfSeveral,
-    Report,
     Reproduction,
     Result,
     Sensitivity,
     StabilityMatrix,
+    Study,
+    Sweep,
     TimeToAccuracy,
     Verification,
     WorkPrecision,

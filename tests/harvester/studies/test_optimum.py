@@ -20,7 +20,7 @@ from harvester.studies.optimum import line as optimum_search
 from harvester.studies.optimum import optimum
 from harvester.studies.optimum.axis import Axis
 from harvester.studies.optimum.line import Fit, Search, averaged
-from harvester.studies.optimum.objective import missing_from
+from harvester.studies.answers import missing_from
 
 LINEAR = Scene.load("linear", ["run.realizations=2", "run.duration=3000"])
 
