@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 # Panels in one row, unless told otherwise.
 COLUMNS = 3
+LEGEND_COLUMNS = 5
 # Ratio of values beyond which their axis is logarithmic: over less it has no room for labels.
 WIDE_RATIO = 10.0
 
@@ -111,21 +112,27 @@ def draw_panels(
     wide = max(1.2 + size[0] * columns, 5.0)
     figure = Figure(figsize=(wide, 0.6 + size[1] * rows))
     places = figure.subplots(rows, columns, squeeze=False, **shared).ravel()
-    legend: dict[str, Any] = {}
     same = len({panel.y_label for panel in panels}) == 1
     for place, (axes, panel) in enumerate(zip(places, panels, strict=False)):
         _draw_panel(axes, panel)
         if same and place % columns:
             axes.set_ylabel("")
-        handles, labels = axes.get_legend_handles_labels()
-        legend |= {label: each for label, each in zip(labels, handles, strict=True)}
     for axes in places[len(panels) :]:
         axes.remove()
-    if legend:
-        ncols = min(len(legend), 5)
-        figure.legend([*legend.values()], [*legend], loc="outside lower center", ncols=ncols)
+    legend_below(figure, places[: len(panels)])
     entitle(figure, title)
     return figure
+
+
+def legend_below(figure: Figure, panels: Iterable[Axes]) -> None:
+    """One legend for all panels; a label that several have stands once."""
+    legend: dict[str, Any] = {}
+    for axes in panels:
+        handles, labels = axes.get_legend_handles_labels()
+        legend |= dict(zip(labels, handles, strict=True))
+    if legend:
+        columns = min(len(legend), LEGEND_COLUMNS)
+        figure.legend([*legend.values()], [*legend], loc="outside lower center", ncols=columns)
 
 
 def entitle(figure: Figure, title: str) -> None:

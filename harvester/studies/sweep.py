@@ -64,8 +64,8 @@ class Sweep:
     ----------
     scene : Scene
         With one spacing of knots for all places.
-    values : dict of str to tuple of float
-        Keys that were varied, and their values.
+    values : dict of str to tuple
+        Keys that were varied, and their values; of a load study also the names of loads.
     methods, quantities : tuple of str
         The quantities that the tables show; `cells` hold all there are.
     cells : ndarray of Cell
@@ -78,7 +78,7 @@ class Sweep:
     """
 
     scene: Scene
-    values: dict[str, tuple[float, ...]]
+    values: Mapping[str, tuple]
     methods: tuple[str, ...]
     quantities: tuple[str, ...]
     cells: np.ndarray = field(repr=False)
@@ -86,7 +86,7 @@ class Sweep:
     out_of_time: bool = False
     seconds: float = 0.0
 
-    def places(self) -> Iterator[tuple[tuple[float, ...], Cell]]:
+    def places(self) -> Iterator[tuple[tuple, Cell]]:
         """(value of each key, cell), the methods fastest."""
         for where in np.ndindex(self.cells.shape):
             place = tuple(each[k] for each, k in zip(self.values.values(), where, strict=False))
@@ -153,7 +153,7 @@ class Sweep:
         rows = []
         for place, cell in self.places():
             estimates = [cell.estimates.get(name, _NOTHING) for name in self.quantities]
-            row = [cell.method, *(f"{value:.5g}" for value in place), *map(with_error, estimates)]
+            row = [cell.method, *map(in_words, place), *map(with_error, estimates)]
             rows.append([*row, str(cell.realizations or ""), cell.outcome])
         return [*header, "realizations", "outcome"], rows
 
@@ -249,8 +249,11 @@ def sweep(
     methods = tuple(listed(methods, "methods", METHODS_WRITTEN))
     quantities = tuple(listed(quantities, "quantities", QUANTITIES_WRITTEN))
     grid = make_grid(scene, (), over, "over")
-    asked = {"precision": precision, "quantities": quantities, "step": step}
-    requests = [Request(point.scene, each, **asked) for point in grid.points for each in methods]
+    requests = [
+        Request(point.scene, each, precision=precision, quantities=quantities, step=step)
+        for point in grid.points
+        for each in methods
+    ]
     with open_runner(**running) as runner:
         answers = runner.answer(requests)
         out_of_time = runner.out_of_time
@@ -319,6 +322,11 @@ def columns(scene: Scene, cells: np.ndarray) -> Iterator[tuple[str, np.ndarray, 
         yield name, _each(cells, lambda c, n=name: _value(c, n, "estimate"), float), unit
         errors = _each(cells, lambda c, n=name: _value(c, n, "standard_error"), float)
         yield f"{name}_standard_error", errors, unit
+
+
+def in_words(value: float | str) -> str:
+    """A swept value, or the name of a load."""
+    return value if isinstance(value, str) else f"{value:.5g}"
 
 
 def _each(cells, value, kind):

@@ -12,6 +12,7 @@ from harvester.averaging import CLOSURES
 from harvester.estimates.units import unit_of
 from harvester.show.palette import CIRCUIT, LINES, MONTE_CARLO
 from harvester.show.panels import Panel, Series, draw_panels, is_wide
+from harvester.studies.sweep import in_words
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -44,7 +45,9 @@ def _panel(sweep, name, along, other):
         key, x = keys[along], sweep.values[keys[along]]
         rows = np.moveaxis(sweep.cells, along, 0)[(slice(None), *other)]
     held = [each for each in keys if each != key]
-    words = [f"{each} = {sweep.values[each][k]:g}" for each, k in zip(held, other, strict=True)]
+    words = [
+        f"{each} = {in_words(sweep.values[each][k])}" for each, k in zip(held, other, strict=True)
+    ]
     found = [each.estimates[name] for each in rows.ravel() if name in each.estimates]
     unit = unit_of(sweep.scene, found[0].dimension) if found else ""
     series = [_series(name, method, x, rows[:, k]) for k, method in enumerate(sweep.methods)]

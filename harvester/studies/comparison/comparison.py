@@ -16,7 +16,7 @@ from harvester.calling import takes_scene
 from harvester.device import timescales
 from harvester.errors import AveragingError, LoadError
 from harvester.estimates.estimate import Estimate
-from harvester.files.writing import finite
+from harvester.files.serialising import plain
 from harvester.results.paired import paired_difference
 from harvester.results.result import Result, with_error
 from harvester.scene.model import Scene
@@ -232,23 +232,25 @@ class Comparison:
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
         results = [*self._engines(), *self.closures.values()]
-        return {
-            "scene": self.scene.to_dict(),
-            "results": {result.engine: result.to_dict() for result in results},
-            "refused": dict(self.refused),
-            "difference_in_standard_errors": {
-                name: finite(self.difference(name)) for name in self.compared
-            },
-            "paired_bias": {name: each.to_dict("1") for name, each in self.paired.items()},
-            "closure_deviation": {
-                closure: {name: finite(self.deviation(closure, name)[0]) for name in self.compared}
-                for closure in self.closures
-            },
-            "joint_density_distance": {
-                closure: {"from_monte_carlo": apart, "by_chance": finite(chance)}
-                for closure, (apart, chance) in self.joint_distances().items()
-            },
-        }
+        return plain(
+            {
+                "scene": self.scene,
+                "results": {result.engine: result for result in results},
+                "refused": self.refused,
+                "difference_in_standard_errors": {
+                    name: self.difference(name) for name in self.compared
+                },
+                "paired_bias": {name: each.to_dict("1") for name, each in self.paired.items()},
+                "closure_deviation": {
+                    closure: {name: self.deviation(closure, name)[0] for name in self.compared}
+                    for closure in self.closures
+                },
+                "joint_density_distance": {
+                    closure: {"from_monte_carlo": apart, "by_chance": chance}
+                    for closure, (apart, chance) in self.joint_distances().items()
+                },
+            }
+        )
 
 
 @takes_scene

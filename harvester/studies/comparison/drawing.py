@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from harvester.results.drawing import axis_label, draw_density, frame
 from harvester.show.palette import CIRCUIT, LINES, MONTE_CARLO
+from harvester.show.panels import entitle, legend_below
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,18 +32,9 @@ def draw_comparison(comparison: Comparison) -> Figure:
     top = figure.add_subplot(below[0])
     _draw_waveforms(top, figure.add_subplot(below[1], sharex=top), comparison)
     compared = "circuit, Monte Carlo and averaging" if comparison.closures else "both engines"
-    figure.suptitle(
-        f"{comparison.scene.name}: {compared} (bands: two standard errors)",
-        x=0.01,
-        ha="left",
-        fontsize=9,
-    )
+    entitle(figure, f"{comparison.scene.name}: {compared} (bands: two standard errors)")
     # A closure may have fewer densities than another.
-    handles: dict[str, Any] = {}
-    for panel in panels:
-        found, labels = panel.get_legend_handles_labels()
-        handles |= dict(zip(labels, found, strict=True))
-    figure.legend([*handles.values()], [*handles], loc="outside lower center", ncols=5)
+    legend_below(figure, panels)
     return figure
 
 

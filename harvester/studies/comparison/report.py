@@ -6,20 +6,24 @@ import html
 import json
 import platform
 from importlib import metadata
-from typing import TYPE_CHECKING
 
 from harvester.errors import MissingLibrary
 from harvester.results import joint_drawing
 from harvester.results.drawing import draw_result
 from harvester.show import figures
-from harvester.show.page import facts, figure_of, page, table_of, verdict_list, wide
+from harvester.show.page import (
+    NARROWEST_SCHEMATIC,
+    facts,
+    figure_of,
+    page,
+    table_of,
+    verdict_list,
+    wide,
+)
+from harvester.studies.comparison.comparison import Comparison
 from harvester.studies.comparison.drawing import draw_comparison
 from harvester.studies.comparison.verdicts import verdicts
 
-if TYPE_CHECKING:
-    from harvester.studies.comparison import Comparison
-
-NARROWEST_SCHEMATIC = "64rem"
 LEGEND = (
     "± one standard error; beside a closure its deviation from Monte Carlo, as a share and in "
     "standard errors. Difference: circuit minus Monte Carlo in joint standard errors. Paired bias: "

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from harvester.show.page import Verdict
+from harvester.studies.comparison.comparison import (
+    AGREEING_SHARE,
+    AGREEING_STANDARD_ERRORS,
+    COMPARED,
+    Comparison,
+)
 
-if TYPE_CHECKING:
-    from harvester.studies.comparison import Comparison
-
-# Joint standard errors up to which two methods agree.
-AGREEING_STANDARD_ERRORS = 3.0
 # The quantity by which closures and the step are judged.
 JUDGED = "mean_square_voltage"
 # A closure is judged off only from here: every one is an approximation.
@@ -58,8 +58,6 @@ def _engines(comparison):
     name, share = next(iter(comparison.significant.items()))
     by = f"the {_words(name)} differs by {abs(share):.2%}, {known[name]:.1f} standard errors"
     if comparison.agree:
-        from harvester.studies.comparison.comparison import AGREEING_SHARE
-
         return Verdict(
             f"Circuit and Monte Carlo agree within {AGREEING_SHARE:.0%}: {by}{tail}.", True
         )
@@ -122,8 +120,6 @@ def _off(share, sigma):
 
 def _farthest(comparison, name):
     """The quantity in which a closure lies farthest off, in words; empty where none does."""
-    from harvester.studies.comparison import COMPARED
-
     deviations = {quantity: comparison.deviation(name, quantity) for quantity in COMPARED}
     off = {quantity: d for quantity, d in deviations.items() if _off(*d)}
     if not off:

@@ -6,6 +6,7 @@ import math
 from functools import partial
 from typing import TYPE_CHECKING
 
+from harvester.show.palette import CIRCUIT, MONTE_CARLO
 from harvester.show.panels import Panel, Series, draw_panels
 from harvester.studies.optimum.axis import INTERVAL
 from harvester.studies.optimum.flat_region import FLAT_SHARE
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
     from harvester.studies.optimum.result import Optimum
 
-SEARCHED, MAXIMUM, OWN = "0.6", "#D55E00", "#0072B2"
+SEARCHED, MAXIMUM, OWN = "0.6", MONTE_CARLO, CIRCUIT
 
 
 def draw(found: Optimum) -> Figure:
@@ -54,7 +55,7 @@ def _draw_bounds(found, each, axes):
     """How far the place may lie off, or the maximum is flat, and the scene itself."""
     low, high, label = each.flat_low, each.flat_high, f"within {FLAT_SHARE:.0%}, the others held"
     if each.standard_error is not None:
-        low, high, label = *found.interval, "interval of the place"
+        (low, high), label = found.interval, "interval of the place"
     if not math.isnan(low + high):
         axes.axvspan(low, high, color=MAXIMUM, alpha=0.15, lw=0, label=label)
     if found.own is not None:

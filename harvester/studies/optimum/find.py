@@ -99,16 +99,19 @@ def optimum(
     if not ranges:
         raise HarvesterError(f"over: names no key; write {OVER}")
     is_one = len(ranges) == 1
-    only = {"evaluations": evaluations, "precision": precision} if is_one else {"closure": closure}
-    _refuse(only, is_one)
+    for name, value in {"evaluations": evaluations, "precision": precision}.items():
+        if value is not None and is_one:
+            raise HarvesterError(f"--{name}: is for several parameters, a second --over")
+    if closure is not None and not is_one:
+        raise HarvesterError("--closure: is for one parameter; over several use --method")
     if not isinstance(over, str) and (low is not None or high is not None):
         raise HarvesterError(f"low and high: are for a single key; write {OVER}")
     follow = running.pop("progress", None) or (lambda share, words: None)
+    beside = check_name("closure", closure or DEFAULT_CLOSURE, CLOSURES)
     if is_one:
-        # A closure stands beside it, and simulation is compared with it.
+        # Averaging stands beside it, and what is compared with it is a simulation.
         method = check_name("method", method or checked_method(scene, None), ENGINES)
         ENGINES[method].check(scene)
-        closure = check_name("closure", closure or DEFAULT_CLOSURE, CLOSURES)
         load = scene.load.circuit
         outputs = RATIOS if load and load.has_output else ()
         check_name("quantity", maximise, (*MAXIMISED, *outputs))
@@ -116,20 +119,12 @@ def optimum(
     axes = [Axis.of(scene, key, *_ends(key, ends)) for key, ends in ranges.items()]
     with open_runner(**running) as runner:
         if is_one:
-            found = along(scene, axes[0], maximise, method, closure, runner, follow)
+            found = along(scene, axes[0], maximise, method, beside, runner, follow)
         else:
-            asked = {"evaluations": evaluations, "precision": precision}
-            found = over_several(scene, axes, maximise, method, runner, follow, **asked)
+            found = over_several(
+                scene, axes, maximise, method, runner, follow, evaluations, precision
+            )
     return replace(found, seconds=time.perf_counter() - clock)
-
-
-def _refuse(options, is_one):
-    """Name an option that is for another number of parameters."""
-    for name, value in options.items():
-        if value is not None and is_one:
-            raise HarvesterError(f"--{name}: is for several parameters, a second --over")
-        if value is not None:
-            raise HarvesterError(f"--{name}: is for one parameter; over several use --method")
 
 
 def _ends(key, ends):

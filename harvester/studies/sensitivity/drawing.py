@@ -6,12 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from harvester.show.palette import CIRCUIT, MONTE_CARLO
+from harvester.show.panels import entitle
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from harvester.studies.sensitivity import Sensitivity
 
-COLOURS = "#0072B2", "#D55E00"
+COLOURS = CIRCUIT, MONTE_CARLO
 BINS = 30
 
 
@@ -28,12 +31,10 @@ def draw_tornado(study: Sensitivity) -> Figure:
     left.set_ylim(-0.7, len(names) - 0.3)
     _draw_indices(right, study, order)
     figure.legend(*left.get_legend_handles_labels(), loc="outside lower left", ncols=2, fontsize=6)
-    figure.suptitle(
+    entitle(
+        figure,
         f"{study.scene.name}: {study.quantity.replace('_', ' ')} by {study.method}, bars: 95 % "
         "intervals",
-        x=0.01,
-        ha="left",
-        fontsize=9,
     )
     return figure
 
@@ -116,11 +117,9 @@ def draw_distribution(study: Sensitivity) -> Figure:
     axes.set_xlabel(f"{study.quantity.replace('_', ' ')} [{unit.split()[0]}]")
     axes.set_ylabel("probability density")
     axes.legend(fontsize=6, loc="best")
-    figure.suptitle(
+    entitle(
+        figure,
         f"{study.scene.name}: {study.devices} devices by {study.method}, the noise's part of the "
         "spread taken out",
-        x=0.01,
-        ha="left",
-        fontsize=8,
     )
     return figure

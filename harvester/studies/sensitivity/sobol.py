@@ -18,8 +18,11 @@ too; the even cover of Sobol's sequence is not counted on, so they are wide rath
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+
+from harvester.files.serialising import plain
 
 RESAMPLES = 2000
 # Share of all resamples within an interval.
@@ -33,6 +36,10 @@ class Interval:
     estimate: float
     low: float
     high: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return plain({"estimate": self.estimate, "interval": [self.low, self.high]})
 
     def __str__(self) -> str:
         return f"{self.estimate:.3f} ({self.low:.3f} … {self.high:.3f})"

@@ -1,10 +1,12 @@
 """`sensitivity`: which tolerance of a device matters, how its quantity scatters, and the yield."""
 
+from __future__ import annotations
+
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
@@ -13,6 +15,7 @@ from harvester.calling import takes_scene
 from harvester.errors import HarvesterError, OutOfTime
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.units import unit_of
+from harvester.files.serialising import plain
 from harvester.results.result import with_error
 from harvester.running import Request, RunnerOptions, open_runner
 from harvester.scene.model import Scene
@@ -32,6 +35,9 @@ from harvester.studies.sensitivity.joint_tolerance import directions
 from harvester.studies.sensitivity.population import Population, Yield, population, share_above
 from harvester.studies.sensitivity.sobol import Indices, design, indices
 from harvester.studies.sensitivity.tolerances import tolerance
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 ROWS = 64
 # Rows of a design without which no interval is worth naming, and the most there may be.
@@ -154,52 +160,51 @@ class Sensitivity:
 
     def to_dict(self) -> dict:
         """Plain values for JSON."""
-        found = self.indices
-        return {
-            "scene": self.scene.to_dict(),
-            "quantity": self.quantity,
-            "unit": self.unit,
-            "method": self.method,
-            "nominal": {
-                "estimate": self.nominal.estimate,
-                "standard_error": self.nominal.standard_error,
-            },
-            "parameters": {
-                each.key: {
-                    "distribution": each.kind,
-                    "of": [each.first, each.second],
-                    "first_order_index": found.first and _entry(found.first[k]),
-                    "total_index": found.total and _entry(found.total[k]),
-                    "effect_low": _entry(self.effects[k][0]),
-                    "effect_high": _entry(self.effects[k][1]),
-                }
-                for k, each in enumerate(self.tolerances)
-            },
-            "variance": _entry(found.variance),
-            "noise_variance": found.noise_variance,
-            "mean": _entry(self.population.mean),
-            "standard_deviation": _entry(self.population.deviation),
-            "quantiles": {str(q): _entry(e) for q, e in self.population.quantiles.items()},
-            "yield": self.yield_above
-            and {
-                "above": self.yield_above.limit,
-                **_entry(self.yield_above.share),
-                "counted": self.yield_above.counted,
-            },
-            "devices": self.devices,
-            "rows": self.values.shape[1],
-            "rows_asked": self.rows_asked,
-            "replicates": len(self.values),
-            "outcome": "out of time" if self.out_of_time else "complete",
-            "notes": [*self._on_noise(), *self.failures],
-            "seconds": self.seconds,
-        }
+        found, limit = self.indices, self.yield_above
+        return plain(
+            {
+                "scene": self.scene,
+                "quantity": self.quantity,
+                "unit": self.unit,
+                "method": self.method,
+                "nominal": {
+                    "estimate": self.nominal.estimate,
+                    "standard_error": self.nominal.standard_error,
+                },
+                "parameters": {
+                    each.key: {
+                        "distribution": each.kind,
+                        "of": [each.first, each.second],
+                        "first_order_index": found.first and found.first[k],
+                        "total_index": found.total and found.total[k],
+                        "effect_low": self.effects[k][0],
+                        "effect_high": self.effects[k][1],
+                    }
+                    for k, each in enumerate(self.tolerances)
+                },
+                "variance": found.variance,
+                "noise_variance": found.noise_variance,
+                "mean": self.population.mean,
+                "standard_deviation": self.population.deviation,
+                "quantiles": self.population.quantiles,
+                "yield": limit
+                and {"above": limit.limit, **limit.share.to_dict(), "counted": limit.counted},
+                "devices": self.devices,
+                "rows": self.values.shape[1],
+                "rows_asked": self.rows_asked,
+                "replicates": len(self.values),
+                "outcome": "out of time" if self.out_of_time else "complete",
+                "notes": [*self._on_noise(), *self.failures],
+                "seconds": self.seconds,
+            }
+        )
 
-    def figure(self) -> Any:
+    def figure(self) -> Figure:
         """The tornado and the indices."""
+        from harvester.show import figures
         from harvester.studies.sensitivity.drawing import draw_tornado
 
-        return draw_tornado(self)
+        return figures.drawn(draw_tornado, self)
 
     def device_table(self) -> str:
         """CSV: one line for each device that was simulated, its parameters and its values."""
@@ -364,10 +369,6 @@ def _told(kept, failures, out_of_time):
             f"out of time: {kept.sum()} of {kept.size} rows; the same command with --output goes on"
         )
     return tuple(lines)
-
-
-def _entry(each):
-    return {"estimate": each.estimate, "interval": [each.low, each.high]}
 
 
 def _spread(each):

@@ -24,6 +24,6 @@ def test_a_dataset_is_asked_of_the_study():
 def test_optimum_takes_several_parameters():
     with (
         pytest.warns(DeprecationWarning, match="optimum takes several"),
-        pytest.raises(harvester.HarvesterError, match="did you mean load.decay_rate"),
+        pytest.raises(harvester.HarvesterError, match=r"did you mean load\.decay_rate"),
     ):
         harvester.optimum_of_several("linear", {"load.decay_rat": None, "load.decay_rate": None})

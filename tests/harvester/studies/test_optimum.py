@@ -16,11 +16,11 @@ from harvester.prepared.steps import knot_spacing
 from harvester.running import open_runner
 from harvester.scene.model import Scene
 from harvester.simulation.simulate import simulate
+from harvester.studies.answers import missing_from
 from harvester.studies.optimum import line as optimum_search
 from harvester.studies.optimum import optimum
 from harvester.studies.optimum.axis import Axis
 from harvester.studies.optimum.line import Fit, Search, averaged
-from harvester.studies.answers import missing_from
 
 LINEAR = Scene.load("linear", ["run.realizations=2", "run.duration=3000"])
 

@@ -1,4 +1,4 @@
-"""A grid of values by several methods as one tidy table, against the linear device's closed form."""
+"""A grid of values by several methods, against the linear device's closed form."""
 
 import csv
 import math
