@@ -136,7 +136,8 @@ class Sweep:
             xarray, of the extra `study`.
         """
         variables = variables_of(self.scene, self.cells, (*self.values, "method"))
-        coordinates = {**self.values, "method": list(self.methods)}
+        coordinates = {name: list(each) for name, each in self.values.items()}
+        coordinates["method"] = list(self.methods)
         attributes = {"scene": json_text(self.scene.to_dict()), "notes": "\n".join(self.notes)}
         return xarray_or_say().Dataset(variables, coordinates, attributes)
 
