@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -279,33 +278,27 @@ class Result:
         return one_line(f"<Result of {self.scene.name} by {self.engine}: {more}>")
 
     def _repr_html_(self) -> str:
-        header, rows = self.table()
+        from harvester.show.page import facts, table_of
 
-        def line(cells: list[str], tag: str) -> str:
-            shown = "".join(f"<{tag}>{html.escape(one_line(cell))}</{tag}>" for cell in cells)
-            return f"<tr>{shown}</tr>"
-
-        body = line(header, "th") + "".join(line(row, "td") for row in rows)
-        title = html.escape(f"{self.scene.name}: {self.engine}")
-        facts = html.escape(one_line("; ".join(self.sentences())))
-        return f"<table><caption>{title}</caption>{body}</table><p>{facts}</p>"
+        title = facts(f"{self.scene.name}: {self.engine}")
+        return f"{title}{table_of(*self.table())}{facts('; '.join(self.sentences()))}"
 
     def evidence(self) -> list[str]:
         """Sentences on how the numbers came about."""
-        facts = [self.engine_version]
+        said = [self.engine_version]
         if self.simulated_time > 0.0:
-            facts.append(
+            said.append(
                 f"{self.realizations} × {self.simulated_time / self.realizations:g} s, "
                 f"{self.steps} steps of at most {self.step:g} s, seed {self.scene.run.seed}"
             )
         if self.step_error is not None:
-            facts.append(f"the steps cost powers up to {self.step_error:.1g} of themselves")
+            said.append(f"the steps cost powers up to {self.step_error:.1g} of themselves")
         if self.energy_balance_residual is not None:
-            facts.append(f"energy balance residual {self.energy_balance_residual:.2%}")
-        facts.append(f"{self.wall_seconds:.2f} s")
+            said.append(f"energy balance residual {self.energy_balance_residual:.2%}")
+        said.append(f"{self.wall_seconds:.2f} s")
         if self.netlist_sha256:
-            facts.append(f"netlist {self.netlist_sha256[:12]}")
-        return facts
+            said.append(f"netlist {self.netlist_sha256[:12]}")
+        return said
 
 
 def with_error(estimate: Estimate) -> str:
