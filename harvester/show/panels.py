@@ -158,15 +158,17 @@ def _draw_panel(axes, panel):
 
 def _draw_series(axes, series):
     x, y = np.asarray(series.x), np.asarray(series.y)
+    # Bars of length 0 would be caps.
+    has_bars = series.bars is not None and np.any(series.bars)
     bars = axes.errorbar(
         x,
         y,
-        series.bars,
+        series.bars if has_bars else None,
         color=series.colour,
         linestyle=series.line or "none",
         marker=series.marker,
         markersize=series.size,
-        capsize=2 if series.bars is not None else 0,
+        capsize=2,
         label=series.label,
     )
     colour = bars.lines[0].get_color()

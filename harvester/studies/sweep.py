@@ -88,9 +88,10 @@ class Sweep:
 
     def places(self) -> Iterator[tuple[tuple, Cell]]:
         """(value of each key, cell), the methods fastest."""
-        for where in np.ndindex(self.cells.shape):
+        cells: Any = self.cells
+        for where in np.ndindex(cells.shape):
             place = tuple(each[k] for each, k in zip(self.values.values(), where, strict=False))
-            yield place, self.cells[where]
+            yield place, cells[where]
 
     def data(self) -> tuple[list[str], list[list[Any]]]:
         """Header and rows of the tidy table: one for each place, method and quantity."""
