@@ -21,6 +21,7 @@ from harvester.results.paired import paired_difference
 from harvester.results.result import Result, with_error
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
+from harvester.show.page import Verdict
 from harvester.simulation.simulate import TIME_LIMIT, running, simulate
 from harvester.workers.pools import Workers
 
@@ -164,18 +165,36 @@ class Comparison:
     def sentences(self) -> list[str]:
         """What the numbers say, one line each."""
         lines = [f"{engine.engine}: {'; '.join(engine.evidence())}" for engine in self._engines()]
-        differences = {name: abs(self.difference(name)) for name in self.compared}
-        bare = [name for name, sigma in differences.items() if math.isnan(sigma)]
-        judged = [sigma for sigma in differences.values() if not math.isnan(sigma)]
-        if judged:
-            verdict = "agree" if self.agree else "DISAGREE"
-            lines.append(f"circuit and Monte Carlo {verdict}: {self._apart(max(judged))}")
-        lines += self.without_error_bar(bare)
+        lines.append(self.verdict().text)
+        bare = [name for name in self.compared if math.isnan(self.difference(name))]
+        # Where all are bare the verdict says it already.
+        lines += self.without_error_bar(bare) if len(bare) < len(self.compared) else []
         lines += [f"closure {name} refused: {reason}" for name, reason in self.refused.items()]
         for name, (apart, chance) in self.joint_distances().items():
             by_chance = "" if math.isnan(chance) else f", {chance:.3f} by chance alone"
             lines.append(f"∬|p(X, X') by {name} − by Monte Carlo| = {apart:.3f}{by_chance}")
         return [*lines, *dict.fromkeys((*self.circuit.notes, *self.monte_carlo.notes))]
+
+    def verdict(self) -> Verdict:
+        """Whether the engines agree, in a sentence."""
+        apart = {name: abs(self.difference(name)) for name in self.compared}
+        known = {name: sigma for name, sigma in apart.items() if not math.isnan(sigma)}
+        if not known:
+            reasons = "; ".join(self.without_error_bar(self.compared))
+            return Verdict(f"There is no error bar to judge by: {reasons}.", False)
+        short = len(apart) - len(known)
+        tail = f"; {short} of {len(apart)} quantities have no error bar" if short else ""
+        if not self.significant:
+            worst = max(known.values())
+            agreed = f"Circuit and Monte Carlo agree within {worst:.1f} standard errors{tail}."
+            return Verdict(agreed, True)
+        name, share = next(iter(self.significant.items()))
+        by = f"the {words(name)} differs by {abs(share):.2%}, {known[name]:.1f} standard errors"
+        by += tail
+        if self.agree:
+            within = f"Circuit and Monte Carlo agree within {AGREEING_SHARE:.0%}"
+            return Verdict(f"{within}: {by}; up to that is what steps may cost.", True)
+        return Verdict(f"Circuit and Monte Carlo disagree: {by}.", False)
 
     def without_error_bar(self, names: Iterable[str]) -> list[str]:
         """Quantities without an error bar in either engine, by the reason."""
@@ -187,17 +206,6 @@ class Comparison:
         return [
             f"{', '.join(each).replace('_', ' ')}: {reason}" for reason, each in reasons.items()
         ]
-
-    def _apart(self, greatest):
-        """How far the engines are apart, of the greatest difference in joint standard errors."""
-        if not self.significant:
-            return f"at most {greatest:.1f} joint standard errors apart"
-        name, share = next(iter(self.significant.items()))
-        return (
-            f"the {name.replace('_', ' ')} by {abs(share):.2%}, "
-            f"{abs(self.difference(name)):.1f} joint standard errors; up to "
-            f"{AGREEING_SHARE:.0%} is what steps may cost"
-        )
 
     def joint_distances(self) -> dict[str, tuple[float, float]]:
         """Of closures with a joint density: ∬|p − p'| from Monte Carlo's, and that by chance."""
@@ -315,6 +323,11 @@ def _part(
 ) -> Callable[[float, str], object]:
     """Progress of one part of the work, told as that of the whole."""
     return lambda share, words: progress(begin + (end - begin) * share, words)
+
+
+def words(name: str) -> str:
+    """A quantity's name in a sentence."""
+    return name.replace("_", " ").replace("mean square", "mean-square")
 
 
 def _or_infinite(share):

@@ -6,10 +6,10 @@ import math
 
 from harvester.show.page import Verdict
 from harvester.studies.comparison.comparison import (
-    AGREEING_SHARE,
     AGREEING_STANDARD_ERRORS,
     COMPARED,
     Comparison,
+    words,
 )
 
 # The quantity by which closures and the step are judged.
@@ -40,28 +40,7 @@ def verdicts(comparison: Comparison) -> list[Verdict]:
         Verdict(f"The closure {name} was refused: {reason}.")
         for name, reason in comparison.refused.items()
     ]
-    return [_engines(comparison), *_step(comparison), _energy(comparison), *closures, *refused]
-
-
-def _engines(comparison):
-    apart = {name: abs(comparison.difference(name)) for name in comparison.compared}
-    known = {name: sigma for name, sigma in apart.items() if not math.isnan(sigma)}
-    if not known:
-        reasons = comparison.without_error_bar(comparison.compared)
-        return Verdict(f"There is no error bar to judge by: {'; '.join(reasons)}.", False)
-    short = len(apart) - len(known)
-    tail = f"; {short} of {len(apart)} quantities have no error bar" if short else ""
-    if not comparison.significant:
-        worst = max(known.values())
-        agreed = f"Circuit and Monte Carlo agree within {worst:.1f} standard errors{tail}."
-        return Verdict(agreed, True)
-    name, share = next(iter(comparison.significant.items()))
-    by = f"the {_words(name)} differs by {abs(share):.2%}, {known[name]:.1f} standard errors"
-    if comparison.agree:
-        return Verdict(
-            f"Circuit and Monte Carlo agree within {AGREEING_SHARE:.0%}: {by}{tail}.", True
-        )
-    return Verdict(f"Circuit and Monte Carlo disagree: {by}{tail}.", False)
+    return [comparison.verdict(), *_step(comparison), _energy(comparison), *closures, *refused]
 
 
 def _step(comparison):
@@ -72,7 +51,7 @@ def _step(comparison):
     judged = "more than its error explains" if seen else "within its error"
     return [
         Verdict(
-            f"On the same noise paths the circuit's {_words(JUDGED)} differs from Monte Carlo's by "
+            f"On the same noise paths the circuit's {words(JUDGED)} differs from Monte Carlo's by "
             f"{bias.estimate:+.2%} ± {bias.standard_error:.2%}, {judged}.",
             not seen,
         )
@@ -90,14 +69,14 @@ def _energy(comparison):
 
 def _closure(comparison, name):
     share, sigma = comparison.deviation(name, JUDGED)
-    words = f"The closure {name}"
+    subject = f"The closure {name}"
     if math.isnan(sigma):
-        return Verdict(f"{words} cannot be judged: Monte Carlo has no error bar.")
+        return Verdict(f"{subject} cannot be judged: Monte Carlo has no error bar.")
     reasons = _reasons(comparison.closures[name], name)
     tail = f" What is known: {'; '.join(reasons)}." if reasons else " It does not say why."
     if not _off(share, sigma):
         agreed = (
-            f"{words} agrees with Monte Carlo's {_words(JUDGED)}: {share:+.1%}, {sigma:+.1f} "
+            f"{subject} agrees with Monte Carlo's {words(JUDGED)}: {share:+.1%}, {sigma:+.1f} "
             "standard errors"
         )
         other = _farthest(comparison, name)
@@ -108,7 +87,7 @@ def _closure(comparison, name):
         )
     side = "high" if share > 0.0 else "low"
     return Verdict(
-        f"{words} lies {abs(share):.1%} {side} in {_words(JUDGED)}, {abs(sigma):.0f} standard "
+        f"{subject} lies {abs(share):.1%} {side} in {words(JUDGED)}, {abs(sigma):.0f} standard "
         f"errors of Monte Carlo.{tail}",
         False,
     )
@@ -126,7 +105,7 @@ def _farthest(comparison, name):
         return ""
     worst = max(off, key=lambda quantity: abs(off[quantity][1]))
     share, sigma = off[worst]
-    return f"its {_words(worst)} is off by {share:+.1%}, {sigma:+.0f} standard errors"
+    return f"its {words(worst)} is off by {share:+.1%}, {sigma:+.0f} standard errors"
 
 
 def _reasons(result, name):
@@ -139,7 +118,3 @@ def _reasons(result, name):
         outside = 1.0 - in_wells.estimate
         reasons.append(f"{LIMITS[name]} (it puts {outside:.0%} of the time outside the wells)")
     return reasons
-
-
-def _words(name):
-    return name.replace("_", " ").replace("mean square", "mean-square")
