@@ -16,6 +16,7 @@ from circuits.loads.measurement import NOTHING, Measurement, measurement_of
 from harvester.device import timescales
 from harvester.device.system import speed_held
 from harvester.errors import NetlistError
+from harvester.excitation import PrescribedDisplacement
 from harvester.prepared.paths import start_state
 from harvester.prepared.steps import knot_spacing, steps_per_knot, stop_time
 from harvester.scene.units import scale, setting
@@ -219,7 +220,7 @@ def assemble(
     load = scene.load.circuit
 
     def add_device(place, start):
-        if scene.excitation.prescribes_displacement:
+        if isinstance(scene.excitation, PrescribedDisplacement):
             elements.add_prescribed_displacement(place, rate, scene.excitation, scales, electrical)
         elif compiled:
             verilog.add_device(place)

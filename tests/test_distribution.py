@@ -104,5 +104,5 @@ def test_the_wheel_runs_away_from_the_checkout(environment, tmp_path):
 
 def test_the_version_stands_in_one_place():
     text = (ROOT / "pyproject.toml").read_text("utf-8")
-    assert "harvester.__version__" in text
+    assert "harvester.version.__version__" in text
     assert harvester.__version__ not in text

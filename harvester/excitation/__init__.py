@@ -18,7 +18,7 @@ from harvester.excitation.sum import Sum
 from harvester.excitation.white import White
 
 # By the word in `[excitation] kind`; the first is meant where it is left out.
-KINDS = {
+KINDS: dict[str, type[Excitation]] = {
     "ornstein-uhlenbeck": OrnsteinUhlenbeck,
     "record": RecordedMotion,
     "sine": Sine,

@@ -173,5 +173,5 @@ def _warmed(coarse, fine, free, warm):
             return shooting, found
     begun = replace(opened(warm.shooting, fit), values=values)
     shooting.responses = coarse
-    found = followed_anew(shooting, begun, rival)
-    return (shooting, found) if found else None
+    anew = followed_anew(shooting, begun, rival)
+    return (shooting, anew) if anew else None

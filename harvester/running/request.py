@@ -305,8 +305,8 @@ def _answer(request, good, ended):
     if not abs(found.residual) <= LARGEST_RESIDUAL:
         return not_balanced(found.residual), math.inf
     reached, unseen = _reached(request, scene, parameters, found.whole)
-    shape = densities(moments, is_symmetric(scene, parameters)) if request.density else {}
-    shape = shape.get("displacement")
+    shapes = densities(moments, is_symmetric(scene, parameters)) if request.density else {}
+    shape = shapes.get("displacement")
     if found.shortfalls and shape:
         shape = replace(shape, standard_error=None)
     notes = [*notes_on_excitation(scene), *found.notes, *residual_notes(found.residual)]

@@ -260,7 +260,7 @@ class Scene:
 
     def _tables(self, kept):
         """Nested dictionaries of the fields that `kept` says."""
-        tables = {"units": self.units}
+        tables: dict[str, Any] = {"units": self.units}
         if self.length_scale is not None:
             tables["length_scale"] = self.length_scale
         for table, (attribute, make) in _tables().items():

@@ -203,8 +203,9 @@ def _check_transducer(scene, origin):
 
 def _keys_of_kind(table, values, kinds, origin):
     """The keys of a table by its `kind`, the first of them where it is left out."""
-    spec = Key(kind=str, words=tuple(kinds))
-    word = check_value(f"{table}.kind", values.get("kind", spec.words[0]), spec, origin)
+    words = tuple(kinds)
+    spec = Key(kind=str, words=words)
+    word = check_value(f"{table}.kind", values.get("kind", words[0]), spec, origin)
     return {"kind": spec, **kinds[word].KEYS}
 
 

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import Executor
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -188,7 +188,7 @@ def _outcomes(pool, calls, time_limit, follow, keep_going):
         One failed and nothing keeps going, or all failed.
     """
     most = max(len(call["indices"]) for call in calls)
-    outcomes = {}
+    outcomes: dict[int, Any] = {}
     together = pool.map(run, calls, most * time_limit, follow, keep_going)
     for call, outcome in zip(calls, together, strict=True):
         if isinstance(outcome, SimulationError):
@@ -346,7 +346,12 @@ def _partial(scene, engine, step, source, error):
     reached = [m for m in error.partial or () if measured_time([m]) > 0.0]
     if not reached:
         return None
-    nothing = {"waveform": None, "joint": None, "engine_version": "", "netlist_sha256": None}
+    nothing: dict[str, Any] = {
+        "waveform": None,
+        "joint": None,
+        "engine_version": "",
+        "netlist_sha256": None,
+    }
     realizations = [
         Realization(moments=m, seconds=math.nan, started=math.nan, ended=math.nan, **nothing)
         for m in reached
