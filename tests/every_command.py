@@ -9,8 +9,8 @@ import itertools
 import numpy as np
 
 from harvester.command_line import main
+from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 
 # Of a run, a quarter of them to settle in; an optimum is refused where each mean is of fewer.
 PERIODS, PERIODS_OF_AN_OPTIMUM = 6.0, 12.0
@@ -156,7 +156,8 @@ def write_files(folder):
 def _values(device, folder):
     """Numbers that suit a device, for the fields of the overrides."""
     scene = _scene(device)
-    system, scales = scale(scene)
+    ready = prepared(scene)
+    system, scales = ready.system, ready.scales
     length = scales.displacement
     frequency = _period(system) ** -1
     intensity = scene.excitation.intensity

@@ -17,10 +17,10 @@ from harvester.device import timescales
 from harvester.errors import AveragingError, LoadError
 from harvester.estimates.estimate import Estimate
 from harvester.files.writing import finite
+from harvester.prepared.prepared import prepared
 from harvester.results.paired import paired_difference
 from harvester.results.result import Result, with_error
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 from harvester.simulation.simulate import TIME_LIMIT, running, simulate
 from harvester.workers.pools import Workers
 
@@ -281,7 +281,7 @@ def validate(
     ------
     HarvesterError, SimulationError
     """
-    parameters, _ = scale(scene)
+    parameters = prepared(scene).system
     shown = SHOWN_PERIODS * 2.0 * math.pi / timescales.angular_frequency(parameters)
     closures, refused = {}, {}
     for closure in CLOSURES:

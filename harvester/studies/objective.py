@@ -12,12 +12,13 @@ from harvester.averaging import CLOSURES
 from harvester.errors import HarvesterError, LoadError, OutOfTime, SceneError
 from harvester.estimates.batch_means import standard_error
 from harvester.estimates.estimate import Estimate
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, resolving
 from harvester.results.paired import deviations, has_deviations
 from harvester.running import Request
 from harvester.running.request import COMPLETE
 from harvester.scene.model import Scene
-from harvester.scene.units import require_resistor, scale
+from harvester.scene.units import require_resistor
 from harvester.simulation.methods import ENGINES
 from harvester.simulation.simulate import check_name
 from harvester.studies.axis import Axis
@@ -121,7 +122,7 @@ def on_common_knots(scenes: Sequence[Scene], of: Sequence[Scene] | None = None) 
     """
     if not hasattr(scenes[0].excitation, "knot_spacing"):
         return list(scenes)
-    spacing = min(knot_spacing(resolving(each)) for each in (of or scenes))
+    spacing = min(knot_spacing(prepared(resolving(each))) for each in (of or scenes))
     excitations: list[Any] = [each.excitation for each in scenes]
     return [
         replace(each, excitation=replace(excitation, knot_spacing=spacing))
@@ -159,7 +160,7 @@ def series_in_units(answer: Any, quantity: str) -> np.ndarray:
     -------
     ndarray, shape (realizations, batches)
     """
-    factor = scale(answer.scene)[1].of(answer.quantities[quantity].dimension)
+    factor = prepared(answer.scene).scales.of(answer.quantities[quantity].dimension)
     return factor * deviations(answer.moments, quantity)
 
 

@@ -4,11 +4,11 @@ import math
 
 from harvester.device import timescales
 from harvester.excitation.base import kernel_loss
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.running import Request
 from harvester.running.task import Task
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 from harvester.verification.known_results import formulas, tasks
 from harvester.verification.known_results.truth import Truth
 
@@ -83,7 +83,7 @@ def _linear_piezo():
             "run.duration": 1000.0,
         }
         scene = Scene.load("linear").replace(changes)
-        system, _ = scale(scene)
+        system = prepared(scene).system
         # Where the load decays within a step the stationary solver refuses.
         methods = ("circuit", "monte-carlo", SOLVER)[: 3 if decay_rate < 10.0 else 2]
         exact = formulas.linear_piezo_power(
@@ -128,8 +128,9 @@ def _linear_coil():
 
 def _white_loss(scene):
     """Share that white noise lacks between knots: of its density, and to the device's memory."""
-    system, _ = scale(scene)
-    spacing, frequency = knot_spacing(scene), timescales.angular_frequency(system)
+    ready = prepared(scene)
+    system = ready.system
+    spacing, frequency = knot_spacing(ready), timescales.angular_frequency(system)
     damping = system.damper.damping + system.transducer.damping()
     return kernel_loss(spacing, frequency) + damping * spacing / math.sqrt(6.0)
 

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from harvester.prepared.paths import noise_path, start_state
+from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 
 # 1N4148, of netlists/diodes.lib: saturation current (A), series resistance and leakage (ohm).
 SATURATION, SERIES, LEAKAGE = 2.52e-9, 0.568, 0.9e9
@@ -36,10 +36,11 @@ def bridge_path(scene: Scene) -> np.ndarray:
     ndarray, shape (knots, 2)
         X and terminal voltage (scaled) at the knots 1, 2, …
     """
-    path = noise_path(scene, 0)
+    ready = prepared(scene)
+    path = noise_path(ready, 0)
     knots = round(scene.run.duration / path.spacing)
     noise = path.read(knots + 1)
-    state = np.array([*start_state(scene, 0)[:2], 0.0, 0.0, 0.0])
+    state = np.array([*start_state(ready, 0)[:2], 0.0, 0.0, 0.0])
     derivative = _equations(scene)
     points = np.empty((knots, 2))
     for k in range(knots):
@@ -51,12 +52,13 @@ def bridge_path(scene: Scene) -> np.ndarray:
         )  # fmt: skip
         state = solved.y[:, -1]
         points[k] = state[0], state[2]
-    return points / (1.0, scale(scene)[1].voltage)
+    return points / (1.0, ready.scales.voltage)
 
 
 def _equations(scene):
     """Right-hand side for (X, X', piezo, output and its reference in V) on a line of noise."""
-    system, scales = scale(scene)
+    ready = prepared(scene)
+    system, scales = ready.system, ready.scales
     damping, coupling = system.damper.damping, system.transducer.coupling / scales.voltage
     spring = system.spring.coefficients
     charge = scene.transducer.coupling * scales.displacement

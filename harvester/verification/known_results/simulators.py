@@ -15,9 +15,9 @@ from circuits.export import stand_alone
 from harvester.errors import ProgramNotFound, SimulationError
 from harvester.files.temporary import TemporaryFolder
 from harvester.prepared.paths import noise_path, start_state
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 
 TOLERANCE = 1e-6
 # Of one run (s); it takes less than one.
@@ -111,8 +111,9 @@ def read_raw(path: Path) -> dict[str, np.ndarray]:
 
 
 def _exported(scene):
-    start = start_state(scene, 0)
-    return stand_alone(scene, noise_path(scene, 0), start, "finest", TOLERANCE)
+    ready = prepared(scene)
+    start = start_state(ready, 0)
+    return stand_alone(scene, noise_path(ready, 0), start, "finest", TOLERANCE)
 
 
 def _for_vacask(netlist):
@@ -162,11 +163,12 @@ def _run(folder, *command):
 
 
 def _at_knots(scene, raw, displacement, terminal):
-    spacing = knot_spacing(scene)
+    ready = prepared(scene)
+    spacing = knot_spacing(ready)
     times = spacing * np.arange(1, round(scene.run.duration / spacing) + 1)
     volts = np.interp(times, raw["time"], raw[terminal])
     moved = np.interp(times, raw["time"], raw[displacement])
-    return np.column_stack([moved, volts / scale(scene)[1].voltage])
+    return np.column_stack([moved, volts / ready.scales.voltage])
 
 
 def _on_path(name):

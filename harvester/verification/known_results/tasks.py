@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from harvester.estimates.of_run import run_estimates
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
 from harvester.simulation.realization import run
@@ -42,7 +43,7 @@ def path_deviation(
     """
     theirs = OTHERS[other](scene)[:, COLUMNS.index(column)]
     record = _waveform(scene, engine, step, report)
-    times = knot_spacing(scene) * np.arange(1, theirs.size + 1)
+    times = knot_spacing(prepared(scene)) * np.arange(1, theirs.size + 1)
     ours = np.interp(times, record.time, getattr(record, column))
     return float(np.sqrt(np.mean((ours - theirs) ** 2) / np.mean(theirs**2))), 0.0
 

@@ -18,8 +18,8 @@ from harvester.averaging.density import Layer
 from harvester.averaging.orbits import edges as edges_of
 from harvester.averaging.orbits import settled_orbits
 from harvester.files.writing import finite
+from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
@@ -170,7 +170,7 @@ class FrequencyResponse:
 def surfaces(scene: Scene) -> Surfaces:
     """Fig. 2 of a bistable scene."""
     clock = time.perf_counter()
-    wells, outer = _families(scale(scene)[0])
+    wells, outer = _families(prepared(scene).system)
     # A rectangle whose corners lie on the outermost orbit: half of its energy at rest, half of
     # it in motion.
     speed = MARGIN * np.sqrt(outer.height[-1])
@@ -192,7 +192,7 @@ def frequency_response(scene: Scene) -> FrequencyResponse:
     devices = {"with stoppers": scene, "without": scene.replace(stoppers=None)}
     responses = {}
     for device, changed in devices.items():
-        families = zip(("wells", "outer"), _families(scale(changed)[0]), strict=True)
+        families = zip(("wells", "outer"), _families(prepared(changed).system), strict=True)
         responses[device] = {edge: _response(orbits) for edge, orbits in families}
     return FrequencyResponse(scene, responses, time.perf_counter() - clock)
 

@@ -12,10 +12,10 @@ from harvester.averaging import CLOSURES, average
 from harvester.averaging.of_scene import averaged_device, estimates_of
 from harvester.estimates.balance import energy_balance_residual
 from harvester.estimates.means import estimate_all
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.running.codec import register
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 from harvester.simulation.methods import ENGINES
 from harvester.simulation.realization import run
 from harvester.verification.stability.cases import SETTLED_TIMES, STEP_BUDGET, slowest_time
@@ -88,7 +88,7 @@ def _simulated(scene, engine, step):
         realizations = run(scene, engine, indices, step, "external", None, ignore)
         settled = scene.run.settle > LEAST_SETTLED_SHARE * SETTLED_TIMES * slowest_time(scene)
     moments = [realization.moments for realization in realizations]
-    parameters, _ = scale(scene)
+    parameters = prepared(scene).system
     if engine == "monte-carlo":
         estimates = estimate_all(moments, parameters)
     return CaseAnswer(
@@ -99,7 +99,7 @@ def _simulated(scene, engine, step):
         realizations=len(moments),
         duration=moments[0].time_reached - moments[0].start,
         settle=moments[0].start,
-        step=knot_spacing(scene) / steps_per_knot(scene, step, engine),
+        step=knot_spacing(prepared(scene)) / steps_per_knot(prepared(scene), step, engine),
         settled=settled,
         path=path,
     )
@@ -108,7 +108,8 @@ def _simulated(scene, engine, step):
 def _affordable(scene, step):
     """The scene with a run so short that its contacts, too, keep to the budget of steps."""
     length = scene.run.settle + scene.run.duration
-    own = knot_spacing(scene) / steps_per_knot(scene, step, "monte-carlo")
+    ready = prepared(scene)
+    own = knot_spacing(ready) / steps_per_knot(ready, step, "monte-carlo")
     trial = scene.replace({"run.settle": 0.0, "run.duration": min(TRIAL_STEPS * own, length)})
     [first] = run(trial, "monte-carlo", [0], step, "external", None, ignore)
     points = first.moments.points * length / trial.run.duration * scene.run.realizations

@@ -12,9 +12,10 @@ from harvester.device import timescales
 from harvester.device.hertz import HERTZ_EXPONENT
 from harvester.device.piezo import PiezoTable
 from harvester.errors import SceneError
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.scene.model import Scene
-from harvester.scene.units import length_scale, scale
+from harvester.scene.units import length_scale
 
 # Realizations of Monte Carlo's run: few, so that the slowest time passes in each.
 REALIZATIONS = 4
@@ -168,7 +169,7 @@ def _units(scene):
 
 def _reference_length(scene):
     """The farthest well's distance in scaled units; without wells the gap, or one unit."""
-    system, _ = scale(scene)
+    system = prepared(scene).system
     bare = system.spring
     wells = [abs(x) for x in springs.roots(bare) if springs.slope(bare, x) > 0.0]
     if any(wells):
@@ -230,7 +231,8 @@ _CHANGES = {
 
 def run_length(scene: Scene) -> tuple[float, float]:
     """Settling and measured time (s) of Monte Carlo's realizations within the budget of steps."""
-    step = knot_spacing(scene) / steps_per_knot(scene, engine="monte-carlo")
+    ready = prepared(scene)
+    step = knot_spacing(ready) / steps_per_knot(ready, engine="monte-carlo")
     affordable = STEP_BUDGET * step / scene.run.realizations
     settle = min(SETTLED_TIMES * slowest_time(scene), LARGEST_SETTLED_SHARE * affordable)
     return settle, affordable - settle
@@ -238,7 +240,7 @@ def run_length(scene: Scene) -> tuple[float, float]:
 
 def slowest_time(scene: Scene) -> float:
     """Of the relaxation time, the period, the noise's correlation time and 1/λ (s)."""
-    system, _ = scale(scene)
+    system = prepared(scene).system
     period = 2.0 * math.pi / timescales.angular_frequency(system)
     relaxation, decay = timescales.relaxation_time(system), system.transducer.decay_rate()
     return max(relaxation, period, system.noise.correlation_time, 1.0 / decay if decay else 0.0)

@@ -12,9 +12,9 @@ from scipy.linalg import expm, solve_discrete_lyapunov
 
 from harvester.device import timescales
 from harvester.device.system import System, elastic_force, potential
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 
 # Largest share by which a mean may be off for a closed form to hold: by the change of the stiffness
 # within the motion, or by the noise's colour.
@@ -42,9 +42,10 @@ def closed_forms(scene: Scene, realizations: int) -> dict[str, Means]:
     dict of str to dict of str to (float, float)
         By the form's name and the quantity, scaled: value and largest error.
     """
-    system, _ = scale(scene)
+    ready = prepared(scene)
+    system = ready.system
     forms = {
-        "small motion": small_motion(system, knot_spacing(scene), realizations),
+        "small motion": small_motion(system, knot_spacing(ready), realizations),
         "Gibbs": gibbs(system),
     }
     return {name: means for name, means in forms.items() if means}

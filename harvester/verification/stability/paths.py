@@ -14,10 +14,11 @@ import numpy as np
 from harvester.device import timescales
 from harvester.device.piezo import PiezoTable
 from harvester.errors import LoadError
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.running.codec import register
 from harvester.scene.model import Scene
-from harvester.scene.units import require_resistor, scale
+from harvester.scene.units import require_resistor
 from harvester.simulation import side_by_side
 from harvester.simulation.realization import Realization, run
 from harvester.verification.stability.replay import can_replay, replayed
@@ -108,12 +109,13 @@ def path_deviation(
         Those at the step asked for.
     """
     brief = path_scene(scene)
+    ready = prepared(brief)
     reference = reference_engine(scene)
     fine = _states(brief, _paths(brief, reference, "fine"))
     start = fine[:, :1] * (1.0, 0.0, 0.0)
     sizes = _root_mean_square(fine - start)
     comparable = _comparable(brief, reference, fine, sizes)
-    own_step = knot_spacing(brief) / steps_per_knot(brief, step, engine)
+    own_step = knot_spacing(ready) / steps_per_knot(ready, step, engine)
     realizations = _paths(brief, engine, step)
     at_step = _states(brief, realizations)
     finer = _paths(brief, engine, own_step / FINER)
@@ -121,7 +123,7 @@ def path_deviation(
     step_errors = (at_step - at_finer) / sizes
     compared = comparable & _close(step_errors, LARGEST_STEP_ERROR)
     left = LEFT_OF_STEP_ERROR * _largest(step_errors, compared)
-    spacing, period = knot_spacing(brief), _period(brief)
+    spacing, period = knot_spacing(ready), _period(brief)
     lengths = [spacing * float(each.sum(axis=1).mean()) for each in (compared, comparable)]
     deviation = PathDeviation(
         reference=reference,
@@ -156,8 +158,9 @@ def _of_mechanics(scene, realizations, states, compared):
 
 def path_scene(scene: Scene) -> Scene:
     """The scene for so many steps, from a typical state."""
-    spacing, period = knot_spacing(scene), _period(scene)
-    step = spacing / steps_per_knot(scene)
+    ready = prepared(scene)
+    spacing, period = knot_spacing(ready), _period(scene)
+    step = spacing / steps_per_knot(ready)
     periods = PATH_STEPS * step / (MOST_PATHS * period)
     length = min(max(periods, FEWEST_PERIODS), MOST_PERIODS) * period
     paths = int(PATH_STEPS * step / length)
@@ -181,15 +184,16 @@ def reference_engine(scene: Scene) -> str:
 
 def _period(scene):
     """Of small oscillations (s)."""
-    return 2.0 * np.pi / timescales.angular_frequency(scale(scene)[0])
+    return 2.0 * np.pi / timescales.angular_frequency(prepared(scene).system)
 
 
 def _typical_start(scene):
     """A state in which Monte Carlo is after many steps, in no contact, as keys of the scene."""
     if scene.start or reference_engine(scene) != "monte-carlo":
         return {}
-    spacing = knot_spacing(scene)
-    knots = max(round(SETTLING_STEPS / steps_per_knot(scene)), 1)
+    ready = prepared(scene)
+    spacing = knot_spacing(ready)
+    knots = max(round(SETTLING_STEPS / steps_per_knot(ready)), 1)
     settling = scene.replace(
         {
             "run.duration": knots * spacing,
@@ -201,7 +205,7 @@ def _typical_start(scene):
     stop = knots * spacing
     window = (stop - _period(scene), 2.0 * stop)
     [settled] = run(settling, "monte-carlo", [0], "default", "external", window, ignore)
-    parameters, scales = scale(scene)
+    parameters, scales = ready.system, ready.scales
     last = settled.waveform
     low, high = timescales.free_zone(parameters)
     # A mass that is pressed against a stopper is never out of contact: then the last point.
@@ -231,7 +235,7 @@ def _paths(scene, engine, step):
 
 def _states(scene, paths):
     """States at the knots, which every engine has among its points: (paths, knots, states)."""
-    spacing = knot_spacing(scene)
+    spacing = knot_spacing(prepared(scene))
     times = spacing * np.arange(1, round(scene.run.duration / spacing) + 1)
     columns = [
         [np.interp(times, each.waveform.time, getattr(each.waveform, name)) for name in STATES]
@@ -244,7 +248,7 @@ def _comparable(scene, engine, fine, sizes):
     """Knots up to which a small difference has not grown much, bool of shape (paths, knots)."""
     shift = DISPLACED * sizes[STATES.index("velocity")]
     start = scene.start.velocity if scene.start else 0.0
-    moved = scene.replace({"start.velocity": start + shift * scale(scene)[1].displacement})
+    moved = scene.replace({"start.velocity": start + shift * prepared(scene).scales.displacement})
     other = _states(scene, _paths(moved, engine, "fine"))
     return _close((other - fine) / sizes, LARGEST_GROWTH * DISPLACED)
 

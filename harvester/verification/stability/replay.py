@@ -15,10 +15,10 @@ from harvester.device import spring as springs
 from harvester.device.piezo import Piezo
 from harvester.device.system import elastic_force
 from harvester.prepared.paths import noise_path, start_state
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.record.record import Record
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 
 # Steps of the integrator for each of the engine's, and with stoppers: it has none of their own.
 FINER, FINER_IN_CONTACT = 2, 8
@@ -26,7 +26,7 @@ FINER, FINER_IN_CONTACT = 2, 8
 
 def can_replay(scene: Scene) -> bool:
     """Whether the state and the voltage say what acts on the mass: a piezo, no held speeds."""
-    system, _ = scale(scene)
+    system = prepared(scene).system
     held = any(getattr(each.law, "holds", 0.0) for each in system.contacts)
     return isinstance(system.transducer, Piezo) and not held
 
@@ -46,14 +46,15 @@ def replayed(scene: Scene, waveforms: Sequence[Record]) -> np.ndarray:
     -------
     ndarray, shape (realizations, knots)
     """
-    system, _ = scale(scene)
-    spacing, count = knot_spacing(scene), len(waveforms)
+    ready = prepared(scene)
+    system = ready.system
+    spacing, count = knot_spacing(ready), len(waveforms)
     knots = round(scene.run.duration / spacing)
     finer = FINER_IN_CONTACT if system.contacts else FINER
-    steps = finer * steps_per_knot(scene, "default")
+    steps = finer * steps_per_knot(ready, "default")
     times = np.linspace(0.0, knots * spacing, 2 * steps * knots + 1)
-    starts = np.array([start_state(scene, index) for index in range(count)])
-    noise = [noise_path(scene, index).read(knots + 1) for index in range(count)]
+    starts = np.array([start_state(ready, index) for index in range(count)])
+    noise = [noise_path(ready, index).read(knots + 1) for index in range(count)]
     drive = np.array([np.interp(times, times[:: 2 * steps], path) for path in noise]).T
     # A load that switches empties the piezo within a step: what counts is the voltage's mean.
     voltage = np.array(

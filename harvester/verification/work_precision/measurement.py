@@ -16,12 +16,12 @@ from circuits.kernel.engine import circuit_of
 from harvester.calling import takes_scene
 from harvester.device import timescales
 from harvester.errors import HarvesterError, OutOfTime
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.results.paired import paired_difference
 from harvester.running import Request, RunnerOptions, Task, open_runner
 from harvester.running.request import OUT_OF_TIME, good_ones, told
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 from harvester.simulation.realization import run
 from harvester.simulation.simulate import require_noise
 from harvester.verification.work_precision import throughput
@@ -170,8 +170,9 @@ def _there(outcomes):
 
 def _strong_scene(scene, paths):
     """Some periods from rest: short enough that paths do not separate."""
-    parameters, _ = scale(scene)
-    spacing = knot_spacing(scene)
+    ready = prepared(scene)
+    parameters = ready.system
+    spacing = knot_spacing(ready)
     knots = math.ceil(PERIODS * 2.0 * math.pi / timescales.angular_frequency(parameters) / spacing)
     length = min(knots, MOST_KNOTS) * spacing
     return scene.replace(
@@ -186,11 +187,12 @@ def _strong_scene(scene, paths):
 
 def _brief_scene(scene, realizations):
     """Runs for slow methods: half of each for the transient, or less where the scene says so."""
-    half = BRIEF_KNOTS // 2 * knot_spacing(scene)
+    ready = prepared(scene)
+    half = BRIEF_KNOTS // 2 * knot_spacing(ready)
     run = {"duration": min(scene.run.duration, half), "settle": min(scene.run.settle, half)}
     return scene.replace(
         run={**run, "realizations": realizations},
-        excitation={"knot_spacing": knot_spacing(scene)},
+        excitation={"knot_spacing": knot_spacing(ready)},
     )
 
 
@@ -206,7 +208,7 @@ def paths_at_knots(
     """
     window = (0.0, 2.0 * scene.run.duration)
     found = run(scene, indices=indices, window=window, report=report, **method)
-    spacing = knot_spacing(scene)
+    spacing = knot_spacing(prepared(scene))
     times = spacing * np.arange(1, round(scene.run.duration / spacing) + 1)
     waveforms: Any = [each.waveform for each in found]
     # Every method has the knots among its points.
@@ -249,7 +251,7 @@ def _strong_error(scene, outcomes, exact):
     squares = np.square(np.concatenate([each["states"] for each in good]) - exact)
     errors = np.sqrt(squares.mean(axis=(0, 1)))
     points = sum(each["points"] for each in good)
-    return exact.shape[1] * knot_spacing(scene) * len(exact) / points, {
+    return exact.shape[1] * knot_spacing(prepared(scene)) * len(exact) / points, {
         name: float(error) for name, error in zip(STATES, errors, strict=True)
     }
 

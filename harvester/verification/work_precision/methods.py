@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.simulation import side_by_side
 
@@ -46,7 +47,8 @@ class Method:
 
     def step(self, scene: Scene) -> float:
         """Longest step (s)."""
-        return knot_spacing(scene) / (steps_per_knot(scene, engine=self.engine) * self.refinement)
+        ready = prepared(scene)
+        return knot_spacing(ready) / (steps_per_knot(ready, engine=self.engine) * self.refinement)
 
     def together(self, scene: Scene) -> int:
         """Realizations in one netlist: as many as pay where nothing else is asked for."""

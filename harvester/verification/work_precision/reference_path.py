@@ -17,9 +17,9 @@ from harvester.device.hertz import HertzDamp
 from harvester.device.piezo import Piezo
 from harvester.errors import SceneError
 from harvester.prepared.paths import noise_path, start_state
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, stop_time
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 
 RELATIVE_TOLERANCE, ABSOLUTE_TOLERANCE = 3e-14, 1e-15
 
@@ -40,11 +40,12 @@ def run(scene: Scene, index: int, report: Callable) -> np.ndarray:
     ndarray, shape (knots, 3)
         X, X', terminal voltage (scaled) at the knots 1, 2, …
     """
-    equations = Equations(scale(scene)[0])
-    spacing = knot_spacing(scene)
-    knots = round(stop_time(scene) / spacing)
-    noise = noise_path(scene, index).read(knots + 1)
-    state = np.array(start_state(scene, index), dtype=float)
+    ready = prepared(scene)
+    equations = Equations(ready.system)
+    spacing = knot_spacing(ready)
+    knots = round(stop_time(ready) / spacing)
+    noise = noise_path(ready, index).read(knots + 1)
+    state = np.array(start_state(ready, index), dtype=float)
     equations.begin(state)
     states = np.empty((knots, 3))
     for knot in range(knots):

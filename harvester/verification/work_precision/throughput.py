@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from harvester.files.writing import finite
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.running.codec import register
 from harvester.running.task import Task
@@ -111,7 +112,7 @@ def measure(
     if compiled:
         ways += [("compiled device", copies, 1, "compiled") for copies in (1, most, many)]
     on = {"scene": scene, "pool": pool, "knots": knots}
-    knot = {**on, "step": knot_spacing(scene)}
+    knot = {**on, "step": knot_spacing(prepared(scene))}
     pwl = _measure("PWL in the netlist", 1, source="pwl", **knot)
     # In turn, so that what else the machine does meets all of them alike.
     rounds = [
@@ -157,7 +158,7 @@ def _measure(
     step="default",
 ):
     """Rate of so many netlists at a time, each with so many copies."""
-    spacing = knot_spacing(scene)
+    spacing = knot_spacing(prepared(scene))
     # Enough knots for a good clock, and no more of them the more copies there are.
     knots = math.ceil(knots / math.sqrt(copies))
     brief = scene.replace(

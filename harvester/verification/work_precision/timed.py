@@ -9,12 +9,12 @@ from harvester.errors import HarvesterError
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.means import estimate_all
 from harvester.estimates.output_side import estimate_output
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.record.moments import Moments
 from harvester.running import Runner, Task
 from harvester.running.realizations import averages
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 from harvester.simulation.realization import run
 from harvester.verification.work_precision.methods import Method
 
@@ -37,7 +37,9 @@ def timed(
         `moments`, one of each; `seconds` that the simulation took of this core.
     """
     # What is compiled or loaded first takes its time before the clock runs.
-    brief = scene.replace({"run.settle": 0.0, "run.duration": WARM_UP_KNOTS * knot_spacing(scene)})
+    brief = scene.replace(
+        {"run.settle": 0.0, "run.duration": WARM_UP_KNOTS * knot_spacing(prepared(scene))}
+    )
     run(brief, indices=indices[:1], window=None, report=report, **method)
     found = run(scene, indices=indices, window=None, report=report, **method)
     return {
@@ -95,7 +97,7 @@ class Timed:
 
     @cached_property
     def _parameters(self):
-        return scale(self._scene)[0]
+        return prepared(self._scene).system
 
 
 def _measured_time(moments):

@@ -12,6 +12,7 @@ from harvester.errors import AveragingError, HarvesterError, SceneError
 from harvester.excitation import KINDS, Excitation, White, realization_seed
 from harvester.excitation.white import WhitePath
 from harvester.prepared.paths import noise_path
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
 from harvester.simulation.simulate import simulate
@@ -47,12 +48,13 @@ def record(tmp_path):
 def test_blocks_of_any_size_give_the_same_bytes(kind, record):
     table = {"white": WHITE, "sine": SINE, "sum": SUM, "record": record}[kind]
     scene = with_excitation("paper", table)
-    whole = noise_path(scene, 0).read(1000)
-    stream = noise_path(scene, 0)
+    ready = prepared(scene)
+    whole = noise_path(ready, 0).read(1000)
+    stream = noise_path(ready, 0)
     parts = np.concatenate([stream.read(n) for n in (1, 0, 7, 500, 492)])
     assert whole.tobytes() == parts.tobytes()
     if kind != "sine":
-        assert noise_path(scene, 1).read(1000).tobytes() != whole.tobytes()
+        assert noise_path(ready, 1).read(1000).tobytes() != whole.tobytes()
 
 
 @pytest.mark.slow
@@ -92,10 +94,11 @@ def test_white_noise_has_its_density_at_low_frequency():
 
 def test_the_sine_has_its_amplitude_between_the_knots_too():
     scene = with_excitation("paper", SINE)
-    spacing = knot_spacing(scene)
+    ready = prepared(scene)
+    spacing = knot_spacing(ready)
     knots = round(1 / (0.35 * spacing))
     assert knots * spacing == pytest.approx(1 / 0.35)
-    samples = noise_path(scene, 0).read(knots + 1)
+    samples = noise_path(ready, 0).read(knots + 1)
     time = np.linspace(0, 1 / 0.35, 200 * knots + 1)
     between = np.interp(time, spacing * np.arange(knots + 1), samples)
     turn = np.exp(-2j * np.pi * 0.35 * time)
@@ -107,12 +110,12 @@ def test_a_sum_is_the_sum_of_its_parts():
     scene = with_excitation("paper", {**SUM, "knot_spacing": 0.04})
     only_sine = with_excitation("paper", {**SINE, "knot_spacing": 0.04})
     no_noise = {**SUM, "knot_spacing": 0.04, "parts": [SINE, {**WHITE, "intensity": 1e-30}]}
-    quiet = noise_path(with_excitation("paper", no_noise), 0).read(100)
-    np.testing.assert_allclose(quiet, noise_path(only_sine, 0).read(100), atol=1e-12)
+    quiet = noise_path(prepared(with_excitation("paper", no_noise)), 0).read(100)
+    np.testing.assert_allclose(quiet, noise_path(prepared(only_sine), 0).read(100), atol=1e-12)
     # Two white parts have numbers of their own: variances add (15 standard deviations apart).
     parts = [WHITE, WHITE]
     double = with_excitation("paper", {"kind": "sum", "parts": parts, "knot_spacing": 0.04})
-    variance = noise_path(double, 0).read(20000).var()
+    variance = noise_path(prepared(double), 0).read(20000).var()
     assert variance == pytest.approx(2 * 2 * 0.02 / 0.04, rel=0.05)
     assert flat(scene).intensity > 2 * 0.02 + 0.02
 
@@ -174,7 +177,7 @@ def test_a_mistake_is_refused_in_one_line_that_names_it(table, words):
 )
 def test_knots_that_do_not_fit_are_refused_where_they_are_needed(table, words):
     with pytest.raises(SceneError) as caught:
-        knot_spacing(with_excitation("paper", table))
+        knot_spacing(prepared(with_excitation("paper", table)))
     assert "\n" not in str(caught.value)
     for word in words:
         assert word in str(caught.value)
@@ -214,9 +217,12 @@ def test_a_new_kind_is_one_class_and_one_entry(monkeypatch):
     monkeypatch.setitem(KINDS, "steps", Steps)
     scene = with_excitation("paper", {"kind": "steps", "height": 0.3})
     parts = [{"kind": "steps", "height": 0.3}, SINE]
-    assert noise_path(scene, 0).read(4000).std() == pytest.approx(0.3, rel=0.05)
+    assert noise_path(prepared(scene), 0).read(4000).std() == pytest.approx(0.3, rel=0.05)
     assert (
-        noise_path(with_excitation("paper", {"kind": "sum", "parts": parts}), 0).read(3).size == 3
+        noise_path(prepared(with_excitation("paper", {"kind": "sum", "parts": parts})), 0)
+        .read(3)
+        .size
+        == 3
     )
     with pytest.raises(SceneError, match="did you mean height"):
         with_excitation("paper", {"kind": "steps", "heigth": 0.3})

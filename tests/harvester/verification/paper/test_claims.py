@@ -11,6 +11,7 @@ from truths import flat, interpolated_linear_means
 
 from harvester.command_line import main
 from harvester.estimates.estimate import Density, Estimate
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.running import Answer, Request, open_runner
 from harvester.scene.model import Scene
@@ -204,7 +205,8 @@ def test_differences_on_common_noise_are_right_and_surer(pool):
         outcomes = runner.answer(requests)
     change, error = relative_change(*outcomes, "mean_power")
     exact = [
-        interpolated_linear_means(flat(load), knot_spacing(load))["mean_power"] for load in loads
+        interpolated_linear_means(flat(load), knot_spacing(prepared(load)))["mean_power"]
+        for load in loads
     ]
     assert abs(change - (exact[1] / exact[0] - 1.0)) < 4.0 * error
     estimate = outcomes[0].quantities["mean_power"]

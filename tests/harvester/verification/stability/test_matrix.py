@@ -9,10 +9,10 @@ from truths import drop_scene, flat
 from harvester.command_line import main
 from harvester.device.timescales import fastest_angular_frequency, wells
 from harvester.errors import SceneError
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.running import open_runner
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 from harvester.simulation.simulate import simulate
 from harvester.verification.known_results.formulas import rebound_speed
 from harvester.verification.stability import matrix as module
@@ -58,8 +58,12 @@ def test_cases_fit_scenes_without_stoppers_or_wells():
                 scene = changed(Scene.load(name), case)
             except SceneError:
                 continue
-            steps = (scene.run.duration + scene.run.settle) / knot_spacing(scene)
-            total = steps * steps_per_knot(scene, engine="monte-carlo") * scene.run.realizations
+            steps = (scene.run.duration + scene.run.settle) / knot_spacing(prepared(scene))
+            total = (
+                steps
+                * steps_per_knot(prepared(scene), engine="monte-carlo")
+                * scene.run.realizations
+            )
             assert total <= STEP_BUDGET * (1 + 1e-9), case.title
 
 
@@ -81,7 +85,7 @@ def test_cases_are_made_of_any_parts(name, overrides, refused):
     found = set()
     for case in default_cases():
         try:
-            system, _ = scale(changed(scene, case))
+            system = prepared(changed(scene, case)).system
         except SceneError:
             found.add(case.name)
             continue
@@ -112,12 +116,13 @@ def test_the_default_step_follows_the_amplitude_that_the_noise_drives():
     weak, strong = (
         Scene.load("paper", [f"excitation.intensity={d}", "stoppers=none"]) for d in (0.02, 100)
     )
-    assert steps_per_knot(weak, engine="monte-carlo") == 1
-    assert steps_per_knot(strong, engine="monte-carlo") >= 3
-    assert steps_per_knot(strong) == pytest.approx(
-        2 * steps_per_knot(strong, engine="monte-carlo"), abs=1
+    ready = prepared(strong)
+    assert steps_per_knot(prepared(weak), engine="monte-carlo") == 1
+    assert steps_per_knot(ready, engine="monte-carlo") >= 3
+    assert steps_per_knot(ready) == pytest.approx(
+        2 * steps_per_knot(ready, engine="monte-carlo"), abs=1
     )
-    fastest = fastest_angular_frequency(scale(strong)[0])
+    fastest = fastest_angular_frequency(ready.system)
     result = simulate(
         strong.replace({"run.realizations": 2, "run.duration": 400.0, "run.settle": 50.0}),
         method="monte-carlo",

@@ -14,6 +14,7 @@ from harvester.errors import (
 )
 from harvester.estimates.estimate import Estimate
 from harvester.monte_carlo import engine as monte_carlo
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.scene.model import Scene
 from harvester.simulation.methods import ENGINES
@@ -115,8 +116,9 @@ def engine_of(run_realizations, change, longer=1):
     """An engine that runs another scene than it is told to, or with a longer step."""
 
     def run(scene, paths, starts, observers, step, *others, **named):
+        ready = prepared(scene)
         if step == "default":
-            step = knot_spacing(scene) / steps_per_knot(scene)
+            step = knot_spacing(ready) / steps_per_knot(ready)
         step = step if isinstance(step, str) else longer * step
         other = scene.replace(change(scene))
         return run_realizations(other, paths, starts, observers, step, *others, **named)

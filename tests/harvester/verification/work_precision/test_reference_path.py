@@ -4,6 +4,7 @@ import every_command
 import numpy as np
 import pytest
 
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
 from harvester.simulation.realization import run
@@ -26,7 +27,7 @@ EACH = [
 def test_monte_carlo_follows_the_independent_path(device):
     name, overrides = every_command.DEVICES[device]
     scene = Scene.load(name, overrides)
-    spacing = knot_spacing(scene)
+    spacing = knot_spacing(prepared(scene))
     scene = scene.replace(
         {
             "run.duration": KNOTS * spacing,

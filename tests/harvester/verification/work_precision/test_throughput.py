@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
 from harvester.verification.work_precision.throughput import Throughput, measure, ratios, to_dict
@@ -35,5 +36,5 @@ def test_every_way_is_measured_at_its_own_step(pool):
     rows = measure(scene, Watching(), compiled=False, knots=200, repeats=1)
     assert [row.copies for row in rows] == [1, 1, 1, 16, 1]
     assert all(row.rate > 0.0 for row in rows)
-    assert [call["step"] for call in asked] == [knot_spacing(scene)] * 2 + ["default"] * 4
+    assert [call["step"] for call in asked] == [knot_spacing(prepared(scene))] * 2 + ["default"] * 4
     assert len({(call["source"], len(call["indices"])) for call in asked}) == 3

@@ -9,10 +9,10 @@ import pytest
 from harvester.command_line import main
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.means import estimate_all
+from harvester.prepared.prepared import prepared
 from harvester.record.moments import QUANTITIES
 from harvester.running import open_runner
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 from harvester.show import palette
 from harvester.simulation.simulate import simulate
 from harvester.verification.work_precision import time_to_accuracy as module
@@ -64,7 +64,7 @@ def runs():
     """The same realizations twice, as many as a bias needs for an error bar."""
     overrides = ["run.realizations=16", "run.duration=400", "run.settle=40"]
     scene = Scene.load("linear", overrides)
-    return scale(scene)[0], simulate(scene, method="monte-carlo", workers=1).moments
+    return prepared(scene).system, simulate(scene, method="monte-carlo", workers=1).moments
 
 
 def with_bias(moments, factor):
