@@ -9,6 +9,7 @@ import tarfile
 import zipfile
 from pathlib import Path
 
+import entry_points
 import pytest
 
 import harvester
@@ -106,3 +107,14 @@ def test_the_version_stands_in_one_place():
     text = (ROOT / "pyproject.toml").read_text("utf-8")
     assert "harvester.version.__version__" in text
     assert harvester.__version__ not in text
+
+
+@pytest.mark.exhaustive
+def test_another_package_adds_parts_that_workers_find(environment, tmp_path):
+    (packages,) = environment.parent.glob("lib/python*/site-packages")
+    entry_points.install(packages)
+    (tmp_path / "scene.toml").write_text(entry_points.SCENE)
+    command = environment / "harvester"
+    for words in (["simulate", "--method", "monte-carlo"], ["average", "--method", "toy"]):
+        shown = run(command, words[0], "scene.toml", *words[1:], folder=tmp_path)
+        assert "mean power" in shown, words

@@ -81,7 +81,7 @@ class Request:
         if self.method not in ENGINES and not self.is_averaged:
             from harvester.averaging import CLOSURES
 
-            check_name("method", self.method, (*ENGINES, *CLOSURES))
+            check_name("method", self.method, {**ENGINES, **CLOSURES})
         check_step(self.step)
         if self.precision is not None and not 0.0 < self.precision < 1.0:
             raise HarvesterError(f"precision {self.precision}: must be a number in (0, 1)")

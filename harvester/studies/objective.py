@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from collections import ChainMap
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -39,7 +40,7 @@ def checked_method(scene: Scene, method: str | None) -> str:
         except LoadError:
             return "circuit"
         return "monte-carlo"
-    check_name("method", method, (*ENGINES, *CLOSURES))
+    check_name("method", method, ChainMap(ENGINES, CLOSURES))
     if method == "monte-carlo":
         ENGINES["monte-carlo"].check(scene)
     elif method != "circuit":

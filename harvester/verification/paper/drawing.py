@@ -66,7 +66,7 @@ def _figure(content, title, width, height):
 
 
 def _style(closure):
-    return STYLES[(len(CLOSURES) - 1 - CLOSURES.index(closure)) % len(STYLES)]
+    return STYLES[(len(CLOSURES) - 1 - list(CLOSURES).index(closure)) % len(STYLES)]
 
 
 def _draw_sweeps(content):

@@ -1,16 +1,13 @@
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 import pytest
+from toy_excitation import Steps
 from truths import flat
 
 from harvester.averaging.of_scene import average
-from harvester.device.keys import positive
 from harvester.errors import AveragingError, HarvesterError, SceneError
-from harvester.excitation import KINDS, Excitation, White, realization_seed
-from harvester.excitation.white import WhitePath
+from harvester.excitation import KINDS, White, realization_seed
 from harvester.prepared.paths import noise_path
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
@@ -190,39 +187,12 @@ def test_a_sum_survives_its_tables():
     assert other.digest() != scene.digest()
 
 
-@dataclass(frozen=True)
-class Steps(Excitation):
-    """A toy kind: what the recipe in CONTRIBUTING asks for, and no more."""
-
-    height: float
-    kind: str = "steps"
-    knot_spacing: float | None = None
-
-    KEYS: ClassVar[dict] = {"height": positive(required=True)}
-
-    def spacing(self, longest):
-        return longest
-
-    def equivalent_noise(self, relaxation_time, longest):
-        return self.height**2 * relaxation_time, relaxation_time
-
-    def path(self, spacing, length, seed):
-        return WhitePath(0.5 * spacing * (self.height / length) ** 2, spacing, seed)
-
-    def notes(self, spacing, angular_frequency, run):
-        return ()
-
-
 def test_a_new_kind_is_one_class_and_one_entry(monkeypatch):
     monkeypatch.setitem(KINDS, "steps", Steps)
     scene = with_excitation("paper", {"kind": "steps", "height": 0.3})
     parts = [{"kind": "steps", "height": 0.3}, SINE]
     assert noise_path(prepared(scene), 0).read(4000).std() == pytest.approx(0.3, rel=0.05)
-    assert (
-        noise_path(prepared(with_excitation("paper", {"kind": "sum", "parts": parts})), 0)
-        .read(3)
-        .size
-        == 3
-    )
+    both = with_excitation("paper", {"kind": "sum", "parts": parts})
+    assert noise_path(prepared(both), 0).read(3).size == 3
     with pytest.raises(SceneError, match="did you mean height"):
         with_excitation("paper", {"kind": "steps", "heigth": 0.3})
