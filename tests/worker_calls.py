@@ -12,7 +12,7 @@ from harvester.engines.steps import steps_per_knot
 from harvester.errors import SimulatorAborted
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
-from harvester.verification.work_precision import throughput
+from harvester.verification.accuracy import throughput
 
 
 def say(report, text):

@@ -12,15 +12,14 @@ import worker_calls
 from harvester import averaging
 from harvester.engines.workers import Worker
 from harvester.running import Task
-from harvester.verification.stability import matrix
-from harvester.verification.stability.cases import Case
-from harvester.verification.work_precision import (
+from harvester.verification.accuracy import (
     measurement,
     throughput,
-    time_to_accuracy,
     timed,
 )
-from harvester.verification.work_precision.methods import Method
+from harvester.verification.accuracy.methods import Method
+from harvester.verification.stability import matrix
+from harvester.verification.stability.cases import Case
 
 # Words of Python about a fault of ours.
 FAULT = re.compile(r"Traceback|\b(?!Memory)[A-Z]\w*(?:Error|Exception|Warning)\b: ")
@@ -68,9 +67,9 @@ def briefly():
         patch.setattr("harvester.studies.sensitivity.FEWEST_ROWS", 2)
         patch.setattr(matrix, "default_cases", lambda: FEW_CASES)
         patch.setattr(matrix, "METHODS", ("circuit", "monte-carlo", "consistent"))
-        patch.setattr(time_to_accuracy, "TIMED_METHODS", FEW_METHODS)
-        patch.setattr(time_to_accuracy, "TIMED_LOAD_METHODS", FEW_LOAD_METHODS)
-        patch.setattr(time_to_accuracy, "MOST_REALIZATIONS", 1)
+        patch.setattr(measurement, "TIMED_METHODS", FEW_METHODS)
+        patch.setattr(measurement, "TIMED_LOAD_METHODS", FEW_LOAD_METHODS)
+        patch.setattr(measurement, "MOST_REALIZATIONS", 1)
         patch.setattr(timed, "CLOSURES", ("consistent",))
         patch.setattr("harvester.verification.stability.cases.STEP_BUDGET", 4000)
         patch.setattr("harvester.verification.stability.paths.PATH_STEPS", 2000)

@@ -8,15 +8,15 @@ from harvester.engines.realization import run
 from harvester.engines.steps import knot_spacing
 from harvester.estimates.of_run import run_estimates
 from harvester.scene.model import Scene
+from harvester.verification import exact_paths
 from harvester.verification.known_results import radau, simulators
-from harvester.verification.work_precision import reference_path
 
 # Of a path: X and terminal voltage, scaled, at the knots 1, 2, …
 COLUMNS = ("displacement", "voltage")
 
 
 def _dop853(scene):
-    return reference_path.run(scene, 0, None)[:, [0, 2]]
+    return exact_paths.run(scene, 0, None)[:, [0, 2]]
 
 
 # Who else runs a scene's first path.
