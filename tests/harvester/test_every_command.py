@@ -72,7 +72,7 @@ def briefly():
         patch.setattr(measurement, "MOST_REALIZATIONS", 1)
         patch.setattr(timed, "CLOSURES", ("consistent",))
         patch.setattr("harvester.verification.stability.cases.STEP_BUDGET", 4000)
-        patch.setattr("harvester.verification.stability.paths.PATH_STEPS", 2000)
+        patch.setattr("harvester.verification.stability.path_deviation.PATH_STEPS", 2000)
         patch.setattr(measurement, "METHODS", FEW_METHODS)
         patch.setattr(measurement, "LOAD_METHODS", FEW_LOAD_METHODS)
         patch.setattr(measurement, "PERIODS", 1)

@@ -73,7 +73,7 @@ def draw(matrix: StabilityMatrix) -> Figure:
 def _columns(matrix):
     """(left edge, width) of each method's cells within a block, as wide as their longest texts."""
     lengths = [
-        max(SHORTEST, *(len(cell_text(row.verdicts[method])) for row in matrix.rows))
+        max(SHORTEST, *(len(cell_text(row.cells[method])) for row in matrix.rows))
         for method in matrix.methods
     ]
     columns, left = [], NAME
@@ -89,7 +89,7 @@ def _draw_row(axes, matrix, row, block, line):
 
     axes.text(block, line + 0.5, row.case.title, va="center", fontsize=8)
     for method, (left, width) in zip(matrix.methods, _columns(matrix), strict=True):
-        verdict = row.verdicts[method]
+        verdict = row.cells[method]
         face, ink = FACE[verdict.word], INK.get(verdict.word, "black")
         corner = (block + left, line + 0.06)
         axes.add_patch(Rectangle(corner, width, 0.88, facecolor=face, linewidth=0))

@@ -25,7 +25,7 @@ from harvester.verification.known_results.truth import (
     row_of,
     verify,
 )
-from harvester.verification.stability.paths import ignore
+from harvester.verification.paths import ignore
 
 # By title, of each kind that takes no second: a drop, loads on a prescribed sine, an orbit.
 QUICK = ("e = 0.7", "resistor on a prescribed sine, omega C R = 1", "sece", "f = 0.0922")
