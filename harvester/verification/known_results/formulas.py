@@ -111,7 +111,7 @@ def resistor_power_at(
     coupling: float,
     capacitance: float,
 ) -> float:
-    """Of a resistor on a mass and spring of 1 under F0 sin ωt; see `coupled_bridge_power`.
+    """Of a resistor on a mass and spring of 1 under F0 sin ωt.
 
     x = F0/[1 − ω² + iω (η + θ²/(1/R + iωCp))], P = |ωθx/(1/R + iωCp)|²/2R.
     """
