@@ -13,6 +13,7 @@ from harvester.verification.paper.claim_tests import (
     InteriorMaximum,
     Opposed,
     SingleHump,
+    StatementTest,
     Stronger,
     Trend,
     Unchanged,
@@ -22,32 +23,27 @@ from harvester.verification.paper.figures_list import (
     CORRELATION_TIME,
     COUPLING,
     DECAY_RATE,
-    EFFICIENCY,
     GAP,
     INTENSITY,
-    POWER,
     RESTITUTION,
     STIFFNESS,
-    VOLTAGE,
+    Changes,
 )
+from harvester.verification.quantities import EFFICIENCY, POWER, VOLTAGE
 
 PEAK, REACH, CROSSINGS = "peak", "reach", "well_crossing_rate"
 
 
 @dataclass(frozen=True)
 class Claim:
-    """One statement.
+    """One statement of a section of the paper.
 
     Attributes
     ----------
-    section : str
-        Of the paper.
     sentence : str
         Quoted, shortened.
     says : str
         What is tested, in a few words.
-    test : object
-        From `harvester.verification.paper.claim_tests`.
     conditions : tuple of tuple of (key, value)
         What is changed in the scene; the statement must hold at each.
     """
@@ -55,8 +51,8 @@ class Claim:
     section: str
     sentence: str
     says: str
-    test: object
-    conditions: tuple = ((),)
+    test: StatementTest
+    conditions: tuple[Changes, ...] = ((),)
 
 
 def _each(key, *values):
@@ -163,19 +159,19 @@ CLAIMS = (
         "“The lower PDF peak value of the VEH system response means that … the system may have a "
         "larger vibration range”",
         "where the peak of p(X) is lower |X| reaches farther (1 % of the time beyond)",
-        Opposed(PEAK, REACH, ((GAP, (1.0, 1.2)), *NOISES)),
+        Opposed(PEAK, ((GAP, (1.0, 1.2)), *NOISES), REACH),
     ),
     Claim(
         "4",
         "“The lower PDF peak value … will produce a higher energy harvesting efficiency”",
         "where the peak of p(X) is lower E[P] is higher",
-        Opposed(PEAK, POWER, ((GAP, (1.0, 1.2)), *NOISES)),
+        Opposed(PEAK, ((GAP, (1.0, 1.2)), *NOISES), POWER),
     ),
     Claim(
         "4",
         "“The lower PDF peak value … will produce a higher energy harvesting efficiency”",
         "where the peak of p(X) is lower PCE is higher",
-        Opposed(PEAK, EFFICIENCY, ((GAP, (1.0, 1.2)), *NOISES)),
+        Opposed(PEAK, ((GAP, (1.0, 1.2)), *NOISES), EFFICIENCY),
     ),
     Claim("4, 5", _MORE, "E[V²] and E[P] rise with δr", Trend(VOLTAGE, GAP, GAPS), GENERAL),
     Claim(

@@ -158,7 +158,7 @@ def _stoppers(scene, values):
             values_there["gap"] = gap * length
         if "stiffness" in values:
             exponent = table.get("exponent", HERTZ_EXPONENT)
-            values_there["stiffness"] *= mass / length ** (exponent - 1.0)
+            values_there["stiffness"] = values["stiffness"] * mass / length ** (exponent - 1.0)
         changed_tables.append({**table, **values_there})
     return changed_tables
 

@@ -36,7 +36,7 @@ SHOWN = [
     TimeToAccuracy,
     Verification,
     WorkPrecision,
-    orbit_maps.FrequencyResponse,
+    orbit_maps.OrbitVoltages,
     orbit_maps.Surfaces,
 ]
 METHODS = [
