@@ -39,7 +39,8 @@ def run(options: Namespace) -> None:
 
     with study_runner(options, "accuracy") as runner:
         found = accuracy(scene, thorough=options.thorough, runner=runner)
-        views = dict(zip(PICTURES, (found.work_precision, found.time_to_accuracy), strict=True))
+        pictures = found.work_precision, found.time_to_accuracy
+        views: dict[str, Any] = dict(zip(PICTURES, pictures, strict=True))
         for title, view in views.items():
             show_table(view, title.replace("-", " "), to_stderr=is_standard_output(options.json))
         if options.json:

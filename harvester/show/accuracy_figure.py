@@ -165,7 +165,7 @@ def _draw_strong_errors(axes, diagram, marks):
     axes.grid(alpha=0.2)
     axes.set_xlabel("seconds per simulated second, one core")
     axes.set_ylabel("RMS error of X [scaled]")
-    strong = diagram.measured.strong
+    strong = diagram.strong
     axes.set_title(f"strong error over {strong.horizon:.3g} s, {strong.paths} paths")
 
 

@@ -17,7 +17,7 @@ from harvester.running import Answer, RunnerOptions, open_runner
 from harvester.scene.model import Scene
 from harvester.show.symbols import SYMBOLS
 from harvester.simulation import require_noise
-from harvester.verification.accuracy.measurement import Measured, by_own_length
+from harvester.verification.accuracy.measurement import Measured, Strong, by_own_length
 from harvester.verification.accuracy.methods import Method
 from harvester.verification.accuracy.throughput import ratios
 from harvester.verification.accuracy.timed import Timed
@@ -83,6 +83,7 @@ class WorkPrecision:
     rows: list[MethodErrors]
     orders: dict
     reference: Answer
+    strong: Strong
     means: ClassVar = MEANS
 
     @classmethod
@@ -97,7 +98,7 @@ class WorkPrecision:
                 measured.methods, measured.runs, strong.errors, strict=True
             )
         ]
-        return cls(measured, rows, _orders(rows), reference)
+        return cls(measured, rows, _orders(rows), reference, strong)
 
     @property
     def scene(self) -> Scene:
@@ -147,7 +148,7 @@ class WorkPrecision:
 
     def sentences(self) -> list[str]:
         """What the numbers say, one line each."""
-        reference, strong, method = self.reference, self.measured.strong, self.measured.reference
+        reference, strong, method = self.reference, self.strong, self.measured.reference
         machine, speeds = self.measured.speeds["machine"], self.measured.speeds["rows"]
         sampling = ", ".join(f"{SYMBOLS[n]} {relative_error(reference, n):.2%}" for n in MEANS)
         lines = [
@@ -215,7 +216,7 @@ class WorkPrecision:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON; NaN becomes null."""
-        strong, speeds = self.measured.strong, self.measured.speeds
+        strong, speeds = self.strong, self.measured.speeds
         return {
             "scene": self.reference.scene.to_dict(),
             "machine": speeds["machine"],

@@ -338,7 +338,7 @@ def relative_change(first: Answer, second: Answer, quantity: str) -> tuple[float
     Paired on the common noise where both have their moments; None of nothing.
     """
     if first.moments and second.moments:
-        paired = paired_difference(second, first).get(quantity)
+        paired = _paired(first, second).get(quantity)
         if paired is not None and paired.standard_error is not None:
             return paired.estimate, paired.standard_error
     return independent_change(first, second, quantity)
@@ -350,6 +350,10 @@ def independent_change(first: Answer, second: Answer, quantity: str) -> tuple[fl
     if not a:
         return None
     return b / a - 1.0, math.hypot(error_b, error_a * b / a) / abs(a)
+
+
+def _paired(first, second):
+    return paired_difference(second, first)
 
 
 def _has(answer, quantity):

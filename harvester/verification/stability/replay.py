@@ -53,8 +53,8 @@ def replayed(scene: Scene, waveforms: Sequence[Record]) -> np.ndarray:
     x, v = starts[:, 0], starts[:, 1]
     places = np.empty((count, knots))
     for step in range(steps * knots):
-        drives = drive[2 * step : 2 * step + 3] - push[step]
-        x, v = _runge_kutta(system, x, v, *drives, spacing / steps)
+        a, b, c = drive[2 * step : 2 * step + 3] - push[step]
+        x, v = _runge_kutta(system, x, v, a, b, c, spacing / steps)
         if (step + 1) % steps == 0:
             places[:, (step + 1) // steps - 1] = x
     return places
