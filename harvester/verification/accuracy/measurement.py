@@ -298,7 +298,7 @@ def _strong_error(spacing, outcomes, exact):
 
 
 def _runs(scenes, methods, runner):
-    """Of each method its run for the means, or why there is none; `scenes` by `Method.brief`."""
+    """Each method's run for the means, or why there is none; `scenes` by `Method.brief`."""
     split = []
     for method in methods:
         scene = scenes[method.brief]

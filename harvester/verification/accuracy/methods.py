@@ -124,9 +124,9 @@ THOROUGH_METHODS = (
     *_local_error(1e-7, brief=True),
     *_monte_carlo("Heun", 8),
 )
-# Where the compiled device is on.
+# Added where the compiled device is on.
 COMPILED_METHODS = (_batched("compiled device, trapezoidal", "compiled"),)
-# Where the load is a netlist; a PWL is slow there.
+# For scenes whose load is a netlist; a PWL is slow there.
 LOAD_METHODS = (
     *_fixed_steps("trapezoidal", 1),
     *_fixed_steps("trapezoidal", 0.5, 2, brief=True),

@@ -62,7 +62,7 @@ def realizations_task(
 
 
 class Timed:
-    """What the realizations of a scene by one method come to.
+    """The realizations of a scene by one method, and the time that they took.
 
     Attributes
     ----------

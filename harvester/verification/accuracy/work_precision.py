@@ -334,7 +334,7 @@ def judged(row: MethodErrors) -> str:
 
 
 def _verdicts(row):
-    """Of each mean: "below" or "above" 1 % beyond chance, or "not resolved"."""
+    """{mean: "below" or "above" 1 % beyond chance, or "not resolved"}."""
     verdicts = {}
     for name, bias in row.bias.items():
         size, error = abs(bias.estimate), bias.standard_error

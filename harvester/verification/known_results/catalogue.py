@@ -24,7 +24,7 @@ CIRCUIT, MONTE_CARLO, SOLVER = "circuit", "monte-carlo", "fokker_planck"
 ENGINES = (CIRCUIT, MONTE_CARLO)
 # Knots of scaled scenes so close that the noise is white for every motion.
 WHITE = {"kind": "white", "knot_spacing": 0.05}
-# Without an effect on the motion.
+# A coupling without an effect on the motion.
 UNCOUPLED = {"piezo.coupling": 1e-6}
 # Displacement (m) and frequency (Hz) of a piezo in prescribed motion; quality of its switched coil.
 PRESCRIBED = {"amplitude": 0.005, "frequency": 12.0}
@@ -95,7 +95,7 @@ def _linear_piezo():
         }
         scene = Scene.load("linear").replace(changes)
         system, _ = scale(scene)
-        # Where the load decays within a step the stationary solver refuses.
+        # The stationary solver refuses a load that decays within a step.
         methods = (*ENGINES, SOLVER) if decay_rate < 10.0 else ENGINES
         coupling, intensity = system.transducer.coupling, scene.excitation.intensity
         exact = formulas.linear_piezo_power(

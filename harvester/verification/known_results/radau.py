@@ -19,7 +19,8 @@ SATURATION, SERIES, LEAKAGE = 2.52e-9, 0.568, 0.9e9
 SWING = 1.752 * 1.380649e-23 * 300.15 / 1.602176634e-19
 # What ngspice lays across every junction (S).
 GMIN = 1e-12
-# Of the bridge, between output and piezo (F); of every output node, as a share of the piezo's.
+# Stray capacitances: between the bridge's output and the piezo (F), and of every output node as a
+# share of the piezo's.
 STRAY, STRAY_SHARE = 10e-12, 1e-6
 RELATIVE_TOLERANCE, ABSOLUTE_TOLERANCE = 1e-6, 1e-9
 

@@ -20,7 +20,7 @@ from harvester.scene.units import scale
 from harvester.verification.paths import knot_times
 
 TOLERANCE = 1e-6
-# Of one run (s); it takes less than one.
+# Wall-clock limit of one run (s); it takes less than one second.
 TIME_LIMIT = 60.0
 _NOISE = re.compile(r"^Inoise 0 velocity PWL\((.*?)\)\n", re.MULTILINE | re.DOTALL)
 # Suffixes of ngspice's that VACASK's expressions do not have; its own are case-sensitive.
@@ -150,6 +150,6 @@ def _at_knots(scene, raw, displacement, terminal):
 
 
 def _on_path(name):
-    """Of the absolute folders on PATH: none that means the working folder."""
+    """A program in the absolute folders on PATH; others would mean the working folder."""
     folders = filter(os.path.isabs, os.get_exec_path())
     return shutil.which(name, path=os.pathsep.join(folders))

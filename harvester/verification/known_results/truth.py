@@ -88,7 +88,7 @@ class TruthRow:
         return BLUNT if blunt else HOLDS
 
     def cells(self) -> list[str]:
-        """Of the table: result, by, verdict, exact, ours, difference, allowed."""
+        """Cells of the table: result, by, verdict, exact, ours, difference, allowed."""
         named = [self.truth.title, self.method, self.verdict, f"{self.truth.exact:.5g}"]
         if self.reason:
             return [*named, "", "", ""]

@@ -15,9 +15,9 @@ from harvester.verification.paper.reproduce import Reproduction, answered
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Of a panel's curves in turn: blue and red as in the paper, then green.
+# Colours of a panel's curves in turn: blue and red as in the paper, then green.
 COLOURS = ("#0077BB", "#CC3311", "#009988")
-# Of the closures from the last, which is the default, to the first.
+# Line styles of the closures from the last, which is the default, to the first.
 STYLES = ("-", "--", ":", "-.")
 # Monte Carlo and circuit.
 MARKS = {"monte-carlo": "o", "circuit": "s"}

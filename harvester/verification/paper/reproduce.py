@@ -43,7 +43,7 @@ class Effort:
 QUICK = {"monte-carlo": Effort(16, 0.05, 32), "circuit": Effort(8, 0.10, 8)}
 DEFAULT = {"monte-carlo": Effort(40, 0.02, 1600), "circuit": Effort(48, 0.02, 336)}
 NOT_RUN = "not run: the time budget was spent"
-# Of one point: its answer, why there is none, or nothing yet.
+# What a point has: its answer, why there is none, or nothing yet.
 Outcome: TypeAlias = Answer | HarvesterError | None
 
 
@@ -80,7 +80,7 @@ class Reproduction:
 
     @property
     def refused(self) -> list[tuple[str, str, str]]:
-        """Of every point without an answer: (method, where, reason)."""
+        """(method, where, reason) of every point without an answer."""
         return [
             (method, place(panel, curve, value), reason(outcome))
             for panel, curve, method, value, outcome in self.points()
@@ -89,7 +89,7 @@ class Reproduction:
 
     @property
     def failed_runs(self) -> int:
-        """Number of simulations that did not come to their end."""
+        """Number of simulations that failed."""
         return sum(isinstance(outcome, SimulationError) for *_, outcome in self.points())
 
     def table(self) -> tuple[list[str], list[list[str]]]:

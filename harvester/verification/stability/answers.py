@@ -25,7 +25,7 @@ from harvester.verification.stability.cases import SETTLED_TIMES, STEP_BUDGET, s
 from harvester.verification.stability.path_deviation import PathDeviation, path_deviation
 
 METHODS = (*ENGINES, *CLOSURES)
-# Of the slow times that a run lets pass first, the share without which its means do not count.
+# A run's means count if it lets pass at least this share of `SETTLED_TIMES` slow times first.
 LEAST_SETTLED_SHARE = 0.5
 # Steps of the trial run that tells how many there are in a second.
 TRIAL_STEPS = 100_000

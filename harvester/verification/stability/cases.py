@@ -226,7 +226,7 @@ def run_length(scene: Scene) -> tuple[float, float]:
 
 
 def slowest_time(scene: Scene) -> float:
-    """Of the relaxation time, the period, the noise's correlation time and 1/λ (s)."""
+    """The longest of relaxation time, period, correlation time of the noise and 1/λ (s)."""
     system, _ = scale(scene)
     period = 2.0 * math.pi / timescales.angular_frequency(system)
     relaxation, decay = timescales.relaxation_time(system), system.transducer.decay_rate()

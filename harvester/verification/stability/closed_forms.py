@@ -90,7 +90,7 @@ def _linear_means(system, well, spacing):
 
 
 def _covariance(system, stiffness, spacing):
-    """Of (X, X', transducer's state), averaged over the time between two knots."""
+    """Covariance of (X, X', transducer's state), averaged over the time between two knots."""
     part, noise = system.transducer, system.noise
     drift = np.zeros((5, 5))
     drift[0, 1] = 1.0

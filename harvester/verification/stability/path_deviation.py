@@ -159,7 +159,7 @@ def reference_engine(scene: Scene) -> str:
 
 
 def _period(scene):
-    """Of small oscillations (s)."""
+    """Period of small oscillations (s)."""
     return 2.0 * np.pi / timescales.angular_frequency(scale(scene)[0])
 
 
@@ -223,7 +223,7 @@ def _close(shares, largest):
 
 
 def _root_mean_square(states):
-    """Of each state over paths and knots; 1 where it stays 0."""
+    """RMS of each state over paths and knots; 1 where it stays 0."""
     sizes = np.sqrt(np.mean(np.square(states), axis=(0, 1)))
     return np.where(sizes > 0.0, sizes, 1.0)
 
