@@ -9,6 +9,7 @@ from typing import Any, NoReturn
 
 from harvester import __version__
 from harvester.commands import (
+    accuracy,
     average,
     cite,
     claims,
@@ -42,6 +43,7 @@ COMMANDS = (
     simulate,
     average,
     frequency_response,
+    accuracy,
     work_precision,
     time_to_accuracy,
     stability,

@@ -12,7 +12,7 @@ from harvester.scene.model import Scene
 from harvester.scene.units import scale
 from harvester.simulation.methods import ENGINES
 from harvester.simulation.realization import noise_path, start_state
-from harvester.verification.work_precision import throughput
+from harvester.verification.accuracy import throughput
 
 
 def say(report, text):
