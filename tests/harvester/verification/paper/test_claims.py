@@ -129,8 +129,8 @@ def test_comparisons_of_two_parameters():
     assert verdict(Unchanged("mean_power", ((E, ends), (D, ends)), 0.2), function) == IN_PART
     assert verdict(Changed("mean_power", ((D, ends),), 0.2), function) == HOLDS
     assert verdict(Changed("mean_power", ((E, ends),), 0.2), function) == FAILS
-    assert verdict(Opposed("mean_power", "other", ((D, ends),)), function) == HOLDS
-    assert verdict(Opposed("mean_power", "mean_power", ((D, ends),)), function) == FAILS
+    assert verdict(Opposed("mean_power", ((D, ends),), "other"), function) == HOLDS
+    assert verdict(Opposed("mean_power", ((D, ends),), "mean_power"), function) == FAILS
 
 
 def test_a_change_below_a_limit_is_told_as_it_is_and_judged_by_what_is_left():

@@ -15,6 +15,7 @@ from harvester.running import open_runner
 from harvester.scene.model import Scene
 from harvester.simulation.simulate import simulate
 from harvester.verification.known_results.formulas import rebound_speed
+from harvester.verification.quantities import MEANS
 from harvester.verification.stability import matrix as module
 from harvester.verification.stability.cases import (
     STEP_BUDGET,
@@ -24,7 +25,7 @@ from harvester.verification.stability.cases import (
     run_length,
 )
 from harvester.verification.stability.matrix import StabilityMatrix, stability
-from harvester.verification.stability.verdicts import COMPARED, REFUSED, RIGHT, Row, Verdict
+from harvester.verification.stability.verdicts import REFUSED, RIGHT, CaseRow, Cell
 
 CASE = Case("scene", "as it is", {})
 # Without coupling: none of a scene in SI units.
@@ -142,7 +143,7 @@ def test_monte_carlo_holds_when_the_load_is_faster_than_the_step(pool, rate):
     circuit, reference = (
         simulate(scene, method=e, runner=pool) for e in ("circuit", "monte-carlo")
     )
-    for name in COMPARED:
+    for name in MEANS:
         ours = circuit.scaled_quantities[name].estimate
         assert ours == pytest.approx(reference.scaled_quantities[name].estimate, rel=5e-3)
 
@@ -212,7 +213,7 @@ def test_the_same_folder_again_computes_nothing_and_tells_the_same(tmp_path):
 
 
 def test_a_wrong_cell_is_exit_code_one(monkeypatch, capsys):
-    row = Row(CASE, None, {"circuit": None}, {"circuit": Verdict("wrong", "far off")})
+    row = CaseRow(CASE, {"circuit": None}, {"circuit": Cell("wrong", "far off")})
     wrong = StabilityMatrix(Scene.load("paper"), [row], 1.0)
     monkeypatch.setattr(module, "stability", lambda scene, **_: wrong)
     assert main(["stability"]) == 1
@@ -245,7 +246,7 @@ def test_a_case_is_right_by_all_that_take_it(name, monkeypatch):
     monkeypatch.setattr("harvester.verification.stability.cases.STEP_BUDGET", 400_000)
     chosen = [case for case in default_cases() if case.name == name]
     (row,) = stability(Scene.load("paper"), cases=chosen, workers=1).rows
-    words = {method: verdict.word for method, verdict in row.verdicts.items()}
+    words = {method: verdict.word for method, verdict in row.cells.items()}
     refusing = REFUSING[name]
     assert words == {method: REFUSED if method in refusing else RIGHT for method in words}
 
@@ -254,7 +255,7 @@ def test_a_case_is_right_by_all_that_take_it(name, monkeypatch):
 def test_means_are_judged_by_closed_forms_and_the_stationary_solution(monkeypatch):
     monkeypatch.setattr("harvester.verification.stability.cases.STEP_BUDGET", 3_000_000)
     (row,) = stability(Scene.load("linear"), cases=[CASE], workers=1).rows
-    verdict = row.verdicts["monte-carlo"]
+    verdict = row.cells["monte-carlo"]
     assert verdict.word == RIGHT
     assert {each.judge for each in verdict.judges} >= {"small motion", "fokker_planck"}
 

@@ -4,10 +4,11 @@ import json
 
 import pytest
 
+from harvester.files.serialising import plain
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
-from harvester.verification.work_precision.throughput import Throughput, measure, ratios, to_dict
+from harvester.verification.accuracy.throughput import Throughput, measure, ratios
 
 
 def test_ratios_are_of_the_rates_they_name():
@@ -21,7 +22,7 @@ def test_ratios_are_of_the_rates_they_name():
     assert ratios(rows) == pytest.approx(
         {"external / PWL": 30.0, "16 × many / one": 2.5, "two / one": 1.9}
     )
-    json.dumps(to_dict(rows), allow_nan=False)
+    json.dumps(plain(rows), allow_nan=False)
 
 
 def test_every_way_is_measured_at_its_own_step(pool):

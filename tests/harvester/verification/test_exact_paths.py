@@ -8,7 +8,7 @@ from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
 from harvester.simulation.realization import run
-from harvester.verification.work_precision import reference_path
+from harvester.verification import exact_paths
 
 KNOTS = 120
 # Enough noise to meet the stoppers within these knots.
@@ -37,7 +37,7 @@ def test_monte_carlo_follows_the_independent_path(device):
             "excitation.intensity": LOUD.get(device, scene.excitation.intensity),
         }
     )
-    reference = reference_path.run(scene, 0, None)
+    reference = exact_paths.run(scene, 0, None)
     window = (0.0, 2.0 * scene.run.duration)
     [realization] = run(scene, "monte-carlo", [0], "finest", "external", window, lambda _: None)
     record = realization.waveform
