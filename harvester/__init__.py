@@ -12,7 +12,10 @@ Functions take a scene, its file or its built-in name, and everything else by ke
 
 import importlib
 
+from harvester.former_names import install
 from harvester.version import __version__
+
+install()
 
 # As `typing` has it, which a worker process cannot import yet: see `harvester.workers.isolation`.
 TYPE_CHECKING = False

@@ -13,7 +13,7 @@ from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import steps_per_knot
 from harvester.scene.model import Scene
 from harvester.simulation.methods import ENGINES
-from harvester.verification.work_precision import throughput
+from harvester.verification.accuracy import throughput
 
 
 def say(report, text):

@@ -76,7 +76,7 @@ def _scenes(options):
 def _write(options, results):
     from harvester.files.writing import in_folder, write_json
     from harvester.show import figures
-from harvester.verification.accuracy import drawing as accuracy_figure
+    from harvester.verification.accuracy import drawing as accuracy_figure
 
     content = {"results": [result.to_dict() for result in results]}
     if options.json:

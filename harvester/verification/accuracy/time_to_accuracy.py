@@ -141,7 +141,7 @@ class TimeToAccuracy:
     def figure(self) -> Figure:
         """Total error over wall time."""
         from harvester.show import figures
-from harvester.verification.accuracy import drawing as accuracy_figure
+        from harvester.verification.accuracy import drawing as accuracy_figure
 
         return figures.drawn(accuracy_figure.draw, [self])
 

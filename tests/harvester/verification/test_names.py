@@ -1,26 +1,15 @@
-"""Verification by public names: its own former ones, and those of what it judges."""
+"""Verification judges by public names."""
 
 import ast
-import importlib
 from pathlib import Path
 
 import pytest
 
 import harvester.verification
-from harvester.verification import FORMER_NAMES
 
 FOLDER = Path(harvester.verification.__file__).parent
 # Each is a way to judge that a private name would have made easier.
 MODULES = sorted(FOLDER.rglob("*.py"))
-
-
-@pytest.mark.parametrize("former", FORMER_NAMES)
-def test_a_former_name_leads_to_the_new_module_with_a_warning(former):
-    with pytest.warns(DeprecationWarning, match=FORMER_NAMES[former]):
-        module = importlib.reload(importlib.import_module(f"harvester.verification.{former}"))
-    new = importlib.import_module(f"harvester.verification.{FORMER_NAMES[former]}")
-    public = [name for name in vars(new) if not name.startswith("_")]
-    assert all(getattr(module, name) is getattr(new, name) for name in public)
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(FOLDER)))

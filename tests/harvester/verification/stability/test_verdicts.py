@@ -17,8 +17,7 @@ from harvester.monte_carlo import engine as monte_carlo
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.scene.model import Scene
-from harvester.simulation import circuit
-from harvester.simulation.methods import ENGINES, Engine
+from harvester.simulation.methods import ENGINES
 from harvester.verification.quantities import MEANS
 from harvester.verification.stability.answers import CaseAnswer
 from harvester.verification.stability.cases import Case
@@ -147,7 +146,7 @@ def word_of(scene, monkeypatch, change, longer=1):
         return run(*arguments[:6], "heun", **options)
 
     schemes = ENGINES["circuit"].schemes
-    broken = Engine(monte_carlo.prepare, heun, schemes)
+    broken = ENGINES["monte-carlo"]._replace(run_realizations=heun, schemes=schemes)
     monkeypatch.setitem(ENGINES, "circuit", broken)
     path, _ = path_deviation(scene, "circuit", "default")
     return verdicts(circuit=said(path=path))["circuit"].word
@@ -177,8 +176,8 @@ def test_a_step_four_times_too_long_is_called_wrong(monkeypatch):
 def test_the_mass_is_judged_whatever_the_load(monkeypatch, share, word):
     scene = Scene.load("device", ["load.netlist=bridge", "excitation.intensity=0.01"])
     damping = share * scene.oscillator.damping
-    run = engine_of(circuit.run_realizations, lambda s: {"oscillator.damping": damping})
-    broken = Engine(circuit.prepare, run, ENGINES["circuit"].schemes)
+    run = engine_of(ENGINES["circuit"].run_realizations, lambda s: {"oscillator.damping": damping})
+    broken = ENGINES["circuit"]._replace(run_realizations=run)
     monkeypatch.setitem(ENGINES, "circuit", broken)
     path, _ = path_deviation(scene, "circuit", "default")
     assert verdicts(circuit=said(path=path))["circuit"].word == word
