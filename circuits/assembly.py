@@ -16,9 +16,11 @@ from circuits.loads.measurement import NOTHING, Measurement, measurement_of
 from harvester.device import timescales
 from harvester.device.system import speed_held
 from harvester.errors import NetlistError
+from harvester.excitation import PrescribedDisplacement
 from harvester.prepared.paths import start_state
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, steps_per_knot, stop_time
-from harvester.scene.units import scale, setting
+from harvester.scene.units import setting
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -82,7 +84,8 @@ def step_options(
         return RECTIFIER_STEP, False
     if not load.may_jump and not tolerance:
         return f"reltol={_switched_newton(scene)!r} trtol=1e9 itl4=100", False
-    refinement = steps_per_knot(scene, step) / steps_per_knot(scene)
+    ready = prepared(scene)
+    refinement = steps_per_knot(ready, step) / steps_per_knot(ready)
     tolerance = tolerance or LOAD_TOLERANCE / refinement**2
     trust = 7.0 * tolerance / GREATEST_NEWTON
     return f"reltol={GREATEST_NEWTON!r} trtol={trust!r} itl4=100", True
@@ -208,18 +211,19 @@ def assemble(
     """
     from PySpice.Spice.Netlist import Circuit, SubCircuit
 
-    system, scales = scale(scene)
+    ready = prepared(scene)
+    system, scales = ready.system, ready.scales
     rate = timescales.angular_frequency(system)
-    length = knot_spacing(scene) / steps_per_knot(scene, step)
+    length = knot_spacing(ready) / steps_per_knot(ready, step)
     electrical = network(scene)
     circuit = Circuit(f"harvester scene {scene.name}")
     starts = [
-        _start(system, start, rate, electrical) for start in starts or [start_state(scene, 0)]
+        _start(system, start, rate, electrical) for start in starts or [start_state(ready, 0)]
     ]
     load = scene.load.circuit
 
     def add_device(place, start):
-        if scene.excitation.prescribes_displacement:
+        if isinstance(scene.excitation, PrescribedDisplacement):
             elements.add_prescribed_displacement(place, rate, scene.excitation, scales, electrical)
         elif compiled:
             verilog.add_device(place)
@@ -268,7 +272,7 @@ def assemble(
     # The load was vetted when the scene was read.
     if load:
         text += load.text if named and load.is_plain else load.run_text
-    stop = stop_time(scene)
+    stop = stop_time(ready)
     first, shortest = length, 0.0
     if waveform == "external":
         first, shortest = FIRST_ORDER_SHARE * length, SHORTEST_RUN * length
@@ -323,7 +327,7 @@ def _add_mechanics(circuit, system, rate, step, start):
 
 def network(scene: Scene) -> Network:
     """The transducer of a scene as elements: `harvester.device.terminals.Network`."""
-    system, _ = scale(scene)
+    system = prepared(scene).system
     rate = timescales.angular_frequency(system)
     return scene.transducer.network(setting(scene), system.transducer, rate)
 

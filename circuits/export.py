@@ -19,8 +19,8 @@ from circuits.assembly import (
 from circuits.ltspice import DIFFERENCES, to_ltspice
 from harvester.device import timescales
 from harvester.errors import NetlistError
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import REJECTING_STEPS, knot_spacing, steps_per_knot
-from harvester.scene.units import scale
 
 if TYPE_CHECKING:
     from circuits.assembly import Netlist
@@ -146,14 +146,15 @@ def for_ltspice(
 
 def _assembled(scene, path, start, step, tolerance=None, integrator="trapezoidal", save=None):
     """Netlist without the noise's points, scales, and the points "time value"; or None for them."""
-    system, scales = scale(scene)
+    ready = prepared(scene)
+    system, scales = ready.system, ready.scales
     load = scene.load.circuit
     if load is None or load.linear:
         options = own_steps(tolerance or OWN_TOLERANCE)
     else:
         options, _ = step_options(scene, step, tolerance or LOAD_TOLERANCE)
         if load.switches and not load.may_jump:
-            step = knot_spacing(scene) / steps_per_knot(scene, step) / REJECTING_STEPS
+            step = knot_spacing(ready) / steps_per_knot(ready, step) / REJECTING_STEPS
     save = saved(scene) if save is None else save
     if save and load and load.has_output:
         save = (*save, f"v({elements.OUTPUT})", f"v({elements.REFERENCE})")

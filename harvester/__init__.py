@@ -12,7 +12,10 @@ Functions take a scene, its file or its built-in name, and everything else by ke
 
 import importlib
 
+from harvester.former_names import install
 from harvester.version import __version__
+
+install()
 
 # As `typing` has it, which a worker process cannot import yet: see `harvester.workers.isolation`.
 TYPE_CHECKING = False
@@ -56,14 +59,15 @@ if TYPE_CHECKING:
     from harvester.studies.optimum import optimum as optimum
     from harvester.studies.sensitivity import sensitivity as sensitivity
     from harvester.studies.sweep import sweep as sweep
+    from harvester.verification.accuracy.both import accuracy as accuracy
+    from harvester.verification.accuracy.time_to_accuracy import (
+        time_to_accuracy as time_to_accuracy,
+    )
+    from harvester.verification.accuracy.work_precision import work_precision as work_precision
     from harvester.verification.known_results.truth import verify as verify
     from harvester.verification.paper.claims import claims as claims
     from harvester.verification.paper.reproduce import reproduce as reproduce
     from harvester.verification.stability.matrix import stability as stability
-    from harvester.verification.work_precision.measurement import work_precision as work_precision
-    from harvester.verification.work_precision.time_to_accuracy import (
-        time_to_accuracy as time_to_accuracy,
-    )
 
 # The same again, imported where it is first used, so that `import harvester` stays light.
 _WHERE = {
@@ -83,8 +87,9 @@ _WHERE = {
     "Measurement": "harvester.identification.measurement",
     "MeasuredResponse": "harvester.identification.measured_response",
     "read_measurement": "harvester.identification.measurement",
-    "work_precision": "harvester.verification.work_precision.measurement",
-    "time_to_accuracy": "harvester.verification.work_precision.time_to_accuracy",
+    "accuracy": "harvester.verification.accuracy.both",
+    "work_precision": "harvester.verification.accuracy.work_precision",
+    "time_to_accuracy": "harvester.verification.accuracy.time_to_accuracy",
     "stability": "harvester.verification.stability.matrix",
     "verify": "harvester.verification.known_results.truth",
     "reproduce": "harvester.verification.paper.reproduce",

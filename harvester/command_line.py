@@ -8,6 +8,7 @@ import warnings
 from typing import Any, NoReturn
 
 from harvester.commands import (
+    accuracy,
     average,
     cite,
     claims,
@@ -42,6 +43,7 @@ COMMANDS = (
     simulate,
     average,
     frequency_response,
+    accuracy,
     work_precision,
     time_to_accuracy,
     stability,

@@ -29,6 +29,7 @@ from harvester.compilation import numba
 from harvester.device import contact, system, timescales
 from harvester.errors import LoadError, SimulatorAborted, SolutionDiverged
 from harvester.prepared.lines import line_frequency
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import (
     CRAWL,
     GETS_NOWHERE,
@@ -41,7 +42,6 @@ from harvester.prepared.steps import (
     stop_time,
 )
 from harvester.record.record import Record, empty_record, part
-from harvester.scene.units import scale
 
 if TYPE_CHECKING:
     from harvester.device.system import System
@@ -58,7 +58,7 @@ SCHEME = "TR-BDF2"
 
 def prepare(scene: Scene) -> None:
     """Load the compiled code for a scene's parts, so that it does not count as simulation."""
-    s, _ = scale(scene)
+    s = prepared(scene).system
     circuit = circuit_of(scene)
     state = _beginning(s, circuit, (0.0, 0.0, 0.0))
     edges = np.array(contact.edges(s.contacts))
@@ -103,22 +103,23 @@ def run_realizations(
     """
     if scheme != "runge-kutta":
         raise LoadError(f"{scene.name}: --scheme {scheme} is for a resistor as load; leave it out")
-    s, scales = scale(scene)
+    ready = prepared(scene)
+    s, scales = ready.system, ready.scales
     circuit = circuit_of(scene)
-    fixed = steps_per_knot(scene, step, "monte-carlo")
-    in_contact = steps_per_contact(scene, step, "monte-carlo")
-    refinement = fixed / steps_per_knot(scene, engine="monte-carlo")
+    fixed = steps_per_knot(ready, step, "monte-carlo")
+    in_contact = steps_per_contact(ready, step, "monte-carlo")
+    refinement = fixed / steps_per_knot(ready, engine="monte-carlo")
     for k, (path, start, watching) in enumerate(zip(paths, starts, observers, strict=True)):
         for record, output in integrate(
             s,
             circuit,
             path,
             start,
-            stop_time(scene),
+            stop_time(ready),
             fixed,
             in_contact,
             refinement,
-            line_frequency(scene),
+            line_frequency(ready),
         ):
             if not all(np.isfinite(column[-1]) for column in record):
                 raise SolutionDiverged(

@@ -11,6 +11,7 @@ import contextlib
 import sys
 import threading
 import time
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -73,7 +74,7 @@ class Session(NgSpiceShared):
         self.messages, self.errors = [], []
         self._compiled_devices = {}
         self._doing = "stopped"
-        self._service = None
+        self._service: tuple[Callable[[], None], ...] | None = None
         self._keep = [
             ffi.callback("int (char *, int, void *)", self._receive_message),
             ffi.callback("int (char *, int, void *)", lambda *_: 0),
@@ -254,6 +255,7 @@ class Session(NgSpiceShared):
     def _serve(self, reason):
         """Called by the compiled callbacks; an error must not return into ngspice."""
         try:
+            assert self._service is not None
             self._service[reason]()
         except BaseException as error:
             give_up(as_answer(error))

@@ -134,7 +134,7 @@ def _mechanics(pen, circuit, name, electrical):
 
 def _groups(circuit, electrical):
     """Elements without an electrical node, those that wires join, in the netlist's order."""
-    groups = []
+    groups: list[tuple[set, list]] = []
     for part in circuit.parts:
         nodes = set(part.nodes) - {GROUND}
         if nodes & electrical:
@@ -243,7 +243,7 @@ def _ladder(pen, place, ladder, left, top, near=(), far=(), named=True):
     """
     highest = max(ladder.rows.values())
     y = {node: top - ROW * (highest - row) for node, row in ladder.rows.items()}
-    reach = {node: [] for node in y}
+    reach: dict[str, list[float]] = {node: [] for node in y}
     x = left + (PADDING if near else 0.0)
     for column in ladder.columns:
         for node in column.ends:

@@ -16,9 +16,10 @@ from harvester.estimates.estimate import Density, Estimate, root
 from harvester.estimates.joint_density import JointDensity
 from harvester.excitation import OrnsteinUhlenbeck, RecordedMotion
 from harvester.excitation.spectrum_fit import fit_spectrum
+from harvester.prepared.prepared import prepared
 from harvester.results.result import Result
 from harvester.scene.model import Scene
-from harvester.scene.units import require_resistor, scale
+from harvester.scene.units import require_resistor
 
 if TYPE_CHECKING:
     from harvester.device.system import System
@@ -85,7 +86,7 @@ def average(
     if fit:
         spectrum_fit, noise = _fitted(scene)
     parameters = averaged_device(noise)
-    _, scales = scale(noise)
+    scales = prepared(noise).scales
     averages = average_parameters(parameters, method, tolerance, memory=jump_rates)
     quantities = estimates_of(averages)
     quantities["rms_voltage"] = root(quantities["mean_square_voltage"])
@@ -142,7 +143,7 @@ def averaged_device(scene: Scene) -> System:
     refusal = scene.excitation.averaging_refusal()
     if refusal:
         raise AveragingError(f'excitation.kind = "{scene.excitation.kind}": {refusal}')
-    return scale(scene)[0]
+    return prepared(scene).system
 
 
 def estimates_of(averages: Averages) -> dict[str, Estimate]:
@@ -166,7 +167,8 @@ def _fitted(scene):
         raise AveragingError(
             f'excitation.kind = "{scene.excitation.kind}": only a record is fitted (--fit)'
         )
-    parameters, scales = scale(scene)
+    ready = prepared(scene)
+    parameters, scales = ready.system, ready.scales
     found = fit_spectrum(
         scene.excitation, timescales.angular_frequency(parameters) / (2.0 * math.pi)
     )

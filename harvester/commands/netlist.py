@@ -48,6 +48,7 @@ def run(options: Namespace) -> None:
     from harvester.files.plain_text import name, nearest
     from harvester.files.writing import check_writable, in_folder, is_stream, write_text
     from harvester.prepared.paths import noise_path, start_state
+    from harvester.prepared.prepared import prepared
     from harvester.simulation.simulate import check_step
 
     if options.dialect not in DIALECTS:
@@ -68,8 +69,9 @@ def run(options: Namespace) -> None:
             f"--realization {options.realization}: must be a whole number in "
             f"[0, {scene.run.realizations - 1}]"
         )
-    call = (scene, noise_path(scene, options.realization))
-    start, step = start_state(scene, options.realization), check_step(options.step)
+    ready = prepared(scene)
+    call = (scene, noise_path(ready, options.realization))
+    start, step = start_state(ready, options.realization), check_step(options.step)
     if options.dialect == "ngspice":
         write_text(target, stand_alone(*call, start, step).text + ".end\n")
         return

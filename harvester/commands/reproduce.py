@@ -71,7 +71,7 @@ def _compute(scene, names, options, keep):
     from harvester.verification.paper.figures_list import FIGURES
     from harvester.verification.paper.reproduce import reproduce
 
-    without_noise = {"fig2": orbit_maps.surfaces, "fig3": orbit_maps.frequency_response}
+    without_noise = {"fig2": orbit_maps.surfaces, "fig3": orbit_maps.orbit_voltages}
     with study_runner(options, "figures") as runner:
         for name in (name for name in names if name in without_noise):
             keep(without_noise[name](scene))

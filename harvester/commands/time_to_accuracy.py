@@ -53,7 +53,7 @@ def run(options: Namespace) -> None:
     check_options(options, NAME)
     from harvester.commands.console import show_table
     from harvester.files.writing import is_standard_output
-    from harvester.verification.work_precision.time_to_accuracy import SECONDS, time_to_accuracy
+    from harvester.verification.accuracy.time_to_accuracy import SECONDS, time_to_accuracy
 
     with study_runner(options, NAME) as runner:
         results = [
@@ -75,7 +75,8 @@ def _scenes(options):
 
 def _write(options, results):
     from harvester.files.writing import in_folder, write_json
-    from harvester.show import accuracy_figure, figures
+    from harvester.show import figures
+    from harvester.verification.accuracy import drawing as accuracy_figure
 
     content = {"results": [result.to_dict() for result in results]}
     if options.json:

@@ -30,7 +30,7 @@ def add(commands: Any) -> None:
 def run(options: Namespace) -> None:
     """Carry it out; returns the exit code, or None for 0."""
     scene, name = checked_scene(options, "work-precision")
-    from harvester.verification.work_precision.measurement import work_precision
+    from harvester.verification.accuracy.work_precision import work_precision
 
     with study_runner(options, "work-precision") as runner:
         diagram = work_precision(scene, thorough=options.thorough, runner=runner)

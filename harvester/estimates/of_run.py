@@ -21,7 +21,7 @@ from harvester.estimates.output_side import estimate_output
 from harvester.estimates.passivity import efficiency_notes, source_notes
 from harvester.estimates.settling import Shortfall, shortfalls, withheld
 from harvester.estimates.units import unit_of
-from harvester.scene.units import scale
+from harvester.prepared.prepared import prepared
 
 if TYPE_CHECKING:
     from harvester.estimates.estimate import Estimate
@@ -74,7 +74,8 @@ def run_estimates(
     SceneError
         No step of the run lies in its measured time.
     """
-    system, scales = scale(scene)
+    ready = prepared(scene)
+    system, scales = ready.system, ready.scales
     moments = list(moments)
     if not measured_time(moments) > 0.0:
         raise SceneError(

@@ -29,7 +29,8 @@ def _drawn(view):
     from matplotlib.figure import Figure
 
     result = view.result
-    figure = Figure(figsize=(8.0, 4.8), layout="none")
+    figure = Figure(figsize=(8.0, 4.8))
+    figure.set_layout_engine("none")
     halves = figure.add_gridspec(2, 1, **MARGINS)
     across = halves[0].subgridspec(1, len(result.densities), wspace=0.28)
     for place, name in enumerate(result.densities):

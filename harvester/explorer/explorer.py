@@ -20,11 +20,11 @@ from harvester.device import timescales
 from harvester.errors import HarvesterError
 from harvester.estimates.estimate import Density
 from harvester.files.plain_text import one_line, shown
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.results.result import Result, with_error
 from harvester.scene.model import Scene
 from harvester.scene.numbers import number, numbers
-from harvester.scene.units import scale
 from harvester.simulation.simulate import simulate
 from harvester.stationary.fokker_planck import outline
 from harvester.workers.pools import WorkerPool
@@ -157,7 +157,7 @@ class Explorer:
         return self.view
 
     def _simulated(self, scene):
-        period = 2.0 * math.pi / (timescales.angular_frequency(scale(scene)[0]) or math.inf)
+        period = 2.0 * math.pi / (timescales.angular_frequency(prepared(scene).system) or math.inf)
         start = scene.run.settle
         window = start, start + min(WAVEFORM_PERIODS * period or math.inf, scene.run.duration)
         return simulate(
@@ -210,12 +210,13 @@ def explore(
 
 def cut_short(scene: Scene) -> Scene:
     """The scene with so much of its run as a picture has time for."""
-    per_second = steps_per_knot(scene, engine="monte-carlo") / knot_spacing(scene)
+    ready = prepared(scene)
+    per_second = steps_per_knot(ready, engine="monte-carlo") / knot_spacing(ready)
     load = scene.load.circuit
     if load and load.resistance is None:
         per_second *= SWITCHING_COST if load.switches else NETLIST_COST
     longest = STEPS_SHOWN / FEWEST_REALIZATIONS / per_second - scene.run.settle
-    duration = min(scene.run.duration, max(longest, scene.run.settle, knot_spacing(scene)))
+    duration = min(scene.run.duration, max(longest, scene.run.settle, knot_spacing(ready)))
     count = int(STEPS_SHOWN / per_second / (scene.run.settle + duration))
     return scene.replace(
         {

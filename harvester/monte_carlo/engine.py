@@ -24,6 +24,7 @@ from harvester.compilation import numba
 from harvester.device import contact
 from harvester.errors import SolutionDiverged
 from harvester.monte_carlo.lockstep import Room, advance
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import (
     EVEN_STEPS_PER_CONTACT,
     steps_per_contact,
@@ -33,7 +34,6 @@ from harvester.prepared.steps import (
 from harvester.record.moments import Moments
 from harvester.record.record import Observer, Record
 from harvester.record.several import TOGETHER, SeveralMoments
-from harvester.scene.units import scale
 
 if TYPE_CHECKING:
     from harvester.device.system import System
@@ -54,7 +54,7 @@ EXACT_DECAY = "exact decay, order 3"
 
 def prepare(scene: Scene) -> None:
     """Load the compiled code for a scene's parts, so that it does not count as simulation."""
-    s, _ = scale(scene)
+    s = prepared(scene).system
     tally = SeveralMoments([_unwanted(0.0, 1.0)], 1.0).tally
     room, place = Room.of(s, [(0.0, 0.0, 0.0)], 0), _beginning()
     noise = np.zeros((1, 1, TOGETHER))
@@ -87,9 +87,10 @@ def run_realizations(
     ------
     SolutionDiverged
     """
-    s, _ = scale(scene)
-    fixed = steps_per_knot(scene, step, "monte-carlo")
-    in_contact = steps_per_contact(scene, step, "monte-carlo")
+    ready = prepared(scene)
+    s = ready.system
+    fixed = steps_per_knot(ready, step, "monte-carlo")
+    in_contact = steps_per_contact(ready, step, "monte-carlo")
     for first in range(0, len(paths), MOST_TOGETHER):
         some = slice(first, first + MOST_TOGETHER)
         moments = [each for each in itertools.chain(*observers[some]) if isinstance(each, Moments)]
@@ -100,7 +101,7 @@ def run_realizations(
             if not isinstance(each, Moments)
         ]
         chunks = integrate(
-            s, paths[some], starts[some], stop_time(scene), fixed, scheme, in_contact,
+            s, paths[some], starts[some], stop_time(ready), fixed, scheme, in_contact,
             moments, any(getattr(each, "reads_points", True) for _, each in others),
         )  # fmt: skip
         for columns, points in chunks:

@@ -7,11 +7,10 @@ import math
 from typing import TYPE_CHECKING
 
 from harvester.device import timescales
-from harvester.scene.units import scale
 
 if TYPE_CHECKING:
     from harvester.device.system import System
-    from harvester.scene.model import Scene
+    from harvester.prepared.prepared import Prepared
 
 
 # By how much of half a resonance's width an integrator may misplace it: a device on its flank then
@@ -29,41 +28,41 @@ NARROW = 0.01
 
 
 @functools.lru_cache(maxsize=64)
-def line_frequency(scene: Scene) -> float:
+def line_frequency(ready: Prepared) -> float:
     """The frequency at which steps are to be exact (rad/s); 0 where there is no such.
 
     That of the line to which the linear device answers most. Without lines that of a linear
     device with so narrow a resonance that what it passes of noise is nearly a line.
     """
-    answers = _responses(scene)
+    answers = _responses(ready)
     if answers:
         return max(answers)[1]
-    system, _ = scale(scene)
-    if scene.excitation.prescribes_displacement or not _linear(system):
+    system = ready.system
+    if ready.scene.excitation.prescribes_displacement or not _linear(system):
         return 0.0
     omega = timescales.angular_frequency(system)
     return omega if _half_width(system, omega) < NARROW else 0.0
 
 
 @functools.lru_cache(maxsize=64)
-def spread(scene: Scene) -> float:
+def spread(ready: Prepared) -> float:
     """Change of the frequency's square, over itself, among the motions that lines drive.
 
     An integrator that is exact at `line_frequency` leaves this share of its error.
     """
-    answers = _responses(scene)
+    answers = _responses(ready)
     if not answers:
         return 0.0
-    system, _ = scale(scene)
+    system = ready.system
     greatest, tuned = max(answers)
     counting = [omega for size, omega in answers if size > COUNTING_RESPONSE * greatest]
     away = max(abs(omega**2 / tuned**2 - 1.0) for omega in counting)
     return max(away, 0.0 if _linear(system) else NONLINEAR_SPREAD)
 
 
-def half_width(scene: Scene) -> float:
+def half_width(ready: Prepared) -> float:
     """That of the resonance over its frequency, by damper and, if it is one, resistor."""
-    return _half_width(scale(scene)[0], line_frequency(scene))
+    return _half_width(ready.system, line_frequency(ready))
 
 
 def _half_width(system, omega):
@@ -74,11 +73,11 @@ def _linear(system):
     return len(system.spring.coefficients) <= 2 and not system.contacts
 
 
-def _responses(scene):
+def _responses(ready):
     """(size, angular frequency) of the velocity at each line."""
+    scene, system = ready.scene, ready.system
     if scene.excitation.prescribes_displacement:
         return []
-    system, _ = scale(scene)
     pairs = [(amplitude, 2.0 * math.pi * f) for f, amplitude in scene.excitation.lines]
     return [(amplitude * _mobility(system, omega), omega) for amplitude, omega in pairs]
 

@@ -7,32 +7,29 @@ from typing import TYPE_CHECKING
 from harvester.device import timescales
 from harvester.excitation import realization_seed
 from harvester.prepared.steps import knot_spacing
-from harvester.scene.units import scale, setting
 
 if TYPE_CHECKING:
     from harvester.excitation.base import ExcitationPath
-    from harvester.scene.model import Scene
+    from harvester.prepared.prepared import Prepared
 
 
-def start_state(scene: Scene, index: int) -> tuple[float, float, float]:
+def start_state(ready: Prepared, index: int) -> tuple[float, float, float]:
     """(X, X', transducer's state) in which a realization starts, scaled.
 
     At rest in the wells in turn, beginning on the right, unless the scene says where.
     """
-    parameters, scales = scale(scene)
-    wells = timescales.wells(parameters)
+    length, wells = ready.scales.displacement, timescales.wells(ready.system)
     displacement, velocity, state = wells[index % len(wells)], 0.0, 0.0
-    start = scene.start
+    start = ready.scene.start
     if start:
         if start.displacement is not None:
-            displacement = start.displacement / scales.displacement
-        velocity = start.velocity / scales.displacement
-        state = start.voltage / scene.transducer.state_unit(setting(scene))
+            displacement = start.displacement / length
+        velocity = start.velocity / length
+        state = start.voltage / ready.scene.transducer.state_unit(ready.setting)
     return displacement, velocity, state
 
 
-def noise_path(scene: Scene, index: int) -> ExcitationPath:
+def noise_path(ready: Prepared, index: int) -> ExcitationPath:
     """The excitation of one realization, at its beginning; the same for every engine."""
-    _, scales = scale(scene)
-    seed = realization_seed(scene.run.seed, index)
-    return scene.excitation.path(knot_spacing(scene), scales.displacement, seed)
+    seed = realization_seed(ready.scene.run.seed, index)
+    return ready.scene.excitation.path(knot_spacing(ready), ready.scales.displacement, seed)

@@ -15,7 +15,8 @@ from harvester.excitation.ornstein_uhlenbeck import (
     OrnsteinUhlenbeck,
 )
 from harvester.prepared import lines
-from harvester.scene.units import longest_spacing, scale
+from harvester.prepared.prepared import Prepared, prepared
+from harvester.scene.units import longest_spacing
 
 if TYPE_CHECKING:
     from harvester.excitation.base import ExcitationPath
@@ -58,7 +59,7 @@ STEPS_OF_FAST_LOADS = 2
 STEPS_OF_SLAVED_VELOCITY = 4
 
 
-def knot_spacing(scene: Scene) -> float:
+def knot_spacing(ready: Prepared) -> float:
     """Spacing of the excitation's knots (s): the scene's, else what its kind chooses.
 
     Raises
@@ -66,7 +67,7 @@ def knot_spacing(scene: Scene) -> float:
     SceneError
         The scene's own does not fit its noise, or the run is shorter than it.
     """
-    system, _ = scale(scene)
+    scene, system = ready.scene, ready.system
     spacing, duration = scene.excitation.spacing(longest_spacing(system)), scene.run.duration
     if spacing > duration:
         own = getattr(scene.excitation, "knot_spacing", None) is not None
@@ -79,7 +80,7 @@ def knot_spacing(scene: Scene) -> float:
 
 def with_knots(scene: Scene) -> Scene:
     """The scene with its spacing of knots written out: what changes keep, and so their noise."""
-    return scene.replace({"excitation.knot_spacing": knot_spacing(scene)})
+    return scene.replace({"excitation.knot_spacing": knot_spacing(prepared(scene))})
 
 
 def resolving(scene: Scene) -> Scene:
@@ -87,18 +88,18 @@ def resolving(scene: Scene) -> Scene:
 
     A sweep over τ1 would else leave the scene's own spacing behind.
     """
-    spacing = getattr(scene.excitation, "knot_spacing", None) or knot_spacing(scene)
+    spacing = getattr(scene.excitation, "knot_spacing", None) or knot_spacing(prepared(scene))
     if isinstance(scene.excitation, OrnsteinUhlenbeck):
         spacing = min(spacing, scene.excitation.correlation_time / KNOTS_PER_CORRELATION_TIME)
     return scene.replace({"excitation.knot_spacing": spacing})
 
 
-def steps_per_knot(scene: Scene, step: str | float = "default", engine: str = "circuit") -> int:
+def steps_per_knot(ready: Prepared, step: str | float = "default", engine: str = "circuit") -> int:
     """Steps of an engine between two knots of the noise, away from the stoppers.
 
     Parameters
     ----------
-    scene : Scene
+    ready : Prepared
     step : str or float
         A name in `STEP_LEVELS`, or the longest step in s.
     engine : str
@@ -109,8 +110,8 @@ def steps_per_knot(scene: Scene, step: str | float = "default", engine: str = "c
     HarvesterError
         A step so short that no run of it ends.
     """
-    system, _ = scale(scene)
-    spacing = knot_spacing(scene)
+    scene, system = ready.scene, ready.system
+    spacing = knot_spacing(ready)
     if not isinstance(step, str):
         if step < SHORTEST_STEP * spacing:
             raise HarvesterError(
@@ -124,7 +125,7 @@ def steps_per_knot(scene: Scene, step: str | float = "default", engine: str = "c
     longest = (
         2.0 * math.pi / timescales.fastest_angular_frequency(system) / STEPS_PER_PERIOD[engine]
     )
-    longest = _near_lines(scene, engine, longest)
+    longest = _near_lines(ready, engine, longest)
     finer = REJECTING_STEPS if engine == "circuit" and load and load.may_jump else 1
     if engine == "monte-carlo" and system.transducer.decay_rate() * spacing > 1.0:
         finer *= STEPS_OF_FAST_LOADS
@@ -133,7 +134,7 @@ def steps_per_knot(scene: Scene, step: str | float = "default", engine: str = "c
     return max(1, math.ceil(spacing / longest - 1e-9)) * STEP_LEVELS[step] * finer
 
 
-def step_error(scene: Scene, step: str | float = "default", engine: str = "circuit") -> float:
+def step_error(ready: Prepared, step: str | float = "default", engine: str = "circuit") -> float:
     """Share of a mean power that the steps may cost, from the methods' stability functions.
 
     Of the linear device: what is left of the misplaced resonance on its flank, where the power
@@ -142,62 +143,65 @@ def step_error(scene: Scene, step: str | float = "default", engine: str = "circu
 
     Parameters
     ----------
-    scene, step, engine
+    ready, step, engine
         See `steps_per_knot`.
     """
-    system, _ = scale(scene)
-    omega = lines.line_frequency(scene) or timescales.angular_frequency(system)
+    scene, system = ready.scene, ready.system
+    omega = lines.line_frequency(ready) or timescales.angular_frequency(system)
     period = scene.excitation.period
     if scene.excitation.prescribes_displacement and period is not None:
         omega = 2.0 * math.pi / period
-    constant, order, left = _frequency_error(scene, engine)
-    length = knot_spacing(scene) / steps_per_knot(scene, step, engine)
+    constant, order, left = _frequency_error(ready, engine)
+    length = knot_spacing(ready) / steps_per_knot(ready, step, engine)
     error = constant * (omega * length) ** order
     # Without damping there is no width, and the whole power may be missed.
-    flank = left * error / max(lines.half_width(scene), error) if left > 0.0 else 0.0
+    flank = left * error / max(lines.half_width(ready), error) if left > 0.0 else 0.0
     return flank + LOAD_ERRORS * error
 
 
-def _frequency_error(scene, engine):
+def _frequency_error(ready, engine):
     """Constant and order of an integrator's error of frequency, and the share left near lines."""
-    method = "runge-kutta" if engine == "monte-carlo" and scene.load.is_resistor else engine
-    left = lines.spread(scene)
-    if method == "runge-kutta" and lines.line_frequency(scene) > 0.0:
+    method = "runge-kutta" if engine == "monte-carlo" and ready.scene.load.is_resistor else engine
+    left = lines.spread(ready)
+    if method == "runge-kutta" and lines.line_frequency(ready) > 0.0:
         left = 1.0
     return *FREQUENCY_ERRORS[method], left
 
 
-def _near_lines(scene, engine, longest):
+def _near_lines(ready, engine, longest):
     """The longest step that places a resonance well enough where the excitation has lines."""
-    constant, order, left = _frequency_error(scene, engine)
+    constant, order, left = _frequency_error(ready, engine)
     if left == 0.0:
         return longest
-    omega = lines.line_frequency(scene)
-    allowed = lines.SHARE_OF_HALF_WIDTH * lines.half_width(scene)
+    omega = lines.line_frequency(ready)
+    allowed = lines.SHARE_OF_HALF_WIDTH * lines.half_width(ready)
     if left * constant * (omega * longest) ** order <= allowed:
         return longest
     wanted = (allowed / (constant * left)) ** (1.0 / order) / omega
     return max(wanted, longest / FINER_NEAR_LINES)
 
 
-def steps_per_contact(scene: Scene, step: str | float = "default", engine: str = "circuit") -> int:
+def steps_per_contact(
+    ready: Prepared, step: str | float = "default", engine: str = "circuit"
+) -> int:
     """Fewest steps of an engine in a contact: a shorter step makes these as much shorter.
 
     Parameters
     ----------
-    scene, step, engine
+    ready, step, engine
         See `steps_per_knot`.
     """
-    even = engine == "monte-carlo" and scene.load.is_resistor
+    even = engine == "monte-carlo" and ready.scene.load.is_resistor
     fewest = EVEN_STEPS_PER_CONTACT if even else STEPS_PER_CONTACT
-    finer = steps_per_knot(scene, step, engine) / steps_per_knot(scene, engine=engine)
+    finer = steps_per_knot(ready, step, engine) / steps_per_knot(ready, engine=engine)
     return math.ceil(fewest * max(finer, 1.0))
 
 
-def stop_time(scene: Scene) -> float:
+def stop_time(ready: Prepared) -> float:
     """End of a realization: settle and duration, in whole knots (s)."""
-    spacing = knot_spacing(scene)
-    total = scene.run.settle + scene.run.duration
+    spacing = knot_spacing(ready)
+    run = ready.scene.run
+    total = run.settle + run.duration
     return math.ceil(total / spacing - 1e-9) * spacing
 
 

@@ -238,7 +238,7 @@ def _count_events(before, x, low, high, saddles, integrals):
     for i in range(1, x.size):
         outside = (x[i] > high) | (x[i] < low)
         impacts += np.int64(outside & (low <= x[i - 1]) & (x[i - 1] <= high))
-    crossings = 0
+    crossings = np.int64(0)
     for saddle in saddles:
         crossings += np.int64((before - saddle) * (x[0] - saddle) < 0.0)
         for i in range(1, x.size):

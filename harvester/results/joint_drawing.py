@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.device import timescales
+from harvester.prepared.prepared import prepared
 from harvester.results.drawing import axis_label
-from harvester.scene.units import scale
 from harvester.show.panels import entitle
 
 if TYPE_CHECKING:
@@ -59,7 +59,8 @@ def _draw_panel(axes, result, places, values, highest):
     shown = np.ma.masked_less(values, least)
     norm = LogNorm(least, highest)
     mesh = axes.pcolormesh(x, v, shown.T, norm=norm, cmap=COLOURS, rasterized=True)
-    system, scales = scale(result.scene)
+    ready = prepared(result.scene)
+    system, scales = ready.system, ready.scales
     for found, mark in ((timescales.wells(system), "o"), (timescales.saddles(system), "x")):
         where = np.array(found) * scales.displacement
         axes.plot(where, 0.0 * where, mark, color="white", markersize=3.5, markeredgewidth=1.0)

@@ -8,9 +8,9 @@ import numpy as np
 
 from harvester.device import timescales
 from harvester.estimates.balance import stored_change
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import steps_per_contact
 from harvester.record.moments import QUANTITIES
-from harvester.scene.units import scale
 
 if TYPE_CHECKING:
     from harvester.results.result import Result
@@ -34,7 +34,7 @@ def suspected_cause(result: Result) -> str:
     result : harvester.results.result.Result
         With its moments and its residual.
     """
-    p, _ = scale(result.scene)
+    p = prepared(result.scene).system
     totals, stored = _energies(result.moments, p)
     finders = (_diverged, _active_load, _short_run, _load, _switching, _contacts, _step)
     for find in finders:
@@ -133,7 +133,7 @@ def _switching(result, p, totals, stored):
 
 def _contacts(result, p, totals, stored):
     impacts = totals["impacts"].sum()
-    resolving = steps_per_contact(result.scene, result.step, result.engine)
+    resolving = steps_per_contact(prepared(result.scene), result.step, result.engine)
     if not impacts or timescales.contact_time(p) > resolving * result.step:
         return ""
     return (
@@ -153,5 +153,5 @@ def _step(result, p, totals, stored):
 
 
 def _of_the_step(result):
-    p, _ = scale(result.scene)
+    p = prepared(result.scene).system
     return STEP_ERROR_FACTOR * (timescales.fastest_angular_frequency(p) * result.step) ** 2 / 12.0

@@ -180,7 +180,8 @@ class _Following:
         self._wanted, self._results, self._waiting = {}, {}, {}
         # Tasks that have not been handed over yet, with what goes before what.
         self._ready, self._number = [], itertools.count()
-        self._futures, self._done = {}, queue.SimpleQueue()
+        self._futures: dict = {}
+        self._done: queue.SimpleQueue = queue.SimpleQueue()
 
     def to_the_end(self):
         self._progress.begin(len(self._plans))

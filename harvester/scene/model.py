@@ -260,12 +260,13 @@ class Scene:
 
     def _tables(self, kept):
         """Nested dictionaries of the fields that `kept` says."""
-        tables = {"units": self.units}
+        tables: dict[str, Any] = {"units": self.units}
         if self.length_scale is not None:
             tables["length_scale"] = self.length_scale
-        for table, (attribute, make) in _tables().items():
+        transducer = TRANSDUCERS.name_of(type(self.transducer))
+        for table, (attribute, _) in _tables().items():
             part = getattr(self, attribute)
-            if attribute == "transducer" and not isinstance(part, make):
+            if attribute == "transducer" and table != transducer:
                 continue
             if isinstance(part, tuple):
                 plain = [_plain(each, kept) for each in part]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from harvester.registry import Registry
 from harvester.scene.units import require_mass
 
 if TYPE_CHECKING:
@@ -83,11 +84,17 @@ def _takes_everything(scene: Scene) -> None:
     """The circuit refuses while it reads a load."""
 
 
-ENGINES = {
-    "circuit": Engine(
-        _takes_everything, _prepare_circuit, _run_circuit, schemes=("trapezoidal", "gear")
-    ),
-    "monte-carlo": Engine(
-        _check_monte_carlo, _prepare_monte_carlo, _run_monte_carlo, schemes=("runge-kutta", "heun")
-    ),
-}
+ENGINES: Registry[Engine] = Registry(
+    "harvester.engines",
+    {
+        "circuit": Engine(
+            _takes_everything, _prepare_circuit, _run_circuit, schemes=("trapezoidal", "gear")
+        ),
+        "monte-carlo": Engine(
+            _check_monte_carlo,
+            _prepare_monte_carlo,
+            _run_monte_carlo,
+            schemes=("runge-kutta", "heun"),
+        ),
+    },
+)

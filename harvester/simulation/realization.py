@@ -13,6 +13,7 @@ import numpy as np
 from harvester.device import timescales
 from harvester.estimates.batch_means import KNOTS_PER_SAMPLE, batch_counts
 from harvester.prepared.paths import noise_path, start_state
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, stop_time
 from harvester.record.joint import JointHistogram
 from harvester.record.joint import prepare as prepare_joint
@@ -21,7 +22,6 @@ from harvester.record.moments import Moments
 from harvester.record.moments import prepare as prepare_moments
 from harvester.record.output_side import OutputMoments
 from harvester.record.record import Record
-from harvester.scene.units import scale
 from harvester.simulation.methods import ENGINES
 
 if TYPE_CHECKING:
@@ -135,7 +135,8 @@ def run(
     list of Realization
     """
     chosen = ENGINES[engine]
-    paths = [noise_path(scene, index) for index in indices]
+    ready = prepared(scene)
+    paths = [noise_path(ready, index) for index in indices]
     moments = [empty_moments(scene) for _ in indices]
     # Only a netlist has an output side.
     output = {}
@@ -147,7 +148,7 @@ def run(
     observers: list[list] = [[each] for each in moments]
     observers[-1].append(Reporter(moments, report))
     waveforms = [Waveform(*window) if window else None for _ in indices]
-    sampled = (scene.run.settle, knot_spacing(scene))
+    sampled = (scene.run.settle, knot_spacing(ready))
     joints = [JointHistogram.empty(*sampled) if joint_density else None for _ in indices]
     for watching, *others in zip(observers, waveforms, joints, strict=True):
         watching[:0] = [each for each in others if each is not None]
@@ -158,7 +159,7 @@ def run(
     started = time.time()
     clock, processor = time.perf_counter(), time.process_time()
     scheme = scheme or chosen.schemes[0]
-    starts = [start_state(scene, index) for index in indices]
+    starts = [start_state(ready, index) for index in indices]
     outcome = chosen.run_realizations(
         scene, paths, starts, observers, step, source, scheme, tolerance, device, **output
     )
@@ -181,14 +182,15 @@ def run(
 
 def empty_moments(scene: Scene) -> Moments:
     """Nothing accumulated yet, in the batches that the scene's run is cut into."""
-    parameters, _ = scale(scene)
-    spacing = knot_spacing(scene)
+    ready = prepared(scene)
+    parameters = ready.system
+    spacing = knot_spacing(ready)
     start, batches, groups = _measured(scene, spacing)
     saddles = timescales.saddles(parameters)
     even = len(saddles) == 1 and parameters.symmetric and scene.excitation.symmetric
     moments = Moments.empty(
         start,
-        stop_time(scene),
+        stop_time(ready),
         timescales.free_zone(parameters),
         saddles,
         bool(saddles) and not even,
@@ -209,5 +211,5 @@ def _measured(scene, spacing):
         return run.settle, batches, groups
     periods = math.floor(run.duration / period + 1e-9)
     batches = min(batches, periods)
-    start = stop_time(scene) - periods // batches * batches * period
+    start = stop_time(prepared(scene)) - periods // batches * batches * period
     return max(start, run.settle), batches, min(groups, batches)

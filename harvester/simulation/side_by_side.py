@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from harvester.device import timescales
 from harvester.monte_carlo.engine import MOST_TOGETHER
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, steps_per_contact, steps_per_knot
-from harvester.scene.units import scale
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -86,6 +86,7 @@ def share_steps(
 
 def contacts_shorten_steps(scene: Scene, step: str | float) -> bool:
     """Whether the longest step does not resolve a contact at the rms speed."""
-    system, _ = scale(scene)
-    longest = knot_spacing(scene) / steps_per_knot(scene, step)
-    return timescales.contact_time(system) < steps_per_contact(scene, step) * longest
+    ready = prepared(scene)
+    system = ready.system
+    longest = knot_spacing(ready) / steps_per_knot(ready, step)
+    return timescales.contact_time(system) < steps_per_contact(ready, step) * longest

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import Executor
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,11 +20,11 @@ from harvester.estimates.joint_density import joint_density as joint_density_of
 from harvester.estimates.of_run import run_estimates
 from harvester.excitation import OrnsteinUhlenbeck
 from harvester.files.plain_text import nearest
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import STEP_LEVELS, knot_spacing, step_error, steps_per_knot
 from harvester.results.residual_cause import suspected_cause
 from harvester.results.result import Result
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 from harvester.simulation import side_by_side
 from harvester.simulation.methods import ENGINES
 from harvester.simulation.realization import Realization, run
@@ -188,7 +188,7 @@ def _outcomes(pool, calls, time_limit, follow, keep_going):
         One failed and nothing keeps going, or all failed.
     """
     most = max(len(call["indices"]) for call in calls)
-    outcomes = {}
+    outcomes: dict[int, Any] = {}
     together = pool.map(run, calls, most * time_limit, follow, keep_going)
     for call, outcome in zip(calls, together, strict=True):
         if isinstance(outcome, SimulationError):
@@ -298,11 +298,12 @@ class _Follower:
 # The sums of a run that diverged may overflow: its residual is then no number, which is refused.
 @np.errstate(over="ignore", invalid="ignore")
 def _result(scene, engine, step, source, realizations, failures, outcome="complete"):
-    parameters, scales = scale(scene)
+    ready = prepared(scene)
+    parameters, scales = ready.system, ready.scales
     moments = [realization.moments for realization in realizations]
     first = min(realization.started for realization in realizations)
     last = max(realization.ended for realization in realizations)
-    cost = step_error(scene, step, engine)
+    cost = step_error(ready, step, engine)
     found = run_estimates(scene, moments, cost)
     shapes = densities(moments, is_symmetric(scene, parameters))
     joints = [realization.joint for realization in realizations if realization.joint is not None]
@@ -321,7 +322,7 @@ def _result(scene, engine, step, source, realizations, failures, outcome="comple
         engine_seconds=sum(realization.seconds for realization in realizations),
         simulated_time=sum(m.time_reached for m in moments),
         steps=sum(m.points for m in moments),
-        step=knot_spacing(scene) / steps_per_knot(scene, step, engine),
+        step=knot_spacing(ready) / steps_per_knot(ready, step, engine),
         step_error=cost if source == "external" else None,
         realizations=len(moments),
         engine_version=realizations[0].engine_version,
@@ -346,7 +347,12 @@ def _partial(scene, engine, step, source, error):
     reached = [m for m in error.partial or () if measured_time([m]) > 0.0]
     if not reached:
         return None
-    nothing = {"waveform": None, "joint": None, "engine_version": "", "netlist_sha256": None}
+    nothing: dict[str, Any] = {
+        "waveform": None,
+        "joint": None,
+        "engine_version": "",
+        "netlist_sha256": None,
+    }
     realizations = [
         Realization(moments=m, seconds=math.nan, started=math.nan, ended=math.nan, **nothing)
         for m in reached
@@ -357,9 +363,10 @@ def _partial(scene, engine, step, source, error):
 
 def notes_on_excitation(scene: Scene) -> tuple[str, ...]:
     """What a reader must know of the noise that a scene is run with."""
-    parameters, _ = scale(scene)
+    ready = prepared(scene)
+    parameters = ready.system
     frequency = timescales.angular_frequency(parameters)
-    return scene.excitation.notes(knot_spacing(scene), frequency, scene.run)
+    return scene.excitation.notes(knot_spacing(ready), frequency, scene.run)
 
 
 def _failure_notes(failures, scene):

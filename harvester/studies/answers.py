@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import ChainMap
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 from harvester.averaging import CLOSURES
 from harvester.errors import HarvesterError, LoadError, OutOfTime
 from harvester.estimates.estimate import Estimate
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, resolving
 from harvester.running import Request
 from harvester.running.request import COMPLETE
@@ -34,7 +36,7 @@ def checked_method(scene: Scene, method: str | None) -> str:
         except LoadError:
             return "circuit"
         return "monte-carlo"
-    check_name("method", method, (*ENGINES, *CLOSURES))
+    check_name("method", method, ChainMap(ENGINES, CLOSURES))
     if method == "monte-carlo":
         ENGINES["monte-carlo"].check(scene)
     elif method != "circuit":
@@ -117,7 +119,7 @@ def on_common_knots(scenes: Sequence[Scene], of: Sequence[Scene] | None = None) 
     """
     if not hasattr(scenes[0].excitation, "knot_spacing"):
         return list(scenes)
-    spacing = min(knot_spacing(resolving(each)) for each in (of or scenes))
+    spacing = min(knot_spacing(prepared(resolving(each))) for each in (of or scenes))
     excitations: list[Any] = [each.excitation for each in scenes]
     return [
         replace(each, excitation=replace(excitation, knot_spacing=spacing))

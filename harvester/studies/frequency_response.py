@@ -25,10 +25,11 @@ from harvester.files.plain_text import json_text
 from harvester.files.serialising import plain
 from harvester.files.tables import xarray_or_say
 from harvester.prepared.paths import start_state
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.running import RunnerOptions, Task, open_runner
 from harvester.scene.model import Scene
-from harvester.scene.units import Scales, scale
+from harvester.scene.units import Scales
 from harvester.show.palette import CIRCUIT, MONTE_CARLO
 from harvester.show.panels import Panel, Series, draw_panels, is_wide
 from harvester.simulation.methods import ENGINES
@@ -286,7 +287,7 @@ def frequency_response(
         engine=method,
         frequencies=rising,
         sweeps=sweeps,
-        scales=scale(scene)[1],
+        scales=prepared(scene).scales,
         engine_version=outcomes[0][1],
         dwell=scenes[0].excitation.dwell,
         seconds=sum(seconds for _, _, seconds in outcomes),
@@ -306,7 +307,8 @@ def run(
     """
     chosen = ENGINES[engine]
     excitation: Any = scene.excitation
-    path = excitation.path(knot_spacing(scene), scale(scene)[1].displacement, None)
+    ready = prepared(scene)
+    path = excitation.path(knot_spacing(ready), ready.scales.displacement, None)
     windows = []
     for place, frequency in enumerate(excitation.frequencies):
         end = (place + 1) * excitation.dwell
@@ -316,7 +318,7 @@ def run(
     outcome = chosen.run_realizations(
         scene,
         [path],
-        [start_state(scene, 0)],
+        [start_state(ready, 0)],
         [windows],
         step,
         "external",
@@ -356,7 +358,7 @@ def _with_sine(scene, amplitude):
 
 def _stepped(scene, frequencies):
     """The scene with a sine that dwells at each frequency until the transient is gone."""
-    parameters, _ = scale(scene)
+    parameters = prepared(scene).system
     decay = parameters.transducer.decay_rate()
     slowest = 2.0 * timescales.relaxation_time(parameters)
     slowest = max(slowest, 1.0 / decay) if decay > 0.0 else slowest

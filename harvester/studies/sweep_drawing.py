@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 # Standard errors that a bar spans to either side.
 BARS = 2.0
+OTHER_CLOSURE = ("0.3", "-.")
 ENGINES = {"circuit": (CIRCUIT, "o"), "monte-carlo": (MONTE_CARLO, "s")}
 
 
@@ -60,7 +61,7 @@ def _series(name, method, x, cells):
     estimates = [each.estimates.get(name) for each in cells]
     y = [math.nan if each is None else each.estimate for each in estimates]
     if method in CLOSURES:
-        colour, line = LINES[method]
+        colour, line = LINES.get(method, OTHER_CLOSURE)
         return Series(x, y, f"averaging, {method}", colour, line)
     errors = [each and each.standard_error for each in estimates]
     bars = [0.0 if error is None else BARS * error for error in errors]

@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from harvester import numba_cache
 from harvester.errors import SimulatorCrashed, SimulatorTimeout
@@ -34,10 +34,10 @@ class Worker:
 
     def __init__(self, folders: Sequence[str | Path] = ()) -> None:
         self._folders = folders
-        self._process = None
-        self._answers = None
-        self._errors = None
-        self._workplace = None
+        self._process: subprocess.Popen | None = None
+        self._answers: queue.SimpleQueue | None = None
+        self._errors: IO[bytes] | None = None
+        self._workplace: TemporaryFolder | None = None
         self._closed = False
         # One thread may end the process while another starts it, or reads its last words.
         self._changing = threading.RLock()
@@ -124,7 +124,8 @@ class Worker:
                 process.wait()
                 for stream in (process.stdin, process.stdout):
                     with contextlib.suppress(BrokenPipeError):
-                        stream.close()
+                        if stream is not None:
+                            stream.close()
             errors, self._errors = self._errors, None
             if errors is not None:
                 errors.close()
@@ -152,26 +153,24 @@ class Worker:
 
     def _open(self):
         """Start the process; returns the queue of its answers."""
-        self._errors = tempfile.TemporaryFile()  # noqa: SIM115 - closed by kill
-        self._workplace = TemporaryFolder()
-        self._process = subprocess.Popen(
+        self._errors = errors = tempfile.TemporaryFile()  # noqa: SIM115 - closed by kill
+        self._workplace = workplace = TemporaryFolder()
+        self._process = process = subprocess.Popen(
             isolation.command(self._folders),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            stderr=self._errors,
-            cwd=self._workplace.name,
+            stderr=errors,
+            cwd=workplace.name,
             env=isolation.environment(),
         )
-        answers = queue.SimpleQueue()
-        threading.Thread(
-            target=_read_answers, args=(self._process.stdout, answers), daemon=True
-        ).start()
+        answers: queue.SimpleQueue = queue.SimpleQueue()
+        threading.Thread(target=_read_answers, args=(process.stdout, answers), daemon=True).start()
         return answers
 
     def _crashed(self, process, latest):
         status = process.wait()
         with self._changing:
-            words = "" if self._process is None else self._last_words()
+            words = self._last_words()
             self.kill()
         how = f"was killed by signal {-status}" if status < 0 else f"ended with status {status}"
         if status == -signal.SIGKILL:
@@ -181,6 +180,8 @@ class Worker:
         )
 
     def _last_words(self):
+        if self._errors is None:
+            return ""
         self._errors.seek(0)
         lines = self._errors.read().decode(errors="replace").splitlines()
         return "; ".join(line.strip() for line in lines[-LAST_LINES:] if line.strip())

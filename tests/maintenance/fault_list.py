@@ -35,10 +35,11 @@ SPRING, DAMPER, CONTACT, HERTZ, PIEZO, COIL, SYSTEM = (
 MOMENTS, SEVERAL, OUTPUT_SIDE, JUMPS = (
     f"harvester/record/{name}.py" for name in ("moments", "several", "output_side", "jumps")
 )
-BATCH_MEANS, ESTIMATE, MEANS, PAIRED, BALANCE, MEASURES = (
+BATCH_MEANS, ESTIMATE, MEANS, BALANCE, MEASURES = (
     f"harvester/estimates/{name}.py"
-    for name in ("batch_means", "estimate", "means", "paired", "balance", "measures")
+    for name in ("batch_means", "estimate", "means", "balance", "measures")
 )
+PAIRED = "harvester/results/paired.py"
 JUNCTION, SWITCHING, PARTS = (
     f"circuits/kernel/{name}.py" for name in ("junction", "switching", "parts")
 )
@@ -414,8 +415,8 @@ FAULTS = [
     Fault(
         "store: the key does not tell engines' versions apart",
         "harvester/running/task.py",
-        'f"harvester {harvester.__version__}, {self.version}"',
-        'f"harvester {harvester.__version__}"',
+        'f"harvester {__version__}, {self.version}"',
+        'f"harvester {__version__}"',
         KEY,
     ),
     Fault(

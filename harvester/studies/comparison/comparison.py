@@ -17,10 +17,10 @@ from harvester.device import timescales
 from harvester.errors import AveragingError, LoadError
 from harvester.estimates.estimate import Estimate
 from harvester.files.serialising import plain
+from harvester.prepared.prepared import prepared
 from harvester.results.paired import paired_difference
 from harvester.results.result import Result, with_error
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 from harvester.show.page import Verdict
 from harvester.simulation.simulate import TIME_LIMIT, running, simulate
 from harvester.workers.pools import Workers
@@ -291,7 +291,7 @@ def validate(
     ------
     HarvesterError, SimulationError
     """
-    parameters, _ = scale(scene)
+    parameters = prepared(scene).system
     shown = SHOWN_PERIODS * 2.0 * math.pi / timescales.angular_frequency(parameters)
     closures, refused = {}, {}
     for closure in CLOSURES:

@@ -11,6 +11,7 @@ from harvester.estimates.batch_means import complete_batches
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.of_run import error_of, run_estimates, with_steps
 from harvester.estimates.settling import withheld
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import step_error
 from harvester.record.moments import Moments
 from harvester.record.record import Record
@@ -28,7 +29,6 @@ from harvester.running.request import (
 )
 from harvester.running.task import Wanted
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 from harvester.simulation.simulate import LARGEST_RESIDUAL
 from harvester.studies.sweep import Cell
 
@@ -101,7 +101,7 @@ def evaluating(
         answers = yield Wanted([averaging(scene, method)])
         return _evaluate(scene, method, *good_ones(answers))
     cut = Realizations.of(scene, method, step, version, waveform=True)
-    cost = step_error(scene, step, method)
+    cost = step_error(prepared(scene), step, method)
 
     def judge(good, ended):
         found = _evaluate(scene, method, good, ended, cost)
@@ -126,7 +126,7 @@ def _evaluate(scene, method, good, ended, cost=0.0):
     cost : float
         Share of a power that the steps may cost; see `harvester.prepared.steps.step_error`.
     """
-    _, scales = scale(scene)
+    scales = prepared(scene).scales
     if not good:
         words = told(ended) if isinstance(ended, HarvesterError) else f"nothing was run: {ended}"
         return Evaluation(method, words)
@@ -161,7 +161,7 @@ def _evaluate(scene, method, good, ended, cost=0.0):
 def series_of(scene: Scene, good: Sequence[dict]) -> np.ndarray | None:
     """Output power of a point's tasks batch by batch, in the scene's units, or None."""
     moments = [each for part in good for each in part["moments"]]
-    return power_series(moments, scale(scene)[1].power) if moments else None
+    return power_series(moments, prepared(scene).scales.power) if moments else None
 
 
 def power_series(moments: Sequence[Moments], unit: float) -> np.ndarray:

@@ -9,10 +9,10 @@ import numpy as np
 
 from harvester.errors import SceneError
 from harvester.estimates.batch_means import standard_error
+from harvester.prepared.prepared import prepared
 from harvester.results.paired import deviations, has_deviations
 from harvester.running import Request
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 from harvester.studies.answers import answers_in_time, is_noisy, on_common_knots, value_of
 from harvester.studies.optimum.axis import Axis
 
@@ -31,7 +31,7 @@ def series_in_units(answer: Any, quantity: str) -> np.ndarray:
     -------
     ndarray, shape (realizations, batches)
     """
-    factor = scale(answer.scene)[1].of(answer.quantities[quantity].dimension)
+    factor = prepared(answer.scene).scales.of(answer.quantities[quantity].dimension)
     return factor * deviations(answer.moments, quantity)
 
 

@@ -30,11 +30,8 @@ def request(
 
     Parameters
     ----------
-    scene : Scene
-    method : str
     realizations : dict of str to int
         Of each engine, at first.
-    density : bool
     **options
         Of `harvester.running.Request`, for simulations alone.
     """

@@ -56,12 +56,12 @@ def power_of(scene):
 
 
 def mean_power(scene, engine):
-    from harvester.scene.units import scale
+    from harvester.prepared.prepared import prepared
 
     [found] = run(scene, engine, [0], "default", "external", None, lambda moments: None)
-    return run_estimates(scene, [found.moments]).scaled["mean_power"].estimate * scale(scene)[1].of(
-        "power"
-    )
+    return run_estimates(scene, [found.moments]).scaled["mean_power"].estimate * prepared(
+        scene
+    ).scales.of("power")
 
 
 @pytest.mark.parametrize("angle", [0.02, 0.157, 0.5])

@@ -13,13 +13,13 @@ from harvester.studies.loads.study import Study
 from harvester.studies.optimum import Optimum
 from harvester.studies.sensitivity import Sensitivity
 from harvester.studies.sweep import Sweep
+from harvester.verification.accuracy.time_to_accuracy import TimeToAccuracy
+from harvester.verification.accuracy.work_precision import WorkPrecision
 from harvester.verification.known_results.truth import Verification
 from harvester.verification.paper import orbit_maps
 from harvester.verification.paper.claims import Judgement
 from harvester.verification.paper.reproduce import Reproduction
 from harvester.verification.stability.matrix import StabilityMatrix
-from harvester.verification.work_precision.accuracy_table import TimeToAccuracy
-from harvester.verification.work_precision.diagram import WorkPrecision
 
 SHOWN = [
     Comparison,
@@ -36,7 +36,7 @@ SHOWN = [
     TimeToAccuracy,
     Verification,
     WorkPrecision,
-    orbit_maps.FrequencyResponse,
+    orbit_maps.OrbitVoltages,
     orbit_maps.Surfaces,
 ]
 METHODS = [

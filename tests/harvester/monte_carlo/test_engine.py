@@ -9,14 +9,14 @@ from harvester.errors import SolutionDiverged
 from harvester.excitation import NoisePath
 from harvester.monte_carlo.engine import integrate, record_of
 from harvester.prepared.paths import noise_path, start_state
+from harvester.prepared.prepared import prepared
 from harvester.record.moments import Moments
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 from harvester.verification.known_results.formulas import rebound_speed
 
 
 def simulated(scene, knots, steps_per_knot=1, index=0):
-    keep, stop = Keep(), knots * noise_path(scene, index).spacing
+    keep, stop = Keep(), knots * noise_path(prepared(scene), index).spacing
     for record in records_of(scene, stop, index, steps_per_knot=steps_per_knot):
         keep.add(record)
     return keep
@@ -90,7 +90,7 @@ def test_chunks_do_not_change_the_numbers_and_a_stiff_contact_is_resolved():
     depth = np.abs(record[1]).max() - 1.1
     assert 0.0 < depth < 1e-2
     assert np.all(np.diff(record[0]) > 0.0)
-    system, _ = scale(scene)
+    system = prepared(scene).system
     moments = Moments.empty(0.0, 400.0, (-1.1, 1.1), (0.0,), False, 4, 1, 0.2)
     for chunk in records_of(scene, 400.0):
         moments.add(chunk)
@@ -112,11 +112,12 @@ def test_chunks_do_not_change_the_numbers_and_a_stiff_contact_is_resolved():
 def test_a_realization_is_the_same_beside_any_others(change):
     """Bit for bit, alone and in step with others, which cut the record into other chunks."""
     scene = Scene.load("paper", ["excitation.intensity=0.1", change])
-    system, _ = scale(scene)
+    ready = prepared(scene)
+    system = ready.system
     indices, knots = range(21), 5000
     keeps = [Keep() for _ in indices]
-    paths = [noise_path(scene, k) for k in indices]
-    starts = [start_state(scene, k) for k in indices]
+    paths = [noise_path(ready, k) for k in indices]
+    starts = [start_state(ready, k) for k in indices]
     for columns, points in integrate(system, paths, starts, knots * paths[0].spacing):
         for k in indices:
             keeps[k].add(record_of(columns, points, k))
@@ -150,7 +151,7 @@ def test_a_path_of_no_noise_leaves_the_mass_at_rest():
 def exact_linear_path(scene, knots):
     """States at the knots of a linear scene from rest, by the exact map of one segment."""
     p = flat(scene)
-    path = noise_path(scene, 0)
+    path = noise_path(prepared(scene), 0)
     noise = path.read(knots + 1)
     drift = np.zeros((5, 5))
     drift[0, 1] = drift[2, 1] = drift[1, 3] = drift[3, 4] = 1.0
@@ -173,7 +174,7 @@ def test_a_damper_or_a_load_faster_than_the_step_follows_the_exact_path(damping,
     scene = Scene.load("linear", [f"oscillator.damping={damping}", f"load.decay_rate={decay_rate}"])
     exact = exact_linear_path(scene, 2000)
     scatter = np.sqrt(np.mean(exact**2, axis=0))
-    found = simulated(scene, 2000).at_knots(noise_path(scene, 0).spacing)
+    found = simulated(scene, 2000).at_knots(noise_path(prepared(scene), 0).spacing)
     error = np.sqrt(np.mean((found - exact) ** 2, axis=0)) / scatter
     # X' and V; X remembers how the velocity sprang up at the very beginning.
     assert np.all(error[1:] < 1e-3)
@@ -206,8 +207,8 @@ def test_a_motion_that_leaves_the_finite_numbers_is_named():
     """A spring far too stiff for the step: some leave them in flight, some in contact."""
     for change in ({"oscillator.cubic_stiffness": 1e9}, {"stoppers.stiffness": 1e30}):
         scene = Scene.load("paper").replace({"run.realizations": 9, **change})
-        system, _ = scale(scene)
-        paths = [noise_path(scene, k) for k in range(9)]
+        system = prepared(scene).system
+        paths = [noise_path(prepared(scene), k) for k in range(9)]
         starts = [(1.2, 1e150, 0.0)] * 9
         with pytest.raises(SolutionDiverged, match=r"finite numbers before t = .*--step"):
             for _ in integrate(system, paths, starts, 100.0, keep=False):

@@ -5,6 +5,7 @@ import pytest
 
 from harvester import Scene
 from harvester.prepared.lines import half_width, line_frequency, spread
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import FINER_NEAR_LINES, step_error, steps_per_knot
 from harvester.simulation.realization import empty_moments
 
@@ -20,34 +21,37 @@ def driven(*frequencies, **changes):
 
 def test_noise_on_a_broad_resonance_has_no_line():
     scene = Scene.load("linear")
-    assert line_frequency(scene) == spread(scene) == 0.0
+    ready = prepared(scene)
+    assert line_frequency(ready) == spread(ready) == 0.0
 
 
 def test_the_line_nearest_to_the_resonance_counts():
     near = OMEGA / (2.0 * math.pi)
     scene = driven(3.0 * near, 1.05 * near, 0.1 * near)
-    assert line_frequency(scene) == pytest.approx(1.05 * OMEGA)
+    assert line_frequency(prepared(scene)) == pytest.approx(1.05 * OMEGA)
 
 
 def test_one_sine_on_a_linear_device_leaves_the_steps_and_two_close_ones_do_not():
     near, coil = OMEGA / (2.0 * math.pi), {"oscillator.damping": 1e-3, "load.decay_rate": 1e-3}
     one, two = driven(near, **coil), driven(near, 1.02 * near, **coil)
-    assert spread(one) == 0.0
-    assert spread(two) == pytest.approx(1.02**2 - 1.0, rel=0.05)
+    ready = prepared(two)
+    assert spread(prepared(one)) == 0.0
+    assert spread(ready) == pytest.approx(1.02**2 - 1.0, rel=0.05)
     # As many steps a second as before for one.
-    assert steps_per_knot(one) == 2
-    assert 2 < steps_per_knot(two) <= 2 * FINER_NEAR_LINES
+    assert steps_per_knot(prepared(one)) == 2
+    assert 2 < steps_per_knot(ready) <= 2 * FINER_NEAR_LINES
 
 
 def test_finer_steps_cost_less_by_their_square():
     scene = driven(OMEGA / (2.0 * math.pi))
-    ratio = step_error(scene, "default") / step_error(scene, "fine")
+    ready = prepared(scene)
+    ratio = step_error(ready, "default") / step_error(ready, "fine")
     assert ratio == pytest.approx(16.0)
 
 
 def test_half_width_is_that_of_the_damping():
     scene = driven(OMEGA / (2.0 * math.pi), **{"piezo.coupling": 0.0, "oscillator.damping": 0.04})
-    assert half_width(scene) == pytest.approx(0.04 / (2.0 * OMEGA))
+    assert half_width(prepared(scene)) == pytest.approx(0.04 / (2.0 * OMEGA))
 
 
 @pytest.mark.parametrize(
@@ -110,4 +114,4 @@ def test_a_burst_in_a_silent_record_is_no_line_at_frequency_0(tmp_path):
     run = {"run.settle": 1.0, "run.duration": 20.0, "run.realizations": 1}
     scene = Scene.load("device").replace({"excitation": record, **run})
     assert all(frequency > 0.0 for frequency, amplitude in scene.excitation.lines if amplitude)
-    assert steps_per_knot(scene) >= 1
+    assert steps_per_knot(prepared(scene)) >= 1

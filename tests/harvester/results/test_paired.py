@@ -5,9 +5,9 @@ import pytest
 from harvester.estimates.batch_means import standard_error
 from harvester.estimates.means import estimate_all
 from harvester.estimates.output_side import RATIOS, estimate_output
+from harvester.prepared.prepared import prepared
 from harvester.results.paired import deviations, has_deviations
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 from harvester.simulation.simulate import simulate
 
 
@@ -16,7 +16,7 @@ def test_they_have_the_errors_of_the_estimates(pool):
     changes = ["load.netlist=bridge", "run.realizations=4", "run.duration=6", "run.settle=1"]
     scene = Scene.load("device", changes)
     moments = simulate(scene, method="circuit", runner=pool).moments
-    estimates = estimate_all(moments, scale(scene)[0]) | estimate_output(moments)
+    estimates = estimate_all(moments, prepared(scene).system) | estimate_output(moments)
     compared = 0
     for name in ("mean_power", "power_conversion_efficiency", *RATIOS):
         assert has_deviations(name)

@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 
 from harvester.estimates.balance import energy_balance_residual
+from harvester.prepared.prepared import prepared
 from harvester.record.moments import QUANTITIES
 from harvester.results.residual_cause import suspected_cause
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 from harvester.simulation.simulate import simulate
 
 SHORT = ["run.realizations=8", "run.duration=400", "run.settle=20"]
@@ -18,7 +18,7 @@ def disturbed(result, quantity, factor):
     """The result with one integral off by a factor."""
     for moments in result.moments:
         moments.integrals[:, QUANTITIES.index(quantity)] *= factor
-    residual = energy_balance_residual(result.moments, scale(result.scene)[0])
+    residual = energy_balance_residual(result.moments, prepared(result.scene).system)
     assert abs(residual) > 0.005
     return replace(result, energy_balance_residual=residual)
 
@@ -37,7 +37,7 @@ def test_a_transducer_whose_loss_is_not_the_one_reckoned_with(pool):
         loss = moments.integrals[:, QUANTITIES.index("transducer_loss")]
         moments.integrals[:, QUANTITIES.index("loss_power")] += 0.2 * loss
         loss *= 1.2
-    residual = energy_balance_residual(result.moments, scale(result.scene)[0])
+    residual = energy_balance_residual(result.moments, prepared(result.scene).system)
     cause = suspected_cause(replace(result, energy_balance_residual=residual))
     assert "the load or the transducer: what is missing goes with" in cause
 

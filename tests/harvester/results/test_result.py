@@ -9,8 +9,8 @@ import pytest
 
 import harvester
 from harvester.estimates.estimate import Estimate
+from harvester.prepared.prepared import prepared
 from harvester.results.result import Result
-from harvester.scene.units import scale
 
 SHORT = ["run.duration=2000", "run.realizations=8"]
 
@@ -27,7 +27,7 @@ def test_a_quantity_is_found_by_its_name(result):
     assert "mean_power" in result
     assert "power" not in result
     scaled = result.scaled_quantities["mean_power"].estimate
-    assert result["mean_power"].estimate == scaled * scale(result.scene)[1].power
+    assert result["mean_power"].estimate == scaled * prepared(result.scene).scales.power
 
 
 def test_a_wrong_name_says_which_is_near(result):
@@ -53,7 +53,7 @@ def test_what_is_not_finite_comes_back_as_missing():
     plain |= {"engine_seconds": 0.0, "simulated_time": 0.0, "steps": 0, "step": None}
     plain |= {"realizations": 0, "engine_version": "", "netlist_sha256": None}
     plain |= {"failures": {3: "SimulatorCrashed: killed"}, "outcome": "incomplete"}
-    made = Result(scene, "none", {"mean_power": bare}, scale(scene)[1], **plain)
+    made = Result(scene, "none", {"mean_power": bare}, prepared(scene).scales, **plain)
     again = Result.from_dict(json.loads(json.dumps(made.to_dict(), allow_nan=False)))
     assert math.isnan(again["mean_power"].estimate)
     assert again["mean_power"].note == "too short"

@@ -9,6 +9,7 @@ from scipy.integrate import quad
 from truths import flat, interpolated_linear_means
 
 from harvester.errors import AveragingError, HarvesterError, LoadError
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.results.paired import paired_difference
 from harvester.running import Request, open_runner
@@ -55,7 +56,7 @@ def test_realizations_are_added_until_the_error_bar_is_the_one_asked_for(runner)
     voltage = answer.quantities["mean_square_voltage"]
     assert relative_error(voltage) <= 0.02
     assert 8 < answer.realizations == answer.scene.run.realizations < 80
-    exact = interpolated_linear_means(flat(LINEAR), knot_spacing(LINEAR))
+    exact = interpolated_linear_means(flat(LINEAR), knot_spacing(prepared(LINEAR)))
     error = abs(voltage.estimate - exact["mean_square_voltage"])
     assert error < 4.0 * voltage.standard_error
     assert not any("asked for" in note for note in answer.notes)

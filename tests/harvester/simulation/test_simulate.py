@@ -14,6 +14,7 @@ from truths import flat, interpolated_linear_means
 
 import harvester
 from harvester.errors import EnergyNotBalanced, HarvesterError, SimulatorTimeout
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.results.paired import paired_difference
 from harvester.scene.model import Scene
@@ -37,7 +38,7 @@ def test_a_linear_scene_meets_the_lyapunov_equation(pool, engine, overrides):
     """False-alarm rate 1.3 % per case: five means at three of their own standard errors."""
     scene = Scene.load("linear", ["run.realizations=2", "run.duration=10000", *overrides])
     result = simulate(scene, method=engine, runner=pool)
-    exact = interpolated_linear_means(flat(scene), knot_spacing(scene))
+    exact = interpolated_linear_means(flat(scene), knot_spacing(prepared(scene)))
     for name in MEANS:
         found = result.scaled_quantities[name]
         assert abs(found.estimate - exact[name]) < 3 * found.standard_error, name
@@ -118,12 +119,21 @@ def test_circuit_and_monte_carlo_follow_the_same_path(pool):
 @pytest.mark.parametrize("name", Scene.names())
 def test_the_energy_balance_closes_for_every_built_in_scene(pool, name):
     scene = Scene.load(name)
+    ready = prepared(scene)
     short = scene.replace(
-        {"run.realizations": 2, "run.duration": 2000 * knot_spacing(scene), "run.settle": 0.0}
+        {
+            "run.realizations": 2,
+            "run.duration": 2000 * knot_spacing(ready),
+            "run.settle": 0.0,
+        }
     )
     assert abs(simulate(short, method="circuit", runner=pool).energy_balance_residual) < 0.01
     brief = scene.replace(
-        {"run.realizations": 2, "run.duration": 400 * knot_spacing(scene), "run.settle": 0.0}
+        {
+            "run.realizations": 2,
+            "run.duration": 400 * knot_spacing(ready),
+            "run.settle": 0.0,
+        }
     )
     finest = simulate(brief, method="circuit", step="finest", runner=pool)
     assert abs(finest.energy_balance_residual) < 0.001

@@ -14,20 +14,22 @@ from harvester.errors import (
 )
 from harvester.estimates.estimate import Estimate
 from harvester.monte_carlo import engine as monte_carlo
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.scene.model import Scene
 from harvester.simulation.methods import ENGINES
+from harvester.verification.quantities import MEANS
 from harvester.verification.stability.answers import CaseAnswer
 from harvester.verification.stability.cases import Case
-from harvester.verification.stability.paths import PathDeviation, path_deviation
-from harvester.verification.stability.verdicts import COMPARED, judged
+from harvester.verification.stability.path_deviation import PathDeviation, path_deviation
+from harvester.verification.stability.verdicts import judged
 
 CASE = Case("scene", "as it is", {})
 GOOD_PATH = PathDeviation("monte-carlo", 1e-4, math.nan, 3e-3, 5e-3, 20.0, 25.0, 44.0, 8)
 
 
 def said(value=1.0, error=0.01, residual=1e-4, path=GOOD_PATH, **others):
-    estimates = {name: Estimate(value, error, None, "1") for name in COMPARED}
+    estimates = {name: Estimate(value, error, None, "1") for name in MEANS}
     return CaseAnswer(estimates, residual, 1.0, 100, 4, path=path, **others)
 
 
@@ -37,7 +39,7 @@ def closure(value=1.0, error=1e-5):
 
 def verdicts(**answers):
     answers = {name.replace("_carlo", "-carlo"): answer for name, answer in answers.items()}
-    return judged(CASE, Scene.load("paper"), answers).verdicts
+    return judged(CASE, Scene.load("paper"), answers).cells
 
 
 def with_path(**changes):
@@ -115,8 +117,9 @@ def engine_of(run_realizations, change, longer=1):
     """An engine that runs another scene than it is told to, or with a longer step."""
 
     def run(scene, paths, starts, observers, step, *others, **named):
+        ready = prepared(scene)
         if step == "default":
-            step = knot_spacing(scene) / steps_per_knot(scene)
+            step = knot_spacing(ready) / steps_per_knot(ready)
         step = step if isinstance(step, str) else longer * step
         other = scene.replace(change(scene))
         return run_realizations(other, paths, starts, observers, step, *others, **named)

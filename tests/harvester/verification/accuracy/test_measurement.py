@@ -11,17 +11,20 @@ from harvester.errors import LoadError, OutOfTime
 from harvester.results.paired import paired_difference
 from harvester.running import Task, open_runner
 from harvester.scene.model import Scene
+from harvester.show import figures
 from harvester.simulation.simulate import simulate
-from harvester.verification.work_precision import measurement, reference_path
-from harvester.verification.work_precision.diagram import MEANS, STATES
-from harvester.verification.work_precision.measurement import work_precision
-from harvester.verification.work_precision.methods import (
+from harvester.verification import exact_paths
+from harvester.verification.accuracy import measurement
+from harvester.verification.accuracy.drawing import draw_work_precision
+from harvester.verification.accuracy.methods import (
     COMPILED_METHODS,
     LOAD_METHODS,
     METHODS,
     THOROUGH_METHODS,
     Method,
 )
+from harvester.verification.accuracy.work_precision import work_precision
+from harvester.verification.quantities import MEANS, STATES
 
 FAMILIES = {
     # At the default step contacts ask for shorter ones: orders are those of uniform steps.
@@ -42,8 +45,8 @@ SHORT = ["run.realizations=2", "run.duration=200", "run.settle=20", "excitation.
 def brief_throughput():
     """Speeds have tests of their own."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("harvester.verification.work_precision.throughput.KNOTS", 200)
-        patch.setattr("harvester.verification.work_precision.throughput.REPEATS", 1)
+        patch.setattr("harvester.verification.accuracy.throughput.KNOTS", 200)
+        patch.setattr("harvester.verification.accuracy.throughput.REPEATS", 1)
         yield
 
 
@@ -76,7 +79,7 @@ def test_a_run_for_the_means_holds_its_evidence(diagram):
 
 def test_table_sentences_and_json_tell_the_same(diagram):
     header, cells = diagram.table()
-    assert len(cells) == len(FEW) + len(diagram.closures)
+    assert len(cells) == len(FEW) + len(diagram.measured.closures)
     assert {len(line) for line in cells} == {len(header)}
     content = json.loads(json.dumps(diagram.to_dict(), allow_nan=False))
     assert len(content["methods"]) == len(FEW)
@@ -99,7 +102,7 @@ def test_the_reference_is_that_of_an_independent_integration():
         ["run.realizations=2", "run.duration=10", "run.settle=0", "excitation.intensity=0.1"],
     )
     for index in (0, 1):
-        states = reference_path.run(scene, index, report=None)
+        states = exact_paths.run(scene, index, report=None)
         np.testing.assert_allclose(states, independent_path(scene, 200, index)[1:], atol=1e-9)
 
 
@@ -163,7 +166,7 @@ def test_what_was_measured_is_kept_with_its_times_and_goes_on_after_an_early_end
     for computed in (True, False):
         with open_runner(tmp_path, executor=pool) as runner:
             diagram = work_precision(scene, runner=runner)
-        assert diagram.throughput
+        assert diagram.measured.speeds["rows"]
         assert bool(runner.computed) == computed
         assert runner.reused >= early > 0
         told.append(json.dumps(diagram.to_dict(), allow_nan=False))
@@ -185,7 +188,7 @@ def test_a_netlist_is_measured_against_the_compiled_engines_finest_paths(pool, t
         assert rows[0].strong["voltage"] < 0.3 * rows[-1].strong["voltage"]
         assert diagram.orders[family]["displacement"] > 1.5
     assert "TR-BDF2, a 32nd of the step" in diagram.sentences()[0]
-    assert "resistor" in diagram.refused["fokker_planck"]
+    assert "resistor" in diagram.measured.refused["fokker_planck"]
     json.dumps(diagram.to_dict(), allow_nan=False)
 
 
@@ -228,7 +231,5 @@ def test_the_command_writes_json_and_figure(tmp_path, capsys):
 
 
 def test_the_figure_is_drawn(diagram, tmp_path):
-    from harvester.show import figures
-
-    figures.save(figures.draw_work_precision, diagram, tmp_path / "figure.png")
+    figures.save(draw_work_precision, diagram, tmp_path / "figure.png")
     assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")

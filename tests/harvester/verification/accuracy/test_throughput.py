@@ -4,9 +4,11 @@ import json
 
 import pytest
 
+from harvester.files.serialising import plain
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
-from harvester.verification.work_precision.throughput import Throughput, measure, ratios, to_dict
+from harvester.verification.accuracy.throughput import Throughput, measure, ratios
 
 
 def test_ratios_are_of_the_rates_they_name():
@@ -20,7 +22,7 @@ def test_ratios_are_of_the_rates_they_name():
     assert ratios(rows) == pytest.approx(
         {"external / PWL": 30.0, "16 × many / one": 2.5, "two / one": 1.9}
     )
-    json.dumps(to_dict(rows), allow_nan=False)
+    json.dumps(plain(rows), allow_nan=False)
 
 
 def test_every_way_is_measured_at_its_own_step(pool):
@@ -35,5 +37,5 @@ def test_every_way_is_measured_at_its_own_step(pool):
     rows = measure(scene, Watching(), compiled=False, knots=200, repeats=1)
     assert [row.copies for row in rows] == [1, 1, 1, 16, 1]
     assert all(row.rate > 0.0 for row in rows)
-    assert [call["step"] for call in asked] == [knot_spacing(scene)] * 2 + ["default"] * 4
+    assert [call["step"] for call in asked] == [knot_spacing(prepared(scene))] * 2 + ["default"] * 4
     assert len({(call["source"], len(call["indices"])) for call in asked}) == 3

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from harvester.files.writing import finite
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.running.codec import register
 from harvester.running.task import Task
@@ -17,10 +17,10 @@ from harvester.simulation.realization import run
 from harvester.simulation.side_by_side import MOST_COPIES
 from harvester.workers.pools import WorkerPool, Workers
 
-# Knots of a realization: a source in the netlist is scanned point by point, so its cost depends
-# on how many it has.
+# Knots of a realization. A source in the netlist is scanned point by point, so that its cost
+# depends on their number.
 KNOTS = 20_000
-# Of each measurement the best of so many counts: other work on the machine only slows it down.
+# The best of so many measurements counts: other work on the machine only slows one down.
 REPEATS = 5
 
 
@@ -31,10 +31,8 @@ class Throughput:
 
     Attributes
     ----------
-    name : str
     copies : int
         Realizations side by side in each netlist.
-    processes : int
     rate : float
         Simulated seconds per second, all realizations together.
     """
@@ -59,13 +57,7 @@ def task(scene: Scene, version: str) -> Task:
 def measured_alone(
     scene: Scene, compiled: bool, knots: int, repeats: int, report: Callable
 ) -> dict[str, Any]:
-    """See `measure`; in a worker process, on processes of its own.
-
-    Returns
-    -------
-    dict
-        `rows`, a list of Throughput, and the `machine` that they were measured on.
-    """
+    """What `measure` returns as `rows`, and the `machine`; in a worker, on processes of its own."""
     with WorkerPool(workers=2) as pool:
         return {"rows": measure(scene, pool, compiled, knots, repeats), "machine": machine()}
 
@@ -88,11 +80,10 @@ def measure(
 
     Parameters
     ----------
-    scene : Scene
     pool : harvester.workers.pools.WorkerPool
         With two workers or more for the ratio of two processes to one.
     compiled : bool
-        The compiled device is on.
+        Whether the compiled device is on.
     knots, repeats : int
         Of a realization, and measurements of which the best counts.
 
@@ -103,24 +94,23 @@ def measure(
         both with one knot as the longest step; the third one realization at the default step.
     """
     most, many = MOST_COPIES["behavioural"], MOST_COPIES["compiled"]
-    ways = [
-        ("one realization", 1, 1, "behavioural"),
-        ("side by side in one netlist", most, 1, "behavioural"),
-        ("two processes", 1, 2, "behavioural"),
+    knot = {"step": knot_spacing(prepared(scene))}
+    ways: list[tuple[str, int, int, dict[str, Any]]] = [
+        ("external source, a step a knot", 1, 1, knot),
+        ("one realization", 1, 1, {}),
+        ("side by side in one netlist", most, 1, {}),
+        ("two processes", 1, 2, {}),
     ]
     if compiled:
-        ways += [("compiled device", copies, 1, "compiled") for copies in (1, most, many)]
-    on = {"scene": scene, "pool": pool, "knots": knots}
-    knot = {**on, "step": knot_spacing(scene)}
-    pwl = _measure("PWL in the netlist", 1, source="pwl", **knot)
+        option = {"device": "compiled"}
+        ways += [("compiled device", copies, 1, option) for copies in (1, most, many)]
+
+    def rate(name, copies, processes, options):
+        return _measured(scene, pool, knots, name, copies, processes, options)
+
+    pwl = rate("PWL in the netlist", 1, 1, {**knot, "source": "pwl"})
     # In turn, so that what else the machine does meets all of them alike.
-    rounds = [
-        [
-            _measure("external source, a step a knot", 1, **knot),
-            *(_measure(*way, **on) for way in ways),
-        ]
-        for _ in range(repeats)
-    ]
+    rounds = [[rate(*way) for way in ways] for _ in range(repeats)]
     return [pwl, *(max(rows, key=lambda row: row.rate) for rows in zip(*rounds, strict=True))]
 
 
@@ -136,47 +126,19 @@ def ratios(rows: list[Throughput]) -> dict[str, float]:
     return found
 
 
-def to_dict(rows: list[Throughput]) -> dict[str, Any]:
-    """Plain values for JSON."""
-    return {
-        "rows": [{**vars(row), "rate": finite(row.rate)} for row in rows],
-        "ratios": {name: finite(ratio) for name, ratio in ratios(rows).items()},
-    }
-
-
-def _measure(
-    name,
-    copies,
-    processes=1,
-    device="behavioural",
-    *,
-    scene,
-    pool,
-    knots,
-    source="external",
-    step="default",
-):
+def _measured(scene, pool, knots, name, copies, processes, options):
     """Rate of so many netlists at a time, each with so many copies."""
-    spacing = knot_spacing(scene)
-    # Enough knots for a good clock, and no more of them the more copies there are.
+    spacing = knot_spacing(prepared(scene))
+    # Enough knots for a good clock, and fewer of them the more copies there are.
     knots = math.ceil(knots / math.sqrt(copies))
     brief = scene.replace(
         run={"duration": knots * spacing, "settle": 0.0, "realizations": copies * processes},
         excitation={"knot_spacing": spacing},
     )
-    calls = [
-        {
-            "scene": brief,
-            "engine": "circuit",
-            "indices": list(range(first, first + copies)),
-            "step": step,
-            "source": source,
-            "window": None,
-            "device": device,
-        }
-        for first in range(0, copies * processes, copies)
-    ]
-    netlists = pool.map(run, calls)
-    done = [realization for netlist in netlists for realization in netlist]
+    usual = {"step": "default", "source": "external", "device": "behavioural", "window": None}
+    call = {"scene": brief, "engine": "circuit", **usual, **options}
+    firsts = range(0, copies * processes, copies)
+    calls = [{**call, "indices": list(range(first, first + copies))} for first in firsts]
+    done = [realization for netlist in pool.map(run, calls) for realization in netlist]
     seconds = max(r.ended for r in done) - min(r.started for r in done)
     return Throughput(name, copies, processes, len(done) * knots * spacing / seconds)

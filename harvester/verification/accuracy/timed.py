@@ -9,14 +9,15 @@ from harvester.errors import HarvesterError
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.means import estimate_all
 from harvester.estimates.output_side import estimate_output
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.record.moments import Moments
 from harvester.running import Runner, Task
 from harvester.running.realizations import averages
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 from harvester.simulation.realization import run
-from harvester.verification.work_precision.methods import Method
+from harvester.verification.accuracy.methods import Method
+from harvester.verification.paths import recorded, states_at_knots
 
 WARM_UP_KNOTS = 20
 
@@ -24,20 +25,14 @@ WARM_UP_KNOTS = 20
 def timed(
     scene: Scene, method: dict[str, Any], indices: list[int], report: Callable
 ) -> dict[str, Any]:
-    """A few realizations by a method, in a worker process.
+    """Moments of a few realizations, and the seconds of this core that they took.
 
-    Parameters
-    ----------
-    method : dict
-        Options of `harvester.simulation.realization.run`.
-
-    Returns
-    -------
-    dict
-        `moments`, one of each; `seconds` that the simulation took of this core.
+    In a worker process; `method` holds options of `harvester.simulation.realization.run`.
     """
     # What is compiled or loaded first takes its time before the clock runs.
-    brief = scene.replace({"run.settle": 0.0, "run.duration": WARM_UP_KNOTS * knot_spacing(scene)})
+    brief = scene.replace(
+        {"run.settle": 0.0, "run.duration": WARM_UP_KNOTS * knot_spacing(prepared(scene))}
+    )
     run(brief, indices=indices[:1], window=None, report=report, **method)
     found = run(scene, indices=indices, window=None, report=report, **method)
     return {
@@ -46,7 +41,16 @@ def timed(
     }
 
 
-def task(
+def paths_at_knots(
+    scene: Scene, method: dict[str, Any], indices: list[int], report: Callable
+) -> dict[str, Any]:
+    """States of a few realizations at the knots, and the number of points of all their records."""
+    found = recorded(scene, indices=indices, **method)
+    points = sum(each.moments.points for each in found)
+    return {"states": states_at_knots(scene, found), "points": points}
+
+
+def realizations_task(
     scene: Scene,
     method: Method,
     indices: Sequence[int],
@@ -60,21 +64,15 @@ def task(
 
 
 class Timed:
-    """What the realizations of a scene by one method come to.
-
-    Parameters
-    ----------
-    scene : Scene
-    answers : sequence of dict
-        Of `timed`.
+    """The realizations of a scene by one method, and the time that they took.
 
     Attributes
     ----------
     moments : list of Moments
     measured_time, simulated_time : float
-        Of all realizations, without and with settling (s).
+        Summed over realizations, without and with settling (s).
     seconds : float
-        Of one core.
+        Summed over tasks, of one core.
     cost : float
         Seconds of one core for a measured one, of the fastest task: other work on the machine only
         slows a task down.
@@ -87,15 +85,19 @@ class Timed:
         self.seconds = sum(found["seconds"] for found in answers)
         self.cost = min(found["seconds"] / _measured_time(found["moments"]) for found in answers)
         self._scene = scene
+        self._estimates: dict[int, dict[str, Estimate]] = {}
 
     def quantities(self, count: int | None = None) -> dict[str, Estimate]:
         """Estimates from all realizations, or from the first few."""
         moments = self.moments[:count]
-        return estimate_all(moments, self._parameters) | estimate_output(moments)
+        if len(moments) not in self._estimates:
+            found = estimate_all(moments, self._system) | estimate_output(moments)
+            self._estimates[len(moments)] = found
+        return self._estimates[len(moments)]
 
     @cached_property
-    def _parameters(self):
-        return scale(self._scene)[0]
+    def _system(self):
+        return prepared(self._scene).system
 
 
 def _measured_time(moments):
@@ -110,7 +112,7 @@ def averages_once_more(scene: Scene, closure: str, report: Callable) -> dict[str
 
 
 def closures(scene: Scene, runner: Runner) -> tuple[dict[str, dict], dict[str, str]]:
-    """What the closures that hold come to, and why the others do not, by their names.
+    """What each closure that holds says, and why the others refuse, by their names.
 
     An answer holds `quantities`, scaled, and the `seconds` of one core.
     """

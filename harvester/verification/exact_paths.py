@@ -16,38 +16,30 @@ from harvester.device.coil import Coil, ResistiveCoil
 from harvester.device.hertz import HertzDamp
 from harvester.device.piezo import Piezo
 from harvester.errors import SceneError
-from harvester.prepared.paths import noise_path, start_state
-from harvester.prepared.steps import knot_spacing, stop_time
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
+from harvester.simulation.realization import start_state
+from harvester.verification.paths import ignore, noise_at_knots
 
 RELATIVE_TOLERANCE, ABSOLUTE_TOLERANCE = 3e-14, 1e-15
 
 
-def run(scene: Scene, index: int, report: Callable) -> np.ndarray:
-    """States of one realization at the knots, in a worker process.
-
-    Parameters
-    ----------
-    scene : Scene
-    index : int
-        Of the realization.
-    report : callable
-        Not used: the paths are short.
+def run(scene: Scene, index: int, report: Callable = ignore) -> np.ndarray:
+    """States of one realization at the knots 1, 2, …, scaled (in a worker process).
 
     Returns
     -------
     ndarray, shape (knots, 3)
-        X, X', terminal voltage (scaled) at the knots 1, 2, …
+        X, X', terminal voltage.
     """
-    equations = Equations(scale(scene)[0])
-    spacing = knot_spacing(scene)
-    knots = round(stop_time(scene) / spacing)
-    noise = noise_path(scene, index).read(knots + 1)
-    state = np.array(start_state(scene, index), dtype=float)
+    ready = prepared(scene)
+    equations = Equations(ready.system)
+    noise, spacing = noise_at_knots(scene, index), knot_spacing(ready)
+    state = np.array(start_state(ready, index), dtype=float)
     equations.begin(state)
-    states = np.empty((knots, 3))
-    for knot in range(knots):
+    states = np.empty((noise.size - 1, 3))
+    for knot in range(noise.size - 1):
         slope = (noise[knot + 1] - noise[knot]) / spacing
         state = equations.segment(state, noise[knot], slope, spacing)
         states[knot] = state[0], state[1], equations.voltage(state[1], state[2])
@@ -190,6 +182,6 @@ def _electrical_equations(transducer):
 
 def _not_written_out(part):
     return SceneError(
-        f"work-precision: the reference path has no equation of {type(part).__name__}: write it "
-        "out in harvester/verification/work_precision/reference_path.py"
+        f"the reference path has no equation of {type(part).__name__}: write it "
+        "out in harvester/verification/exact_paths.py"
     )

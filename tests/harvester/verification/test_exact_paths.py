@@ -4,10 +4,11 @@ import every_command
 import numpy as np
 import pytest
 
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
 from harvester.simulation.realization import run
-from harvester.verification.work_precision import reference_path
+from harvester.verification import exact_paths
 
 KNOTS = 120
 # Enough noise to meet the stoppers within these knots.
@@ -26,7 +27,7 @@ EACH = [
 def test_monte_carlo_follows_the_independent_path(device):
     name, overrides = every_command.DEVICES[device]
     scene = Scene.load(name, overrides)
-    spacing = knot_spacing(scene)
+    spacing = knot_spacing(prepared(scene))
     scene = scene.replace(
         {
             "run.duration": KNOTS * spacing,
@@ -36,7 +37,7 @@ def test_monte_carlo_follows_the_independent_path(device):
             "excitation.intensity": LOUD.get(device, scene.excitation.intensity),
         }
     )
-    reference = reference_path.run(scene, 0, None)
+    reference = exact_paths.run(scene, 0, None)
     window = (0.0, 2.0 * scene.run.duration)
     [realization] = run(scene, "monte-carlo", [0], "finest", "external", window, lambda _: None)
     record = realization.waveform

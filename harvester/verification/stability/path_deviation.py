@@ -13,13 +13,14 @@ import numpy as np
 
 from harvester.device import timescales
 from harvester.device.piezo import PiezoTable
-from harvester.errors import LoadError
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.running.codec import register
 from harvester.scene.model import Scene
-from harvester.scene.units import require_resistor, scale
 from harvester.simulation import side_by_side
 from harvester.simulation.realization import Realization, run
+from harvester.verification.paths import ignore, recorded, states_at_knots
+from harvester.verification.quantities import STATES
 from harvester.verification.stability.replay import can_replay, replayed
 
 # Steps of the circuit along all paths together, away from contacts; greatest and smallest number
@@ -39,7 +40,6 @@ LARGEST_GROWTH = 5.0
 # Difference of the paths at the step and at half of it, as a share of the rms, up to which its
 # order can be relied on.
 LARGEST_STEP_ERROR = 0.05
-STATES = ("displacement", "velocity", "voltage")
 # Deviations are those of X and V: X' changes its sign in a contact, where a knot in time finds it
 # far off though the paths are close.
 SMOOTH = (0, 2)
@@ -92,49 +92,38 @@ class PathDeviation:
 def path_deviation(
     scene: Scene, engine: str, step: str | float
 ) -> tuple[PathDeviation, list[Realization]]:
-    """Compare an engine's paths with fine ones (in a worker).
+    """Compare an engine's paths with fine ones; also its realizations at the step asked for.
 
-    Parameters
-    ----------
-    scene : Scene
-        Its run gives the seed.
-    engine, step : str, str or float
-        See `harvester.simulate`.
-
-    Returns
-    -------
-    PathDeviation
-    list of harvester.simulation.realization.Realization
-        Those at the step asked for.
+    In a worker process; of the scene's run only the seed counts.
     """
     brief = path_scene(scene)
+    ready = prepared(brief)
     reference = reference_engine(scene)
-    fine = _states(brief, _paths(brief, reference, "fine"))
-    start = fine[:, :1] * (1.0, 0.0, 0.0)
-    sizes = _root_mean_square(fine - start)
+    fine = states_at_knots(brief, _paths(brief, reference, "fine"))
+    sizes = _root_mean_square(fine - fine[:, :1] * (1.0, 0.0, 0.0))
     comparable = _comparable(brief, reference, fine, sizes)
-    own_step = knot_spacing(brief) / steps_per_knot(brief, step, engine)
-    realizations = _paths(brief, engine, step)
-    at_step = _states(brief, realizations)
-    finer = _paths(brief, engine, own_step / FINER)
-    at_finer = _states(brief, finer)
+    own_step = knot_spacing(ready) / steps_per_knot(ready, step, engine)
+    runs = _paths(brief, engine, step), _paths(brief, engine, own_step / FINER)
+    at_step, at_finer = (states_at_knots(brief, each) for each in runs)
     step_errors = (at_step - at_finer) / sizes
     compared = comparable & _close(step_errors, LARGEST_STEP_ERROR)
-    left = LEFT_OF_STEP_ERROR * _largest(step_errors, compared)
-    spacing, period = knot_spacing(brief), _period(brief)
-    lengths = [spacing * float(each.sum(axis=1).mean()) for each in (compared, comparable)]
+    times = [
+        knot_spacing(ready) * float(each.sum(axis=1).mean()) for each in (compared, comparable)
+    ]
+    stiff = side_by_side.contacts_shorten_steps(brief, step)
+    least = LEAST_OF_STIFF_CONTACTS if stiff else LEAST_DEVIATION
     deviation = PathDeviation(
         reference=reference,
         of_limit=_largest((_limit(at_step, at_finer) - fine) / sizes, compared),
-        of_mechanics=_of_mechanics(brief, (realizations, finer), (at_step, at_finer), compared),
-        resolution=max(_least_deviation(brief, step), left),
+        of_mechanics=_of_mechanics(brief, runs, (at_step, at_finer), compared),
+        resolution=max(least, LEFT_OF_STEP_ERROR * _largest(step_errors, compared)),
         of_mean_squares=_mean_squares(at_step, fine, compared),
-        compared_periods=lengths[0] / period,
-        comparable_periods=lengths[1] / period,
-        compared_time=lengths[0],
+        compared_periods=times[0] / _period(brief),
+        comparable_periods=times[1] / _period(brief),
+        compared_time=times[0],
         paths=len(fine),
     )
-    return deviation, realizations
+    return deviation, runs[0]
 
 
 def _limit(at_step, at_finer):
@@ -142,13 +131,13 @@ def _limit(at_step, at_finer):
     return at_finer + (at_finer - at_step) / (FINER**2 - 1.0)
 
 
-def _of_mechanics(scene, realizations, states, compared):
+def _of_mechanics(scene, runs, states, compared):
     """Deviation of X from the replayed mass in the limit for short steps; nan where not needed."""
     if reference_engine(scene) != "circuit" or not can_replay(scene) or not compared.any():
         return np.nan
     apart = [
         place[..., 0] - replayed(scene, [each.waveform for each in ours])
-        for ours, place in zip(realizations, states, strict=True)
+        for ours, place in zip(runs, states, strict=True)
     ]
     size = np.sqrt(np.mean(np.square(states[1][..., 0] - states[1][:, :1, 0])))
     return float(np.sqrt(np.mean(np.square(_limit(*apart)[compared]))) / size)
@@ -156,54 +145,50 @@ def _of_mechanics(scene, realizations, states, compared):
 
 def path_scene(scene: Scene) -> Scene:
     """The scene for so many steps, from a typical state."""
-    spacing, period = knot_spacing(scene), _period(scene)
-    step = spacing / steps_per_knot(scene)
+    ready = prepared(scene)
+    spacing, period = knot_spacing(ready), _period(scene)
+    step = spacing / steps_per_knot(ready)
     periods = PATH_STEPS * step / (MOST_PATHS * period)
     length = min(max(periods, FEWEST_PERIODS), MOST_PERIODS) * period
-    paths = int(PATH_STEPS * step / length)
-    changes = {
-        "run.duration": max(round(length / spacing), 1) * spacing,
-        "run.settle": 0.0,
-        "run.realizations": min(max(paths, FEWEST_PATHS), MOST_PATHS),
-        "excitation.knot_spacing": spacing,
-    }
-    return scene.replace(changes | _typical_start(scene))
+    paths = min(max(int(PATH_STEPS * step / length), FEWEST_PATHS), MOST_PATHS)
+    brief = _from_rest(scene, max(round(length / spacing), 1), paths)
+    return brief.replace(_typical_start(scene))
 
 
 def reference_engine(scene: Scene) -> str:
     """Monte Carlo, whose scheme is of higher order; the circuit where only it knows the load."""
-    try:
-        require_resistor(scene, "stability by Monte Carlo")
-    except LoadError:
-        return "circuit"
-    return "monte-carlo"
+    return "monte-carlo" if scene.load.is_resistor else "circuit"
 
 
 def _period(scene):
-    """Of small oscillations (s)."""
-    return 2.0 * np.pi / timescales.angular_frequency(scale(scene)[0])
+    """Period of small oscillations (s)."""
+    return 2.0 * np.pi / timescales.angular_frequency(prepared(scene).system)
+
+
+def _from_rest(scene, knots, realizations):
+    """The scene with so many knots, measured from its beginning."""
+    spacing = knot_spacing(prepared(scene))
+    changes = {
+        "run.duration": knots * spacing,
+        "run.settle": 0.0,
+        "run.realizations": realizations,
+        "excitation.knot_spacing": spacing,
+    }
+    return scene.replace(changes)
 
 
 def _typical_start(scene):
     """A state in which Monte Carlo is after many steps, in no contact, as keys of the scene."""
     if scene.start or reference_engine(scene) != "monte-carlo":
         return {}
-    spacing = knot_spacing(scene)
-    knots = max(round(SETTLING_STEPS / steps_per_knot(scene)), 1)
-    settling = scene.replace(
-        {
-            "run.duration": knots * spacing,
-            "run.settle": 0.0,
-            "run.realizations": 1,
-            "excitation.knot_spacing": spacing,
-        }
-    )
-    stop = knots * spacing
+    ready = prepared(scene)
+    settling = _from_rest(scene, max(round(SETTLING_STEPS / steps_per_knot(ready)), 1), 1)
+    stop = settling.run.duration
     window = (stop - _period(scene), 2.0 * stop)
     [settled] = run(settling, "monte-carlo", [0], "default", "external", window, ignore)
-    parameters, scales = scale(scene)
+    system, scales = ready.system, ready.scales
     last = settled.waveform
-    low, high = timescales.free_zone(parameters)
+    low, high = timescales.free_zone(system)
     # A mass that is pressed against a stopper is never out of contact: then the last point.
     free = np.flatnonzero((last.displacement > low) & (last.displacement < high))
     place = free[-1] if free.size else -1
@@ -212,40 +197,25 @@ def _typical_start(scene):
         "start.velocity": float(last.velocity[place] * scales.displacement),
     }
     # A coil holds its current, which no scene starts with.
-    charge = {"start.voltage": float(last.voltage[place] * scales.voltage)}
-    return start | charge if isinstance(scene.transducer, PiezoTable) else start
+    if isinstance(scene.transducer, PiezoTable):
+        start["start.voltage"] = float(last.voltage[place] * scales.voltage)
+    return start
 
 
 def _paths(scene, engine, step):
     """Realizations with their whole waveforms."""
-    together, count = 1, scene.run.realizations
-    if engine == "circuit" and side_by_side.share_steps(scene, step):
-        together = count
-    window = (0.0, 2.0 * scene.run.duration)
-    paths = []
-    for first in range(0, count, together):
-        indices = list(range(first, min(first + together, count)))
-        paths += run(scene, engine, indices, step, "external", window, ignore)
-    return paths
-
-
-def _states(scene, paths):
-    """States at the knots, which every engine has among its points: (paths, knots, states)."""
-    spacing = knot_spacing(scene)
-    times = spacing * np.arange(1, round(scene.run.duration / spacing) + 1)
-    columns = [
-        [np.interp(times, each.waveform.time, getattr(each.waveform, name)) for name in STATES]
-        for each in paths
-    ]
-    return np.array(columns).transpose(0, 2, 1)
+    count = scene.run.realizations
+    shared = engine == "circuit" and side_by_side.share_steps(scene, step)
+    together = [range(count)] if shared else [[index] for index in range(count)]
+    return [path for some in together for path in recorded(scene, engine, some, step)]
 
 
 def _comparable(scene, engine, fine, sizes):
     """Knots up to which a small difference has not grown much, bool of shape (paths, knots)."""
     shift = DISPLACED * sizes[STATES.index("velocity")]
     start = scene.start.velocity if scene.start else 0.0
-    moved = scene.replace({"start.velocity": start + shift * scale(scene)[1].displacement})
-    other = _states(scene, _paths(moved, engine, "fine"))
+    moved = scene.replace({"start.velocity": start + shift * prepared(scene).scales.displacement})
+    other = states_at_knots(scene, _paths(moved, engine, "fine"))
     return _close((other - fine) / sizes, LARGEST_GROWTH * DISPLACED)
 
 
@@ -255,13 +225,8 @@ def _close(shares, largest):
     return np.maximum.accumulate(shares, axis=1) <= largest
 
 
-def _least_deviation(scene, step):
-    stiff = side_by_side.contacts_shorten_steps(scene, step)
-    return LEAST_OF_STIFF_CONTACTS if stiff else LEAST_DEVIATION
-
-
 def _root_mean_square(states):
-    """Of each state over paths and knots; 1 where it stays 0."""
+    """RMS of each state over paths and knots; 1 where it stays 0."""
     sizes = np.sqrt(np.mean(np.square(states), axis=(0, 1)))
     return np.where(sizes > 0.0, sizes, 1.0)
 
@@ -278,7 +243,3 @@ def _mean_squares(paths, fine, compared):
         return np.nan
     ours, theirs = (np.mean(np.square(each[compared][:, 1:]), axis=0) for each in (paths, fine))
     return float(np.abs(ours / np.where(theirs > 0.0, theirs, 1.0) - 1.0)[theirs > 0.0].max())
-
-
-def ignore(moments: object) -> None:
-    """A report that nobody reads."""

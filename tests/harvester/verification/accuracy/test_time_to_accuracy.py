@@ -8,19 +8,17 @@ import pytest
 
 from harvester.command_line import main
 from harvester.estimates.estimate import Estimate
-from harvester.estimates.means import estimate_all
 from harvester.record.moments import QUANTITIES
 from harvester.running import open_runner
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 from harvester.show import palette
 from harvester.simulation.simulate import simulate
-from harvester.verification.work_precision import time_to_accuracy as module
-from harvester.verification.work_precision import timed
-from harvester.verification.work_precision.accuracy import TotalError, bias_of
-from harvester.verification.work_precision.accuracy_table import duration, reached
-from harvester.verification.work_precision.methods import COMPILED_METHODS, METHODS, Method
-from harvester.verification.work_precision.time_to_accuracy import time_to_accuracy
+from harvester.verification.accuracy import measurement as module
+from harvester.verification.accuracy import timed
+from harvester.verification.accuracy.methods import COMPILED_METHODS, METHODS, Method
+from harvester.verification.accuracy.time_to_accuracy import duration, reached, time_to_accuracy
+from harvester.verification.accuracy.timed import Timed
+from harvester.verification.accuracy.total_error import TotalError, bias_of
 
 FEW = (
     Method("circuit", "circuit", 2),
@@ -64,7 +62,8 @@ def runs():
     """The same realizations twice, as many as a bias needs for an error bar."""
     overrides = ["run.realizations=16", "run.duration=400", "run.settle=40"]
     scene = Scene.load("linear", overrides)
-    return scale(scene)[0], simulate(scene, method="monte-carlo", workers=1).moments
+    moments = simulate(scene, method="monte-carlo", workers=1).moments
+    return moments, lambda some: Timed(scene, [{"moments": some, "seconds": 1.0}])
 
 
 def with_bias(moments, factor):
@@ -74,19 +73,18 @@ def with_bias(moments, factor):
 
 
 def test_a_bias_on_the_same_paths_is_found_far_below_the_sampling_error(runs):
-    system, theirs = runs
-    ours = [with_bias(each, 1.003) for each in theirs[:8]]
-    few, paired, whole = (estimate_all(each, system) for each in (ours, theirs[:8], theirs))
-    bias = bias_of(SQUARE, ours, theirs, (few, paired, whole))
+    theirs, timed_run = runs
+    ours = timed_run([with_bias(each, 1.003) for each in theirs[:8]])
+    bias, whole = bias_of(SQUARE, ours, timed_run(theirs)), timed_run(theirs).quantities()
     assert bias.estimate == pytest.approx(0.003, abs=3.0 * bias.standard_error)
     assert bias.standard_error < 0.05 * whole[SQUARE].standard_error / whole[SQUARE].estimate
 
 
 def test_on_other_paths_its_error_is_that_of_both_means(runs):
-    system, theirs = runs
-    ours, theirs = [with_bias(each, 1.5) for each in theirs[:8]], theirs[8:]
-    few, paired, whole = (estimate_all(each, system) for each in (ours, theirs, theirs))
-    bias = bias_of(SQUARE, ours, theirs, (few, paired, whole))
+    moments, timed_run = runs
+    ours = timed_run([with_bias(each, 1.5) for each in moments[:8]])
+    theirs = timed_run(moments[8:])
+    bias, few, whole = bias_of(SQUARE, ours, theirs), ours.quantities(), theirs.quantities()
     # Five standard errors: one false alarm in a million, of this seed none.
     assert abs(bias.estimate - 0.5) < 5.0 * bias.standard_error
     assert bias.standard_error > few[SQUARE].standard_error / whole[SQUARE].estimate
@@ -105,7 +103,7 @@ def test_every_method_has_a_colour_and_a_marker_of_its_own():
 @pytest.fixture
 def briefly(monkeypatch):
     monkeypatch.setattr(module, "TIMED_METHODS", FEW)
-    monkeypatch.setattr("harvester.verification.work_precision.methods.COMPILED_METHODS", ())
+    monkeypatch.setattr("harvester.verification.accuracy.methods.COMPILED_METHODS", ())
     compiled = Method("Monte Carlo, TR-BDF2", "monte-carlo", 2)
     monkeypatch.setattr(module, "TIMED_LOAD_METHODS", (FEW[0], compiled))
     monkeypatch.setattr(timed, "CLOSURES", ("consistent",))

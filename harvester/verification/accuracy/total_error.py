@@ -1,4 +1,4 @@
-"""Total error against wall time: what a method's bias and its sampling error make together.
+"""Total error over wall time: what a method's bias and its sampling error make together.
 
 After a wall time t a mean is off by √(b² + s² c/t): b the method's bias, s²/T the sampling variance
 of a run of T simulated seconds, c the wall seconds that one of them costs. Seconds are counted as
@@ -7,19 +7,20 @@ time of one processor: the wall time on a machine that does nothing else.
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from harvester.estimates.batch_means import standard_error
 from harvester.estimates.estimate import TOO_SHORT, Estimate
-from harvester.record.moments import Moments
+from harvester.files.serialising import plain
 from harvester.results.paired import deviations
+from harvester.verification.accuracy.timed import Timed
 
 # Errors whose times are read off, as shares.
 LIMITS = (0.1, 0.03, 0.01)
 # Standard errors of a bias within which it may be nought, and by which it may be larger.
 BIAS_SIGMAS = 2.0
-OUTPUT_POWER = "mean_output_power"
 
 
 @dataclass(frozen=True)
@@ -72,21 +73,27 @@ class TotalError:
         """Whether the bias is known well enough to say that this error is reached."""
         return self.largest_bias <= limit
 
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON, with what is read off at each of `LIMITS`."""
+        content = {
+            "bias": self.bias.estimate,
+            "standard_error": self.bias.standard_error,
+            "scatter": self.scatter,
+            "seconds_to": {f"{limit:g}": self.seconds_to(limit) for limit in LIMITS},
+            "shown": {f"{limit:g}": self.is_shown(limit) for limit in LIMITS},
+        }
+        return plain(content)
 
-def scatter_of(quantities: dict[str, Estimate], name: str, simulated_time: float) -> float:
+
+def scatter_of(run: Timed, name: str) -> float:
     """Relative standard error times the root of the simulated time; nan without an error bar."""
-    each = quantities[name]
+    each = run.quantities()[name]
     if each.standard_error is None or not each.estimate:
         return math.nan
-    return abs(each.standard_error / each.estimate) * math.sqrt(simulated_time)
+    return abs(each.standard_error / each.estimate) * math.sqrt(run.measured_time)
 
 
-def bias_of(
-    name: str,
-    ours: list[Moments],
-    theirs: list[Moments],
-    quantities: tuple[dict[str, Estimate], ...],
-) -> Estimate:
+def bias_of(name: str, run: Timed, reference: Timed) -> Estimate:
     """A method's bias, from its own run and the reference's longer one on the same noise.
 
     The reference's realizations on the noise of the method's own serve as control variate: with α
@@ -98,20 +105,17 @@ def bias_of(
     ----------
     name : str
         Of the quantity.
-    ours : sequence of Moments
-        Of the method's first realizations.
-    theirs : sequence of Moments
-        Of the reference, in the same order, at least as many.
-    quantities : tuple of dict of str to Estimate
-        Of `ours`, of the first of `theirs`, as many, and of all of `theirs`.
 
     Returns
     -------
     Estimate
         As a share of the reference's mean.
     """
-    mean, paired, whole = (each[name] for each in quantities)
-    own, common = deviations(ours, name), deviations(theirs[: len(ours)], name)
+    count = min(len(run.moments), len(reference.moments))
+    each = (run.quantities(count), reference.quantities(count), reference.quantities())
+    mean, paired, whole = (quantities[name] for quantities in each)
+    own = deviations(run.moments[:count], name)
+    common = deviations(reference.moments[:count], name)
     square = float(np.sum(common**2))
     slope = float(np.sum(own * common)) / square if square > 0.0 else 0.0
     slope = min(max(slope, 0.0), 1.0)
