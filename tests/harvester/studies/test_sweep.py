@@ -8,6 +8,7 @@ import pytest
 from truths import flat, interpolated_linear_means
 
 import harvester
+from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
 
@@ -33,7 +34,9 @@ def test_every_place_is_the_closed_form_or_what_averaging_gives(swept):
             alone = harvester.average(place, method="consistent")["mean_power"]
             assert found.estimate == pytest.approx(alone.estimate, rel=1e-12)
         else:
-            truth = interpolated_linear_means(flat(place), knot_spacing(place))["mean_power"]
+            truth = interpolated_linear_means(flat(place), knot_spacing(prepared(place)))[
+                "mean_power"
+            ]
             assert abs(found.estimate - truth) < 4.0 * found.standard_error
 
 
