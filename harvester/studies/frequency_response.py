@@ -247,10 +247,6 @@ def frequency_response(
     **running
         See `harvester.running.open_runner`.
 
-    Returns
-    -------
-    FrequencyResponse
-
     Raises
     ------
     HarvesterError, SimulationError

@@ -94,10 +94,6 @@ def make_grid(
     argument : str
         What the caller calls them, for messages.
 
-    Returns
-    -------
-    Grid
-
     Raises
     ------
     HarvesterError

@@ -238,10 +238,6 @@ def sweep(
     **running
         See `harvester.running.open_runner`.
 
-    Returns
-    -------
-    Sweep
-
     Raises
     ------
     HarvesterError

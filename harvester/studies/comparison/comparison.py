@@ -283,10 +283,6 @@ def validate(
     progress : callable or None
         Given the share done, 0 … 1, and the method at work.
 
-    Returns
-    -------
-    Comparison
-
     Raises
     ------
     HarvesterError, SimulationError

@@ -39,10 +39,6 @@ LIBRARIES = ("numpy", "scipy", "numba", "PySpice")
 def report(comparison: Comparison) -> str:
     """A comparison as a page of HTML.
 
-    Parameters
-    ----------
-    comparison : harvester.studies.comparison.Comparison
-
     Returns
     -------
     str

@@ -25,16 +25,7 @@ LIMITS = {
 
 
 def verdicts(comparison: Comparison) -> list[Verdict]:
-    """What a comparison says, one sentence each.
-
-    Parameters
-    ----------
-    comparison : harvester.studies.comparison.Comparison
-
-    Returns
-    -------
-    list of Verdict
-    """
+    """What a comparison says, one sentence each."""
     closures = [_closure(comparison, name) for name in comparison.closures]
     refused = [
         Verdict(f"The closure {name} was refused: {reason}.")

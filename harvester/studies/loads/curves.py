@@ -66,10 +66,6 @@ def optimum_of(
         nan where there is none.
     series : sequence of (ndarray of shape (realizations, batches), or None)
         Powers batch by batch on common noise; None: without statistical error.
-
-    Returns
-    -------
-    CurveOptimum
     """
     heights = np.asarray(powers, dtype=float)
     if not np.isfinite(heights).any():
@@ -114,11 +110,6 @@ def rank(
     powers : dict of str to float
         At each load's optimum, the means of the series; nan where there is none.
     series : dict of str to (ndarray or None)
-
-    Returns
-    -------
-    list of str
-    list of Difference
     """
     order = sorted((k for k in powers if math.isfinite(powers[k])), key=lambda k: -powers[k])
     differences = []

@@ -23,10 +23,6 @@ if TYPE_CHECKING:
 def dataset_of(study: Study) -> Dataset:
     """The study as an xarray Dataset in the scene's units.
 
-    Parameters
-    ----------
-    study : harvester.studies.loads.study.Study
-
     Returns
     -------
     xarray.Dataset

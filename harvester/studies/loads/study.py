@@ -424,10 +424,6 @@ def load_study(
         See `harvester.running.open_runner`; with a precision the time budget is `TIME_BUDGET`
         where none is given.
 
-    Returns
-    -------
-    Study
-
     Raises
     ------
     HarvesterError
@@ -515,11 +511,6 @@ def _apart(difference, standard_error):
 
 def save(study: Study, folder: str | Path | StudyFolder) -> list[str]:
     """Write a study's files, each whole or not at all; returns their names.
-
-    Parameters
-    ----------
-    study : Study
-    folder : str or Path or StudyFolder
 
     Raises
     ------

@@ -73,10 +73,6 @@ def optimum(
     **running
         See `harvester.running.open_runner`.
 
-    Returns
-    -------
-    Optimum
-
     Raises
     ------
     HarvesterError

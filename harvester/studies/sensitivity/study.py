@@ -260,10 +260,6 @@ def sensitivity(
     **running
         See `harvester.running.open_runner`.
 
-    Returns
-    -------
-    Sensitivity
-
     Raises
     ------
     HarvesterError
