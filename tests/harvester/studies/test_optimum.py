@@ -71,6 +71,7 @@ def test_averaging_and_simulation_together():
     header, rows = found.table()
     assert {len(row) for row in rows} == {len(header)}
     told = json.loads(json.dumps(found.to_dict(), allow_nan=False))
+    assert len(found.figure().axes) == 1
     low, high = told["simulation"]["interval"]
     assert low < told["simulation"]["place"]["estimate"] < high
 
@@ -114,6 +115,13 @@ def test_averaging_gives_a_reason_instead_of_an_edge(runner, monkeypatch):
         ({"over": "load.decay_rate", "low": -1.0}, "must be a number > 0"),
         ({"over": "load.decay_rate", "maximise": "mean_powr"}, "did you mean mean_power"),
         ({"over": "load.decay_rate", "method": "spice"}, "unknown method spice"),
+        ({"over": "load.decay_rate", "evaluations": 20}, "is for several parameters"),
+        ({"over": {}}, "names no key"),
+        ({"over": {"load.decay_rate": (1.0, 2.0)}, "low": 1.0}, "are for a single key"),
+        (
+            {"over": {"load.decay_rate": None, "excitation.intensity": None}, "closure": "paper"},
+            "is for one parameter",
+        ),
     ],
 )
 def test_mistakes_are_named(options, message):
