@@ -305,7 +305,7 @@ def test_the_output_of_a_netlist_has_its_optimum(runner):
         high=5e6,
         runner=runner,
     )
-    assert found.averaged_place is None
+    assert found.averaging.place is None
     assert "knows no mean output power" in " ".join(found.sentences())
     low, high = found.interval
     assert 2e4 < low < found.place.estimate < high < 5e6
