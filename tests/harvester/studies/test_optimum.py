@@ -309,7 +309,7 @@ def test_the_output_of_a_netlist_has_its_optimum(runner):
     assert "knows no mean output power" in " ".join(found.sentences())
     low, high = found.interval
     assert 2e4 < low < found.place.estimate < high < 5e6
-    values = [estimate.estimate for _, estimate in found.fitted]
+    values = [estimate.estimate for _, estimate in found.searched]
     assert max(values) < 1.05 * found.value.estimate
     assert max(values[0], values[-1]) < found.value.estimate
     with pytest.raises(HarvesterError, match="unknown quantity mean_output_power"):
