@@ -22,23 +22,26 @@ from harvester.device.terminals import GROUND, LOAD_AMMETER
 from harvester.scene.units import scale, setting
 
 if TYPE_CHECKING:
+    from circuits.loads.measurement import Measurement
     from harvester.scene.model import Scene
 
 # In front of the names of the device's nodes, so that none of a load's is one of them.
 DEVICE = "device:"
 
 
-def build(scene: Scene) -> Circuit:
-    """The tables of a scene's transducer with its load.
+def collect(scene: Scene, whole: bool = True) -> tuple[Builder, Measurement, Probes, int]:
+    """Elements of a scene's transducer and its load, what is watched, and the velocity's place.
 
     Parameters
     ----------
     scene : Scene
         Whose load is a netlist.
+    whole : bool
+        Whether every element of the load is needed: else those not taken are left out.
 
     Returns
     -------
-    Circuit
+    Builder, circuits.loads.measurement.Measurement, Probes, int
 
     Raises
     ------
@@ -53,7 +56,7 @@ def build(scene: Scene) -> Circuit:
     inside = b.node(DEVICE + network.terminal)
     outside = b.node(circuit_elements.behind_ammeter(network))
     ammeter = b.through(LOAD_AMMETER, inside, outside)
-    add_load(b, load, network)
+    add_load(b, load, network, whole)
     # A load without an output has none that differs from 0.
     ends = (circuit_elements.OUTPUT, circuit_elements.REFERENCE)
     places = [b.node(name) for name in ends] if load.has_output else [inside, inside]
@@ -63,7 +66,6 @@ def build(scene: Scene) -> Circuit:
     velocity = _add_transducer(b, network, scales, row_unit)
     state = _state(b, network, ammeter)
     b.initial = [each for each in b.initial if each[3] != 0.0]
-    tables = tables_of(b, velocity)
     probes = Probes(
         np.array([inside, ammeter, state, *places]),
         np.array(
@@ -77,6 +79,20 @@ def build(scene: Scene) -> Circuit:
         ),
         (network.reference_capacitance, scales.voltage),
     )
+    return b, measurement, probes, velocity
+
+
+def build(scene: Scene) -> Circuit:
+    """The tables of a scene's transducer with its load, and the code for them.
+
+    Raises
+    ------
+    LoadError
+        See `collect`.
+    """
+    load = scene.load.circuit
+    b, measurement, probes, velocity = collect(scene)
+    tables = tables_of(b, velocity)
     order = order_of(tables)
     return Circuit(
         tables,

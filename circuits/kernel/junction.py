@@ -94,6 +94,18 @@ def table_row(model: dict[str, float], area: float, many: float = 1.0) -> np.nda
     return row
 
 
+def slope(row: np.ndarray, voltage: float) -> float:
+    """Conductance (S) of a junction of the table about a voltage, less its series resistance's."""
+    forward = min(voltage, row[HIGHEST]) * row[PER_SWING]
+    through = row[SATURATION] * row[PER_SWING] * math.exp(max(forward, BLOCKED))
+    if math.isfinite(row[BREAKDOWN]):
+        beyond = min(-voltage - row[BREAKDOWN], row[LOWEST]) * row[PER_BREAKDOWN_SWING]
+        per_swing = row[BREAKDOWN_CURRENT] * row[PER_BREAKDOWN_SWING]
+        through += per_swing * math.exp(max(beyond, BLOCKED))
+    through += LEAST_CONDUCTANCE
+    return float(through / (1.0 + through * row[RESISTANCE]))
+
+
 class Law:
     """The law of junctions with the same traits, side by side, written into a function's code.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from circuits import elements as circuit_elements
@@ -25,13 +26,20 @@ _DIODE = {"is", "n", "rs", "bv", "ibv", "nbv", "cjo", "vj", "m", "tt", "fc"}
 _NUMBERS = {"d": {"area", "m", "ic"}}
 
 
-def add_load(b: Builder, load: LoadCircuit, network: Any) -> None:
-    """Every element of the load, and the stray capacitances of its output."""
+def add_load(b: Builder, load: LoadCircuit, network: Any, whole: bool = True) -> None:
+    """The load's elements, and the stray capacitances of its output.
+
+    Raises
+    ------
+    LoadError
+        One of them is not taken, and the `whole` load is asked for.
+    """
     pins = circuit_elements.load_pins(network)
     for pin in ("out", "ref") if load.has_output else ():
         stray = circuit_elements.STRAY_SHARE * network.reference_capacitance
         b.capacitor(b.node(pins[pin]), -1, stray, 0.0)
-    later = []
+    first: list[Element] = []
+    later: list[Element] = []
     potentials = Potentials(load.elements)
     for each in load.elements:
         part = each._replace(nodes=tuple(pins.get(node, node) for node in each.nodes))
@@ -41,16 +49,14 @@ def add_load(b: Builder, load: LoadCircuit, network: Any) -> None:
         if each.letter in "sw":
             low, high = levels(each, potentials)
             part = part._replace(numbers=(("low", low), ("high", high)))
-        add = _ADD.get(each.letter)
-        if add is None:
-            _refuse(each, f"an element of the letter {each.letter.upper()}")
-        if each.letter in _AFTER and each.expression is None:
-            later.append((add, part))
-        else:
+        (later if each.letter in _AFTER and each.expression is None else first).append(part)
+    for part in [*first, *later]:
+        with contextlib.nullcontext() if whole else contextlib.suppress(LoadError, KeyError):
+            add = _ADD.get(part.letter)
+            if add is None:
+                _refuse(part, f"an element of the letter {part.letter.upper()}")
             add(b, part)
-    for add, part in later:
-        add(b, part)
-    _finish_tape(b)
+    _finish_tape(b, whole)
 
 
 def _refuse(each: Element, reason: str) -> NoReturn:
@@ -181,7 +187,7 @@ def _behavioural(b, each):
     b.waiting.append((each, tree, a, z))
 
 
-def _finish_tape(b):
+def _finish_tape(b, whole):
     """Expressions onto the tape, once all branches have their places."""
 
     def unknown_of(tree):
@@ -192,6 +198,8 @@ def _finish_tape(b):
         try:
             last = b.tape.add(tree, unknown_of)
         except ExpressionError as reason:
+            if not whole:
+                continue
             _refuse(each, str(reason))
         b.behavioural.append((a, z, first, last))
         for k in range(first, last + 1):

@@ -13,7 +13,7 @@ from circuits.loads.tape import Values
 from harvester.device.terminals import GROUND
 from harvester.errors import NetlistError
 from harvester.files.plain_text import nearest
-from harvester.record.output_side import STATE
+from harvester.record.output_side import LEVEL, STATE
 
 if TYPE_CHECKING:
     from circuits.loads.elements import Element
@@ -65,15 +65,17 @@ class Measurement(_Rows):
         Returns
         -------
         ndarray, shape (len(rows), n)
-            Powers and energies in that unit; of states 1 where they hold, else 0. nan where an
-            expression has no value.
+            Powers and energies in that unit, levels in V and A; of states 1 where they hold, else
+            0. nan where an expression has no value.
         """
         if not self.rows:
             return np.empty((0, time.size))
         found = self._values(time, unknowns)
         for row, (kind, _) in zip(found, self.rows, strict=True):
-            holds = np.where(np.isnan(row), np.nan, row > 0.0)
-            row[:] = holds if kind == STATE else unit * row
+            if kind == STATE:
+                row[:] = np.where(np.isnan(row), np.nan, row > 0.0)
+            elif kind != LEVEL:
+                row *= unit
         return found
 
 
@@ -95,9 +97,16 @@ def measurement_of(load: LoadCircuit, pins: Mapping[str, str]) -> Measurement:
         trees.append(held)
         if taken:
             trees.append(("if", ("<", ("number", 0.0), held), taken, ("number", 0.0)))
+    trees += [_level(name, pins) for name in load.levels]
     watched = tuple(dict.fromkeys(name for tree in trees for name in _unknowns(tree)))
     outside = tuple(name for name in watched if name in pins.values())
     return Measurement(load.measured, tuple(trees), watched, outside)
+
+
+def _level(name, pins):
+    if name.startswith("i("):
+        return ("i", name[2:-1])
+    return ("v", pins.get(name, name), GROUND)
 
 
 def evaluated(

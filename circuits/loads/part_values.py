@@ -1,4 +1,4 @@
-"""Values of a load's parts: which can deliver energy, and how long the output takes to charge."""
+"""Values of a load's parts: which can deliver energy, and what lies across the output."""
 
 from __future__ import annotations
 
@@ -39,12 +39,6 @@ def conductance(parts: Iterable[Element]) -> float:
 def capacitance(parts: Iterable[Element]) -> float:
     """Of capacitors side by side (F)."""
     return sum(each.size or 0.0 for each in parts if each.letter == "c")
-
-
-def charging_time(load: LoadCircuit) -> float:
-    """R·C of the resistors and capacitors across a load's output (s); 0 without both."""
-    siemens = conductance(load.across_output)
-    return capacitance(load.across_output) / siemens if siemens else 0.0
 
 
 def suspicion(load: LoadCircuit | None) -> str:

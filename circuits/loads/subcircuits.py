@@ -21,16 +21,17 @@ from circuits.loads.load_watch import Watch, watch_of
 from circuits.loads.measurement import evaluated
 from circuits.loads.measures import vet_measures
 from circuits.loads.numbers import number
-from circuits.loads.part_values import charging_time, negative_parts, reading_notes, sources_of
+from circuits.loads.part_values import negative_parts, reading_notes, sources_of
 from circuits.loads.places import places
 from circuits.loads.reader import read_cards
+from circuits.loads.stores import Store, levels_of, stores_of
 from circuits.loads.tree import parse, written
 from circuits.loads.vetting import check_nodes, check_value, listed, refuse, vet_element
 from circuits.loads.writer import reads_alike, run_text
 from harvester.device.terminals import GROUND
 from harvester.errors import NetlistError
 from harvester.files.plain_text import nearest
-from harvester.record.output_side import OUTPUT
+from harvester.record.output_side import LEVEL, OUTPUT
 
 # What a load's sub-circuit is connected by: the piezo's terminals, and its DC side if it has one.
 PIEZO_PINS, OUTPUT_PINS = ("p", "n"), ("out", "ref")
@@ -130,9 +131,14 @@ class LoadCircuit:
         return dict(self.defaults) | dict(self.parameters)
 
     @cached_property
-    def charging_time(self) -> float:
-        """See `circuits.loads.part_values.charging_time`."""
-        return charging_time(self)
+    def stores(self) -> tuple[Store, ...]:
+        """Its capacitors and coils."""
+        return stores_of(self)
+
+    @cached_property
+    def levels(self) -> tuple[str, ...]:
+        """Nodes and currents that tell what its stores hold, see `circuits.loads.stores`."""
+        return levels_of(self)
 
     @property
     def may_jump(self) -> bool:
@@ -146,8 +152,9 @@ class LoadCircuit:
 
     @property
     def measured(self) -> tuple[tuple[str, str], ...]:
-        """Kind and name of each value that its measures ask for."""
-        return tuple(row for measure in self.measures for row in measure.rows)
+        """Kind and name of each value that its measures ask for, and of its levels."""
+        asked = tuple(row for measure in self.measures for row in measure.rows)
+        return asked + tuple((LEVEL, name) for name in self.levels)
 
 
 def load_names() -> list[str]:

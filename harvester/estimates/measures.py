@@ -22,7 +22,7 @@ from harvester.estimates.batch_means import (
 )
 from harvester.estimates.estimate import NO_VALUE, TOO_SHORT, Estimate
 from harvester.record.moments import QUANTITIES
-from harvester.record.output_side import LOSS, MEASURED, OUTPUT, STATE, STORE, TAKEN
+from harvester.record.output_side import LEVEL, LOSS, MEASURED, OUTPUT, STATE, STORE, TAKEN
 
 if TYPE_CHECKING:
     from harvester.record.moments import Moments
@@ -59,6 +59,8 @@ def estimate_measures(
         return {}
     found: dict[str, Estimate] = {}
     for row, (kind, name) in enumerate(output.rows):
+        if kind == LEVEL:
+            continue
         series = measured_series(moments, row)
         found.update(_QUANTITIES[kind](name, series, batches, moments, row, error_of))
     return found

@@ -18,6 +18,7 @@ from harvester.device import spring as springs
 from harvester.device import timescales
 from harvester.estimates.batch_means import FEWEST_BATCHES, complete_batches, standard_error
 from harvester.estimates.estimate import NO_VALUE
+from harvester.estimates.store_settling import store_states
 from harvester.record.moments import QUANTITIES
 
 if TYPE_CHECKING:
@@ -166,6 +167,12 @@ def _slow(scene, time, what, error, names=None):
         return _too_short(run, time, what, left, names)
     if scene.excitation.period is not None and not scene.excitation.random:
         return None
+    return _few_values(scene, time, what, names)
+
+
+def _few_values(scene, time, what, names=None):
+    """The shortfall of a run that sees too few independent values of what is slow, or None."""
+    run = scene.run
     # Independent values that the slow part takes in all.
     values = run.realizations * (1.0 + run.duration / (2.0 * time))
     if values >= FEWEST_BATCHES:
@@ -272,14 +279,27 @@ def _charge(scene, p, moments, estimates):
 
 
 def _storage(scene, moments, estimates):
-    """A storage charges within R·C of the resistors across it."""
-    output = moments[0].output
-    if output is None or not output.capacitance > 0.0 or "output_voltage" not in estimates:
+    """A store of the load that still charges, or that is slow against the run."""
+    run = scene.run
+    measured = "output_voltage" if "output_voltage" in estimates else "mean_power"
+    bound = max(_relative_error(estimates.get(measured)), SMALLEST_DRIFT)
+    found = store_states(scene, moments)
+    if not found:
         return None
-    if not output.conductance > 0.0:
+    worst = max(found, key=lambda each: abs(each.missing) - DRIFT_IN_STANDARD_ERRORS * each.error)
+    if abs(worst.missing) > bound + DRIFT_IN_STANDARD_ERRORS * worst.error:
+        return Shortfall(
+            f"the store {worst.name} ({worst.where}) still "
+            f"{'charges' if worst.missing > 0.0 else 'discharges'}",
+            f"it is up to {100.0 * abs(worst.missing):.2g} % of what it holds from where it will "
+            f"settle, and all means change with it; raise run.settle (to "
+            f"{run.settle + FORGETTING_TIMES * worst.time:.2g} s at most, less where a diode "
+            "charges it), or let it begin nearer to that by ic=",
+        )
+    if not scene.excitation.random:
         return None
-    time = output.capacitance / output.conductance
-    return _slow(scene, time, "the storage's R·C", _relative_error(estimates["output_voltage"]))
+    slowest = max(found, key=lambda each: each.memory)
+    return _few_values(scene, slowest.memory, f"the memory of the store {slowest.name}")
 
 
 def _jumps(p, moments, estimates):
@@ -387,7 +407,7 @@ def _drift(moments):
         name: batches[:, :, QUANTITIES.index(row)] for name, row in DRIFTING_QUANTITIES.items()
     }
     time = batches[:, :, QUANTITIES.index("time")]
-    if all(m.output is not None for m in moments):
+    if all(m.has_output for m in moments):
         own = np.stack([m.output.integrals[: batches.shape[1]] for m in moments])
         series["the output voltage"] = own[:, :, 1]
     for name, values in series.items():

@@ -73,7 +73,7 @@ class Moments:
     points : int
         Accepted points, those before `start` included.
     output : OutputMoments or None
-        Of the load's output side, where it has one.
+        Of the load's output side and of what its stores hold, where it has them.
     jumps : Jumps or None
         Between wells, where there are several.
     """
@@ -92,6 +92,11 @@ class Moments:
     points: int = 0
     output: OutputMoments | None = None
     jumps: Jumps | None = None
+
+    @property
+    def has_output(self) -> bool:
+        """Whether they are of a load with an output."""
+        return self.output is not None and self.output.has_output
 
     @classmethod
     def empty(

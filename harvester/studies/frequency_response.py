@@ -18,6 +18,7 @@ import numpy as np
 from harvester.arguments import listed
 from harvester.calling import takes_scene
 from harvester.device import timescales
+from harvester.engines import circuit
 from harvester.engines.protocol import ENGINES
 from harvester.engines.realization import Waveform, start_state
 from harvester.engines.steps import knot_spacing
@@ -346,7 +347,7 @@ def _stepped(scene, frequencies):
     slowest = 2.0 * timescales.relaxation_time(parameters)
     slowest = max(slowest, 1.0 / decay) if decay > 0.0 else slowest
     if scene.load.circuit:
-        slowest = max(slowest, scene.load.circuit.charging_time)
+        slowest = max(slowest, circuit.slowest_time(scene))
     motion = 2.0 * math.pi / timescales.fastest_angular_frequency(parameters) / KNOTS_PER_PERIOD
     spacing = min(Sine(1.0, frequencies.max()).spacing(motion), motion)
     dwell = slowest * math.log(1.0 / SETTLED_SHARE) + MEASURED_PERIODS / frequencies.min()
