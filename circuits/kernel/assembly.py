@@ -102,6 +102,7 @@ def build(scene: Scene) -> Circuit:
         code_of(tables, order),
         (*b.unknowns, "X'"),
         tuple(b.switch_names),
+        tuple((each.name, each.where) for each, *_ in b.waiting),
         suspicion(load),
         measurement,
         tuple(f"{each.name} ({each.where})" for each in load.elements if _is_limited(each)),

@@ -23,8 +23,9 @@ from circuits.kernel.stage import (
     ZONE,
     fresh_state,
 )
-from circuits.kernel.stepping import CHATTER, FINE, advance
+from circuits.kernel.stepping import CHATTER, FINE, SOURCE_CHATTER, advance
 from circuits.kernel.tables import Circuit
+from circuits.loads.part_values import SOURCE_CURE
 from harvester.compilation import numba
 from harvester.device import contact, system, timescales
 from harvester.engines.lines import line_frequency
@@ -217,6 +218,9 @@ def _trouble(circuit, state, outcome, which):
             f"{stopped}the switch {name} ({where}) chatters: it turns more than "
             f"{stepping.MOST_SWITCHINGS} times within a step; give it a hysteresis"
         )
+    if outcome == SOURCE_CHATTER:
+        name, where = circuit.sources[which]
+        return f"{stopped}the source {name} ({where}) chatters: {SOURCE_CURE}"
     if outcome == CRAWLING:
         return (
             f"{stopped}{GETS_NOWHERE}; a current that grows without an end or jumps has this effect"

@@ -20,6 +20,7 @@ from circuits.kernel.mechanics import Device, evaluate
 from circuits.kernel.points import add_points, given_power, load_power, stored_energy
 from circuits.kernel.retiming import DIAGONAL, retime
 from circuits.kernel.stage import (
+    COUNTED_FROM,
     DISPLACEMENT,
     ENERGY,
     HELD_SPEED,
@@ -29,6 +30,7 @@ from circuits.kernel.stage import (
     PHASE,
     PROPOSED,
     RATES_KNOWN,
+    STEPS_TAKEN,
     STRICTNESS,
     SWITCHINGS,
     TIME,
@@ -72,7 +74,12 @@ MOST_SWITCHINGS = 400
 # scaled volt below which a voltage does not count.
 MEMORY, SMALL_VOLTAGE = 200.0, 1e-3
 
-FINE, STUCK, CHATTER = range(3)
+# A source chatters that jumps by half its greatest value in so many of the steps counted while they
+# are shorter on average than this share of the grid's. Smooth sources change by little in a step; a
+# step load without a hysteresis slides at 1e-8 of the grid's step, jumping in every fourth.
+COUNTED, JUMPING_SHARE, SLIDING_STEP = 131072.0, 0.125, 1e-6
+
+FINE, STUCK, CHATTER, SOURCE_CHATTER = range(4)
 
 
 @uncounted
@@ -96,7 +103,8 @@ def advance(
 
     The output's rows are its voltage (scaled) and the unknowns watched (V and A).
 
-    Returns the segment reached, the points written, and FINE, STUCK or CHATTER with the switch.
+    Returns the segment reached, the points written, and FINE, STUCK, CHATTER with the switch or
+    SOURCE_CHATTER with the behavioural source.
     """
     numbers = state.numbers
     step = spacing / steps_per_knot
@@ -126,6 +134,10 @@ def advance(
             _enter(state, place + entered, zone)
         if switch >= 0 and _turn(tables, state, step):
             return segment, points, CHATTER, switch
+        if tables.behavioural.shape[0] > 0:
+            source = _chattering(tables, state, time + h, step)
+            if source >= 0:
+                return segment, points, SOURCE_CHATTER, source
         phase += h
         if h >= bend:
             # What follows is as new as after a switch, but nothing jumps.
@@ -242,6 +254,29 @@ def _turn(tables, state, step):
     numbers[RATES_KNOWN] = TURNED
     numbers[PROPOSED] = RESTART * step
     return numbers[SWITCHINGS] > MOST_SWITCHINGS
+
+
+@merged
+def _chattering(tables, state, time, step):
+    """The behavioural source that jumps to and fro at every few of far too short steps, or −1."""
+    numbers, jumps = state.numbers, state.jumps
+    worst = 0
+    for k in range(jumps.shape[0]):
+        value = state.values[tables.behavioural[k, 3]]
+        if abs(value - jumps[k, 0]) > 0.5 * jumps[k, 1]:
+            jumps[k, 2] += 1.0
+        jumps[k, 0] = value
+        jumps[k, 1] = max(jumps[k, 1], abs(value))
+        if jumps[k, 2] > jumps[worst, 2]:
+            worst = k
+    numbers[STEPS_TAKEN] += 1.0
+    if numbers[STEPS_TAKEN] < COUNTED:
+        return -1
+    short = time - numbers[COUNTED_FROM] < COUNTED * SLIDING_STEP * step
+    found = worst if short and jumps[worst, 2] > COUNTED * JUMPING_SHARE else -1
+    numbers[STEPS_TAKEN], numbers[COUNTED_FROM] = 0.0, time
+    jumps[:, 2] = 0.0
+    return found
 
 
 @merged

@@ -86,7 +86,7 @@ class Circuit(NamedTuple):
     layout : circuits.kernel.memory.Layout
     code : circuits.kernel.code.Code
     names : of the unknowns, for messages.
-    switches : (name, "file:line") of each switch.
+    switches, sources : (name, "file:line") of each switch, and of each behavioural source.
     suspicion : what of the load may be why a run ended early, for messages; may be empty.
     measurement : of the load, from the unknowns watched.
     limited : "name (file:line)" of each source whose expression has no value everywhere.
@@ -100,6 +100,7 @@ class Circuit(NamedTuple):
     code: Any
     names: tuple[str, ...]
     switches: tuple[tuple[str, str], ...]
+    sources: tuple[tuple[str, str], ...]
     suspicion: str
     measurement: Measurement
     limited: tuple[str, ...]

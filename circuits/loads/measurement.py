@@ -100,7 +100,7 @@ def measurement_of(load: LoadCircuit, pins: Mapping[str, str]) -> Measurement:
     trees += [_level(name, pins) for name in load.levels]
     watched = tuple(dict.fromkeys(name for tree in trees for name in _unknowns(tree)))
     outside = tuple(name for name in watched if name in pins.values())
-    return Measurement(load.measured, tuple(trees), watched, outside)
+    return Measurement(load.recorded, tuple(trees), watched, outside)
 
 
 def _level(name, pins):

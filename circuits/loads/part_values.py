@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from circuits.loads.expression import leaves
 from harvester.record.output_side import OUTPUT
 
 if TYPE_CHECKING:
@@ -14,6 +15,14 @@ if TYPE_CHECKING:
 
 # Of what lies across an output (F and Ω): less is rather a misread suffix.
 LEAST_STORAGE, LEAST_LOAD = 1e-12, 1.0
+# Where a source turns on and off without an end.
+SOURCE_CURE = (
+    "its value jumps to and fro at one threshold, where what it does takes it back at once; use a "
+    "switch with a hysteresis (S, vt= and vh=), or let it change smoothly over some millivolts, as "
+    "0.5*(1+tanh((v-vt)/5m)) does"
+)
+# Operations whose value jumps.
+_JUMPS = {"if", "<", "<=", "==", "and", "or", "not", "sgn", "floor", "ceil", "u", "nint"}
 
 
 def sources_of(load: LoadCircuit) -> tuple[str, ...]:
@@ -47,6 +56,16 @@ def suspicion(load: LoadCircuit | None) -> str:
         return ""
     names = ", ".join(load.negative_parts[:3])
     return f"; a value below 0 makes what it feeds grow without an end: {names}"
+
+
+def jumping_sources(load: LoadCircuit | None) -> tuple[str, ...]:
+    """Behavioural sources whose value may jump, as "name (file:line)"."""
+    return tuple(
+        f"{each.name} ({each.where})"
+        for each in (load.elements if load else ())
+        if each.expression is not None
+        and any(leaf[0] in _JUMPS for leaf in leaves(each.expression))
+    )
 
 
 def reading_notes(load: LoadCircuit) -> tuple[str, ...]:

@@ -152,9 +152,13 @@ class LoadCircuit:
 
     @property
     def measured(self) -> tuple[tuple[str, str], ...]:
-        """Kind and name of each value that its measures ask for, and of its levels."""
-        asked = tuple(row for measure in self.measures for row in measure.rows)
-        return asked + tuple((LEVEL, name) for name in self.levels)
+        """Kind and name of each value that its measures ask for."""
+        return tuple(row for measure in self.measures for row in measure.rows)
+
+    @property
+    def recorded(self) -> tuple[tuple[str, str], ...]:
+        """Kind and name of each value kept of a run: those measured, and its levels."""
+        return self.measured + tuple((LEVEL, name) for name in self.levels)
 
 
 def load_names() -> list[str]:

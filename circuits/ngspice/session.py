@@ -17,7 +17,7 @@ import numpy as np
 from PySpice.Spice.NgSpice.Shared import NgSpiceCommandError, NgSpiceShared, ffi
 
 from circuits import elements
-from circuits.loads.part_values import suspicion
+from circuits.loads.part_values import SOURCE_CURE, jumping_sources, suspicion
 from circuits.loads.places import file_of, with_places
 from circuits.ngspice import callbacks, compiled_device, messages
 from circuits.ngspice.library import code_models, find_library, no_initialisation_files
@@ -37,6 +37,9 @@ if TYPE_CHECKING:
     from harvester.excitation.base import ExcitationPath
     from harvester.record.output_side import OutputMoments
 
+# Steps within one of the grid's from which a load with a source that jumps counts as chattering. A
+# converter at 1 MHz takes a tenth of it.
+SLIDING_STEPS = 1_000_000
 # A speed is held from where the contact begins, within this share of the step that resolves it.
 LANDING = 1.0 / 32.0
 
@@ -303,9 +306,17 @@ class Session(NgSpiceShared):
 
     def _watch(self, done):
         spent, reached = time.process_time(), 0.0
+        sources = jumping_sources(self.circuit_load)
+        steps, counted_from = 0, 0.0
         while not done.wait(1.0):
             count = int(self.state["count"][0])
             latest = float(self._times[count - 1]) if count else self._time_reached
+            if sources and latest - counted_from > self._netlist.step:
+                steps, counted_from = int(self.state["steps"][0]), latest
+            elif sources and int(self.state["steps"][0]) - steps > SLIDING_STEPS:
+                self._doing = f"stopped at t = {latest:g}"
+                trouble = f"{', '.join(sources[:3])} may chatter: {SOURCE_CURE}"
+                give_up(SimulatorAborted(self._said(trouble)))
             if latest - reached > CRAWL * self._netlist.step:
                 spent, reached = time.process_time(), latest
             elif not done.is_set() and time.process_time() - spent > PATIENCE:

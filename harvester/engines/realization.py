@@ -165,9 +165,9 @@ def run(
     # Only a netlist has an output side or stores.
     output = {}
     load = scene.load.circuit
-    if load and (load.has_output or load.measured):
+    if load and (load.has_output or load.recorded):
         output["outputs"] = [
-            OutputMoments.beside(each, load.measured, load.has_output) for each in moments
+            OutputMoments.beside(each, load.recorded, load.has_output) for each in moments
         ]
         for each, its_output in zip(moments, output["outputs"], strict=True):
             each.output = its_output

@@ -299,6 +299,8 @@ def _storage(scene, moments, estimates):
     if not scene.excitation.random:
         return None
     slowest = max(found, key=lambda each: each.memory)
+    if not slowest.memory > 0.0:
+        return None
     return _few_values(scene, slowest.memory, f"the memory of the store {slowest.name}")
 
 

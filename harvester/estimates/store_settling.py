@@ -109,11 +109,12 @@ def _state(store, levels, matrix):
     changes = levels.series[..., CHANGE] @ ends
     length = float(levels.time.sum(axis=1).mean())
     rate = changes.sum() / levels.time.sum()
-    held = abs(float(levels.mean @ ends))
+    held, least = abs(float(levels.mean @ ends)), levels.least
     if store.first.startswith("i("):
         squares = levels.series[..., SQUARE].sum(axis=(0, 1)) / levels.time.sum()
-        held = max(held, LEAST_HELD * math.sqrt(float(squares @ np.abs(ends))))
-    held = max(held, 0.0 if store.first.startswith("i(") else levels.least)
+        least = LEAST_HELD * math.sqrt(float(squares @ np.abs(ends)))
+    # What swings about 0 has no mean that chance could move.
+    steady, held = held > least, max(held, least)
     missing, time = (math.inf, math.nan) if levels.random else _by_decay(changes, length)
     memory = math.inf
     if matrix is not None:
@@ -126,7 +127,7 @@ def _state(store, levels, matrix):
     if not math.isfinite(missing):
         # Nothing tells a time: it is as far off at least as the run has moved it.
         missing, time = rate * length, length
-    memory = min(memory, _remembered(levels, ends))
+    memory = min(memory, _remembered(levels, ends)) if steady else 0.0
     if not held:
         return StoreState(store.name, store.where, 0.0, 0.0, math.nan, 0.0)
     error = _error_of_change(changes, levels.random) / length * abs(time) if rate else 0.0
