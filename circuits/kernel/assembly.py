@@ -16,7 +16,7 @@ from circuits.kernel.tables import Circuit, Probes
 from circuits.loads.expression import leaves
 from circuits.loads.functions import LIMITED
 from circuits.loads.measurement import measurement_of
-from circuits.loads.part_values import capacitance, conductance, suspicion
+from circuits.loads.part_values import capacitance, conductance, jumping_sources, suspicion
 from harvester.device import timescales
 from harvester.device.terminals import GROUND, LOAD_AMMETER
 from harvester.scene.units import scale, setting
@@ -105,6 +105,7 @@ def build(scene: Scene) -> Circuit:
         tuple((each.name, each.where) for each, *_ in b.waiting),
         suspicion(load),
         measurement,
+        tuple(f"{each.name} ({each.where})" for each in jumping_sources(load)),
         tuple(f"{each.name} ({each.where})" for each in load.elements if _is_limited(each)),
         conductance(load.across_output),
         capacitance(load.across_output),

@@ -40,7 +40,7 @@ from harvester.engines.steps import (
     steps_per_knot,
     stop_time,
 )
-from harvester.errors import SimulatorAborted, SolutionDiverged
+from harvester.errors import LoadChatters, SimulatorAborted, SolutionDiverged
 from harvester.record.record import Record, empty_record, part
 from harvester.scene.units import scale
 
@@ -201,37 +201,42 @@ def integrate(
             elif time.thread_time() - spent > PATIENCE and outcome == FINE:
                 outcome = CRAWLING
             if outcome != FINE:
-                raise SimulatorAborted(_trouble(circuit, state, outcome, which))
+                raise _trouble(circuit, state, outcome, which)
             yield part(record, 0, points), output[:, :points]
 
 
 def _trouble(circuit, state, outcome, which):
+    """The error that says why a run ended early."""
     stopped = f"Monte Carlo stopped at t = {state.numbers[TIME]:g}: "
     if circuit.limited and not np.isfinite(state.values).all():
-        return (
+        return SimulatorAborted(
             f"{stopped}an expression has no value there, a root, logarithm, arc or power outside "
             f"its range: look at {', '.join(circuit.limited[:3])}"
         )
     if outcome == CHATTER:
         name, where = circuit.switches[which]
-        return (
+        return LoadChatters(
             f"{stopped}the switch {name} ({where}) chatters: it turns more than "
             f"{stepping.MOST_SWITCHINGS} times within a step; give it a hysteresis"
         )
     if outcome == SOURCE_CHATTER:
         name, where = circuit.sources[which]
-        return f"{stopped}the source {name} ({where}) chatters: {SOURCE_CURE}"
+        return LoadChatters(f"{stopped}the source {name} ({where}) chatters: {SOURCE_CURE}")
+    trouble = _slow_or_stuck(circuit, state, outcome)
+    if circuit.jumping:
+        names = ", ".join(circuit.jumping[:3])
+        return LoadChatters(f"{stopped}{trouble}; {names} may chatter: {SOURCE_CURE}")
+    return SimulatorAborted(f"{stopped}{trouble}{circuit.suspicion}")
+
+
+def _slow_or_stuck(circuit, state, outcome):
     if outcome == CRAWLING:
-        return (
-            f"{stopped}{GETS_NOWHERE}; a current that grows without an end or jumps has this effect"
-            + circuit.suspicion
-        )
+        return f"{GETS_NOWHERE}; a current that grows without an end or jumps has this effect"
     moved = np.abs(state.change)
     name = circuit.names[int(np.argmax(np.where(np.isfinite(moved), moved, np.inf)))]
     return (
-        f"{stopped}no step is short enough for the load, the trouble is with {name}; a current "
-        "that jumps, or a node that nothing determines, has this effect: the circuit engine may "
-        "take it" + circuit.suspicion
+        f"no step is short enough for the load, the trouble is with {name}; a current that jumps, "
+        "or a node that nothing determines, has this effect: the circuit engine may take it"
     )
 
 

@@ -89,6 +89,7 @@ class Circuit(NamedTuple):
     switches, sources : (name, "file:line") of each switch, and of each behavioural source.
     suspicion : what of the load may be why a run ended early, for messages; may be empty.
     measurement : of the load, from the unknowns watched.
+    jumping : "name (file:line)" of each source whose value may jump.
     limited : "name (file:line)" of each source whose expression has no value everywhere.
     conductance, capacitance : across the output (S, F).
     """
@@ -103,6 +104,7 @@ class Circuit(NamedTuple):
     sources: tuple[tuple[str, str], ...]
     suspicion: str
     measurement: Measurement
+    jumping: tuple[str, ...]
     limited: tuple[str, ...]
     conductance: float
     capacitance: float

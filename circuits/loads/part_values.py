@@ -58,11 +58,11 @@ def suspicion(load: LoadCircuit | None) -> str:
     return f"; a value below 0 makes what it feeds grow without an end: {names}"
 
 
-def jumping_sources(load: LoadCircuit | None) -> tuple[str, ...]:
-    """Behavioural sources whose value may jump, as "name (file:line)"."""
+def jumping_sources(load: LoadCircuit) -> tuple[Element, ...]:
+    """Behavioural sources whose value may jump."""
     return tuple(
-        f"{each.name} ({each.where})"
-        for each in (load.elements if load else ())
+        each
+        for each in load.elements
         if each.expression is not None
         and any(leaf[0] in _JUMPS for leaf in leaves(each.expression))
     )

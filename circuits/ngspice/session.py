@@ -17,16 +17,22 @@ import numpy as np
 from PySpice.Spice.NgSpice.Shared import NgSpiceCommandError, NgSpiceShared, ffi
 
 from circuits import elements
-from circuits.loads.part_values import SOURCE_CURE, jumping_sources, suspicion
+from circuits.loads.part_values import SOURCE_CURE, suspicion
 from circuits.loads.places import file_of, with_places
 from circuits.ngspice import callbacks, compiled_device, messages
+from circuits.ngspice.chatter import Chattering
 from circuits.ngspice.library import code_models, find_library, no_initialisation_files
 from circuits.ngspice.solution import convert, units_of, vectors
 from harvester.compilation import numbers_of
 from harvester.device import timescales
 from harvester.engines.steps import CRAWL, GETS_NOWHERE, PATIENCE, STEPS_PER_CONTACT
 from harvester.engines.worker import as_answer, give_up
-from harvester.errors import CompiledDeviceUnavailable, SimulatorAborted, SolutionDiverged
+from harvester.errors import (
+    CompiledDeviceUnavailable,
+    LoadChatters,
+    SimulatorAborted,
+    SolutionDiverged,
+)
 from harvester.record.record import empty_record, part
 
 if TYPE_CHECKING:
@@ -37,9 +43,6 @@ if TYPE_CHECKING:
     from harvester.excitation.base import ExcitationPath
     from harvester.record.output_side import OutputMoments
 
-# Steps within one of the grid's from which a load with a source that jumps counts as chattering. A
-# converter at 1 MHz takes a tenth of it.
-SLIDING_STEPS = 1_000_000
 # A speed is held from where the contact begins, within this share of the step that resolves it.
 LANDING = 1.0 / 32.0
 
@@ -306,17 +309,14 @@ class Session(NgSpiceShared):
 
     def _watch(self, done):
         spent, reached = time.process_time(), 0.0
-        sources = jumping_sources(self.circuit_load)
-        steps, counted_from = 0, 0.0
+        chattering = Chattering(self._netlist, self.circuit_load)
         while not done.wait(1.0):
             count = int(self.state["count"][0])
             latest = float(self._times[count - 1]) if count else self._time_reached
-            if sources and latest - counted_from > self._netlist.step:
-                steps, counted_from = int(self.state["steps"][0]), latest
-            elif sources and int(self.state["steps"][0]) - steps > SLIDING_STEPS:
+            found = chattering.found(self._times[:count], self._buffer[0, :count])
+            if found and not done.is_set():
                 self._doing = f"stopped at t = {latest:g}"
-                trouble = f"{', '.join(sources[:3])} may chatter: {SOURCE_CURE}"
-                give_up(SimulatorAborted(self._said(trouble)))
+                give_up(LoadChatters(self._said(f"{found} chatters: {SOURCE_CURE}")))
             if latest - reached > CRAWL * self._netlist.step:
                 spent, reached = time.process_time(), latest
             elif not done.is_set() and time.process_time() - spent > PATIENCE:
