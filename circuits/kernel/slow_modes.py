@@ -10,6 +10,7 @@ import numpy as np
 from circuits.kernel import junction
 from circuits.kernel.assembly import collect
 from circuits.kernel.builder import tables_of
+from circuits.loads.part_values import capacitance, conductance
 from circuits.loads.tape import evaluate, slopes
 from harvester.device.terminals import GROUND
 
@@ -21,14 +22,15 @@ if TYPE_CHECKING:
 # S: what leads from every node, so that one that nothing else leads from has a place. A hundredth
 # of what ngspice has beside a junction.
 LEAK = 1e-2 * junction.LEAST_CONDUCTANCE
-# Share of the time in which that leak discharges the largest store from which a time is the leak's.
+# Share of the time in which that leak discharges a store from which a time is the leak's.
 LEAKS_SHARE = 0.1
+_ACTIVE = "swqjmb"
 # A mode takes part in a store whose voltage in it is this share of the mode's greatest: not that of
 # a DC side as a whole against ground, which stray capacitances hold.
 TAKES_PART = 0.1
 
 
-def relaxation(scene: Scene, levels: Mapping[str, float], junctions: bool = True) -> np.ndarray:
+def relaxation(scene: Scene, levels: Mapping[str, float], blocking: bool = True) -> np.ndarray:
     """How far levels lie from where they will settle, for each rate at which they still move.
 
     Parameters
@@ -37,8 +39,8 @@ def relaxation(scene: Scene, levels: Mapping[str, float], junctions: bool = True
         Whose load is a netlist.
     levels : mapping of str to float
         Mean voltages (V) and currents (A) by the load's own names.
-    junctions : bool
-        Whether a diode that hardly conducts leads anywhere.
+    blocking : bool
+        Whether what may block, diodes, open switches and expressions, leads anywhere.
 
     Returns
     -------
@@ -55,7 +57,7 @@ def relaxation(scene: Scene, levels: Mapping[str, float], junctions: bool = True
     y = np.zeros(ground + 1)
     y[places] = list(levels.values())
     y[velocity:] = 0.0
-    capacity, conductance = _network(tables_of(b, velocity), y, junctions)
+    capacity, conductance = _network(tables_of(b, velocity), y, blocking)
     nodes = np.array([not name.startswith("i(") for name in b.unknowns])
     answer = np.zeros((ground + 1, ground + 1))
     kept = slice(0, velocity)
@@ -66,17 +68,24 @@ def relaxation(scene: Scene, levels: Mapping[str, float], junctions: bool = True
 def slowest_time(scene: Scene) -> float:
     """The longest time (s) in which a load's resistors charge or discharge its stores; 0 without.
 
-    What only a diode or a switch leads to has no such time.
+    What only a diode leads to has none. Of a load with switches, transistors or expressions only
+    what lies across its output counts: they carry charge at rates of their own.
     """
     load = scene.load.circuit
+    if any(each.letter in _ACTIVE or each.expression is not None for each in load.elements):
+        siemens = conductance(load.across_output)
+        return capacitance(load.across_output) / siemens if siemens else 0.0
     levels = dict.fromkeys(load.levels, 0.0)
     if not levels:
         return 0.0
-    matrix = relaxation(scene, levels, junctions=False)
-    times = [time for each in load.stores for time in times_of(matrix, weights(each, levels))]
-    sizes = [each.size or 0.0 for each in load.elements if each.letter in "cl"]
-    longest = LEAKS_SHARE * max(sizes) / LEAK
-    return max((time for time in times if time < longest), default=0.0)
+    matrix = relaxation(scene, levels, blocking=False)
+    sizes = {each.name: each.size or 0.0 for each in load.elements if each.letter in "cl"}
+    return max(
+        time
+        for each in load.stores
+        for time in (0.0, *times_of(matrix, weights(each, levels)))
+        if time < LEAKS_SHARE * sizes[each.name] / LEAK
+    )
 
 
 def weights(store: Store, levels: Iterable[str]) -> np.ndarray:
@@ -108,7 +117,7 @@ def _solved(c, g, nodes):
     return np.linalg.lstsq(g / sizes, held / sizes, rcond=None)[0]
 
 
-def _network(tables: Tables, y: np.ndarray, junctions: bool) -> tuple[np.ndarray, np.ndarray]:
+def _network(tables: Tables, y: np.ndarray, blocking: bool) -> tuple[np.ndarray, np.ndarray]:
     """Capacitances and conductances among the unknowns and ground, about their means."""
     size = y.size
     capacity, conductance = np.zeros((size, size)), np.zeros((size, size))
@@ -118,14 +127,16 @@ def _network(tables: Tables, y: np.ndarray, junctions: bool) -> tuple[np.ndarray
     # What the velocity gives and takes is the device's.
     for matrix in (capacity, conductance):
         matrix[size - 2], matrix[:, size - 2] = 0.0, 0.0
-    if junctions:
+    if blocking:
         for ends, row in zip(tables.junctions, tables.junction_values, strict=True):
             _stamp(conductance, ends, junction.slope(row, y[ends[0]] - y[ends[1]]))
     for ends, values in zip(tables.switches, tables.switch_values, strict=True):
         control = y[ends[2]] - y[ends[3]]
         closed = control > values[3] or (control >= values[2] and ends[4] == 1)
-        _stamp(conductance, ends[:2], values[int(closed)])
-    _add_behavioural(tables, y, conductance)
+        if closed or blocking:
+            _stamp(conductance, ends[:2], values[int(closed)])
+    if blocking:
+        _add_behavioural(tables, y, conductance)
     return capacity, conductance
 
 
