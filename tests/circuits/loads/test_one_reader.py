@@ -13,7 +13,7 @@ from raw_files import ngspice_program
 from circuits.assembly import assemble
 from circuits.kernel.assembly import build
 from circuits.loads import subcircuits
-from circuits.loads.expression import leaves, parse, resolved, written
+from circuits.loads.expression import Names, leaves, parse, rebuilt, resolved, written
 from circuits.loads.scope import Scope
 from circuits.loads.subcircuits import find_netlist, read_load
 from circuits.loads.tape import Values
@@ -259,16 +259,61 @@ def random_expression(draw, depth=0):
     return f"(0.2+abs({a}))^(tanh({b}))"
 
 
+# Share of a number by which ngspice may read it otherwise: 0.5 as 0.49999999999999994.
+LAST_DIGITS = 1e-12
+
+
+class Moved(Names):
+    """x and y as numbers, their last digits and all others' changed by chance; seed 0: not."""
+
+    function = staticmethod(lambda name: None)
+
+    def __init__(self, seed):
+        self._seed = seed
+
+    def number(self, value):
+        """The same number always changes alike: x > x stays as it is."""
+        if self._seed == 0 or value.is_integer():
+            return value
+        return value * (1.0 + LAST_DIGITS * random.Random(f"{self._seed}{value!r}").uniform(-1, 1))
+
+    def name(self, name):
+        return ("number", self.number({"x": X, "y": Y}[name]))
+
+    def value(self, text):
+        """Of an expression of x and y."""
+
+        def made(here, parts):
+            if here[0] == "number":
+                return ("number", self.number(here[1]))
+            return (*here[: len(here) - len(parts)], *parts) if parts else here
+
+        return resolved(rebuilt(parse(text), made), self)[1]
+
+
+def has_a_value(text):
+    """Whether no comparison in it is met to within the last digits of its numbers.
+
+    There ngspice's own value is chance: it reads 0.5 + 0.5 as less than 1.
+    """
+    values = [Moved(seed).value(text) for seed in range(6)]
+    return np.ptp(values) <= 1e-8 * max(np.abs(values))
+
+
+X, Y = -1.7, 0.6
+
+
 def agree(tmp_path, seed, count):
     """Source, measure and what is written: each expression has plain ngspice's value."""
     draw = random.Random(seed)
-    texts = [random_expression(draw) for _ in range(count)]
-    x, y = -1.7, 0.6
-    scope = Scope(parse_tree([Card(".param x=-1.7 y=0.6", "a:1")], "a"))
+    drawn = [random_expression(draw) for _ in range(count)]
+    texts = [text for text in drawn if has_a_value(text)]
+    assert len(texts) > 0.9 * count
+    scope = Scope(parse_tree([Card(f".param x={X} y={Y}", "a:1")], "a"))
     volts = [re.sub(r"\b([xy])\b", r"v(n\1)", text) for text in texts]
     trees = [scope.tree(text) for text in volts]
-    ours = Values(trees, ["nx", "ny"])(np.zeros(1), np.array([[x], [y]]))[:, 0]
-    lines = ["deck", f"vx nx 0 {x}", f"vy ny 0 {y}", f".nodeset v(nx)={x} v(ny)={y}"]
+    ours = Values(trees, ["nx", "ny"])(np.zeros(1), np.array([[X], [Y]]))[:, 0]
+    lines = ["deck", f"vx nx 0 {X}", f"vy ny 0 {Y}", f".nodeset v(nx)={X} v(ny)={Y}"]
     lines += [f"b{k} b{k} 0 v={text}" for k, text in enumerate(volts)]
     lines += [f"bw{k} w{k} 0 v={written(tree)}" for k, tree in enumerate(trees)]
     raw = run(tmp_path, "\n".join([*lines, ".op", ".end"]) + "\n")
@@ -284,15 +329,7 @@ def test_random_expressions_have_plain_ngspices_values(tmp_path):
     agree(tmp_path, 1, 200)
 
 
-# One in some 2500 expressions has another value than plain ngspice's: comparisons of comparisons.
-DISAGREEING = {6, 12, 14, 16, 20}
-KNOWN = pytest.mark.xfail(reason="one expression of the draw disagrees", strict=True)
-
-
 @pytest.mark.exhaustive
-@pytest.mark.parametrize(
-    "seed",
-    [pytest.param(seed, marks=KNOWN if seed in DISAGREEING else ()) for seed in range(2, 22)],
-)
+@pytest.mark.parametrize("seed", range(2, 42))
 def test_more_random_expressions(tmp_path, seed):
     agree(tmp_path, seed, 500)
