@@ -125,6 +125,11 @@ class _Parser:
         tree = self.signed()
         while (level := _TIGHTNESS.get(self.peek(), -1)) >= loosest:
             sign = self.take()[1]
+            if level == loosest == _TIGHTNESS["<"]:
+                raise ExpressionError(
+                    f"== or != before {sign}: of a source's {sign} counts first, of a parameter's "
+                    "the left one: write parentheses"
+                )
             tree = _compared(sign, tree, self.binary(level + 1))
         return tree
 

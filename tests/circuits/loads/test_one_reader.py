@@ -13,7 +13,15 @@ from raw_files import ngspice_program
 from circuits.assembly import assemble
 from circuits.kernel.assembly import build
 from circuits.loads import subcircuits
-from circuits.loads.expression import Names, leaves, parse, rebuilt, resolved, written
+from circuits.loads.expression import (
+    ExpressionError,
+    Names,
+    leaves,
+    parse,
+    rebuilt,
+    resolved,
+    written,
+)
 from circuits.loads.scope import Scope
 from circuits.loads.subcircuits import find_netlist, read_load
 from circuits.loads.tape import Values
@@ -166,6 +174,8 @@ def test_what_ngspice_reads_otherwise_runs_as_it_is_meant(tmp_path, body, before
         ("B1 p n i=1u*idt(v(p))", "", "a current source into a capacitor"),
         ("B1 p n i=(v(p)>1) & (v(p)<2)", "", "write &&"),
         ("R9 p n {f(1k)}", ".func f(a,b) {a+b}", "f takes 2 arguments, not 1"),
+        ("R9 p n {x==2<y}", ".param x=1 y=3", "write parentheses"),
+        ("B1 p n i=v(p)!=2>=v(n)", "", "write parentheses"),
         ("R9 p n {1k 2}", "", "an operator is missing"),
         ("* needs: x>1 and x<3\nR9 p n 1k", ".param x=2", "write && for and"),
         ("R9 p n {1k+(2}", "", "closing parenthesis missing"),
@@ -292,10 +302,14 @@ class Moved(Names):
 
 
 def has_a_value(text):
-    """Whether no comparison in it is met to within the last digits of its numbers.
+    """Whether it is read, and no comparison in it is met to within the last digits of its numbers.
 
     There ngspice's own value is chance: it reads 0.5 + 0.5 as less than 1.
     """
+    try:
+        parse(text)
+    except ExpressionError:
+        return False
     values = [Moved(seed).value(text) for seed in range(6)]
     return np.ptp(values) <= 1e-8 * max(np.abs(values))
 
@@ -304,7 +318,7 @@ X, Y = -1.7, 0.6
 
 
 def agree(tmp_path, seed, count):
-    """Source, measure and what is written: each expression has plain ngspice's value."""
+    """Source, measure, parameter and what is written: each has plain ngspice's value."""
     draw = random.Random(seed)
     drawn = [random_expression(draw) for _ in range(count)]
     texts = [text for text in drawn if has_a_value(text)]
@@ -316,12 +330,18 @@ def agree(tmp_path, seed, count):
     lines = ["deck", f"vx nx 0 {X}", f"vy ny 0 {Y}", f".nodeset v(nx)={X} v(ny)={Y}"]
     lines += [f"b{k} b{k} 0 v={text}" for k, text in enumerate(volts)]
     lines += [f"bw{k} w{k} 0 v={written(tree)}" for k, tree in enumerate(trees)]
+    # ngspice's parameters know neither u nor uramp.
+    plain = {k: text for k, text in enumerate(texts) if not re.search(r"\bu(ramp)?\(", text)}
+    lines += [f".param x={X} y={Y}", *(f"vp{k} p{k} 0 {{{text}}}" for k, text in plain.items())]
     raw = run(tmp_path, "\n".join([*lines, ".op", ".end"]) + "\n")
     for k, text in enumerate(texts):
         found = raw[f"v(b{k})"][0], raw[f"v(w{k})"][0], ours[k]
         assert found[1:] == pytest.approx([found[0]] * 2, rel=1e-6, abs=1e-9), text
         parameters = resolved(parse(text), scope.circuit_names)
         assert parameters[1] == pytest.approx(found[0], rel=1e-6, abs=1e-9), text
+        if k in plain:
+            own = scope.value(f"{{{text}}}")
+            assert own == pytest.approx(raw[f"v(p{k})"][0], rel=1e-6, abs=1e-9), text
         assert not [each for each in leaves(parameters) if each[0] == "name"]
 
 
