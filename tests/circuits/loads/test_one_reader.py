@@ -3,12 +3,10 @@
 import random
 import re
 import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
-from raw_files import ngspice_program
+from raw_files import program_46
 
 from circuits.assembly import assemble
 from circuits.kernel.assembly import build
@@ -31,18 +29,12 @@ from harvester.errors import NetlistError
 from harvester.scene.model import Scene
 from harvester.verification.known_results.simulators import read_raw
 
-OWN_46 = Path(sys.prefix) / "ngspice-osdi" / "usr" / "bin" / "ngspice"
-
-
-def program():
-    return str(OWN_46) if OWN_46.exists() else ngspice_program()
-
 
 def run(folder, deck):
     """Variables of a deck, as `read_raw`; ngspice's own words where it makes none."""
     (folder / "deck.cir").write_text(deck)
     (folder / "deck.raw").unlink(missing_ok=True)
-    command = [program(), "-b", "-r", "deck.raw", "deck.cir"]
+    command = [program_46(), "-b", "-r", "deck.raw", "deck.cir"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=60)
     assert (folder / "deck.raw").exists(), (done.stdout + done.stderr)[-800:]
     return read_raw(folder / "deck.raw")
