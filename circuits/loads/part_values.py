@@ -63,6 +63,7 @@ def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
         "conductance changes over the whole hysteresis"
         for each in smooth
     ]
+    notes += [load.ambiguity] if load.ambiguity else []
     outputs = [each for each in load.across_output if each.letter == "r"]
     if load.has_output and not outputs and all(each.kind != OUTPUT for each in load.measures):
         notes.append(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any, NamedTuple
 
-from circuits.loads.reader import MEASURE, NEEDS
+from circuits.loads.reader import NEEDS
 
 # ngspice's flat name: letters and the calls on the way, "d.xload.xbridge.dupper"; a model's name
 # follows a colon, "xload:xbridge:ideal".
@@ -43,7 +43,7 @@ def places(cards: Any) -> Any:
             found.append(Place(owners[-1], words[1], "", card.where))
         elif words[0] == NEEDS:
             found.append(Place(owners[-1], card.text, "", card.where))
-        elif not words[0].startswith((".", MEASURE)):
+        elif not words[0].startswith((".", "*")):
             called = words[-1] if words[0].startswith("x") else ""
             found.append(Place(owners[-1], words[0], called, card.where))
     return tuple(found)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from circuits.loads import vetting
+from circuits.loads.dialects import ambiguity
 from circuits.loads.elements import Element
 from circuits.loads.expansion import Expansion
 from circuits.loads.flattening import calls, elements, outermost
@@ -25,7 +26,15 @@ from circuits.loads.part_values import charging_time, negative_parts, reading_no
 from circuits.loads.places import places
 from circuits.loads.reader import read_cards
 from circuits.loads.tree import parse, written
-from circuits.loads.vetting import check_nodes, check_value, listed, refuse, vet_element
+from circuits.loads.vetting import (
+    check_expression,
+    check_nodes,
+    check_value,
+    listed,
+    refuse,
+    rewritten,
+    vet_element,
+)
 from circuits.loads.writer import reads_alike, run_text
 from harvester.device.terminals import GROUND
 from harvester.errors import NetlistError
@@ -68,6 +77,8 @@ class LoadCircuit:
         What its file wants to have measured.
     places : tuple of circuits.loads.places.Place
         Where its elements stand in its files.
+    ambiguity : str
+        What of it another SPICE may mean otherwise; empty where nothing.
     """
 
     text: str
@@ -82,6 +93,7 @@ class LoadCircuit:
     measures: tuple = ()
     places: tuple = field(default=(), compare=False, repr=False)
     elements: tuple[Element, ...] = field(default=(), compare=False, repr=False)
+    ambiguity: str = field(default="", compare=False)
 
     @cached_property
     def is_plain(self) -> bool:
@@ -246,6 +258,7 @@ def read_load(
         measures=evaluated(measures, scope, parts),
         places=places(cards),
         elements=parts,
+        ambiguity="" if root.dialect else ambiguity(cards),
     )
     check_load(load)
     return load
@@ -331,11 +344,10 @@ def _vet(circuit):
     for name, (card, kind, pairs) in circuit.models.items():
         checked = [(k, v and check_value(card, v, scope, k)) for k, v in pairs]
         circuit.models[name] = (card, kind, checked)
-    for card in circuit.needs:
-        check_value(card, "{" + card.text + "}", scope)
-    for card, arguments, expression in circuit.functions.values():
+    circuit.needs = [_need(card, scope) for card in circuit.needs]
+    for name, (card, arguments, expression) in circuit.functions.items():
         own = scope._replace(parameters=scope.parameters.new_child(dict.fromkeys(arguments)))
-        check_value(card, "{" + expression + "}", own)
+        circuit.functions[name] = (card, arguments, check_expression(card, expression, own))
     circuit.elements = [_vetted(card, circuit, scope) for card in circuit.elements]
     names = set()
     for card, words in circuit.elements:
@@ -347,6 +359,12 @@ def _vet(circuit):
             _check_coupling(card, words, {name for name in names if name[0] == "l"})
     for inner in circuit.inner.values():
         _vet(inner)
+
+
+def _need(card, scope):
+    """A need as it is said, or in ngspice's words where that is another text."""
+    text = check_expression(card, card.text, scope)
+    return card if text == rewritten(card.text) else card._replace(text=text)
 
 
 def _check_coupling(card, words, coils):

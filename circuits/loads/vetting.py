@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple, NoReturn
 
+from circuits.loads.dialects import in_ngspices_words
 from circuits.loads.expression import ExpressionError, check
 from circuits.loads.functions import SOLUTION, VARYING
 from circuits.loads.numbers import AMPERE, INFIX, NUMBER, THOUSANDTH_OF_AN_INCH, number
@@ -66,6 +67,7 @@ class Scope(NamedTuple):
     parameters: Mapping
     functions: Mapping
     models: Mapping
+    dialect: str = ""
 
 
 def listed(names: Iterable[str]) -> str:
@@ -212,6 +214,7 @@ def check_expression(card: Card, expression: str, scope: Scope) -> str:
     """An expression without blanks in ngspice's spelling; refused unless it means something."""
     text = rewritten(joined(card, expression))
     try:
+        text = in_ngspices_words(text, scope.dialect)
         check(text, scope.parameters, scope.functions)
     except ExpressionError as fault:
         refuse(card, f"{fault} in {{{text[:50]}}}")
