@@ -70,7 +70,7 @@ _TOKEN = re.compile(
 _LEVELS = ({"||"}, {"&&"}, {"==", "!=", "<>"}, {"<", ">", "<=", ">="}, {"+", "-"}, {"*", "/", "%"})
 TIGHTNESS = {sign: level for level, signs in enumerate(_LEVELS) for sign in signs}
 _WORDS = {"||": "or", "&&": "and"}
-_BOOLEAN = {"<", "<=", "==", "and", "or", "not"}
+BOOLEAN = {"<", "<=", "==", "and", "or", "not"}
 
 
 class ExpressionError(HarvesterError):
@@ -83,7 +83,7 @@ class NotConstant(ExpressionError):
 
 def truth(condition):
     """LTspice's if() holds above 0.5; of a comparison that is the same."""
-    return condition if condition[0] in _BOOLEAN else ("<", HALF, condition)
+    return condition if condition[0] in BOOLEAN else ("<", HALF, condition)
 
 
 class Parser:
@@ -485,17 +485,25 @@ def _folded(kind, parts, names):
     return ("number", value)
 
 
+# LTspice's name of a function that only ngspice evaluates.
+_LTSPICES = {"pwl": "table"}
+# Characters of an expression: LTspice's a == b says both sides twice.
+LONGEST_WRITTEN = 100_000
 _LOOSE = {"+": 1, "-": 1, "*": 2, "/": 2}
 
 
-def written(tree: Tree, node: Callable = str, source: Callable = str) -> str:
-    """A tree as ngspice reads it back, whatever its release: every order in parentheses.
+def written(
+    tree: Tree, node: Callable = str, source: Callable = str, dialect: str = "ngspice"
+) -> str:
+    """A tree as a SPICE reads it back, whatever its release: every order in parentheses.
 
     Parameters
     ----------
     tree : tuple
     node, source : callable
         How a node and a source are spelt.
+    dialect : str
+        "ngspice" or "ltspice".
     """
 
     def made(here, parts):
@@ -510,10 +518,13 @@ def written(tree: Tree, node: Callable = str, source: Callable = str) -> str:
         if kind == "v":
             return _voltage(*here[1:], node), 9
         if kind == "call":
-            return f"{here[1]}({','.join(text for text, _ in parts)})", 9
+            name = _LTSPICES.get(here[1], here[1]) if dialect == "ltspice" else here[1]
+            return f"{name}({','.join(text for text, _ in parts)})", 9
         tightness = _LOOSE.get(kind, 0)
         said = [text for text, _ in parts]
-        form = OPERATIONS[kind].ngspice
+        form = getattr(OPERATIONS[kind], dialect)
+        if sum(map(len, said)) > LONGEST_WRITTEN:
+            raise ExpressionError("it grows too long")
         if form[0].isalpha():
             return form.format(*said), 9
         said = [

@@ -51,8 +51,9 @@ OPERATIONS: dict[str, Operation] = {
     "tanh": _named("tanh"), "max": _named("max", 2), "min": _named("min", 2),
     "if": _named("ternary_fcn", 3, "if"), "<": _infix("<"), "<=": _infix("<="),
     "==": _infix("==", _SAME), "and": _infix("&&", "(({0})&({1}))"),
-    "or": _infix("||", "(({0})|({1}))"), "not": Operation(1, "!{0}", "!{0}"), "sgn": _named("sgn"),
-    "floor": _named("floor"), "ceil": _named("ceil"), "u": _named("u"), "uramp": _named("uramp"),
+    "or": _infix("||", "(({0})|({1}))"), "not": Operation(1, "!{0}", "(1-{0})"),
+    "sgn": _named("sgn"), "floor": _named("floor"), "ceil": _named("ceil"), "u": _named("u"),
+    "uramp": _named("uramp"),
     "asinh": _named("asinh"), "asin": _named("asin"), "acos": _named("acos"),
     "acosh": _named("acosh"), "atanh": _named("atanh"), "nint": _named("nint", 1, "round"),
 }  # fmt: skip
