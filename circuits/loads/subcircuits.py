@@ -39,7 +39,7 @@ from circuits.loads.writer import reads_alike, run_text
 from harvester.device.terminals import GROUND
 from harvester.errors import NetlistError
 from harvester.files.plain_text import nearest
-from harvester.record.output_side import OUTPUT
+from harvester.record.kinds import OUTPUT
 
 # What a load's sub-circuit is connected by: the piezo's terminals, and its DC side if it has one.
 PIEZO_PINS, OUTPUT_PINS = ("p", "n"), ("out", "ref")

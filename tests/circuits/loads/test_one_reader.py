@@ -3,6 +3,7 @@
 import random
 import re
 import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -259,6 +260,16 @@ def random_expression(draw, depth=0):
     if kind == "sign":
         return f"(-({a}))"
     return f"(0.2+abs({a}))^(tanh({b}))"
+
+
+def test_reading_a_load_imports_no_compiler():
+    code = (
+        "import sys\nfrom circuits.loads.subcircuits import find_netlist, read_load\n"
+        "load = read_load(find_netlist('node_buck'))\nassert load.run_text and load.measures\n"
+        "print('numba' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
 
 
 # Share of a number by which ngspice may read it otherwise: 0.5 as 0.49999999999999994.
