@@ -23,7 +23,6 @@ from circuits.loads.measurement import evaluated
 from circuits.loads.measures import vet_measures
 from circuits.loads.numbers import number
 from circuits.loads.part_values import charging_time, negative_parts, reading_notes, sources_of
-from circuits.loads.places import places
 from circuits.loads.reader import read_cards
 from circuits.loads.tree import parse, written
 from circuits.loads.vetting import (
@@ -75,8 +74,8 @@ class LoadCircuit:
         Of a load that is one resistor between p and n, in Ω.
     measures : tuple of circuits.loads.measures.Measure
         What its file wants to have measured.
-    places : tuple of circuits.loads.places.Place
-        Where its elements stand in its files.
+    file : str
+        Name of the file that its sub-circuit stands in.
     ambiguity : str
         What of it another SPICE may mean otherwise; empty where nothing.
     """
@@ -91,7 +90,7 @@ class LoadCircuit:
     switches: bool
     resistance: float | None
     measures: tuple = ()
-    places: tuple = field(default=(), compare=False, repr=False)
+    file: str = field(default="", compare=False)
     elements: tuple[Element, ...] = field(default=(), compare=False, repr=False)
     ambiguity: str = field(default="", compare=False)
 
@@ -256,7 +255,7 @@ def read_load(
         switches=not letters <= {"r", "c", "d"},
         resistance=_single_resistance(top, parts),
         measures=evaluated(measures, scope, parts),
-        places=places(cards),
+        file=top.card.where.rpartition(":")[0],
         elements=parts,
         ambiguity="" if root.dialect else ambiguity(cards),
     )
