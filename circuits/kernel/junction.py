@@ -1,6 +1,7 @@
 """The p–n junction: Shockley's law with emission coefficient, breakdown and junction charge.
 
-i = Is (exp(v/nVt) − 1) + gmin v − Ib exp(−(v + Vb)/nVt); beyond `LARGEST_CURRENT` either
+i = Is (exp(v/nVt) − 1) + gmin v − Ib exp(−(v + Vb)/nVt), where below −3 n Vt the first term is
+−Is (1 + (3 n Vt/e v)³); beyond `LARGEST_CURRENT` either
 exponential goes on as its tangent, so that Newton's iterations stay among finite numbers. Charge:
 τ i and the depletion capacitance Cj (1 − v/Vj)^−m, from F Vj on as its tangent. Where the model
 says so, recombination adds Ir (exp(v/Nr Vt) − 1) ((1 − v/Vj)² + 0.005)^(m/2), which below −3 n Vt
@@ -35,8 +36,10 @@ LARGEST_CURRENT = 100.0
 JUNCTION_STEP = 0.2
 # Swings below which an exponential counts as 0.
 BLOCKED = -40.0
-# Swings below 0 from where on recombination stays what it is, and the least square of its width.
-RECOMBINATION_END, RECOMBINATION_FLOOR = 3.0, 0.005
+# Swings below 0 from where on a junction blocks: recombination stays what it is there.
+REVERSE = 3.0
+# Least square of recombination's width.
+RECOMBINATION_FLOOR = 0.005
 # Swings of recombination: as far as its exponential is worked out.
 MOST_SWINGS = 300.0
 
@@ -145,9 +148,16 @@ class Law:
 
         def conducting():
             excess = (v - self._value(HIGHEST)).greater(0.0)
-            rise = saturation * ((v - excess) * per_swing).greater(BLOCKED).exponential()
+            swings = (v - excess) * per_swing
+            rise = saturation * swings.greater(BLOCKED).exponential()
             slope = rise * per_swing
-            return rise - saturation + slope * excess, slope
+            through = rise - saturation + slope * excess
+            # ngspice's own law of the blocked junction, as steep where it takes over.
+            inverse = 1.0 / swings.lesser(-REVERSE)
+            share = inverse * (REVERSE / math.e)
+            back, reverse = saturation * share * share * share, swings < -REVERSE
+            through = (-saturation - back).where(reverse, through)
+            return through, (back * inverse * per_swing * 3.0).where(reverse, slope)
 
         def blocked():
             return -saturation, self._constant(0.0)
@@ -166,7 +176,7 @@ class Law:
 
     def _recombination(self, v):
         per_swing, potential = self._value(PER_RECOMBINATION_SWING), self._value(POTENTIAL)
-        end = self._value(SWING) * -RECOMBINATION_END
+        end = self._value(SWING) * -REVERSE
         held = v.greater(end)
         rise = (held * per_swing).lesser(MOST_SWINGS).exponential()
         ratio = 1.0 / potential * -held + 1.0
