@@ -28,9 +28,9 @@ _DIODE = (
 KNOWN = {
     "r": {"r", "res", "rsh", "narrow", "dw", "short", "dlr", "defw", "w", "l", *_TEMPERATURES,
           *_NOISE},
-    "c": {"c", "cap", "cj", "cjsw", "defw", "w", "defl", "l", "narrow", "short", "del",
+    "c": {"cap", "cj", "cjsw", "defw", "defl", "narrow", "short", "del",
           *_TEMPERATURES, "bv_max"},
-    "l": {"l", "ind", *_TEMPERATURES},
+    "l": {"ind", *_TEMPERATURES},
     "d": set(_DIODE.split()),
     "sw": {"vt", "vh", "ron", "roff"}, "csw": {"it", "ih", "ron", "roff"},
     "vswitch": {"von", "voff", "ron", "roff"}, "iswitch": {"ion", "ioff", "ron", "roff"},
@@ -60,6 +60,8 @@ def unknown_word(kind: str, name: str) -> str:
     """What is wrong with a name in a model of this kind; empty where nothing is."""
     if name in KNOWN.get(kind, (name,)):
         return ""
+    if (kind, name) == ("c", "c"):
+        return "ngspice takes no c of a model c: write cap="
     if kind in ("sw", "csw", "vswitch", "iswitch") and name in ELSEWHERE:
         return f"{name}: {ELSEWHERE[name]}"
     return f"ngspice knows no {name} of a model {kind}{nearest(name, KNOWN[kind])}; leave it out"
@@ -100,22 +102,22 @@ def _first_of(numbers, model, *names):
 
 def _by_model(letter, model, numbers):
     said = dict(model.numbers)
-    own = {"r": ("r", "res"), "c": ("cap", "c"), "l": ("ind", "l")}[letter]
+    own = {"r": ("r", "res"), "c": ("cap",), "l": ("ind",)}[letter]
     value = next((said[name] for name in own if name in said), None)
     if value is not None or letter == "l":
         return value
     width = numbers.get("w", said.get("w", said.get("defw", _EDGE)))
-    length = numbers.get("l", said.get("l", said.get("defl", _EDGE)))
-    narrow = said.get("narrow", said.get("dw", 0.0))
-    short = said.get("short", said.get("dlr", said.get("del", 0.0)))
     if letter == "r":
-        length, width = length - 2.0 * short, width - 2.0 * narrow
-        if "rsh" not in said or width <= 0.0:
-            return None
-        return said["rsh"] * length / width
-    if "cj" not in said:
+        length = numbers.get("l", said.get("l", _EDGE)) - 2.0 * said.get(
+            "short", said.get("dlr", 0.0)
+        )
+        width -= 2.0 * said.get("narrow", said.get("dw", 0.0))
+        return said["rsh"] * length / width if "rsh" in said and width > 0.0 else None
+    # A capacitor's model gives it no length.
+    if "cj" not in said or "l" not in numbers:
         return None
-    length, width = length - short, width - narrow
+    length = numbers["l"] - said.get("short", 2.0 * said.get("del", 0.0))
+    width -= said.get("narrow", 2.0 * said.get("del", 0.0))
     return said["cj"] * length * width + 2.0 * said.get("cjsw", 0.0) * (length + width)
 
 

@@ -388,6 +388,8 @@ def _vetted(card, circuit, scope):
         refuse(card, f"{bare[0][:40]}: {target.name[:40]} has the pins {listed(target.pins)}")
     pairs = vetting.vet_parameters(card, " ".join(word for word in words if "=" in word))
     for name in pairs:
+        if name == "m" and name not in target.parameters:
+            refuse(card, "m= on a call: ngspice 39 and 46 differ in it: write the call m times")
         if name not in target.parameters:
             refuse(
                 card,

@@ -32,7 +32,7 @@ VDMOS_FACTS = {"vds", "ron", "qg"}
 IDEAL_DIODE = {"ron", "roff", "vfwd", "vrev", "rrev", "ilimit", "revilimit", "epsilon"}
 PART_PARAMETERS = {
     "m", "ic", "temp", "dtemp", "area", "pj", "w", "ad", "as", "pd", "ps", "nrd", "nrs",
-    "tc", "tc1", "tc2", "scale", "noisy", "r", "c", "l",
+    "tc", "tc1", "tc2", "tce", "scale", "noisy", "r", "c", "l",
 }  # fmt: skip
 # Of LTspice's parts; 0 is none of those in SERIES, and LTspice writes it so.
 SERIES = {"rser", "lser"}
@@ -280,6 +280,8 @@ def _part_parameter(card, word, scope):
         refuse(card, f"{key}= is LTspice's alone: write it as an element of its own")
     if key not in PART_PARAMETERS:
         refuse(card, f"unknown {word[:40]!r}{nearest(key, PART_PARAMETERS)}")
+    # Two names of one number, of which the last counts.
+    key = "tc1" if key == "tc" else key
     return [f"{key}={check_value(card, match.group(2), scope, key)}"]
 
 
