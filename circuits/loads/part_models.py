@@ -48,6 +48,8 @@ _SAME = {
     "js": "is", "trs": "trs1", "cj0": "cjo", "cj": "cjo", "pb": "vj", "mj": "m", "ik": "ikf",
     "vb": "bv", "vrb": "bv", "ib": "ibv", "tref": "tnom",
 }  # fmt: skip
+# Ω: of less, rounding of the voltages at its ends hides the current of a harvester.
+LEAST_RESISTANCE = 1e-6
 # A: ngspice's least saturation current.
 LEAST_SATURATION = 1e-28
 # Threshold and half the hysteresis in a switch's model.
@@ -164,9 +166,11 @@ def switch(line: Any, model: Model) -> Model:
 def _resistances(line, model):
     """Ω of a switch that is open and closed."""
     off, on = model.get("roff", 1e12), model.get("ron", 1.0)
-    if min(off, on) < 1e-6:
-        line.refuse(f"ron={on:g} roff={off:g}: below 1e-06 Ω currents are lost to rounding; write "
-                    "1m, a thousandth of an ohm")  # fmt: skip
+    if min(off, on) < LEAST_RESISTANCE:
+        line.refuse(
+            f"ron={on:g} roff={off:g}: below {LEAST_RESISTANCE:g} Ω currents are lost to rounding; "
+            "write 1m, a thousandth of an ohm"
+        )
     return off, on
 
 

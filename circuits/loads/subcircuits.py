@@ -234,8 +234,7 @@ def read_load(
     values = _override(root, top, parameters or {}, path)
     _check_pins(top)
     _vet(root)
-    expansion = Expansion(root)
-    letters = expansion.content(top).letters
+    Expansion(root).content(top)
     scope = outermost(root, top.name, values)
     check_needs(scope)
     for each in calls(scope):
@@ -244,6 +243,7 @@ def read_load(
     parts = tuple(elements(scope))
     measures = vet_measures([*root.measures, *top.measures], top.scope())
     output = _across_output(top, parts, measures)
+    letters = {"b" if each.expression is not None else each.letter for each in parts}
     load = LoadCircuit(
         text="\n".join(written(root)) + "\n",
         name=top.name,

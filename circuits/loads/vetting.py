@@ -182,7 +182,7 @@ def _pairs(card, text, flags):
     for word in re.sub(r"=([^={}\s]+)\s*\(", r"=\1(", text).split():
         match = _PAIR.fullmatch(word)
         if match:
-            pairs.append((match.group(1), INFIX.sub(r"\1.\3\2", match.group(2))))
+            pairs.append((match.group(1), match.group(2)))
         elif word in flags:
             pairs.append((word, ""))
         else:
