@@ -191,7 +191,7 @@ def test_a_value_from_a_scene_is_no_spice_text(tmp_path, value):
         read_load(path, parameters={"r": value})
 
 
-@pytest.mark.parametrize("name", ["bridge", "doubler", "node_buck"])
+@pytest.mark.parametrize("name", ["bridge", "doubler", "node_buck", "sece"])
 def test_named_and_written_out_are_one_circuit(tmp_path, name):
     """An exported deck keeps names; the run of it is the run of what is written out."""
     read = read_load(find_netlist(name))

@@ -159,8 +159,8 @@ class Drawn:
                      "Bd out ref i=if(v(out,ref)>2,(v(out,ref)-2)*10u,0)"),
                     ("Bd out ref i=1u*pow(v(out,ref),2)", "Bd out ref i=1u*v(out,ref)**2"),
                     ("Bd out ref i=2u*tanh(v(out,ref))", "Bd out ref i={q*tanh(v(out,ref))}"),
-                    ("Ra out rd 1\nRd rd ref {100k*(1+v(out,ref)^2)}",
-                     "Ra out rd 1\nRd rd ref {f(v(out,ref))}"),
+                    ("Rdd out rd 1\nRd rd ref {100k*(1+v(out,ref)^2)}",
+                     "Rdd out rd 1\nRd rd ref {f(v(out,ref))}"),
                     ("Bd out ref i=max(min(v(out,ref),1),0)*3u",
                      "Bd out ref i=limit(v(out,ref),0,1)*3u"),
                 ]
