@@ -97,12 +97,8 @@ def table_row(
     row[RESISTANCE] = model["rs"] / all_of_them
     row[BREAKDOWN] = model.get("bv", math.inf)
     row[BREAKDOWN_SWING] = model.get("nbv", model["n"]) * volts
-    # At the voltage given flows the current given, of any area, less what the saturation current
-    # takes of it in ngspice's condition.
-    given = model.get("ibv", 1e-3)
-    if math.isfinite(row[BREAKDOWN]):
-        given -= saturation * row[BREAKDOWN] / volts
-    row[BREAKDOWN_CURRENT] = many * (saturation + max(given, 0.0))
+    at_breakdown = _at_breakdown(model.get("ibv", 1e-3), saturation, row, volts)
+    row[BREAKDOWN_CURRENT] = many * at_breakdown
     row[HIGHEST] = swing * max(math.log(LARGEST_CURRENT / row[SATURATION]), 1.0)
     row[LOWEST] = row[BREAKDOWN_SWING] * max(
         math.log(LARGEST_CURRENT / row[BREAKDOWN_CURRENT]), 1.0
@@ -116,6 +112,22 @@ def table_row(
     row[PER_SWING], row[PER_BREAKDOWN_SWING] = 1.0 / swing, 1.0 / row[BREAKDOWN_SWING]
     row[EDGE] = model["fc"] * row[POTENTIAL]
     return row
+
+
+def _at_breakdown(given, saturation, row, volts):
+    """What flows at the breakdown voltage (A).
+
+    The current given, of any area, less what the saturation current takes of it in ngspice's
+    condition at the voltage where that alone flows.
+    """
+    onset = row[BREAKDOWN]
+    if not math.isfinite(onset) or given < saturation * onset / volts:
+        return saturation
+    # As many times as ngspice at most.
+    for _ in range(25):
+        current = given + saturation * (1.0 - onset / volts)
+        onset = row[BREAKDOWN] - row[BREAKDOWN_SWING] * math.log(current / saturation)
+    return current
 
 
 class Law:
