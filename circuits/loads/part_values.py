@@ -57,11 +57,11 @@ def suspicion(load: LoadCircuit | None) -> str:
 
 def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
     """What the reader took for something that its writer may not have meant."""
-    smooth = [each for each in load.elements if each.letter == "b" and _own(each)[0] in "sw"]
     notes = [
         f"{each.name} ({each.where}) is read as a smooth switch of LTspice or PSpice: its "
         "conductance changes over the whole hysteresis"
-        for each in smooth
+        for each in load.elements
+        if each.is_smooth_switch
     ]
     notes += [load.ambiguity] if load.ambiguity else []
     outputs = [each for each in load.across_output if each.letter == "r"]
@@ -78,10 +78,6 @@ def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
                 "behind a number is femto and M is milli; a farad has no letter, a million is meg"
             )
     return tuple(notes)
-
-
-def _own(each):
-    return each.name.rpartition(".")[2]
 
 
 def _gives(each):

@@ -414,7 +414,11 @@ def _across_output(top, parts, measures):
         if measures:
             refuse(top.card, f"measures are of a load with the pins {' '.join(OUTPUT_PINS)}")
         return []
-    across = [each for each in parts if {*each.nodes[:2]} == {*OUTPUT_PINS} and _was_rc(each)]
+    across = [
+        each
+        for each in parts
+        if {*each.nodes[:2]} == {*OUTPUT_PINS} and each.written_letter in "rc"
+    ]
     for each in across:
         if each.value is None:
             raise NetlistError(
@@ -427,7 +431,3 @@ def _across_output(top, parts, measures):
             "nothing to harvest",
         )
     return across
-
-
-def _was_rc(each):
-    return each.name.rpartition(".")[2][0] in "rc"

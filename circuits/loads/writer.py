@@ -55,14 +55,11 @@ def reads_alike(text: str, elements: tuple[Element, ...]) -> bool:
     named = {*re.findall(r"(?<![\w.])([a-z_]\w*)=", text)}
     asked = {*re.findall(r"(?<![\w.])([a-z_]\w*)(?=[-+*/^<>?:,!&|})])", text)}
     called = {*re.findall(r"(?<![\w.])([a-z_]\w*)\(", text)}
-    smooth = any(
-        each.letter == "b" and each.name.rpartition(".")[2][0] in "sw" for each in elements
-    )
     given = re.findall(r"(?m)^\.param (\w+)=(\S+)", text)
     parameters = {name for name, value in given if not _is_ngspices(name, number(value))}
     parameters |= {*re.findall(r" (\w+)=", " ".join(re.findall(r"(?m)^\.subckt .*", text)))}
     return not (
-        smooth
+        any(each.is_smooth_switch for each in elements)
         or starts(elements)
         or called & ELSEWHERE_ALONE
         or parameters & ((FUNCTIONS - SOLUTION) | {"pi", "e"})
