@@ -17,13 +17,32 @@ if TYPE_CHECKING:
     from circuits.loads.elements import Element
     from circuits.loads.subcircuits import LoadCircuit
 
-# What a diode's model may say that takes no part at 27 °C in a transient.
-_NO_PART = {"kf", "af", "xti", "eg", "tnom", "trs1", "trs2", "tbv1", "tm1", "tm2", "tcv", "ttt1",
-            "ttt2", "cta", "ctc", "tpb", "tvj", "tlev", "tlevc", "keg", "level", "bv_max",
-            "fv_max", "id_max", "te_max", "pd_max"}  # fmt: skip
-_DIODE = {"is", "n", "rs", "bv", "ibv", "nbv", "cjo", "vj", "m", "tt", "fc"}
-# Numbers of an element that say all that counts here.
-_NUMBERS = {"d": {"area", "m", "ic"}}
+# Of a diode's model all that counts, at any temperature.
+_DIODE = {"is", "n", "rs", "bv", "ibv", "nbv", "cjo", "vj", "m", "tt", "fc", "ikf", "isr", "nr",
+          "area", "eg", "xti", "tnom", "trs1", "trs2", "tm1", "tm2", "ttt1",
+          "ttt2", "tcv", "tlev", "tlevc", "tpb", "cta"}  # fmt: skip
+# What takes no part in a transient: noise, limits that are only told, the path of its heat, of a
+# tunnel's current its temperature.
+_NO_PART = {
+    "kf",
+    "af",
+    "level",
+    "keg",
+    "xtitun",
+    "ntun",
+    "bv_max",
+    "fv_max",
+    "id_max",
+    "te_max",
+    "pd_max",
+    "rth0",
+    "cth0",
+}
+# Of its periphery, which takes no part without a length `pj`.
+_PERIPHERY = {"isw", "jsw", "ns", "cjp", "cjsw", "php", "vjsw", "mjsw", "fcs", "ikp", "ctp", "ctc",
+              "tphp", "pj"}  # fmt: skip
+# Numbers of a diode that say all that counts here.
+_NUMBERS = {"area", "m", "ic", "temp", "dtemp"}
 
 
 def add_load(b: Builder, load: LoadCircuit, network: Any, whole: bool = True) -> None:
@@ -93,16 +112,15 @@ def _coupling(b, each):
 
 def _diode(b, each):
     model = dict(each.model.numbers)
-    # Without isr its emission coefficient takes no part.
-    for name in model if model.get("isr") else {*model} - {"isr", "nr"}:
-        if name not in _DIODE | _NO_PART:
-            _refuse(each, f"{name}= of a diode's model")
-    if model.get("tnom", TEMPERATURE) != TEMPERATURE:
-        _refuse(each, "tnom= other than 27")
-    for name, _ in each.numbers:
-        if name not in _NUMBERS["d"]:
+    flat = not each.get("pj", model.get("pj", 0.0))
+    for name in {*model} - _DIODE - _NO_PART - (_PERIPHERY if flat else set()):
+        _refuse(each, f"{name}= of a diode's model")
+    for name, value in each.numbers:
+        if name not in _NUMBERS and value:
             _refuse(each, f"{name}=")
-    row = junction.table_row(model, each.get("area", 1.0), each.many)
+    celsius = each.get("temp", TEMPERATURE + each.get("dtemp"))
+    area = each.get("area", model.get("area", 1.0))
+    row = junction.table_row(model, area, each.many, celsius)
     anode, cathode = _ends(b, each)
     if row[junction.RESISTANCE] > 0.0 and (row[junction.TRANSIT] or row[junction.CAPACITANCE]):
         # The junction's charge does not pass its series resistance at once.

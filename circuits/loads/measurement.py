@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from circuits.loads.expression import CIRCUIT_ONLY, ExpressionError, Tree, leaves, renamed
-from circuits.loads.tape import Values
 from harvester.device.terminals import GROUND
 from harvester.errors import NetlistError
 from harvester.files.plain_text import nearest
-from harvester.record.output_side import LEVEL, STATE
+from harvester.record.kinds import LEVEL, STATE
 
 if TYPE_CHECKING:
     from circuits.loads.elements import Element
     from circuits.loads.measures import Measure
     from circuits.loads.scope import Scope
     from circuits.loads.subcircuits import LoadCircuit
+    from circuits.loads.tape import Values
 
 # Letters of elements whose current is an unknown of the circuit.
 _WITH_CURRENT = "vehl"
@@ -49,6 +49,9 @@ class Measurement(_Rows):
 
     @cached_property
     def _values(self) -> Values:
+        # Compiled code: reading a load does without.
+        from circuits.loads.tape import Values
+
         return Values(self.trees, self.watched)
 
     def values(self, time: np.ndarray, unknowns: np.ndarray, unit: float) -> np.ndarray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from circuits.loads.expression import leaves
-from harvester.record.output_side import OUTPUT
+from harvester.record.kinds import OUTPUT
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -70,12 +70,13 @@ def jumping_sources(load: LoadCircuit) -> tuple[Element, ...]:
 
 def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
     """What the reader took for something that its writer may not have meant."""
-    smooth = [each for each in load.elements if each.letter == "b" and _own(each)[0] in "sw"]
     notes = [
         f"{each.name} ({each.where}) is read as a smooth switch of LTspice or PSpice: its "
         "conductance changes over the whole hysteresis"
-        for each in smooth
+        for each in load.elements
+        if each.is_smooth_switch
     ]
+    notes += [load.ambiguity] if load.ambiguity else []
     outputs = [each for each in load.across_output if each.letter == "r"]
     if load.has_output and not outputs and all(each.kind != OUTPUT for each in load.measures):
         notes.append(
@@ -90,10 +91,6 @@ def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
                 "behind a number is femto and M is milli; a farad has no letter, a million is meg"
             )
     return tuple(notes)
-
-
-def _own(each):
-    return each.name.rpartition(".")[2]
 
 
 def _gives(each):

@@ -18,7 +18,7 @@ from PySpice.Spice.NgSpice.Shared import NgSpiceCommandError, NgSpiceShared, ffi
 
 from circuits import elements
 from circuits.loads.part_values import SOURCE_CURE, suspicion
-from circuits.loads.places import file_of, with_places
+from circuits.loads.places import with_places
 from circuits.ngspice import callbacks, compiled_device, messages
 from circuits.ngspice.chatter import Chattering
 from circuits.ngspice.library import code_models, find_library, no_initialisation_files
@@ -350,7 +350,7 @@ class Session(NgSpiceShared):
 
     def _announce(self, doing):
         """The last words of the process, should it crash now."""
-        load = f" with the load {file_of(self.circuit_load)}" if self.circuit_load else ""
+        load = f" with the load {self.circuit_load.file}" if self.circuit_load else ""
         print(f"ngspice {doing}{load}", file=sys.stderr, flush=True)
 
     def _command(self, command):

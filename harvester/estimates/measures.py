@@ -21,8 +21,9 @@ from harvester.estimates.batch_means import (
     standard_error,
 )
 from harvester.estimates.estimate import NO_VALUE, TOO_SHORT, Estimate
+from harvester.record.kinds import LEVEL, LOSS, OUTPUT, STATE, STORE, TAKEN
 from harvester.record.moments import QUANTITIES
-from harvester.record.output_side import LEVEL, LOSS, MEASURED, OUTPUT, STATE, STORE, TAKEN
+from harvester.record.output_side import MEASURED
 
 if TYPE_CHECKING:
     from harvester.record.moments import Moments

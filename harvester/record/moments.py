@@ -13,7 +13,8 @@ import numpy as np
 
 from harvester.compilation import compiled, merged, summing, uncounted
 from harvester.record.jumps import Jumps
-from harvester.record.output_side import STATE, OutputMoments
+from harvester.record.kinds import STATE
+from harvester.record.output_side import OutputMoments
 from harvester.record.record import Record, copy_point, part
 
 # Rows of `Moments.integrals`: time integrals of these, and the numbers of two events.
