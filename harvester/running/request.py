@@ -306,7 +306,7 @@ def _answer(request, good, ended):
     if not abs(found.residual) <= LARGEST_RESIDUAL:
         return not_balanced(found.residual), math.inf
     reached, unseen = _reached(request, scene, parameters, found.whole)
-    shape = densities(moments, is_symmetric(scene, parameters)) if request.density else {}
+    shape = densities(found.moments, is_symmetric(scene, parameters)) if request.density else {}
     shape = shape.get("displacement")
     if found.shortfalls and shape:
         shape = replace(shape, standard_error=None)
