@@ -32,8 +32,9 @@ if TYPE_CHECKING:
 FORGETTING_TIMES = 8.0
 # A drift is reported when it exceeds this share of the mean and so many of its standard errors.
 SMALLEST_DRIFT, DRIFT_IN_STANDARD_ERRORS = 2e-3, 4.5
-# Settling, in times in which the wells exchange, that leaves 5 % of the starts.
-SETTLED = 3.0
+# Settling, in times in which the wells exchange, that leaves 5 % of the starts; and the share of the
+# starts in a mean from which on a note says so.
+SETTLED, NOTED_START = 3.0, 0.01
 # With fewer jumps between the wells than the first, one more or less changes the means visibly.
 # Where fewer than the second are expected, a run without any jump is no shortfall.
 FEW_JUMPS, UNLIKELY_JUMPS = 16, 0.05
@@ -348,7 +349,7 @@ def _unknown(name, estimate):
 
 
 def slow_exchange(run: Run, balance: WellBalance | None) -> tuple[str, ...]:
-    """A note where settling is short against the time in which wells exchange.
+    """A note where settling and run are short against the time in which wells exchange.
 
     Parameters
     ----------
@@ -358,7 +359,7 @@ def slow_exchange(run: Run, balance: WellBalance | None) -> tuple[str, ...]:
     """
     if balance is None or balance.shares is None:
         return ()
-    if SETTLED * balance.exchange_time <= run.settle:
+    if left_of_start(balance.exchange_time, run.settle, run.duration) < NOTED_START:
         return ()
     return (
         f"the wells exchange within {balance.exchange_time:.3g} s, run.settle is {run.settle:g} s: "
