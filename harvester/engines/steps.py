@@ -162,8 +162,10 @@ def step_error(scene: Scene, step: str | float = "default", engine: str = "circu
     flank = left * error / max(lines.half_width(scene), error) if left > 0.0 else 0.0
     load = scene.load.circuit
     switched = engine == "circuit" and load is not None and load.switches
-    contact = CONTACT_ERROR / steps_per_contact(scene, step, engine) ** 2 if system.contacts else 0.0
-    return flank + (SWITCHED_LOAD_ERRORS if switched else LOAD_ERRORS) * error + contact
+    own = (SWITCHED_LOAD_ERRORS if switched else LOAD_ERRORS) * error
+    if system.contacts:
+        own += CONTACT_ERROR / steps_per_contact(scene, step, engine) ** 2
+    return flank + own
 
 
 def _frequency_error(scene, engine):

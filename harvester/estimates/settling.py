@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 FORGETTING_TIMES = 8.0
 # A drift is reported when it exceeds this share of the mean and so many of its standard errors.
 SMALLEST_DRIFT, DRIFT_IN_STANDARD_ERRORS = 2e-3, 4.5
-# Settling, in times in which the wells exchange, that leaves 5 % of the starts; and the share of the
-# starts in a mean from which on a note says so.
+# Settling, in times in which the wells exchange, that leaves 5 % of the starts; and how much of the
+# starts in a mean is noted.
 SETTLED, NOTED_START = 3.0, 0.01
 # With fewer jumps between the wells than the first, one more or less changes the means visibly.
 # Where fewer than the second are expected, a run without any jump is no shortfall.
