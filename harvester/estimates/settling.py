@@ -320,8 +320,8 @@ def _residence(moments, estimates, balance):
     shares = [name for name in estimates if name.startswith("share_of_time_in_well_")]
     if not shares:
         return None
-    counts = sum(each.jumps.counts.sum(axis=0) for each in moments)
-    times = sum(each.jumps.times.sum(axis=0) for each in moments)
+    counts = sum(each.jumps.counts[:-1].sum(axis=0) for each in moments)
+    times = sum(each.jumps.times[:-1].sum(axis=0) for each in moments)
     if balance is None:
         # Wells alike, or a start of one's own without jumps: other means are those of either well.
         names = tuple(shares)
