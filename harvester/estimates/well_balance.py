@@ -2,9 +2,10 @@
 
 Realizations begin in the wells in turn. Where a well is left once in a run or less, the time spent
 in each is that of the starts. The rates of jumps do not depend on the starts: the shares of time
-that they keep in balance are the stationary ones. Batches are weighted until the wells have these
-shares (a regression estimator, as surveys use: Särndal, Swensson and Wretman, Model Assisted Survey
-Sampling, 1992, chapter 6). A mean's error is that of the means within the wells and that of the
+that they keep in balance are the stationary ones. So are the numbers of jumps, each of which sets
+free or takes the energy between two wells. Batches are weighted until the wells have these shares
+and jumps (a regression estimator, as surveys use: Särndal, Swensson and Wretman, Model Assisted
+Survey Sampling, 1992, chapter 6). A mean's error is that of the means within the wells and that of the
 rates, by how much the mean depends on the well; a rate is known no better than its jumps are many.
 """
 
@@ -18,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.estimates.batch_means import complete_batches, standard_error
-from harvester.record.moments import QUANTITIES, WELLS
+from harvester.record.moments import WELLS
 
 if TYPE_CHECKING:
     from harvester.device.system import System
@@ -48,12 +49,16 @@ class WellBalance:
     exchange_time : float
         The slowest time in which the wells forget which one was begun in (s).
     weights : ndarray, shape (realizations, batches)
-        Of mean 1, with which the wells have `shares` of the time.
-    time_in_wells, innovations : ndarray, shape (realizations, batches, wells)
-        Each batch's shares of time; and how far `shares` lie off by its jumps, more or less than
-        the rates expect, were all batches like it.
-    changes : ndarray, shape (wells, wells, wells)
-        How far `shares` (last axis) change by one jump more from the first well to the second.
+        Of mean 1, with which the mean of `features` is `balanced`.
+    features : ndarray, shape (realizations, batches, wells + kinds of jumps)
+        Each batch's share of time in each well and its jumps per second, kind by kind.
+    balanced : ndarray, shape (wells + kinds of jumps,)
+        Their stationary means by the rates.
+    innovations : ndarray, as `features`
+        How far `balanced` lies off by each batch's jumps, more or less than the rates expect, were
+        all batches like it.
+    changes : ndarray, shape (wells, wells, wells + kinds of jumps)
+        How far `balanced` changes by one jump more from the first well to the second.
     """
 
     counts: np.ndarray
@@ -61,7 +66,8 @@ class WellBalance:
     shares: np.ndarray | None
     exchange_time: float
     weights: np.ndarray
-    time_in_wells: np.ndarray
+    features: np.ndarray
+    balanced: np.ndarray
     innovations: np.ndarray
     changes: np.ndarray
 
@@ -80,7 +86,7 @@ class WellBalance:
         series = np.asarray(series, dtype=float)
         if self.shares is None:
             return None
-        off = self.weights[:, :, None] * (self.time_in_wells - self.shares)
+        off = self.weights[:, :, None] * (self.features - self.balanced)
         slopes = _slopes(off, series)
         within = series - off @ slopes
         # A jump out of a well makes the next one out of it wait.
@@ -93,12 +99,13 @@ class WellBalance:
         jumps = (self.changes @ slopes) ** 2 * seen
         samples = (own**2 + jumps.sum()) ** 2
         known = own**4 / series.size + float((jumps**2 / seen).sum())
-        return error if samples >= FEWEST_JUMPS * known else None
-
+        if samples < FEWEST_JUMPS * known:
+            return None
+        return error * math.sqrt(series.size / (series.size - len(slopes)))
 
     def without_wells(self, series: np.ndarray) -> np.ndarray:
         """A series of batches, not weighted, less what the wells do to it; its mean stays."""
-        off = self.time_in_wells - self.time_in_wells.mean(axis=(0, 1))
+        off = self.features - self.features.mean(axis=(0, 1))
         return series - off @ _slopes(off, series - series.mean())
 
 
@@ -120,23 +127,25 @@ def well_balance(scene: Scene, system: System, moments: Sequence[Moments]) -> We
         np.stack([_with_settling(getattr(each.jumps, name), count) for each in moments])
         for name in ("counts", "times")
     )
-    measured = np.stack([each.jumps.times[:count] for each in moments if each.jumps])
     total, time = jumps.sum(axis=(0, 1)), times.sum(axis=(0, 1))
     if not total.any() and scene.start is not None:
         # Means within the well of a start of one's own.
         return None
+    features = _features(moments, batches, total)
     rates = total / np.maximum(time, np.finfo(float).tiny)[:, None]
     shares, exchange = _stationary(rates)
-    within = measured / batches[:, :, QUANTITIES.index("time")][:, :, None]
-    if shares is None or not measured.any(axis=(0, 1)).all():
-        none, changes = np.zeros_like(within), np.zeros((*total.shape, len(time)))
-        weights = np.ones(times.shape[:2])
-        return WellBalance(total, time, None, exchange, weights, within, none, changes)
-    changes = _changes(rates, shares) / time[:, None, None]
-    weights = _weights(within, shares)
-    expected = jumps - times[:, :, :, None] * rates
-    innovations = np.einsum("rbij,ijk->rbk", expected, changes) * expected[:, :, 0, 0].size
-    return WellBalance(total, time, shares, exchange, weights, within, innovations, changes)
+    if shares is None or not features[:, :, : len(time)].any(axis=(0, 1)).all():
+        none, changes = np.zeros_like(features), np.zeros((*total.shape, features.shape[2]))
+        weights, mean = np.ones(features.shape[:2]), features.mean(axis=(0, 1))
+        return WellBalance(total, time, None, exchange, weights, features, mean, none, changes)
+    balanced, changes = _balanced(rates, shares, total > 0.0)
+    changes /= time[:, None, None]
+    weights = _weights(features, balanced)
+    more = jumps - times[:, :, :, None] * rates
+    innovations = np.einsum("rbij,ijk->rbk", more, changes) * weights.size
+    return WellBalance(
+        total, time, shares, exchange, weights, features, balanced, innovations, changes
+    )
 
 
 def weighted(moments: Sequence[Moments], balance: WellBalance | None) -> list[Moments]:
@@ -189,6 +198,25 @@ def _stationary(rates):
     return np.maximum(shares, 0.0), exchange
 
 
+def _features(moments, batches, total):
+    """Shares of time in the wells and, for each kind of jump that was seen, jumps per second."""
+    count = batches.shape[1]
+    stays = np.stack([each.jumps.times[:count] for each in moments])
+    jumps = np.stack([each.jumps.counts[:count][:, total > 0.0] for each in moments])
+    return np.concatenate([stays, jumps], axis=2) / batches[:, :, :1]
+
+
+def _balanced(rates, shares, seen):
+    """Stationary means of `_features`, and how they change with each rate."""
+    flows = (shares[:, None] * rates)[seen]
+    of_shares = _changes(rates, shares)
+    of_flows = (of_shares[:, :, :, None] * rates)[:, :, seen]
+    places = np.argwhere(seen)
+    for place, (well, other) in enumerate(places):
+        of_flows[well, other, place] += shares[well]
+    return np.append(shares, flows), np.concatenate([of_shares, of_flows], axis=2)
+
+
 def _changes(rates, shares):
     """How shares change with the rate from the first well to the second, by the balance."""
     change = rates - np.diag(rates.sum(axis=1))
@@ -196,12 +224,12 @@ def _changes(rates, shares):
     return shares[:, None, None] * (answer[None] - answer[:, None])
 
 
-def _weights(within, shares):
-    """1 and a linear function of each batch's time in the wells, whose mean becomes `shares`."""
-    off = within - within.mean(axis=(0, 1))
+def _weights(features, balanced):
+    """1 and a linear function of each batch's features, whose weighted mean becomes `balanced`."""
+    off = features - features.mean(axis=(0, 1))
     scatter = np.einsum("rbi,rbj->ij", off, off) / off[:, :, 0].size
-    missing = shares - within.mean(axis=(0, 1))
-    return 1.0 + off @ (np.linalg.pinv(scatter, hermitian=True) @ missing)
+    missing = balanced - features.mean(axis=(0, 1))
+    return 1.0 + off @ (np.linalg.pinv(scatter, rcond=1e-10, hermitian=True) @ missing)
 
 
 def _weighted(moments, weights):
