@@ -5,8 +5,9 @@ in each is that of the starts. The rates of jumps do not depend on the starts: t
 that they keep in balance are the stationary ones. So are the numbers of jumps, each of which sets
 free or takes the energy between two wells. Batches are weighted until the wells have these shares
 and jumps (a regression estimator, as surveys use: Särndal, Swensson and Wretman, Model Assisted
-Survey Sampling, 1992, chapter 6). A mean's error is that of the means within the wells and that of the
-rates, by how much the mean depends on the well; a rate is known no better than its jumps are many.
+Survey Sampling, 1992, chapter 6). A mean's error is that of the means within the wells and that of
+the rates, by how much the mean depends on the well; a rate is known no better than its jumps are
+many.
 """
 
 from __future__ import annotations

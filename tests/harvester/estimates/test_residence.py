@@ -1,5 +1,6 @@
 """Wells that are seldom left: what of a run's means is claimed."""
 
+import itertools
 import math
 
 import numpy as np
@@ -54,7 +55,7 @@ def telegraph(scene, rates, powers, generator):
             end = time + generator.exponential(1.0 / rates[well])
             cuts = np.unique(np.clip([time, *(one.start + length * np.arange(batches)), end],
                                      time, min(end, stop)))  # fmt: skip
-            for low, high in zip(cuts[:-1], cuts[1:], strict=True):
+            for low, high in itertools.pairwise(cuts):
                 batch = int((0.5 * (low + high) - one.start) // length) if low >= one.start else -1
                 one.jumps.times[batch, well] += high - low
                 if batch >= 0:

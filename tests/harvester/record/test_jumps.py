@@ -67,7 +67,7 @@ def test_a_jump_counts_once_and_time_belongs_to_the_well_reached_last():
     jumps = jumps_along([*path, (6, 0.2, 0.0), (7, -WELL, 0.0)])
     assert jumps.counts[0].tolist() == [[0.0, 0.0], [1.0, 0.0]]
     assert not jumps.counts[1].any()
-    assert jumps.times.tolist() == [[4.0, 3.0]]
+    assert jumps.times[0].tolist() == [4.0, 3.0]
 
 
 def test_batches_and_what_lies_before_the_start():
@@ -78,7 +78,7 @@ def test_batches_and_what_lies_before_the_start():
         [[0.0, 1.0], [0.0, 0.0]],
         [[0.0, 1.0], [0.0, 0.0]],
     ]
-    assert jumps.times.tolist() == [[0.0, 1.0], [1.0, 0.0]]
+    assert jumps.times.tolist() == [[0.0, 1.0], [1.0, 0.0], [1.0, 1.0]]
 
 
 def test_three_wells_by_hand():
