@@ -164,9 +164,9 @@ def prepare() -> None:
     """Load the compiled code, so that it does not count as simulation."""
     points = np.zeros(2)
     moments = Moments.empty(0.0, 1.0, (-1.0, 1.0), (), False, 1, 1, 1.0)
-    nothing, ones = np.zeros(1), np.ones((1, 2))
+    nothing, ones = np.zeros(1), np.ones((2, 2))
     ends = (-1.0, 1.0)
-    moments.jumps = Jumps(0.0, 1.0, nothing, points, ends, points, ones, ones[:, None] * ones)
+    moments.jumps = Jumps(0.0, 1.0, nothing, points, ends, points, ones, np.ones((2, 2, 2)))
     time = np.array([0.0, 1.0])
     moments.add(Record(time, *[points] * (len(Record._fields) - 1)))
     output = OutputMoments.beside(moments, ((STATE, ""),))

@@ -9,7 +9,7 @@ import numpy as np
 from harvester.errors import HarvesterError
 from harvester.estimates.batch_means import complete_batches
 from harvester.estimates.estimate import Estimate
-from harvester.estimates.of_run import error_of, run_estimates, with_steps
+from harvester.estimates.of_run import run_estimates, with_steps
 from harvester.estimates.paired import sums
 from harvester.estimates.settling import withheld
 from harvester.record.moments import Moments
@@ -108,8 +108,8 @@ def evaluate(
     outcome = "; ".join([COMPLETE, *found.notes, *residual_notes(found.residual)])
     if isinstance(ended, HarvesterError):
         outcome = f"ended after {len(moments)} realizations: {told(ended)}"
-    series = power_series(moments, scales.power)
-    power = Estimate(float(series.mean()), error_of(scene)(series), None, "power")
+    series = power_series(found.moments, scales.power)
+    power = Estimate(float(series.mean()), found.error(series), None, "power")
     power = with_steps(scene, power, step_error)
     estimates = in_units(found.whole, scales)
     estimates[POWER] = power
