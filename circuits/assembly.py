@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from circuits import elements
 from circuits.loads import part_values
+from circuits.loads.course import Course
 from circuits.loads.expression import ExpressionError, check
 from circuits.loads.load_watch import NOTHING as UNWATCHED
 from circuits.loads.load_watch import Watch, watch_of
@@ -137,6 +138,8 @@ class Netlist:
         count (J).
     pace : float
         Of the motion's clock; the excitation is to be less by it.
+    course : circuits.loads.course.Course or None
+        What of the load moves by itself.
     """
 
     text: str
@@ -157,6 +160,7 @@ class Netlist:
     watch: Watch = UNWATCHED
     watched_energy: tuple[float, float] = (0.0, 0.0)
     pace: float = 1.0
+    course: Course | None = None
 
     @property
     def sha256(self) -> str:
@@ -291,6 +295,7 @@ def assemble(
         watch=watch_of(load, pins) if load else UNWATCHED,
         watched_energy=(capacitance, capacitance * (SMALL_VOLTAGE * scales.voltage) ** 2),
         pace=pace,
+        course=Course(load.elements) if load else None,
     )
 
 

@@ -13,6 +13,7 @@ from circuits.kernel.linear import order_of
 from circuits.kernel.memory import layout_of
 from circuits.kernel.parts import add_load
 from circuits.kernel.tables import Circuit, Probes
+from circuits.loads.course import Course
 from circuits.loads.expression import leaves
 from circuits.loads.functions import LIMITED
 from circuits.loads.measurement import measurement_of
@@ -91,6 +92,7 @@ def build(scene: Scene) -> Circuit:
         tuple(f"{each.name} ({each.where})" for each in load.elements if _is_limited(each)),
         conductance(load.across_output),
         capacitance(load.across_output),
+        Course(load.elements),
     )
 
 

@@ -89,19 +89,21 @@ def advance(
     spacing: float,
     steps_per_knot: int,
     steps_per_contact: int,
+    plan: Any,
     record: Any,
     output: np.ndarray,
 ) -> Any:
     """Fill record and output from a segment of the noise on.
 
-    The output's rows are its voltage (scaled) and the unknowns watched (V and A).
+    The output's rows are its voltage (scaled) and the unknowns watched (V and A). `plan` is that of
+    what the load does by itself, see `circuits.loads.course.Plan`.
 
     Returns the segment reached, the points written, and FINE, STUCK or CHATTER with the switch.
     """
     numbers = state.numbers
     step = spacing / steps_per_knot
     capacity = record.time.size
-    points = 0
+    points = planned = 0
     middle = np.searchsorted(edges, 0.0)
     free = (edges[middle - 1], edges[middle])
     while segment < count and points + 1 < capacity:
@@ -111,10 +113,13 @@ def advance(
         noise = block[segment] + slope * phase
         time = (first_knot + segment) * spacing + phase
         place, bend = int(numbers[ZONE]), _until_corner(tables, time, step)
-        remaining = min(end - phase, bend)
+        planned, until, allowed, jumps = _planned(plan, planned, time, step)
+        remaining = min(end - phase, bend, until)
         low, high = edges[place], edges[place + 1]
         zone = (not low < 0.0 < high, low, high, numbers[HELD_SPEED])
-        longest = _longest(device, tables, state, zone, noise, remaining, step, steps_per_contact)
+        longest = _longest(
+            device, tables, state, zone, noise, remaining, step, steps_per_contact, allowed
+        )
         h, x1, ratio, scale, entered, switch = _find_step(
             device, tables, probes, state, time, longest, remaining, step, noise, slope, zone
         )
@@ -127,7 +132,7 @@ def advance(
         if switch >= 0 and _turn(tables, state, step):
             return segment, points, CHATTER, switch
         phase += h
-        if h >= bend:
+        if h >= bend or (jumps and h >= until):
             # What follows is as new as after a switch, but nothing jumps.
             numbers[PROPOSED] = RESTART * step
         if phase >= end * (1.0 - CLOCK_ROUNDING):
@@ -159,9 +164,20 @@ def _until_corner(tables, time, step):
 
 
 @merged
-def _longest(device, tables, state, zone, noise, remaining, step, steps_per_contact):
+def _planned(plan, place, time, step):
+    """Of the load's own plan: the place, the time left to its end, the step, whether it jumps."""
+    past = time + LEAST_TO_CORNER * step + CLOCK_ROUNDING * abs(time)
+    while place < plan.ends.size and plan.ends[place] <= past:
+        place += 1
+    if place == plan.ends.size:
+        return place, np.inf, np.inf, False
+    return place, plan.ends[place] - time, plan.longest[place], plan.jumps[place] > 0.0
+
+
+@merged
+def _longest(device, tables, state, zone, noise, remaining, step, steps_per_contact, allowed):
     """Length of the next step that the last one's error, sources and a contact allow."""
-    longest = min(state.numbers[PROPOSED], step)
+    longest = min(state.numbers[PROPOSED], step, allowed)
     for k in range(tables.sources.shape[0]):
         longest = min(longest, waveform.longest_step(tables.sources[k, 1], tables.waves[k]))
     if zone[0]:

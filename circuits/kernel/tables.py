@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 if TYPE_CHECKING:
+    from circuits.loads.course import Course
     from circuits.loads.measurement import Measurement
 
 
@@ -91,6 +92,7 @@ class Circuit(NamedTuple):
     measurement : of the load, from the unknowns watched.
     limited : "name (file:line)" of each source whose expression has no value everywhere.
     conductance, capacitance : across the output (S, F).
+    course : what of the load moves by itself.
     """
 
     tables: Tables
@@ -105,3 +107,4 @@ class Circuit(NamedTuple):
     limited: tuple[str, ...]
     conductance: float
     capacitance: float
+    course: Course
