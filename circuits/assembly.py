@@ -44,6 +44,8 @@ ROUNDING_MARGIN, GREATEST_NEWTON = 10.0, 1e-4
 LOAD_TOLERANCE = 1e-5
 # ngspice's own relative tolerance.
 OWN_TOLERANCE = 1e-3
+# Charge (C) whose error counts in a load that oscillates by itself, before a third: ngspice's own.
+OWN_CHARGE = 3e-15
 # Steps. ngspice 46 never ends a shorter run: its least step, 1e-11 of the longest one, is then more
 # than what it takes for equal at the end.
 SHORTEST_RUN = 1000
@@ -264,6 +266,9 @@ def assemble(
         # No step is to follow a stray capacitance's charge or what rings on in an idle coil.
         stray = elements.STRAY_SHARE * capacitance
         charge = stray * scales.voltage
+        if load.own_motion.oscillates:
+            # What it stores may be as little.
+            charge = min(charge, OWN_CHARGE)
         options += (
             f" chgtol={elements.number(3.0 * charge)} abstol={elements.number(charge * rate)}"
         )

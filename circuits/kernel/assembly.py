@@ -65,6 +65,9 @@ def build(scene: Scene) -> Circuit:
     state = _state(b, network, ammeter)
     b.initial = [each for each in b.initial if each[3] != 0.0]
     tables = tables_of(b, velocity)
+    if load.own_motion.oscillates:
+        stray = circuit_elements.STRAY_SHARE * network.reference_capacitance
+        tables = tables._replace(own=_own(b, tables, 1.5 * stray))
     probes = Probes(
         np.array([inside, ammeter, state, *places]),
         np.array(
@@ -93,7 +96,20 @@ def build(scene: Scene) -> Circuit:
         conductance(load.across_output),
         capacitance(load.across_output),
         Course(load.elements),
+        load.own_motion,
     )
+
+
+def _own(b, tables, stray):
+    """Places of the load's unknowns that store more than a stray capacitance, and their kinds."""
+    names = [*b.unknowns]
+    stores = {
+        int(row)
+        for (row, column), size in zip(tables.entries, tables.capacity, strict=True)
+        if row == column and row < len(names) and abs(size) > stray
+    }
+    own = [(k, names[k].startswith("i(")) for k in sorted(stores) if DEVICE not in names[k]]
+    return np.array(own, dtype=np.int64).reshape(-1, 2)
 
 
 def _is_limited(each):

@@ -152,6 +152,7 @@ def tables_of(b: Builder, velocity: int) -> Tables:
         retimed=np.array([rows.index(each) for each in b.retimed], dtype=np.int64),
         nonlinear_rows=flags[0],
         nonlinear_columns=flags[1],
+        own=places([], 2),
         start=_starts(b, n),
     )
 

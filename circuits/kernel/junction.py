@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from circuits.loads.numbers import THERMAL_VOLTAGE
+
 if TYPE_CHECKING:
     from circuits.kernel.emitter import Emitter, Number
 
-# kT/q at 27 °C (V), and the conductance beside every junction (S), ngspice's own.
-THERMAL_VOLTAGE = 1.380649e-23 * 300.15 / 1.602176634e-19
+# The conductance beside every junction (S), ngspice's own.
 LEAST_CONDUCTANCE = 1e-12
 # A: where the exponential ends.
 LARGEST_CURRENT = 100.0

@@ -34,9 +34,9 @@ DIFFERENCE = 1e-6
 # Places among the numbers of a state, beside its vectors, see `circuits.kernel.stepping`.
 (
     DISPLACEMENT, HELD_SPEED, ZONE, PHASE, PROPOSED, RATES_KNOWN, LAST_STEP, ENERGY, SWITCHINGS,
-    TIME, MEAN_POWER, STRICTNESS, LINE, TIMED_FOR, PACE, CANCELLED,
-) = range(16)  # fmt: skip
-NUMBERS = CANCELLED + 1
+    TIME, MEAN_POWER, STRICTNESS, LINE, TIMED_FOR, PACE, CANCELLED, TURN_TIME,
+) = range(17)  # fmt: skip
+NUMBERS = TURN_TIME + 1
 
 
 class State(NamedTuple):
@@ -120,7 +120,7 @@ def fresh_state(circuit: Circuit) -> State:
         shares=np.zeros(k),
         numbers=np.zeros(NUMBERS),
     )
-    state.numbers[PACE] = 1.0
+    state.numbers[PACE], state.numbers[TURN_TIME] = 1.0, circuit.own_motion.turn
     return state
 
 

@@ -32,13 +32,14 @@ from circuits.kernel.stage import (
     STRICTNESS,
     SWITCHINGS,
     TIME,
+    TURN_TIME,
     ZONE,
     State,
     add_waves,
     slot_of,
     solve_stage,
 )
-from circuits.kernel.switching import missed_controls, switched, turn
+from circuits.kernel.switching import missed_controls, missed_own, switched, turn
 from circuits.kernel.tables import Probes, Tables
 from harvester.compilation import compiled, merged, uncounted
 from harvester.engines.zones import crossing, overshoots
@@ -62,6 +63,8 @@ KNOWN, UNKNOWN, TURNED = 1.0, 0.0, -1.0
 # After a switch, the first step against the usual one, and down to where it follows its error; the
 # shortest; how well its time is known.
 RESTART, LEAST_RESTART, SHORTEST, LOCATED = 2.0**-10, 2.0**-14, 2.0**-34, 1e-4
+# The same two of a switch that turns by itself, in time constants of what controls it.
+TURN_RESTART, TURN_LOCATED = 0.05, 0.01
 # Share of the step that led across within which the time is known, too.
 LOCATED_SHARE = 0.02
 # Of a step of the grid, and of the time: nearer than that a source's corner is reached.
@@ -197,6 +200,7 @@ def _find_step(device, tables, probes, state, time, longest, remaining, step, no
     numbers, last = state.numbers, state.y.size - 1
     x, v = numbers[DISPLACEMENT], state.y[last]
     h, least = _length(longest, remaining, step), SHORTEST * step
+    located = min(LOCATED * step, TURN_LOCATED * numbers[TURN_TIME])
     found, switch, entered = -1.0, -1, 0
     x1, ratio, scale = x, 0.0, 0.0
     while True:
@@ -204,7 +208,7 @@ def _find_step(device, tables, probes, state, time, longest, remaining, step, no
             h = -1.0
             break
         settled, error, carried, x1, missed = _try_step(
-            device, tables, probes, state, time, h, noise, slope, x, zone
+            device, tables, probes, state, time, h, noise, slope, x, zone, located
         )
         if not settled:
             h *= 0.25
@@ -215,8 +219,6 @@ def _find_step(device, tables, probes, state, time, longest, remaining, step, no
         if numbers[RATES_KNOWN] == TURNED:
             # Backward Euler's: of a swing, half the square of the angle that a step turns.
             error = 0.25 * carried * carried / scale if h > LEAST_RESTART * step else 0.0
-        if h < LOCATED * step:  # No turning is located better; what is left is Newton's rest.
-            missed = 0.0
         ratio = numbers[STRICTNESS] * max(error / scale / TOLERANCE**2, missed * missed)
         if ratio > 1.0 and entered == 0:
             numbers[PROPOSED] = h * max(0.1, _growth(ratio))
@@ -230,7 +232,7 @@ def _find_step(device, tables, probes, state, time, longest, remaining, step, no
                 continue
         switch, share = switched(tables, state)
         if switch >= 0 and found < 0.0:
-            found = max(min(LOCATED * step, LOCATED_SHARE * h), 4.0 * least)
+            found = max(min(located, LOCATED_SHARE * h), 4.0 * least)
         if switch >= 0 and h * (1.0 - share) > found:
             h = h * share + 0.5 * found
             entered = 0
@@ -256,7 +258,7 @@ def _turn(tables, state, step):
     numbers[SWITCHINGS] += 1.0
     turn(tables, state)
     numbers[RATES_KNOWN] = TURNED
-    numbers[PROPOSED] = RESTART * step
+    numbers[PROPOSED] = min(RESTART * step, TURN_RESTART * numbers[TURN_TIME])
     return numbers[SWITCHINGS] > MOST_SWITCHINGS
 
 
@@ -297,7 +299,7 @@ def _set_sources(tables, state, time, delta):
 
 
 @merged
-def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone):
+def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone, located):
     """A step of length h from the state.
 
     Returns whether Newton settled, its error's energy, after a switch the energy that it carries
@@ -348,7 +350,10 @@ def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone):
         call(code.conclude, memory, slot, delta, 0.0 if euler else factor, h)
         if known:
             error = call(code.error, memory, slot, 0.0, 0.0, 0.0)
-            missed = missed_controls(tables, state)
+            # No turning is located better than so; what is left is Newton's rest.
+            missed = missed_controls(tables, state) if h >= located else 0.0
+            if tables.own.shape[0] > 0:
+                missed = max(missed, missed_own(tables, state))
         elif euler:
             for i in range(n - 1):
                 carried += abs(state.stored[i] * state.change[i])

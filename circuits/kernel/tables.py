@@ -15,6 +15,7 @@ import numpy as np
 if TYPE_CHECKING:
     from circuits.loads.course import Course
     from circuits.loads.measurement import Measurement
+    from circuits.loads.own_motion import OwnMotion
 
 
 class Tables(NamedTuple):
@@ -36,6 +37,8 @@ class Tables(NamedTuple):
     retimed : (k,) entries that `circuits.kernel.retiming` changes: the mass, and the currents that
         its velocity drives.
     nonlinear_rows, nonlinear_columns : (n,) whether what is not linear stands there.
+    own : (k, 2) unknowns of a load that oscillates by itself which are known to a share of their
+        own size, and 1 for a current.
     start : (2, n) y at the beginning, and what one volt or ampere of the transducer's state adds.
     """
 
@@ -57,6 +60,7 @@ class Tables(NamedTuple):
     retimed: np.ndarray
     nonlinear_rows: np.ndarray
     nonlinear_columns: np.ndarray
+    own: np.ndarray
     start: np.ndarray
 
 
@@ -92,7 +96,8 @@ class Circuit(NamedTuple):
     measurement : of the load, from the unknowns watched.
     limited : "name (file:line)" of each source whose expression has no value everywhere.
     conductance, capacitance : across the output (S, F).
-    course : what of the load moves by itself.
+    course : what of the load moves by itself in the course of time.
+    own_motion : what it does with the device at rest.
     """
 
     tables: Tables
@@ -108,3 +113,4 @@ class Circuit(NamedTuple):
     conductance: float
     capacitance: float
     course: Course
+    own_motion: OwnMotion

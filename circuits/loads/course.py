@@ -34,8 +34,8 @@ HALVINGS = 20
 # Steps of the grid that are looked ahead at a time.
 AHEAD = 256
 # Rises of a pulse that are so much shorter than what is constant on both sides jump: their corners
-# are met, and what a straight line misses of their square is a thousandth.
-STEEP = 1.0 / 200.0
+# are met, and what a straight line misses of their square is 0.4 % of it.
+STEEP = 1.0 / 80.0
 # Steps in one of the grid's, on the mean of those looked ahead, that are too many for any run.
 MOST_STEPS = 10_000
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -31,9 +32,11 @@ class Watch(NamedTuple):
     pins : tuple of str
         Nodes at the load's pins.
     jumps : bool
-        Whether a part may change its current without notice, a source has a waveform of its own, or
-        a value is no number or not positive: steps then follow the local error, and of the unknowns
-        only the switches' are watched.
+        Whether a part may change its current without notice, a source has a waveform of its own,
+        the load oscillates by itself, or a value is no number or not positive: steps then follow
+        the local error, and of the unknowns only the switches' are watched.
+    turn : float
+        Shortest time constant of what controls a switch that turns by itself (s).
     """
 
     unknowns: tuple[str, ...] = ()
@@ -41,6 +44,7 @@ class Watch(NamedTuple):
     stores: tuple[tuple[float, bool], ...] = ()
     pins: tuple[str, ...] = ()
     jumps: bool = False
+    turn: float = math.inf
 
 
 NOTHING = Watch()
@@ -65,7 +69,7 @@ def watch_of(load: LoadCircuit, pins: Mapping[str, str]) -> Watch:
     if not load.switches:
         return Watch(jumps=jumps)
     switches = [_switch(each, pins) for each in parts if each.letter in "sw"]
-    jumps = jumps or any(map(_may_jump, parts))
+    jumps = jumps or load.own_motion.oscillates or any(map(_may_jump, parts))
     stores = [] if jumps else [_store(each, pins) for each in parts if each.letter in "cl"]
     watched = [*switches, *stores]
     return Watch(
@@ -74,6 +78,7 @@ def watch_of(load: LoadCircuit, pins: Mapping[str, str]) -> Watch:
         tuple(values for _, values in stores),
         tuple(pins.values()),
         jumps,
+        load.own_motion.turn,
     )
 
 

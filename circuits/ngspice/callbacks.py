@@ -99,6 +99,7 @@ STATE = np.dtype(
         ("memory", np.int64),  # float64 (copies, switches + 1)
         ("capacitance", np.float64),  # twice the energy over the terminal's voltage squared (F)
         ("least_energy", np.float64),  # twice that which does not count (J)
+        ("turn", np.float64),  # see `circuits.loads.load_watch.Watch` (s)
         ("pace", np.float64),  # of the motion's clock
         ("refinement", np.float64),  # of the steps against the default ones
         # Of what the load does by itself, see `circuits.loads.course.Plan`; the latter addresses.
@@ -254,6 +255,7 @@ def _load_step(state, copy, points, step, longest):
     memory_shape = (state.copies, state.switch_count + 1)
     last = (count - 1) % size
     limits = load_steps.limits_of(step, state.refinement, state.store_count == 0)
+    limits = load_steps.limits_of_turn(limits, state.turn)
     return load_steps.resolving_step(
         (points, times, state.first_watched),
         (last, (count - 2) % size, (count - 3) % size, (count - 4) % size),

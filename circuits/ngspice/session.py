@@ -252,6 +252,7 @@ class Session(NgSpiceShared):
         for name in ("switches", "stores", "memory"):
             state[name] = getattr(self, f"_{name}").ctypes.data
         state["capacitance"], state["least_energy"] = netlist.watched_energy
+        state["turn"] = watch.turn
 
     def _begin_planning(self, netlist):
         """Plan what the load does by itself, where it does anything."""
