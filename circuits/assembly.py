@@ -14,6 +14,7 @@ from circuits.loads.expression import ExpressionError, check
 from circuits.loads.load_watch import NOTHING as UNWATCHED
 from circuits.loads.load_watch import Watch, watch_of
 from circuits.loads.measurement import NOTHING, Measurement, measurement_of
+from circuits.loads.own_motion import check_turn
 from circuits.ngspice import compiled_device
 from harvester.device import timescales
 from harvester.device.system import speed_held
@@ -224,6 +225,8 @@ def assemble(
         _start(system, start, rate, electrical) for start in starts or [start_state(scene, 0)]
     ]
     load = scene.load.circuit
+    if load:
+        check_turn(load, length)
 
     def add_device(place, start):
         if scene.excitation.prescribes_displacement:

@@ -26,6 +26,7 @@ from circuits.kernel.stage import (
 from circuits.kernel.stepping import CHATTER, FINE, advance
 from circuits.kernel.tables import Circuit
 from circuits.loads.course import AHEAD, NO_PLAN
+from circuits.loads.own_motion import check_turn
 from harvester.compilation import numba
 from harvester.device import contact, system, timescales
 from harvester.engines.lines import line_frequency
@@ -36,6 +37,7 @@ from harvester.engines.steps import (
     STEP_LEVELS,
     STEPS_PER_CONTACT,
     knot_blocks,
+    knot_spacing,
     steps_per_contact,
     steps_per_knot,
     stop_time,
@@ -99,6 +101,7 @@ def run_realizations(
     s, scales = scale(scene)
     circuit = circuit_of(scene)
     fixed = steps_per_knot(scene, step, "monte-carlo")
+    check_turn(scene.load.circuit, knot_spacing(scene) / fixed)
     in_contact = steps_per_contact(scene, step, "monte-carlo")
     refinement = fixed / steps_per_knot(scene, engine="monte-carlo")
     for k, (path, start, watching) in enumerate(zip(paths, starts, observers, strict=True)):

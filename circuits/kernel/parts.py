@@ -10,6 +10,7 @@ from circuits.kernel.builder import Builder
 from circuits.loads.expression import ExpressionError, renamed
 from circuits.loads.part_models import TEMPERATURE
 from circuits.loads.potentials import Potentials, levels, with_sources
+from circuits.loads.turns import turns
 from harvester.errors import LoadError
 
 if TYPE_CHECKING:
@@ -198,6 +199,8 @@ def _finish_tape(b):
             if b.tape.rows[k][0] == 0:
                 b.inputs.append((number, k, b.tape.rows[k][1]))
                 b.mark([], [b.tape.rows[k][1]])
+    for _, tree, _, _ in b.waiting:
+        b.turns += [b.tape.add(passed, unknown_of) for passed in turns(tree)]
 
 
 _ADD = {

@@ -52,6 +52,7 @@ class State(NamedTuple):
     latest : (n + 1,) y + u of the last iteration, ground last.
     closed : (k,) int64, of the switches.
     values, shares : (k,) of the tape.
+    passing : (k,) what passes 0 where a source jumps, at the step's beginning.
     numbers : (NUMBERS,)
     """
 
@@ -85,6 +86,7 @@ class State(NamedTuple):
     closed: np.ndarray
     values: np.ndarray
     shares: np.ndarray
+    passing: np.ndarray
     numbers: np.ndarray
 
 
@@ -118,6 +120,7 @@ def fresh_state(circuit: Circuit) -> State:
         closed=tables.switches[:, 4].copy(),
         values=tables.tape_values.copy(),
         shares=np.zeros(k),
+        passing=np.zeros(len(tables.turns)),
         numbers=np.zeros(NUMBERS),
     )
     state.numbers[PACE], state.numbers[TURN_TIME] = 1.0, circuit.own_motion.turn

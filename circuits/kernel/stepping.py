@@ -39,7 +39,14 @@ from circuits.kernel.stage import (
     slot_of,
     solve_stage,
 )
-from circuits.kernel.switching import missed_controls, missed_own, switched, turn
+from circuits.kernel.switching import (
+    accept_passed,
+    missed_controls,
+    missed_own,
+    passed,
+    switched,
+    turn,
+)
 from circuits.kernel.tables import Probes, Tables
 from harvester.compilation import compiled, merged, uncounted
 from harvester.engines.zones import crossing, overshoots
@@ -71,6 +78,8 @@ LOCATED_SHARE = 0.02
 LEAST_TO_CORNER, CLOCK_ROUNDING = 1e-9, 1e-15
 # Switchings within one step of the grid that are no chatter.
 MOST_SWITCHINGS = 400
+# Jumps of sources within one step of the grid whose times are located.
+MOST_JUMPS = 20
 # Time over which the transducer's energy is averaged, in steps of the grid, and the share of one
 # scaled volt below which a voltage does not count.
 MEMORY, SMALL_VOLTAGE = 200.0, 1e-3
@@ -123,17 +132,20 @@ def advance(
         longest = _longest(
             device, tables, state, zone, noise, remaining, step, steps_per_contact, allowed
         )
-        h, x1, ratio, scale, entered, switch = _find_step(
+        h, x1, ratio, scale, entered, switch, leaps = _find_step(
             device, tables, probes, state, time, longest, remaining, step, noise, slope, zone
         )
         if h < 0.0:
             return segment, points, STUCK, 0
         before = (load_power(probes, state), stored_energy(device, probes, state))
         _accept(probes, state, h, x1, ratio, step)
+        accept_passed(tables, state)
         if entered != 0:
             _enter(state, place + entered, zone)
         if switch >= 0 and _turn(tables, state, step):
             return segment, points, CHATTER, switch
+        if leaps:
+            _restart(numbers, step)
         phase += h
         if h >= bend or (jumps and h >= until):
             # What follows is as new as after a switch, but nothing jumps.
@@ -195,13 +207,14 @@ def _find_step(device, tables, probes, state, time, longest, remaining, step, no
     """A step that is short enough for its error, the end of its zone and the switches.
 
     Returns its length (−1: none is), the new X, the square of its error against what it may be, the
-    transducer's energy that counts, by how many zones it leads and the switch that turns.
+    transducer's energy that counts, by how many zones it leads, the switch that turns and whether a
+    source jumps.
     """
     numbers, last = state.numbers, state.y.size - 1
     x, v = numbers[DISPLACEMENT], state.y[last]
     h, least = _length(longest, remaining, step), SHORTEST * step
     located = min(LOCATED * step, TURN_LOCATED * numbers[TURN_TIME])
-    found, switch, entered = -1.0, -1, 0
+    found, switch, entered, leaps = -1.0, -1, 0, False
     x1, ratio, scale = x, 0.0, 0.0
     while True:
         if h < least:
@@ -231,14 +244,22 @@ def _find_step(device, tables, probes, state, time, longest, remaining, step, no
                 h *= share
                 continue
         switch, share = switched(tables, state)
-        if switch >= 0 and found < 0.0:
+        leaps, its = passed(tables, state, time + h)
+        # A source whose jump turns it back at once is met so often only.
+        leaps = leaps and numbers[SWITCHINGS] < MOST_JUMPS
+        if (switch >= 0 or leaps) and found < 0.0:
             found = max(min(located, LOCATED_SHARE * h), 4.0 * least)
+        if leaps and its <= share and h > 2.0 * found:
+            # It is crossed by a short step: all along one the source has what it has at the end.
+            h = h * its - 0.5 * found if h * its > found else h * its + 0.5 * found
+            entered = 0
+            continue
         if switch >= 0 and h * (1.0 - share) > found:
             h = h * share + 0.5 * found
             entered = 0
             continue
         break
-    return h, x1, ratio, scale, entered, switch
+    return h, x1, ratio, scale, entered, switch, leaps
 
 
 @merged
@@ -255,11 +276,17 @@ def _enter(state, place, zone):
 def _turn(tables, state, step):
     """Turn the switches that ask for it; whether that is chatter."""
     numbers = state.numbers
-    numbers[SWITCHINGS] += 1.0
     turn(tables, state)
+    _restart(numbers, step)
+    return numbers[SWITCHINGS] > MOST_SWITCHINGS
+
+
+@merged
+def _restart(numbers, step):
+    """What follows a turn is new."""
+    numbers[SWITCHINGS] += 1.0
     numbers[RATES_KNOWN] = TURNED
     numbers[PROPOSED] = min(RESTART * step, TURN_RESTART * numbers[TURN_TIME])
-    return numbers[SWITCHINGS] > MOST_SWITCHINGS
 
 
 @merged

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from circuits.kernel.tables import Tables
+from circuits.loads.tape import evaluate
 from harvester.compilation import merged
 
 # A switch's control is known to this share of its distance from the threshold and its hysteresis.
@@ -13,7 +14,7 @@ from harvester.compilation import merged
 CONTROL_TOLERANCE = 0.001
 # What a load that oscillates by itself stores is known to this share of its greatest size, or where
 # it is less than a share of the greatest voltage or current, of that: what rounds is not followed.
-OWN_TOLERANCE, LEAST_OWN = 5e-4, 1e-4
+OWN_TOLERANCE, LEAST_OWN = 1e-4, 1e-4
 
 
 @merged
@@ -40,6 +41,26 @@ def switched(tables: Tables, state: Any) -> tuple[int, float]:
             if share < least:
                 first, least = k, share
     return first, least
+
+
+@merged
+def passed(tables: Tables, state: Any, time: float) -> tuple[bool, float]:
+    """Whether a source jumps within a step that ends at a time, and at which share of it first."""
+    least = 2.0
+    if tables.turns.size > 0:
+        evaluate(tables.tape, state.values, state.latest, time)
+    for k in range(tables.turns.size):
+        before, after = state.passing[k], state.values[tables.turns[k]]
+        if before * after < 0.0:
+            least = min(least, before / (before - after))
+    return least <= 1.0, least
+
+
+@merged
+def accept_passed(tables: Tables, state: Any) -> None:
+    """What passes 0 where a source jumps, at the end of the step that was looked at last."""
+    for k in range(tables.turns.size):
+        state.passing[k] = state.values[tables.turns[k]]
 
 
 @merged

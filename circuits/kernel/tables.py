@@ -33,7 +33,8 @@ class Tables(NamedTuple):
         above which it closes.
     tape : (k, 4) operations, `tape_values` (k,) their constants.
     behavioural : (k, 4) row it adds to, row it takes from, first operation, place of its value;
-        `inputs` (k, 3) which of them, place on the tape, unknown.
+        `inputs` (k, 3) which of them, place on the tape, unknown; `turns` (k,) places of what
+        passes 0 where one jumps.
     retimed : (k,) entries that `circuits.kernel.retiming` changes: the mass, and the currents that
         its velocity drives.
     nonlinear_rows, nonlinear_columns : (n,) whether what is not linear stands there.
@@ -57,6 +58,7 @@ class Tables(NamedTuple):
     tape_values: np.ndarray
     behavioural: np.ndarray
     inputs: np.ndarray
+    turns: np.ndarray
     retimed: np.ndarray
     nonlinear_rows: np.ndarray
     nonlinear_columns: np.ndarray

@@ -31,6 +31,9 @@ CHANGE, BEND = 0.1, 0.0025
 ROUNDING = 1e-9
 # Halvings of a step of the grid after which what still changes jumps.
 HALVINGS = 20
+# Of a step of the grid, how well an engine's clock and an expression's value are known: what jumps
+# just at an interval's end jumps in it.
+CLOCK = 1e-8
 # Steps of the grid that are looked ahead at a time.
 AHEAD = 256
 # Rises of a pulse that are so much shorter than what is constant on both sides jump: their corners
@@ -124,6 +127,7 @@ class Steps:
         kept = ~holds[_cells(edges, smooth)]
         yield smooth[0][kept], smooth[1][kept], np.zeros(np.count_nonzero(kept))
         low, high = _merged(*jumps)
+        low, high = np.maximum(low, edges[0]), np.minimum(high, edges[-1])
         yield low, high, np.ones(low.size)
         cuts = np.concatenate([edges[:-1][holds], edges[1:][holds], low, high])
         cuts = np.unique(cuts)
@@ -142,6 +146,8 @@ class Steps:
             done.append((low[fine], high[fine]))
             total += np.count_nonzero(fine)
             low, high = low[~fine], high[~fine]
+            if low.size == 0:
+                break
             if total + low.size > MOST_STEPS * count:
                 self._refuse(element, low[0])
             middle = 0.5 * (low + high)
@@ -151,7 +157,7 @@ class Steps:
     def _fine(self, low, high):
         """Which intervals need no halving, and the element that asks for the most of it."""
         fine, worst, element = np.ones(low.size, dtype=bool), -1, None
-        middle = 0.5 * (low + high)
+        middle, rounding = 0.5 * (low + high), CLOCK * self._step
         for tree, each in self._found.items():
             values = [np.mean(bounds(tree, t, t), axis=0) for t in (low, middle, high)]
             known = np.concatenate([value[np.isfinite(value)] for value in values])
@@ -159,7 +165,7 @@ class Steps:
             self._most[tree] = max(self._most[tree], known.max(initial=-math.inf))
             swing = self._most[tree] - self._least[tree]
             swing += ROUNDING * max(abs(self._most[tree]), abs(self._least[tree]))
-            least, most = bounds(tree, low, high)
+            least, most = bounds(tree, low - rounding, high + rounding)
             bent = np.abs(values[1] - 0.5 * (values[0] + values[2]))
             good = (most - least <= CHANGE * swing) & (bent <= BEND * swing)
             fine &= good

@@ -6,11 +6,14 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
-from circuits.loads.part_models import LEVELS
+from circuits.loads.bounds import of_time_alone
+from circuits.loads.part_models import hysteresis
+from circuits.loads.potentials import Potentials, with_sources
+from circuits.loads.turns import passing, turns
 from harvester.device.terminals import GROUND
 
 if TYPE_CHECKING:
-    from circuits.loads.elements import Element, Model
+    from circuits.loads.elements import Element
     from circuits.loads.subcircuits import LoadCircuit
 
 # Transistors and behavioural sources change their currents by a law of their own, at any time.
@@ -69,6 +72,7 @@ def watch_of(load: LoadCircuit, pins: Mapping[str, str]) -> Watch:
     if not load.switches:
         return Watch(jumps=jumps)
     switches = [_switch(each, pins) for each in parts if each.letter in "sw"]
+    switches += _comparisons(parts, pins)
     jumps = jumps or load.own_motion.oscillates or any(map(_may_jump, parts))
     stores = [] if jumps else [_store(each, pins) for each in parts if each.letter in "cl"]
     watched = [*switches, *stores]
@@ -80,12 +84,6 @@ def watch_of(load: LoadCircuit, pins: Mapping[str, str]) -> Watch:
         jumps,
         load.own_motion.turn,
     )
-
-
-def hysteresis(letter: str, model: Model | None) -> tuple[float, float]:
-    """Control (V, or A of a W) below which a switch opens, and that above which it closes."""
-    middle, half = (model.get(name) if model else 0.0 for name in LEVELS[letter])
-    return middle - half, middle + half
 
 
 def _may_jump(each: Element) -> bool:
@@ -101,6 +99,23 @@ def _switch(each, pins):
         ends = f"i({each.controls[0]})", GROUND
     low, high = hysteresis(each.letter, each.model)
     return ends, (high, low, "on" in each.flags)
+
+
+def _comparisons(parts, pins):
+    """The same of each comparison that makes an expression jump, as a switch."""
+    potentials = Potentials(parts)
+    found = [
+        passing(passed)
+        for each in parts
+        if each.expression is not None
+        for passed in turns(each.expression)
+        if not of_time_alone(with_sources(passed, potentials))
+    ]
+    return [
+        (tuple(pins.get(end, end) for end in each.ends), (each.level, each.level, False))
+        for each in dict.fromkeys(found)
+        if each is not None
+    ]
 
 
 def _store(each, pins):

@@ -14,13 +14,15 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from circuits.loads.expression import ExpressionError, Tree
-from circuits.loads.load_watch import hysteresis
 from circuits.loads.numbers import THERMAL_VOLTAGE
+from circuits.loads.part_models import hysteresis
 from circuits.loads.tape import Tape, evaluate, slopes
 from harvester.device.terminals import GROUND
+from harvester.errors import LoadError
 
 if TYPE_CHECKING:
     from circuits.loads.elements import Element
+    from circuits.loads.subcircuits import LoadCircuit
 
 # Conductance from every node to ground (S); the steps of Newton's iterations, the most that one
 # moves a voltage or current, and the change at which they end.
@@ -31,6 +33,9 @@ LARGEST_EXPONENT = 40.0
 GROWING, FASTEST = 1e-6, 1e13
 # Share of a control's way that a mode takes part in to count.
 TAKES_PART = 0.05
+# Of a switch's control, the least time constant in steps of the grid that a run comes down to: a
+# hundred times Monte Carlo's shortest step, and ngspice's clock is no finer.
+LEAST_TURN = 1e-8
 # Unknowns of a load beyond which it is not looked at: half a second of work.
 MOST_UNKNOWNS = 300
 
@@ -41,29 +46,63 @@ class OwnMotion(NamedTuple):
     Attributes
     ----------
     oscillates : bool
+        So, too, where no rest is found.
     turn : float
         Shortest time constant of what controls a switch that turns for ever (s); infinite without.
+    switch : str
+        That switch, as "name (file:line)".
+    unknown : str
+        Why all this is not known; empty where it is.
     """
 
     oscillates: bool = False
     turn: float = math.inf
+    switch: str = ""
+    unknown: str = ""
 
 
 AT_REST = OwnMotion()
 
 
 def own_motion(elements: tuple[Element, ...]) -> OwnMotion:
-    """What a load does with the device at rest; nothing where that cannot be told."""
+    """What a load does with the device at rest."""
     if not any(map(_may_drive, elements)):
         return AT_REST
     try:
         circuit = _Circuit(elements)
-    except ExpressionError:
-        return AT_REST
+    except ExpressionError as reason:
+        return OwnMotion(unknown=str(reason))
     if circuit.size > MOST_UNKNOWNS:
-        return AT_REST
+        return OwnMotion(unknown=f"it has more than {MOST_UNKNOWNS} nodes and currents")
     found = [_of_sources(circuit, source) for source in circuit.sources()]
-    return OwnMotion(any(each.oscillates for each in found), min(each.turn for each in found))
+    fastest = min(found, key=lambda each: each.turn)
+    return fastest._replace(oscillates=any(each.oscillates for each in found))
+
+
+def check_turn(load: LoadCircuit, step: float) -> None:
+    """Refuse switches that turn by themselves faster than a run on a grid of this step (s) follows.
+
+    Raises
+    ------
+    LoadError
+    """
+    own = load.own_motion
+    if own.turn < LEAST_TURN * step:
+        raise LoadError(
+            f"{own.switch} turns by itself, and its control follows within {own.turn:.2g} s: no "
+            f"run with steps of {step:.2g} s comes down to that; raise ron or the capacitance at "
+            "its control"
+        )
+
+
+def own_notes(load: LoadCircuit) -> tuple[str, ...]:
+    """What a reader of results must know of a load whose own motion is not known."""
+    if not load.own_motion.unknown:
+        return ()
+    return (
+        "whether the load oscillates by itself is not known "
+        f"({load.own_motion.unknown}): compare with shorter steps",
+    )
 
 
 def _may_drive(each):
@@ -76,7 +115,7 @@ def _may_drive(each):
 def _of_sources(circuit, source):
     closed = circuit.closed.copy()
     seen: list[tuple] = []
-    turns: list[tuple] = []
+    turns: list[tuple[float, str]] = []
     rest = circuit.rest(closed, source)
     while rest is not None and tuple(closed) not in seen:
         seen.append(tuple(closed))
@@ -86,11 +125,11 @@ def _of_sources(circuit, source):
         closed[wrong] = ~closed[wrong]
         before, rest = rest, circuit.rest(closed, source)
         if rest is not None:
-            turns.append((tuple(closed), circuit.time_constant(wrong, before, rest, closed)))
+            name = circuit.name(wrong)
+            turns.append((circuit.time_constant(wrong, before, rest, closed), name))
     if rest is None:
-        return AT_REST
-    first = seen.index(tuple(closed))
-    return OwnMotion(True, min(turn for _, turn in turns[first:]))
+        return OwnMotion(oscillates=True)
+    return OwnMotion(True, *min(turns[seen.index(tuple(closed)) :]))
 
 
 class _Circuit:
@@ -189,6 +228,11 @@ class _Circuit:
                 if place >= 0:
                     right[place] += sign * _value(each, which)
             yield right
+
+    def name(self, switch: int) -> str:
+        """A switch as "name (file:line)"."""
+        each = self._switches[switch][0]
+        return f"{each.name} ({each.where})"
 
     def _currents(self, y, closed, slopes_too):
         """i(y), and its slopes."""
