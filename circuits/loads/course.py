@@ -35,12 +35,12 @@ HALVINGS = 20
 # just at an interval's end jumps in it.
 CLOCK = 1e-8
 # Steps of the grid that are looked ahead at a time.
-AHEAD = 256
+AHEAD = 64
 # Rises of a pulse that are so much shorter than what is constant on both sides jump: their corners
 # are met, and what a straight line misses of their square is 0.4 % of it.
 STEEP = 1.0 / 80.0
 # Steps in one of the grid's, on the mean of those looked ahead, that are too many for any run.
-MOST_STEPS = 10_000
+MOST_STEPS = 5000
 
 
 class Plan(NamedTuple):
@@ -165,7 +165,7 @@ class Steps:
             self._most[tree] = max(self._most[tree], known.max(initial=-math.inf))
             swing = self._most[tree] - self._least[tree]
             swing += ROUNDING * max(abs(self._most[tree]), abs(self._least[tree]))
-            least, most = bounds(tree, low - rounding, high + rounding)
+            least, most = bounds(tree, np.maximum(low - rounding, 0.0), high + rounding)
             bent = np.abs(values[1] - 0.5 * (values[0] + values[2]))
             good = (most - least <= CHANGE * swing) & (bent <= BEND * swing)
             fine &= good

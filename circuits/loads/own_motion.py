@@ -24,9 +24,11 @@ if TYPE_CHECKING:
     from circuits.loads.elements import Element
     from circuits.loads.subcircuits import LoadCircuit
 
-# Conductance from every node to ground (S); the steps of Newton's iterations, the most that one
-# moves a voltage or current, and the change at which they end.
-GMIN, MOST_ITERATIONS, LONGEST_MOVE, SETTLED = 1e-12, 300, 5.0, 1e-9
+# Conductance from every node to ground (S); Newton's iterations at most, and the change of voltages
+# and currents at which they end.
+GMIN, MOST_ITERATIONS, SETTLED = 1e-12, 300, 1e-9
+# Conductance (S) that slows Newton's iterations where they fail without, and its share after each.
+SLOWED, FADING = 1e-3, 0.9
 # A diode's exponent beyond which it goes on as a straight line.
 LARGEST_EXPONENT = 40.0
 # Growth of a mode against its rate, and the rate (1/s) beyond which it is rounding.
@@ -266,19 +268,26 @@ class _Circuit:
 
     def rest(self, closed: np.ndarray, source: np.ndarray) -> np.ndarray | None:
         """Voltages and currents at which nothing moves, found from 0; None where none is found."""
+        found = self._newton(closed, source, 0.0)
+        return self._newton(closed, source, SLOWED) if found is None else found
+
+    def _newton(self, closed, source, held):
+        """Newton's iterations, slowed by a conductance (S) at each node that fades."""
         y = np.zeros(self.size)
+        nodes = np.diag([0.0 if name.startswith("i(") else 1.0 for name in [*self._places][2:]])
         for _ in range(MOST_ITERATIONS):
             current, slope = self._currents(y, closed, True)
             try:
-                change = np.linalg.solve(slope, source - current)
+                change = np.linalg.solve(slope + held * nodes, source - current)
             except np.linalg.LinAlgError:
                 return None
             if not np.isfinite(change).all():
                 return None
+            y = y + change
             largest = np.abs(change).max(initial=0.0)
-            y = y + change * (min(1.0, LONGEST_MOVE / largest) if self._diodes and largest else 1.0)
-            if largest <= SETTLED * max(1.0, np.abs(y).max(initial=0.0)):
+            if held < GMIN and largest <= SETTLED * max(1.0, np.abs(y).max(initial=0.0)):
                 return y
+            held *= FADING
         return None
 
     def wrong(self, closed: np.ndarray, y: np.ndarray) -> int:
@@ -306,12 +315,14 @@ class _Circuit:
     def time_constant(self, switch: int, before: np.ndarray, y: np.ndarray, closed: np.ndarray):
         """The shortest of those with which a switch's control goes from one rest to another (s)."""
         rates, shapes = self._modes(y, closed)
-        if rates.size == 0:
-            return math.inf
-        shares = np.linalg.lstsq(shapes, (before - y).astype(complex), rcond=None)[0]
+        shares = np.linalg.pinv(shapes) @ (before - y) if rates.size else np.zeros(0)
         known = np.vstack([shapes * shares, np.zeros(rates.size)])
         one, other = self._switches[switch][2]
         parts = np.abs(known[one] - known[other])
+        moved = np.append(before - y, 0.0)
+        if abs((known[one] - known[other]).sum()) < 0.5 * abs(moved[one] - moved[other]):
+            # The rest is too fast for its rate to be told from rounding.
+            return 0.0
         counts = parts > TAKES_PART * parts.sum()
         return float(1.0 / np.abs(rates[counts]).max(initial=0.0)) if counts.any() else math.inf
 

@@ -9,7 +9,8 @@ from circuits.loads.tape import Values
 
 EXPRESSIONS = (
     "time^3-2*time", "pow(time-3,2.5)", "pwr(time-3,3)", "abs(time-2)", "exp(3-time)",
-    "exp(90*time)", "ln(time+1)", "sqrt(time)", "sin(7*time)*cos(3*time)", "tan(time)", "atan(time-1)",
+    "exp(90*time)", "ln(time+1)", "sqrt(time)",
+    "sin(7*time)*cos(3*time)", "tan(time)", "atan(time-1)",
     "sinh(time-2)+cosh(time-2)", "tanh(9*(time-2))", "max(time,2)-min(3*time,4)",
     "time>2 ? time : 5-time", "sin(time)<=0.5 && !(cos(2*time)==0)", "time>4 || sin(time)>0.9",
     "sgn(time-2)", "u(time-1)+uramp(time-3)", "1/(time-2.5)", "time/(1.1+sin(5*time))",

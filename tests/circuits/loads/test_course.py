@@ -46,7 +46,7 @@ def test_jumps_are_where_they_are(tmp_path, source, times):
     times = np.array(times)[np.array(times) < 0.016]
     assert begins.size == times.size
     assert np.all((begins < times) & (times < ends))
-    assert np.all(ends - begins < 4e-6 * STEP)
+    assert np.all(ends - begins < 1e-5 * STEP)
 
 
 @pytest.mark.parametrize(
