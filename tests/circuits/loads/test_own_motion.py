@@ -3,8 +3,8 @@
 import pytest
 
 from circuits.loads.own_motion import check_turn
-from circuits.loads.subcircuits import load_names, read_load
 from circuits.loads.subcircuits import find_netlist as find
+from circuits.loads.subcircuits import load_names, read_load
 from harvester.errors import LoadError
 
 
