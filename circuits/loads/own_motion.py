@@ -137,12 +137,14 @@ def _of_sources(circuit, source):
 class _Circuit:
     """The equations of a load alone; ground is its pin n."""
 
-    def __init__(self, elements):
+    def __init__(self, elements: tuple[Element, ...]) -> None:
         self._places: dict[str, int] = {GROUND: -1, "n": -1}
         self._capacity: list[tuple[int, int, float]] = []
         self._conductance: list[tuple[int, int, float]] = []
         self._steady: list[tuple[int, float, Element]] = []
-        self._diodes, self._switches, self._behavioural = [], [], []
+        self._diodes: list[tuple] = []
+        self._switches: list[tuple] = []
+        self._behavioural: list[tuple] = []
         self._branches = {each.name: self._unknown(f"i({each.name})") for each in elements
                           if each.letter in "vl" or each.voltage}  # fmt: skip
         self._tape = Tape()
@@ -312,7 +314,9 @@ class _Circuit:
         rates, _ = self._modes(y, closed)
         return bool(np.any(rates.real > GROWING * np.abs(rates)))
 
-    def time_constant(self, switch: int, before: np.ndarray, y: np.ndarray, closed: np.ndarray):
+    def time_constant(
+        self, switch: int, before: np.ndarray, y: np.ndarray, closed: np.ndarray
+    ) -> float:
         """The shortest of those with which a switch's control goes from one rest to another (s)."""
         rates, shapes = self._modes(y, closed)
         shares = np.linalg.pinv(shapes) @ (before - y) if rates.size else np.zeros(0)
