@@ -13,6 +13,7 @@ from circuits.kernel.linear import order_of
 from circuits.kernel.memory import layout_of
 from circuits.kernel.parts import add_load
 from circuits.kernel.tables import Circuit, Probes
+from circuits.loads.course import Course
 from circuits.loads.expression import leaves
 from circuits.loads.functions import LIMITED
 from circuits.loads.measurement import measurement_of
@@ -93,6 +94,9 @@ def build(scene: Scene) -> Circuit:
     load = scene.load.circuit
     b, measurement, probes, velocity = collect(scene)
     tables = tables_of(b, velocity)
+    if load.own_motion.oscillates:
+        stray = circuit_elements.STRAY_SHARE * probes.energy[0]
+        tables = tables._replace(own=_own(b, tables, 1.5 * stray))
     order = order_of(tables)
     return Circuit(
         tables,
@@ -109,7 +113,21 @@ def build(scene: Scene) -> Circuit:
         tuple(f"{each.name} ({each.where})" for each in load.elements if _is_limited(each)),
         conductance(load.across_output),
         capacitance(load.across_output),
+        Course(load.elements),
+        load.own_motion,
     )
+
+
+def _own(b, tables, stray):
+    """Places of the load's unknowns that store more than a stray capacitance, and their kinds."""
+    names = [*b.unknowns]
+    stores = {
+        int(row)
+        for (row, column), size in zip(tables.entries, tables.capacity, strict=True)
+        if row == column and row < len(names) and abs(size) > stray
+    }
+    own = [(k, names[k].startswith("i(")) for k in sorted(stores) if DEVICE not in names[k]]
+    return np.array(own, dtype=np.int64).reshape(-1, 2)
 
 
 def _is_limited(each):

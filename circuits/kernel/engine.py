@@ -25,6 +25,8 @@ from circuits.kernel.stage import (
 )
 from circuits.kernel.stepping import CHATTER, FINE, SOURCE_CHATTER, advance
 from circuits.kernel.tables import Circuit
+from circuits.loads.course import AHEAD, NO_PLAN
+from circuits.loads.own_motion import check_turn
 from circuits.loads.part_values import SOURCE_CURE
 from harvester.compilation import numba
 from harvester.device import contact, system, timescales
@@ -36,6 +38,7 @@ from harvester.engines.steps import (
     STEP_LEVELS,
     STEPS_PER_CONTACT,
     knot_blocks,
+    knot_spacing,
     steps_per_contact,
     steps_per_knot,
     stop_time,
@@ -65,7 +68,7 @@ def prepare(scene: Scene) -> None:
     edges = np.array(contact.edges(s.contacts))
     advance(
         device_of(s), circuit.tables, circuit.probes, state, edges, np.zeros(2), 0, 0, 0, 1.0, 1, 1,
-        empty_record(2), np.zeros((1, 2)),
+        NO_PLAN, empty_record(2), np.zeros((1, 2)),
     )  # fmt: skip
 
 
@@ -99,6 +102,7 @@ def run_realizations(
     s, scales = scale(scene)
     circuit = circuit_of(scene)
     fixed = steps_per_knot(scene, step, "monte-carlo")
+    check_turn(scene.load.circuit, knot_spacing(scene) / fixed)
     in_contact = steps_per_contact(scene, step, "monte-carlo")
     refinement = fixed / steps_per_knot(scene, engine="monte-carlo")
     for k, (path, start, watching) in enumerate(zip(paths, starts, observers, strict=True)):
@@ -187,13 +191,18 @@ def integrate(
     state.numbers[LINE] = line
     record = empty_record(CHUNK)
     output = np.zeros((1 + len(circuit.measurement.watched), CHUNK))
-    spent, reached = time.thread_time(), 0.0
-    for done, block in knot_blocks(path, stop, CHUNK):
+    spent, reached, plan = time.thread_time(), 0.0, NO_PLAN
+    moves = circuit.course.steps(path.spacing / steps_per_knot) if circuit.course else None
+    most = max(AHEAD // steps_per_knot, 1) if moves else CHUNK
+    for done, block in knot_blocks(path, stop, most):
         segment, count = 0, block.size - 1
+        if moves:
+            plan = moves.plan(done * steps_per_knot, count * steps_per_knot)
+            spent = time.thread_time()
         while segment < count:
             segment, points, outcome, which = advance(
                 device, circuit.tables, circuit.probes, state, edges, block, segment, count, done,
-                path.spacing, steps_per_knot, steps_per_contact, record, output,
+                path.spacing, steps_per_knot, steps_per_contact, plan, record, output,
             )  # fmt: skip
             now = state.numbers[TIME]
             if now - reached > CRAWL * path.spacing / steps_per_knot:

@@ -11,6 +11,7 @@ from circuits.kernel.builder import Builder
 from circuits.loads.expression import ExpressionError, renamed
 from circuits.loads.part_models import TEMPERATURE
 from circuits.loads.potentials import Potentials, levels, with_sources
+from circuits.loads.turns import turns
 from harvester.errors import LoadError
 
 if TYPE_CHECKING:
@@ -224,6 +225,8 @@ def _finish_tape(b, whole):
             if b.tape.rows[k][0] == 0:
                 b.inputs.append((number, k, b.tape.rows[k][1]))
                 b.mark([], [b.tape.rows[k][1]])
+    for _, tree, _, _ in b.waiting:
+        b.turns += [b.tape.add(passed, unknown_of) for passed in turns(tree)]
 
 
 _ADD = {

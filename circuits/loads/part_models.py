@@ -197,3 +197,9 @@ def smooth_switch(line: Any, model: Model, control: Tree) -> Tree | None:
     x = ("min", ("max", share, ZERO), ("number", 1.0))
     cubic = ("*", ("*", x, x), ("-", ("number", 3.0), ("*", ("number", 2.0), x)))
     return ("/", ("exp", ("*", ("number", math.log(off / on)), cubic)), ("number", off))
+
+
+def hysteresis(letter: str, model: Model | None) -> tuple[float, float]:
+    """Control (V, or A of a W) below which a switch opens, and that above which it closes."""
+    middle, half = (model.get(name) if model else 0.0 for name in LEVELS[letter])
+    return middle - half, middle + half

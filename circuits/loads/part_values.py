@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from circuits.loads.expression import leaves
+from circuits.loads.own_motion import own_notes
 from harvester.record.kinds import OUTPUT
 
 if TYPE_CHECKING:
@@ -90,7 +91,7 @@ def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
                 f"{each.name} ({each.where}) across the output is {each.size:g} {unit}: in SPICE F "
                 "behind a number is femto and M is milli; a farad has no letter, a million is meg"
             )
-    return tuple(notes)
+    return (*notes, *own_notes(load))
 
 
 def _gives(each):

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 from circuits.loads.elements import Element
 from circuits.loads.expression import ONE, ZERO, Tree, leaves, rebuilt
-from circuits.loads.load_watch import hysteresis
+from circuits.loads.part_models import hysteresis
 from circuits.loads.waveform import FOREVER, Waveform
 from harvester.device.terminals import GROUND
 

@@ -22,6 +22,7 @@ from circuits.loads.load_watch import Watch, watch_of
 from circuits.loads.measurement import evaluated
 from circuits.loads.measures import vet_measures
 from circuits.loads.numbers import number
+from circuits.loads.own_motion import OwnMotion, own_motion
 from circuits.loads.part_values import negative_parts, reading_notes, sources_of
 from circuits.loads.reader import read_cards
 from circuits.loads.stores import Store, levels_of, stores_of
@@ -109,6 +110,11 @@ class LoadCircuit:
     def watch(self) -> Watch:
         """What decides the steps, its pins by their own names: `circuits.loads.load_watch`."""
         return watch_of(self, {pin: pin for pin in self.pins})
+
+    @cached_property
+    def own_motion(self) -> OwnMotion:
+        """What it does with the device at rest: `circuits.loads.own_motion`."""
+        return own_motion(self.elements)
 
     @cached_property
     def sources(self) -> tuple[str, ...]:

@@ -17,6 +17,7 @@ import numpy as np
 from PySpice.Spice.NgSpice.Shared import NgSpiceCommandError, NgSpiceShared, ffi
 
 from circuits import elements
+from circuits.loads.course import AHEAD
 from circuits.loads.part_values import SOURCE_CURE, suspicion
 from circuits.loads.places import with_places
 from circuits.ngspice import callbacks, compiled_device, messages
@@ -235,6 +236,7 @@ class Session(NgSpiceShared):
         state["rate"] = netlist.rate
         state["pace"] = netlist.pace
         self._begin_watching(netlist, copies, measured)
+        self._begin_planning(netlist)
         self._ngspice_shared.ngSpice_Init_Sync(
             ffi.NULL,
             ffi.cast("GetISRCData *", callbacks.get_noise.address),
@@ -242,7 +244,7 @@ class Session(NgSpiceShared):
             self._identity,
             ffi.cast("void *", self.state.ctypes.data),
         )
-        self._service = (self._flush, self._move_window)
+        self._service = (self._flush, self._move_window, self._plan_ahead)
 
     def _begin_watching(self, netlist, copies, first):
         """What of the load decides the steps, from that column on."""
@@ -256,6 +258,26 @@ class Session(NgSpiceShared):
         for name in ("switches", "stores", "memory"):
             state[name] = getattr(self, f"_{name}").ctypes.data
         state["capacitance"], state["least_energy"] = netlist.watched_energy
+        state["turn"] = watch.turn
+
+    def _begin_planning(self, netlist):
+        """Plan what the load does by itself, where it does anything."""
+        state, course = self.state[0], netlist.course
+        self._moves = course.steps(netlist.step) if course else None
+        self._next_planned = 0
+        state["planned_to"] = 0.0 if course else np.inf
+        state["planned_count"] = state["planned_place"] = 0
+        state["jumped"] = state["jump_width"] = 0.0
+
+    def _plan_ahead(self):
+        """The plan of the next steps of the grid."""
+        state = self.state[0]
+        self._plan = self._moves.plan(self._next_planned, AHEAD)
+        self._next_planned += AHEAD
+        state["planned_to"] = self._next_planned * self._netlist.step
+        state["planned_count"], state["planned_place"] = self._plan.ends.size, 0
+        for name, column in self._plan._asdict().items():
+            state[f"planned_{name}"] = column.ctypes.data
 
     def _serve(self, reason):
         """Called by the compiled callbacks; an error must not return into ngspice."""

@@ -17,7 +17,7 @@ import numpy as np
 from harvester.device import spring as springs
 from harvester.device import timescales
 from harvester.estimates.batch_means import FEWEST_BATCHES, complete_batches, standard_error
-from harvester.estimates.estimate import NO_VALUE
+from harvester.estimates.estimate import NO_VALUE, TOO_SHORT
 from harvester.estimates.store_settling import store_states
 from harvester.estimates.well_balance import FEWEST_JUMPS
 from harvester.record.moments import QUANTITIES

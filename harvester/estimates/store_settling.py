@@ -18,8 +18,8 @@ import numpy as np
 from harvester.engines.circuit import relaxation, times_of, weights
 from harvester.estimates.batch_means import FEWEST_BATCHES, complete_batches
 from harvester.estimates.measures import CHANGE, INTEGRAL, SQUARE, measured_series
-from harvester.record.moments import QUANTITIES
 from harvester.record.kinds import LEVEL
+from harvester.record.moments import QUANTITIES
 from harvester.scene.units import scale
 
 if TYPE_CHECKING:
