@@ -90,18 +90,19 @@ def in_ngspices_words(text: str, dialect: str) -> str:
     """
     if dialect in ("", NGSPICE):
         return text
-    own = _foreign(text)
-    return text if own == _plain(text) else written(own)
+    theirs = _theirs(text)
+    return text if theirs == _ours(text) else theirs
 
 
 @functools.lru_cache(maxsize=4096)
-def _foreign(text):
-    return _Foreign(text).whole()
+def _theirs(text):
+    return written(_Foreign(text).whole())
 
 
-def _plain(text):
+def _ours(text):
+    """Written out too: trees of a thousand terms are too deep to be compared."""
     try:
-        return parse(text)
+        return written(parse(text))
     except ExpressionError:
         return None
 
@@ -129,6 +130,6 @@ def _expressions(cards):
 
 def _differs(text):
     try:
-        return _foreign(text) != parse(text)
+        return _theirs(text) != written(parse(text))
     except ExpressionError:
         return False

@@ -522,7 +522,7 @@ def written(
             return f"{name}({','.join(text for text, _ in parts)})", 9
         tightness = _LOOSE.get(kind, 0)
         said = [text for text, _ in parts]
-        form = getattr(OPERATIONS[kind], dialect)
+        form = "{0}%{1}" if kind == "%" else getattr(OPERATIONS[kind], dialect)
         if sum(map(len, said)) > LONGEST_WRITTEN:
             raise ExpressionError("it grows too long")
         if form[0].isalpha():

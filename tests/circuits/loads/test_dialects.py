@@ -193,6 +193,15 @@ def test_a_dialects_parameters_functions_and_measures_count_too(tmp_path):
     )  # fmt: skip
 
 
+def test_long_expressions_of_a_dialect_are_read_or_refused_at_once(tmp_path):
+    """A base stands twice in what its power comes to, and a sum is as deep as it is long."""
+    assert load(tmp_path, "ltspice", "B1 p n i=1n*(" + "+".join(["v(t)"] * 3000) + ")").elements
+    assert load(tmp_path, "ltspice", "R9 p n {1k+7%2+u(0)}").elements
+    with pytest.raises(NetlistError, match="grows too long"):
+        load(tmp_path, "ltspice", "B1 p n i=v(t)" + "**3" * 4000)
+    assert load(tmp_path, "", "R9 p n 1k Rser=0\nB1 p n i=v(t)" + "**3" * 4000).elements
+
+
 def test_an_unknown_dialect_and_two_are_refused(tmp_path):
     with pytest.raises(NetlistError, match=r"one of ngspice, ltspice, pspice"):
         load(tmp_path, "hspice", "R9 p n 1k")
