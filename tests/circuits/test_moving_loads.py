@@ -60,19 +60,19 @@ def relaxation(supply, low, high):
 
 OF_TIME = {
     "a sine of time": ("B1 out ref i=1m*sin(6.283185307*5000*time)", 5e-3),
-    "narrow pulses of time": (
-        "B1 out ref i=(sin(2*pi*700*time)>0.999)?1m:0", 1e-2 * np.arccos(0.999) / np.pi
-    ),
     "pulses that turn on the grid": (
         "B1 out ref i=(sin(2*pi*50*time)>0.5&&cos(2*pi*1000*time)>0)?1m:0",
         power_of(lambda t: 10.0 * (np.sin(W * 50 * t) > 0.5) * (np.cos(W * 1000 * t) > 0.0)),
     ),
-    "a triangular pulse": ("I1 ref out pulse(0 1m 0 1m 1m 1n 50m)", 1e-2 * 2.0 / 3.0 / 50.0),
     "a source compared": (
         "Vs s ref sin(0 5 20)\nB1 ref out i=(v(s,ref)>2)?0.1m:0", 1e-4 * np.arccos(0.4) / np.pi
     ),
 }  # fmt: skip
 MORE_OF_TIME = {
+    "narrow pulses of time": (
+        "B1 out ref i=(sin(2*pi*700*time)>0.999)?1m:0", 1e-2 * np.arccos(0.999) / np.pi
+    ),
+    "a triangular pulse": ("I1 ref out pulse(0 1m 0 1m 1m 1n 50m)", 1e-2 * 2.0 / 3.0 / 50.0),
     "an amplitude modulated": (
         "B1 out ref i=1m*sin(2*pi*3000*time)*(1+0.5*sin(2*pi*50*time))", 5.625e-3
     ),
