@@ -413,9 +413,10 @@ def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone, loc
         if known:
             error = call(code.error, memory, slot, 0.0, 0.0, 0.0)
             # No turning is located better than so; what is left is Newton's rest.
-            missed = missed_controls(tables, state) if h >= located else 0.0
-            if tables.own.shape[0] > 0:
-                missed = max(missed, missed_own(tables, state))
+            if h >= located:
+                missed = missed_controls(tables, state)
+                if tables.own.shape[0] > 0:
+                    missed = max(missed, missed_own(tables, state))
         elif euler:
             for i in range(n - 1):
                 carried += abs(state.stored[i] * state.change[i])

@@ -16,7 +16,6 @@ import numpy as np
 from circuits.loads.expression import ExpressionError, Tree
 from circuits.loads.numbers import THERMAL_VOLTAGE
 from circuits.loads.part_models import hysteresis
-from circuits.loads.tape import Tape, evaluate, slopes
 from harvester.device.terminals import GROUND
 from harvester.errors import LoadError
 
@@ -147,7 +146,11 @@ class _Circuit:
         self._behavioural: list[tuple] = []
         self._branches = {each.name: self._unknown(f"i({each.name})") for each in elements
                           if each.letter in "vl" or each.voltage}  # fmt: skip
-        self._tape = Tape()
+        # Reading a load imports no compiler.
+        from circuits.loads import tape
+
+        self._compiled = tape
+        self._tape = tape.Tape()
         coils = {each.name: each.size for each in elements if each.letter == "l"}
         for each in elements:
             self._add(each, coils)
@@ -256,10 +259,10 @@ class _Circuit:
             conducts(nodes[:2], siemens * (known[nodes[0]] - known[nodes[1]]), siemens)
         for nodes, each in self._diodes:
             conducts(nodes, *_diode(each, known[nodes[0]] - known[nodes[1]]))
-        evaluate(self._rows, self._values, known, 0.0)
+        self._compiled.evaluate(self._rows, self._values, known, 0.0)
         shares = np.zeros(self._values.size)
         for ends, first, last in self._behavioural:
-            slopes(self._rows, self._values, shares, first, last)
+            self._compiled.slopes(self._rows, self._values, shares, first, last)
             for place, sign in ends:
                 if place >= 0:
                     current[place] += sign * self._values[last]

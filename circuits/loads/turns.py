@@ -11,7 +11,6 @@ import numpy as np
 
 from circuits.loads.bounds import of_time_alone
 from circuits.loads.expression import ExpressionError, Tree, leaves
-from circuits.loads.tape import Values
 from harvester.device.terminals import GROUND
 
 # Lines through the space of voltages and currents on which an expression is looked at, from and to
@@ -70,6 +69,8 @@ def _jumps(tree, passed):
     """Whether a tree's value jumps where another passes 0; so where that is met nowhere."""
     names = _unknowns(tree)
     try:
+        from circuits.loads.tape import Values
+
         values = Values([passed, tree], names)
     except ExpressionError:
         return True
@@ -100,6 +101,8 @@ def passing(passed: Tree) -> Passing | None:
     """What passes 0 as two unknowns and a level, or None where it is not so simple."""
     names = _unknowns(passed)
     try:
+        from circuits.loads.tape import Values
+
         values = Values([passed], names)
     except ExpressionError:
         return None
