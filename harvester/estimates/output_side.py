@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from circuits.loads.kinds import OUTPUT
 from harvester.estimates.batch_means import (
     FEWEST_BATCHES,
     complete_batches,
@@ -18,7 +19,7 @@ from harvester.estimates.batch_means import (
 from harvester.estimates.estimate import NOTHING_PUT_IN, Estimate, why_no_error
 from harvester.estimates.measures import INTEGRAL, SQUARE, estimate_measures, measured_series
 from harvester.record.moments import QUANTITIES as PIEZO_QUANTITIES
-from harvester.record.output_side import OUTPUT, QUANTITIES
+from harvester.record.output_side import QUANTITIES
 
 # The output counts as started once its voltage has reached this share of the final mean voltage.
 STARTED_SHARE = 0.9
@@ -54,7 +55,7 @@ def estimate_output(
         the power leaving the piezo, `end_to_end_efficiency` that of the mechanical input.
     """
     batches = complete_batches(moments)
-    if batches is None or any(m.output is None for m in moments):
+    if batches is None or not all(m.has_output for m in moments):
         return {}
     output = _output_series(moments, batches)
     time = batches[:, :, PIEZO_QUANTITIES.index("time")]

@@ -55,6 +55,34 @@ def run_compiled(*arguments: Any, **options: Any) -> dict[str, str | None]:
     return engine.run_realizations(*arguments, **options)
 
 
+def relaxation(scene: Scene, levels: dict[str, float]) -> Any:
+    """See `circuits.kernel.slow_modes.relaxation`."""
+    from circuits.kernel import slow_modes
+
+    return slow_modes.relaxation(scene, levels)
+
+
+def times_of(matrix: Any, held: Any) -> Any:
+    """See `circuits.kernel.slow_modes.times_of`."""
+    from circuits.kernel import slow_modes
+
+    return slow_modes.times_of(matrix, held)
+
+
+def weights(store: Any, levels: list[str]) -> Any:
+    """See `circuits.kernel.slow_modes.weights`."""
+    from circuits.kernel import slow_modes
+
+    return slow_modes.weights(store, levels)
+
+
+def slowest_time(scene: Scene) -> float:
+    """See `circuits.kernel.slow_modes.slowest_time`."""
+    from circuits.kernel import slow_modes
+
+    return slow_modes.slowest_time(scene)
+
+
 def device_used(scene: Scene, device: str, report: Callable) -> str:
     """What a device asked for comes to: "compiled" or "behavioural"; called in a worker."""
     from circuits.ngspice import engine

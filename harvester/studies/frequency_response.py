@@ -28,6 +28,7 @@ from harvester.results.result import SI_UNITS
 from harvester.running import RunnerOptions, Task, open_runner
 from harvester.scene.model import Scene
 from harvester.scene.units import Scales, scale
+from harvester.simulation import circuit
 from harvester.simulation.methods import ENGINES
 from harvester.simulation.realization import Waveform, start_state
 from harvester.simulation.simulate import check_name, check_step
@@ -347,7 +348,7 @@ def _stepped(scene, frequencies):
     slowest = 2.0 * timescales.relaxation_time(parameters)
     slowest = max(slowest, 1.0 / decay) if decay > 0.0 else slowest
     if scene.load.circuit:
-        slowest = max(slowest, scene.load.circuit.charging_time)
+        slowest = max(slowest, circuit.slowest_time(scene))
     motion = 2.0 * math.pi / timescales.fastest_angular_frequency(parameters) / KNOTS_PER_PERIOD
     spacing = min(Sine(1.0, frequencies.max()).spacing(motion), motion)
     dwell = slowest * math.log(1.0 / SETTLED_SHARE) + MEASURED_PERIODS / frequencies.min()

@@ -2,7 +2,7 @@
 
 import pytest
 
-from harvester.record.output_side import LOSS, OUTPUT, STORE
+from circuits.loads.kinds import LOSS, OUTPUT, STORE
 from harvester.scene.model import Scene
 from harvester.simulation.simulate import simulate
 
