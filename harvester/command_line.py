@@ -32,7 +32,7 @@ from harvester.commands import (
 )
 from harvester.commands.options import complain
 from harvester.commands.quiet import quiet
-from harvester.errors import EngineNotFound, HarvesterError, SimulationError
+from harvester.errors import EngineNotFound, HarvesterError, LoadChatters, SimulationError
 from harvester.files.plain_text import nearest, one_line
 from harvester.files.streams import guarded_streams
 from harvester.version import __version__
@@ -149,7 +149,7 @@ def _command(options):
     except SimulationError as error:
         complain(f"{type(error).__name__}: {error}")
         _keep_partial(options, error)
-        return 1
+        return 2 if isinstance(error, LoadChatters) else 1
 
 
 class Parser(argparse.ArgumentParser):

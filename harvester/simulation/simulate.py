@@ -305,7 +305,7 @@ def _result(scene, engine, step, source, realizations, failures, outcome="comple
     last = max(realization.ended for realization in realizations)
     cost = step_error(ready, step, engine)
     found = run_estimates(scene, moments, cost)
-    shapes = densities(moments, is_symmetric(scene, parameters))
+    shapes = densities(found.moments, is_symmetric(scene, parameters))
     joints = [realization.joint for realization in realizations if realization.joint is not None]
     joint = joint_density_of(joints, is_symmetric(scene, parameters)) if joints else None
     if found.shortfalls:
