@@ -144,7 +144,7 @@ class Steps:
         for _ in range(HALVINGS):
             fine, element = self._fine(low, high)
             done.append((low[fine], high[fine]))
-            total += np.count_nonzero(fine)
+            total += int(np.count_nonzero(fine))
             low, high = low[~fine], high[~fine]
             if low.size == 0:
                 break
@@ -170,7 +170,7 @@ class Steps:
             good = (most - least <= CHANGE * swing) & (bent <= BEND * swing)
             fine &= good
             if np.count_nonzero(~good) > worst:
-                worst, element = np.count_nonzero(~good), each
+                worst, element = int(np.count_nonzero(~good)), each
         return fine, element
 
     def _refuse(self, each, time):

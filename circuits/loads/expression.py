@@ -412,10 +412,13 @@ class _Within(Names):
 
     def __init__(self, given, outer, functions):
         self.parameters_only = outer.parameters_only
-        self._given, self._outer, self.function = given, outer, functions
+        self._given, self._outer, self._functions = given, outer, functions
 
     def name(self, name):
         return self._given[name] if name in self._given else self._outer.name(name)
+
+    def function(self, name):
+        return self._functions(name)
 
 
 def resolved(tree: Tree, names: Names) -> Tree:
@@ -516,7 +519,8 @@ def written(
         if kind == "i":
             return f"i({source(here[1])})", 9
         if kind == "v":
-            return _voltage(*here[1:], node), 9
+            _, plus, minus = here
+            return _voltage(plus, minus, node), 9
         if kind == "call":
             name = _LTSPICES.get(here[1], here[1]) if dialect == "ltspice" else here[1]
             return f"{name}({','.join(text for text, _ in parts)})", 9

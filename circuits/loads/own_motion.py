@@ -194,8 +194,8 @@ class _Circuit:
         elif each.letter == "l":
             self._capacity.append((row, row, -each.size))
         elif each.letter in "vi":
-            ends = ((row, 1.0),) if row >= 0 else ((nodes[0], -1.0), (nodes[1], 1.0))
-            self._steady += [(place, sign, each) for place, sign in ends]
+            given = [(row, 1.0)] if row >= 0 else [(nodes[0], -1.0), (nodes[1], 1.0)]
+            self._steady += [(place, sign, each) for place, sign in given]
         elif each.letter == "d":
             self._diodes.append((nodes, each))
         elif each.letter in "sw":
@@ -243,7 +243,7 @@ class _Circuit:
 
     def _currents(self, y, closed, slopes_too):
         """i(y), and its slopes."""
-        current, slope = self._g @ y, self._g.copy() if slopes_too else None
+        current, slope = self._g @ y, self._g.copy()
         known = np.append(y, 0.0)
 
         def conducts(nodes, amperes, siemens):
@@ -269,7 +269,7 @@ class _Circuit:
                     for k in range(first, last + 1):
                         if slopes_too and self._rows[k, 0] == 0:
                             slope[place, self._rows[k, 1]] += sign * shares[k]
-        return current, slope
+        return current, slope if slopes_too else None
 
     def rest(self, closed: np.ndarray, source: np.ndarray) -> np.ndarray | None:
         """Voltages and currents at which nothing moves, found from 0; None where none is found."""

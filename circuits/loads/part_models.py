@@ -108,7 +108,7 @@ def _by_model(letter, model, numbers):
     value = next((said[name] for name in own if name in said), None)
     if value is not None or letter == "l":
         return value
-    width = numbers.get("w", said.get("w", said.get("defw", _EDGE)))
+    width: float = numbers.get("w", said.get("w", said.get("defw", _EDGE)))
     if letter == "r":
         length = numbers.get("l", said.get("l", _EDGE)) - 2.0 * said.get(
             "short", said.get("dlr", 0.0)

@@ -273,8 +273,8 @@ def _is_model(word, scope):
 
 def _part_parameter(card, word, scope):
     match = _PAIR.fullmatch(word)
-    key = match.group(1) if match else ""
-    if key in FACTS or (key in SERIES and number(match.group(2)) == 0.0):
+    key, value = match.groups() if match else ("", "")
+    if key in FACTS or (key in SERIES and number(value) == 0.0):
         return []
     if key in PARASITICS:
         refuse(card, f"{key}= is LTspice's alone: write it as an element of its own")
@@ -282,7 +282,7 @@ def _part_parameter(card, word, scope):
         refuse(card, f"unknown {word[:40]!r}{nearest(key, PART_PARAMETERS)}")
     # Two names of one number, of which the last counts.
     key = "tc1" if key == "tc" else key
-    return [f"{key}={check_value(card, match.group(2), scope, key)}"]
+    return [f"{key}={check_value(card, value, scope, key)}"]
 
 
 def _coupling(card, rest, scope):

@@ -273,6 +273,7 @@ class Session(NgSpiceShared):
     def _plan_ahead(self):
         """The plan of the next steps of the grid."""
         state = self.state[0]
+        assert self._moves is not None
         self._plan = self._moves.plan(self._next_planned, AHEAD)
         self._next_planned += AHEAD
         state["planned_to"] = self._next_planned * self._netlist.step
