@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from circuits.loads.elements import Element
     from circuits.loads.subcircuits import LoadCircuit
 
-# Conductance from every node to ground (S); Newton's iterations at most, and the change of voltages
-# and currents at which they end.
+# Conductance from every node to ground (S); Newton's iterations at most, and the share of the
+# currents at a node, or of the voltages around, whose sum ends them.
 GMIN, MOST_ITERATIONS, SETTLED = 1e-12, 300, 1e-9
 # Conductance (S) that slows Newton's iterations where they fail without, and its share after each.
 SLOWED, FADING = 1e-3, 0.9
@@ -48,7 +48,6 @@ class OwnMotion(NamedTuple):
     Attributes
     ----------
     oscillates : bool
-        So, too, where no rest is found.
     turn : float
         Shortest time constant of what controls a switch that turns for ever (s); infinite without.
     switch : str
@@ -78,7 +77,9 @@ def own_motion(elements: tuple[Element, ...]) -> OwnMotion:
         return OwnMotion(unknown=f"it has more than {MOST_UNKNOWNS} nodes and currents")
     found = [_of_sources(circuit, source) for source in circuit.sources()]
     fastest = min(found, key=lambda each: each.turn)
-    return fastest._replace(oscillates=any(each.oscillates for each in found))
+    oscillates = any(each.oscillates for each in found)
+    unknown = next((each.unknown for each in found if each.unknown), "")
+    return OwnMotion(oscillates, fastest.turn, fastest.switch, "" if oscillates else unknown)
 
 
 def check_turn(load: LoadCircuit, step: float) -> None:
@@ -130,7 +131,7 @@ def _of_sources(circuit, source):
             name = circuit.name(wrong)
             turns.append((circuit.time_constant(wrong, before, rest, closed), name))
     if rest is None:
-        return OwnMotion(oscillates=True)
+        return OwnMotion(unknown="no rest of it is found")
     return OwnMotion(True, *min(turns[seen.index(tuple(closed)) :]))
 
 
@@ -279,16 +280,15 @@ class _Circuit:
         nodes = np.diag([0.0 if name.startswith("i(") else 1.0 for name in [*self._places][2:]])
         for _ in range(MOST_ITERATIONS):
             current, slope = self._currents(y, closed, True)
+            left, sizes = source - current, np.abs(slope) @ np.abs(y) + np.abs(source)
+            if held < GMIN and np.all(np.abs(left) <= SETTLED * sizes):
+                return y
             try:
-                change = np.linalg.solve(slope + held * nodes, source - current)
+                y = y + np.linalg.solve(slope + held * nodes, left)
             except np.linalg.LinAlgError:
                 return None
-            if not np.isfinite(change).all():
+            if not np.isfinite(y).all():
                 return None
-            y = y + change
-            largest = np.abs(change).max(initial=0.0)
-            if held < GMIN and largest <= SETTLED * max(1.0, np.abs(y).max(initial=0.0)):
-                return y
             held *= FADING
         return None
 
