@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from circuits.loads.elements import Element
     from circuits.loads.subcircuits import LoadCircuit
 
-# Conductance from every node to ground (S); Newton's iterations at most, and the change of voltages
-# and currents at which they end.
+# Conductance from every node to ground (S); Newton's iterations at most, and the share of the
+# currents at a node, or of the voltages around, whose sum ends them.
 GMIN, MOST_ITERATIONS, SETTLED = 1e-12, 300, 1e-9
 # Conductance (S) that slows Newton's iterations where they fail without, and its share after each.
 SLOWED, FADING = 1e-3, 0.9
@@ -47,7 +47,6 @@ class OwnMotion(NamedTuple):
     Attributes
     ----------
     oscillates : bool
-        So, too, where no rest is found.
     turn : float
         Shortest time constant of what controls a switch that turns for ever (s); infinite without.
     switch : str
@@ -77,7 +76,9 @@ def own_motion(elements: tuple[Element, ...]) -> OwnMotion:
         return OwnMotion(unknown=f"it has more than {MOST_UNKNOWNS} nodes and currents")
     found = [_of_sources(circuit, source) for source in circuit.sources()]
     fastest = min(found, key=lambda each: each.turn)
-    return fastest._replace(oscillates=any(each.oscillates for each in found))
+    oscillates = any(each.oscillates for each in found)
+    unknown = next((each.unknown for each in found if each.unknown), "")
+    return OwnMotion(oscillates, fastest.turn, fastest.switch, "" if oscillates else unknown)
 
 
 def check_turn(load: LoadCircuit, step: float) -> None:
@@ -129,7 +130,7 @@ def _of_sources(circuit, source):
             name = circuit.name(wrong)
             turns.append((circuit.time_constant(wrong, before, rest, closed), name))
     if rest is None:
-        return OwnMotion(oscillates=True)
+        return OwnMotion(unknown="no rest of it is found")
     return OwnMotion(True, *min(turns[seen.index(tuple(closed)) :]))
 
 
@@ -138,7 +139,8 @@ class _Circuit:
 
     def __init__(self, elements: tuple[Element, ...]) -> None:
         self._places: dict[str, int] = {GROUND: -1, "n": -1}
-        self._capacity: list[tuple[int, int, float]] = []
+        self._stores: dict[str, tuple[int, int, float]] = {}
+        self._mutual: list[tuple[str, str, float]] = []
         self._conductance: list[tuple[int, int, float]] = []
         self._steady: list[tuple[int, float, Element]] = []
         self._diodes: list[tuple] = []
@@ -158,7 +160,7 @@ class _Circuit:
         self.closed = np.array(["on" in each.flags for each, *_ in self._switches], dtype=bool)
         self._rows = np.array(self._tape.rows, dtype=np.int64).reshape(-1, 4)
         self._values = np.array(self._tape.values, dtype=float)
-        self._c = self._matrix(self._capacity)
+        self._ends, self._sizes = self._storage()
         self._g = self._matrix(self._conductance) + np.diag(
             [0.0 if name.startswith("i(") else GMIN for name in [*self._places][2:]]
         )
@@ -170,6 +172,21 @@ class _Circuit:
                 matrix[row, column] += value
         return matrix
 
+    def _storage(self):
+        """Where each capacitor and coil stands, one a column, and their sizes with the mutual ones.
+
+        Modes are those of what stores: as many as there are, and none of rounding.
+        """
+        names = [*self._stores]
+        ends, sizes = np.zeros((self.size + 1, len(names))), np.zeros((len(names),) * 2)
+        for k, (a, z, size) in enumerate(self._stores.values()):
+            ends[a, k] += 1.0
+            ends[z, k] -= 1.0
+            sizes[k, k] = size
+        for one, other, size in self._mutual:
+            sizes[names.index(one), names.index(other)] += size
+        return ends[:-1], sizes
+
     def _unknown(self, name):
         return self._places.setdefault(name, len(self._places) - 2)
 
@@ -177,8 +194,7 @@ class _Circuit:
         if each.letter == "k":
             one, other = each.controls
             mutual = each.value * math.sqrt(coils[one] * coils[other])
-            places = self._branches[one], self._branches[other]
-            self._capacity += [(*places, -mutual), (*places[::-1], -mutual)]
+            self._mutual += [(one, other, -mutual), (other, one, -mutual)]
             return
         nodes = [self._unknown(node) for node in each.nodes]
         row = self._branches.get(each.name, -1)
@@ -190,9 +206,9 @@ class _Circuit:
         if each.letter == "r":
             self._between(self._conductance, nodes, nodes, 1.0 / each.size if each.size else 0.0)
         elif each.letter == "c":
-            self._between(self._capacity, nodes, nodes, each.size)
+            self._stores[each.name] = (*nodes, each.size)
         elif each.letter == "l":
-            self._capacity.append((row, row, -each.size))
+            self._stores[each.name] = (row, -1, -each.size)
         elif each.letter in "vi":
             given = [(row, 1.0)] if row >= 0 else [(nodes[0], -1.0), (nodes[1], 1.0)]
             self._steady += [(place, sign, each) for place, sign in given]
@@ -282,16 +298,15 @@ class _Circuit:
         nodes = np.diag([0.0 if name.startswith("i(") else 1.0 for name in [*self._places][2:]])
         for _ in range(MOST_ITERATIONS):
             current, slope = self._currents(y, closed, True)
+            left, sizes = source - current, np.abs(slope) @ np.abs(y) + np.abs(source)
+            if held < GMIN and np.all(np.abs(left) <= SETTLED * sizes):
+                return y
             try:
-                change = np.linalg.solve(slope + held * nodes, source - current)
+                y = y + np.linalg.solve(slope + held * nodes, left)
             except np.linalg.LinAlgError:
                 return None
-            if not np.isfinite(change).all():
+            if not np.isfinite(y).all():
                 return None
-            y = y + change
-            largest = np.abs(change).max(initial=0.0)
-            if held < GMIN and largest <= SETTLED * max(1.0, np.abs(y).max(initial=0.0)):
-                return y
             held *= FADING
         return None
 
@@ -308,9 +323,10 @@ class _Circuit:
     def _modes(self, y, closed):
         """Rates of the modes (1/s) and their shapes, one a column."""
         _, slope = self._currents(y, closed, True)
-        times, shapes = np.linalg.eig(np.linalg.solve(slope, self._c))
+        moved = np.linalg.solve(slope, self._ends @ self._sizes)
+        times, shapes = np.linalg.eig(self._ends.T @ moved)
         finite = np.abs(times) > 1.0 / FASTEST
-        return -1.0 / times[finite], shapes[:, finite]
+        return -1.0 / times[finite], moved @ shapes[:, finite]
 
     def grows(self, y: np.ndarray, closed: np.ndarray) -> bool:
         """Whether a mode grows there."""

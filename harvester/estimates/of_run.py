@@ -102,7 +102,7 @@ def run_estimates(
         *(scene.load.circuit.reading_notes if scene.load.circuit else ()),
         *efficiency_notes(whole, scales.of("power"), unit_of(scene, "power")),
         *(each.note for each in found),
-        *slow_exchange(scene.run, balance),
+        *slow_exchange(scene, balance),
     )
     residual = energy_balance_residual(moments, system)
     return RunEstimates(whole, found, residual, notes, balanced, error)

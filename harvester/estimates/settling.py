@@ -27,15 +27,15 @@ if TYPE_CHECKING:
     from harvester.estimates.estimate import Estimate
     from harvester.estimates.well_balance import WellBalance
     from harvester.record.moments import Moments
-    from harvester.scene.model import Run, Scene
+    from harvester.scene.model import Scene
 
 # The start of a run counts as forgotten after so many relaxation times: 3e-4 of it are left.
 FORGETTING_TIMES = 8.0
 # A drift is reported when it exceeds this share of the mean and so many of its standard errors.
 SMALLEST_DRIFT, DRIFT_IN_STANDARD_ERRORS = 2e-3, 4.5
-# Settling, in times in which the wells exchange, that leaves 5 % of the starts; and how much of the
-# starts in a mean is noted.
-SETTLED, NOTED_START = 3.0, 0.01
+# Settling, in times in which the wells exchange, that leaves 5 % of the starts; and by how much a
+# share of time may be that of the starts without a note.
+SETTLED, NOTED_START = 3.0, 0.005
 # With fewer jumps between the wells than the first, one more or less changes the means visibly.
 # Where fewer than the second are expected, a run without any jump is no shortfall.
 FEW_JUMPS, UNLIKELY_JUMPS = 16, 0.05
@@ -370,18 +370,21 @@ def _unknown(name, estimate):
     return estimate.note == TOO_SHORT or (few and name.startswith("jump_rate"))
 
 
-def slow_exchange(run: Run, balance: WellBalance | None) -> tuple[str, ...]:
+def slow_exchange(scene: Scene, balance: WellBalance | None) -> tuple[str, ...]:
     """A note where settling and run are short against the time in which wells exchange.
 
     Parameters
     ----------
-    run : Run
+    scene : Scene
     balance : WellBalance or None
         See `harvester.estimates.well_balance`.
     """
     if balance is None or balance.shares is None:
         return ()
-    if left_of_start(balance.exchange_time, run.settle, run.duration) < NOTED_START:
+    run = scene.run
+    # Realizations begin in the wells in turn, or all in the same.
+    missing = 1.0 if scene.start else np.max(np.abs(balance.shares - 1.0 / len(balance.shares)))
+    if missing * left_of_start(balance.exchange_time, run.settle, run.duration) < NOTED_START:
         return ()
     return (
         f"the wells exchange within {balance.exchange_time:.3g} s, run.settle is {run.settle:g} s: "

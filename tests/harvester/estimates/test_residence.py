@@ -76,7 +76,7 @@ def telegraph(scene, rates, powers, generator):
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("leaving", [(0.25, 0.02), (1.5, 1.0)])
 def test_intervals_of_two_wells_hold_in_nineteen_of_twenty_draws(leaving):
-    """Below 0.93 or above 0.985 of 400 by chance in 3 % each; the seed is fixed."""
+    """Of 200 draws below 0.92 or above 0.985 by chance in 2 % each; the seed is fixed."""
     scene = Scene.load("asymmetric")
     system = prepared(scene).system
     share = leaving[1] / sum(leaving)

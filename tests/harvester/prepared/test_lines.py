@@ -49,6 +49,21 @@ def test_finer_steps_cost_less_by_their_square():
     assert ratio == pytest.approx(16.0)
 
 
+def test_switches_and_contacts_add_to_what_steps_cost():
+    """By the circuit, and where Monte Carlo's own error is far below a contact's."""
+    values = {"resistance": 1e5, "storage": 1e-6}
+    bridge, sshi = (
+        step_error(
+            prepared(
+                Scene.load("device").replace({"load": {"netlist": name, "parameters": values}})
+            )
+        )
+        for name in ("bridge", "sshi_parallel")
+    )
+    assert sshi > bridge
+    assert 3e-4 < step_error(prepared(Scene.load("one_sided")), engine="monte-carlo") < 3e-3
+
+
 def test_half_width_is_that_of_the_damping():
     scene = driven(OMEGA / (2.0 * math.pi), **{"piezo.coupling": 0.0, "oscillator.damping": 0.04})
     assert half_width(prepared(scene)) == pytest.approx(0.04 / (2.0 * OMEGA))
