@@ -47,14 +47,14 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene as Scene
     from harvester.show.explorer import explore as explore
     from harvester.simulation import simulate as simulate
-    from harvester.studies import Report as Report
-    from harvester.studies import load_study as load_study
-    from harvester.studies import save as save
-    from harvester.studies.comparison import validate as validate
-    from harvester.studies.frequency_response import frequency_response as frequency_response
+    from harvester.studies.files import save as save
     from harvester.studies.optimum import optimum as optimum
     from harvester.studies.optimum_of_several import optimum_of_several as optimum_of_several
-    from harvester.studies.sensitivity import sensitivity as sensitivity
+    from harvester.studies.outcome import Report as Report
+    from harvester.studies.public import frequency_response as frequency_response
+    from harvester.studies.public import load_study as load_study
+    from harvester.studies.public import sensitivity as sensitivity
+    from harvester.studies.public import validate as validate
     from harvester.verification.known_results.truth import verify as verify
     from harvester.verification.paper.claims import claims as claims
     from harvester.verification.paper.reproduce import reproduce as reproduce
@@ -72,15 +72,15 @@ _WHERE = {
     "Result": "harvester.results",
     "simulate": "harvester.simulation",
     "average": "harvester.averaging.of_scene",
-    "validate": "harvester.studies.comparison",
+    "validate": "harvester.studies.public",
     "explore": "harvester.show.explorer",
-    "frequency_response": "harvester.studies.frequency_response",
-    "load_study": "harvester.studies",
-    "Report": "harvester.studies",
-    "save": "harvester.studies",
+    "frequency_response": "harvester.studies.public",
+    "load_study": "harvester.studies.public",
+    "Report": "harvester.studies.outcome",
+    "save": "harvester.studies.files",
     "optimum": "harvester.studies.optimum",
     "optimum_of_several": "harvester.studies.optimum_of_several",
-    "sensitivity": "harvester.studies.sensitivity",
+    "sensitivity": "harvester.studies.public",
     "identify": "harvester.identification.identify",
     "Measurement": "harvester.identification.measurement",
     "MeasuredResponse": "harvester.identification.measured_response",

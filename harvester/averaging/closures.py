@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from harvester.averaging import CLOSURES, DEFAULT_CLOSURE, TOLERANCES
 from harvester.averaging.density import Density, Layer
 from harvester.averaging.orbits import edges, settled_orbits, stiffnesses
 from harvester.device import timescales
@@ -21,12 +22,8 @@ from harvester.stationary.fokker_planck import fokker_planck
 if TYPE_CHECKING:
     from harvester.device.system import System
 
-CLOSURES = ("paper", "consistent", "fokker_planck")
-DEFAULT_CLOSURE = "fokker_planck"  # holds most widely
 LEVELS, NODES = 400, 32  # of each edge; of an orbit on either side of the stopper
 COARSE_LEVELS, COARSE_NODES = 200, 24  # the grid that tells the numerical error
-# Largest numerical error that is an answer, as a share of it, unless another is asked for.
-TOLERANCES = {"paper": 1e-3, "consistent": 1e-3, "fokker_planck": 1e-2}
 
 
 def average(

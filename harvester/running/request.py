@@ -14,19 +14,17 @@ from harvester.estimates.of_run import run_estimates
 from harvester.estimates.settling import unseen_jump
 from harvester.files.plain_text import nearest
 from harvester.files.writing import finite
+from harvester.run_result import (
+    LARGEST_RESIDUAL,
+    NOTED_RESIDUAL,
+    is_symmetric,
+    notes_on_excitation,
+)
 from harvester.running.realizations import MANY_REALIZATIONS, Realizations, averaging, is_closure
 from harvester.running.task import Wanted
 from harvester.scene.model import Scene
 from harvester.scene.units import Scales, scale
-from harvester.simulation import (
-    LARGEST_RESIDUAL,
-    NOTED_RESIDUAL,
-    check_name,
-    check_step,
-    is_symmetric,
-    notes_on_excitation,
-    require_noise,
-)
+from harvester.simulation import check_name, check_step, require_noise
 
 JUDGED = ("mean_square_voltage", "power_conversion_efficiency")
 COMPLETE = "complete"

@@ -14,10 +14,10 @@ from harvester.estimates.paired import sums
 from harvester.estimates.settling import withheld
 from harvester.record.moments import Moments
 from harvester.record.record import Record
+from harvester.run_result import LARGEST_RESIDUAL
 from harvester.running.request import COMPLETE, in_units, not_balanced, residual_notes, told
 from harvester.scene.model import Scene
 from harvester.scene.units import scale
-from harvester.simulation import LARGEST_RESIDUAL
 
 # Dimensions of a record's columns; the others are powers.
 WAVEFORM = {

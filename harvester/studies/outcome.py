@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -166,6 +167,12 @@ class Report:
             f"{study.wall_seconds:.0f} s"
         )
         return lines
+
+    def save(self, folder: str | os.PathLike) -> None:
+        """Write NetCDF, CSV and figures: see `harvester.save`."""
+        from harvester.studies.files import save
+
+        save(self, folder)
 
     def alarms(self) -> list[str]:
         """Where the circuit's power is another, one line each."""

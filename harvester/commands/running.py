@@ -1,0 +1,148 @@
+"""What commands do around their functions: open a runner, check places, show and write results."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import sys
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Unpack
+
+from harvester.errors import HarvesterError
+from harvester.files.plain_text import one_line
+from harvester.show.quiet import is_quiet
+from harvester.signatures import RunnerOptions
+
+if TYPE_CHECKING:
+    from harvester.running.runner import Runner
+    from harvester.show.shown import Shown, Tabled
+
+# Endings of the files that a result may have in its folder.
+RESULT_FILES = (".json", "-densities.csv", ".png", "-joint.png", ".csv", ".nc", ".md")
+TEXT_FILES = (".toml", "-proposed.toml", ".html")
+
+
+@contextlib.contextmanager
+def study_runner(
+    label: str | None, output: str | None = None, **running: Unpack[RunnerOptions]
+) -> Iterator[Runner]:
+    """A runner for the block, with a progress bar; afterwards says what to do next.
+
+    Parameters
+    ----------
+    label : str or None
+        Of the progress bar; None: the study draws its own.
+    output, **running
+        See `harvester.running.open_runner`.
+    """
+    from harvester.running import open_runner
+    from harvester.show.console import progress
+
+    try:
+        with progress() as follow:
+            running["progress"] = follow(label, None) if label else None
+            with open_runner(output, **running) as runner:
+                yield runner
+                for line in runner.warnings:
+                    complain(line)
+                if runner.out_of_time:
+                    complain("the time budget was spent: the same command goes on where it ended")
+    except KeyboardInterrupt as interrupt:
+        kept = "what is finished is kept: the same command goes on" if output else ""
+        raise KeyboardInterrupt(str(interrupt) or kept) from None
+
+
+def check_places(
+    json: str | None, output: str | None, report: str | None = None, files: Iterable[str] = ()
+) -> None:
+    """Refuse places that cannot be written to, before anything runs.
+
+    Parameters
+    ----------
+    json, report : str or None
+        Files that the user named.
+    output : str or None
+        A folder.
+    files : iterable of str
+        Names of the files that will be written there.
+    """
+    from harvester.files.writing import check_folder, check_writable, in_folder
+
+    for file in filter(None, (json, report)):
+        check_writable(file)
+    if output:
+        check_folder(output)
+        for file in files:
+            in_folder(output, file)
+
+
+def result_files(name: str) -> list[str]:
+    """Names of all files that `write_result` may write."""
+    return [f"{name}{ending}" for ending in (*RESULT_FILES, *TEXT_FILES)]
+
+
+def show(content: Tabled, title: str, json: str | None = None) -> None:
+    """Show a result's table: on standard error where standard output gets the JSON."""
+    from harvester.files.writing import is_standard_output
+    from harvester.show.console import show_table
+
+    alarms = content.alarms() if hasattr(content, "alarms") else ()
+    show_table(content, title, to_stderr=is_standard_output(json), alarms=alarms)
+
+
+def write_result(json: str | None, output: str | None, name: str, content: Shown) -> None:
+    """Write the files that were asked for.
+
+    The folder gets JSON and the figure, and what else the result has: a CSV table where it has
+    `data()`, NetCDF with `to_xarray()` too, the figure of `joint_figure()`, the page of
+    `markdown()`, and by their endings the files of `texts()`.
+    """
+    from harvester.files.writing import write_json
+
+    # Where one place turns out to be full, the other still gets the result.
+    try:
+        if json:
+            write_json(json, content.to_dict())
+    finally:
+        if output:
+            _write_folder(output, name, content)
+
+
+def _write_folder(folder: str, name: str, content: Shown) -> None:
+    from harvester.files.tables import write_csv, write_netcdf
+    from harvester.files.writing import in_folder, write_json, write_text
+    from harvester.show import figures
+
+    places = [in_folder(folder, f"{name}{ending}") for ending in RESULT_FILES]
+    json_file, densities, picture, joint_picture, table, grid, page = places
+    write_json(json_file, content.to_dict())
+    if hasattr(content, "density_table"):
+        write_text(densities, content.density_table())
+    if hasattr(content, "data"):
+        write_csv(table, *content.data())
+        # An extra: what is in it is in the others too.
+        if hasattr(content, "to_xarray") and importlib.util.find_spec("xarray"):
+            write_netcdf(grid, content.to_xarray())
+    if hasattr(content, "markdown"):
+        write_text(page, content.markdown())
+    for ending, text in content.texts().items() if hasattr(content, "texts") else ():
+        write_text(in_folder(folder, f"{name}{ending}"), text)
+    figure = content.figure()
+    if figure is not None:
+        figures.write(figure, picture)
+    joint = content.joint_figure() if hasattr(content, "joint_figure") else None
+    if joint is not None:
+        figures.write(joint, joint_picture)
+    several = figure is not None or hasattr(content, "markdown")
+    say(f"written to {folder}: {name}.{'*' if several else 'json'}")
+
+
+def say(text: object) -> None:
+    """One line on standard error, unless the command line is quiet."""
+    if not is_quiet():
+        print(one_line(text), file=sys.stderr)
+
+
+def complain(text: HarvesterError | str) -> None:
+    """One line on standard error on what went wrong."""
+    print(f"harvester: {one_line(text)}", file=sys.stderr)
