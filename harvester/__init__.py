@@ -11,6 +11,7 @@ Functions take a scene, its file or its built-in name, and everything else by ke
 """
 
 import importlib
+import warnings
 
 # As `typing` has it, which a worker process cannot import yet: see `harvester.engines.isolation`.
 TYPE_CHECKING = False
@@ -48,11 +49,10 @@ if TYPE_CHECKING:
     from harvester.show.explorer import explore as explore
     from harvester.simulation import simulate as simulate
     from harvester.studies.files import save as save
-    from harvester.studies.optimum import optimum as optimum
-    from harvester.studies.optimum_of_several import optimum_of_several as optimum_of_several
     from harvester.studies.outcome import Report as Report
     from harvester.studies.public import frequency_response as frequency_response
     from harvester.studies.public import load_study as load_study
+    from harvester.studies.public import optimum as optimum
     from harvester.studies.public import sensitivity as sensitivity
     from harvester.studies.public import validate as validate
     from harvester.verification.known_results.truth import verify as verify
@@ -78,8 +78,7 @@ _WHERE = {
     "load_study": "harvester.studies.public",
     "Report": "harvester.studies.outcome",
     "save": "harvester.studies.files",
-    "optimum": "harvester.studies.optimum",
-    "optimum_of_several": "harvester.studies.optimum_of_several",
+    "optimum": "harvester.studies.public",
     "sensitivity": "harvester.studies.public",
     "identify": "harvester.identification.identify",
     "Measurement": "harvester.identification.measurement",
@@ -116,11 +115,18 @@ _WHERE = {
     "OutOfTime": "harvester.errors",
 }
 __all__ = ["__version__", *_WHERE]
+# Former names: where they are, and what took their place. They work for one release more.
+_FORMER = {"optimum_of_several": ("harvester.studies.public", "optimum")}
 
 
 def __getattr__(name: str) -> object:
     if name in _WHERE:
         return getattr(importlib.import_module(_WHERE[name]), name)
+    if name in _FORMER:
+        where, instead = _FORMER[name]
+        message = f"harvester.{name} will go: use harvester.{instead}"
+        warnings.warn(message, DeprecationWarning, stacklevel=2)
+        return getattr(importlib.import_module(where), name)
     raise AttributeError(f"module 'harvester' has no attribute {name!r}")
 
 

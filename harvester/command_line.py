@@ -8,7 +8,7 @@ import warnings
 from typing import Any, NoReturn
 
 from harvester import __version__
-from harvester.commands.parsing import summary
+from harvester.commands.parsing import about
 from harvester.commands.running import complain
 from harvester.commands.table import COMMANDS
 from harvester.errors import EngineNotFound, HarvesterError, SimulationError
@@ -131,9 +131,12 @@ def build_parser(wanted: str | None = None) -> tuple[Parser, Any]:
         if only not in (None, command.name):
             commands.add_parser(command.name)
             continue
-        about = summary(command.found).replace("%", "%%")
+        first, text = (each.replace("%", "%%") for each in about(command.found))
         own = commands.add_parser(
-            command.name, help=about, description=about, epilog=f"example: {command.example}"
+            command.name,
+            help=first,
+            description=text,
+            epilog=f"example: harvester {command.example}",
         )
         command.fill(own)
         own.add_argument(

@@ -7,6 +7,7 @@ how a list is written) stands in an `Annotated` alias such as `Seconds`.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import inspect
 import math
@@ -53,7 +54,7 @@ class Kind:
         Each time it takes several words.
     """
 
-    metavar: str
+    metavar: str = ""
     required: str = ""
     holds: Callable[[Any], bool] | None = None
     option: str = ""
@@ -97,6 +98,48 @@ def grids_of(texts: list[str], option: str) -> dict[str, list[float]]:
 def distributions_of(texts: list[str], option: str) -> dict[str, str]:
     """Keys to distributions, from TABLE.KEY=±10% for each key."""
     return by_key(texts, option, "TABLE.KEY=±10%")
+
+
+def ranges_of(texts: list[str], option: str) -> dict[str, tuple[float, float] | None]:
+    """Keys to ranges, from TABLE.KEY or TABLE.KEY=LOW:HIGH for each key."""
+    found: dict[str, tuple[float, float] | None] = {}
+    for text in texts:
+        key, separator, ends = (part.strip() for part in text.partition("="))
+        if key in found:
+            raise HarvesterError(f"{option} {named(key)}: is there twice")
+        try:
+            low, high = map(float, ends.split(":")) if separator else (math.nan, math.nan)
+        except ValueError:
+            raise HarvesterError(
+                f"{option} {named(text)}: write it as TABLE.KEY=LOW:HIGH, such as "
+                "load.resistance=1e4:1e7"
+            ) from None
+        found[key] = (low, high) if separator else None
+    return found
+
+
+def records_of(groups: list[list[str]], option: str) -> list[tuple[str, dict[str, Any]]]:
+    """Files with their settings: words with = belong to the file before them."""
+    files: list[tuple[str, dict[str, Any]]] = []
+    for group in groups:
+        for place, word in enumerate(group):
+            if place == 0 or "=" not in word:
+                files.append((word, {}))
+                continue
+            name, _, value = (part.strip() for part in word.partition("="))
+            if not name or not value:
+                raise HarvesterError(f"{option} {named(word)}: write a setting as NAME=VALUE")
+            # A key of the scene has a number, a column may have any name.
+            with contextlib.suppress(ValueError):
+                value = float(value) if "." in name else value
+            files[-1][1][name] = value
+    for place, (file, settings) in enumerate(files):
+        if (file, settings) in files[:place]:
+            raise HarvesterError(
+                f"{option} {named(file)}: is given twice with the same settings, and each record "
+                "counts once: leave one out"
+            )
+    return files
 
 
 def by_key(texts: list[str], option: str, example: str) -> dict[str, str]:
@@ -143,6 +186,10 @@ Grids = Annotated[
 ]
 Distributions = Annotated[
     Mapping[str, str], Kind("TABLE.KEY=DISTRIBUTION", read=distributions_of, again=True)
+]
+Ranges = Annotated[
+    str | Mapping[str, tuple | None],
+    Kind("TABLE.KEY[=LOW:HIGH]", read=ranges_of, again=True),
 ]
 Loads = Annotated[Sequence[str], Kind("NAME|PATH", option="load", again=True)]
 Overrides = Annotated[Sequence[str], Kind("TABLE.KEY=VALUE", option="set", again=True)]

@@ -25,8 +25,6 @@ from harvester.signatures import File, Folder, RunnerOptions, options_of
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
-JSON_HELP = "write JSON; - for standard output"
-
 
 @dataclass(frozen=True)
 class Command:
@@ -34,16 +32,21 @@ class Command:
 
     Attributes
     ----------
-    name : str
     function : callable or str
         Returns the exit code, or None for 0. A text names a public function of `harvester`, which
         is imported when the command is called.
     example : str
+        A call, behind the program's name.
     """
 
-    name: str
     function: Callable | str
     example: str
+
+    @property
+    def name(self) -> str:
+        """The function's name as the command line has it."""
+        own = self.function if isinstance(self.function, str) else self.function.__name__
+        return own.replace("_", "-")
 
     @property
     def found(self) -> Callable:
@@ -83,13 +86,13 @@ class Command:
 class Study(Command):
     """A command that computes a result, shows it and writes its files.
 
-    A function with `**running: Unpack[RunnerOptions]` is given an open runner, one with
-    `progress` what draws the progress bar.
+    A function with `**running: Unpack[RunnerOptions]` is given an open runner, one with `progress`
+    what draws the progress bar.
 
     Attributes
     ----------
     title : str or callable
-        Over the table, or what gives it, of the result.
+        Over the table; or what gives it, of the result.
     stem : str
         Name of the files, behind that of the scene: a word, or an option in braces; left out: the
         command's name.
@@ -106,9 +109,9 @@ class Study(Command):
         folder gets JSON, figure and tables.
     budget : callable or None
         Of the options: seconds that a study takes at most where --time-budget is left out.
-    progress : "runner", "function" or "simulation"
-        What the progress bar shows: how far the runner's tasks are, or what the function tells;
-        of a single simulation with simulated seconds.
+    bar : str
+        What the progress bar shows: "" the tasks of the runner where there is one, "function" what
+        the function reports all the same, "simulated time" that with seconds of the scene.
     """
 
     title: str | Callable[[Any], str] = ""
@@ -119,13 +122,13 @@ class Study(Command):
     shown: Callable[[Any], Any] | None = None
     files: Sequence[str] = ()
     budget: Callable[[dict[str, Any]], float | None] | None = None
-    progress: str = "runner"
+    bar: str = ""
 
     def fill(self, parser: ArgumentParser) -> None:
         """Give the command's parser the options of its function, and where the result goes."""
         super().fill(parser)
         if self.json:
-            add_extra(parser, "json", File, JSON_HELP)
+            add_extra(parser, "json", File, "write JSON; - for standard output")
         if not self._takes_runner():
             add_extra(parser, "output", Folder, "folder for JSON and figure")
         if self.page:
@@ -155,16 +158,13 @@ class Study(Command):
             result = self._call(scene, values)
         except SimulationError as error:
             if json and error.partial is not None:
-                from harvester.files.writing import write_json
-
-                write_json(json, error.partial.to_dict())
+                write_result(json, None, "", error.partial)
             raise
         return self.shown(result) if self.shown else result
 
     def _deliver(self, result, name, folder, json, output, report):
         """Show the result, and write the files that were asked for."""
-        title = self.title(result) if callable(self.title) else self.title
-        show(result, title, json)
+        show(result, self.title(result) if callable(self.title) else self.title, json)
         try:
             if not self.files:
                 write_result(json, output, name, result)
@@ -183,20 +183,18 @@ class Study(Command):
         """Add to the options what runs the study; gives the runner where there is one."""
         from harvester.show.console import progress
 
-        known = options_of(self.found)
+        known, runner = options_of(self.found), None
         with contextlib.ExitStack() as opened:
-            runner = None
-            if "progress" in known and self.progress != "runner":
+            if "progress" in known and (self.bar or not self._takes_runner()):
                 follow = opened.enter_context(progress())
-                timed = scene if self.progress == "simulation" else None
-                values["progress"] = follow(label, timed)
+                values["progress"] = follow(label, scene if self.bar == "simulated time" else None)
             if self._takes_runner():
-                options = [name for name in RunnerOptions.__annotations__ if name in known]
-                running = {name: known[name].default for name in options if known[name].default}
-                running |= {name: values.pop(name) for name in options if name in values}
+                names = [name for name in RunnerOptions.__annotations__ if name != "progress"]
+                running = {name: known[name].default for name in names if known[name].default}
+                running |= {name: values.pop(name) for name in names if name in values}
                 if self.budget and running.get("time_budget") is None:
                     running["time_budget"] = self.budget(values)
-                words = self.name.replace("-", " ") if self.progress == "runner" else None
+                words = None if self.bar else self.name.replace("-", " ")
                 runner = opened.enter_context(study_runner(words, **running))
                 values["runner"] = runner
             yield runner

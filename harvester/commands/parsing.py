@@ -23,9 +23,11 @@ SEED_HELP = "same as --set run.seed=SEED"
 _EMPTY = inspect.Parameter.empty
 
 
-def summary(function: Callable) -> str:
-    """What a docstring says first, as argparse writes its own help: small, without a full stop."""
-    return _small((inspect.getdoc(function) or "").partition("\n\n")[0])
+def about(function: Callable) -> tuple[str, str]:
+    """The first sentence of a docstring, and all that stands above its sections."""
+    text = re.split(r"^[A-Z][A-Za-z ]+\n-+$", inspect.getdoc(function) or "", flags=re.M)[0]
+    first, _, rest = text.partition("\n\n")
+    return _small(first), ". ".join(filter(None, (_small(first), " ".join(rest.split()))))
 
 
 def described(documented: Any, section: str = "Parameters") -> dict[str, str]:
@@ -41,6 +43,7 @@ def described(documented: Any, section: str = "Parameters") -> dict[str, str]:
 
 
 def _small(text):
+    """Text as argparse writes its own help: small at first, without a full stop."""
     words = " ".join(text.split()).rstrip(".")
     return words if words[1:2].isupper() else words[:1].lower() + words[1:]
 
@@ -88,7 +91,9 @@ def add_option(parser: ArgumentParser, option: Option, text: str) -> None:
     words: dict[str, Any] = {"default": SUPPRESS, "help": _with_default(option, text)}
     kind = option.kind or Kind("NAME" if option.type is str else "N")
     if option.type is bool:
-        parser.add_argument(f"--{option.spelling}", action="store_true", **words)
+        # What is on by default has an option that turns it off.
+        action = "store_false" if option.default is True else "store_true"
+        parser.add_argument(f"--{option.spelling}", dest=option.name, action=action, **words)
         return
     words |= {"metavar": kind.metavar}
     if option.type in (int, float):
@@ -102,7 +107,7 @@ def add_option(parser: ArgumentParser, option: Option, text: str) -> None:
     if kind.words:
         words["nargs"] = "+"
     if kind.again:
-        words["action"] = "extend" if kind.words and get_args(option.type) == (str,) else "append"
+        words["action"] = "extend" if kind.words and not kind.read else "append"
     words |= {"dest": option.name, "required": option.default is _EMPTY}
     parser.add_argument(f"--{option.spelling}", **words)
 
@@ -111,7 +116,8 @@ def _with_default(option, text):
     """The help, with the default where there is one that the text does not name."""
     plain = isinstance(option.default, (str, int, float)) and not isinstance(option.default, bool)
     if plain and option.default != "" and "default" not in text.replace(f'"{option.default}"', ""):
-        text += f" (default: {option.default})"
+        shown = option.default if isinstance(option.default, str) else f"{option.default:g}"
+        text += f" (default: {shown})"
     return text.replace("%", "%%")
 
 

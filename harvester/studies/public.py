@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
-from harvester.arguments import table
+from harvester.arguments import listed, table
 from harvester.calling import takes_scene
 from harvester.errors import AveragingError, HarvesterError, LoadError
 from harvester.signatures import (
@@ -23,6 +23,7 @@ from harvester.signatures import (
     Kind,
     Loads,
     Processes,
+    Ranges,
     RunnerOptions,
     Seconds,
     Share,
@@ -38,6 +39,8 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene
     from harvester.studies.comparison import Comparison
     from harvester.studies.frequency_response import FrequencyResponse
+    from harvester.studies.optimum import Optimum
+    from harvester.studies.optimum_of_several import OptimumOfSeveral
     from harvester.studies.sensitivity import Sensitivity
     from harvester.studies.study import Study
 
@@ -47,6 +50,8 @@ JUDGED = "judged"
 TIME_BUDGET = 540.0
 # Rows of a design of devices.
 ROWS = 64
+# How a caller writes what is varied.
+OVER = 'over={"load.resistance": (1e4, 1e6)}'
 # What the folder of a load study and that of a sensitivity study get.
 LOAD_STUDY_FILES = (
     "load-study.nc",
@@ -385,3 +390,123 @@ def sensitivity(
     with open_runner(**running) as opened:
         study = work.study_of(scene, tolerances, quantity, method, above, shape, precision, opened)
     return replace(study, seconds=time.perf_counter() - clock)
+
+
+@takes_scene
+def optimum(
+    scene: Scene,
+    over: Ranges,
+    *,
+    low: Annotated[float, Kind("A", option="from")] | None = None,
+    high: Annotated[float, Kind("B", option="to")] | None = None,
+    maximise: Annotated[str, Kind("QUANTITY")] = "power_conversion_efficiency",
+    method: str | None = None,
+    closure: str | None = None,
+    evaluations: int | None = None,
+    precision: Share | None = None,
+    **running: Unpack[RunnerOptions],
+) -> Optimum | OptimumOfSeveral:
+    """Where one parameter, or several, make the efficiency or the power largest (Eq. 37).
+
+    Parameters
+    ----------
+    scene : Scene, str or Path
+        Its run is the first one tried at each place, and that of each evaluation.
+    over : str, or dict of str to (float, float) or None
+        A number of the scene and its range (default: a tenth to ten times its value, within what
+        the key allows); several may be given.
+    low : float or None
+        Range of a single parameter.
+    high : float or None
+        Its upper end.
+    maximise : str
+        power_conversion_efficiency, mean_power or mean_square_voltage; of a load with an output
+        also mean_output_power and the like; over several parameters any.
+    method : str or None
+        monte-carlo or circuit, over several parameters also a closure (default: monte-carlo, or
+        over several circuit where the load needs it).
+    closure : str or None
+        That stands beside simulation, over one parameter (default: the most accurate).
+    evaluations : int or None
+        Places proposed, over several parameters (default: 60 for each). Those of the climb, some
+        tens, come on top.
+    precision : float or None
+        Relative standard error of the value at the optimum of several parameters (default: the
+        scene's own run).
+    **running
+        See `harvester.running.open_runner`.
+
+    Returns
+    -------
+    harvester.studies.optimum.Optimum
+        Over one parameter, by averaging and by simulation.
+    harvester.studies.optimum_of_several.OptimumOfSeveral
+        Over several.
+
+    Raises
+    ------
+    HarvesterError
+        No such key, or no range.
+    OptimumError
+        The largest value lies at an end of the range, or no maximum can be told from noise.
+    SimulationError
+        A run failed; `OutOfTime` where the time is spent.
+    MissingLibrary
+        Several parameters need Optuna, which is not installed.
+
+    Notes
+    -----
+    The places proposed over several follow from the seed and the answers alone: with `output` the
+    same call after a kill takes the answers that are there and goes on to the same end.
+    """
+    from harvester.studies.optimum import optimum_of_one
+    from harvester.studies.optimum_of_several import largest_over_several
+
+    ranges = {over: None} if isinstance(over, str) else table(over, "over", OVER)
+    if low is not None or high is not None:
+        if len(ranges) > 1 or [*ranges.values()] != [None]:
+            raise HarvesterError(
+                "--from and --to: are the range of a single --over TABLE.KEY; else write "
+                "--over TABLE.KEY=LOW:HIGH"
+            )
+        ranges = dict.fromkeys(ranges, (low, high))
+    ends = {key: _ends(key, each) for key, each in ranges.items()}
+    if len(ends) > 1:
+        if closure is not None:
+            raise HarvesterError("--closure: is for one parameter; over several use --method")
+        return largest_over_several(scene, ends, maximise, method, evaluations, precision, running)
+    for option, value in (("evaluations", evaluations), ("precision", precision)):
+        if value is not None:
+            raise HarvesterError(f"--{option}: is for several parameters, a second --over")
+    for key, (lowest, highest) in ends.items():
+        method = method or "monte-carlo"
+        return optimum_of_one(scene, key, lowest, highest, maximise, method, closure, running)
+    raise HarvesterError("--over: name at least one parameter, TABLE.KEY")
+
+
+@takes_scene
+def optimum_of_several(
+    scene: Scene,
+    over: Mapping[str, tuple | None],
+    *,
+    maximise: str = "power_conversion_efficiency",
+    method: str | None = None,
+    evaluations: int | None = None,
+    precision: Share | None = None,
+    **running: Unpack[RunnerOptions],
+) -> OptimumOfSeveral:
+    """The former name of `optimum` over several parameters; one is searched in the same way."""
+    from harvester.studies.optimum_of_several import largest_over_several
+
+    ends = {key: _ends(key, each) for key, each in table(over, "over", OVER).items()}
+    return largest_over_several(scene, ends, maximise, method, evaluations, precision, running)
+
+
+def _ends(key, ends):
+    """Both ends of a range, None where the scene's value decides."""
+    if ends is None:
+        return None, None
+    found = listed(ends, f"over[{key!r}]", "(0.1, 2.0)")
+    if len(found) != 2:
+        raise HarvesterError(f"over[{key!r}]: has {len(found)} numbers; write (0.1, 2.0)")
+    return found

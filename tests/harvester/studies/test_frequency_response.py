@@ -8,10 +8,10 @@ from truths import flat
 
 import harvester
 from harvester.command_line import main
-from harvester.commands.options import number_list
 from harvester.errors import HarvesterError
 from harvester.record.record import Record
 from harvester.scene.model import Scene
+from harvester.signatures import grid_of
 from harvester.studies.frequency_response import (
     SETTLED_SHARE,
     _integrals,
@@ -181,11 +181,11 @@ def test_frequencies_that_no_run_ends_with_are_refused(frequency):
 
 
 def test_frequencies_have_a_short_form():
-    np.testing.assert_allclose(number_list("0.1:10:log:3", "--frequencies"), [0.1, 1, 10])
-    np.testing.assert_allclose(number_list("1:2:linear:3", "--frequencies"), [1, 1.5, 2])
-    assert number_list("1,2.5", "--frequencies") == [1.0, 2.5]
+    np.testing.assert_allclose(grid_of("0.1:10:log:3", "--frequencies"), [0.1, 1, 10])
+    np.testing.assert_allclose(grid_of("1:2:linear:3", "--frequencies"), [1, 1.5, 2])
+    assert grid_of("1,2.5", "--frequencies") == [1.0, 2.5]
     for text in ("1:2", "2:1:log:3", "1:2:lin:3", "a", "1:2:log:x"):
         with pytest.raises(HarvesterError, match="write it as"):
-            number_list(text, "--frequencies")
+            grid_of(text, "--frequencies")
     with pytest.raises(HarvesterError, match="> 0"):
         harvester.frequency_response(sine("linear", 0.3), [0.0, 1.0])
