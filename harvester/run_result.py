@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -92,7 +92,12 @@ def partial_result(
     reached = [m for m in error.partial or () if measured_time([m]) > 0.0]
     if not reached:
         return None
-    nothing = {"waveform": None, "joint": None, "engine_version": "", "netlist_sha256": None}
+    nothing: dict[str, Any] = {
+        "waveform": None,
+        "joint": None,
+        "engine_version": "",
+        "netlist_sha256": None,
+    }
     realizations = [
         Realization(moments=m, seconds=math.nan, started=math.nan, ended=math.nan, **nothing)
         for m in reached
@@ -123,7 +128,8 @@ def checked(result: Result) -> Result:
     EnergyNotBalanced
         It is off by more than `LARGEST_RESIDUAL`.
     """
-    residual = abs(result.energy_balance_residual)
+    balance = result.energy_balance_residual
+    residual = abs(math.nan if balance is None else balance)
     if not residual <= LARGEST_RESIDUAL:
         raise EnergyNotBalanced(
             f"{result.engine}: the energy balance leaves {100.0 * residual:.4g} % of the energy "

@@ -130,9 +130,10 @@ def records_of(groups: list[list[str]], option: str) -> list[tuple[str, dict[str
             if not name or not value:
                 raise HarvesterError(f"{option} {named(word)}: write a setting as NAME=VALUE")
             # A key of the scene has a number, a column may have any name.
+            settings = files[-1][1]
+            settings[name] = value
             with contextlib.suppress(ValueError):
-                value = float(value) if "." in name else value
-            files[-1][1][name] = value
+                settings[name] = float(value) if "." in name else value
     for place, (file, settings) in enumerate(files):
         if (file, settings) in files[:place]:
             raise HarvesterError(
@@ -160,15 +161,15 @@ def by_key(texts: list[str], option: str, example: str) -> dict[str, str]:
 
 
 def _positive(value: Any) -> bool:
-    return isinstance(value, numbers.Real) and value > 0.0
+    return isinstance(value, numbers.Real) and float(value) > 0.0
 
 
 def _counts(value: Any) -> bool:
-    return isinstance(value, numbers.Integral) and value >= 1
+    return isinstance(value, numbers.Integral) and int(value) >= 1
 
 
 def _share(value: Any) -> bool:
-    return isinstance(value, numbers.Real) and 0.0 < value < 1.0
+    return isinstance(value, numbers.Real) and 0.0 < float(value) < 1.0
 
 
 GRID_HELP = "FIRST:LAST:log:NUMBER, FIRST:LAST:linear:NUMBER, or numbers between commas"

@@ -23,6 +23,7 @@ from harvester.errors import SimulationError
 from harvester.signatures import File, Folder, RunnerOptions, options_of
 
 if TYPE_CHECKING:
+    from harvester.running.runner import Runner
     from harvester.scene.model import Scene
 
 
@@ -107,8 +108,8 @@ class Study(Command):
     files : tuple of str
         Names of the files that the result's `save(folder)` writes; left out: it has none, and the
         folder gets JSON, figure and tables.
-    budget : callable or None
-        Of the options: seconds that a study takes at most where --time-budget is left out.
+    running : callable or None
+        Of the options: what the runner is given where the user leaves it out.
     bar : str
         What the progress bar shows: "" the tasks of the runner where there is one, "function" what
         the function reports all the same, "simulated time" that with seconds of the scene.
@@ -121,7 +122,7 @@ class Study(Command):
     page: bool = False
     shown: Callable[[Any], Any] | None = None
     files: Sequence[str] = ()
-    budget: Callable[[dict[str, Any]], float | None] | None = None
+    running: Callable[[dict[str, Any]], RunnerOptions] | None = None
     bar: str = ""
 
     def fill(self, parser: ArgumentParser) -> None:
@@ -143,7 +144,7 @@ class Study(Command):
         name = f"{scene.name}-{stem}" if scene else stem
         places = {each: getattr(options, each, None) for each in ("json", "output", "report")}
         check_places(**places, files=self.files or result_files(name))
-        with self._running(stem, scene, values) as runner:
+        with self._opened(stem, scene, values) as runner:
             result = self._computed(scene, values, places["json"])
             if runner:
                 # The folder is still held: another run's files would mix with these.
@@ -179,7 +180,9 @@ class Study(Command):
                 say(f"written: {report}")
 
     @contextlib.contextmanager
-    def _running(self, label, scene, values) -> Iterator[Any]:
+    def _opened(
+        self, label: str, scene: Scene | None, values: dict[str, Any]
+    ) -> Iterator[Runner | None]:
         """Add to the options what runs the study; gives the runner where there is one."""
         from harvester.show.console import progress
 
@@ -189,11 +192,9 @@ class Study(Command):
                 follow = opened.enter_context(progress())
                 values["progress"] = follow(label, scene if self.bar == "simulated time" else None)
             if self._takes_runner():
-                names = [name for name in RunnerOptions.__annotations__ if name != "progress"]
-                running = {name: known[name].default for name in names if known[name].default}
-                running |= {name: values.pop(name) for name in names if name in values}
-                if self.budget and running.get("time_budget") is None:
-                    running["time_budget"] = self.budget(values)
+                running: RunnerOptions = self.running(values) if self.running else {}
+                for name in RunnerOptions.__annotations__.keys() & values.keys() - {"progress"}:
+                    running[name] = values.pop(name)  # type: ignore[literal-required]
                 words = None if self.bar else self.name.replace("-", " ")
                 runner = opened.enter_context(study_runner(words, **running))
                 values["runner"] = runner

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
+import os
 import sys
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Unpack
@@ -23,16 +24,14 @@ TEXT_FILES = (".toml", "-proposed.toml", ".html")
 
 
 @contextlib.contextmanager
-def study_runner(
-    label: str | None, output: str | None = None, **running: Unpack[RunnerOptions]
-) -> Iterator[Runner]:
+def study_runner(label: str | None, **running: Unpack[RunnerOptions]) -> Iterator[Runner]:
     """A runner for the block, with a progress bar; afterwards says what to do next.
 
     Parameters
     ----------
     label : str or None
         Of the progress bar; None: the study draws its own.
-    output, **running
+    **running
         See `harvester.running.open_runner`.
     """
     from harvester.running import open_runner
@@ -41,19 +40,22 @@ def study_runner(
     try:
         with progress() as follow:
             running["progress"] = follow(label, None) if label else None
-            with open_runner(output, **running) as runner:
+            with open_runner(**running) as runner:
                 yield runner
                 for line in runner.warnings:
                     complain(line)
                 if runner.out_of_time:
                     complain("the time budget was spent: the same command goes on where it ended")
     except KeyboardInterrupt as interrupt:
-        kept = "what is finished is kept: the same command goes on" if output else ""
+        kept = "what is finished is kept: the same command goes on" if running.get("output") else ""
         raise KeyboardInterrupt(str(interrupt) or kept) from None
 
 
 def check_places(
-    json: str | None, output: str | None, report: str | None = None, files: Iterable[str] = ()
+    json: str | None,
+    output: str | os.PathLike | None,
+    report: str | None = None,
+    files: Iterable[str] = (),
 ) -> None:
     """Refuse places that cannot be written to, before anything runs.
 
@@ -71,9 +73,10 @@ def check_places(
     for file in filter(None, (json, report)):
         check_writable(file)
     if output:
-        check_folder(output)
+        folder = os.fspath(output)
+        check_folder(folder)
         for file in files:
-            in_folder(output, file)
+            in_folder(folder, file)
 
 
 def result_files(name: str) -> list[str]:
@@ -90,7 +93,9 @@ def show(content: Tabled, title: str, json: str | None = None) -> None:
     show_table(content, title, to_stderr=is_standard_output(json), alarms=alarms)
 
 
-def write_result(json: str | None, output: str | None, name: str, content: Shown) -> None:
+def write_result(
+    json: str | None, output: str | os.PathLike | None, name: str, content: Shown
+) -> None:
     """Write the files that were asked for.
 
     The folder gets JSON and the figure, and what else the result has: a CSV table where it has
@@ -105,7 +110,7 @@ def write_result(json: str | None, output: str | None, name: str, content: Shown
             write_json(json, content.to_dict())
     finally:
         if output:
-            _write_folder(output, name, content)
+            _write_folder(os.fspath(output), name, content)
 
 
 def _write_folder(folder: str, name: str, content: Shown) -> None:

@@ -9,6 +9,7 @@ from harvester.commands.command import Command, Study
 from harvester.commands.completion import completion
 from harvester.commands.new import new
 from harvester.studies.public import LOAD_STUDY_FILES, SENSITIVITY_FILES, TIME_BUDGET
+from harvester.verification.stability import TIME_LIMIT
 
 
 def _engine(result):
@@ -49,6 +50,7 @@ COMMANDS = (
         "stability paper --output results",
         title="stiff and extreme cases",
         failed=lambda matrix: matrix.wrong,
+        running=lambda options: {"time_limit": TIME_LIMIT},
     ),
     Study(
         verification.verify,
@@ -80,7 +82,7 @@ COMMANDS = (
         json=False,
         shown=lambda study: harvester.Report(study),
         files=LOAD_STUDY_FILES,
-        budget=lambda options: TIME_BUDGET if options.get("precision") else None,
+        running=lambda options: {"time_budget": TIME_BUDGET} if options.get("precision") else {},
     ),
     Study(
         "identify",

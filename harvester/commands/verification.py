@@ -18,7 +18,6 @@ from harvester.errors import HarvesterError
 from harvester.files.plain_text import nearest
 from harvester.signatures import (
     File,
-    Folder,
     Kind,
     Overrides,
     RunnerOptions,
@@ -58,7 +57,6 @@ def stability(
     scene: SceneOrName = "paper",
     *,
     step: Step = "default",
-    time_limit: Seconds = 120.0,
     **running: Unpack[RunnerOptions],
 ) -> StabilityMatrix:
     """Judge stiff and extreme variations of one scene; exit code 1 where one is wrong.
@@ -69,7 +67,7 @@ def stability(
     step : str or float
         default, fine, finest, or the longest step in seconds.
     time_limit : float
-        Wall-clock limit of one case by one method.
+        Wall-clock limit of one case by one method (default: 120).
     """
     from harvester.verification.stability.matrix import stability
 
@@ -119,7 +117,6 @@ def reproduce(
     quick: bool = False,
     seed: Seed | None = None,
     precision: Share | None = None,
-    output: Folder = "results",
     **running: Unpack[RunnerOptions],
 ) -> int:
     """The paper's figures, computed again.
@@ -139,12 +136,13 @@ def reproduce(
         Relative standard error of E[V²] and PCE that simulations are run for.
     output : str or Path
         Folder for results, and for every finished piece: run the same command again to go on
-        after a kill.
+        after a kill (default: results).
     """
     from harvester.verification.paper import orbit_maps
     from harvester.verification.paper.figures_list import FIGURES
     from harvester.verification.paper.reproduce import reproduce
 
+    output = running.setdefault("output", "results")
     without_noise = {"fig2": orbit_maps.surfaces, "fig3": orbit_maps.frequency_response}
     names = _chosen(figures, [*without_noise, *FIGURES])
     check_places(None, output, files=[file for name in names for file in result_files(name)])
@@ -155,7 +153,7 @@ def reproduce(
         finished[content.name] = content
 
     try:
-        with study_runner("figures", output=output, **running) as runner:
+        with study_runner("figures", **running) as runner:
             for name in (name for name in names if name in without_noise):
                 keep(without_noise[name](scene))
             drawn = reproduce(
@@ -202,7 +200,6 @@ def time_to_accuracy(
     seed: Seed | None = None,
     seconds: Seconds | None = None,
     json: File | None = None,
-    output: Folder | None = None,
     **running: Unpack[RunnerOptions],
 ) -> None:
     """How long every method takes to an error of 10, 3 and 1 %.
@@ -225,10 +222,11 @@ def time_to_accuracy(
     from harvester.verification.work_precision.time_to_accuracy import SECONDS, time_to_accuracy
 
     named = [(scene, ()) for scene in scenes] or SCENES
+    output = running.get("output")
     changes = overrides_of(overrides, seed)
     loaded = [Scene.load(scene, [*values, *changes]) for scene, values in named]
     check_places(json, output, files=[f"{ACCURACY}.json", f"{ACCURACY}.png"])
-    with study_runner(ACCURACY.replace("-", " "), output=output, **running) as runner:
+    with study_runner(ACCURACY.replace("-", " "), **running) as runner:
         results = [
             time_to_accuracy(scene, seconds=seconds or SECONDS, runner=runner) for scene in loaded
         ]

@@ -94,8 +94,9 @@ def outcomes(
         for index, outcome in zip(again, alone, strict=True):
             found[index] = outcome if isinstance(outcome, SimulationError) else outcome[0]
     in_order = [found[index] for index in sorted(found)]
-    if all(isinstance(outcome, SimulationError) for outcome in in_order):
-        raise in_order[0]
+    failed = [outcome for outcome in in_order if isinstance(outcome, SimulationError)]
+    if len(failed) == len(in_order):
+        raise failed[0]
     return in_order
 
 

@@ -285,9 +285,8 @@ def stepped(scene: Scene, frequencies: np.ndarray) -> Scene:
             "or a load that is sooner charged"
         )
     dwell = math.ceil(dwell / spacing) * spacing
-    excitation = SteppedSine(
-        scene.excitation.amplitude, tuple(map(float, frequencies)), dwell, spacing
-    )
+    sine: Any = scene.excitation
+    excitation = SteppedSine(sine.amplitude, tuple(map(float, frequencies)), dwell, spacing)
     length = replace(scene.run, settle=0.0, duration=dwell * len(frequencies), realizations=1)
     return replace(scene, excitation=excitation, run=length)
 

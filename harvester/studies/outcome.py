@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -23,7 +22,11 @@ from harvester.studies.evaluation import Evaluation
 from harvester.studies.study import Study
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from matplotlib.figure import Figure
+
+    from harvester.running.folder import StudyFolder
 
 
 @dataclass(frozen=True)
@@ -168,7 +171,7 @@ class Report:
         )
         return lines
 
-    def save(self, folder: str | os.PathLike) -> None:
+    def save(self, folder: str | Path | StudyFolder) -> None:
         """Write NetCDF, CSV and figures: see `harvester.save`."""
         from harvester.studies.files import save
 

@@ -196,7 +196,7 @@ def frequency_response(
     scene = work.with_sine(scene, amplitude)
     rising = work.rising_frequencies(frequencies)
     directions = {"up": rising, "down": rising[::-1]} if down else {"up": rising}
-    scenes = [work.stepped(scene, order) for order in directions.values()]
+    scenes: list[Any] = [work.stepped(scene, order) for order in directions.values()]
     with open_runner(**running) as runner:
         version = runner.version(method)
         arguments = [{"scene": each, "engine": method, "step": step} for each in scenes]

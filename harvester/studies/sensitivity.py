@@ -1,7 +1,7 @@
 """Which tolerance of a device matters, how its quantity scatters, and the yield."""
 
-import os
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ from harvester.errors import HarvesterError, OutOfTime
 from harvester.estimates.estimate import Estimate
 from harvester.results import unit_of, with_error
 from harvester.running import Request, Runner
+from harvester.running.folder import StudyFolder
 from harvester.scene.model import Scene
 from harvester.studies.devices import devices, parameters
 from harvester.studies.effects import ENDS, effects
@@ -194,13 +195,14 @@ class Sensitivity:
 
         return draw_tornado(self)
 
-    def save(self, folder: str | os.PathLike) -> None:
+    def save(self, folder: str | Path | StudyFolder) -> None:
         """Write JSON, the table of devices and both figures."""
         from harvester.files.writing import in_folder, write_json, write_text
         from harvester.show import figures
         from harvester.studies.sensitivity_drawing import draw_distribution, draw_tornado
 
-        content, table, tornado, scatter = (in_folder(folder, file) for file in SENSITIVITY_FILES)
+        places = [in_folder(Path(folder), file) for file in SENSITIVITY_FILES]
+        content, table, tornado, scatter = places
         write_json(content, self.to_dict())
         write_text(table, self.device_table())
         figures.save(draw_tornado, self, tornado)
@@ -254,7 +256,7 @@ def study_of(
     shares = design(shape[0], len(tolerances), scene.run.seed)
     replicates = REPLICATES if is_noisy(scene, method) else 1
     scenes = devices(scene, tolerances, shares, replicates)
-    asked = {"precision": precision, "quantities": (quantity,)}
+    asked: dict[str, Any] = {"precision": precision, "quantities": (quantity,)}
     answers = runner.answer([Request(each, method, **asked) for row in scenes for each in row])
     values, failures = _values(answers, quantity, (*shape, replicates))
     kept = np.isfinite(values).all(axis=(1, 2))

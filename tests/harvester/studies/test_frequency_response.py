@@ -17,8 +17,8 @@ from harvester.studies.frequency_response import (
     _integrals,
     _means,
     _peak,
-    _stepped,
-    _with_sine,
+    stepped,
+    with_sine,
 )
 
 
@@ -164,8 +164,8 @@ def test_it_dwells_until_a_storage_is_charged():
     """R·C of 10 s is longer than what the motion of `device` remembers."""
     storing = {"load.netlist": "bridge", "load.parameters.resistance": 1e6}
     dwells = [
-        _stepped(
-            _with_sine(Scene.load("device").replace(storing | {name: size}), 1.0), np.array([12.0])
+        stepped(
+            with_sine(Scene.load("device").replace(storing | {name: size}), 1.0), np.array([12.0])
         )
         for name, size in (("load.parameters.storage", 1e-8), ("load.parameters.storage", 1e-5))
     ]
