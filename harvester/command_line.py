@@ -9,12 +9,11 @@ from typing import Any, NoReturn
 
 from harvester import __version__
 from harvester.commands.parsing import about
-from harvester.commands.running import complain
 from harvester.commands.table import COMMANDS
 from harvester.errors import EngineNotFound, HarvesterError, SimulationError
 from harvester.files.plain_text import nearest, one_line
 from harvester.files.streams import guarded_streams
-from harvester.show.quiet import quiet
+from harvester.show.quiet import complain, quiet
 
 # What options were called before one name held for all commands.
 FORMER_OPTIONS = {"--engine": "--method", "--closure": "--method"}

@@ -6,10 +6,10 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harvester.commands.running import say
 from harvester.errors import HarvesterError
 from harvester.files.plain_text import name as name_of
 from harvester.files.plain_text import nearest
+from harvester.show.quiet import say
 from harvester.signatures import File, Step
 
 if TYPE_CHECKING:

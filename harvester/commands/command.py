@@ -11,15 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import harvester
 from harvester.commands.parsing import add_extra, add_options, is_scene, overrides_of, values_of
-from harvester.commands.running import (
-    check_places,
-    result_files,
-    say,
-    show,
-    study_runner,
-    write_result,
-)
+from harvester.commands.running import check_places, show, study_runner
 from harvester.errors import SimulationError
+from harvester.show.quiet import say
+from harvester.show.result_files import result_files, write_result
 from harvester.signatures import File, Folder, RunnerOptions, options_of
 
 if TYPE_CHECKING:

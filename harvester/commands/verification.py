@@ -6,16 +6,11 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Unpack
 
 from harvester.commands.parsing import overrides_of
-from harvester.commands.running import (
-    check_places,
-    result_files,
-    say,
-    show,
-    study_runner,
-    write_result,
-)
+from harvester.commands.running import check_places, show, study_runner
 from harvester.errors import HarvesterError
 from harvester.files.plain_text import nearest
+from harvester.show.quiet import say
+from harvester.show.result_files import result_files, write_result
 from harvester.signatures import (
     File,
     Kind,

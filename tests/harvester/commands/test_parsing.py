@@ -32,8 +32,7 @@ OPTIONS = {
     f"--precision --to {RUN} {SCENE}",
     "sensitivity": "--above --covariance --method --output --precision --quantity --rows --vary "
     f"{RUN} {SCENE}",
-    "load-study": "--load --method --output --precision --step --sweep --time-limit "
-    f"{RUN} {SCENE}",
+    "load-study": f"--load --method --output --precision --step --sweep --time-limit {RUN} {SCENE}",
     "identify": f"--alone --free --json --output --posterior --record --report {SCENE}",
     "reproduce": f"--output --precision --quick --seed {RUN} FIGURE",
     "claims": f"--json --output --seed --thorough {RUN}",
@@ -123,12 +122,12 @@ def test_a_signature_is_the_options():
 
 def test_what_is_left_out_is_not_handed_on():
     assert parsed("a", "--count", "2") == {"file": "a", "count": 2}
-    given = parsed(*"a b c --count 2 --alone --share 0.5 --sweep x=1,2 --sweep y=3".split())
+    sweeps = ("--sweep", "x=1,2", "--sweep", "y=3")
+    given = parsed("a", "b", "c", "--count", "2", "--alone", *sweeps)
     assert given == {
         "file": "a",
         "others": ["b", "c"],
         "count": 2,
-        "share": 0.5,
         "sweeps": {"x": [1.0, 2.0], "y": [3.0]},
         "compare": False,
     }
