@@ -13,6 +13,7 @@ import harvester
 from harvester.commands.parsing import add_extra, add_options, is_scene, overrides_of, values_of
 from harvester.commands.running import check_places, show, study_runner
 from harvester.errors import SimulationError
+from harvester.files.tables import xarray_or_say
 from harvester.show.quiet import say
 from harvester.show.result_files import result_files, write_result
 from harvester.signatures import File, Folder, RunnerOptions, options_of
@@ -139,7 +140,12 @@ class Study(Command):
         name = f"{scene.name}-{stem}" if scene else stem
         places = {each: getattr(options, each, None) for each in ("json", "output", "report")}
         check_places(**places, files=self.files or result_files(name))
-        with self._opened(stem, scene, values) as runner:
+        if places["output"] and any(file.endswith(".nc") for file in self.files):
+            # Says now, not after a long run, that the library of these files is missing.
+            xarray_or_say()
+        # A single simulation's bar names its method.
+        label = stem if self.bar == "simulated time" else self.name
+        with self._opened(label, scene, values) as runner:
             result = self._computed(scene, values, places["json"])
             if runner:
                 # The folder is still held: another run's files would mix with these.
