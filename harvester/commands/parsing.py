@@ -32,7 +32,7 @@ def about(function: Callable) -> tuple[str, str]:
 
 def described(documented: Any, section: str = "Parameters") -> dict[str, str]:
     """Names in a section of a numpydoc docstring, each with its text on one line."""
-    text = inspect.getdoc(documented) or ""
+    text = (inspect.getdoc(documented) or "") + "\n"
     found = re.search(rf"^{section}\n-+\n(.*?)(?=^[A-Z][A-Za-z ]+\n-+$|\Z)", text, re.M | re.S)
     entries = re.findall(r"^(\S[^\n]*)\n((?:(?: .*)?\n?)*)", found[1] if found else "", re.M)
     return {

@@ -8,10 +8,10 @@ from typing import Annotated, Unpack
 
 import pytest
 
-from harvester.command_line import build_parser
-from harvester.commands.parsing import about, add_options, values_of
+from harvester.command_line import COMMANDS, build_parser
+from harvester.commands.parsing import about, add_options, described, values_of
 from harvester.errors import HarvesterError
-from harvester.signatures import File, Grids, Kind, RunnerOptions, Seconds, Share
+from harvester.signatures import File, Grids, Kind, RunnerOptions, Seconds, Share, options_of
 
 RUN = "--scheduler --time-budget --workers"
 SCENE = "--seed --set scene"
@@ -53,6 +53,14 @@ def test_a_command_has_its_options(name):
         for action in commands[name]._actions
     ]
     assert sorted(found) == sorted([*OPTIONS[name].split(), "--help", "--quiet"])
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.name)
+def test_every_parameter_is_described_or_hidden(command):
+    places = (command.found, RunnerOptions)
+    sections = ("Parameters", "Other Parameters")
+    told = {name for each in places for section in sections for name in described(each, section)}
+    assert set(options_of(command.found)) <= told
 
 
 def study(
