@@ -7,19 +7,20 @@ import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from circuits import elements
+from circuits import elements, verilog
 from circuits.loads import part_values
 from circuits.loads.expression import ExpressionError, check
 from circuits.loads.load_watch import NOTHING as UNWATCHED
 from circuits.loads.load_watch import Watch, watch_of
 from circuits.loads.measurement import NOTHING, Measurement, measurement_of
-from circuits.ngspice import compiled_device
 from harvester.device import timescales
 from harvester.device.system import speed_held
-from harvester.engines.realization import start_state
-from harvester.engines.steps import knot_spacing, steps_per_knot, stop_time
 from harvester.errors import NetlistError
-from harvester.scene.units import scale, setting
+from harvester.excitation import PrescribedDisplacement
+from harvester.prepared.paths import start_state
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing, steps_per_knot, stop_time
+from harvester.scene.units import setting
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -67,7 +68,7 @@ def step_options(
     ----------
     scene : Scene
     step : str or float
-        See `harvester.engines.steps.steps_per_knot`.
+        See `harvester.prepared.steps.steps_per_knot`.
     tolerance : float or None
         Relative tolerance of the local error; None: none, or for a load that may jump one that
         goes with the step, because ngspice's trapezoidal steps grow as its square root.
@@ -83,7 +84,8 @@ def step_options(
         return RECTIFIER_STEP, False
     if not load.may_jump and not tolerance:
         return f"reltol={_switched_newton(scene)!r} trtol=1e9 itl4=100", False
-    refinement = steps_per_knot(scene, step) / steps_per_knot(scene)
+    ready = prepared(scene)
+    refinement = steps_per_knot(ready, step) / steps_per_knot(ready)
     tolerance = tolerance or LOAD_TOLERANCE / refinement**2
     trust = 7.0 * tolerance / GREATEST_NEWTON
     return f"reltol={GREATEST_NEWTON!r} trtol={trust!r} itl4=100", True
@@ -182,7 +184,7 @@ def assemble(
     ----------
     scene : Scene
     step : str or float
-        See `harvester.engines.steps.steps_per_knot`.
+        See `harvester.prepared.steps.steps_per_knot`.
     starts : sequence of (float, float, float) or None
         For each copy of the device in the netlist its X, X' and transducer's state, scaled; None:
         one copy, as the first realization starts.
@@ -196,7 +198,7 @@ def assemble(
         Vectors that ngspice keeps in its memory; what streams out needs none.
     compiled : bool
         The mechanics and the piezo are one compiled device each, see
-        `circuits.ngspice.compiled_device`.
+        `circuits.verilog`.
     pace : float
         Of the motion's clock, see `circuits.elements.pace_of`.
     named : bool
@@ -209,24 +211,25 @@ def assemble(
     """
     from PySpice.Spice.Netlist import Circuit, SubCircuit
 
-    system, scales = scale(scene)
+    ready = prepared(scene)
+    system, scales = ready.system, ready.scales
     rate = timescales.angular_frequency(system)
-    length = knot_spacing(scene) / steps_per_knot(scene, step)
+    length = knot_spacing(ready) / steps_per_knot(ready, step)
     electrical = network(scene)
     circuit = Circuit(f"harvester scene {scene.name}")
     starts = [
-        _start(system, start, rate, electrical) for start in starts or [start_state(scene, 0)]
+        _start(system, start, rate, electrical) for start in starts or [start_state(ready, 0)]
     ]
     load = scene.load.circuit
 
     def add_device(place, start):
-        if scene.excitation.prescribes_displacement:
+        if isinstance(scene.excitation, PrescribedDisplacement):
             elements.add_prescribed_displacement(place, rate, scene.excitation, scales, electrical)
         elif compiled:
-            compiled_device.add_device(place)
+            verilog.add_device(place)
         else:
             _add_mechanics(place, system, rate, length, start)
-        parts = compiled_device.left_out(electrical) if compiled else electrical.elements
+        parts = verilog.left_out(electrical) if compiled else electrical.elements
         elements.add_transducer(place, parts, rate, scales, start[2], pace)
         if not scene.excitation.prescribes_displacement:
             elements.add_pace(place, rate, pace, start)
@@ -250,8 +253,8 @@ def assemble(
             circuit.X(f"copy{copy}", "device", circuit.gnd, **values)
         prefixes = tuple(f"xcopy{copy}." for copy in range(len(starts)))
     if compiled:
-        compiled_device.add_model(circuit, system, rate, electrical, scales, pace)
-        compiled_device.add_starts(circuit, zip(prefixes, starts, strict=True))
+        verilog.add_model(circuit, system, rate, electrical, scales, pace)
+        verilog.add_starts(circuit, zip(prefixes, starts, strict=True))
     text = str(circuit)
     _check_expressions(text)
     measured: Any = (electrical.power_unit,) if electrical.current_per_ampere > 0.0 else ()
@@ -269,7 +272,7 @@ def assemble(
     # The load was vetted when the scene was read.
     if load:
         text += load.text if named and load.is_plain else load.run_text
-    stop = stop_time(scene)
+    stop = stop_time(ready)
     first, shortest = length, 0.0
     if waveform == "external":
         first, shortest = FIRST_ORDER_SHARE * length, SHORTEST_RUN * length
@@ -324,7 +327,7 @@ def _add_mechanics(circuit, system, rate, step, start):
 
 def network(scene: Scene) -> Network:
     """The transducer of a scene as elements: `harvester.device.terminals.Network`."""
-    system, _ = scale(scene)
+    system = prepared(scene).system
     rate = timescales.angular_frequency(system)
     return scene.transducer.network(setting(scene), system.transducer, rate)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
@@ -19,9 +18,9 @@ from circuits.assembly import (
 )
 from circuits.ltspice import DIFFERENCES, to_ltspice
 from harvester.device import timescales
-from harvester.engines.steps import REJECTING_STEPS, knot_spacing, steps_per_knot
 from harvester.errors import NetlistError
-from harvester.scene.units import scale
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import REJECTING_STEPS, knot_spacing, steps_per_knot
 
 if TYPE_CHECKING:
     from circuits.assembly import Netlist
@@ -60,7 +59,7 @@ def stand_alone(
     start : (float, float, float) or None
         X, X' and transducer's state at the beginning, scaled; None: as the first realization.
     step : str or float
-        Longest step, see `harvester.engines.steps.steps_per_knot`.
+        Longest step, see `harvester.prepared.steps.steps_per_knot`.
     tolerance : float or None
         Relative tolerance of ngspice's step control; None: its own default, or what a load
         with diodes needs.
@@ -102,11 +101,11 @@ def stand_alone(
 
 def for_ltspice(
     scene: Scene,
-    path: str | Path,
-    noise_file: str | None,
+    path: ExcitationPath,
+    noise_file: str,
     start: Any = None,
     step: str | float = "default",
-) -> Any:
+) -> tuple[str, str | None]:
     """The same netlist in LTspice's words, with the noise in a file beside it.
 
     Parameters
@@ -147,14 +146,15 @@ def for_ltspice(
 
 def _assembled(scene, path, start, step, tolerance=None, integrator="trapezoidal", save=None):
     """Netlist without the noise's points, scales, and the points "time value"; or None for them."""
-    system, scales = scale(scene)
+    ready = prepared(scene)
+    system, scales = ready.system, ready.scales
     load = scene.load.circuit
     if load is None or load.linear:
         options = own_steps(tolerance or OWN_TOLERANCE)
     else:
         options, _ = step_options(scene, step, tolerance or LOAD_TOLERANCE)
         if load.switches and not load.may_jump:
-            step = knot_spacing(scene) / steps_per_knot(scene, step) / REJECTING_STEPS
+            step = knot_spacing(ready) / steps_per_knot(ready, step) / REJECTING_STEPS
     save = saved(scene) if save is None else save
     if save and load and load.has_output:
         save = (*save, f"v({elements.OUTPUT})", f"v({elements.REFERENCE})")

@@ -7,15 +7,25 @@ from __future__ import annotations
 
 import hashlib
 import re
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from circuits import elements
+from circuits.elements import DISPLACEMENT, VELOCITY, holding, number
 from harvester.device import contact as contacts
 from harvester.device import spring as springs
 from harvester.device.damper import drag_formula
+from harvester.device.piezo import TERMINAL, Piezo
 from harvester.device.system import System
+from harvester.errors import CompiledDeviceUnavailable
+
+if TYPE_CHECKING:
+    from PySpice.Spice.Netlist import Circuit
+
+    from harvester.device.terminals import Network
+    from harvester.scene.units import Scales
 
 NAME = "harvester"
+MODEL = "compiled_harvester"
 
 _HEAD = """\
 // Mechanical and piezoelectric side of a vibration energy harvester, in scaled units.
@@ -174,3 +184,66 @@ module {name}(displacement, velocity, piezo);
     end
 endmodule
 """
+
+
+def add_device(circuit: Circuit) -> None:
+    """One copy between the nodes that `circuits.elements` names, the load's side included."""
+    circuit.raw_spice += f"Nharvester {DISPLACEMENT} {VELOCITY} {TERMINAL} {MODEL}\n"
+
+
+def left_out(network: Network) -> list:
+    """Elements of a piezo's network that the compiled device does not hold."""
+    return [each for each in network.elements if each.name not in HELD]
+
+
+def add_model(
+    circuit: Circuit,
+    system: System,
+    rate: float,
+    network: Network,
+    scales: Scales,
+    pace: float = 1.0,
+) -> None:
+    """The `.model` line that all copies of a scene's device share.
+
+    Parameters
+    ----------
+    circuit : PySpice.Spice.Netlist.Circuit
+    system : harvester.device.system.System
+    rate : float
+        ω of the netlist (rad/s).
+    network : harvester.device.terminals.Network
+    scales : harvester.scene.units.Scales
+    pace : float
+        Of the charge that the mass moves, see `circuits.elements.pace_of`.
+    """
+    charge, capacitance = (network.value(name) for name in ("charge", "piezo"))
+    side = Side(scales.voltage, charge * pace, capacitance)
+    name, _, values = module(system, rate, side)
+    settings = " ".join(f"{key}={number(value)}" for key, value in values.items())
+    circuit.raw_spice += f".model {MODEL} {name} {settings}\n"
+
+
+def add_starts(circuit: Circuit, starts: Any) -> None:
+    """Initial values of every copy: pairs of its nodes' prefix and its three values, as text."""
+    for prefix, start in starts:
+        nodes = dict(zip((DISPLACEMENT, VELOCITY, TERMINAL), start[:3], strict=True))
+        values = " ".join(f"v({prefix}{node})={value}" for node, value in nodes.items())
+        circuit.raw_spice += f".ic {values}\n"
+
+
+def module_of(system: System) -> tuple[str, str]:
+    """Name and Verilog-A text of the module for a device.
+
+    Raises
+    ------
+    CompiledDeviceUnavailable
+        A part has no compiled form.
+    """
+    if holding(system):
+        raise CompiledDeviceUnavailable(
+            'the compiled device has no stoppers.impact_velocity = "event"'
+        )
+    if not isinstance(system.transducer, Piezo):
+        raise CompiledDeviceUnavailable("the compiled device has a piezo only")
+    return module(system)[:2]

@@ -13,11 +13,16 @@ Functions take a scene, its file or its built-in name, and everything else by ke
 import importlib
 import warnings
 
-# As `typing` has it, which a worker process cannot import yet: see `harvester.engines.isolation`.
+from harvester.former_names import install
+from harvester.version import __version__
+
+install()
+
+# As `typing` has it, which a worker process cannot import yet: see `harvester.workers.isolation`.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from circuits.schematic.drawing import schematic as schematic
     from harvester.averaging.of_scene import average as average
-    from harvester.engines.circuit import schematic as schematic
     from harvester.errors import AveragingError as AveragingError
     from harvester.errors import CompiledDeviceUnavailable as CompiledDeviceUnavailable
     from harvester.errors import EnergyNotBalanced as EnergyNotBalanced
@@ -40,14 +45,14 @@ if TYPE_CHECKING:
     from harvester.errors import SolutionDiverged as SolutionDiverged
     from harvester.errors import UnknownOption as UnknownOption
     from harvester.errors import UnknownQuantity as UnknownQuantity
+    from harvester.explorer.explorer import explore as explore
     from harvester.identification.identify import identify as identify
     from harvester.identification.measured_response import MeasuredResponse as MeasuredResponse
     from harvester.identification.measurement import Measurement as Measurement
     from harvester.identification.measurement import read_measurement as read_measurement
-    from harvester.results import Result as Result
+    from harvester.results.result import Result as Result
     from harvester.scene.model import Scene as Scene
-    from harvester.show.explorer import explore as explore
-    from harvester.simulation import simulate as simulate
+    from harvester.simulation.simulate import simulate as simulate
     from harvester.studies.files import save as save
     from harvester.studies.outcome import Report as Report
     from harvester.studies.public import frequency_response as frequency_response
@@ -55,25 +60,24 @@ if TYPE_CHECKING:
     from harvester.studies.public import optimum as optimum
     from harvester.studies.public import sensitivity as sensitivity
     from harvester.studies.public import validate as validate
+    from harvester.verification.accuracy.both import accuracy as accuracy
+    from harvester.verification.accuracy.time_to_accuracy import (
+        time_to_accuracy as time_to_accuracy,
+    )
+    from harvester.verification.accuracy.work_precision import work_precision as work_precision
     from harvester.verification.known_results.truth import verify as verify
     from harvester.verification.paper.claims import claims as claims
     from harvester.verification.paper.reproduce import reproduce as reproduce
     from harvester.verification.stability.matrix import stability as stability
-    from harvester.verification.work_precision.measurement import work_precision as work_precision
-    from harvester.verification.work_precision.time_to_accuracy import (
-        time_to_accuracy as time_to_accuracy,
-    )
-
-__version__ = "0.1.0"
 
 # The same again, imported where it is first used, so that `import harvester` stays light.
 _WHERE = {
     "Scene": "harvester.scene.model",
-    "Result": "harvester.results",
-    "simulate": "harvester.simulation",
+    "Result": "harvester.results.result",
+    "simulate": "harvester.simulation.simulate",
     "average": "harvester.averaging.of_scene",
     "validate": "harvester.studies.public",
-    "explore": "harvester.show.explorer",
+    "explore": "harvester.explorer.explorer",
     "frequency_response": "harvester.studies.public",
     "load_study": "harvester.studies.public",
     "Report": "harvester.studies.outcome",
@@ -84,13 +88,14 @@ _WHERE = {
     "Measurement": "harvester.identification.measurement",
     "MeasuredResponse": "harvester.identification.measured_response",
     "read_measurement": "harvester.identification.measurement",
-    "work_precision": "harvester.verification.work_precision.measurement",
-    "time_to_accuracy": "harvester.verification.work_precision.time_to_accuracy",
+    "accuracy": "harvester.verification.accuracy.both",
+    "work_precision": "harvester.verification.accuracy.work_precision",
+    "time_to_accuracy": "harvester.verification.accuracy.time_to_accuracy",
     "stability": "harvester.verification.stability.matrix",
     "verify": "harvester.verification.known_results.truth",
     "reproduce": "harvester.verification.paper.reproduce",
     "claims": "harvester.verification.paper.claims",
-    "schematic": "harvester.engines.circuit",
+    "schematic": "circuits.schematic.drawing",
     "HarvesterError": "harvester.errors",
     "SceneError": "harvester.errors",
     "UnknownOption": "harvester.errors",

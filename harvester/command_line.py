@@ -7,13 +7,13 @@ import sys
 import warnings
 from typing import Any, NoReturn
 
-from harvester import __version__
 from harvester.commands.parsing import about
+from harvester.commands.quiet import complain, quiet
 from harvester.commands.table import COMMANDS
 from harvester.errors import EngineNotFound, HarvesterError, SimulationError
 from harvester.files.plain_text import nearest, one_line
 from harvester.files.streams import guarded_streams
-from harvester.show.quiet import complain, quiet
+from harvester.version import __version__
 
 # What options were called before one name held for all commands.
 FORMER_OPTIONS = {"--engine": "--method", "--closure": "--method"}
@@ -130,10 +130,10 @@ def build_parser(wanted: str | None = None) -> tuple[Parser, Any]:
         if only not in (None, command.name):
             commands.add_parser(command.name)
             continue
-        first, text = (each.replace("%", "%%") for each in about(command.found))
+        first, text = about(command.found)
         own = commands.add_parser(
             command.name,
-            help=first,
+            help=first.replace("%", "%%"),
             description=text,
             epilog=f"example: harvester {command.example}",
         )

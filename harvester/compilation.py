@@ -1,7 +1,24 @@
-"""How functions are compiled: cached on disk, with C's arithmetic (1/0 gives inf, no checks).
+"""How functions are compiled here. All have C's arithmetic: 1/0 gives inf, and nothing is checked.
+
+============  =====================================  ==========================================
+decorator     for                                    why
+============  =====================================  ==========================================
+compiled      what Python or several callers call    kept on disk
+uncounted     a loop that makes and keeps no array   counting references costs more than its work
+merged        a part of one loop, given a device     LLVM writes it into its caller, without the
+                                                     branches that a known argument rules out
+merged_once   the same without a device              compiled once for all devices
+inlined       a small function of a callback         else a device's numbers go over at each call
+summing       sums over many points                  adds in any order, several at a time
+register_     an equation that Python calls too      compiled only within its callers
+jitable
+overload      code chosen by an argument's type      compiled only within its callers
+intrinsic     LLVM's own instructions                calls by address, numbers side by side
+============  =====================================  ==========================================
 
 numba is imported here, and by other modules from here: it reads a file `.numba_config.yaml` of the
 working folder when it is imported and whenever it compiles, which may name a folder of code.
+What is changed in numba itself stands in `harvester.numba_cache`.
 """
 
 from __future__ import annotations
@@ -56,19 +73,13 @@ numba_cache.wait_for_other_processes()
 # Without it everything is compiled at every start: slower by some seconds, and the same.
 CACHED = numba_cache.is_safe()
 compiled = partial(njit, cache=CACHED, error_model="numpy")
-# Counts no references to arrays, which costs more than what a loop does with a few of their
-# numbers: for a function that makes no array and keeps none.
 uncounted = partial(njit, cache=CACHED, error_model="numpy", _nrt=False)
-# Written into its callers, which else hand over all numbers of a device each time they step.
 inlined = partial(njit, error_model="numpy", inline="always")
-# Written into its callers by LLVM and uncounted, as `merged`: for a function that knows no device,
-# which is compiled once for all of them.
 merged_once = partial(uncounted, forceinline=True)
 # Only compiled code calls what these compile: an entry for C as well takes a third as long again.
 WITHIN = {"no_cfunc_wrapper": True}
 overload = partial(extending.overload, jit_options=WITHIN)
 register_jitable = extending.register_jitable(**WITHIN)
-# Sums over many points in any order, several at a time.
 summing = partial(njit, cache=CACHED, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
 
 PACKAGE = Path(__file__).parent

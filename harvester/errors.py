@@ -65,7 +65,7 @@ class SimulationError(HarvesterError):
 
     Attributes
     ----------
-    partial : harvester.results.Result or None
+    partial : harvester.results.result.Result or None
         What the run had until then; within a worker, its moments.
     """
 

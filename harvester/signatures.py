@@ -16,16 +16,10 @@ import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypedDict, get_args, get_origin
+from typing import Annotated, Any, NamedTuple, TypedDict, get_args, get_origin
 
 from harvester.errors import HarvesterError
 from harvester.files.plain_text import named, shown
-
-if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
-    from harvester.engines.pools import ExecutorPool, WorkerPool
-    from harvester.running.runner import Runner
 
 # Longest list that the ends of a grid may ask for.
 MOST_NUMBERS = 100_000
@@ -224,10 +218,11 @@ class RunnerOptions(TypedDict, total=False):
     workers: Processes | None
     scheduler: Annotated[str, Kind("ADDRESS")] | None
     output: Folder | None
-    executor: Executor | WorkerPool | ExecutorPool | None
+    # These two by their own types in `open_runner`: what is described here stands below them.
+    executor: Any
     time_limit: Seconds
     progress: Callable[[float, str], object] | None
-    runner: Runner | None
+    runner: Any
 
 
 class Option(NamedTuple):

@@ -91,4 +91,4 @@ print(
     + ", ".join(f"{name} is {share:+.0%}" for name, share in off.items())
     + " from Monte Carlo."
 )
-figures.draw_comparison(comparison)
+comparison.figure()

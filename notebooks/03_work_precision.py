@@ -23,9 +23,9 @@ import matplotlib.pyplot as plt
 
 import harvester
 from harvester.show import figures
-from harvester.verification.work_precision.diagram import MEANS, judged
-from harvester.verification.work_precision.measurement import work_precision
-from harvester.verification.work_precision.methods import Method
+from harvester.verification.accuracy.methods import Method
+from harvester.verification.accuracy.work_precision import judged, work_precision
+from harvester.verification.quantities import MEANS
 
 plt.style.use(figures.STYLE)
 
@@ -94,4 +94,4 @@ if below:
     )
 else:
     print("This run is too short to show any circuit step's biases below 1 %: lengthen it.")
-figures.draw_work_precision(diagram)
+diagram.figure()

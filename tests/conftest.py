@@ -8,8 +8,8 @@ import kept
 import pytest
 from hypothesis import HealthCheck, settings
 
-from harvester.engines.pools import WorkerPool
-from harvester.engines.workers import Worker
+from harvester.workers.pools import WorkerPool
+from harvester.workers.process import Worker
 
 HERE = Path(__file__).parent
 # Fuzz tests: the same few seconds every time, or `--hypothesis-profile=long` by hand.

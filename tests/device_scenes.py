@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from harvester.device import timescales
+from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 
 SCALED = {
     "units": "scaled",
@@ -189,7 +189,7 @@ def _random_stopper(generator, between):
 
 
 def _of_25_periods(scene, knots_per_period):
-    period = 2.0 * math.pi / timescales.angular_frequency(scale(scene)[0])
+    period = 2.0 * math.pi / timescales.angular_frequency(prepared(scene).system)
     apart = min(period / knots_per_period, scene.excitation.correlation_time)
     duration = math.ceil(25.0 * period / apart) * apart
     return scene.replace({"excitation.knot_spacing": apart, "run.duration": duration})

@@ -8,9 +8,9 @@ from kept import kept
 from scipy.integrate import DOP853, quad
 from scipy.optimize import brentq
 
-from harvester.engines.realization import noise_path, start_state
-from harvester.engines.steps import knot_spacing
-from harvester.scene.units import scale
+from harvester.prepared.paths import noise_path, start_state
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing
 
 
 class Written:
@@ -98,10 +98,11 @@ def written_path(scene, knots, index=0, displaced=0.0):
     In the scene's units; `displaced` is added to the displacement at the start. Steps of scipy are
     cut where a contact begins, so that the speed there can be held and the solver keeps its order.
     """
-    device, spacing = Written(scene), knot_spacing(scene)
-    _, scales = scale(scene)
-    noise = noise_path(scene, index).read(knots + 1) * scales.displacement
-    x, v, _ = start_state(scene, index)
+    ready = prepared(scene)
+    device, spacing = Written(scene), knot_spacing(ready)
+    scales = ready.scales
+    noise = noise_path(ready, index).read(knots + 1) * scales.displacement
+    x, v, _ = start_state(ready, index)
     state = np.array(
         [
             x * scales.displacement + displaced,

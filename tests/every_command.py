@@ -9,8 +9,8 @@ import itertools
 import numpy as np
 
 from harvester.command_line import main
+from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 
 # Of a run, a quarter of them to settle in; an optimum is refused where each mean is of fewer.
 PERIODS, PERIODS_OF_AN_OPTIMUM = 6.0, 12.0
@@ -72,6 +72,7 @@ EACH_ONCE = (
     ("optimum", "paper", "own resistor", "ornstein-uhlenbeck"),
     ("sensitivity", "one_sided", "sece", "ornstein-uhlenbeck"),
     ("stability", "paper", "own resistor", "ornstein-uhlenbeck"),
+    ("accuracy", "paper", "own resistor", "ornstein-uhlenbeck"),
     ("work-precision", "paper", "own resistor", "ornstein-uhlenbeck"),
     ("time-to-accuracy", "electromagnetic", "bridge", "ornstein-uhlenbeck"),
     ("netlist ngspice", "leak and drag", "bridge", "prescribed displacement"),
@@ -104,6 +105,7 @@ COMMANDS = {
         ("--vary", "oscillator.damping=±10%", "--rows", "2", *BRIEFLY),
     ),
     "stability": (("stability",), BRIEFLY),
+    "accuracy": (("accuracy",), BRIEFLY),
     "work-precision": (("work-precision",), BRIEFLY),
     "time-to-accuracy": (("time-to-accuracy",), BRIEFLY),
     "netlist ngspice": (("netlist",), ("--output", "{folder}/ngspice.cir")),
@@ -156,7 +158,8 @@ def write_files(folder):
 def _values(device, folder):
     """Numbers that suit a device, for the fields of the overrides."""
     scene = _scene(device)
-    system, scales = scale(scene)
+    ready = prepared(scene)
+    system, scales = ready.system, ready.scales
     length = scales.displacement
     frequency = _period(system) ** -1
     intensity = scene.excitation.intensity

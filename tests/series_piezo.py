@@ -7,9 +7,9 @@ i = V/(R_s + R), and the electrodes take R_s i².
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
+from harvester.device.keys import SI, positive
 from harvester.device.linear_transducer import LinearTransducer
 from harvester.device.terminals import GROUND, Element, Network, TransducerTable
-from harvester.scene.keys import SI, positive
 
 
 class Numbers(NamedTuple):

@@ -8,13 +8,14 @@ from harvester.running import open_runner
 from harvester.scene.model import Scene
 from harvester.studies import Report, load_study, optimum_search
 from harvester.studies.public import frequency_response, optimum, optimum_of_several, sensitivity
+from harvester.verification.accuracy import measurement, throughput, timed
+from harvester.verification.accuracy.methods import Method
+from harvester.verification.accuracy.work_precision import work_precision
 from harvester.verification.paper import claims, reproduce, runs
 from harvester.verification.paper.claim_tests import Trend
 from harvester.verification.paper.claims_list import Claim
 from harvester.verification.paper.figures_list import FIGURES
 from harvester.verification.stability import cases, matrix
-from harvester.verification.work_precision import measurement, throughput, timed
-from harvester.verification.work_precision.methods import Method
 
 PAPER = Scene.load("paper", ["run.settle=5"])
 BRIEF = Scene.load("linear", ["run.realizations=4", "run.duration=600", "run.settle=50"])
@@ -94,7 +95,7 @@ def precision(**options):
     timed.CLOSURES = ("paper",)
     circuit = Method("circuit", "circuit", 2, brief=True)
     measurement.METHODS = (circuit, Method("MC", "monte-carlo", 4))
-    return measurement.work_precision(BRIEF, **options).to_dict()
+    return work_precision(BRIEF, **options).to_dict()
 
 
 STUDIES = {

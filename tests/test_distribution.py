@@ -9,6 +9,7 @@ import tarfile
 import zipfile
 from pathlib import Path
 
+import entry_points
 import pytest
 
 import harvester
@@ -104,5 +105,18 @@ def test_the_wheel_runs_away_from_the_checkout(environment, tmp_path):
 
 def test_the_version_stands_in_one_place():
     text = (ROOT / "pyproject.toml").read_text("utf-8")
-    assert "harvester.__version__" in text
+    assert "harvester.version.__version__" in text
     assert harvester.__version__ not in text
+
+
+@pytest.mark.exhaustive
+def test_another_package_adds_parts_that_workers_find(environment, tmp_path):
+    (packages,) = environment.parent.glob("lib/python*/site-packages")
+    entry_points.install(packages)
+    (tmp_path / "scene.toml").write_text(entry_points.SCENE)
+    command = environment / "harvester"
+    for words in (
+        ("simulate", "scene.toml", "--method", "monte-carlo"),
+        ("average", "linear", "--method", "toy"),
+    ):
+        assert "mean power" in run(command, *words, folder=tmp_path), words

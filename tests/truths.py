@@ -16,11 +16,11 @@ from harvester.device.hertz import hertz_damp
 from harvester.device.piezo import piezo
 from harvester.device.spring import spring
 from harvester.device.system import Noise, System
-from harvester.engines.monte_carlo import integrate, record_of
-from harvester.engines.realization import noise_path, start_state
-from harvester.engines.steps import knot_spacing
+from harvester.monte_carlo.engine import integrate, record_of
+from harvester.prepared.paths import noise_path, start_state
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 from harvester.verification.known_results.formulas import linear_piezo_power
 
 # One mass and its stoppers alone, v0 held: what `rebound_speed` is the law of.
@@ -81,7 +81,7 @@ class Coefficients(NamedTuple):
 
 def flat(scene):
     """Coefficients of a scene with the source paper's parts."""
-    s = scale(scene)[0]
+    s = prepared(scene).system
     linear, cubic = (*s.spring.odd, 0.0, 0.0)[:2]
     law = s.contacts[0].law if s.contacts else hertz_damp(0.0, 1.0)
     return Coefficients(
@@ -203,8 +203,9 @@ def reference_path(scene, knots, index=0):
     For `energy` mode; shape (knots + 1, 3).
     """
     p = flat(scene)
-    spacing = knot_spacing(scene)
-    noise = noise_path(scene, index).read(knots + 1)
+    ready = prepared(scene)
+    spacing = knot_spacing(ready)
+    noise = noise_path(ready, index).read(knots + 1)
     state = np.array([p.rest if index % 2 == 0 else -p.rest, 0.0, 0.0])
     states = [state]
     for knot in range(knots):
@@ -247,8 +248,9 @@ class Keep:
 
 def records_of(scene, stop, index=0, path=None, start=None, **options):
     """Monte Carlo's record of one realization, chunk by chunk; overwritten by the next."""
-    system, _ = scale(scene)
-    start = start_state(scene, index) if start is None else start
-    path = noise_path(scene, index) if path is None else path
+    ready = prepared(scene)
+    system = ready.system
+    start = start_state(ready, index) if start is None else start
+    path = noise_path(ready, index) if path is None else path
     for columns, points in integrate(system, [path], [start], stop, **options):
         yield record_of(columns, points, 0)

@@ -3,16 +3,17 @@
 import os
 import time
 
+from circuits import verilog
 from circuits.assembly import Netlist, assemble
 from circuits.ngspice import compiled_device
 from circuits.ngspice.session import session
-from harvester.engines.protocol import ENGINES
-from harvester.engines.realization import noise_path, start_state
-from harvester.engines.steps import steps_per_knot
 from harvester.errors import SimulatorAborted
+from harvester.prepared.paths import noise_path, start_state
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import steps_per_knot
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
-from harvester.verification.work_precision import throughput
+from harvester.simulation.methods import ENGINES
+from harvester.verification.accuracy import throughput
 
 
 def say(report, text):
@@ -59,33 +60,35 @@ def speeds(report, scene):
 def run_text(report, text, stop):
     """Run a netlist with the noise of `paper` on its external source."""
     scene = Scene.load("paper")
-    parameters, _ = scale(scene)
+    ready = prepared(scene)
+    parameters = ready.system
     from truths import Keep
 
     keep = Keep()
     netlist = Netlist(text, 1.0, 1.0, 0.05, stop)
-    steps = session().run(netlist, parameters, [noise_path(scene, 0)], [[keep]], 1)
+    steps = session().run(netlist, parameters, [noise_path(ready, 0)], [[keep]], 1)
     return steps, keep.record()
 
 
 def load_compiled_device(report):
-    compiled_device.load(session(), compiled_device.module_of(scale(Scene.load("paper"))[0])[1])
+    compiled_device.load(session(), verilog.module_of(prepared(Scene.load("paper")).system)[1])
 
 
 def run_device(report, scene, compiled, copies=1):
     """Record of the last of a scene's copies, a row a quantity, its mechanics compiled or not."""
     from truths import Keep
 
-    parameters, _ = scale(scene)
+    ready = prepared(scene)
+    parameters = ready.system
     if compiled:
-        text = compiled_device.module_of(parameters)[1]
+        text = verilog.module_of(parameters)[1]
         compiled_device.load(session(), text)
         compiled_device.load(session(), text)  # a second time does no harm
-    starts = [start_state(scene, index) for index in range(copies)]
+    starts = [start_state(ready, index) for index in range(copies)]
     netlist = assemble(scene, starts=starts, compiled=compiled)
     keep = [Keep() for _ in starts]
-    paths = [noise_path(scene, index) for index in range(copies)]
-    session().run(netlist, parameters, paths, [[each] for each in keep], steps_per_knot(scene))
+    paths = [noise_path(ready, index) for index in range(copies)]
+    session().run(netlist, parameters, paths, [[each] for each in keep], steps_per_knot(ready))
     return keep[-1].record()
 
 
@@ -101,9 +104,10 @@ def run_many(report, scene, times):
     from circuits.ngspice.engine import run_realizations
 
     sizes = []
+    ready = prepared(scene)
     for index in range(times):
-        starts = [start_state(scene, 0)]
-        run_realizations(scene, [noise_path(scene, 0)], starts, [[Keep()]], "default", "external")
+        starts = [start_state(ready, 0)]
+        run_realizations(scene, [noise_path(ready, 0)], starts, [[Keep()]], "default", "external")
         if index in (times // 4, times - 1):
             sizes.append(resident_megabytes())
     return sizes
@@ -121,8 +125,9 @@ def run_long(report, scene):
             self.sizes.append(resident_megabytes())
 
     watch = Watch()
-    starts = [start_state(scene, 0)]
-    run_realizations(scene, [noise_path(scene, 0)], starts, [[watch]], "default", "external")
+    ready = prepared(scene)
+    starts = [start_state(ready, 0)]
+    run_realizations(scene, [noise_path(ready, 0)], starts, [[watch]], "default", "external")
     return watch.sizes[-1] - watch.sizes[len(watch.sizes) // 2]
 
 
@@ -134,17 +139,18 @@ def drop(report, scene, speed, step):
     from truths import Keep
 
     from circuits.assembly import assemble
-    from harvester.engines.steps import steps_per_knot
+    from harvester.prepared.steps import steps_per_knot
 
-    parameters, _ = scale(scene)
+    ready = prepared(scene)
+    parameters = ready.system
     netlist = assemble(scene, step)
     start = repr(speed / netlist.rate)
     text, found = re.subn(r"(?m)^(Cmass .*ic=)0\.0$", rf"\g<1>{start}", netlist.text)
     assert found == 1
     keep = Keep()
     netlist = dataclasses.replace(netlist, text=text)
-    steps = steps_per_knot(scene, step)
-    session().run(netlist, parameters, [noise_path(scene, 0)], [[keep]], steps)
+    steps = steps_per_knot(ready, step)
+    session().run(netlist, parameters, [noise_path(ready, 0)], [[keep]], steps)
     return keep.record()
 
 
@@ -153,13 +159,14 @@ def stick(report, scene):
     import dataclasses
     import re
 
-    parameters, _ = scale(scene)
+    ready = prepared(scene)
+    parameters = ready.system
     netlist = assemble(scene)
     text, found = re.subn(r"(?m)^(Cheld_speed .*ic=).*$", r"\g<1>0.0", netlist.text)
     assert found == 1
     netlist = dataclasses.replace(netlist, text=text)
-    paths = [noise_path(scene, 0)]
-    session().run(netlist, parameters, paths, [[]], steps_per_knot(scene))
+    paths = [noise_path(ready, 0)]
+    session().run(netlist, parameters, paths, [[]], steps_per_knot(ready))
 
 
 def run_with_law(report, tables, engine, step):
@@ -168,13 +175,20 @@ def run_with_law(report, tables, engine, step):
     from truths import Keep
 
     from harvester.device.contact import LAWS
-    from harvester.engines.steps import knot_spacing
+    from harvester.prepared.steps import knot_spacing
 
     LAWS["dashpot"] = spring_dashpot
     scene = Scene.from_tables(tables)
+    ready = prepared(scene)
     keep = Keep()
     module = ENGINES[engine]
     module.prepare(scene)
-    arguments = ([noise_path(scene, 0)], [start_state(scene, 0)], [[keep]], step, "external")
+    arguments = (
+        [noise_path(ready, 0)],
+        [start_state(ready, 0)],
+        [[keep]],
+        step,
+        "external",
+    )
     module.run_realizations(scene, *arguments, device="behavioural")
-    return keep.at_knots(knot_spacing(scene))
+    return keep.at_knots(knot_spacing(ready))

@@ -19,7 +19,8 @@ from circuits.loads.measurement import measurement_of
 from circuits.loads.part_values import capacitance, conductance, suspicion
 from harvester.device import timescales
 from harvester.device.terminals import GROUND, LOAD_AMMETER
-from harvester.scene.units import scale, setting
+from harvester.prepared.prepared import prepared
+from harvester.scene.units import setting
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -45,7 +46,8 @@ def build(scene: Scene) -> Circuit:
     LoadError
         The load holds what the compiled engine does not take; the message says where.
     """
-    system, scales = scale(scene)
+    ready = prepared(scene)
+    system, scales = ready.system, ready.scales
     load = scene.load.circuit
     rate = timescales.angular_frequency(system)
     network = scene.transducer.network(setting(scene), system.transducer, rate)

@@ -1,4 +1,4 @@
-"""Monte Carlo of a device with a netlist as load: `harvester.engines.monte_carlo` calls it."""
+"""Monte Carlo of a device with a netlist as load."""
 
 from __future__ import annotations
 
@@ -27,8 +27,10 @@ from circuits.kernel.stepping import CHATTER, FINE, advance
 from circuits.kernel.tables import Circuit
 from harvester.compilation import numba
 from harvester.device import contact, system, timescales
-from harvester.engines.lines import line_frequency
-from harvester.engines.steps import (
+from harvester.errors import LoadError, SimulatorAborted, SolutionDiverged
+from harvester.prepared.lines import line_frequency
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import (
     CRAWL,
     GETS_NOWHERE,
     PATIENCE,
@@ -39,9 +41,7 @@ from harvester.engines.steps import (
     steps_per_knot,
     stop_time,
 )
-from harvester.errors import SimulatorAborted, SolutionDiverged
 from harvester.record.record import Record, empty_record, part
-from harvester.scene.units import scale
 
 if TYPE_CHECKING:
     from harvester.device.system import System
@@ -58,7 +58,7 @@ SCHEME = "TR-BDF2"
 
 def prepare(scene: Scene) -> None:
     """Load the compiled code for a scene's parts, so that it does not count as simulation."""
-    s, _ = scale(scene)
+    s = prepared(scene).system
     circuit = circuit_of(scene)
     state = _beginning(s, circuit, (0.0, 0.0, 0.0))
     edges = np.array(contact.edges(s.contacts))
@@ -80,9 +80,15 @@ def run_realizations(
     starts: list[tuple[float, float, float]],
     observers: list[Any],
     step: str | float,
+    source: str,
+    scheme: str = "runge-kutta",
+    tolerance: float | None = None,
+    device: str | None = None,
     outputs: Any = None,
 ) -> dict[str, str | None]:
     """Integrate realizations one by one; see `circuits.ngspice.engine.run_realizations`.
+
+    `source`, `tolerance` and `device` are not used. There is one scheme for netlists.
 
     Returns
     -------
@@ -92,25 +98,28 @@ def run_realizations(
     Raises
     ------
     LoadError
-        The load holds what is not taken.
+        The load holds what is not taken, or another scheme is asked for.
     SimulatorAborted, SolutionDiverged
     """
-    s, scales = scale(scene)
+    if scheme != "runge-kutta":
+        raise LoadError(f"{scene.name}: --scheme {scheme} is for a resistor as load; leave it out")
+    ready = prepared(scene)
+    s, scales = ready.system, ready.scales
     circuit = circuit_of(scene)
-    fixed = steps_per_knot(scene, step, "monte-carlo")
-    in_contact = steps_per_contact(scene, step, "monte-carlo")
-    refinement = fixed / steps_per_knot(scene, engine="monte-carlo")
+    fixed = steps_per_knot(ready, step, "monte-carlo")
+    in_contact = steps_per_contact(ready, step, "monte-carlo")
+    refinement = fixed / steps_per_knot(ready, engine="monte-carlo")
     for k, (path, start, watching) in enumerate(zip(paths, starts, observers, strict=True)):
         for record, output in integrate(
             s,
             circuit,
             path,
             start,
-            stop_time(scene),
+            stop_time(ready),
             fixed,
             in_contact,
             refinement,
-            line_frequency(scene),
+            line_frequency(ready),
         ):
             if not all(np.isfinite(column[-1]) for column in record):
                 raise SolutionDiverged(

@@ -92,7 +92,8 @@ def _pivots(tables, pattern, trials):
     n = len(pattern)
     filled, work = pattern.copy(), trials.copy()
     free_rows, free_columns = np.ones(n, dtype=bool), np.ones(n, dtype=bool)
-    rows, columns = [], []
+    rows: list[int] = []
+    columns: list[int] = []
     linear = None
     while len(rows) < n:
         chosen = None

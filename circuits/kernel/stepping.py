@@ -41,7 +41,7 @@ from circuits.kernel.stage import (
 from circuits.kernel.switching import missed_controls, switched, turn
 from circuits.kernel.tables import Probes, Tables
 from harvester.compilation import compiled, merged, uncounted
-from harvester.engines.zones import crossing, overshoots
+from harvester.device.zones import crossing, overshoots
 
 ROOT = np.sqrt(2.0)
 # The first stages' place in a step.

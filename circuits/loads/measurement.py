@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from circuits.loads.expression import CIRCUIT_ONLY, ExpressionError, Tree, leaves, renamed
+from circuits.loads.kinds import STATE
 from circuits.loads.tape import Values
 from harvester.device.terminals import GROUND
 from harvester.errors import NetlistError
 from harvester.files.plain_text import nearest
-from harvester.record.output_side import STATE
 
 if TYPE_CHECKING:
     from circuits.loads.elements import Element

@@ -6,9 +6,9 @@ import re
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from circuits.loads.kinds import LOSS, OUTPUT, STATE, STORE, TAKEN
 from circuits.loads.vetting import LONGEST_SHOWN, check_expression, refuse
 from harvester.files.plain_text import nearest
-from harvester.record.output_side import LOSS, OUTPUT, STATE, STORE, TAKEN
 
 if TYPE_CHECKING:
     from circuits.loads.reader import Card

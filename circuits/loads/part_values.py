@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from harvester.record.output_side import OUTPUT
+from circuits.loads.kinds import OUTPUT
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -16,6 +16,7 @@ from circuits.loads import vetting
 from circuits.loads.elements import Element
 from circuits.loads.expansion import Expansion
 from circuits.loads.flattening import calls, elements, outermost
+from circuits.loads.kinds import OUTPUT
 from circuits.loads.load_checks import check_load, check_needs, loose_nodes
 from circuits.loads.load_watch import Watch, watch_of
 from circuits.loads.measurement import evaluated
@@ -30,7 +31,6 @@ from circuits.loads.writer import reads_alike, run_text
 from harvester.device.terminals import GROUND
 from harvester.errors import NetlistError
 from harvester.files.plain_text import nearest
-from harvester.record.output_side import OUTPUT
 
 # What a load's sub-circuit is connected by: the piezo's terminals, and its DC side if it has one.
 PIEZO_PINS, OUTPUT_PINS = ("p", "n"), ("out", "ref")

@@ -16,22 +16,14 @@ import subprocess
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from circuits import verilog
-from circuits.elements import DISPLACEMENT, VELOCITY, holding, number
-from harvester.device.piezo import TERMINAL, Piezo
 from harvester.errors import CompiledDeviceUnavailable
 from harvester.files.surroundings import who_else_writes
 from harvester.files.temporary import TemporaryFolder
 
 if TYPE_CHECKING:
-    from PySpice.Spice.Netlist import Circuit
-
-    from harvester.device.system import System
-    from harvester.device.terminals import Network
-    from harvester.scene.units import Scales
+    pass
 
 COMPILER = "openvaf-r"
-MODEL = "compiled_harvester"
 # The same machine code, and so the same last digits, on every processor that shares a cache.
 OPTIONS = ("--target_cpu", "generic")
 TIME_LIMIT = 120.0
@@ -136,69 +128,6 @@ def load(engine: Any, text: str) -> None:
         trouble = _answer(engine, f"osdi {path.name}")
     if trouble:
         raise CompiledDeviceUnavailable(f"{path}: ngspice cannot load it: {trouble}")
-
-
-def add_device(circuit: Circuit) -> None:
-    """One copy between the nodes that `circuits.elements` names, the load's side included."""
-    circuit.raw_spice += f"Nharvester {DISPLACEMENT} {VELOCITY} {TERMINAL} {MODEL}\n"
-
-
-def left_out(network: Network) -> list:
-    """Elements of a piezo's network that the compiled device does not hold."""
-    return [each for each in network.elements if each.name not in verilog.HELD]
-
-
-def add_model(
-    circuit: Circuit,
-    system: System,
-    rate: float,
-    network: Network,
-    scales: Scales,
-    pace: float = 1.0,
-) -> None:
-    """The `.model` line that all copies of a scene's device share.
-
-    Parameters
-    ----------
-    circuit : PySpice.Spice.Netlist.Circuit
-    system : harvester.device.system.System
-    rate : float
-        ω of the netlist (rad/s).
-    network : harvester.device.terminals.Network
-    scales : harvester.scene.units.Scales
-    pace : float
-        Of the charge that the mass moves, see `circuits.elements.pace_of`.
-    """
-    charge, capacitance = (network.value(name) for name in ("charge", "piezo"))
-    side = verilog.Side(scales.voltage, charge * pace, capacitance)
-    name, _, values = verilog.module(system, rate, side)
-    settings = " ".join(f"{key}={number(value)}" for key, value in values.items())
-    circuit.raw_spice += f".model {MODEL} {name} {settings}\n"
-
-
-def add_starts(circuit: Circuit, starts: Any) -> None:
-    """Initial values of every copy: pairs of its nodes' prefix and its three values, as text."""
-    for prefix, start in starts:
-        nodes = dict(zip((DISPLACEMENT, VELOCITY, TERMINAL), start[:3], strict=True))
-        values = " ".join(f"v({prefix}{node})={value}" for node, value in nodes.items())
-        circuit.raw_spice += f".ic {values}\n"
-
-
-def module_of(system: System) -> tuple[str, str]:
-    """Name and Verilog-A text of the module for a device.
-
-    Raises
-    ------
-    CompiledDeviceUnavailable
-        A part has no compiled form.
-    """
-    if holding(system):
-        raise CompiledDeviceUnavailable(
-            'the compiled device has no stoppers.impact_velocity = "event"'
-        )
-    if not isinstance(system.transducer, Piezo):
-        raise CompiledDeviceUnavailable("the compiled device has a piezo only")
-    return verilog.module(system)[:2]
 
 
 def _require_own(folder):

@@ -1,4 +1,4 @@
-"""The circuit engine: scene → netlist → ngspice, as `harvester.engines.realization` calls it."""
+"""The circuit engine: scene → netlist → ngspice, as `harvester.simulation.realization` calls it."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from circuits.assembly import assemble, step_options
 from circuits.elements import pace_of
 from circuits.ngspice import compiled_device
 from circuits.ngspice.session import session
-from harvester.engines.lines import line_frequency
-from harvester.engines.steps import knot_spacing, steps_per_contact, steps_per_knot
 from harvester.errors import CompiledDeviceUnavailable
+from harvester.prepared.lines import line_frequency
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing, steps_per_contact, steps_per_knot
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 
 if TYPE_CHECKING:
     from circuits.ngspice.session import Session
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 def prepare(scene: Scene) -> None:
     """Load libraries and compiled code, so that they do not count as simulation."""
     importlib.import_module("PySpice.Spice.Netlist")
-    session().prepare(scale(scene)[0])
+    session().prepare(prepared(scene).system)
 
 
 def run_realizations(
@@ -53,7 +53,7 @@ def run_realizations(
     observers : sequence of sequences of objects with `add(record)`
         Those of each realization.
     step : str or float
-        See `harvester.engines.steps.steps_per_knot`.
+        See `harvester.prepared.steps.steps_per_knot`.
     source : str
         "external", or "pwl" for a PWL source in the netlist with ngspice's own steps, which
         takes one realization.
@@ -77,7 +77,8 @@ def run_realizations(
     ------
     SimulationError, NetlistError, EngineNotFound
     """
-    system, _ = scale(scene)
+    ready = prepared(scene)
+    system = ready.system
     engine = session()
     engine.circuit_load = scene.load.circuit
     if source == "pwl":
@@ -93,8 +94,8 @@ def run_realizations(
         netlist = assemble(
             scene, step, starts, options=options, integrator=scheme, compiled=compiled, pace=pace
         )
-        steps = steps_per_knot(scene, step), steps_per_contact(scene, step)
-        refinement = steps[0] / steps_per_knot(scene)
+        steps = steps_per_knot(ready, step), steps_per_contact(ready, step)
+        refinement = steps[0] / steps_per_knot(ready)
         engine.run(netlist, system, paths, observers, *steps, by_error, refinement, outputs)
     return {
         "engine_version": version(engine),
@@ -104,13 +105,14 @@ def run_realizations(
 
 def _pace(scene, step):
     """That at which steps of the grid are exact for the excitation's line."""
-    length = knot_spacing(scene) / steps_per_knot(scene, step)
-    return pace_of(line_frequency(scene) * length)
+    ready = prepared(scene)
+    length = knot_spacing(ready) / steps_per_knot(ready, step)
+    return pace_of(line_frequency(ready) * length)
 
 
 def device_used(scene: Scene, device: str, report: Callable) -> str:
     """What a device asked for comes to: "compiled" or "behavioural" (in a worker)."""
-    compiled = _compiled(session(), scene, scale(scene)[0], device)
+    compiled = _compiled(session(), scene, prepared(scene).system, device)
     return "compiled" if compiled else "behavioural"
 
 
@@ -147,5 +149,5 @@ def describe(report: Callable) -> dict[str, Any]:
         "cider": "cider" in text.lower(),
         "osdi": compiled_device.has_osdi(engine),
         "klu": "klu" in text.lower(),
-        "compiled_device_off": engine.compiled_device_is_off(scale(Scene.load("paper"))[0]),
+        "compiled_device_off": engine.compiled_device_is_off(prepared(Scene.load("paper")).system),
     }

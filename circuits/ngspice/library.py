@@ -68,7 +68,7 @@ def find_library() -> str:
     raise EngineNotFound(f"{reason}; {HOW_TO_GET_IT}")
 
 
-def code_models(library: str) -> list[str]:
+def code_models(library: str) -> list[Path]:
     """ngspice's code models: those beside the library; another release's crash it.
 
     Parameters

@@ -1,6 +1,6 @@
 """One ngspice library in this process: loads a netlist, runs it, streams its solution.
 
-Runs in a worker process of its own (`harvester.engines.workers`), because some mistakes make
+Runs in a worker process of its own (`harvester.workers.process`), because some mistakes make
 ngspice abort or hang. PySpice loads the library and sends the commands; its callbacks are replaced
 by the compiled ones of `circuits.ngspice.callbacks`.
 """
@@ -11,12 +11,13 @@ import contextlib
 import sys
 import threading
 import time
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from PySpice.Spice.NgSpice.Shared import NgSpiceCommandError, NgSpiceShared, ffi
 
-from circuits import elements
+from circuits import elements, verilog
 from circuits.loads.part_values import suspicion
 from circuits.loads.places import file_of, with_places
 from circuits.ngspice import callbacks, compiled_device, messages
@@ -24,10 +25,10 @@ from circuits.ngspice.library import code_models, find_library, no_initialisatio
 from circuits.ngspice.solution import convert, units_of, vectors
 from harvester.compilation import numbers_of
 from harvester.device import timescales
-from harvester.engines.steps import CRAWL, GETS_NOWHERE, PATIENCE, STEPS_PER_CONTACT
-from harvester.engines.worker import as_answer, give_up
 from harvester.errors import CompiledDeviceUnavailable, SimulatorAborted, SolutionDiverged
+from harvester.prepared.steps import CRAWL, GETS_NOWHERE, PATIENCE, STEPS_PER_CONTACT
 from harvester.record.record import empty_record, part
+from harvester.workers.worker import as_answer, give_up
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -73,7 +74,7 @@ class Session(NgSpiceShared):
         self.messages, self.errors = [], []
         self._compiled_devices = {}
         self._doing = "stopped"
-        self._service = None
+        self._service: tuple[Callable[[], None], ...] | None = None
         self._keep = [
             ffi.callback("int (char *, int, void *)", self._receive_message),
             ffi.callback("int (char *, int, void *)", lambda *_: 0),
@@ -112,7 +113,7 @@ class Session(NgSpiceShared):
         system : harvester.device.system.System
         """
         try:
-            name, text = compiled_device.module_of(system)
+            name, text = verilog.module_of(system)
         except CompiledDeviceUnavailable as reason:
             return str(reason)
         if name not in self._compiled_devices:
@@ -254,6 +255,7 @@ class Session(NgSpiceShared):
     def _serve(self, reason):
         """Called by the compiled callbacks; an error must not return into ngspice."""
         try:
+            assert self._service is not None
             self._service[reason]()
         except BaseException as error:
             give_up(as_answer(error))

@@ -22,11 +22,12 @@ from circuits.schematic.symbols import (
     schemdraw_library,
     width,
 )
+from harvester.calling import scene_of
 from harvester.errors import OutputError
 from harvester.files.writing import whole_file
 
 if TYPE_CHECKING:
-    from harvester.scene.model import Scene
+    from harvester.calling import SceneOrName
 
 FORMATS = (".svg", ".png")
 LOAD_SIDE = (elements.OUTPUT, elements.REFERENCE)
@@ -74,23 +75,26 @@ class Schematic:
             file.write(image)
 
 
-def schematic(scene: Scene) -> Schematic:
+def schematic(scene: SceneOrName) -> Schematic:
     """Draw the circuit of a scene: all of its netlist's elements, and no others.
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene, str or Path
+        Itself, its file or its built-in name.
 
     Returns
     -------
     Schematic
+        A notebook shows it; `save(path)` writes it as SVG or PNG.
 
     Raises
     ------
     MissingLibrary
-        schemdraw is not installed.
+        schemdraw, of the extra `schematic`.
     """
     schemdraw_library()
+    scene = scene_of(scene)
     from circuits.assembly import assemble, network
 
     circuit = read_topology(assemble(scene, named=True).text)
@@ -130,7 +134,7 @@ def _mechanics(pen, circuit, name, electrical):
 
 def _groups(circuit, electrical):
     """Elements without an electrical node, those that wires join, in the netlist's order."""
-    groups = []
+    groups: list[tuple[set, list]] = []
     for part in circuit.parts:
         nodes = set(part.nodes) - {GROUND}
         if nodes & electrical:
@@ -239,7 +243,7 @@ def _ladder(pen, place, ladder, left, top, near=(), far=(), named=True):
     """
     highest = max(ladder.rows.values())
     y = {node: top - ROW * (highest - row) for node, row in ladder.rows.items()}
-    reach = {node: [] for node in y}
+    reach: dict[str, list[float]] = {node: [] for node in y}
     x = left + (PADDING if near else 0.0)
     for column in ladder.columns:
         for node in column.ends:

@@ -99,14 +99,15 @@ def lay_out(
 
 def _columns(parts, kept):
     """Columns of all elements; those in series, with no third element between them, are joined."""
-    ends = {}
+    ends: dict[str, list] = {}
     for part in parts:
         for node in part.nodes[:2]:
             ends.setdefault(node, []).append(part)
     # The third terminal of a transistor is written beside its rail, so that it needs one.
     kept = kept | {node for part in parts for node in part.nodes[2:]}
     inner = {n for n, at in ends.items() if n not in kept and len(at) == 2 and at[0] != at[1]}
-    columns, used = [], set()
+    columns: list[Column] = []
+    used: set[str] = set()
     starts = [part for part in parts if not inner.issuperset(part.nodes[:2])]
     for part in [*starts, *parts]:
         if part.name in used:
@@ -131,7 +132,7 @@ def _columns(parts, kept):
 def _cost(rails, columns, left, right):
     """Total length of the wires, to which every crossing adds `CROSSING_COST`."""
     row = {node: place for place, node in enumerate(rails)}
-    reach = {node: [] for node in rails}
+    reach: dict[str, list[int]] = {node: [] for node in rails}
     for place, column in enumerate(columns):
         for node in column.ends:
             reach[node].append(place)

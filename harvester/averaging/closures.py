@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from harvester.averaging import CLOSURES, DEFAULT_CLOSURE, TOLERANCES
+from harvester.averaging import DEFAULT_CLOSURE
 from harvester.averaging.density import Density, Layer
 from harvester.averaging.orbits import edges, settled_orbits, stiffnesses
 from harvester.device import timescales
@@ -16,6 +18,7 @@ from harvester.device.hertz import HERTZ_EXPONENT, HertzDamp
 from harvester.device.piezo import Piezo
 from harvester.errors import AveragingError
 from harvester.files.plain_text import nearest
+from harvester.registry import Registry
 from harvester.stationary.averages import Averages
 from harvester.stationary.fokker_planck import fokker_planck
 
@@ -24,6 +27,21 @@ if TYPE_CHECKING:
 
 LEVELS, NODES = 400, 32  # of each edge; of an orbit on either side of the stopper
 COARSE_LEVELS, COARSE_NODES = 200, 24  # the grid that tells the numerical error
+
+
+class Closure(NamedTuple):
+    """One way to stationary means.
+
+    Attributes
+    ----------
+    average : callable
+        Of a device, a tolerance and whether the memory between wells is wanted; gives `Averages`.
+    tolerance : float
+        Largest numerical error that is an answer, as a share of it, unless another is asked for.
+    """
+
+    average: Callable
+    tolerance: float
 
 
 def average(
@@ -39,8 +57,8 @@ def average(
     device : harvester.device.system.System
     closure : {"paper", "consistent", "fokker_planck"}
     tolerance : float, optional
-        Largest numerical error that is an answer, as a share of it; the closure's own of
-        `TOLERANCES` by default. `fokker_planck` refines its grid until it is met.
+        Largest numerical error that is an answer, as a share of it; the closure's own by default.
+        `fokker_planck` refines its grid until it is met.
     memory : bool
         Of `fokker_planck`: also find the slowest decay rate between wells.
 
@@ -71,10 +89,12 @@ def average(
     if closure not in CLOSURES:
         known = ", ".join(CLOSURES)
         raise AveragingError(f"{closure}: no such closure{nearest(closure, CLOSURES)}; use {known}")
-    if tolerance is None:
-        tolerance = TOLERANCES[closure]
-    if closure == "fokker_planck":
-        return fokker_planck(device, tolerance, memory)
+    chosen = CLOSURES[closure]
+    return chosen.average(device, chosen.tolerance if tolerance is None else tolerance, memory)
+
+
+def _over_orbits(closure, device, tolerance, memory):
+    """The means on a grid, with their change from a coarser one as error."""
     _check(device)
     spans = edges(device, closure)
     means, _ = _solve(closure, spans, COARSE_LEVELS, COARSE_NODES)
@@ -214,3 +234,13 @@ def _means(orbits, weight, core):
         "mean_square_velocity": velocity,
         "mean_square_displacement": mean(1.0, "X²"),
     }
+
+
+CLOSURES: Registry[Closure] = Registry(
+    "harvester.closures",
+    {
+        "paper": Closure(partial(_over_orbits, "paper"), 1e-3),
+        "consistent": Closure(partial(_over_orbits, "consistent"), 1e-3),
+        "fokker_planck": Closure(fokker_planck, 1e-2),
+    },
+)

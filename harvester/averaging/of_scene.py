@@ -15,7 +15,7 @@ from harvester.signatures import Share
 if TYPE_CHECKING:
     from harvester.device.system import System
     from harvester.estimates.estimate import Estimate
-    from harvester.results import Result
+    from harvester.results.result import Result
     from harvester.scene.model import Scene
     from harvester.stationary.averages import Averages
 
@@ -77,8 +77,9 @@ def average(
     from harvester.device import timescales
     from harvester.estimates.estimate import Density, root
     from harvester.estimates.joint_density import JointDensity
-    from harvester.results import Result
-    from harvester.scene.units import require_resistor, scale
+    from harvester.prepared.prepared import prepared
+    from harvester.results.result import Result
+    from harvester.scene.units import require_resistor
 
     require_resistor(scene, "stochastic averaging")
     clock = time.perf_counter()
@@ -87,7 +88,7 @@ def average(
     if fit:
         spectrum_fit, noise = _fitted(scene)
     parameters = averaged_device(noise)
-    _, scales = scale(noise)
+    scales = prepared(noise).scales
     averages = average_parameters(parameters, method, tolerance, memory=jump_rates)
     quantities = estimates_of(averages)
     quantities["rms_voltage"] = root(quantities["mean_square_voltage"])
@@ -140,13 +141,14 @@ def averaged_device(scene: Scene) -> System:
     AveragingError
         Its excitation is no noise that can be averaged over.
     """
-    from harvester.scene.units import require_resistor, scale
+    from harvester.prepared.prepared import prepared
+    from harvester.scene.units import require_resistor
 
     require_resistor(scene, "stochastic averaging")
     refusal = scene.excitation.averaging_refusal()
     if refusal:
         raise AveragingError(f'excitation.kind = "{scene.excitation.kind}": {refusal}')
-    return scale(scene)[0]
+    return prepared(scene).system
 
 
 def estimates_of(averages: Averages) -> dict[str, Estimate]:
@@ -171,13 +173,14 @@ def _fitted(scene):
     from harvester.device import timescales
     from harvester.excitation import OrnsteinUhlenbeck, RecordedMotion
     from harvester.excitation.spectrum_fit import fit_spectrum
-    from harvester.scene.units import scale
+    from harvester.prepared.prepared import prepared
 
     if not isinstance(scene.excitation, RecordedMotion):
         raise AveragingError(
             f'excitation.kind = "{scene.excitation.kind}": only a record is fitted (--fit)'
         )
-    parameters, scales = scale(scene)
+    ready = prepared(scene)
+    parameters, scales = ready.system, ready.scales
     found = fit_spectrum(
         scene.excitation, timescales.angular_frequency(parameters) / (2.0 * math.pi)
     )

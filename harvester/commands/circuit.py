@@ -6,10 +6,10 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from harvester.commands.quiet import say
 from harvester.errors import HarvesterError
 from harvester.files.plain_text import name as name_of
 from harvester.files.plain_text import nearest
-from harvester.show.quiet import say
 from harvester.signatures import File, Step
 
 if TYPE_CHECKING:
@@ -40,10 +40,11 @@ def netlist(
     realization : int
         Whose noise path.
     """
-    from harvester.engines.circuit import for_ltspice, stand_alone
-    from harvester.engines.realization import noise_path, start_state
+    from circuits.export import for_ltspice, stand_alone
     from harvester.files.writing import check_writable, in_folder, is_stream, write_text
-    from harvester.simulation import check_step
+    from harvester.prepared.paths import noise_path, start_state
+    from harvester.prepared.prepared import prepared
+    from harvester.simulation.simulate import check_step
 
     if dialect not in DIALECTS:
         raise HarvesterError(
@@ -63,8 +64,9 @@ def netlist(
             f"--realization {realization}: must be a whole number in "
             f"[0, {scene.run.realizations - 1}]"
         )
-    call = (scene, noise_path(scene, realization))
-    start, longest = start_state(scene, realization), check_step(step)
+    ready = prepared(scene)
+    call = (scene, noise_path(ready, realization))
+    start, longest = start_state(ready, realization), check_step(step)
     if dialect == "ngspice":
         write_text(target, stand_alone(*call, start, longest).text + ".end\n")
         return
@@ -85,7 +87,7 @@ def schematic(scene: Scene, *, output: File = "-") -> None:
     output : str
         An .svg or .png file, or folder for SCENE-schematic.svg (default: SVG to standard output).
     """
-    from harvester.engines.circuit import schematic
+    from circuits.schematic.drawing import schematic
     from harvester.files.writing import in_folder, is_stream, write_text
 
     drawing = schematic(scene)
@@ -107,10 +109,10 @@ def engine(*, json: File | None = None) -> None:
     json : str or None
         Write JSON; - for standard output.
     """
-    from harvester.engines.circuit import describe
-    from harvester.engines.workers import Worker
+    from circuits.ngspice.engine import describe
+    from harvester.commands.console import show_engine
     from harvester.files.writing import check_writable, is_standard_output, write_json
-    from harvester.show.console import show_engine
+    from harvester.workers.process import Worker
 
     if json:
         check_writable(json)

@@ -21,7 +21,7 @@ def cite(result: File | None = None, /) -> None:
     result : str or None
         JSON of simulate, average or validate (default: the sources of all methods).
     """
-    from harvester.show.citations import SOURCES, sources_of
+    from harvester.commands.citations import SOURCES, sources_of
 
     found: Sequence = SOURCES
     if result:

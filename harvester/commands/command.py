@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import harvester
 from harvester.commands.parsing import add_extra, add_options, is_scene, overrides_of, values_of
+from harvester.commands.quiet import say
+from harvester.commands.result_files import result_files, write_result
 from harvester.commands.running import check_places, show, study_runner
 from harvester.errors import SimulationError
 from harvester.files.tables import xarray_or_say
-from harvester.show.quiet import say
-from harvester.show.result_files import result_files, write_result
 from harvester.signatures import File, Folder, RunnerOptions, options_of
 
 if TYPE_CHECKING:
@@ -185,7 +185,7 @@ class Study(Command):
         self, label: str, scene: Scene | None, values: dict[str, Any]
     ) -> Iterator[Runner | None]:
         """Add to the options what runs the study; gives the runner where there is one."""
-        from harvester.show.console import progress
+        from harvester.commands.console import progress
 
         known, runner = options_of(self.found), None
         with contextlib.ExitStack() as opened:

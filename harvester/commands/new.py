@@ -7,9 +7,9 @@ import re
 import sys
 from typing import Annotated
 
+from harvester.commands.quiet import say
 from harvester.errors import OutputError, SceneError
 from harvester.files.plain_text import named, nearest, one_line
-from harvester.show.quiet import say
 from harvester.signatures import File, Kind
 
 DEFAULT = "device"

@@ -7,12 +7,12 @@ import os
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Unpack
 
-from harvester.show.quiet import complain
+from harvester.commands.quiet import complain
 from harvester.signatures import RunnerOptions
 
 if TYPE_CHECKING:
+    from harvester.commands.shown import Tabled
     from harvester.running.runner import Runner
-    from harvester.show.shown import Tabled
 
 
 @contextlib.contextmanager
@@ -26,8 +26,8 @@ def study_runner(label: str | None, **running: Unpack[RunnerOptions]) -> Iterato
     **running
         See `harvester.running.open_runner`.
     """
+    from harvester.commands.console import progress
     from harvester.running import open_runner
-    from harvester.show.console import progress
 
     try:
         with progress() as follow:
@@ -73,8 +73,8 @@ def check_places(
 
 def show(content: Tabled, title: str, json: str | None = None) -> None:
     """Show a result's table: on standard error where standard output gets the JSON."""
+    from harvester.commands.console import show_table
     from harvester.files.writing import is_standard_output
-    from harvester.show.console import show_table
 
     alarms = content.alarms() if hasattr(content, "alarms") else ()
     show_table(content, title, to_stderr=is_standard_output(json), alarms=alarms)

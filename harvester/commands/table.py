@@ -39,6 +39,7 @@ COMMANDS = (
         "frequency-response device --amplitude 4 --frequencies 5:30:linear:51 --down",
         title="frequency response",
     ),
+    Command(verification.accuracy, "accuracy paper --output results"),
     Study(
         verification.work_precision,
         "work-precision paper --output results",

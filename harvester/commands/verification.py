@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Unpack
+from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
 from harvester.commands.parsing import overrides_of
+from harvester.commands.quiet import say
+from harvester.commands.result_files import result_files, write_result
 from harvester.commands.running import check_places, show, study_runner
 from harvester.errors import HarvesterError
 from harvester.files.plain_text import nearest
-from harvester.show.quiet import say
-from harvester.show.result_files import result_files, write_result
 from harvester.signatures import (
     File,
     Kind,
@@ -24,10 +25,11 @@ from harvester.signatures import (
 
 if TYPE_CHECKING:
     from harvester.calling import SceneOrName
+    from harvester.scene.model import Scene
+    from harvester.verification.accuracy.work_precision import WorkPrecision
     from harvester.verification.known_results.truth import Verification
     from harvester.verification.paper.claims import Judgement
     from harvester.verification.stability.matrix import StabilityMatrix
-    from harvester.verification.work_precision.diagram import WorkPrecision
 
 # Where no scene is named: the source paper's device as it jumps, and one with a rectifier.
 SCENES = (
@@ -35,6 +37,7 @@ SCENES = (
     ("device", ("load.netlist=bridge",)),
 )
 ACCURACY = "time-to-accuracy"
+PICTURES = ("work-precision", "time-to-accuracy")
 
 
 def verify(**running: Unpack[RunnerOptions]) -> Verification:
@@ -80,9 +83,48 @@ def work_precision(
     thorough : bool
         More paths, steps and realizations.
     """
-    from harvester.verification.work_precision.measurement import work_precision
+    from harvester.verification.accuracy.work_precision import work_precision
 
     return work_precision(scene, thorough=thorough, **running)
+
+
+def accuracy(
+    scene: Scene,
+    *,
+    thorough: bool = False,
+    json: File | None = None,
+    **running: Unpack[RunnerOptions],
+) -> None:
+    """Error of every method: against its run time, and how long it takes to 10, 3 and 1 %.
+
+    Parameters
+    ----------
+    scene : Scene
+    thorough : bool
+        More paths, steps and realizations.
+    json : str or None
+        Write JSON; - for standard output.
+    """
+    from harvester.files.writing import in_folder, write_json
+    from harvester.show import figures
+    from harvester.verification.accuracy.both import accuracy
+
+    output, name = os.fspath(running.get("output") or ""), f"{scene.name}-accuracy.json"
+    pictures = {each: f"{scene.name}-{each}.png" for each in PICTURES}
+    check_places(json, output, files=[name, *pictures.values()])
+    with study_runner("accuracy", **running) as runner:
+        found = accuracy(scene, thorough=thorough, runner=runner)
+        pair = found.work_precision, found.time_to_accuracy
+        views: dict[str, Any] = dict(zip(PICTURES, pair, strict=True))
+        for title, view in views.items():
+            show(view, title.replace("-", " "), json)
+        if json:
+            write_json(json, found.to_dict())
+        if output:
+            write_json(in_folder(output, name), found.to_dict())
+            for title, view in views.items():
+                figures.write(view.figure(), in_folder(output, pictures[title]))
+            say(f"written to {output}: {name}, {scene.name}-*.png")
 
 
 def claims(
@@ -138,7 +180,7 @@ def reproduce(
     from harvester.verification.paper.reproduce import reproduce
 
     output = running.setdefault("output", "results")
-    without_noise = {"fig2": orbit_maps.surfaces, "fig3": orbit_maps.frequency_response}
+    without_noise = {"fig2": orbit_maps.surfaces, "fig3": orbit_maps.orbit_voltages}
     names = _chosen(figures, [*without_noise, *FIGURES])
     check_places(None, output, files=[file for name in names for file in result_files(name)])
     scene, finished = _paper(seed), {}
@@ -214,7 +256,7 @@ def time_to_accuracy(
         Write JSON; - for standard output.
     """
     from harvester.scene.model import Scene
-    from harvester.verification.work_precision.time_to_accuracy import SECONDS, time_to_accuracy
+    from harvester.verification.accuracy.time_to_accuracy import SECONDS, time_to_accuracy
 
     named = [(scene, ()) for scene in scenes] or SCENES
     output = running.get("output")
@@ -233,7 +275,8 @@ def time_to_accuracy(
 def _write_accuracy(results, json, output):
     """Write the JSON and the figure that all scenes share."""
     from harvester.files.writing import in_folder, write_json
-    from harvester.show import accuracy_figure, figures
+    from harvester.show import figures
+    from harvester.verification.accuracy import drawing as accuracy_figure
 
     content = {"results": [result.to_dict() for result in results]}
     if json:

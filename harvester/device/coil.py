@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
+from harvester.device.keys import SI, not_negative, positive
 from harvester.device.linear_transducer import LinearTransducer, Rates
 from harvester.device.terminals import (
     GROUND,
@@ -20,7 +21,6 @@ from harvester.device.terminals import (
     TransducerTable,
 )
 from harvester.device.values import Values
-from harvester.scene.keys import SI, not_negative, positive
 
 TERMINAL = "coil"
 

@@ -17,13 +17,14 @@ from harvester.compilation import overload, register_jitable, types
 from harvester.device import spring as springs
 from harvester.device.dispatch import equation
 from harvester.device.hertz import hertz_damp
+from harvester.registry import Registry
 
 if TYPE_CHECKING:
     from harvester.device.spring import Spring
     from harvester.device.values import Values
 
 # Contact laws by the word of `law` in a scene, each made from a contact's scaled values.
-LAWS = {"hertz-damp": hertz_damp}
+LAWS: Registry[Callable] = Registry("harvester.contact_laws", {"hertz-damp": hertz_damp})
 SIDES = {"left": -1.0, "right": 1.0, "both": 0.0}
 
 elastic_force = equation("elastic_force")

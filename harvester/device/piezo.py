@@ -8,11 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from harvester.device.keys import SCALED, SI, not_negative, positive
 from harvester.device.linear_transducer import LinearTransducer, Rates
 from harvester.device.terminals import GROUND, Element, Network, Setting, TransducerTable
 from harvester.device.values import Values
 from harvester.errors import LoadError
-from harvester.scene.keys import SCALED, SI, not_negative, positive
 
 # λ (1/s) whose square is still a number.
 FASTEST_DECAY = 1e150

@@ -113,7 +113,7 @@ class TransducerTable:
 
     Attributes
     ----------
-    KEYS : dict of str to harvester.scene.keys.Key
+    KEYS : dict of str to harvester.device.keys.Key
         What the table may hold.
     takes_voltage : bool
         Whether `start.voltage` is a state in which it can begin.

@@ -8,5 +8,8 @@ loss (leak, winding) is a quantity of its own and never counts as power.
 from harvester.device.coil import CoilTable
 from harvester.device.piezo import PiezoTable
 from harvester.device.terminals import TransducerTable
+from harvester.registry import Registry
 
-TRANSDUCERS: dict[str, type[TransducerTable]] = {"piezo": PiezoTable, "coil": CoilTable}
+TRANSDUCERS: Registry[type[TransducerTable]] = Registry(
+    "harvester.transducers", {"piezo": PiezoTable, "coil": CoilTable}
+)

@@ -115,7 +115,7 @@ def _jump_rates(moments, batches, alike, error_of):
     estimates = {}
     for name, pairs in jump_rates(times.shape[2], alike).items():
         count = sum(counts[:, :, well, other] for well, other in pairs)
-        time = sum(times[:, :, well] for well in {well for well, _ in pairs})
+        time = times[:, :, sorted({well for well, _ in pairs})].sum(axis=2)
         reached = {"jumps": count, "time": time}
         estimates[name] = (
             _mean(reached, {}, "jumps", "rate", error_of)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from circuits.loads.kinds import LOSS, OUTPUT, STATE, STORE, TAKEN
 from harvester.estimates.batch_means import (
     FEWEST_BATCHES,
     complete_batches,
@@ -22,7 +23,7 @@ from harvester.estimates.batch_means import (
 )
 from harvester.estimates.estimate import NO_VALUE, TOO_SHORT, Estimate
 from harvester.record.moments import QUANTITIES
-from harvester.record.output_side import LOSS, MEASURED, OUTPUT, STATE, STORE, TAKEN
+from harvester.record.output_side import MEASURED
 
 if TYPE_CHECKING:
     from harvester.record.moments import Moments

@@ -20,8 +20,8 @@ from harvester.estimates.measures import without_value
 from harvester.estimates.output_side import estimate_output
 from harvester.estimates.passivity import efficiency_notes, source_notes
 from harvester.estimates.settling import Shortfall, shortfalls, withheld
-from harvester.results import unit_of
-from harvester.scene.units import scale
+from harvester.estimates.units import unit_of
+from harvester.prepared.prepared import prepared
 
 if TYPE_CHECKING:
     from harvester.estimates.estimate import Estimate
@@ -66,15 +66,16 @@ def run_estimates(
     scene : Scene
     moments : sequence of Moments
     step_error : float
-        Share that the steps may cost, see `harvester.engines.steps.step_error`: where nothing is by
-        chance it is part of the error.
+        Share that the steps may cost, see `harvester.prepared.steps.step_error`: where nothing is
+        by chance it is part of the error.
 
     Raises
     ------
     SceneError
         No step of the run lies in its measured time.
     """
-    system, scales = scale(scene)
+    ready = prepared(scene)
+    system, scales = ready.system, ready.scales
     moments = list(moments)
     if not measured_time(moments) > 0.0:
         raise SceneError(

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from circuits.loads.kinds import OUTPUT
 from harvester.estimates.batch_means import (
     FEWEST_BATCHES,
     complete_batches,
@@ -18,7 +19,7 @@ from harvester.estimates.batch_means import (
 from harvester.estimates.estimate import NOTHING_PUT_IN, Estimate, why_no_error
 from harvester.estimates.measures import INTEGRAL, SQUARE, estimate_measures, measured_series
 from harvester.record.moments import QUANTITIES as PIEZO_QUANTITIES
-from harvester.record.output_side import OUTPUT, QUANTITIES
+from harvester.record.output_side import QUANTITIES
 
 # The output counts as started once its voltage has reached this share of the final mean voltage.
 STARTED_SHARE = 0.9

@@ -415,8 +415,9 @@ def _change(values):
         each = late.mean(axis=1) - early.mean(axis=1)
         spread = float(each.std(ddof=1)) / math.sqrt(len(values))
         error = max(spread, math.hypot(*(one or 0.0 for one in errors)))
-    elif None in errors:
-        return 0.0
     else:
-        error = math.hypot(*errors)
+        known = [each for each in errors if each is not None]
+        if len(known) < len(errors):
+            return 0.0
+        error = math.hypot(*known)
     return change / abs(mean) if abs(change) > DRIFT_IN_STANDARD_ERRORS * error else 0.0

@@ -16,16 +16,20 @@ from harvester.excitation.recorded import RecordedMotion
 from harvester.excitation.sine import Sine
 from harvester.excitation.sum import Sum
 from harvester.excitation.white import White
+from harvester.registry import Registry
 
 # By the word in `[excitation] kind`; the first is meant where it is left out.
-KINDS = {
-    "ornstein-uhlenbeck": OrnsteinUhlenbeck,
-    "record": RecordedMotion,
-    "sine": Sine,
-    "white": White,
-    "sum": Sum,
-    "prescribed_displacement": PrescribedDisplacement,
-}
+KINDS: Registry[type[Excitation]] = Registry(
+    "harvester.excitations",
+    {
+        "ornstein-uhlenbeck": OrnsteinUhlenbeck,
+        "record": RecordedMotion,
+        "sine": Sine,
+        "white": White,
+        "sum": Sum,
+        "prescribed_displacement": PrescribedDisplacement,
+    },
+)
 
 __all__ = [
     "KINDS",

@@ -11,7 +11,7 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
 
-    from harvester.scene.model import Run
+    from harvester.excitation.run import Run
 
 
 def realization_seed(seed: int, index: int) -> SeedSequence:
@@ -62,7 +62,7 @@ class Excitation(ABC):
 
     Attributes
     ----------
-    KEYS : dict of str to harvester.scene.keys.Key
+    KEYS : dict of str to harvester.device.keys.Key
         What the table may hold besides `kind`.
     """
 

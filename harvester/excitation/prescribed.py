@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from harvester.device.keys import positive
 from harvester.excitation.base import Excitation, ExcitationPath
 from harvester.excitation.sine import WITHOUT_CHANCE
-from harvester.scene.keys import positive
 
 if TYPE_CHECKING:
-    from harvester.scene.model import Run
+    from harvester.excitation.run import Run
 
 # A rectifier's switching is resolved, not only the sine.
 KNOTS_PER_CYCLE = 200

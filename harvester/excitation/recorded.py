@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 
+from harvester.device.keys import Key, not_negative, positive
 from harvester.errors import SceneError
 from harvester.excitation import conditioning
 from harvester.excitation.base import Excitation, ExcitationPath, kernel_loss
@@ -18,12 +19,11 @@ from harvester.excitation.motion_file import most_samples, read_record
 from harvester.excitation.quantities import ACCELERATION, QUANTITIES, unit_named
 from harvester.files import plain_text
 from harvester.files.plain_text import named, nearest
-from harvester.scene.keys import Key, not_negative, positive
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
 
-    from harvester.scene.model import Run
+    from harvester.excitation.run import Run
 
 UNITS = (*ACCELERATION, "scaled")
 # The band that holds this share of the record's power misses the device if it lies beyond the

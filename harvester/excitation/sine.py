@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from harvester.device.keys import Key, not_negative, positive
 from harvester.errors import SceneError
 from harvester.excitation.base import Excitation, ExcitationPath
-from harvester.scene.keys import Key, not_negative, positive
 
 if TYPE_CHECKING:
-    from harvester.scene.model import Run
+    from harvester.excitation.run import Run
 
 KNOTS_PER_PERIOD = 40
 # Straight lines through fewer points a period are no sine.

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from harvester.device.keys import Key, positive
 from harvester.errors import SceneError
 from harvester.excitation.base import Excitation, ExcitationPath
 from harvester.excitation.motion_file import most_samples
-from harvester.scene.keys import Key, positive
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
 
-    from harvester.scene.model import Run
+    from harvester.excitation.run import Run
 
 # Sines repeat together where their ratio is a fraction with at most this denominator, so nearly.
 MOST_REPEATS, SAME_RATIO = 1000, 1e-9

@@ -161,7 +161,7 @@ class TextTable(Table):
 
     def _scan(self):
         """Count the rows: (lines above the first, with whether they are comments; lines behind)."""
-        above = deque(maxlen=HEADER_LINES)
+        above: deque = deque(maxlen=HEADER_LINES)
         form = self._form
         number_at = form.kinds.index(NUMBER) if NUMBER in form.kinds else None
         waiting, ragged, last = 0, None, []

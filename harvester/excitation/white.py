@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from harvester.device.keys import positive
 from harvester.errors import SceneError
 from harvester.excitation.base import Excitation, ExcitationPath, kernel_loss
 from harvester.excitation.normals import NormalSequence
-from harvester.scene.keys import positive
 
 if TYPE_CHECKING:
     from numpy.random.bit_generator import SeedSequence
 
-    from harvester.scene.model import Run
+    from harvester.excitation.run import Run
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ from harvester.identification.search import (
 from harvester.identification.shooting import Fit, Shooting
 from harvester.identification.steady_fit import fitted_responses
 from harvester.identification.unknowns import unknowns
-from harvester.scene.units import scale
+from harvester.prepared.prepared import prepared
 
 if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
@@ -95,7 +95,7 @@ def fitted(
     steady = [each for each in measurements if isinstance(each, MeasuredResponse)]
     if steady:
         return fitted_responses(scene, steady, keys, sizes, warm)
-    length = warm.shooting.responses.length if warm else scale(scene)[1].displacement
+    length = warm.shooting.responses.length if warm else prepared(scene).scales.displacement
     responses, fine = (
         responses_of(scene, measurements, keys, length, steps)
         for steps in (COARSE_STEPS, FINE_STEPS)
@@ -173,5 +173,5 @@ def _warmed(coarse, fine, free, warm):
             return shooting, found
     begun = replace(opened(warm.shooting, fit), values=values)
     shooting.responses = coarse
-    found = followed_anew(shooting, begun, rival)
-    return (shooting, found) if found else None
+    anew = followed_anew(shooting, begun, rival)
+    return (shooting, anew) if anew else None

@@ -197,7 +197,7 @@ def _columns(measured, given, lines, units, rate):
 
 def _places(measured, given):
     """Place of each quantity: as given, else by the headings, the plainest title first."""
-    places = {}
+    places: dict[str, int] = {}
     for quantity in QUANTITIES:
         if quantity in given:
             continue

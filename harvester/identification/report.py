@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 from harvester.identification.drawing import draw, draw_posterior
 from harvester.show import figures
-from harvester.show.page import facts, figure_of, page, table_of, verdict_list, wide
-from harvester.show.verdicts import Verdict
+from harvester.show.page import Verdict, facts, figure_of, page, table_of, verdict_list, wide
 
 if TYPE_CHECKING:
     from harvester.identification.identification import Identification

@@ -11,10 +11,11 @@ import numpy as np
 
 from harvester.device import system as device
 from harvester.device.damper import QuadraticDamper
-from harvester.engines.sampled import states_at_samples
 from harvester.errors import HarvesterError, IdentificationError
 from harvester.identification.unknowns import with_values
-from harvester.scene.units import Scales, scale
+from harvester.monte_carlo.sampled import states_at_samples
+from harvester.prepared.prepared import prepared
+from harvester.scene.units import Scales
 
 if TYPE_CHECKING:
     from harvester.device.spring import Spring
@@ -122,7 +123,8 @@ class Responses:
         if made is None:
             return None
         try:
-            system, scales = scale(made)
+            ready = prepared(made)
+            system, scales = ready.system, ready.scales
         except (HarvesterError, ArithmeticError, ValueError):
             return None
         return _general(system), scales

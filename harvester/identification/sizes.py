@@ -9,7 +9,7 @@ import numpy as np
 
 from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.reconstruction import frequencies
-from harvester.scene.units import scale
+from harvester.prepared.prepared import prepared
 
 if TYPE_CHECKING:
     from harvester.identification.fitted_model import Fitted
@@ -55,7 +55,7 @@ def sizes_of(
 
 def first_sizes(scene: Scene, measurements: Sequence[Measurement]) -> dict[str, float]:
     """Before any fit: the scene's length unit, at the frequency of the motion."""
-    length = scale(scene)[1].displacement
+    length = prepared(scene).scales.displacement
     speed = 2.0 * np.pi * frequencies(measurements[0])[0] * length
     return sizes_of(scene, measurements, length, speed)
 

@@ -17,7 +17,7 @@ from harvester.identification.search import FINE, LAST
 from harvester.identification.shooting import Fit, Shooting
 from harvester.identification.steady_response import SteadyExperiment, SteadyResponses
 from harvester.identification.unknowns import unknowns
-from harvester.scene.units import scale
+from harvester.prepared.prepared import prepared
 
 if TYPE_CHECKING:
     from harvester.identification.measured_response import MeasuredResponse
@@ -95,7 +95,7 @@ def _shooting(scene, measurements, lines, keys, sizes):
         SteadyExperiment(each.part(some), scene.replace(each.changes))
         for each, some in zip(measurements, lines, strict=True)
     ]
-    responses = SteadyResponses(experiments, keys, scale(scene)[1].displacement)
+    responses = SteadyResponses(experiments, keys, prepared(scene).scales.displacement)
     return Shooting(responses, unknowns(scene, keys, sizes), [np.zeros(3)] * len(experiments))
 
 

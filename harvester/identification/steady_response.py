@@ -63,7 +63,7 @@ class SteadyResponses(Responses):
             return None, None, None
         system, scales = made
         each: Any = self.experiments[number]
-        found = self._sensed(each.measurement.frequency, values)
+        found = self._gain_of_sensors(each.measurement.frequency, values)
         found = found * self._response(system, scales, each, values)
         if np.iscomplexobj(each.measurement.response):
             outputs = np.column_stack([found.real, found.imag])
@@ -96,7 +96,7 @@ class SteadyResponses(Responses):
         sign = -1.0 if each.scene.units == "SI" else 1.0
         return sign * volts / impedance(amplitude) / self.length
 
-    def _sensed(self, frequency, values):
+    def _gain_of_sensors(self, frequency, values):
         """What the sensors make of it."""
         rate = 2j * math.pi * frequency
         key = "sensor.voltage_"

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from circuits.loads.kinds import STATE
 from harvester.compilation import compiled, merged, summing, uncounted
 from harvester.record.jumps import Jumps
-from harvester.record.output_side import STATE, OutputMoments
+from harvester.record.output_side import OutputMoments
 from harvester.record.record import Record, copy_point, part
 
 # Rows of `Moments.integrals`: time integrals of these, and the numbers of two events.
@@ -237,7 +238,7 @@ def _count_events(before, x, low, high, saddles, integrals):
     for i in range(1, x.size):
         outside = (x[i] > high) | (x[i] < low)
         impacts += np.int64(outside & (low <= x[i - 1]) & (x[i - 1] <= high))
-    crossings = 0
+    crossings = np.int64(0)
     for saddle in saddles:
         crossings += np.int64((before - saddle) * (x[0] - saddle) < 0.0)
         for i in range(1, x.size):

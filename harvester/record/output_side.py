@@ -16,9 +16,6 @@ if TYPE_CHECKING:
 QUANTITIES = (
     "time", "voltage", "square_voltage", "change_of_square_voltage", "fourth_power_of_voltage",
 )  # fmt: skip
-# Kinds of the rows of measured values: a power into what the load is for, a power lost, a stored
-# energy, 1 while a condition holds, and the power taken while it does.
-OUTPUT, LOSS, STORE, STATE, TAKEN = "output", "loss", "store", "state", "taken"
 # Last axis of `OutputMoments.measured`: time integral, change, steps from 0 up and down to it, time
 # integral of the square.
 MEASURED = ("integral", "change", "rises", "falls", "square")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -33,6 +33,13 @@ class Record(NamedTuple):
     loss_power: np.ndarray
     transducer_loss: np.ndarray
     transducer_state: np.ndarray
+
+
+class Observer(Protocol):
+    """What an engine hands each chunk of a realization's record to."""
+
+    def add(self, record: Record) -> None:
+        """Take the points in; the next chunk overwrites them."""
 
 
 def empty_record(count: int) -> Record:

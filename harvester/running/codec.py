@@ -167,7 +167,8 @@ def _encoded(value, arrays):
     if type(value) in (list, tuple):
         return [type(value).__name__, *(_encoded(each, arrays) for each in value)]
     if _KNOWN.get(type(value).__name__) is type(value):
-        fields = (getattr(value, each.name) for each in dataclasses.fields(value))
+        known: Any = value
+        fields = (getattr(value, each.name) for each in dataclasses.fields(known))
         return ["object", type(value).__name__, *(_encoded(each, arrays) for each in fields)]
     raise TypeError(f"{type(value).__name__} cannot be kept")
 

@@ -9,12 +9,12 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 
-from harvester.engines.pools import ExecutorPool, WorkerPool, processes
 from harvester.errors import HarvesterError
 from harvester.running.folder import held
 from harvester.running.runner import Runner
 from harvester.signatures import Processes, RunnerOptions, Seconds, check_options
-from harvester.simulation import TIME_LIMIT
+from harvester.simulation.simulate import TIME_LIMIT
+from harvester.workers.pools import ExecutorPool, WorkerPool, processes
 
 __all__ = ["RunnerOptions", "open_runner"]
 
@@ -75,7 +75,7 @@ def open_runner(
 
 @contextlib.contextmanager
 def _pool(workers, executor, scheduler):
-    """The Dask cluster's, or that of `harvester.engines.pools.processes`."""
+    """The Dask cluster's, or that of `harvester.workers.pools.processes`."""
     if executor is None and scheduler is not None:
         with _dask(scheduler) as client:
             yield ExecutorPool(client.get_executor(pure=False))

@@ -11,17 +11,18 @@ from typing import Any
 import numpy as np
 
 from harvester.device import timescales
-from harvester.engines import side_by_side
-from harvester.engines.protocol import ENGINES
-from harvester.engines.realization import empty_moments, run
 from harvester.estimates.batch_means import FEWEST_TO_DRIFT, TOTAL_BATCHES
 from harvester.estimates.estimate import Estimate
+from harvester.prepared.prepared import prepared
 from harvester.record.moments import QUANTITIES
 from harvester.record.output_side import OutputMoments
 from harvester.record.record import Record
 from harvester.running.task import Task
 from harvester.scene.model import Scene
-from harvester.scene.units import Scales, scale
+from harvester.scene.units import Scales
+from harvester.simulation import side_by_side
+from harvester.simulation.methods import ENGINES
+from harvester.simulation.realization import empty_moments, run
 
 # Realizations in one task where they run side by side or fast.
 REALIZATIONS_TOGETHER = 8
@@ -226,7 +227,7 @@ def _window(scene):
 
 def periods_of(scene: Scene) -> float:
     """Time of `PERIODS` periods of the small oscillations, in the scene's units."""
-    parameters, _ = scale(scene)
+    parameters = prepared(scene).system
     return PERIODS * 2.0 * math.pi / timescales.angular_frequency(parameters)
 
 

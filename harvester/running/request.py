@@ -4,9 +4,6 @@ import math
 from collections.abc import Generator, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 
-from harvester.engines import monte_carlo
-from harvester.engines.protocol import ENGINES
-from harvester.engines.steps import knot_spacing, step_error
 from harvester.errors import EnergyNotBalanced, HarvesterError
 from harvester.estimates.densities import densities
 from harvester.estimates.estimate import Density, Estimate
@@ -14,17 +11,20 @@ from harvester.estimates.of_run import run_estimates
 from harvester.estimates.settling import unseen_jump
 from harvester.files.plain_text import nearest
 from harvester.files.writing import finite
-from harvester.run_result import (
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing, step_error
+from harvester.running.realizations import MANY_REALIZATIONS, Realizations, averaging, is_closure
+from harvester.running.task import Wanted
+from harvester.scene.model import Scene
+from harvester.scene.units import Scales
+from harvester.simulation.methods import ENGINES
+from harvester.simulation.outcome import (
     LARGEST_RESIDUAL,
     NOTED_RESIDUAL,
     is_symmetric,
     notes_on_excitation,
 )
-from harvester.running.realizations import MANY_REALIZATIONS, Realizations, averaging, is_closure
-from harvester.running.task import Wanted
-from harvester.scene.model import Scene
-from harvester.scene.units import Scales, scale
-from harvester.simulation import check_name, check_step, require_noise
+from harvester.simulation.simulate import check_name, check_step, require_noise
 
 JUDGED = ("mean_square_voltage", "power_conversion_efficiency")
 COMPLETE = "complete"
@@ -79,7 +79,7 @@ class Request:
         if self.method not in ENGINES and not self.is_averaged:
             from harvester.averaging import CLOSURES
 
-            check_name("method", self.method, (*ENGINES, *CLOSURES))
+            check_name("method", self.method, {**ENGINES, **CLOSURES})
         check_step(self.step)
         if self.precision is not None and not 0.0 < self.precision < 1.0:
             raise HarvesterError(f"precision {self.precision}: must be a number in (0, 1)")
@@ -153,7 +153,7 @@ class Answer:
 
     def in_units(self) -> dict[str, Estimate]:
         """The quantities in the scene's units."""
-        _, scales = scale(self.scene)
+        scales = prepared(self.scene).scales
         return in_units(self.quantities, scales)
 
     def to_dict(self) -> dict:
@@ -169,7 +169,7 @@ class Answer:
                 "simulated_time": self.simulated_time,
                 "seed": self.scene.run.seed,
                 "realizations": self.realizations,
-                "knot_spacing": knot_spacing(self.scene),
+                "knot_spacing": knot_spacing(prepared(self.scene)),
                 "energy_balance_residual": finite(self.energy_balance_residual),
                 "misses_jumps": self.misses_jumps,
             }
@@ -206,7 +206,7 @@ def answering(
         return (yield from _averaged(request, density or request.density))
     if request.method == "monte-carlo":
         try:
-            monte_carlo.check(request.scene)
+            ENGINES["monte-carlo"].check(request.scene)
         except HarvesterError as error:
             return error
     return (yield from _simulated(request, version, density or request.density))
@@ -299,13 +299,14 @@ def _answer(request, good, ended):
     """The answer from some tasks' answers, and the relative error that decides."""
     moments = [each for part in good for each in part["moments"]]
     scene = replace(request.scene, run=replace(request.scene.run, realizations=len(moments)))
-    parameters, _ = scale(scene)
-    found = run_estimates(scene, moments, step_error(scene, request.step, request.method))
+    ready = prepared(scene)
+    parameters = ready.system
+    found = run_estimates(scene, moments, step_error(ready, request.step, request.method))
     if not abs(found.residual) <= LARGEST_RESIDUAL:
         return not_balanced(found.residual), math.inf
     reached, unseen = _reached(request, scene, parameters, found.whole)
-    shape = densities(moments, is_symmetric(scene, parameters)) if request.density else {}
-    shape = shape.get("displacement")
+    shapes = densities(moments, is_symmetric(scene, parameters)) if request.density else {}
+    shape = shapes.get("displacement")
     if found.shortfalls and shape:
         shape = replace(shape, standard_error=None)
     notes = [*notes_on_excitation(scene), *found.notes, *residual_notes(found.residual)]

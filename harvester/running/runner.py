@@ -9,15 +9,14 @@ import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
 
-from harvester.engines.circuit import describe
-from harvester.engines.pools import LOOK_AROUND, ExecutorPool, WorkerPool, lost
 from harvester.errors import HarvesterError
 from harvester.running.folder import StudyFolder
 from harvester.running.progress import Progress
 from harvester.running.request import Answer, Request, answering
 from harvester.running.store import MISSING, Store
 from harvester.running.task import Task, Wanted, compute
-from harvester.simulation import TIME_LIMIT
+from harvester.simulation.simulate import TIME_LIMIT
+from harvester.workers.pools import LOOK_AROUND, ExecutorPool, WorkerPool, lost
 
 # Answers that are named when they are not believed.
 MOST_NAMED = 10
@@ -136,6 +135,8 @@ class Runner:
         if method != "circuit":
             return ""
         if not self._circuit:
+            from circuits.ngspice.engine import describe
+
             found = self.pool.map(describe, [{}])[0]
             device = "behavioural" if found["compiled_device_off"] else "compiled"
             self._circuit = f"{found['version']}, {device} device"
@@ -179,7 +180,8 @@ class _Following:
         self._wanted, self._results, self._waiting = {}, {}, {}
         # Tasks that have not been handed over yet, with what goes before what.
         self._ready, self._number = [], itertools.count()
-        self._futures, self._done = {}, queue.SimpleQueue()
+        self._futures: dict = {}
+        self._done: queue.SimpleQueue = queue.SimpleQueue()
 
     def to_the_end(self):
         self._progress.begin(len(self._plans))

@@ -59,7 +59,7 @@ class Store:
         """Keep an answer; on return it is on disk, if another run would come to the same."""
         final = is_final(answer)
         self.passing += not final
-        if not (self._folder and final and self._is_free(task)):
+        if not (self.on_disk and final and self._is_free(task)):
             self._held[task.key] = answer
             return
         try:
@@ -73,6 +73,7 @@ class Store:
         self._unbelieved.discard(task.key)
 
     def _path(self, task):
+        assert self._folder is not None
         return self._folder / f"{task.key}.npz"
 
     def _is_free(self, task):

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-import harvester
 from harvester.errors import (
     CompiledDeviceUnavailable,
     EngineNotFound,
@@ -20,6 +19,7 @@ from harvester.errors import (
     SimulationError,
 )
 from harvester.scene.model import Scene
+from harvester.version import __version__
 
 # Of what names a task: a change of it makes all kept answers strangers.
 FORMAT = 4
@@ -62,7 +62,7 @@ class Task:
             FORMAT,
             f"{self.function.__module__}.{self.function.__qualname__}",
             _plain(self.arguments),
-            f"harvester {harvester.__version__}, {self.version}",
+            f"harvester {__version__}, {self.version}",
         ]
         return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 

@@ -15,9 +15,9 @@ from typing import Any, Protocol, overload
 from harvester.device import timescales
 from harvester.device.terminals import TransducerTable
 from harvester.device.transducer import TRANSDUCERS
-from harvester.engines import circuit
 from harvester.errors import SceneError
 from harvester.excitation import KINDS, Excitation, build
+from harvester.excitation.run import Run
 from harvester.files import plain_text
 from harvester.files.plain_text import named, shown
 from harvester.scene.named_values import NamedValues
@@ -105,16 +105,6 @@ class Load:
     def is_resistor(self) -> bool:
         """Whether λ describes it: the built-in resistor, or a netlist that holds only one."""
         return self.circuit is None or self.circuit.resistance is not None
-
-
-@dataclass(frozen=True)
-class Run:
-    """Length of each realization and what is discarded before it (s); seed; how many."""
-
-    duration: float
-    settle: float = 0.0
-    seed: int = 0
-    realizations: int = 1
 
 
 def _tables() -> dict[str, tuple[str, Any]]:
@@ -270,12 +260,13 @@ class Scene:
 
     def _tables(self, kept):
         """Nested dictionaries of the fields that `kept` says."""
-        tables = {"units": self.units}
+        tables: dict[str, Any] = {"units": self.units}
         if self.length_scale is not None:
             tables["length_scale"] = self.length_scale
-        for table, (attribute, make) in _tables().items():
+        transducer = TRANSDUCERS.name_of(type(self.transducer))
+        for table, (attribute, _) in _tables().items():
             part = getattr(self, attribute)
-            if attribute == "transducer" and not isinstance(part, make):
+            if attribute == "transducer" and table != transducer:
                 continue
             if isinstance(part, tuple):
                 plain = [_plain(each, kept) for each in part]
@@ -367,9 +358,10 @@ def _folders(folder):
 
 
 def _read_netlist(load, folders):
-    return circuit.read_load(
-        load["netlist"], folders, load.get("subcircuit"), load.get("parameters")
-    )
+    from circuits.loads.subcircuits import find_netlist, read_load
+
+    file = find_netlist(load["netlist"], folders)
+    return read_load(file, load.get("subcircuit"), load.get("parameters"))
 
 
 def _plain(part, kept):

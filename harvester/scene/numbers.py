@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from harvester.device.keys import Key
 from harvester.errors import HarvesterError
 from harvester.excitation import KINDS
 from harvester.files.plain_text import named, nearest
-from harvester.scene.keys import Key
 from harvester.scene.schema import table_keys
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ def numbers(scene: Scene) -> dict[str, Any]:
 
     Returns
     -------
-    dict of str to (float, harvester.scene.keys.Key)
+    dict of str to (float, harvester.device.keys.Key)
     """
     tables = scene.to_tables()
     found: dict[str, Any] = {}
@@ -52,7 +52,7 @@ def number(scene: Scene, key: str, option: str) -> tuple[float, Key]:
 
     Returns
     -------
-    float, harvester.scene.keys.Key
+    float, harvester.device.keys.Key
 
     Raises
     ------

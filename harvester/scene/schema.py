@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from harvester.device.contact import LAWS, SIDES
-from harvester.device.transducer import TRANSDUCERS
-from harvester.errors import SceneError
-from harvester.files.plain_text import named, nearest, shown
-from harvester.scene.keys import (
+from harvester.device.keys import (
     BOTH,
     NAMED_VALUES,
     SCALED,
@@ -19,6 +17,9 @@ from harvester.scene.keys import (
     not_negative,
     positive,
 )
+from harvester.device.transducer import TRANSDUCERS
+from harvester.errors import SceneError
+from harvester.files.plain_text import named, nearest, shown
 
 # As wide as what numpy draws one from.
 LARGEST_SEED = 2**128 - 1
@@ -96,7 +97,7 @@ def table_keys() -> dict[str, Any]:
 
 
 def check_tables(
-    tables: dict[str, Any], origin: str, kinds: dict[str, dict[str, Any]]
+    tables: dict[str, Any], origin: str, kinds: dict[str, Mapping[str, Any]]
 ) -> dict[str, Any]:
     """Checked copy of a scene's nested dictionaries.
 
@@ -119,6 +120,9 @@ def check_tables(
     SceneError
         Unknown, missing or misplaced key, wrong type, value out of range.
     """
+    for name in {*tables} - {*TOP, *OTHER_KEYS}:
+        # Another package's transducer is looked up by the name of its table.
+        name in TRANSDUCERS  # noqa: B015
     every_table = table_keys()
     known = [*TOP, *every_table]
     for name, value in tables.items():
@@ -203,8 +207,8 @@ def _check_transducer(scene, origin):
 
 def _keys_of_kind(table, values, kinds, origin):
     """The keys of a table by its `kind`, the first of them where it is left out."""
-    spec = Key(kind=str, words=tuple(kinds))
-    word = check_value(f"{table}.kind", values.get("kind", spec.words[0]), spec, origin)
+    spec = Key(kind=str, words=kinds)
+    word = check_value(f"{table}.kind", values.get("kind", next(iter(kinds))), spec, origin)
     return {"kind": spec, **kinds[word].KEYS}
 
 

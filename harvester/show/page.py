@@ -1,77 +1,30 @@
-"""`validate --report`: one page that holds all of a comparison and loads nothing from elsewhere."""
+"""Pages of HTML that hold all of a result and load nothing from elsewhere."""
 
 from __future__ import annotations
 
 import base64
 import html
-import json
-import platform
 import re
 from collections.abc import Iterable, Sequence
 from datetime import datetime
-from importlib import metadata, resources
+from importlib import resources
 from string import Template
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
-from harvester import __version__
-from harvester.errors import MissingLibrary
 from harvester.files.plain_text import one_line
-from harvester.show.verdicts import Verdict, verdicts
-
-if TYPE_CHECKING:
-    from harvester.studies.comparison import Comparison
+from harvester.version import __version__
 
 # Below these widths a picture scrolls in its frame instead of becoming unreadable.
 NARROWEST_FIGURE, NARROWEST_SCHEMATIC = "36rem", "64rem"
 # Of its own size, that a picture is drawn at most.
 LARGEST_SCALE = 1.3
-LEGEND = (
-    "± one standard error; beside a closure its deviation from Monte Carlo, as a share and in "
-    "standard errors. Difference: circuit minus Monte Carlo in joint standard errors. Paired bias: "
-    "the same as a share, on common noise."
-)
-JOINT_CAPTION = (
-    "Displacement and velocity together, in the same places and colours; dots: wells, crosses: "
-    "saddles."
-)
-LIBRARIES = ("numpy", "scipy", "numba", "PySpice")
 
 
-def report(comparison: Comparison) -> str:
-    """A comparison as a page of HTML.
+class Verdict(NamedTuple):
+    """A sentence, and whether it is good news; None where it is neither."""
 
-    Parameters
-    ----------
-    comparison : harvester.studies.comparison.Comparison
-
-    Returns
-    -------
-    str
-        Self-contained: style and pictures are in it.
-    """
-    from harvester.engines.circuit import netlist_of
-
-    scene = comparison.scene
-    header, rows = comparison.table()
-    rows = [[name, unit.replace("^2", "²"), *values] for name, unit, *values in rows]
-    netlist = (
-        "<details><summary>the elements as ngspice reads them, the noise fed in from outside"
-        f'</summary>\n<div class="wide" tabindex="0"><pre>{html.escape(netlist_of(scene).text)}'
-        "</pre></div></details>"
-    )
-    return page(
-        f"{scene.name}: circuit, Monte Carlo and averaging",
-        f"seed {scene.run.seed}; scene {scene.digest()[:12]}",
-        {
-            "Verdict": verdict_list(verdicts(comparison)),
-            "Quantities": wide(table_of(header, rows)) + facts(LEGEND),
-            "Figures": _figures(comparison),
-            "Scene": wide(table_of(("key", "value"), _scene_rows(scene), "text")),
-            "Schematic": _schematic(scene),
-            "Netlist": netlist,
-            "Evidence": wide(table_of(("what", "fact"), _evidence(comparison), "text")),
-        },
-    )
+    text: str
+    good: bool | None = None
 
 
 def page(title: str, about: str, sections: dict[str, str]) -> str:
@@ -130,23 +83,6 @@ def table_of(header: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "
     )
 
 
-def _figures(comparison):
-    from harvester.show import figures, joint_figure
-
-    scene = comparison.scene.name
-    drawn = [
-        (figures.draw_comparison, comparison, "Densities by every method; one noise path."),
-        (figures.draw_result, comparison.circuit, "Densities by the circuit."),
-    ]
-    both = [*comparison.closures.values(), comparison.monte_carlo]
-    if any(each.joint_density is not None for each in both):
-        drawn.insert(1, (joint_figure.draw, both, JOINT_CAPTION))
-    return "\n".join(
-        figure_of(figures.picture(draw, content), f"{scene}: {caption}", caption)
-        for draw, content, caption in drawn
-    )
-
-
 def figure_of(svg: bytes, alternative: str, caption: str, narrowest: str = NARROWEST_FIGURE) -> str:
     """A picture within the page; a small one is not made as wide as the page."""
     data = base64.b64encode(svg).decode()
@@ -160,46 +96,3 @@ def figure_of(svg: bytes, alternative: str, caption: str, narrowest: str = NARRO
         f'alt="{_escaped(alternative)}" src="data:image/svg+xml;base64,{data}"></div>'
         f"<figcaption>{_escaped(caption)}</figcaption></figure>"
     )
-
-
-def _schematic(scene):
-    from harvester.engines.circuit import schematic
-
-    try:
-        drawing = schematic(scene)
-    except MissingLibrary as error:
-        return f'<p class="facts">Not drawn: {_escaped(str(error))}</p>'
-    caption = "Element names as in the netlist; nodes in blue."
-    return figure_of(drawing.image(), f"Schematic of {scene.name}", caption, NARROWEST_SCHEMATIC)
-
-
-def _scene_rows(scene):
-    rows = []
-    for table, values in scene.to_tables().items():
-        if not isinstance(values, dict):
-            rows.append((table, _value(values)))
-            continue
-        rows += [(f"{table}.{key}", _value(value)) for key, value in values.items()]
-    return rows
-
-
-def _value(value):
-    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
-
-
-def _evidence(comparison):
-    engines = (comparison.circuit, comparison.monte_carlo)
-    rows = [(engine.engine, "; ".join(engine.evidence())) for engine in engines]
-    rows += [
-        (closure.engine, "; ".join((*closure.evidence(), *closure.notes)))
-        for closure in comparison.closures.values()
-    ]
-    notes = dict.fromkeys((*engines[0].notes, *engines[1].notes))
-    versions = [f"{name} {metadata.version(name)}" for name in LIBRARIES]
-    return [
-        *rows,
-        *(("note", note) for note in notes),
-        ("seed", str(comparison.scene.run.seed)),
-        ("scene", f"sha256 {comparison.scene.digest()}"),
-        ("versions", ", ".join([f"Python {platform.python_version()}", *versions])),
-    ]

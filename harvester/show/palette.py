@@ -11,7 +11,7 @@ LINES = {
     "fokker_planck": ("#A50026", ":"),
 }
 CLOSURE_MARKERS = dict(zip(LINES, "*Xhp", strict=False))
-# Of the families in `harvester.verification.work_precision.methods`: colour and marker.
+# Of the families in `harvester.verification.accuracy.methods`: colour and marker.
 _FAMILIES = {
     "PWL in the netlist, trapezoidal": ("#E69F00", "v"),
     "PWL in the netlist, gear": ("#CC79A7", "d"),

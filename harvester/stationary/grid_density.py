@@ -119,7 +119,7 @@ class GridDensity:
         """A density, of two wells alike half on either side; 0 beyond the nodes."""
         ends = [self.x, self.v] if len(places) == 2 else [spline.x]
         places = np.broadcast_arrays(*(np.asarray(each, dtype=float) for each in places))
-        total = 0.0
+        total = np.zeros(places[0].shape)
         for side in (1.0, -1.0)[: 1 + self.paired]:
             there = [side * place for place in places]
             inside = [(e[0] <= p) & (p <= e[-1]) for e, p in zip(ends, there, strict=True)]

@@ -71,7 +71,7 @@ class Inverse:
         self._count, self.allowed = 0, 0.0
         self._directions = self._changes = np.empty((0, 0), KEPT)
 
-    def settled(self, state: np.ndarray, left: Map, allowed: float) -> np.ndarray:
+    def settled(self, state: np.ndarray, left: Map, allowed: float | np.floating) -> np.ndarray:
         """The state of which `left`, which tells what is left of it exactly, is small enough.
 
         Raises
@@ -79,12 +79,12 @@ class Inverse:
         AveragingError
             It was not reached.
         """
-        self.allowed = allowed
+        self.allowed = float(allowed)
         size = enough = np.inf
-        while enough > allowed:
+        while enough > self.allowed:
             rest = left(state)
             before, size = size, float(np.linalg.norm(rest))
-            enough = max(allowed, REDUCTION_IN_ONE_GO * size)
+            enough = max(self.allowed, REDUCTION_IN_ONE_GO * size)
             # Nodes of Z from which much is shared beyond their range magnify what rounding leaves.
             state = state + self(rest, enough, before)
         return state
@@ -129,7 +129,7 @@ class Inverse:
         parity = self._parity
         smooth = coarser._later(moved(rest, self._grid, coarser._grid, parity))
         smooth = coarser._balanced(smooth)
-        enough = max(SUFFICIENT_REDUCTION * np.linalg.norm(smooth), coarser.allowed)
+        enough = max(SUFFICIENT_REDUCTION * float(np.linalg.norm(smooth)), coarser.allowed)
         found = coarser._cleared(coarser(smooth, enough))
         return (rest + moved(found, coarser._grid, self._grid, parity)) / self._decayed
 

@@ -148,6 +148,8 @@ class _Jumps(_Found):
     has in another core has jumped.
     """
 
+    coarser: _Jumps | None
+
     def __init__(self, solution: Solution, coarser: _Jumps | None) -> None:
         super().__init__(solution, coarser)
         grid, device = solution.grid, solution.task.device

@@ -104,7 +104,8 @@ def _exponent(device, well):
     """
     height = timescales.barrier(device, well)
     energies = height * (np.arange(ENERGIES) + 0.5) / ENERGIES
-    x = np.linspace(*_ends(device, well, height), PLACES)
+    low, high = _ends(device, well, height)
+    x = np.linspace(low, high, PLACES)
     above = energies[:, None] - (potential(device, x) - float(potential(device, well)))
     v = np.sqrt(2.0 * np.maximum(above, 0.0))
     # Of what is lost at X' the integral over time is that of loss/X' over X, both ways.

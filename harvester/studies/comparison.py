@@ -11,7 +11,7 @@ import numpy as np
 
 from harvester.estimates.estimate import Estimate
 from harvester.files.writing import finite
-from harvester.results import Result, with_error
+from harvester.results.result import Result, with_error
 from harvester.scene.model import Scene
 
 if TYPE_CHECKING:
@@ -208,14 +208,16 @@ class Comparison:
     def figure(self) -> Figure:
         """Densities by every method, and circuit and Monte Carlo on one path of noise."""
         from harvester.show import figures
+        from harvester.studies.comparison_drawing import draw_comparison
 
-        return figures.drawn(figures.draw_comparison, self)
+        return figures.drawn(draw_comparison, self)
 
     def joint_figure(self) -> Figure | None:
         """p(X, X') of the stationary solver and of Monte Carlo, in the same places and colours."""
-        from harvester.show import figures, joint_figure
+        from harvester.results import joint_drawing
+        from harvester.show import figures
 
-        return figures.drawn(joint_figure.draw, [*self.closures.values(), self.monte_carlo])
+        return figures.drawn(joint_drawing.draw, [*self.closures.values(), self.monte_carlo])
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
@@ -240,7 +242,7 @@ class Comparison:
 
     def page(self) -> str:
         """One self-contained HTML page with everything."""
-        from harvester.show.page import report
+        from harvester.studies.comparison_report import report
 
         return report(self)
 

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from harvester.estimates.units import unit_of
 from harvester.files.plain_text import json_text
 from harvester.files.tables import xarray_or_say
 from harvester.record.record import Record
-from harvester.results import unit_of
 from harvester.studies.evaluation import WAVEFORM
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from harvester.estimates.units import unit_of
 from harvester.record.record import Record
-from harvester.results import unit_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

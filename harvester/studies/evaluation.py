@@ -10,14 +10,14 @@ from harvester.errors import HarvesterError
 from harvester.estimates.batch_means import complete_batches
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.of_run import error_of, run_estimates, with_steps
-from harvester.estimates.paired import sums
 from harvester.estimates.settling import withheld
+from harvester.prepared.prepared import prepared
 from harvester.record.moments import Moments
 from harvester.record.record import Record
-from harvester.run_result import LARGEST_RESIDUAL
+from harvester.results.paired import sums
 from harvester.running.request import COMPLETE, in_units, not_balanced, residual_notes, told
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
+from harvester.simulation.outcome import LARGEST_RESIDUAL
 
 # Dimensions of a record's columns; the others are powers.
 WAVEFORM = {
@@ -92,7 +92,7 @@ def evaluate(
     -------
     Evaluation
     """
-    _, scales = scale(scene)
+    scales = prepared(scene).scales
     if not good:
         words = told(ended) if isinstance(ended, HarvesterError) else f"nothing was run: {ended}"
         return Evaluation(words)
@@ -126,7 +126,7 @@ def evaluate(
 def series_of(scene: Scene, good: Sequence[dict]) -> np.ndarray | None:
     """Output power of a point's tasks batch by batch, in the scene's units, or None."""
     moments = [each for part in good for each in part["moments"]]
-    return power_series(moments, scale(scene)[1].power) if moments else None
+    return power_series(moments, prepared(scene).scales.power) if moments else None
 
 
 def power_series(moments: Sequence[Moments], unit: float) -> np.ndarray:

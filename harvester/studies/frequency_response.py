@@ -17,17 +17,19 @@ import numpy as np
 
 from harvester.arguments import listed
 from harvester.device import timescales
-from harvester.engines.protocol import ENGINES
-from harvester.engines.realization import Waveform, start_state
-from harvester.engines.steps import knot_spacing
 from harvester.errors import HarvesterError
+from harvester.estimates.units import SI_UNITS
 from harvester.excitation.sine import KNOTS_PER_PERIOD, Sine, SteppedSine
 from harvester.files.plain_text import json_text
 from harvester.files.tables import xarray_or_say
 from harvester.files.writing import finite
-from harvester.results import SI_UNITS
+from harvester.prepared.paths import start_state
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
-from harvester.scene.units import Scales, scale
+from harvester.scene.units import Scales
+from harvester.simulation.methods import ENGINES
+from harvester.simulation.realization import Waveform
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -170,7 +172,8 @@ class FrequencyResponse:
 
     def figure(self) -> Figure:
         """Amplitude, voltage and power over frequency."""
-        from harvester.show import figures, frequency_figure
+        from harvester.show import figures
+        from harvester.studies import frequency_drawing as frequency_figure
 
         return figures.drawn(frequency_figure.draw, self)
 
@@ -210,7 +213,8 @@ def run(
     """
     chosen = ENGINES[engine]
     excitation: Any = scene.excitation
-    path = excitation.path(knot_spacing(scene), scale(scene)[1].displacement, None)
+    ready = prepared(scene)
+    path = excitation.path(knot_spacing(ready), ready.scales.displacement, None)
     windows = []
     for place, frequency in enumerate(excitation.frequencies):
         end = (place + 1) * excitation.dwell
@@ -220,7 +224,7 @@ def run(
     outcome = chosen.run_realizations(
         scene,
         [path],
-        [start_state(scene, 0)],
+        [start_state(ready, 0)],
         [windows],
         step,
         "external",
@@ -269,7 +273,7 @@ def with_sine(scene: Scene, amplitude: float | None) -> Scene:
 
 def stepped(scene: Scene, frequencies: np.ndarray) -> Scene:
     """The scene with a sine that dwells at each frequency until the transient is gone."""
-    parameters, _ = scale(scene)
+    parameters = prepared(scene).system
     decay = parameters.transducer.decay_rate()
     slowest = 2.0 * timescales.relaxation_time(parameters)
     slowest = max(slowest, 1.0 / decay) if decay > 0.0 else slowest

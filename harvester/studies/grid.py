@@ -8,9 +8,10 @@ from numbers import Real
 from pathlib import Path
 
 from harvester.arguments import listed, table
-from harvester.engines.steps import knot_spacing
 from harvester.errors import HarvesterError, SceneError
 from harvester.files.plain_text import name, nearest, shown
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
 
@@ -182,7 +183,7 @@ def _with_storage(points, sweeps):
 
 def _on_common_knots(points):
     """All points with the finest spacing of any: else they would not share their noise."""
-    spacings = [knot_spacing(point.scene) for point in points]
+    spacings = [knot_spacing(prepared(point.scene)) for point in points]
     if min(spacings) == max(spacings) and not hasattr(points[0].scene.excitation, "knot_spacing"):
         return points
     try:

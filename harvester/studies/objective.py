@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from collections import ChainMap
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -9,18 +10,18 @@ from typing import Any
 import numpy as np
 
 from harvester.averaging import CLOSURES
-from harvester.engines import monte_carlo
-from harvester.engines.protocol import ENGINES
-from harvester.engines.steps import knot_spacing, resolving
 from harvester.errors import HarvesterError, LoadError, OutOfTime, SceneError
 from harvester.estimates.batch_means import standard_error
 from harvester.estimates.estimate import Estimate
-from harvester.estimates.paired import deviations, has_deviations
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing, resolving
+from harvester.results.paired import deviations, has_deviations
 from harvester.running import Request
 from harvester.running.request import COMPLETE
 from harvester.scene.model import Scene
-from harvester.scene.units import require_resistor, scale
-from harvester.simulation import check_name
+from harvester.scene.units import require_resistor
+from harvester.simulation.methods import ENGINES
+from harvester.simulation.simulate import check_name
 from harvester.studies.axis import Axis
 
 
@@ -35,13 +36,13 @@ def checked_method(scene: Scene, method: str | None) -> str:
     """
     if method is None:
         try:
-            monte_carlo.check(scene)
+            ENGINES["monte-carlo"].check(scene)
         except LoadError:
             return "circuit"
         return "monte-carlo"
-    check_name("method", method, (*ENGINES, *CLOSURES))
+    check_name("method", method, ChainMap(ENGINES, CLOSURES))
     if method == "monte-carlo":
-        monte_carlo.check(scene)
+        ENGINES["monte-carlo"].check(scene)
     elif method != "circuit":
         require_resistor(scene, method)
     return method
@@ -122,7 +123,7 @@ def on_common_knots(scenes: Sequence[Scene], of: Sequence[Scene] | None = None) 
     """
     if not hasattr(scenes[0].excitation, "knot_spacing"):
         return list(scenes)
-    spacing = min(knot_spacing(resolving(each)) for each in (of or scenes))
+    spacing = min(knot_spacing(prepared(resolving(each))) for each in (of or scenes))
     excitations: list[Any] = [each.excitation for each in scenes]
     return [
         replace(each, excitation=replace(excitation, knot_spacing=spacing))
@@ -154,13 +155,13 @@ def series_in_units(answer: Any, quantity: str) -> np.ndarray:
     answer : harvester.running.Answer
         With its moments.
     quantity : str
-        One that `harvester.estimates.paired.deviations` knows.
+        One that `harvester.results.paired.deviations` knows.
 
     Returns
     -------
     ndarray, shape (realizations, batches)
     """
-    factor = scale(answer.scene)[1].of(answer.quantities[quantity].dimension)
+    factor = prepared(answer.scene).scales.of(answer.quantities[quantity].dimension)
     return factor * deviations(answer.moments, quantity)
 
 

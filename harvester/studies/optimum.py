@@ -11,16 +11,15 @@ from dataclasses import dataclass
 from typing import Any
 
 from harvester.averaging import CLOSURES, DEFAULT_CLOSURE
-from harvester.engines import monte_carlo
-from harvester.engines.protocol import ENGINES
 from harvester.errors import HarvesterError
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.output_side import RATIOS
 from harvester.files.writing import finite
-from harvester.results import with_error
+from harvester.results.result import with_error
 from harvester.running import Request, RunnerOptions, open_runner
 from harvester.scene.model import Scene
-from harvester.simulation import check_name
+from harvester.simulation.methods import ENGINES
+from harvester.simulation.simulate import check_name
 from harvester.studies.axis import Axis
 from harvester.studies.objective import answers_in_time, missing_from, on_common_knots
 from harvester.studies.optimum_search import Search, amount, averaged
@@ -164,8 +163,7 @@ def optimum_of_one(
     load = scene.load.circuit
     check_name("quantity", maximise, (*MAXIMISED, *(RATIOS if load and load.has_output else ())))
     check_name("method", method, ENGINES)
-    if method == "monte-carlo":
-        monte_carlo.check(scene)
+    ENGINES[method].check(scene)
     closure = check_name("closure", closure or DEFAULT_CLOSURE, CLOSURES)
     axis = Axis.of(scene, over, low, high)
     device = _common_knots(scene, axis)

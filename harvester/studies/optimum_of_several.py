@@ -16,13 +16,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.engines.protocol import ENGINES
 from harvester.errors import HarvesterError, OptimumError
 from harvester.estimates.estimate import Estimate
+from harvester.estimates.units import unit_of
 from harvester.files.writing import finite
-from harvester.results import unit_of, with_error
+from harvester.results.result import with_error
 from harvester.running import Request, RunnerOptions, open_runner
 from harvester.scene.model import Scene
+from harvester.simulation.methods import ENGINES
 from harvester.studies.axis import Axis
 from harvester.studies.flat_region import FLAT_SHARE, NARROW, climb, ranges
 from harvester.studies.objective import (

@@ -13,7 +13,7 @@ import numpy as np
 
 from harvester.estimates.estimate import Estimate
 from harvester.files.writing import finite
-from harvester.results import with_error
+from harvester.results.result import with_error
 from harvester.running.realizations import PERIODS
 from harvester.running.request import COMPLETE
 from harvester.scene.model import Scene

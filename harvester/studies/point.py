@@ -4,7 +4,8 @@ import math
 from collections.abc import Generator
 from dataclasses import dataclass
 
-from harvester.engines.steps import step_error
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import step_error
 from harvester.running.realizations import Realizations, averaging, is_closure
 from harvester.running.request import FIRST_REALIZATIONS, good_ones, next_count
 from harvester.running.task import Wanted
@@ -46,7 +47,7 @@ class Point:
         most = MOST_REALIZATIONS if self.precision else self.scene.run.realizations
         # Without a precision the first round is the whole run.
         aim = self.precision or math.inf
-        cost = step_error(self.scene, self.step, self.method)
+        cost = step_error(prepared(self.scene), self.step, self.method)
         found: list = []
         had, count, ahead = 0, FIRST_REALIZATIONS if self.precision else most, 0.0
         while True:

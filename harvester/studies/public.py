@@ -29,13 +29,18 @@ from harvester.signatures import (
     Share,
     Step,
 )
-from harvester.simulation import TIME_LIMIT, check_name, check_step, require_noise, simulate
+from harvester.simulation.simulate import (
+    TIME_LIMIT,
+    check_name,
+    check_step,
+    require_noise,
+    simulate,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from concurrent.futures import Executor
 
-    from harvester.engines.pools import Workers
     from harvester.scene.model import Scene
     from harvester.studies.comparison import Comparison
     from harvester.studies.frequency_response import FrequencyResponse
@@ -43,6 +48,7 @@ if TYPE_CHECKING:
     from harvester.studies.optimum_of_several import OptimumOfSeveral
     from harvester.studies.sensitivity import Sensitivity
     from harvester.studies.study import Study
+    from harvester.workers.pools import Workers
 
 # Monte Carlo everywhere, and the circuit as its judge at some places.
 JUDGED = "judged"
@@ -105,12 +111,12 @@ def validate(
     from harvester.averaging import CLOSURES
     from harvester.averaging.of_scene import average
     from harvester.device import timescales
-    from harvester.engines.spread import running
-    from harvester.estimates.paired import paired_difference
-    from harvester.scene.units import scale
+    from harvester.prepared.prepared import prepared
+    from harvester.results.paired import paired_difference
+    from harvester.simulation.spread import running
     from harvester.studies import comparison
 
-    parameters, _ = scale(scene)
+    parameters = prepared(scene).system
     shown = comparison.SHOWN_PERIODS * 2.0 * math.pi / timescales.angular_frequency(parameters)
     closures, refused = {}, {}
     for closure in CLOSURES:
@@ -186,9 +192,9 @@ def frequency_response(
     """
     import numpy as np
 
-    from harvester.engines.protocol import ENGINES
+    from harvester.prepared.prepared import prepared
     from harvester.running import Task, open_runner
-    from harvester.scene.units import scale
+    from harvester.simulation.methods import ENGINES
     from harvester.studies import frequency_response as work
 
     check_name("method", method, ENGINES)
@@ -215,7 +221,7 @@ def frequency_response(
         engine=method,
         frequencies=rising,
         sweeps=sweeps,
-        scales=scale(scene)[1],
+        scales=prepared(scene).scales,
         engine_version=outcomes[0][1],
         dwell=scenes[0].excitation.dwell,
         seconds=sum(seconds for _, _, seconds in outcomes),
@@ -270,13 +276,13 @@ def load_study(
     HarvesterError
         A mistake in the call. A simulation that fails is the outcome of its point.
     """
-    import harvester
     from harvester.averaging import CLOSURES
-    from harvester.engines.protocol import ENGINES
     from harvester.running import open_runner
+    from harvester.simulation.methods import ENGINES
     from harvester.studies import study as work
     from harvester.studies.grid import make_grid
     from harvester.studies.point import Point
+    from harvester.version import __version__
 
     clock = time.monotonic()
     check_name("method", method, (JUDGED, *ENGINES, *CLOSURES))
@@ -304,7 +310,7 @@ def load_study(
         grid=grid,
         method=method,
         methods=methods,
-        version=", ".join(filter(None, (f"harvester {harvester.__version__}", version))),
+        version=", ".join(filter(None, (f"harvester {__version__}", version))),
         precision=precision,
         evaluations=evaluations,
         proofs=proofs,

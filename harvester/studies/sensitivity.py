@@ -8,7 +8,8 @@ import numpy as np
 
 from harvester.errors import HarvesterError, OutOfTime
 from harvester.estimates.estimate import Estimate
-from harvester.results import unit_of, with_error
+from harvester.estimates.units import unit_of
+from harvester.results.result import with_error
 from harvester.running import Request, Runner
 from harvester.running.folder import StudyFolder
 from harvester.scene.model import Scene

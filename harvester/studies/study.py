@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 
-from harvester.engines import monte_carlo
 from harvester.errors import LoadError
 from harvester.running import Runner
 from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor
+from harvester.simulation.methods import ENGINES
 from harvester.studies.evaluation import Evaluation
 from harvester.studies.grid import Grid
 from harvester.studies.point import MOST_REALIZATIONS
@@ -64,7 +64,7 @@ def method_of(scene: Scene, method: str) -> str:
     """What runs a point: a load that Monte Carlo does not take is run by its judge, the circuit."""
     if method in (JUDGED, "monte-carlo"):
         try:
-            monte_carlo.check(scene)
+            ENGINES["monte-carlo"].check(scene)
         except LoadError:
             if method != JUDGED:
                 raise

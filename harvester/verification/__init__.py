@@ -1,1 +1,1 @@
-"""Error against run time, stiff and extreme cases, the source paper's figures and statements."""
+"""What judges the program: closed forms, other integrators, the source paper, the program."""

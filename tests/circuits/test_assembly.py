@@ -3,7 +3,8 @@ import re
 import pytest
 
 from circuits.assembly import assemble
-from harvester.engines.steps import knot_spacing, stop_time
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing, stop_time
 from harvester.scene.model import Scene
 
 MECHANICS = {"Cdisplacement", "Gvelocity", "Cmass", "Gspring", "Rdamper", "Inoise"}
@@ -117,5 +118,6 @@ def test_the_digest_tells_netlists_apart():
 
 def test_the_end_time_is_a_whole_number_of_knots():
     scene = Scene.load("paper", ["run.realizations=2", "run.duration=10.01", "run.settle=0"])
-    assert stop_time(scene) == pytest.approx(10.05)
-    assert stop_time(scene) / knot_spacing(scene) == pytest.approx(201)
+    ready = prepared(scene)
+    assert stop_time(ready) == pytest.approx(10.05)
+    assert stop_time(ready) / knot_spacing(ready) == pytest.approx(201)

@@ -7,7 +7,7 @@ from truths import assert_near
 
 from harvester.errors import SimulatorAborted
 from harvester.scene.model import Scene
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 
 MASS, DAMPING, STIFFNESS = 0.01, 0.02, 20.0
 CONSTANT, WINDING, LOAD, INTENSITY = 8.0, 300.0, 500.0, 0.01

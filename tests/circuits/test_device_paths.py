@@ -5,9 +5,9 @@ import pytest
 from device_scenes import DEVICES, FOLLOWED, device
 from device_truths import written_path
 
-from harvester.engines.steps import knot_spacing, stop_time
-from harvester.scene.units import scale
-from harvester.simulation import simulate
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing, stop_time
+from harvester.simulation.simulate import simulate
 
 EACH = [
     pytest.param(name, marks=() if name in FOLLOWED else pytest.mark.exhaustive, id=name)
@@ -17,9 +17,10 @@ EACH = [
 
 def deviations(pool, scene, steps):
     """Greatest distance of X from scipy's path for each step, and the energies' residuals."""
-    _, scales = scale(scene)
-    spacing = knot_spacing(scene)
-    reference = written_path(scene, round(stop_time(scene) / spacing))[1:, 0] / scales.displacement
+    ready = prepared(scene)
+    scales = ready.scales
+    spacing = knot_spacing(ready)
+    reference = written_path(scene, round(stop_time(ready) / spacing))[1:, 0] / scales.displacement
     found, residuals = [], []
     for step in steps:
         result = simulate(

@@ -7,9 +7,10 @@ import pytest
 from scipy import signal
 
 from circuits.export import stand_alone
-from harvester.engines.realization import noise_path
+from harvester.prepared.paths import noise_path
+from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 from harvester.studies.comparison import Comparison
 
 
@@ -72,10 +73,11 @@ def test_circuit_and_monte_carlo_follow_the_record_point_by_point(pool, quake):
 
 def test_the_exported_netlist_holds_the_same_knots(quake, tmp_path):
     short = quake.replace({"run.duration": 2.0, "run.settle": 0.0})
-    netlist = stand_alone(short, noise_path(short, 0))
+    ready = prepared(short)
+    netlist = stand_alone(short, noise_path(ready, 0))
     source = re.search(r"Inoise 0 velocity PWL\((.*?)\)", netlist.text, re.DOTALL).group(1)
     numbers = np.array(source.replace("+", " ").split(), dtype=float).reshape(-1, 2)
-    path = noise_path(short, 0).read(len(numbers))
+    path = noise_path(ready, 0).read(len(numbers))
     np.testing.assert_allclose(numbers[:, 0], 0.01 * np.arange(201), atol=1e-12)
     np.testing.assert_allclose(numbers[:, 1] * netlist.rate**2, path, rtol=1e-12)
     np.testing.assert_allclose(

@@ -8,13 +8,14 @@ from truths import contact_force, flat
 
 from circuits.export import stand_alone
 from circuits.ngspice.library import candidates
-from harvester.engines.pools import WorkerPool
-from harvester.engines.realization import noise_path
-from harvester.engines.steps import knot_spacing
 from harvester.errors import NetlistError
+from harvester.prepared.paths import noise_path
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 from harvester.verification.known_results.simulators import read_raw
+from harvester.workers.pools import WorkerPool
 
 
 @pytest.fixture(scope="module")
@@ -41,13 +42,14 @@ def loads(name):
     "name", ["paper", "device", "asymmetric", "one_sided", "tristable", "electromagnetic"]
 )
 def test_plain_ngspice_runs_the_export_and_agrees_with_the_process(tmp_path, plain_pool, name):
-    spacing = knot_spacing(Scene.load(name))
+    spacing = knot_spacing(prepared(Scene.load(name)))
     scene = Scene.load(
         name, [f"run.duration={400 * spacing}", "run.settle=0", "run.realizations=1"]
     )
+    ready = prepared(scene)
     # Its contact is too short for the default step.
     step = spacing / 4 if name == "one_sided" else "default"
-    netlist = stand_alone(scene, noise_path(scene, 0), step=step)
+    netlist = stand_alone(scene, noise_path(ready, 0), step=step)
     (tmp_path / "scene.cir").write_text(netlist.text + ".end\n")
     raw = run_raw(tmp_path, "scene.cir")
     result = simulate(
@@ -66,7 +68,7 @@ def test_plain_ngspice_runs_the_export_and_agrees_with_the_process(tmp_path, pla
     # ngspice's own first point lies behind the first two of the engine.
     inside = external.time[external.time >= raw["time"][0]]
     noise = np.interp(inside, raw["time"], raw["i(@inoise[current])"]) * netlist.rate**2
-    path = noise_path(scene, 0).read(401)
+    path = noise_path(ready, 0).read(401)
     expected = np.interp(inside, spacing * np.arange(401), path)
     np.testing.assert_allclose(noise, expected, atol=1e-6 * np.abs(path).max())
 
@@ -75,15 +77,16 @@ def test_a_step_that_passes_over_the_contact_is_refused():
     scene = Scene.load(
         "paper", ["stoppers.stiffness=1e6", "run.realizations=2", "run.duration=1", "run.settle=0"]
     )
+    ready = prepared(scene)
     with pytest.raises(NetlistError, match=r"choose --step 0\.0014 or less"):
-        stand_alone(scene, noise_path(scene, 0))
-    assert stand_alone(scene, noise_path(scene, 0), step=0.0014).step <= 0.0014
+        stand_alone(scene, noise_path(ready, 0))
+    assert stand_alone(scene, noise_path(ready, 0), step=0.0014).step <= 0.0014
 
 
 def test_the_export_tells_how_to_run_and_read_it():
     text = stand_alone(
         Scene.load("paper_si", ["run.realizations=2", "run.duration=1", "run.settle=0"]),
-        noise_path(Scene.load("paper_si"), 0),
+        noise_path(prepared(Scene.load("paper_si")), 0),
     ).text
     assert "ngspice -b -r paper_si.raw paper_si.cir" in text
     assert "units of 0.001 m" in text
@@ -127,4 +130,4 @@ def test_the_netlist_for_reading_runs_by_hand_and_solves_the_papers_equations(tm
 def test_a_netlist_of_too_many_points_is_refused_before_any_work():
     scene = Scene.load("paper", ["run.duration=1e9"])
     with pytest.raises(NetlistError, match=r"2e\+10 points .* at most 1000000"):
-        stand_alone(scene, noise_path(scene, 0))
+        stand_alone(scene, noise_path(prepared(scene), 0))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from harvester import Scene
-from harvester.engines.realization import run
 from harvester.estimates.of_run import run_estimates
+from harvester.simulation.realization import run
 
 DEVICES = ("linear", "hardening", "bistable", "stopper", "coil")
 LOADS = ("resistor", "bridge", "sshi_parallel", "doubler", "sece")

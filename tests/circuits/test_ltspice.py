@@ -9,8 +9,9 @@ from circuits.export import stand_alone
 from circuits.loads.subcircuits import load_names
 from circuits.ltspice import FUNCTIONS, to_ltspice, translate
 from harvester.command_line import main
-from harvester.engines.realization import noise_path
 from harvester.errors import NetlistError
+from harvester.prepared.paths import noise_path
+from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
 
 # What LTspice's help says its functions do, as Python.
@@ -96,7 +97,7 @@ def test_every_word_is_ltspices(case):
     name, overrides = SCENES[case]
     scene = Scene.load(name, [*overrides, *BRIEF, "run.duration=1"])
     text = to_ltspice(
-        stand_alone(scene, noise_path(scene, 0), step=STEPS.get(case, "default")).text
+        stand_alone(scene, noise_path(prepared(scene), 0), step=STEPS.get(case, "default")).text
     )
     expressions = re.findall(r"\{([^{}]*)\}|\b[iv]=(.*)$", text, re.MULTILINE | re.IGNORECASE)
     assert expressions
@@ -152,7 +153,9 @@ def test_the_header_says_what_differs_and_the_noise_lies_beside(tmp_path, capsys
     scene = Scene.load("paper")
     written = np.loadtxt(target.parent / "scene-noise.txt")
     rate = float(re.search(r"minus the base acceleration, over ([\d.]+)", text).group(1))
-    np.testing.assert_allclose(written[:, 1] * rate, noise_path(scene, 0).read(21), rtol=1e-12)
+    np.testing.assert_allclose(
+        written[:, 1] * rate, noise_path(prepared(scene), 0).read(21), rtol=1e-12
+    )
     assert main(["netlist", "paper", "--dialect", "ltspice"]) == 2
     assert "--output FILE.cir" in capsys.readouterr().err
     assert main(["netlist", "paper", "--dialect", "ltspise"]) == 2

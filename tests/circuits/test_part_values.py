@@ -7,7 +7,7 @@ import pytest
 from circuits.loads.subcircuits import read_load
 from harvester.errors import SimulatorAborted
 from harvester.scene.model import Scene
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 
 
 def read(tmp_path, text, **parameters):

@@ -6,10 +6,11 @@ from device_scenes import random_device
 from device_truths import written_path
 from truths import Keep
 
-from harvester.engines.monte_carlo import run_realizations
-from harvester.engines.realization import noise_path, start_state
-from harvester.engines.steps import knot_spacing, stop_time
-from harvester.simulation import simulate
+from harvester.monte_carlo.engine import run_realizations
+from harvester.prepared.paths import noise_path, start_state
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing, stop_time
+from harvester.simulation.simulate import simulate
 
 SEEDS = (1, 8, 9, 11, 12)
 SMALL = 1e-6
@@ -18,10 +19,11 @@ SMALL = 1e-6
 def by_monte_carlo(scene, displaced=0.0):
     """Displacements at the knots, its start displaced by so much."""
     keep = Keep()
-    x, v, state = start_state(scene, 0)
+    ready = prepared(scene)
+    x, v, state = start_state(ready, 0)
     starts = [(x + displaced, v, state)]
-    run_realizations(scene, [noise_path(scene, 0)], starts, [[keep]], "finest", "external")
-    return keep.at_knots(knot_spacing(scene))[:, 0]
+    run_realizations(scene, [noise_path(ready, 0)], starts, [[keep]], "finest", "external")
+    return keep.at_knots(knot_spacing(ready))[:, 0]
 
 
 def by_circuit(pool, scene):
@@ -29,7 +31,7 @@ def by_circuit(pool, scene):
     result = simulate(
         scene, step="finest", device="behavioural", window=(0.0, 1e9), workers=1, runner=pool
     )
-    waveform, spacing = np.array(result.waveform), knot_spacing(scene)
+    waveform, spacing = np.array(result.waveform), knot_spacing(prepared(scene))
     knots = np.round(waveform[0] / spacing)
     return waveform[1, np.abs(waveform[0] - knots * spacing) < 1e-6 * spacing]
 
@@ -38,7 +40,8 @@ def by_circuit(pool, scene):
 @pytest.mark.parametrize("seed", SEEDS)
 def test_both_engines_follow_scipys_path(pool, seed):
     scene = random_device(seed)
-    truth = written_path(scene, round(stop_time(scene) / knot_spacing(scene)))[1:, 0]
+    ready = prepared(scene)
+    truth = written_path(scene, round(stop_time(ready) / knot_spacing(ready)))[1:, 0]
     found = by_monte_carlo(scene)
     # Where paths part, nothing follows any path.
     assert np.abs(by_monte_carlo(scene, SMALL) - found).max() < 10.0 * SMALL

@@ -9,9 +9,9 @@ from device_truths import gibbs, gibbs_share
 from truths import assert_near
 
 from harvester.device import timescales
+from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 
 SKEW = [-0.08, -2.0, 0.3, 2.2]
 ELASTIC = {"stiffness": 40.0, "restitution": 1.0}
@@ -46,7 +46,7 @@ def uncoupled(name, **run):
 def check_shares(result, largest_error):
     """Shares of time within 3 standard errors of Gibbs's, and these so small."""
     weight = gibbs(result.scene)
-    saddles = sorted(timescales.saddles(scale(result.scene)[0]))
+    saddles = sorted(timescales.saddles(prepared(result.scene).system))
     assert saddles
     wells = enumerate(itertools.pairwise([-math.inf, *saddles, math.inf]), 1)
     truths = {

@@ -12,10 +12,10 @@ from harvester.averaging import CLOSURES
 from harvester.averaging.of_scene import average
 from harvester.device import system
 from harvester.device.contact import LAWS
-from harvester.engines.steps import knot_spacing, stop_time
 from harvester.errors import AveragingError, SceneError
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing, stop_time
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 
 TABLES = {
     "units": "scaled",
@@ -58,7 +58,8 @@ def test_both_engines_follow_scipys_path(scene, worker, monkeypatch, engine, lar
         return stopper["stiffness"] * (s * depth + DASHPOT * v) if depth > 0.0 else 0.0
 
     monkeypatch.setattr(Written, "contact", force)
-    reference = written_path(scene, round(stop_time(scene) / knot_spacing(scene)))[1:]
+    ready = prepared(scene)
+    reference = written_path(scene, round(stop_time(ready) / knot_spacing(ready)))[1:]
     arguments = {"tables": TABLES, "engine": engine, "step": "finest"}
     states = worker.call(worker_calls.run_with_law, arguments, time_limit=60.0)
     assert reference[:, 0].max() > 0.35
@@ -66,7 +67,7 @@ def test_both_engines_follow_scipys_path(scene, worker, monkeypatch, engine, lar
 
 
 def test_netlist_and_verilog_hold_its_formula(scene):
-    s, _ = scale(scene)
+    s = prepared(scene).system
     assert "Bstopper_right velocity" in assemble(scene).text
     _, text, values = module(s, 2.0)
     assert "stopper_right_dashpot*u" in text

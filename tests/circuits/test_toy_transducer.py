@@ -13,11 +13,11 @@ from circuits.export import for_ltspice, stand_alone
 from circuits.schematic.drawing import schematic
 from harvester.averaging.of_scene import average
 from harvester.device.transducer import TRANSDUCERS
-from harvester.engines.realization import noise_path
 from harvester.errors import AveragingError, SceneError
+from harvester.prepared.paths import noise_path
+from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 
 MASS, DAMPING, STIFFNESS = 0.02, 0.05, 120.0
 THETA, CAPACITANCE, ELECTRODE, LOAD, INTENSITY = 8e-4, 4e-8, 1.5e5, 3e5, 0.4
@@ -84,7 +84,7 @@ def remembered_mean_squares(memory):
 def test_the_stationary_solver_takes_it(scene):
     """Within its error; its noise has the band of the scene's knots, 1 % of E[x'²]."""
     result = average(scene, method="fokker_planck")
-    velocity, square = remembered_mean_squares(scale(scene)[0].noise.correlation_time)
+    velocity, square = remembered_mean_squares(prepared(scene).system.noise.correlation_time)
     share = (LOAD / (LOAD + ELECTRODE)) ** 2
     for name, truth in (
         ("mean_square_velocity", velocity),
@@ -155,14 +155,15 @@ def test_a_bridge_on_it_closes_its_balance(scene, pool):
 
 def test_its_netlist_runs_by_itself(scene, tmp_path):
     short = scene.replace({"run.duration": 0.1, "run.settle": 0.0})
-    netlist = stand_alone(short, noise_path(short, 0))
+    ready = prepared(short)
+    netlist = stand_alone(short, noise_path(ready, 0))
     (tmp_path / "toy.cir").write_text(netlist.text + ".end\n")
     assert "Relectrode electrode terminal 150000.0" in netlist.text
     assert re.search(r"Vload terminal load_terminal", netlist.text)
     raw = run_raw(tmp_path, "toy.cir")
     assert raw["time"][-1] >= 0.1
     assert np.abs(raw["v(terminal)"]).max() > 0.0
-    text, _ = for_ltspice(short, noise_path(short, 0), "noise.txt")
+    text, _ = for_ltspice(short, noise_path(ready, 0), "noise.txt")
     assert "Relectrode electrode terminal" in text
     names = {name.lower() for name in schematic(scene).names}
     assert {"cown", "gcharge", "relectrode", "gback_action", "vload"} <= names

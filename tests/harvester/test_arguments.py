@@ -8,8 +8,8 @@ import pytest
 import harvester
 from harvester.arguments import checked_options, listed
 from harvester.calling import takes_scene
-from harvester.engines.pools import ExecutorPool, WorkerPool
 from harvester.studies.grid import make_grid
+from harvester.workers.pools import ExecutorPool, WorkerPool
 
 SCENE = harvester.Scene.load("paper")
 KEY = "load.decay_rate"

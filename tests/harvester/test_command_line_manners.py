@@ -7,9 +7,9 @@ import time
 import pytest
 
 from harvester.command_line import COMMANDS, build_parser, main
+from harvester.commands import console
 from harvester.commands.command import Command
 from harvester.errors import EngineNotFound, SceneError, SimulatorTimeout
-from harvester.show import console
 
 COMMAND_NAMES = sorted(build_parser()[1].choices)
 COLOUR = re.compile(r"\x1b\[[\d;]*\b(?:3[0-7]|9[0-7]|38;[\d;]+)m")

@@ -15,11 +15,11 @@ def test_a_change_in_one_file_reaches_the_code_compiled_from_another(tmp_path):
     head = "from harvester.compilation import compiled\n"
     force = tmp_path / "harvester" / "device" / "one_force.py"
     force.write_text(f"{head}\n\n@compiled\ndef force(x):\n    return -2.0 * x\n")
-    integrator = tmp_path / "harvester" / "engines" / "one_integrator.py"
+    integrator = tmp_path / "harvester" / "monte_carlo" / "one_integrator.py"
     head += "from harvester.device.one_force import force\n"
     integrator.write_text(f"{head}\n\n@compiled\ndef integrate(x):\n    return force(x)\n")
     code = (
-        "from harvester.engines.one_integrator import integrate\n"
+        "from harvester.monte_carlo.one_integrator import integrate\n"
         "print(integrate(1.0), sum(integrate.stats.cache_hits.values()))"
     )
 
@@ -43,7 +43,13 @@ def test_a_change_in_one_file_reaches_the_code_compiled_from_another(tmp_path):
 def test_compiled_code_survives_a_change_of_what_it_is_not_made_of():
     """Classes that are arguments of compiled code count, and constants from elsewhere."""
     sources = {file.relative_to(PACKAGE.parent).as_posix() for file in compiled_sources()}
-    made_of = {"device/coil", "device/hertz", "engines/lockstep", "record/moments", "scene/units"}
+    made_of = {
+        "device/coil",
+        "device/hertz",
+        "monte_carlo/lockstep",
+        "record/moments",
+        "scene/units",
+    }
     assert {f"harvester/{name}.py" for name in made_of} <= sources
     assert "circuits/kernel/stepping.py" in sources
     others = ("show", "commands", "studies", "identification", "verification", "running")
@@ -64,7 +70,7 @@ class Names(event.Listener):
 compiled = []
 event.register("numba:compile", Names())
 from harvester import average
-from harvester.engines.realization import run
+from harvester.simulation.realization import run
 from harvester.scene.model import Scene
 brief = {"run.duration": 1.0, "run.settle": 0.0, "run.realizations": 1}
 for name, load in (("linear", {}), ("device", {"load.netlist": "bridge"})):

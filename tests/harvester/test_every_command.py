@@ -10,17 +10,16 @@ import pytest
 import worker_calls
 
 from harvester import averaging
-from harvester.engines.workers import Worker
 from harvester.running import Task
-from harvester.verification.stability import matrix
-from harvester.verification.stability.cases import Case
-from harvester.verification.work_precision import (
+from harvester.verification.accuracy import (
     measurement,
     throughput,
-    time_to_accuracy,
     timed,
 )
-from harvester.verification.work_precision.methods import Method
+from harvester.verification.accuracy.methods import Method
+from harvester.verification.stability import matrix
+from harvester.verification.stability.cases import Case
+from harvester.workers.process import Worker
 
 # Words of Python about a fault of ours.
 FAULT = re.compile(r"Traceback|\b(?!Memory)[A-Z]\w*(?:Error|Exception|Warning)\b: ")
@@ -63,17 +62,17 @@ class SameWorker(Worker):
 def briefly():
     """One worker process for all calls, each closure computed once, studies cut to a few points."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("harvester.engines.pools.Worker", SameWorker)
+        patch.setattr("harvester.workers.pools.Worker", SameWorker)
         patch.setattr("harvester.studies.frequency_response.SETTLED_SHARE", 0.9)
         patch.setattr("harvester.studies.sensitivity.FEWEST_ROWS", 2)
         patch.setattr(matrix, "default_cases", lambda: FEW_CASES)
         patch.setattr(matrix, "METHODS", ("circuit", "monte-carlo", "consistent"))
-        patch.setattr(time_to_accuracy, "TIMED_METHODS", FEW_METHODS)
-        patch.setattr(time_to_accuracy, "TIMED_LOAD_METHODS", FEW_LOAD_METHODS)
-        patch.setattr(time_to_accuracy, "MOST_REALIZATIONS", 1)
+        patch.setattr(measurement, "TIMED_METHODS", FEW_METHODS)
+        patch.setattr(measurement, "TIMED_LOAD_METHODS", FEW_LOAD_METHODS)
+        patch.setattr(measurement, "MOST_REALIZATIONS", 1)
         patch.setattr(timed, "CLOSURES", ("consistent",))
         patch.setattr("harvester.verification.stability.cases.STEP_BUDGET", 4000)
-        patch.setattr("harvester.verification.stability.paths.PATH_STEPS", 2000)
+        patch.setattr("harvester.verification.stability.path_deviation.PATH_STEPS", 2000)
         patch.setattr(measurement, "METHODS", FEW_METHODS)
         patch.setattr(measurement, "LOAD_METHODS", FEW_LOAD_METHODS)
         patch.setattr(measurement, "PERIODS", 1)

@@ -35,10 +35,11 @@ SPRING, DAMPER, CONTACT, HERTZ, PIEZO, COIL, SYSTEM = (
 MOMENTS, SEVERAL, OUTPUT_SIDE, JUMPS = (
     f"harvester/record/{name}.py" for name in ("moments", "several", "output_side", "jumps")
 )
-BATCH_MEANS, ESTIMATE, MEANS, PAIRED, BALANCE, MEASURES = (
+BATCH_MEANS, ESTIMATE, MEANS, BALANCE, MEASURES = (
     f"harvester/estimates/{name}.py"
-    for name in ("batch_means", "estimate", "means", "paired", "balance", "measures")
+    for name in ("batch_means", "estimate", "means", "balance", "measures")
 )
+PAIRED = "harvester/results/paired.py"
 JUNCTION, SWITCHING, PARTS = (
     f"circuits/kernel/{name}.py" for name in ("junction", "switching", "parts")
 )
@@ -186,27 +187,27 @@ FAULTS = [
     ),
     Fault(
         "steps: a stage of Runge-Kutta goes from the first slope",
-        "harvester/engines/schemes.py",
+        "harvester/monte_carlo/schemes.py",
         "held, x + half * v2, v3, e3, middle)",
         "held, x + half * v, v3, e3, middle)",
         (
-            "harvester/engines/test_monte_carlo.py"
+            "harvester/monte_carlo/test_engine.py"
             "::test_the_order_is_four_against_scipy_on_the_same_path",
         ),
     ),
     Fault(
         "steps: finer ones are not finer in a contact",
-        "harvester/engines/steps.py",
+        "harvester/prepared/steps.py",
         "return math.ceil(fewest * max(finer, 1.0))",
         "return math.ceil(fewest)",
-        ("harvester/engines/test_steps.py",),
+        ("harvester/prepared/test_steps.py",),
     ),
     Fault(
         "steps: the cubic to an edge bends at the other end",
-        "harvester/engines/zones.py",
+        "harvester/device/zones.py",
         "bend = u * w * (a * w + b * u)",
         "bend = u * w * (a * u + b * w)",
-        ("harvester/engines/test_zones.py",),
+        ("harvester/device/test_zones.py",),
     ),
     Fault(
         "moments: the last point of a stretch counts twice",
@@ -414,8 +415,8 @@ FAULTS = [
     Fault(
         "store: the key does not tell engines' versions apart",
         "harvester/running/task.py",
-        'f"harvester {harvester.__version__}, {self.version}"',
-        'f"harvester {harvester.__version__}"',
+        'f"harvester {__version__}, {self.version}"',
+        'f"harvester {__version__}"',
         KEY,
     ),
     Fault(

@@ -2,9 +2,9 @@
 
 import pytest
 
-from harvester.record.output_side import LOSS, OUTPUT, STORE
+from circuits.loads.kinds import LOSS, OUTPUT, STORE
 from harvester.scene.model import Scene
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 
 SUFFIX = {LOSS: "loss", OUTPUT: "power", STORE: "storage_power"}
 # Small enough to stay in a well: paths of both engines stay together.

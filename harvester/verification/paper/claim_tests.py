@@ -8,17 +8,19 @@ valid whether or not the paths stay together: the error is that of the differenc
 
 import itertools
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import TypeAlias
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from harvester.estimates.paired import paired_difference
+from harvester.files.serialising import LEFT_OUT, fields_of
+from harvester.files.writing import finite
+from harvester.results.paired import paired_difference
 from harvester.running import Answer
 from harvester.scene.model import Scene
 from harvester.verification.paper.density_features import FEATURES, middle_of, peak_of
-from harvester.verification.paper.figures_list import SYMBOLS, Changes
+from harvester.verification.paper.figures_list import KEY_SYMBOLS, Changes
 
 # A method's answer under some changes, None where there is none.
 Read: TypeAlias = Callable[[Changes], Answer | None]
@@ -30,7 +32,6 @@ class Finding:
 
     Attributes
     ----------
-    where : str
     effect : float
         A share, with the sign of what was found.
     error : float
@@ -46,8 +47,8 @@ class Finding:
     where: str
     effect: float
     error: float
-    favours: int = 1
-    decisive: bool = True
+    favours: int = field(default=1, metadata=LEFT_OUT)
+    decisive: bool = field(default=True, metadata=LEFT_OUT)
     margin: float | None = None
 
     @property
@@ -56,161 +57,184 @@ class Finding:
         signed = self.favours * (self.effect if self.margin is None else self.margin)
         return signed / self.error if self.error > 0.0 else math.copysign(math.inf, signed)
 
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {**fields_of(self), "standard_errors": finite(self.sigmas)}
+
 
 def name_of(changes: Changes) -> str:
-    """ "δr = 1.1, D = 0.02"; "as it is" without changes."""
-    return ", ".join(f"{SYMBOLS[k]} = {v:g}" for k, v in changes) or "defaults"
+    """ "δr = 1.1, D = 0.02"; "defaults" without changes."""
+    return ", ".join(f"{KEY_SYMBOLS[key]} = {value:g}" for key, value in changes) or "defaults"
 
 
-@dataclass(frozen=True)
-class Trend:
-    """A quantity rises (or falls) along values of one key."""
+class StatementTest:
+    """What is asked of each method; `places` are the keys and values that it needs.
 
-    quantity: str
-    swept: str
-    values: tuple
-    rises: bool = True
+    Most have a `quantity`: that of an answer, or one of `FEATURES` of its density.
+
+    Attributes
+    ----------
+    compares : bool
+        `findings` takes a second `read`: that of Monte Carlo.
+    of_orbits : bool
+        It is about orbits without noise: `findings` takes the scene, and only the paper's closure
+        is asked.
+    """
+
+    compares, of_orbits = False, False
+
+    def places(self) -> Sequence[tuple[str, float]]:
+        """None: the condition itself is what is needed."""
+        return ()
 
     def scenes(self, condition: Changes) -> list[Changes]:
         """Changes of the scene."""
-        return [with_value(condition, self.swept, value) for value in self.values]
+        return [with_value(condition, *place) for place in self.places()] or [condition]
 
-    def findings(self, condition: Changes, read: Read) -> list[Finding]:
-        """Every step between neighbours, and the whole."""
-        known = _known(self, condition, read)
-        favours = 1 if self.rises else -1
-        steps = list(itertools.pairwise(known))
-        found = [
-            self._finding(condition, a, b, favours, decisive=False)
-            for a, b in (steps if len(known) > 2 else [])
-        ]
-        if len(known) > 1:
-            found.append(self._finding(condition, known[0], known[-1], favours, decisive=True))
-        return [finding for finding in found if finding]
-
-    def _finding(self, condition, a, b, favours, decisive):
-        change = relative_change(a[1], b[1], self.quantity)
-        if change is None:
-            return None
-        where = _range(condition, self.swept, a[0], b[0])
-        return Finding(where, *change, favours, decisive)
+    def findings(self, *arguments: Any) -> list[Finding]:
+        """What one method says at a condition."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)
-class InteriorMaximum:
+class Along(StatementTest):
+    """A quantity along values of one key."""
+
+    quantity: str
+    swept: str
+    values: tuple[float, ...]
+
+    def places(self) -> list[tuple[str, float]]:
+        """All values."""
+        return [(self.swept, value) for value in self.values]
+
+    def known(self, condition: Changes, read: Read) -> list[tuple[float, Answer]]:
+        """(value, answer) where there is one that has the quantity."""
+        answers = [read(changes) for changes in self.scenes(condition)]
+        pairs = zip(self.values, answers, strict=True)
+        return [(value, each) for value, each in pairs if each and _has(each, self.quantity)]
+
+    def change(
+        self, condition: Changes, first: Any, last: Any, favours: int = 1, decisive: bool = True
+    ) -> list[Finding]:
+        """The change between two of the known ones; nothing where it cannot be told."""
+        change = relative_change(first[1], last[1], self.quantity)
+        where = _range(condition, self.swept, first[0], last[0])
+        return [Finding(where, *change, favours, decisive)] if change else []
+
+
+@dataclass(frozen=True)
+class Trend(Along):
+    """A quantity rises (or falls) along values of one key."""
+
+    rises: bool = True
+
+    def findings(self, condition: Changes, read: Read) -> list[Finding]:
+        """Every step between neighbours, and the whole."""
+        known, favours = self.known(condition, read), 1 if self.rises else -1
+        if len(known) < 2:
+            return []
+        steps = itertools.pairwise(known) if len(known) > 2 else ()
+        found = [self.change(condition, *step, favours, decisive=False) for step in steps]
+        return [*itertools.chain(*found), *self.change(condition, known[0], known[-1], favours)]
+
+
+@dataclass(frozen=True)
+class InteriorMaximum(Along):
     """A quantity is higher somewhere inside a range than at both ends.
 
     The highest interior point is chosen from the same data, which favours the statement by less
     than a standard error.
     """
 
-    quantity: str
-    swept: str
-    values: tuple
-
-    def scenes(self, condition: Changes) -> list[Changes]:
-        """Changes of the scene."""
-        return [with_value(condition, self.swept, value) for value in self.values]
-
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """The best interior point against either end."""
-        known = _known(self, condition, read)
+        known = self.known(condition, read)
         if len(known) < 3:
             return []
         best = max(known[1:-1], key=lambda point: point[1].quantities[self.quantity].estimate)
-        changes = [
-            (end, relative_change(end[1], best[1], self.quantity)) for end in (known[0], known[-1])
-        ]
-        return [
-            Finding(_range(condition, self.swept, end[0], best[0]), *change)
-            for end, change in changes
-            if change
-        ]
+        ends = (self.change(condition, end, best) for end in (known[0], known[-1]))
+        return [*itertools.chain(*ends)]
 
 
 @dataclass(frozen=True)
-class SingleHump(InteriorMaximum):
+class SingleHump(Along):
     """A quantity rises from the first value on to one maximum and falls after it."""
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """Every step, in the direction it should have."""
-        known = _known(self, condition, read)
+        known = self.known(condition, read)
         if len(known) < 3:
             return []
         values = [answer.quantities[self.quantity].estimate for _, answer in known]
-        top = int(np.argmax(values))
-        found = []
-        for k, (a, b) in enumerate(itertools.pairwise(known)):
-            # Monotone to an edge is no hump either: the last step before it should fall.
-            rising = k < min(max(top, 1), len(known) - 2)
-            change = relative_change(a[1], b[1], self.quantity)
-            if change:
-                where = _range(condition, self.swept, a[0], b[0])
-                found.append(Finding(where, *change, 1 if rising else -1))
-        return found
+        # Monotone to an edge is no hump either: the last step before it should fall.
+        top = min(max(int(np.argmax(values)), 1), len(known) - 2)
+        steps = (
+            self.change(condition, *step, 1 if k < top else -1)
+            for k, step in enumerate(itertools.pairwise(known))
+        )
+        return [*itertools.chain(*steps)]
 
 
 @dataclass(frozen=True)
-class _Pairs:
-    """Tests that compare end-to-end changes over ranges of several keys."""
-
-    def _change(self, condition, read, quantity, swept, ends):
-        answers = [read(with_value(condition, swept, value)) for value in ends]
-        return None if None in answers else relative_change(*answers, quantity)
-
-
-@dataclass(frozen=True)
-class Stronger(_Pairs):
-    """Each key of one group changes a quantity more than each of another, over given ranges."""
+class Ranges(StatementTest):
+    """Changes of a quantity from the first to the last value of the `ranges` of some keys."""
 
     quantity: str
-    strong: tuple
+    ranges: tuple
+
+    def places(self) -> list[tuple[str, float]]:
+        """Both ends of every range."""
+        return [(key, value) for key, ends in self.ranges for value in ends]
+
+    def change(
+        self, condition: Changes, read: Read, key: str, ends: Any, quantity: str = ""
+    ) -> tuple[float, float] | None:
+        """Relative change over one range and its error, None without both answers."""
+        first, last = (read(with_value(condition, key, value)) for value in ends)
+        if first is None or last is None:
+            return None
+        return relative_change(first, last, quantity or self.quantity)
+
+
+@dataclass(frozen=True)
+class Stronger(Ranges):
+    """Each key of `ranges` changes a quantity more than each of `weak`."""
+
     weak: tuple
 
-    def scenes(self, condition: Changes) -> list[Changes]:
-        """Changes of the scene."""
-        ranges = (*self.strong, *self.weak)
-        return [with_value(condition, key, v) for key, ends in ranges for v in ends]
+    def places(self) -> list[tuple[str, float]]:
+        """Both ends of every range."""
+        return [(key, value) for key, ends in (*self.ranges, *self.weak) for value in ends]
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """Every strong one against every weak one: difference of the sizes of their changes."""
         found = []
-        for strong, ends in self.strong:
-            for weak, others in self.weak:
-                ours = self._change(condition, read, self.quantity, strong, ends)
-                theirs = self._change(condition, read, self.quantity, weak, others)
-                if ours and theirs:
-                    where = f"{SYMBOLS[strong]} against {SYMBOLS[weak]}"
-                    where += f" at {name_of(condition)}" if condition else ""
-                    effect = abs(ours[0]) - abs(theirs[0])
-                    found.append(Finding(where, effect, math.hypot(ours[1], theirs[1])))
+        for (strong, ends), (weak, others) in itertools.product(self.ranges, self.weak):
+            ours = self.change(condition, read, strong, ends)
+            theirs = self.change(condition, read, weak, others)
+            if ours and theirs:
+                where = f"{KEY_SYMBOLS[strong]} against {KEY_SYMBOLS[weak]}"
+                where += f" at {name_of(condition)}" if condition else ""
+                effect = abs(ours[0]) - abs(theirs[0])
+                found.append(Finding(where, effect, math.hypot(ours[1], theirs[1])))
         return found
 
 
-class _Ranges(_Pairs):
-    """A statement on the two ends of the `ranges` of some keys."""
-
-    def scenes(self, condition):
-        """Changes of the scene."""
-        return [with_value(condition, key, v) for key, ends in self.ranges for v in ends]
-
-
 @dataclass(frozen=True)
-class Unchanged(_Ranges):
+class Unchanged(Ranges):
     """A quantity changes by less than a share over the ranges of some keys."""
 
-    quantity: str
-    ranges: tuple
     limit: float
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """Each key's change, by how far it stays below the limit."""
         found = []
         for key, ends in self.ranges:
-            change = self._change(condition, read, self.quantity, key, ends)
+            change = self.change(condition, read, key, ends)
             if change:
-                where, (effect, error) = _range(condition, key, *ends), change
-                found.append(Finding(where, effect, error, margin=self.limit - abs(effect)))
+                margin = self.limit - abs(change[0])
+                found.append(Finding(_range(condition, key, *ends), *change, margin=margin))
         return found
 
 
@@ -224,12 +248,10 @@ class Changed(Unchanged):
 
 
 @dataclass(frozen=True)
-class Opposed(_Ranges):
-    """One quantity rises where another falls, over ranges of some keys."""
+class Opposed(Ranges):
+    """The quantity `other` rises where `quantity` falls, over ranges of some keys."""
 
-    quantity: str
     other: str
-    ranges: tuple
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """The other's change, for the statement when it is against the first one's.
@@ -238,10 +260,10 @@ class Opposed(_Ranges):
         """
         found = []
         for key, ends in self.ranges:
-            one = self._change(condition, read, self.quantity, key, ends)
-            other = self._change(condition, read, self.other, key, ends)
+            one = self.change(condition, read, key, ends)
+            other = self.change(condition, read, key, ends, self.other)
             if one and other:
-                sure = min(abs(Finding("", *one).sigmas), abs(Finding("", *other).sigmas))
+                sure = min(abs(Finding("", *each).sigmas) for each in (one, other))
                 error = abs(other[0]) / sure if sure > 0.0 else math.inf
                 favours = -1 if one[0] > 0.0 else 1
                 found.append(Finding(_range(condition, key, *ends), other[0], error, favours))
@@ -249,14 +271,10 @@ class Opposed(_Ranges):
 
 
 @dataclass(frozen=True)
-class Bimodal:
+class Bimodal(StatementTest):
     """The density of X is lower at 0 than at its peak."""
 
     quantity = "peak"
-
-    def scenes(self, condition: Changes) -> list[Changes]:
-        """Changes of the scene."""
-        return [condition]
 
     def findings(self, condition: Changes, read: Read) -> list[Finding]:
         """What the density lacks at 0, as a share of its peak."""
@@ -264,22 +282,17 @@ class Bimodal:
         if answer is None or answer.density is None:
             return []
         (peak, error), (middle, its_error) = peak_of(answer.density), middle_of(answer.density)
-        return [
-            Finding(name_of(condition), 1.0 - middle / peak, math.hypot(error, its_error) / peak)
-        ]
+        error = math.hypot(error, its_error) / peak
+        return [Finding(name_of(condition), 1.0 - middle / peak, error)]
 
 
 @dataclass(frozen=True)
-class Agreement:
+class Agreement(StatementTest):
     """Quantities are within a share of Monte Carlo's."""
 
-    quantities: tuple
+    quantities: tuple[str, ...]
     limit: float
     compares = True
-
-    def scenes(self, condition: Changes) -> list[Changes]:
-        """Changes of the scene."""
-        return [condition]
 
     def findings(self, condition: Changes, read: Read, reference: Read) -> list[Finding]:
         """The deviations, by how far they stay below the limit."""
@@ -289,16 +302,14 @@ class Agreement:
         found = []
         for name in self.quantities:
             change = independent_change(theirs, ours, name)
-            if change is None:
-                continue
-            share, error = change
-            where = f"{name.replace('_', ' ')} at {name_of(condition)}"
-            found.append(Finding(where, share, error, margin=self.limit - abs(share)))
+            if change:
+                where = f"{name.replace('_', ' ')} at {name_of(condition)}"
+                found.append(Finding(where, *change, margin=self.limit - abs(change[0])))
         return found
 
 
 @dataclass(frozen=True)
-class WiderBand:
+class WiderBand(StatementTest):
     """Orbits up to one energy reach higher frequencies with stoppers than without: Fig. 3."""
 
     of_orbits = True
@@ -307,11 +318,11 @@ class WiderBand:
         """None: no noise enters."""
         return []
 
-    def findings_of_orbits(self, scene: Scene) -> list[Finding]:
+    def findings(self, scene: Scene) -> list[Finding]:
         """Highest frequency of the orbits around both wells."""
-        from harvester.verification.paper.orbit_maps import frequency_response
+        from harvester.verification.paper.orbit_maps import orbit_voltages
 
-        responses = frequency_response(scene).responses
+        responses = orbit_voltages(scene).responses
         highest = [responses[d]["outer"].frequency.max() for d in ("with stoppers", "without")]
         return [Finding("outer orbits", highest[0] / highest[1] - 1.0, 0.0)]
 
@@ -322,18 +333,15 @@ def with_value(condition: Changes, key: str, value: float) -> Changes:
 
 
 def relative_change(first: Answer, second: Answer, quantity: str) -> tuple[float, float] | None:
-    """(change from the first answer to the second as a share of the first, its error), or None."""
-    return _paired_change(first, second, quantity) or independent_change(first, second, quantity)
+    """Change from the first answer to the second as a share of the first, and its error.
 
-
-def _paired_change(first, second, quantity):
-    """The same on the common noise, or None without moments or an error bar."""
-    if not (first.moments and second.moments):
-        return None
-    paired = paired_difference(second, first).get(quantity)
-    if paired is None or paired.standard_error is None:
-        return None
-    return paired.estimate, paired.standard_error
+    Paired on the common noise where both have their moments; None of nothing.
+    """
+    if first.moments and second.moments:
+        paired = _paired(first, second).get(quantity)
+        if paired is not None and paired.standard_error is not None:
+            return paired.estimate, paired.standard_error
+    return independent_change(first, second, quantity)
 
 
 def independent_change(first: Answer, second: Answer, quantity: str) -> tuple[float, float] | None:
@@ -344,15 +352,11 @@ def independent_change(first: Answer, second: Answer, quantity: str) -> tuple[fl
     return b / a - 1.0, math.hypot(error_b, error_a * b / a) / abs(a)
 
 
-def _known(test, condition, read):
-    """(value, answer) where there is one that has the quantity."""
-    points = [(value, read(with_value(condition, test.swept, value))) for value in test.values]
-    return [(value, answer) for value, answer in points if _has(answer, test.quantity)]
+def _paired(first, second):
+    return paired_difference(second, first)
 
 
 def _has(answer, quantity):
-    if answer is None:
-        return False
     return quantity in answer.quantities or (quantity in FEATURES and answer.density is not None)
 
 
@@ -360,12 +364,10 @@ def _value(answer, quantity):
     if quantity in FEATURES:
         return FEATURES[quantity](answer.density)
     estimate = answer.quantities[quantity]
-    return (
-        estimate.estimate,
-        math.inf if estimate.standard_error is None else estimate.standard_error,
-    )
+    error = estimate.standard_error
+    return estimate.estimate, math.inf if error is None else error
 
 
 def _range(condition, key, first, last):
-    text = f"{SYMBOLS[key]} {first:g} → {last:g}"
+    text = f"{KEY_SYMBOLS[key]} {first:g} → {last:g}"
     return f"{text} at {name_of(condition)}" if condition else text

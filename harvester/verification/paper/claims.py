@@ -2,46 +2,39 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Unpack
 
 from harvester.averaging import CLOSURES
 from harvester.calling import takes_scene
-from harvester.engines.steps import with_knots
+from harvester.files.serialising import fields_of, key, plain
 from harvester.files.tables import markdown_table
-from harvester.files.writing import finite
+from harvester.prepared.steps import with_knots
 from harvester.running import RunnerOptions, open_runner
 from harvester.scene.model import Scene
-from harvester.verification.paper.claim_tests import Finding, name_of
+from harvester.verification.paper.claim_tests import Finding, Trend, name_of
 from harvester.verification.paper.claims_list import CLAIMS, JUMPING, Claim
 from harvester.verification.paper.density_features import FEATURES
 from harvester.verification.paper.reproduce import answered, reason
 from harvester.verification.paper.runs import costly_first, request
+from harvester.verification.quantities import SIGNIFICANT_SIGMAS
 
-# Standard errors from which on a finding counts; by chance alone one in 370 does.
-SIGNIFICANT_SIGMAS = 3.0
 HOLDS, IN_PART, FAILS = "holds", "holds in part", "does not hold"
 UNDECIDED, UNTESTED = "not significant", "not tested"
 # Realizations of each scene: of one number, for their batches are paired.
 REALIZATIONS = {"monte-carlo": 48, "circuit": 16}
 THOROUGH = {"monte-carlo": 640, "circuit": 104}
 METHODS = ("monte-carlo", "circuit", *CLOSURES)
+# A finding of so many standard errors is of an effect without chance, and no number to tell.
+WITHOUT_CHANCE = 1e3
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """What one method says of one statement.
+class Opinion:
+    """What one method says of one statement: a word, what it rests on, why it was not tested."""
 
-    Attributes
-    ----------
-    word : str
-    findings : tuple of Finding
-    reason : str
-        Why it was not tested; empty otherwise.
-    """
-
-    word: str
-    findings: tuple = ()
+    word: str = field(metadata=key("verdict"))
+    findings: tuple[Finding, ...] = ()
     reason: str = ""
 
     @property
@@ -56,12 +49,12 @@ class Verdict:
         """Cell of the table: the verdict, and the significance of its weakest finding."""
         pro, contra, open_ = self.speaking
         pro = [f for f in pro if f.decisive]
-        sigmas = [abs(f.sigmas) for f in (open_ if self.word == UNDECIDED else pro + contra)]
-        finite_ones = [s for s in sigmas if s < 1e3]
+        undecided = self.word == UNDECIDED
+        sigmas = [abs(f.sigmas) for f in (open_ if undecided else pro + contra)]
+        told = [each for each in sigmas if each < WITHOUT_CHANCE]
         words = []
-        if finite_ones and self.word != UNTESTED:
-            most = max(finite_ones) if self.word == UNDECIDED else min(finite_ones)
-            words.append(f"{'≤' if self.word == UNDECIDED else '≥'} {most:.0f} σ")
+        if told and self.word != UNTESTED:
+            words.append(f"≤ {max(told):.0f} σ" if undecided else f"≥ {min(told):.0f} σ")
         if self.word == IN_PART and not contra:
             # Nothing speaks against it: more data may make it hold.
             words.append(f"{len(open_)} of {len(pro) + len(open_)} undecided")
@@ -78,11 +71,14 @@ class Verdict:
             if findings
         )
 
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {**fields_of(self), "where": self.where()}
 
-def judge(findings: Sequence[Finding]) -> Verdict:
+
+def judge(findings: Sequence[Finding]) -> Opinion:
     """The verdict that some findings add up to."""
-    verdict = Verdict("", tuple(findings))
-    pro, contra, open_ = verdict.speaking
+    pro, contra, open_ = Opinion("", tuple(findings)).speaking
     if not findings:
         word = UNTESTED
     elif contra:
@@ -91,38 +87,47 @@ def judge(findings: Sequence[Finding]) -> Verdict:
         word = UNDECIDED
     else:
         word = IN_PART if open_ else HOLDS
-    return Verdict(word, verdict.findings)
+    return Opinion(word, tuple(findings))
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """All statements with all verdicts; `harvester claims` shows it."""
+    """All statements with what each method says of them; `harvester claims` shows it.
+
+    Attributes
+    ----------
+    verdicts : list of dict of str to Opinion
+        Of each claim, by method.
+    answers : dict of (str, Changes) to Answer, HarvesterError or None
+        By method and changes of the scene.
+    """
 
     scene: Scene
-    claims: tuple
-    verdicts: list
+    claims: tuple[Claim, ...]
+    verdicts: list[dict[str, Opinion]]
     answers: dict
     thorough: bool
     wall_seconds: float
 
+    @property
+    def judged(self) -> list[tuple[Claim, dict[str, Opinion]]]:
+        """Each claim with what is said of it."""
+        return list(zip(self.claims, self.verdicts, strict=True))
+
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows of the table, as text."""
         header = ["section", "statement", *METHODS]
-        rows = [
-            [claim.section, claim.says, *(verdicts[m].text() for m in METHODS)]
-            for claim, verdicts in zip(self.claims, self.verdicts, strict=True)
-        ]
-        return header, rows
+        return header, [[c.section, c.says, *_texts(verdicts)] for c, verdicts in self.judged]
 
     def sentences(self) -> list[str]:
         """Details of everything that does not simply hold."""
-        lines = []
-        for claim, verdicts in zip(self.claims, self.verdicts, strict=True):
-            for method, verdict in verdicts.items():
-                if verdict.word in (HOLDS, UNTESTED):
-                    continue
-                lines.append(f"{claim.says}: {method} {verdict.word}: {verdict.where()}")
-        for claim, verdicts in zip(self.claims, self.verdicts, strict=True):
+        lines = [
+            f"{claim.says}: {method} {verdict.word}: {verdict.where()}"
+            for claim, verdicts in self.judged
+            for method, verdict in verdicts.items()
+            if verdict.word not in (HOLDS, UNTESTED)
+        ]
+        for claim, verdicts in self.judged:
             parted = disagreements(verdicts)
             if parted:
                 pairs = (f"{where}: {p:+.1%} and {s:+.1%}" for where, p, s in parted)
@@ -149,21 +154,16 @@ class Judgement:
     def markdown(self) -> str:
         """The table with the sentences quoted, and the details, as Markdown."""
         header = ["section", "sentence", "tested", *METHODS]
-        rows = [
-            [claim.section, claim.sentence, claim.says, *(v[m].text() for m in METHODS)]
-            for claim, v in zip(self.claims, self.verdicts, strict=True)
-        ]
-        return (
-            markdown_table([header, *rows])
-            + "\n\n"
-            + "".join(f"- {line}\n" for line in self.sentences())
-        )
+        rows = [[c.section, c.sentence, c.says, *_texts(verdicts)] for c, verdicts in self.judged]
+        details = "".join(f"- {line}\n" for line in self.sentences())
+        return f"{markdown_table([header, *rows])}\n\n{details}"
 
     def figure(self) -> None:
         """Statements have none."""
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
+        names = ("where", "paper", "monte-carlo")
         return {
             "scene": self.scene.to_dict(),
             "seed": self.scene.run.seed,
@@ -176,13 +176,13 @@ class Judgement:
                     "sentence": claim.sentence,
                     "tested": claim.says,
                     "conditions": [dict(condition) for condition in claim.conditions],
-                    "verdicts": {m: _verdict_to_dict(v) for m, v in verdicts.items()},
+                    "verdicts": plain(verdicts),
                     "disagreements": [
-                        {"where": where, "paper": finite(p), "monte-carlo": finite(s)}
-                        for where, p, s in disagreements(verdicts)
+                        plain(dict(zip(names, each, strict=True)))
+                        for each in disagreements(verdicts)
                     ],
                 }
-                for claim, verdicts in zip(self.claims, self.verdicts, strict=True)
+                for claim, verdicts in self.judged
             ],
             "points": [
                 {"method": method, "changes": dict(changes)}
@@ -192,7 +192,11 @@ class Judgement:
         }
 
 
-def disagreements(verdicts: dict[str, Verdict]) -> list[tuple[str, float, float]]:
+def _texts(verdicts):
+    return [verdicts[method].text() for method in METHODS]
+
+
+def disagreements(verdicts: dict[str, Opinion]) -> list[tuple[str, float, float]]:
     """(where, effect by `paper`, effect by Monte Carlo) where one is for and one against it."""
     simulated = {f.where: f for f in verdicts["monte-carlo"].findings}
     pairs = [(f, simulated[f.where]) for f in verdicts["paper"].findings if f.where in simulated]
@@ -222,10 +226,6 @@ def claims(
     chosen : sequence of Claim
     **running
         See `harvester.running.open_runner`; in the folder of `reproduce` its answers are found.
-
-    Returns
-    -------
-    Judgement
     """
     clock = time.perf_counter()
     chosen = tuple(chosen)
@@ -233,8 +233,8 @@ def claims(
     requests = costly_first(dict.fromkeys(wanted.values()))
     with open_runner(**running) as runner:
         outcomes = dict(zip(requests, runner.answer(requests), strict=True))
-    answers = {key: outcomes[request] for key, request in wanted.items()}
-    verdicts = [{m: _verdict(scene, claim, m, answers) for m in METHODS} for claim in chosen]
+    answers = {place: outcomes[request] for place, request in wanted.items()}
+    verdicts = [{m: _opinion(scene, claim, m, answers) for m in METHODS} for claim in chosen]
     return Judgement(scene, chosen, verdicts, answers, thorough, time.perf_counter() - clock)
 
 
@@ -244,68 +244,53 @@ def _wanted(scene, chosen, thorough):
     for claim in chosen:
         for method in METHODS:
             for changes in _needed(claim, method, thorough):
-                changed = scene.replace(dict(changes))
-                needed[method, changes] = changed
+                needed[method, changes] = scene.replace(dict(changes))
                 if getattr(claim.test, "quantity", None) in FEATURES:
-                    dense.add((method, changed))
+                    dense.add((method, needed[method, changes]))
     count = THOROUGH if thorough else REALIZATIONS
     return {
-        (method, changes): _request(changed, method, (method, changed) in dense, count)
+        (method, changes): request(
+            changed,
+            method,
+            count,
+            (method, changed) in dense,
+            # Closures have no moments.
+            **({"moments": True} if method in count else {}),
+        )
         for (method, changes), changed in needed.items()
     }
 
 
 def _needed(claim, method, thorough):
     """Changes of the scene that one method is asked for."""
-    conditions = claim.conditions
-    if method == "circuit" and not thorough:
+    conditions, brief = claim.conditions, method == "circuit" and not thorough
+    if brief:
         # A hundred times as slow as Monte Carlo: one condition, where it says most, and ends.
         conditions = [c for c in conditions if c == JUMPING][:1] or conditions[:1]
     scenes = [claim.test.scenes(condition) for condition in conditions]
-    if method == "circuit" and not thorough and hasattr(claim.test, "rises"):
+    if brief and isinstance(claim.test, Trend):
         scenes = [[values[0], values[-1]] for values in scenes]
     return [tuple(sorted(changes)) for values in scenes for changes in values]
 
 
-def _request(scene, method, density, count):
-    options = {"moments": True} if method in count else {}
-    return request(scene, method, count, density, **options)
-
-
-def _verdict(scene, claim, method, answers):
-    if hasattr(claim.test, "findings_of_orbits"):
+def _opinion(scene, claim, method, answers):
+    test = claim.test
+    if test.of_orbits:
         if method != "paper":
-            return Verdict(UNTESTED, reason="a statement on the orbits of Eq. 13, without noise")
-        return judge(claim.test.findings_of_orbits(scene))
-    if getattr(claim.test, "compares", False) and method == "monte-carlo":
-        return Verdict(UNTESTED, reason="Monte Carlo is what the others are compared with")
+            return Opinion(UNTESTED, reason="a statement on the orbits of Eq. 13, without noise")
+        return judge(test.findings(scene))
+    if test.compares and method == "monte-carlo":
+        return Opinion(UNTESTED, reason="Monte Carlo is what the others are compared with")
 
-    def read(changes, of=method):
-        answer = answers.get((of, tuple(sorted(changes))))
-        return answer if answered(answer) else None
+    def reading(of):
+        def read(changes):
+            answer = answers.get((of, tuple(sorted(changes))))
+            return answer if answered(answer) else None
 
-    arguments = []
-    if getattr(claim.test, "compares", False):
-        arguments.append(lambda changes: read(changes, "monte-carlo"))
-    findings = [f for c in claim.conditions for f in claim.test.findings(c, read, *arguments)]
+        return read
+
+    read = [reading(method), *([reading("monte-carlo")] if test.compares else [])]
+    findings = [f for condition in claim.conditions for f in test.findings(condition, *read)]
     if not findings:
-        return Verdict(UNTESTED, reason="no answers: not run, refused, or not a quantity of it")
+        return Opinion(UNTESTED, reason="no answers: not run, refused, or not a quantity of it")
     return judge(findings)
-
-
-def _verdict_to_dict(verdict):
-    return {
-        "verdict": verdict.word,
-        "where": verdict.where(),
-        "reason": verdict.reason,
-        "findings": [
-            {
-                "where": finding.where,
-                "effect": finite(finding.effect),
-                "error": finite(finding.error),
-                "margin": finite(finding.margin),
-                "standard_errors": finite(finding.sigmas),
-            }
-            for finding in verdict.findings
-        ],
-    }

@@ -13,6 +13,7 @@ from harvester.verification.paper.claim_tests import (
     InteriorMaximum,
     Opposed,
     SingleHump,
+    StatementTest,
     Stronger,
     Trend,
     Unchanged,
@@ -22,32 +23,27 @@ from harvester.verification.paper.figures_list import (
     CORRELATION_TIME,
     COUPLING,
     DECAY_RATE,
-    EFFICIENCY,
     GAP,
     INTENSITY,
-    POWER,
     RESTITUTION,
     STIFFNESS,
-    VOLTAGE,
+    Changes,
 )
+from harvester.verification.quantities import EFFICIENCY, POWER, VOLTAGE
 
 PEAK, REACH, CROSSINGS = "peak", "reach", "well_crossing_rate"
 
 
 @dataclass(frozen=True)
 class Claim:
-    """One statement.
+    """One statement of a section of the paper.
 
     Attributes
     ----------
-    section : str
-        Of the paper.
     sentence : str
         Quoted, shortened.
     says : str
         What is tested, in a few words.
-    test : object
-        From `harvester.verification.paper.claim_tests`.
     conditions : tuple of tuple of (key, value)
         What is changed in the scene; the statement must hold at each.
     """
@@ -55,8 +51,8 @@ class Claim:
     section: str
     sentence: str
     says: str
-    test: object
-    conditions: tuple = ((),)
+    test: StatementTest
+    conditions: tuple[Changes, ...] = ((),)
 
 
 def _each(key, *values):
@@ -80,6 +76,10 @@ DENSITIES = (
     LONG,
 )
 NOISES = ((INTENSITY, (0.03, 0.1)), (CORRELATION_TIME, (0.4, 1.0)))
+ALL_NOISES = (
+    *_each(INTENSITY, 0.005, 0.02, 0.08, 0.125),
+    *_each(CORRELATION_TIME, 0.1, 1.1),
+)
 # Share of a peak that counts as a change worth naming.
 LITTLE = 0.05
 GAPS, RESTITUTIONS, STIFFNESSES = (0.95, 1.1, 1.25), (0.3, 0.7, 1.0), (5.0, 10.0, 13.0)
@@ -87,19 +87,11 @@ INTENSITIES = (0.005, 0.02, 0.06, 0.1, 0.125)
 DECAY_RATES, COUPLINGS = (0.03, 0.05, 0.09), (0.3, 0.6, 0.95)
 CORRELATION_TIMES = (0.1, 0.4, 1.1)
 
-_MORE = (
-    "“increasing δr, e and D will result in both mean square output and mean output "
-    "power increasing”"
-)
-_MORE_THAN = "“the trends caused by δr and D are more significant in comparison”"
-_PEAK = (
-    "“increasing the position parameters δr, the restitution coefficient e, and the "
-    "noise intensity D will decrease the peak value of the PDF”"
-)
-_PCE = (
-    "“increases in parameters τ1 and K were detrimental to PCE, and increases in "
-    "parameters δr and e promoted PCE”"
-)
+
+def _claims(section, sentence, *tested):
+    """Statements that one sentence makes: what is tested, by what, under which conditions."""
+    return tuple(Claim(section, sentence, *each) for each in tested)
+
 
 CLAIMS = (
     Claim(
@@ -157,44 +149,43 @@ CLAIMS = (
         "the peak of p(X) falls with D",
         Trend(PEAK, INTENSITY, (0.03, 0.1), rises=False),
     ),
-    Claim("5", _PEAK, "the peak of p(X) falls with e", Trend(PEAK, RESTITUTION, (0.5, 0.9), False)),
+    Claim(
+        "5",
+        "“increasing the position parameters δr, the restitution coefficient e, and the "
+        "noise intensity D will decrease the peak value of the PDF”",
+        "the peak of p(X) falls with e",
+        Trend(PEAK, RESTITUTION, (0.5, 0.9), rises=False),
+    ),
     Claim(
         "4",
         "“The lower PDF peak value of the VEH system response means that … the system may have a "
         "larger vibration range”",
         "where the peak of p(X) is lower |X| reaches farther (1 % of the time beyond)",
-        Opposed(PEAK, REACH, ((GAP, (1.0, 1.2)), *NOISES)),
+        Opposed(PEAK, ((GAP, (1.0, 1.2)), *NOISES), REACH),
     ),
-    Claim(
+    *_claims(
         "4",
         "“The lower PDF peak value … will produce a higher energy harvesting efficiency”",
-        "where the peak of p(X) is lower E[P] is higher",
-        Opposed(PEAK, POWER, ((GAP, (1.0, 1.2)), *NOISES)),
+        (
+            "where the peak of p(X) is lower E[P] is higher",
+            Opposed(PEAK, ((GAP, (1.0, 1.2)), *NOISES), POWER),
+        ),
+        (
+            "where the peak of p(X) is lower PCE is higher",
+            Opposed(PEAK, ((GAP, (1.0, 1.2)), *NOISES), EFFICIENCY),
+        ),
+    ),
+    *_claims(
+        "4, 5",
+        "“increasing δr, e and D will result in both mean square output and mean output "
+        "power increasing”",
+        ("E[V²] and E[P] rise with δr", Trend(VOLTAGE, GAP, GAPS), GENERAL),
+        ("E[V²] and E[P] rise with e", Trend(VOLTAGE, RESTITUTION, RESTITUTIONS), GENERAL),
+        ("E[V²] and E[P] rise with D", Trend(VOLTAGE, INTENSITY, INTENSITIES), (SHORT, LONG)),
     ),
     Claim(
         "4",
-        "“The lower PDF peak value … will produce a higher energy harvesting efficiency”",
-        "where the peak of p(X) is lower PCE is higher",
-        Opposed(PEAK, EFFICIENCY, ((GAP, (1.0, 1.2)), *NOISES)),
-    ),
-    Claim("4, 5", _MORE, "E[V²] and E[P] rise with δr", Trend(VOLTAGE, GAP, GAPS), GENERAL),
-    Claim(
-        "4, 5",
-        _MORE,
-        "E[V²] and E[P] rise with e",
-        Trend(VOLTAGE, RESTITUTION, RESTITUTIONS),
-        GENERAL,
-    ),
-    Claim(
-        "4, 5",
-        _MORE,
-        "E[V²] and E[P] rise with D",
-        Trend(VOLTAGE, INTENSITY, INTENSITIES),
-        (SHORT, LONG),
-    ),
-    Claim(
-        "4",
-        _MORE_THAN,
+        "“the trends caused by δr and D are more significant in comparison”",
         "δr and D change E[V²] more than e",
         Stronger(
             VOLTAGE,
@@ -224,19 +215,11 @@ CLAIMS = (
         Trend(POWER, DECAY_RATE, DECAY_RATES),
         GENERAL,
     ),
-    Claim(
+    *_claims(
         "4, 5",
         "“an increase in β will increase both the mean square output and MPO”",
-        "E[V²] rises with β",
-        Trend(VOLTAGE, COUPLING, COUPLINGS),
-        GENERAL,
-    ),
-    Claim(
-        "4, 5",
-        "“an increase in β will increase both the mean square output and MPO”",
-        "E[P] rises with β",
-        Trend(POWER, COUPLING, COUPLINGS),
-        GENERAL,
+        ("E[V²] rises with β", Trend(VOLTAGE, COUPLING, COUPLINGS), GENERAL),
+        ("E[P] rises with β", Trend(POWER, COUPLING, COUPLINGS), GENERAL),
     ),
     Claim(
         "4, 5",
@@ -259,33 +242,22 @@ CLAIMS = (
         SingleHump(EFFICIENCY, INTENSITY, INTENSITIES),
         STOPPERS,
     ),
-    Claim(
+    *_claims(
         "4, 5",
-        _PCE,
-        "PCE falls with τ1",
-        Trend(EFFICIENCY, CORRELATION_TIME, CORRELATION_TIMES, rises=False),
-        (*STOPPERS, JUMPING),
-    ),
-    Claim(
-        "4, 5",
-        _PCE,
-        "PCE falls with K",
-        Trend(EFFICIENCY, STIFFNESS, (1.0, 7.0, 13.0), rises=False),
-        (*_each(INTENSITY, 0.005, 0.02, 0.08, 0.125), *_each(CORRELATION_TIME, 0.1, 1.1)),
-    ),
-    Claim(
-        "4, 5",
-        _PCE,
-        "PCE rises with δr",
-        Trend(EFFICIENCY, GAP, (1.1, 1.2, 1.3)),
-        (*_each(INTENSITY, 0.005, 0.02, 0.08, 0.125), *_each(CORRELATION_TIME, 0.1, 1.1)),
-    ),
-    Claim(
-        "4, 5",
-        _PCE,
-        "PCE rises with e",
-        Trend(EFFICIENCY, RESTITUTION, (0.4, 0.7, 1.0)),
-        (*_each(INTENSITY, 0.005, 0.02, 0.08, 0.125), *_each(CORRELATION_TIME, 0.1, 1.1)),
+        "“increases in parameters τ1 and K were detrimental to PCE, and increases in "
+        "parameters δr and e promoted PCE”",
+        (
+            "PCE falls with τ1",
+            Trend(EFFICIENCY, CORRELATION_TIME, CORRELATION_TIMES, rises=False),
+            (*STOPPERS, JUMPING),
+        ),
+        (
+            "PCE falls with K",
+            Trend(EFFICIENCY, STIFFNESS, (1.0, 7.0, 13.0), rises=False),
+            ALL_NOISES,
+        ),
+        ("PCE rises with δr", Trend(EFFICIENCY, GAP, (1.1, 1.2, 1.3)), ALL_NOISES),
+        ("PCE rises with e", Trend(EFFICIENCY, RESTITUTION, (0.4, 0.7, 1.0)), ALL_NOISES),
     ),
     Claim(
         "4, 5",

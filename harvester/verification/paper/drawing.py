@@ -7,17 +7,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.averaging import CLOSURES
-from harvester.show.figures import WORTH_DRAWING, drawn
-from harvester.verification.paper.figures_list import SYMBOLS
-from harvester.verification.paper.orbit_maps import FrequencyResponse, Surfaces
+from harvester.results.drawing import WORTH_DRAWING
+from harvester.show.figures import drawn
+from harvester.verification.paper.figures_list import KEY_SYMBOLS
+from harvester.verification.paper.orbit_maps import OrbitVoltages, Surfaces
 from harvester.verification.paper.reproduce import Reproduction, answered
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Of a panel's curves in turn: blue and red as in the paper, then green.
+# Colours of a panel's curves in turn: blue and red as in the paper, then green.
 COLOURS = ("#0077BB", "#CC3311", "#009988")
-# Of the closures from the last, which is the default, to the first.
+# Line styles of the closures from the last, which is the default, to the first.
 STYLES = ("-", "--", ":", "-.")
 # Monte Carlo and circuit.
 MARKS = {"monte-carlo": "o", "circuit": "s"}
@@ -41,16 +42,16 @@ TRENCH = 1.0
 HEADROOM = 2.2
 
 
-def draw(content: Reproduction | Surfaces | FrequencyResponse) -> Figure:
-    """Figure of a Reproduction, Surfaces or FrequencyResponse."""
+def draw(content: Reproduction | Surfaces | OrbitVoltages) -> Figure:
+    """Figure of a Reproduction, Surfaces or OrbitVoltages."""
     if isinstance(content, Surfaces):
         return _draw_surfaces(content)
-    if isinstance(content, FrequencyResponse):
-        return _draw_frequency_response(content)
+    if isinstance(content, OrbitVoltages):
+        return _draw_orbit_voltages(content)
     return _draw_densities(content) if content.layout.kind == "density" else _draw_sweeps(content)
 
 
-def figure_of(content: Reproduction | Surfaces | FrequencyResponse) -> Figure:
+def figure_of(content: Reproduction | Surfaces | OrbitVoltages) -> Figure:
     """The same in the project's style."""
     return drawn(draw, content)
 
@@ -65,7 +66,7 @@ def _figure(content, title, width, height):
 
 
 def _style(closure):
-    return STYLES[(len(CLOSURES) - 1 - CLOSURES.index(closure)) % len(STYLES)]
+    return STYLES[(len(CLOSURES) - 1 - list(CLOSURES).index(closure)) % len(STYLES)]
 
 
 def _draw_sweeps(content):
@@ -209,7 +210,7 @@ def _tex(key):
         "τ1": r"\tau_1",
         "λ": r"\lambda",
         "β": r"\beta",
-    }.get(SYMBOLS[key], SYMBOLS[key])
+    }.get(KEY_SYMBOLS[key], KEY_SYMBOLS[key])
 
 
 def _draw_surfaces(content):
@@ -232,7 +233,7 @@ def _draw_surfaces(content):
     return figure
 
 
-def _draw_frequency_response(content):
+def _draw_orbit_voltages(content):
     figure = _figure(content, "voltage over frequency with and without impact", 6.0, 4.2)
     axes = figure.add_subplot()
     looks = {

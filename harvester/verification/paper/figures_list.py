@@ -9,13 +9,15 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from harvester.verification.quantities import EFFICIENCY, POWER, VOLTAGE
+
 # Keys of a scene with the values that are put in.
 Changes: TypeAlias = tuple[tuple[str, Any], ...]
 
 GAP, RESTITUTION, STIFFNESS = "stoppers.gap", "stoppers.restitution", "stoppers.stiffness"
 COUPLING, DECAY_RATE = "piezo.coupling", "load.decay_rate"
 INTENSITY, CORRELATION_TIME = "excitation.intensity", "excitation.correlation_time"
-SYMBOLS = {
+KEY_SYMBOLS = {
     GAP: "δr",
     RESTITUTION: "e",
     STIFFNESS: "K",
@@ -24,23 +26,18 @@ SYMBOLS = {
     INTENSITY: "D",
     CORRELATION_TIME: "τ1",
 }
-VOLTAGE, POWER, EFFICIENCY = (
-    "mean_square_voltage",
-    "mean_power",
-    "power_conversion_efficiency",
-)
 
 
 @dataclass(frozen=True)
 class Curve:
-    """Values that one line of a panel stands for, {} for the scene's own."""
+    """Values that one line of a panel stands for, none for the scene's own."""
 
-    changes: tuple
+    changes: Changes
 
     @property
     def label(self) -> str:
         """ "τ1 = 0.4"."""
-        return ", ".join(f"{SYMBOLS[key]} = {value:g}" for key, value in self.changes)
+        return ", ".join(f"{KEY_SYMBOLS[key]} = {value:g}" for key, value in self.changes)
 
 
 @dataclass(frozen=True)
@@ -53,7 +50,6 @@ class Panel:
         The scene's key along the axis; for densities the one that tells the curves apart.
     first, last : float
         Ends of the axis; not used for densities.
-    curves : tuple of Curve
     quick, full : int
         Monte Carlo points of a curve with and without --quick; without it lines have one more
         between any two.
@@ -62,7 +58,7 @@ class Panel:
     swept: str
     first: float
     last: float
-    curves: tuple
+    curves: tuple[Curve, ...]
     quick: int = 4
     full: int = 7
 
@@ -75,23 +71,21 @@ class Panel:
 
 
 @dataclass(frozen=True)
-class Figure:
+class PaperFigure:
     """One figure.
 
     Attributes
     ----------
-    title : str
     kind : str
         "density" or "sweep".
     quantities : tuple of str
         One row of panels each; empty for densities.
-    panels : tuple of Panel
     """
 
     title: str
     kind: str
-    quantities: tuple
-    panels: tuple
+    quantities: tuple[str, ...]
+    panels: tuple[Panel, ...]
 
 
 def _rounded(value):
@@ -118,52 +112,37 @@ def _efficiency_panels(swept, first, last, points):
 
 TWO_NOISES = _curves(CORRELATION_TIME, 0.4, 1.0)
 
+STOPPERS = "Density of the displacement: stoppers"
+MEANS_OF = "Mean square voltage and mean power"
+OF_STOPPERS = (
+    _density(GAP, 1.0, 1.2),
+    _density(RESTITUTION, 0.5, 0.9),
+    _density(STIFFNESS, 5.0, 13.0),
+)
+OF_NOISE = (_density(INTENSITY, 0.03, 0.1), _density(CORRELATION_TIME, 0.4, 1.0))
+OVER_STOPPERS = (
+    Panel(GAP, 0.95, 1.25, TWO_NOISES),
+    Panel(RESTITUTION, 0.3, 1.0, TWO_NOISES),
+    Panel(STIFFNESS, 5.0, 13.0, TWO_NOISES, 5, 5),
+)
+OVER_LOAD = (Panel(DECAY_RATE, 0.03, 0.09, TWO_NOISES), Panel(COUPLING, 0.3, 0.95, TWO_NOISES))
+OVER_INTENSITY = (Panel(INTENSITY, 0.005, 0.125, TWO_NOISES, 5, 9),)
+PCE = "Power conversion efficiency"
+
 FIGURES = {
-    "fig4": Figure(
-        "Density of the displacement: stoppers",
-        "density",
-        (),
-        (_density(GAP, 1.0, 1.2), _density(RESTITUTION, 0.5, 0.9), _density(STIFFNESS, 5.0, 13.0)),
-    ),
-    "fig5": Figure(
-        "Density of the displacement: noise",
-        "density",
-        (),
-        (_density(INTENSITY, 0.03, 0.1), _density(CORRELATION_TIME, 0.4, 1.0)),
-    ),
-    "fig6": Figure(
-        "Mean square voltage and mean power: stoppers",
-        "sweep",
-        (VOLTAGE, POWER),
-        (
-            Panel(GAP, 0.95, 1.25, TWO_NOISES),
-            Panel(RESTITUTION, 0.3, 1.0, TWO_NOISES),
-            Panel(STIFFNESS, 5.0, 13.0, TWO_NOISES, 5, 5),
-        ),
-    ),
-    "fig7": Figure(
-        "Mean square voltage and mean power: noise intensity",
-        "sweep",
-        (VOLTAGE, POWER),
-        (Panel(INTENSITY, 0.005, 0.125, TWO_NOISES, 5, 9),),
-    ),
-    "fig8": Figure(
-        "Mean square voltage and mean power: load and coupling",
-        "sweep",
-        (VOLTAGE, POWER),
-        (
-            Panel(DECAY_RATE, 0.03, 0.09, TWO_NOISES),
-            Panel(COUPLING, 0.3, 0.95, TWO_NOISES),
-        ),
-    ),
-    "fig9": Figure(
-        "Power conversion efficiency: noise intensity",
+    "fig4": PaperFigure(STOPPERS, "density", (), OF_STOPPERS),
+    "fig5": PaperFigure("Density of the displacement: noise", "density", (), OF_NOISE),
+    "fig6": PaperFigure(f"{MEANS_OF}: stoppers", "sweep", (VOLTAGE, POWER), OVER_STOPPERS),
+    "fig7": PaperFigure(f"{MEANS_OF}: noise intensity", "sweep", (VOLTAGE, POWER), OVER_INTENSITY),
+    "fig8": PaperFigure(f"{MEANS_OF}: load and coupling", "sweep", (VOLTAGE, POWER), OVER_LOAD),
+    "fig9": PaperFigure(
+        f"{PCE}: noise intensity",
         "sweep",
         (EFFICIENCY,),
         _efficiency_panels(INTENSITY, 0.005, 0.125, (5, 9)),
     ),
-    "fig10": Figure(
-        "Power conversion efficiency: correlation time",
+    "fig10": PaperFigure(
+        f"{PCE}: correlation time",
         "sweep",
         (EFFICIENCY,),
         _efficiency_panels(CORRELATION_TIME, 0.1, 1.1, (4, 6)),

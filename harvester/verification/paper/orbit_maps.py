@@ -8,8 +8,8 @@ along the same orbits, which Eq. 10 replaces by one harmonic.
 """
 
 import time
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -17,12 +17,12 @@ from scipy.integrate import solve_ivp
 from harvester.averaging.density import Layer
 from harvester.averaging.orbits import edges as edges_of
 from harvester.averaging.orbits import settled_orbits
-from harvester.files.writing import finite
+from harvester.files.serialising import fields_of, key
+from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Drawing
+    from matplotlib.figure import Figure
 
 # Energy above U(0) of the outermost orbit (scaled): speeds up to 2.8.
 HIGHEST = 4.0
@@ -33,21 +33,44 @@ MARGIN = 0.995  # of the rectangle that is drawn, to the outermost orbit
 CHECKED, POINTS = 5, 512
 
 
+class _Figure:
+    """How either figure is drawn and written."""
+
+    name: ClassVar[str]
+    computed: ClassVar[str]
+
+    def figure(self) -> "Figure":
+        """Drawn as the paper draws it."""
+        from harvester.verification.paper.drawing import figure_of
+
+        return figure_of(self)  # type: ignore[arg-type]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON; null beyond the outermost orbit."""
+        return {
+            "figure": self.name,
+            "computed": self.computed,
+            "highest_energy_above_barrier": HIGHEST,
+            **fields_of(self),
+        }
+
+
 @dataclass(frozen=True)
-class Surfaces:
+class Surfaces(_Figure):
     """Fig. 2: arrays over a grid of displacement (columns) and velocity (rows), scaled."""
 
     scene: Scene
     displacement: np.ndarray
     velocity: np.ndarray
     energy: np.ndarray
-    frequency: np.ndarray
+    frequency: np.ndarray = field(metadata=key("angular_frequency"))
     wall_seconds: float
 
     name = "fig2"
+    computed = "H and ω(H) of Eqs. 14-17 over X and X', N2(H) solved for on each orbit"
 
     def table(self) -> tuple[list[str], list[list[str]]]:
-        """Header and one row."""
+        """Header and one row for each surface."""
         fastest, highest = np.nanmax(self.frequency), np.nanmax(self.energy)
         return ["figure", "what", "greatest"], [
             [self.name, "H", f"{highest:.3g}"],
@@ -58,38 +81,18 @@ class Surfaces:
         """What was computed."""
         return [f"{self.name}: orbits of Eq. 13 up to H − U(0) = {HIGHEST:g}; no noise enters"]
 
-    def figure(self) -> "Drawing":
-        """Drawn as the paper draws it."""
-        from harvester.verification.paper.drawing import figure_of
-
-        return figure_of(self)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON; beyond the outermost orbit null."""
-        return {
-            "figure": self.name,
-            "computed": "H and ω(H) of Eqs. 14-17 over X and X', N2(H) solved for on each orbit",
-            "highest_energy_above_barrier": HIGHEST,
-            "scene": self.scene.to_dict(),
-            "wall_seconds": self.wall_seconds,
-            "displacement": self.displacement.tolist(),
-            "velocity": self.velocity.tolist(),
-            "energy": [[finite(v) for v in row] for row in self.energy],
-            "angular_frequency": [[finite(v) for v in row] for row in self.frequency],
-        }
-
 
 @dataclass(frozen=True)
-class Response:
-    """Orbits of one edge in Fig. 3: arrays over orbits.
+class Orbits:
+    """Voltages along the orbits of one edge in Fig. 3: arrays over orbits.
 
     `lowest` and `highest` are the voltage's extremes by Eq. 10; `checked` holds rows
     (ω, lowest, highest) of Eq. 4b itself.
     """
 
-    frequency: np.ndarray
-    lowest: np.ndarray
-    highest: np.ndarray
+    frequency: np.ndarray = field(metadata=key("angular_frequency"))
+    lowest: np.ndarray = field(metadata=key("lowest_voltage"))
+    highest: np.ndarray = field(metadata=key("highest_voltage"))
     checked: np.ndarray
 
     def worst(self) -> list[float]:
@@ -106,14 +109,18 @@ class Response:
 
 
 @dataclass(frozen=True)
-class FrequencyResponse:
-    """Fig. 3: {"with stoppers": {"wells": Response, "outer": Response}, "without": …}."""
+class OrbitVoltages(_Figure):
+    """Fig. 3: {"with stoppers": {"wells": Orbits, "outer": Orbits}, "without": …}."""
 
     scene: Scene
-    responses: dict
+    responses: dict[str, dict[str, Orbits]] = field(metadata=key("devices"))
     wall_seconds: float
 
     name = "fig3"
+    computed = (
+        "extremes of the voltage (Eq. 10) along each orbit of Eq. 13 over its "
+        "frequency, with stoppers and with K = 0; checked: Eq. 4b solved along the orbit"
+    )
 
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows: the range of frequencies of each kind of orbit."""
@@ -123,8 +130,8 @@ class FrequencyResponse:
         for device, edges in self.responses.items():
             for edge, r in edges.items():
                 reach = np.maximum(-r.lowest, r.highest)
-                rows.append([self.name, device, edge, f"{r.frequency.min():.3g}"])
-                rows[-1] += [f"{r.frequency.max():.3g}", f"{reach.max():.3g}"]
+                values = r.frequency.min(), r.frequency.max(), reach.max()
+                rows.append([self.name, device, edge, *(f"{value:.3g}" for value in values)])
                 rows[-1] += [f"{worst:+.1%}" for worst in r.worst()]
         return header, rows
 
@@ -137,40 +144,11 @@ class FrequencyResponse:
             "position (a periodic V has no mean), so the middles differ inside the wells",
         ]
 
-    def figure(self) -> "Drawing":
-        """Drawn as the paper draws it."""
-        from harvester.verification.paper.drawing import figure_of
-
-        return figure_of(self)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
-        return {
-            "figure": self.name,
-            "computed": "extremes of the voltage (Eq. 10) along each orbit of Eq. 13 over its "
-            "frequency, with stoppers and with K = 0; checked: Eq. 4b solved along the orbit",
-            "highest_energy_above_barrier": HIGHEST,
-            "scene": self.scene.to_dict(),
-            "wall_seconds": self.wall_seconds,
-            "devices": {
-                device: {
-                    edge: {
-                        "angular_frequency": r.frequency.tolist(),
-                        "lowest_voltage": r.lowest.tolist(),
-                        "highest_voltage": r.highest.tolist(),
-                        "checked": r.checked.tolist(),
-                    }
-                    for edge, r in edges.items()
-                }
-                for device, edges in self.responses.items()
-            },
-        }
-
 
 def surfaces(scene: Scene) -> Surfaces:
     """Fig. 2 of a bistable scene."""
     clock = time.perf_counter()
-    wells, outer = _families(scale(scene)[0])
+    wells, outer = _families(prepared(scene).system)
     # A rectangle whose corners lie on the outermost orbit: half of its energy at rest, half of
     # it in motion.
     speed = MARGIN * np.sqrt(outer.height[-1])
@@ -186,15 +164,15 @@ def surfaces(scene: Scene) -> Surfaces:
     )
 
 
-def frequency_response(scene: Scene) -> FrequencyResponse:
+def orbit_voltages(scene: Scene) -> OrbitVoltages:
     """Fig. 3 of a bistable scene with stoppers."""
     clock = time.perf_counter()
     devices = {"with stoppers": scene, "without": scene.replace(stoppers=None)}
     responses = {}
     for device, changed in devices.items():
-        families = zip(("wells", "outer"), _families(scale(changed)[0]), strict=True)
+        families = zip(("wells", "outer"), _families(prepared(changed).system), strict=True)
         responses[device] = {edge: _response(orbits) for edge, orbits in families}
-    return FrequencyResponse(scene, responses, time.perf_counter() - clock)
+    return OrbitVoltages(scene, responses, time.perf_counter() - clock)
 
 
 def _families(system):
@@ -228,7 +206,7 @@ def _response(orbits):
     decay_rate = edge.system.transducer.decay_rate()
     fast = (decay_rate * orbits.gain / orbits.frequency**2)[:, None] * speed
     chosen = np.linspace(0, len(orbits.level) - 1, CHECKED + 2).astype(int)[1:-1]
-    return Response(
+    return Orbits(
         frequency=orbits.frequency,
         lowest=(slow - fast).min(axis=1),
         highest=(slow + fast).max(axis=1),

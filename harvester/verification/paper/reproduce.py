@@ -10,18 +10,24 @@ import numpy as np
 from harvester.arguments import listed
 from harvester.averaging import CLOSURES
 from harvester.calling import takes_scene
-from harvester.engines.steps import with_knots
 from harvester.errors import HarvesterError, SimulationError
-from harvester.files.writing import finite
+from harvester.files.serialising import plain
+from harvester.prepared.steps import with_knots
 from harvester.running import Answer, RunnerOptions, open_runner
 from harvester.running.request import relative_error
 from harvester.scene.model import Scene
-from harvester.simulation import check_name
-from harvester.verification.paper.figures_list import FIGURES, SYMBOLS, Curve, Figure, Panel
+from harvester.simulation.simulate import check_name
+from harvester.verification.paper.figures_list import (
+    FIGURES,
+    KEY_SYMBOLS,
+    Curve,
+    Panel,
+    PaperFigure,
+)
 from harvester.verification.paper.runs import costly_first, request
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Drawing
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
@@ -37,7 +43,7 @@ class Effort:
 QUICK = {"monte-carlo": Effort(16, 0.05, 32), "circuit": Effort(8, 0.10, 8)}
 DEFAULT = {"monte-carlo": Effort(40, 0.02, 1600), "circuit": Effort(48, 0.02, 336)}
 NOT_RUN = "not run: the time budget was spent"
-# Of one point: its answer, why there is none, or nothing yet.
+# What a point has: its answer, why there is none, or nothing yet.
 Outcome: TypeAlias = Answer | HarvesterError | None
 
 
@@ -47,21 +53,18 @@ class Reproduction:
 
     Attributes
     ----------
-    name : str
-        "fig6".
-    layout : Figure
+    layout : PaperFigure
         What it shows.
     scene : Scene
         The device; curves and axes change it.
     lines : list of list of dict
-        Per panel and curve: {method: [(value, Answer or error), …]}, values increasing.
-    quick : bool
+        Per panel and curve: {method: [(value, Outcome), …]}, values increasing.
     wall_seconds : float
         From the call until the figure was done; figures share points.
     """
 
     name: str
-    layout: Figure
+    layout: PaperFigure
     scene: Scene
     lines: list
     quick: bool
@@ -77,7 +80,7 @@ class Reproduction:
 
     @property
     def refused(self) -> list[tuple[str, str, str]]:
-        """Of every point without an answer: (method, where, reason)."""
+        """(method, where, reason) of every point without an answer."""
         return [
             (method, place(panel, curve, value), reason(outcome))
             for panel, curve, method, value, outcome in self.points()
@@ -86,7 +89,7 @@ class Reproduction:
 
     @property
     def failed_runs(self) -> int:
-        """Number of simulations that did not come to their end."""
+        """Number of simulations that failed."""
         return sum(isinstance(outcome, SimulationError) for *_, outcome in self.points())
 
     def table(self) -> tuple[list[str], list[list[str]]]:
@@ -98,7 +101,7 @@ class Reproduction:
         for letter, panel, lines in zip("abc", self.layout.panels, self.lines, strict=False):
             for method in lines[0]:
                 points = [point for line in lines for point in line.get(method, ())]
-                rows.append([self.name, f"{letter}: {SYMBOLS[panel.swept]}", method])
+                rows.append([self.name, f"{letter}: {KEY_SYMBOLS[panel.swept]}", method])
                 rows[-1] += _summary(points, self._deviations(method, lines))
         return header, rows
 
@@ -116,7 +119,7 @@ class Reproduction:
             for (method, note), places in short.items()
         ]
 
-    def figure(self) -> "Drawing":
+    def figure(self) -> "Figure":
         """Drawn as the paper draws it."""
         from harvester.verification.paper.drawing import figure_of
 
@@ -244,73 +247,54 @@ def reason(outcome: Outcome) -> str:
 
 def place(panel: Panel, curve: Curve, value: float) -> str:
     """ "δr = 1.1, D = 0.02": where a point lies."""
-    swept = f"{SYMBOLS[panel.swept]} = {value:g}"
+    swept = f"{KEY_SYMBOLS[panel.swept]} = {value:g}"
     return swept if dict(curve.changes).get(panel.swept) == value else f"{curve.label}, {swept}"
 
 
 def _plan(scene, figure, quick, precision=None):
     """Per panel and curve {method: [(value, Request), …]}."""
     scene = with_knots(scene)
-    plan = []
-    for panel in figure.panels:
-        if figure.kind == "density":
-            plan.append(_density_plan(scene, panel, quick, precision))
-        else:
-            plan.append(_sweep_plan(scene, panel, quick, precision))
-    return plan
+    values = _density_values if figure.kind == "density" else _sweep_values
+    efforts = QUICK if quick else DEFAULT
+
+    def asked(device, panel, value, method):
+        changed = device if figure.kind == "density" else device.replace({panel.swept: value})
+        return _request(changed, method, efforts, precision, figure.kind == "density")
+
+    def line(panel, place, curve):
+        device = scene.replace(dict(curve.changes))
+        wanted = values(panel, place, curve, quick)
+        return {m: [(v, asked(device, panel, v, m)) for v in at] for m, at in wanted.items()}
+
+    return [
+        [line(panel, place, curve) for place, curve in enumerate(panel.curves)]
+        for panel in figure.panels
+    ]
+
+
+def _density_values(panel, place, curve, quick):
+    """By method, the one value of a curve."""
+    # The circuit takes a hundred times as long: one curve of each panel.
+    methods = [*CLOSURES, "monte-carlo"] + ["circuit"] * (place == 0)
+    value = dict(curve.changes)[panel.swept]
+    return {method: [value] for method in methods}
+
+
+def _sweep_values(panel, place, curve, quick):
+    """By method, the values along a curve: the circuit's is the middle one."""
+    fine, coarse = panel.values(quick)
+    circuit = [coarse[len(coarse) // 2]] if place == 0 or not quick else []
+    return {**dict.fromkeys(CLOSURES, fine), "monte-carlo": coarse, "circuit": circuit}
 
 
 def _requests(plan):
     """All of a figure's."""
-    return [
-        request
-        for lines in plan
-        for line in lines
-        for points in line.values()
-        for _, request in points
-    ]
+    lines = [line for panel in plan for line in panel]
+    return [request for line in lines for points in line.values() for _, request in points]
 
 
-def _density_plan(scene, panel, quick, precision):
-    lines = []
-    for place_, curve in enumerate(panel.curves):
-        changed = scene.replace(dict(curve.changes))
-        value = dict(curve.changes)[panel.swept]
-        # The circuit takes a hundred times as long: one curve of each panel.
-        methods = [*CLOSURES, "monte-carlo"] + ["circuit"] * (place_ == 0)
-        lines.append(
-            {m: [(value, _request(changed, m, quick, precision, density=True))] for m in methods}
-        )
-    return lines
-
-
-def _sweep_plan(scene, panel, quick, precision):
-    fine, coarse = panel.values(quick)
-    middle = coarse[len(coarse) // 2]
-    lines = []
-    for place_, curve in enumerate(panel.curves):
-        device = scene.replace(dict(curve.changes))
-        wanted = {closure: fine for closure in CLOSURES}
-        wanted["monte-carlo"] = coarse
-        wanted["circuit"] = [middle] if place_ == 0 or not quick else []
-        lines.append(
-            {
-                method: [
-                    (
-                        value,
-                        _request(device.replace({panel.swept: value}), method, quick, precision),
-                    )
-                    for value in values
-                ]
-                for method, values in wanted.items()
-            }
-        )
-    return lines
-
-
-def _request(scene, method, quick, precision, density=False):
+def _request(scene, method, efforts, precision, density):
     """With as many realizations as the effort asks for."""
-    efforts = QUICK if quick else DEFAULT
     first = {engine: effort.realizations for engine, effort in efforts.items()}
     options = {}
     if method in efforts:
@@ -320,6 +304,7 @@ def _request(scene, method, quick, precision, density=False):
 
 
 def _answered(plan, answers):
+    """The plan with answers in the place of its requests."""
     return [
         [{m: [(v, answers[r]) for v, r in points] for m, points in line.items()} for line in lines]
         for lines in plan
@@ -350,8 +335,7 @@ def _distance(density, reference):
 
 def _points_to_dict(points):
     return [
-        {"value": finite(value), **outcome.to_dict()}
-        if answered(outcome)
-        else {"value": finite(value), "refused": reason(outcome)}
+        {"value": plain(value)}
+        | (outcome.to_dict() if answered(outcome) else {"refused": reason(outcome)})
         for value, outcome in points
     ]

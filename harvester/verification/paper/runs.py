@@ -6,10 +6,10 @@
 from collections.abc import Iterable
 from typing import Any
 
-from harvester.engines.protocol import ENGINES
-from harvester.engines.steps import resolving
+from harvester.prepared.steps import resolving
 from harvester.running import Request
 from harvester.scene.model import Scene
+from harvester.simulation.methods import ENGINES
 
 # Measured time of one realization (s).
 DURATIONS = {"monte-carlo": 5_000.0, "circuit": 1_200.0}
@@ -30,11 +30,8 @@ def request(
 
     Parameters
     ----------
-    scene : Scene
-    method : str
     realizations : dict of str to int
         Of each engine, at first.
-    density : bool
     **options
         Of `harvester.running.Request`, for simulations alone.
     """

@@ -6,26 +6,27 @@ Errors are outcomes of the task, which the runner hands on.
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from harvester.averaging import CLOSURES, average
 from harvester.averaging.of_scene import averaged_device, estimates_of
-from harvester.engines import monte_carlo
-from harvester.engines.protocol import ENGINES
-from harvester.engines.realization import run
-from harvester.engines.steps import knot_spacing, steps_per_knot
 from harvester.estimates.balance import energy_balance_residual
 from harvester.estimates.means import estimate_all
+from harvester.files.serialising import fields_of, key
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.running.codec import register
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
+from harvester.simulation.methods import ENGINES
+from harvester.simulation.realization import run
+from harvester.verification.paths import ignore
 from harvester.verification.stability.cases import SETTLED_TIMES, STEP_BUDGET, slowest_time
-from harvester.verification.stability.paths import PathDeviation, ignore, path_deviation
+from harvester.verification.stability.path_deviation import PathDeviation, path_deviation
 
 METHODS = (*ENGINES, *CLOSURES)
-# Of the slow times that a run lets pass first, the share without which its means do not count.
+# A run's means count if it lets pass at least this share of `SETTLED_TIMES` slow times first.
 LEAST_SETTLED_SHARE = 0.5
-# Steps in which the number of them a second is found out.
+# Steps of the trial run that tells how many there are in a second.
 TRIAL_STEPS = 100_000
 
 
@@ -53,25 +54,25 @@ class CaseAnswer:
         None for a closure.
     """
 
-    estimates: dict
-    residual: float | None
+    estimates: dict = field(metadata=key("scaled_quantities"))
+    residual: float | None = field(metadata=key("energy_balance_residual"))
     seconds: float
     steps: int = 0
     realizations: int = 0
     duration: float | None = None
     settle: float | None = None
-    step: float | None = None
+    step: float | None = field(default=None, metadata=key("longest_step"))
     settled: bool = True
     path: PathDeviation | None = None
 
+    def to_dict(self) -> dict:
+        """Plain values for JSON."""
+        content = fields_of(self)
+        return {**content, "path": content["path"] or {}}
+
 
 def answer(scene: Scene, method: str, step: str | float, report: Callable) -> CaseAnswer:
-    """One case by one engine or closure; a warning counts as an error.
-
-    Returns
-    -------
-    CaseAnswer
-    """
+    """One case by one engine or closure; a warning counts as an error."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         found = _simulated(scene, method, step) if method in ENGINES else _averaged(scene, method)
@@ -80,43 +81,49 @@ def answer(scene: Scene, method: str, step: str | float, report: Callable) -> Ca
 
 
 def _simulated(scene, engine, step):
-    if engine == "monte-carlo":
-        monte_carlo.check(scene)
+    ENGINES[engine].check(scene)
     path, realizations = path_deviation(scene, engine, step)
+    system = prepared(scene).system
     estimates, settled = {}, True
     if engine == "monte-carlo":
         scene = _affordable(scene, step)
-        indices = list(range(scene.run.realizations))
-        realizations = run(scene, engine, indices, step, "external", None, ignore)
+        realizations = _run(scene, step)
         settled = scene.run.settle > LEAST_SETTLED_SHARE * SETTLED_TIMES * slowest_time(scene)
     moments = [realization.moments for realization in realizations]
-    parameters, _ = scale(scene)
     if engine == "monte-carlo":
-        estimates = estimate_all(moments, parameters)
+        estimates = estimate_all(moments, system)
     return CaseAnswer(
         estimates=estimates,
-        residual=energy_balance_residual(moments, parameters),
+        residual=energy_balance_residual(moments, system),
         seconds=sum(realization.seconds for realization in realizations),
         steps=sum(each.points for each in moments),
         realizations=len(moments),
         duration=moments[0].time_reached - moments[0].start,
         settle=moments[0].start,
-        step=knot_spacing(scene) / steps_per_knot(scene, step, engine),
+        step=knot_spacing(prepared(scene)) / steps_per_knot(prepared(scene), step, engine),
         settled=settled,
         path=path,
     )
 
 
+def _run(scene, step):
+    """All of Monte Carlo's realizations."""
+    indices = list(range(scene.run.realizations))
+    return run(scene, "monte-carlo", indices, step, "external", None, ignore)
+
+
 def _affordable(scene, step):
     """The scene with a run so short that its contacts, too, keep to the budget of steps."""
     length = scene.run.settle + scene.run.duration
-    own = knot_spacing(scene) / steps_per_knot(scene, step, "monte-carlo")
-    trial = scene.replace({"run.settle": 0.0, "run.duration": min(TRIAL_STEPS * own, length)})
-    [first] = run(trial, "monte-carlo", [0], step, "external", None, ignore)
-    points = first.moments.points * length / trial.run.duration * scene.run.realizations
+    ready = prepared(scene)
+    own = knot_spacing(ready) / steps_per_knot(ready, step, "monte-carlo")
+    brief = min(TRIAL_STEPS * own, length)
+    one = {"run.settle": 0.0, "run.duration": brief, "run.realizations": 1}
+    [first] = _run(scene.replace(one), step)
+    points = first.moments.points * length / brief * scene.run.realizations
     share = min(STEP_BUDGET / points, 1.0)
     times = {"run.duration": scene.run.duration, "run.settle": scene.run.settle}
-    return scene.replace({key: share * value for key, value in times.items()})
+    return scene.replace({name: share * value for name, value in times.items()})
 
 
 def _averaged(scene, closure):

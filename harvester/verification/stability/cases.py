@@ -5,16 +5,18 @@ one matrix serves scaled and SI scenes.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from harvester.device import spring as springs
 from harvester.device import timescales
 from harvester.device.hertz import HERTZ_EXPONENT
 from harvester.device.piezo import PiezoTable
-from harvester.engines.steps import knot_spacing, steps_per_knot
 from harvester.errors import SceneError
+from harvester.files.serialising import key
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.scene.model import Scene
-from harvester.scene.units import length_scale, scale
+from harvester.scene.units import length_scale
 
 # Realizations of Monte Carlo's run: few, so that the slowest time passes in each.
 REALIZATIONS = 4
@@ -28,7 +30,7 @@ GAP, STIFFNESS, RESTITUTION = 1.1, 10.0, 0.7
 
 @dataclass(frozen=True)
 class Case:
-    """One cell of the matrix.
+    """One variation of a scene.
 
     Attributes
     ----------
@@ -36,14 +38,14 @@ class Case:
         What is varied.
     name : str
         Value or values, as text.
-    values : dict of str to float, str or None
-        Scaled values by the names in `_CHANGES` and, of all stoppers alike, `_OF_STOPPERS`;
+    values : dict of str to float, bool, str or None
+        Scaled values by the names in `_scene_value` and, of all stoppers alike, `_OF_STOPPERS`;
         {"stoppers": None} takes the stoppers away.
     """
 
     family: str
-    name: str
-    values: dict
+    name: str = field(metadata=key("case"))
+    values: dict = field(metadata=key("changes"))
 
     @property
     def title(self) -> str:
@@ -123,17 +125,20 @@ def changed(scene: Scene, case: Case) -> Scene:
 
 def _changes(scene, case):
     """The case's overrides by dotted keys or tables, in the scene's units."""
-    values = dict(case.values)
+    stopped = {name: value for name, value in case.values.items() if name in _OF_STOPPERS}
     changes = {}
-    stopped = {name: values.pop(name) for name in _OF_STOPPERS if name in values}
-    if "stoppers" in values:
-        changes["stoppers"] = values.pop("stoppers")
+    if "stoppers" in case.values:
+        changes["stoppers"] = case.values["stoppers"]
     elif stopped:
         changes["stoppers"] = _stoppers(scene, stopped)
-    for name, value in values.items():
-        key, changed_value = _CHANGES[name](scene, value)
-        changes[key] = changed_value
+    for name, value in case.values.items():
+        if name not in ("stoppers", *_OF_STOPPERS):
+            dotted, changes_to = _scene_value(scene, name, value)
+            changes[dotted] = changes_to
     return changes
+
+
+_OF_STOPPERS = ("stiffness", "gap_in_wells", "restitution", "impact_velocity")
 
 
 def _stoppers(scene, values):
@@ -148,16 +153,14 @@ def _stoppers(scene, values):
     tables = scene.to_tables().get("stoppers", {})
     changed_tables = []
     for table in tables if isinstance(tables, list) else [tables]:
-        changed_table = dict(table)
-        for name, value in values.items():
-            if name == "gap_in_wells":
-                changed_table["gap"] = value * _reference_length(scene) * length
-            elif name == "stiffness":
-                exponent = table.get("exponent", HERTZ_EXPONENT)
-                changed_table["stiffness"] = value * mass / length ** (exponent - 1.0)
-            else:
-                changed_table[name] = value
-        changed_tables.append(changed_table)
+        values_there = dict(values)
+        if "gap_in_wells" in values:
+            gap = values_there.pop("gap_in_wells") * _reference_length(scene)
+            values_there["gap"] = gap * length
+        if "stiffness" in values:
+            exponent = table.get("exponent", HERTZ_EXPONENT)
+            values_there["stiffness"] = values["stiffness"] * mass / length ** (exponent - 1.0)
+        changed_tables.append({**table, **values_there})
     return changed_tables
 
 
@@ -168,7 +171,7 @@ def _units(scene):
 
 def _reference_length(scene):
     """The farthest well's distance in scaled units; without wells the gap, or one unit."""
-    system, _ = scale(scene)
+    system = prepared(scene).system
     bare = system.spring
     wells = [abs(x) for x in springs.roots(bare) if springs.slope(bare, x) > 0.0]
     if any(wells):
@@ -176,38 +179,37 @@ def _reference_length(scene):
     return min((each.gap for each in system.contacts), default=1.0)
 
 
-def _monostable(scene, _):
+def _scene_value(scene, name, value):
+    """Key of the scene, and its value in the scene's units, of a scaled value (Eq. 3)."""
+    length, mass = _units(scene)
+    in_si = scene.units == "SI"
+    match name:
+        case "monostable":
+            return _monostable(scene.oscillator)
+        case "damping":
+            return "oscillator.damping", value * mass
+        case "intensity":
+            return "excitation.intensity", value * length**2
+        case "correlation_time":
+            return "excitation.correlation_time", value
+        case "decay_rate" if in_si:
+            resistance = 1.0 / (value * _capacitance(scene, "λ"))
+            return "load", {"kind": "resistor", "resistance": resistance}
+        case "decay_rate":
+            return "load", {"kind": "resistor", "decay_rate": value}
+        case "coupling" if in_si:
+            return "piezo.coupling", math.sqrt(value * mass * _capacitance(scene, "β"))
+        case "coupling":
+            return "piezo.coupling", value
+    raise KeyError(name)
+
+
+def _monostable(oscillator):
     """The spring with its odd powers alone, all of them stiffening."""
-    oscillator = scene.oscillator
     if oscillator.restoring_force is None:
         return "oscillator.linear_stiffness", abs(oscillator.linear_stiffness)
     powers = enumerate(oscillator.restoring_force)
     return "oscillator.restoring_force", [abs(k) if n % 2 else 0.0 for n, k in powers]
-
-
-def _intensity(scene, intensity):
-    return "excitation.intensity", intensity * _units(scene)[0] ** 2
-
-
-def _damping(scene, rate):
-    return "oscillator.damping", rate * _units(scene)[1]
-
-
-def _correlation_time(scene, time):
-    return "excitation.correlation_time", time
-
-
-def _decay_rate(scene, rate):
-    if scene.units != "SI":
-        return "load", {"kind": "resistor", "decay_rate": rate}
-    capacitance = _capacitance(scene, "λ")
-    return "load", {"kind": "resistor", "resistance": 1.0 / (rate * capacitance)}
-
-
-def _coupling(scene, coupling):
-    if scene.units != "SI":
-        return "piezo.coupling", coupling
-    return "piezo.coupling", math.sqrt(coupling * scene.oscillator.mass * _capacitance(scene, "β"))
 
 
 def _capacitance(scene, symbol):
@@ -216,36 +218,25 @@ def _capacitance(scene, symbol):
     return scene.transducer.capacitance
 
 
-_OF_STOPPERS = ("stiffness", "gap_in_wells", "restitution", "impact_velocity")
-# Name in a case → what makes (key of a scene, value in its units) of the scaled value (Eq. 3).
-_CHANGES = {
-    "monostable": _monostable,
-    "damping": _damping,
-    "intensity": _intensity,
-    "correlation_time": _correlation_time,
-    "decay_rate": _decay_rate,
-    "coupling": _coupling,
-}
-
-
 def run_length(scene: Scene) -> tuple[float, float]:
     """Settling and measured time (s) of Monte Carlo's realizations within the budget of steps."""
-    step = knot_spacing(scene) / steps_per_knot(scene, engine="monte-carlo")
+    ready = prepared(scene)
+    step = knot_spacing(ready) / steps_per_knot(ready, engine="monte-carlo")
     affordable = STEP_BUDGET * step / scene.run.realizations
     settle = min(SETTLED_TIMES * slowest_time(scene), LARGEST_SETTLED_SHARE * affordable)
     return settle, affordable - settle
 
 
 def slowest_time(scene: Scene) -> float:
-    """Of the relaxation time, the period, the noise's correlation time and 1/λ (s)."""
-    system, _ = scale(scene)
+    """The longest of relaxation time, period, correlation time of the noise and 1/λ (s)."""
+    system = prepared(scene).system
     period = 2.0 * math.pi / timescales.angular_frequency(system)
     relaxation, decay = timescales.relaxation_time(system), system.transducer.decay_rate()
     return max(relaxation, period, system.noise.correlation_time, 1.0 / decay if decay else 0.0)
 
 
-def _decades(key, symbol, first, last):
+def _decades(name, symbol, first, last):
     return [
-        Case(key.replace("_", " "), f"{symbol} = 1e{n}", {key: 10.0**n})
+        Case(name.replace("_", " "), f"{symbol} = 1e{n}", {name: 10.0**n})
         for n in range(first, last + 1)
     ]

@@ -1,7 +1,7 @@
 """Means that are known without simulation, where a case is simple enough for them.
 
-Each returns, for the quantities that it knows, their values and how far off they may be; an empty
-dictionary where it does not hold.
+Each function returns, for the quantities that it knows, their values and how far off they may be;
+an empty dictionary where it does not hold.
 """
 
 import math
@@ -12,39 +12,36 @@ from scipy.linalg import expm, solve_discrete_lyapunov
 
 from harvester.device import timescales
 from harvester.device.system import System, elastic_force, potential
-from harvester.engines.steps import knot_spacing
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
+from harvester.verification.known_results.formulas import gibbs_mean
+from harvester.verification.quantities import EFFICIENCY, VELOCITY, VOLTAGE
 
 # Largest share by which a mean may be off for a closed form to hold: by the change of the stiffness
 # within the motion, or by the noise's colour.
 LARGEST_ERROR = {"small motion": 3e-3, "Gibbs": 2e-2}
 # Standard deviations of the displacement that have to stay clear of contacts and saddles.
 CLEAR = 6.0
-# Points of a quadrature over displacements.
-POINTS = 20_001
 
-# By the quantity: value and largest error.
+# Value and largest error, by the quantity.
 Means: TypeAlias = dict[str, tuple[float, float]]
 
 
 def closed_forms(scene: Scene, realizations: int) -> dict[str, Means]:
-    """All that hold for a scene with a resistor as its load.
+    """The forms that hold for a scene, by their names; none where the load is a netlist.
 
     Parameters
     ----------
-    scene : Scene
     realizations : int
         Of the run that is judged: they start in the wells in turn.
-
-    Returns
-    -------
-    dict of str to dict of str to (float, float)
-        By the form's name and the quantity, scaled: value and largest error.
     """
-    system, _ = scale(scene)
+    if not scene.load.is_resistor:
+        return {}
+    ready = prepared(scene)
+    system = ready.system
     forms = {
-        "small motion": small_motion(system, knot_spacing(scene), realizations),
+        "small motion": small_motion(system, knot_spacing(ready), realizations),
         "Gibbs": gibbs(system),
     }
     return {name: means for name, means in forms.items() if means}
@@ -55,61 +52,51 @@ def small_motion(system: System, spacing: float, realizations: int) -> Means:
 
     Exact for the noise as the engines take it, linear between its knots.
     """
-    open_piezo = not system.transducer.decay_rate() and system.transducer.state_rate(1.0, 0.0)
-    if getattr(system.damper, "quadratic_damping", 0.0) or open_piezo:
+    part = system.transducer
+    open_piezo = not part.decay_rate() and part.state_rate(1.0, 0.0)
+    if _drag(system) or open_piezo:
         return {}
     wells = timescales.wells(system)
-    totals, change = dict.fromkeys(("voltage", "velocity", "power", "loss"), 0.0), 0.0
+    totals, change = np.zeros(4), 0.0
     for index in range(realizations):
         well = wells[index % len(wells)]
-        parts, width = _linear_means(system, well, spacing)
+        means, width = _linear_means(system, well, spacing)
         change = max(change, _change_of_stiffness(system, well, width))
-        for name, value in parts.items():
-            totals[name] += value / realizations
+        totals += np.array(means) / realizations
     if not change <= LARGEST_ERROR["small motion"]:
         return {}
-    used = totals["power"] + totals["loss"]
-    means = {
-        "mean_square_voltage": totals["voltage"],
-        "mean_square_velocity": totals["velocity"],
-        "power_conversion_efficiency": totals["power"] / used if used else 0.0,
-    }
-    return {name: (float(value), change * abs(float(value))) for name, value in means.items()}
+    voltage, velocity, power, loss = (float(each) for each in totals)
+    efficiency = power / (power + loss) if power + loss else 0.0
+    means = {VOLTAGE: voltage, VELOCITY: velocity, EFFICIENCY: efficiency}
+    return {name: (value, change * abs(value)) for name, value in means.items()}
 
 
 def _linear_means(system, well, spacing):
-    """Means about one well, and the standard deviation of the displacement."""
+    """E[V²], E[X'²], power and loss about one well; the standard deviation of the displacement."""
     covariance = _covariance(system, timescales.stiffness(system, well), spacing)
     part = system.transducer
     inner = covariance[1:3, 1:3]
 
     def mean(power):
-        """Of a quadratic form of X' and the transducer's state."""
+        """Mean of a quadratic form of X' and the transducer's state."""
         own = power(1.0, 0.0), power(0.0, 1.0)
         cross = power(1.0, 1.0) - sum(own)
         return own[0] * inner[0, 0] + own[1] * inner[1, 1] + cross * inner[0, 1]
 
     loss = mean(lambda v, z: part.loss(v, z, part.current(v, z)))
-    means = {
-        "voltage": mean(lambda v, z: part.voltage(v, z) ** 2),
-        "velocity": inner[0, 0],
-        "power": mean(part.load_power),
-        "loss": loss + system.damper.damping * inner[0, 0],
-    }
+    loss += system.damper.damping * inner[0, 0]
+    square_voltage = mean(lambda v, z: part.voltage(v, z) ** 2)
+    means = square_voltage, inner[0, 0], mean(part.load_power), loss
     return means, math.sqrt(covariance[0, 0])
 
 
 def _covariance(system, stiffness, spacing):
-    """Of (X, X', transducer's state), averaged over the time between two knots."""
+    """Covariance of (X, X', transducer's state), averaged over the time between two knots."""
     part, noise = system.transducer, system.noise
     drift = np.zeros((5, 5))
     drift[0, 1] = 1.0
-    drift[1, :4] = (
-        -stiffness,
-        -system.damper.damping - part.force(1.0, 0.0),
-        -part.force(0.0, 1.0),
-        1.0,
-    )
+    resistance = system.damper.damping + part.force(1.0, 0.0)
+    drift[1, :4] = -stiffness, -resistance, -part.force(0.0, 1.0), 1.0
     drift[2, 1], drift[2, 2] = part.state_rate(1.0, 0.0), part.state_rate(0.0, 1.0) or -1.0
     # The noise and its slope between knots.
     drift[3, 4] = 1.0
@@ -145,10 +132,9 @@ def _change_of_stiffness(system, well, width):
     clear = [abs(x - well) for x in (*timescales.saddles(system), *((low, high) if inner else ()))]
     if not CLEAR * width < min(clear, default=math.inf):
         return math.inf
-    stiffness = timescales.stiffness(system, well)
+    force = timescales.stiffness(system, well) * width
     right, left = (float(elastic_force(system, well + side * width)) for side in (1.0, -1.0))
-    scale_ = stiffness * width
-    even, odd = (right + left) / (2.0 * scale_), (right - left) / (2.0 * scale_) - 1.0
+    even, odd = (right + left) / (2.0 * force), (right - left) / (2.0 * force) - 1.0
     return 3.0 * (abs(odd) + even * even)
 
 
@@ -158,35 +144,22 @@ def gibbs(system: System) -> Means:
     To first order in τ1 the noise's colour takes cτ1 of the power that comes in.
     """
     damping, noise = system.damper.damping, system.noise
-    frequency = timescales.fastest_angular_frequency(system)
     elastic = all(getattr(each.law, "damping_factor", 1.0) == 0.0 for each in system.contacts)
     coupled = system.transducer.force(0.0, 1.0) or system.transducer.damping()
-    drag = getattr(system.damper, "quadratic_damping", 0.0)
-    if coupled or drag or not elastic or not damping > 0.0:
+    if coupled or _drag(system) or not elastic or not damping > 0.0:
         return {}
     memory = damping * noise.correlation_time
     temperature = noise.intensity / damping / (1.0 + memory)
-    errors = {
-        "mean_square_velocity": memory**2 + (frequency * noise.correlation_time) ** 2,
-        "mean_square_displacement": 2.0 * memory,
-    }
-    means = {
-        "mean_square_velocity": temperature,
-        "mean_square_displacement": _gibbs_displacement(system, temperature),
-    }
-    return {
-        name: (means[name], share * means[name])
-        for name, share in errors.items()
-        if share <= LARGEST_ERROR["Gibbs"]
-    }
-
-
-def _gibbs_displacement(system, temperature):
-    """E[X²] by quadrature."""
     reach = abs(timescales.rest(system)) + 1.0
-    lowest = min(float(potential(system, x)) for x in timescales.wells(system))
-    while min(float(potential(system, s * reach)) for s in (1, -1)) < lowest + 40.0 * temperature:
-        reach *= 1.5
-    x = np.linspace(-reach, reach, POINTS)
-    weight = np.exp(-(potential(system, x) - lowest) / temperature)
-    return float(np.sum(weight * x * x) / np.sum(weight))
+    square = gibbs_mean(lambda x: potential(system, x), temperature, np.square, reach)
+    fastest = timescales.fastest_angular_frequency(system) * noise.correlation_time
+    known = {
+        VELOCITY: (temperature, memory**2 + fastest**2),
+        "mean_square_displacement": (square, 2.0 * memory),
+    }
+    limit = LARGEST_ERROR["Gibbs"]
+    return {n: (value, share * value) for n, (value, share) in known.items() if share <= limit}
+
+
+def _drag(system):
+    return getattr(system.damper, "quadratic_damping", 0.0)

@@ -1,4 +1,4 @@
-"""The figure of `harvester stability`: every case a row of coloured cells."""
+"""The figure of `harvester stability`: its table with coloured cells, as two blocks abreast."""
 
 from __future__ import annotations
 
@@ -29,35 +29,24 @@ FACE = {
 }
 INK = {WRONG: "white", REFUSED: "0.25"}
 BLOCKS = 2
-# Shares of a block's width: the case's name, and a gap between cells.
-NAME, GAP = 0.22, 0.006
-# Letters that a column has room for at least.
-SHORTEST = 14
+# Share of a block's width for the names of cases, and letters that a column has room for at least.
+NAME, SHORTEST = 0.22, 14
 
 
 def draw(matrix: StabilityMatrix) -> Figure:
-    """One coloured grid: what judged each cell, and how sharply."""
+    """What judged each cell, and how sharply."""
     from matplotlib.figure import Figure
 
+    texts = [[cell_text(row.cells[method]) for method in matrix.methods] for row in matrix.rows]
+    lengths = [max(SHORTEST, *map(len, column)) for column in zip(*texts, strict=True)]
+    widths = [NAME, *((1.0 - NAME) * length / sum(lengths) for length in lengths)]
     depth = math.ceil(len(matrix.rows) / BLOCKS)
     figure = Figure(figsize=(24.0, 1.4 + 0.25 * depth))
-    axes = figure.add_subplot()
-    for place, row in enumerate(matrix.rows):
-        _draw_row(axes, matrix, row, place // depth, place % depth)
-    for block in range(min(BLOCKS, len(matrix.rows))):
-        for method, (left, width) in zip(matrix.methods, _columns(matrix), strict=True):
-            axes.text(
-                block + left + 0.5 * width,
-                -0.5,
-                method.replace("_", " "),
-                ha="center",
-                va="center",
-                weight="bold",
-                fontsize=8,
-            )
-    axes.set_xlim(0.0, BLOCKS)
-    axes.set_ylim(depth, -1.2)
-    axes.axis("off")
+    for block, axes in enumerate(figure.subplots(1, BLOCKS)):
+        axes.axis("off")
+        part = slice(block * depth, (block + 1) * depth)
+        if matrix.rows[part]:
+            _draw_block(axes, matrix, matrix.rows[part], texts[part], widths)
     counts = ", ".join(f"{len(matrix.cells(word))} {word}" for word in WORDS)
     figure.suptitle(
         f"{matrix.scene.name}: stiff and extreme cases ({counts}; {matrix.wall_seconds:.0f} s)\n"
@@ -70,35 +59,24 @@ def draw(matrix: StabilityMatrix) -> Figure:
     return figure
 
 
-def _columns(matrix):
-    """(left edge, width) of each method's cells within a block, as wide as their longest texts."""
-    lengths = [
-        max(SHORTEST, *(len(cell_text(row.verdicts[method])) for row in matrix.rows))
-        for method in matrix.methods
-    ]
-    columns, left = [], NAME
-    for length in lengths:
-        width = (0.99 - NAME) * length / sum(lengths)
-        columns.append((left, width - GAP))
-        left += width
-    return columns
-
-
-def _draw_row(axes, matrix, row, block, line):
-    from matplotlib.patches import Rectangle
-
-    axes.text(block, line + 0.5, row.case.title, va="center", fontsize=8)
-    for method, (left, width) in zip(matrix.methods, _columns(matrix), strict=True):
-        verdict = row.verdicts[method]
-        face, ink = FACE[verdict.word], INK.get(verdict.word, "black")
-        corner = (block + left, line + 0.06)
-        axes.add_patch(Rectangle(corner, width, 0.88, facecolor=face, linewidth=0))
-        axes.text(
-            corner[0] + 0.5 * width,
-            line + 0.5,
-            cell_text(verdict),
-            ha="center",
-            va="center",
-            color=ink,
-            fontsize=7,
-        )
+def _draw_block(axes, matrix, rows, texts, widths):
+    header = [method.replace("_", " ") for method in matrix.methods]
+    words = [[row.cells[method].word for method in matrix.methods] for row in rows]
+    table = axes.table(
+        [["", *header], *([row.case.title, *line] for row, line in zip(rows, texts, strict=True))],
+        cellColours=[["none"] * len(widths), *(["none", *map(FACE.get, line)] for line in words)],
+        colWidths=widths,
+        cellLoc="center",
+        bbox=(0.0, 0.0, 1.0, 1.0),
+        edges="closed",
+    )
+    table.auto_set_font_size(False)
+    for (line, column), cell in table.get_celld().items():
+        cell.set(edgecolor="white", linewidth=1.0)
+        cell.set_fontsize(7 if line and column else 8)
+        if line and column:
+            cell.set_text_props(color=INK.get(words[line - 1][column - 1], "black"))
+        elif column:
+            cell.set_text_props(weight="bold")
+        else:
+            cell.set_text_props(ha="left")

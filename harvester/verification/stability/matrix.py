@@ -7,15 +7,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Unpack
 
 from harvester.calling import takes_scene
 from harvester.errors import SceneError
-from harvester.files.writing import finite
+from harvester.files.serialising import plain
 from harvester.running import RunnerOptions, Task, open_runner
 from harvester.scene.model import Scene
-from harvester.simulation import check_step, require_noise
+from harvester.simulation.simulate import check_step, require_noise
 from harvester.verification.stability import TIME_LIMIT
 from harvester.verification.stability.answers import METHODS, answer
 from harvester.verification.stability.cases import Case, changed, default_cases
@@ -30,7 +30,8 @@ from harvester.verification.stability.verdicts import (
     UNFINISHED,
     WORDS,
     WRONG,
-    Verdict,
+    CaseRow,
+    Cell,
     judged,
 )
 
@@ -49,20 +50,20 @@ class StabilityMatrix:
     """All rows of one scene; `harvester stability` shows it."""
 
     scene: Scene
-    rows: list
+    rows: list[CaseRow]
     wall_seconds: float
 
     @property
     def methods(self) -> list[str]:
         """Names of the engines and closures."""
-        return list(self.rows[0].verdicts)
+        return list(self.rows[0].cells)
 
-    def cells(self, word: str) -> list[tuple[str, str, Verdict]]:
+    def cells(self, word: str) -> list[tuple[str, str, Cell]]:
         """(case title, method, verdict) of every cell with this word."""
         return [
             (row.case.title, method, verdict)
             for row in self.rows
-            for method, verdict in row.verdicts.items()
+            for method, verdict in row.cells.items()
             if verdict.word == word
         ]
 
@@ -81,7 +82,7 @@ class StabilityMatrix:
         residuals = [each.residual for each in answers if each and each.residual is not None]
         return [
             row.case.title,
-            *(cell_text(row.verdicts[method]) for method in self.methods),
+            *(cell_text(row.cells[method]) for method in self.methods),
             " | ".join(f"{residual:+.2%}" for residual in residuals) or "—",
             f"{sum(each.seconds for each in answers if each):.1f}",
         ]
@@ -126,7 +127,7 @@ class StabilityMatrix:
                 "energy_balance_residual": LARGEST_RESIDUAL,
             },
             "counts": {word: len(self.cells(word)) for word in WORDS},
-            "cases": [_row_to_dict(row) for row in self.rows],
+            "cases": plain(self.rows),
         }
 
 
@@ -138,7 +139,7 @@ def stability(
     step: str | float = "default",
     **running: Unpack[RunnerOptions],
 ) -> StabilityMatrix:
-    """Run and judge the matrix of one scene.
+    """Run and judge the matrix of one scene, by every engine and closure.
 
     Parameters
     ----------
@@ -150,10 +151,6 @@ def stability(
         See `harvester.simulate`.
     **running
         See `harvester.running.open_runner`; the time limit is that of one case by one method.
-
-    Returns
-    -------
-    StabilityMatrix
 
     Raises
     ------
@@ -174,9 +171,9 @@ def stability(
     for case, changed_scene in zip(cases, scenes, strict=True):
         if isinstance(changed_scene, Scene):
             answers = {method: next(outcomes) for method in METHODS}
-            rows.append(judged(case, changed_scene, answers))
         else:
-            rows.append(judged(case, None, dict.fromkeys(METHODS, changed_scene)))
+            answers = dict.fromkeys(METHODS, changed_scene)
+        rows.append(judged(case, changed_scene, answers))
     return StabilityMatrix(scene, rows, time.perf_counter() - clock)
 
 
@@ -185,11 +182,11 @@ def _task(scene, method, step, runner):
     return Task(answer, arguments, runner.version(method), method)
 
 
-def cell_text(verdict: Verdict) -> str:
+def cell_text(cell: Cell) -> str:
     """The verdict's word, or who judged and how sharply."""
-    if verdict.word != RIGHT:
-        return verdict.word
-    return ", ".join(f"{_short(each.judge)} {_percent(each.sharpness)}" for each in verdict.judges)
+    if cell.word != RIGHT:
+        return cell.word
+    return ", ".join(f"{_short(each.judge)} {_percent(each.sharpness)}" for each in cell.judges)
 
 
 def _short(judge):
@@ -206,54 +203,3 @@ def _changed_or_refused(scene, case):
         return changed(scene, case)
     except SceneError as error:
         return error
-
-
-def _row_to_dict(row):
-    return {
-        "family": row.case.family,
-        "case": row.case.name,
-        "changes": dict(row.case.values),
-        "verdicts": {method: _verdict_to_dict(each) for method, each in row.verdicts.items()},
-        "answers": {
-            method: _answer_to_dict(row.answer(method))
-            for method in row.answers
-            if row.answer(method)
-        },
-    }
-
-
-def _verdict_to_dict(verdict):
-    return {
-        "verdict": verdict.word,
-        "reason": verdict.reason,
-        "evidence": [
-            {
-                "judge": each.judge,
-                "of": each.of,
-                "deviation": finite(each.deviation),
-                "sharpness": finite(each.sharpness),
-                "limit": finite(each.largest),
-            }
-            for each in verdict.evidence
-        ],
-    }
-
-
-def _answer_to_dict(found):
-    path = asdict(found.path) if found.path else {}
-    return {
-        "energy_balance_residual": finite(found.residual),
-        "seconds": found.seconds,
-        "steps": found.steps,
-        "realizations": found.realizations,
-        "duration": found.duration,
-        "settle": found.settle,
-        "longest_step": found.step,
-        "settled": found.settled,
-        "path": {
-            name: value if isinstance(value, str) else finite(value) for name, value in path.items()
-        },
-        "scaled_quantities": {
-            name: estimate.to_dict() for name, estimate in found.estimates.items()
-        },
-    }

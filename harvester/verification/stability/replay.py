@@ -14,11 +14,12 @@ from scipy.integrate import cumulative_trapezoid
 from harvester.device import spring as springs
 from harvester.device.piezo import Piezo
 from harvester.device.system import elastic_force
-from harvester.engines.realization import noise_path, start_state
-from harvester.engines.steps import knot_spacing, steps_per_knot
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.record.record import Record
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
+from harvester.simulation.realization import start_state
+from harvester.verification.paths import noise_at_knots
 
 # Steps of the integrator for each of the engine's, and with stoppers: it has none of their own.
 FINER, FINER_IN_CONTACT = 2, 8
@@ -26,46 +27,35 @@ FINER, FINER_IN_CONTACT = 2, 8
 
 def can_replay(scene: Scene) -> bool:
     """Whether the state and the voltage say what acts on the mass: a piezo, no held speeds."""
-    system, _ = scale(scene)
+    system = prepared(scene).system
     held = any(getattr(each.law, "holds", 0.0) for each in system.contacts)
     return isinstance(system.transducer, Piezo) and not held
 
 
 def replayed(scene: Scene, waveforms: Sequence[Record]) -> np.ndarray:
-    """Displacements at the knots under recorded terminal voltages.
+    """Displacements at the knots under recorded terminal voltages, shape (realizations, knots).
 
-    Runge–Kutta of fourth order, all realizations at once.
-
-    Parameters
-    ----------
-    scene : Scene
-    waveforms : sequence of Record
-        From the beginning of the realizations 0, 1, ….
-
-    Returns
-    -------
-    ndarray, shape (realizations, knots)
+    Runge–Kutta of fourth order; `waveforms` are those of the realizations 0, 1, … from their
+    beginning.
     """
-    system, _ = scale(scene)
-    spacing, count = knot_spacing(scene), len(waveforms)
-    knots = round(scene.run.duration / spacing)
+    ready = prepared(scene)
+    system = ready.system
+    spacing, count = knot_spacing(ready), len(waveforms)
+    noise = [noise_at_knots(scene, index) for index in range(count)]
+    knots = noise[0].size - 1
     finer = FINER_IN_CONTACT if system.contacts else FINER
-    steps = finer * steps_per_knot(scene, "default")
+    steps = finer * steps_per_knot(ready, "default")
     times = np.linspace(0.0, knots * spacing, 2 * steps * knots + 1)
-    starts = np.array([start_state(scene, index) for index in range(count)])
-    noise = [noise_path(scene, index).read(knots + 1) for index in range(count)]
+    starts = np.array([start_state(ready, index) for index in range(count)])
     drive = np.array([np.interp(times, times[:: 2 * steps], path) for path in noise]).T
     # A load that switches empties the piezo within a step: what counts is the voltage's mean.
-    voltage = np.array(
-        [_means(w, start[2], times[::2]) for w, start in zip(waveforms, starts, strict=True)]
-    ).T
-    push = system.transducer.coupling * voltage
+    voltage = [_means(w, start[2], times[::2]) for w, start in zip(waveforms, starts, strict=True)]
+    push = system.transducer.coupling * np.array(voltage).T
     x, v = starts[:, 0], starts[:, 1]
-    h = spacing / steps
     places = np.empty((count, knots))
     for step in range(steps * knots):
         a, b, c = drive[2 * step : 2 * step + 3] - push[step]
-        x, v = _runge_kutta(system, x, v, a, b, c, h)
+        x, v = _runge_kutta(system, x, v, a, b, c, spacing / steps)
         if (step + 1) % steps == 0:
             places[:, (step + 1) // steps - 1] = x
     return places

@@ -7,13 +7,14 @@ judges to 2 % or better; else it is *not judged*.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
-from harvester.engines.protocol import ENGINES
 from harvester.errors import AveragingError, LoadError, SceneError, SimulatorTimeout
+from harvester.files.serialising import fields_of, key, plain
 from harvester.scene.model import Scene
-from harvester.scene.units import require_resistor
+from harvester.simulation.methods import ENGINES
+from harvester.verification.quantities import MEANS
 from harvester.verification.stability.answers import CaseAnswer
 from harvester.verification.stability.cases import Case
 from harvester.verification.stability.closed_forms import closed_forms
@@ -22,7 +23,6 @@ RIGHT, REFUSED, WRONG = "right", "refused", "wrong"
 NOT_JUDGED, UNFINISHED = "not judged", "unfinished"
 WORDS = (RIGHT, REFUSED, NOT_JUDGED, UNFINISHED, WRONG)
 REFUSALS = (SceneError, LoadError, AveragingError)
-COMPARED = ("mean_square_voltage", "mean_square_velocity", "power_conversion_efficiency")
 # Largest share of the energy that is not found again.
 LARGEST_RESIDUAL = 0.01
 # A judge counts as one up to this sharpness.
@@ -35,10 +35,10 @@ LARGEST_SIGMAS = 4.0
 SOLVER_ERROR = 5e-3
 # Largest deviation of the mean squares along comparable paths, at the step asked for.
 LARGEST_STEP_BIAS = 0.03
-# Periods that paths have to be comparable for; of comparable ones an engine may leave so many.
+# Periods that paths have to be comparable for, and the share of them that an engine has to follow.
 FEWEST_PERIODS = 1.0
 LEAST_FOLLOWED = 0.1
-# Of a closure's answer against its own coarser grid; the stationary solution has its tolerance.
+# Largest deviation of a closure from its own coarser grid; the stationary solution has its own.
 LARGEST_NUMERICAL_ERROR = {"fokker_planck": 2e-2}
 USUAL_NUMERICAL_ERROR = 1e-3
 SOLVER = "fokker_planck"
@@ -46,31 +46,27 @@ SOLVER = "fokker_planck"
 
 @dataclass(frozen=True)
 class Evidence:
-    """What one judge found.
+    """What one judge found, in shares.
 
     Attributes
     ----------
-    judge : str
     of : str
         What was compared, in words.
-    deviation : float
-        As a share.
     sharpness : float
-        Of means their joint standard error, of a path the deviation that its step explains; as a
-        share.
+        Joint standard error of means; of a path the deviation that its step explains.
     largest : float
-        Deviation up to which the judge agrees, as a share.
+        Deviation up to which the judge agrees.
     """
 
     judge: str
     of: str
     deviation: float
     sharpness: float
-    largest: float
+    largest: float = field(metadata=key("limit"))
 
     @property
     def agrees(self) -> bool:
-        """Whether the deviation is no objection; an undefined one is."""
+        """True if the deviation is within the limit; NaN counts as exceeding it."""
         return abs(self.deviation) <= self.largest
 
     @property
@@ -83,16 +79,16 @@ class Evidence:
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """One of `WORDS`, why, and what it rests on."""
+class Cell:
+    """The verdict on one case by one method: one of `WORDS`, why, and what it rests on."""
 
-    word: str
+    word: str = field(metadata=key("verdict"))
     reason: str = ""
-    evidence: tuple = ()
+    evidence: tuple[Evidence, ...] = ()
 
     @property
     def judges(self) -> list[Evidence]:
-        """The first evidence of each judge, on E[V²] if there is any, as far as it is sharp."""
+        """The first evidence of each sharp judge, which is that on E[V²] if there is any."""
         first: dict[str, Evidence] = {}
         for each in self.evidence:
             first.setdefault(each.judge, each)
@@ -100,45 +96,43 @@ class Verdict:
 
 
 @dataclass(frozen=True)
-class Row:
+class CaseRow:
     """One case: what every engine and closure said of it, and the verdict on each.
 
     Attributes
     ----------
-    case : Case
-    scene : Scene or None
-        None where the case is none for the scene.
     answers : dict of str to CaseAnswer, HarvesterError or None
         By engine and closure; None: nothing yet when time ran out.
-    verdicts : dict of str to Verdict
+    cells : dict of str to Cell
     """
 
     case: Case
-    scene: Scene | None
-    answers: dict
-    verdicts: dict
+    answers: dict[str, Any]
+    cells: dict[str, Cell]
 
     def answer(self, method: str) -> CaseAnswer | None:
         """What a method said, None without an answer."""
         found = self.answers[method]
         return found if isinstance(found, CaseAnswer) else None
 
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        given = {method: self.answer(method) for method in self.answers}
+        return {
+            **fields_of(self.case),
+            "verdicts": plain(self.cells),
+            "answers": plain({method: each for method, each in given.items() if each}),
+        }
 
-def judged(case: Case, scene: Scene | None, answers: dict[str, Any]) -> Row:
-    """The row of one case from what engines and closures said.
 
-    Parameters
-    ----------
-    case : Case
-    scene : Scene or None
-    answers : dict of str to CaseAnswer, HarvesterError or None
-    """
-    verdicts = {method: _without_answer(outcome) for method, outcome in answers.items()}
-    given = {method: answers[method] for method, verdict in verdicts.items() if verdict is None}
+def judged(case: Case, scene: Scene | None, answers: dict[str, Any]) -> CaseRow:
+    """The row of one case from what engines and closures said; `scene` is that of the case."""
+    cells = {method: _without_answer(outcome) for method, outcome in answers.items()}
+    given = {method: answers[method] for method, cell in cells.items() if cell is None}
     for method, found in given.items():
         evidence = _of_engine(found) if method in ENGINES else _of_closure(method, found)
-        verdicts[method] = _weighed(found, (*evidence, *_of_means(method, scene, given)))
-    return Row(case, scene, answers, verdicts)
+        cells[method] = _weighed(found, (*evidence, *_of_means(method, scene, given)))
+    return CaseRow(case, answers, cells)
 
 
 def _without_answer(outcome):
@@ -146,22 +140,22 @@ def _without_answer(outcome):
     if isinstance(outcome, CaseAnswer):
         return None
     if outcome is None:
-        return Verdict(UNFINISHED, "the time budget ended before it")
+        return Cell(UNFINISHED, "the time budget ended before it")
     if isinstance(outcome, SimulatorTimeout):
-        return Verdict(UNFINISHED, str(outcome))
+        return Cell(UNFINISHED, str(outcome))
     if isinstance(outcome, REFUSALS):
-        return Verdict(REFUSED, str(outcome))
-    return Verdict(WRONG, f"{type(outcome).__name__}: {outcome}")
+        return Cell(REFUSED, str(outcome))
+    return Cell(WRONG, f"{type(outcome).__name__}: {outcome}")
 
 
 def _weighed(found, evidence):
     if found.residual is not None and not abs(found.residual) < LARGEST_RESIDUAL:
-        return Verdict(WRONG, f"energy balance residual {found.residual:.2%}", evidence)
+        return Cell(WRONG, f"energy balance residual {found.residual:.2%}", evidence)
     objections = [str(each) for each in evidence if not each.agrees]
     if objections:
-        return Verdict(WRONG, "; ".join(objections), evidence)
-    verdict = Verdict(RIGHT, "", evidence)
-    return verdict if verdict.judges else Verdict(NOT_JUDGED, _why_not(found, evidence), evidence)
+        return Cell(WRONG, "; ".join(objections), evidence)
+    cell = Cell(RIGHT, "", evidence)
+    return cell if cell.judges else Cell(NOT_JUDGED, _why_not(found, evidence), evidence)
 
 
 def _why_not(found, evidence):
@@ -182,8 +176,7 @@ def _of_engine(found):
     judge = f"fine {path.reference} path"
     followed = path.compared_periods / path.comparable_periods
     if followed < LEAST_FOLLOWED:
-        left = Evidence(judge, "length of the path followed", followed - 1.0, 1.0, 0.0)
-        return (left,)
+        return (Evidence(judge, "length of the path followed", followed - 1.0, 1.0, 0.0),)
     if path.compared_periods < FEWEST_PERIODS:
         return ()
     limits = {judge: path.of_limit}
@@ -200,7 +193,7 @@ def _of_closure(closure, found):
     """Evidence from the coarser grid: how well the closure solves its own equations."""
     largest = LARGEST_NUMERICAL_ERROR.get(closure, USUAL_NUMERICAL_ERROR)
     evidence = []
-    for name in COMPARED:
+    for name in MEANS:
         each = found.estimates[name]
         share = _share(each.standard_error, each.estimate)
         evidence.append(Evidence("coarser grid", _words(name), share, share, largest))
@@ -212,19 +205,22 @@ def _of_means(method, scene, given):
 
     Only these two claim to solve the equations themselves.
     """
-    if method == "monte-carlo":
-        if not given[method].settled:
-            return ()
-        evidence = list(_of_forms(scene, given[method]))
-        if SOLVER in given:
-            solved = list(_of_pair(given[method], given[SOLVER], SOLVER))
-            # Two programs that follow one path are not both wrong: then the solution is.
-            evidence += [each for each in solved if each.agrees or not _same_path(given)]
-        return evidence
-    simulated = given.get("monte-carlo")
-    if method == SOLVER and simulated and simulated.settled:
-        return _of_pair(simulated, given[SOLVER], "Monte Carlo")
-    return ()
+    simulated, solved = given.get("monte-carlo"), given.get(SOLVER)
+    if method not in ("monte-carlo", SOLVER) or not simulated or not simulated.settled:
+        return []
+    if method == SOLVER:
+        return list(_of_pair(simulated, solved, "Monte Carlo"))
+    evidence = [
+        each
+        for form, means in closed_forms(scene, simulated.realizations).items()
+        for name, (value, error) in means.items()
+        for each in _of_mean(form, name, simulated.estimates[name], value, error)
+    ]
+    if solved:
+        # Two programs that follow one path are not both wrong: then the solution is.
+        pair = _of_pair(simulated, solved, SOLVER)
+        evidence += [each for each in pair if each.agrees or not _same_path(given)]
+    return evidence
 
 
 def _same_path(given):
@@ -234,20 +230,10 @@ def _same_path(given):
 
 
 def _of_pair(simulated, solved, judge):
-    for name in COMPARED:
+    for name in MEANS:
         ours, theirs = simulated.estimates[name], solved.estimates[name]
         error = max(theirs.standard_error, SOLVER_ERROR * abs(theirs.estimate))
         yield from _of_mean(judge, name, ours, theirs.estimate, error)
-
-
-def _of_forms(scene, simulated):
-    try:
-        require_resistor(scene, "closed forms")
-    except LoadError:
-        return
-    for form, means in closed_forms(scene, simulated.realizations).items():
-        for name, (value, error) in means.items():
-            yield from _of_mean(form, name, simulated.estimates[name], value, error)
 
 
 def _of_mean(judge, name, ours, value, error):

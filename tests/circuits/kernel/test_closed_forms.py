@@ -15,10 +15,10 @@ from scipy.optimize import minimize
 from scipy.special import erfc
 
 from circuits.kernel.engine import circuit_of, integrate
-from harvester.engines.realization import noise_path, start_state
-from harvester.engines.steps import steps_per_knot, stop_time
+from harvester.prepared.paths import noise_path, start_state
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import steps_per_knot, stop_time
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 
 
 def scene_of(coupling, capacitance, damping, excitation, load, run):
@@ -38,10 +38,15 @@ def scene_of(coupling, capacitance, damping, excitation, load, run):
 
 def powers(scene):
     """(into the load, into its output's resistors, W; rms displacement, m) in the measured time."""
-    s, scales = scale(scene)
+    ready = prepared(scene)
+    s, scales = ready.system, ready.scales
     circuit = circuit_of(scene)
-    fixed = steps_per_knot(scene, "default", "monte-carlo")
-    path, stop, start = noise_path(scene, 0), stop_time(scene), start_state(scene, 0)
+    fixed = steps_per_knot(ready, "default", "monte-carlo")
+    path, stop, start = (
+        noise_path(ready, 0),
+        stop_time(ready),
+        start_state(ready, 0),
+    )
     found = [
         np.array([record.time, record.load_power, volts**2, record.displacement**2])
         for record, (volts, *_) in integrate(s, circuit, path, start, stop, fixed)

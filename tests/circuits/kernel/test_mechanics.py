@@ -10,7 +10,7 @@ from circuits.kernel.mechanics import device_of, evaluate
 from harvester.compilation import compiled
 from harvester.device import contact, system
 from harvester.device.spring import force
-from harvester.scene.units import scale
+from harvester.prepared.prepared import prepared
 
 
 @compiled
@@ -21,7 +21,7 @@ def by_address(address, numbers, values):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["uneven stoppers", "bias and quadratic term"])
 def test_a_function_by_its_address_is_the_devices_own(name):
-    s, _ = scale(device(name))
+    s = prepared(device(name)).system
     addresses = device_of(s)
     edges = contact.edges(s.contacts)
     chance = np.random.default_rng(1)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from circuits.kernel.engine import circuit_of, integrate
-from harvester.engines.realization import noise_path, start_state
-from harvester.engines.steps import steps_per_knot, stop_time
+from harvester.prepared.paths import noise_path, start_state
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import steps_per_knot, stop_time
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 
 SHORT = ["run.duration=0.8", "run.settle=0", "run.realizations=1"]
 # With a linear spring no path parts from its neighbour.
@@ -17,13 +17,14 @@ LINEAR = ["oscillator.linear_stiffness=126.9", "oscillator.cubic_stiffness=0"]
 
 def ours(scene):
     """(E[V²] of the piezo, power in the output's resistors, energy into the load), SI."""
-    s, scales = scale(scene)
+    ready = prepared(scene)
+    s, scales = ready.system, ready.scales
     circuit = circuit_of(scene)
-    fixed = steps_per_knot(scene, "finest", "monte-carlo")
-    path, stop = noise_path(scene, 0), stop_time(scene)
+    fixed = steps_per_knot(ready, "finest", "monte-carlo")
+    path, stop = noise_path(ready, 0), stop_time(ready)
     chunks = [
         np.array([record.time, record.voltage, volts, record.load_power])
-        for record, (volts, *_) in integrate(s, circuit, path, start_state(scene, 0), stop, fixed)
+        for record, (volts, *_) in integrate(s, circuit, path, start_state(ready, 0), stop, fixed)
     ]
     time, piezo, output, power = np.concatenate(chunks, axis=1)
     square = np.trapezoid(piezo**2, time) / stop * scales.voltage**2
@@ -243,8 +244,13 @@ def test_what_a_diode_lets_out_at_once_is_no_more_than_its_law_allows(tmp_path):
     path = tmp_path / "dumped.lib"
     path.write_text(DUMPED)
     scene = Scene.load("device", [*SHORT, f"load.netlist={path}"])
-    s, scales = scale(scene)
-    path, stop, start = noise_path(scene, 0), stop_time(scene), start_state(scene, 0)
+    ready = prepared(scene)
+    s, scales = ready.system, ready.scales
+    path, stop, start = (
+        noise_path(ready, 0),
+        stop_time(ready),
+        start_state(ready, 0),
+    )
     *_, (_, (volts, *_)) = integrate(s, circuit_of(scene), path, start, stop)
     # Long after, C dV/dt is ibv exp((V - 6 V)/Vt): V = 6 V - Vt ln(ibv t/(C Vt)).
     thermal = 1.380649e-23 * 300.15 / 1.602176634e-19
@@ -300,11 +306,16 @@ def test_a_control_known_no_better_than_newton_leaves_it_stops_nothing():
     parameters = ["load.parameters.resistance=1e8", "load.parameters.storage=1e-8"]
     run = ["run.duration=4.2", "run.settle=5", "run.realizations=128"]
     scene = Scene.load("device", ["load.netlist=sece", *parameters, *run])
-    s, _ = scale(scene)
+    ready = prepared(scene)
+    s = ready.system
     times = [
         record.time[-1]
         for record, _ in integrate(
-            s, circuit_of(scene), noise_path(scene, 105), start_state(scene, 105), stop_time(scene)
+            s,
+            circuit_of(scene),
+            noise_path(ready, 105),
+            start_state(ready, 105),
+            stop_time(ready),
         )
     ]
-    assert times[-1] == pytest.approx(stop_time(scene))
+    assert times[-1] == pytest.approx(stop_time(ready))

@@ -4,11 +4,11 @@ import pytest
 
 from circuits.kernel import engine
 from circuits.kernel.assembly import build
-from harvester.engines.realization import noise_path, start_state
 from harvester.errors import LoadError, NetlistError, SimulatorAborted
+from harvester.prepared.paths import noise_path, start_state
+from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 
 AROUND = "* a load\n.subckt load p n out ref\nR1 out ref 100k\n{}\n.ends\n"
 
@@ -63,10 +63,11 @@ def test_a_run_that_gets_nowhere_is_given_up(tmp_path, monkeypatch):
     diodes = "D1 p rail d\nD2 ref p d\nD3 n rail d\nD4 ref n d\n.model d d(is=41n n=1.09 rs=1)"
     text = f"{diodes}\nCbuffer rail ref -1u\nCstray ref n 10p\nR2 rail out 1meg"
     scene = with_load(tmp_path, text)
-    start = start_state(scene, 0)
-    s, _ = scale(scene)
+    ready = prepared(scene)
+    start = start_state(ready, 0)
+    s = ready.system
     with pytest.raises(SimulatorAborted, match=r"gets nowhere.*value below 0.*cbuffer"):
-        for _ in engine.integrate(s, engine.circuit_of(scene), noise_path(scene, 0), start, 1e3):
+        for _ in engine.integrate(s, engine.circuit_of(scene), noise_path(ready, 0), start, 1e3):
             pass
 
 

@@ -7,8 +7,8 @@ import pytest
 
 from circuits.kernel.retiming import DIAGONAL, pace_of
 from harvester import Scene
-from harvester.engines.realization import run
 from harvester.estimates.of_run import run_estimates
+from harvester.simulation.realization import run
 
 MASS, QUALITY, HERTZ, COUPLING, CAPACITANCE = 0.02, 1000.0, 12.0, 2e-5, 4e-8
 # Not a resistor to the program, which would else take it as one.
@@ -56,12 +56,12 @@ def power_of(scene):
 
 
 def mean_power(scene, engine):
-    from harvester.scene.units import scale
+    from harvester.prepared.prepared import prepared
 
     [found] = run(scene, engine, [0], "default", "external", None, lambda moments: None)
-    return run_estimates(scene, [found.moments]).scaled["mean_power"].estimate * scale(scene)[1].of(
-        "power"
-    )
+    return run_estimates(scene, [found.moments]).scaled["mean_power"].estimate * prepared(
+        scene
+    ).scales.of("power")
 
 
 @pytest.mark.parametrize("angle", [0.02, 0.157, 0.5])

@@ -10,10 +10,10 @@ from scipy.integrate import solve_ivp
 
 from circuits.kernel.engine import circuit_of, integrate
 from circuits.kernel.switching import switched, turn
-from harvester.engines.realization import noise_path, start_state
-from harvester.engines.steps import steps_per_knot
+from harvester.prepared.paths import noise_path, start_state
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import steps_per_knot
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 
 # A diode's breakdown behind a coil clamps the piezo, whose voltage then falls by a tenth of a volt
 # while it rings: a switch sees the slope.
@@ -83,10 +83,11 @@ def test_a_ringing_turns_a_switch_where_it_passes_its_threshold(step, known, tmp
                 "run.duration": 0.8,
             }
         )
-        s, scales = scale(scene)
-        fixed = steps_per_knot(scene, step, "monte-carlo")
-        refinement = fixed / steps_per_knot(scene, engine="monte-carlo")
-        path, start = noise_path(scene, 0), start_state(scene, 0)
+        ready = prepared(scene)
+        s, scales = ready.system, ready.scales
+        fixed = steps_per_knot(prepared(scene), step, "monte-carlo")
+        refinement = fixed / steps_per_knot(prepared(scene), engine="monte-carlo")
+        path, start = noise_path(prepared(scene), 0), start_state(prepared(scene), 0)
         chunks = [
             np.array([record.time, volts])
             for record, (volts, *_) in integrate(

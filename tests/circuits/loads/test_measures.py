@@ -7,7 +7,7 @@ import pytest
 from circuits.loads.subcircuits import read_load
 from harvester.errors import NetlistError
 from harvester.scene.model import Scene
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 
 # A resistor behind a meter, and another across the output; nothing else.
 OWN = """* a load of one's own

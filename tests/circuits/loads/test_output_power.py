@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from circuits.loads.subcircuits import read_load
-from harvester.engines.realization import run as realization_run
 from harvester.errors import NetlistError
 from harvester.scene.model import Scene
-from harvester.simulation import simulate
+from harvester.simulation.realization import run as realization_run
+from harvester.simulation.simulate import simulate
 
 SHORT = ["run.duration=0.5", "run.settle=0.1", "run.realizations=1", "load.subcircuit=load"]
 # The piezo's terminals are the output: all that leaves the piezo is used there.

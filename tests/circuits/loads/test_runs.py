@@ -10,11 +10,11 @@ from truths import flat
 from circuits.assembly import assemble
 from circuits.export import stand_alone
 from harvester.averaging.of_scene import average
-from harvester.engines.realization import noise_path
 from harvester.errors import LoadError, NetlistError
+from harvester.prepared.paths import noise_path
+from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 
 SHORT = ["run.duration=2", "run.settle=0", "run.realizations=1"]
 LINEAR = ["oscillator.linear_stiffness=126.9", "oscillator.cubic_stiffness=0"]
@@ -104,8 +104,9 @@ def diode_equation(scene, resistance, storage):
     The four diodes share the voltages evenly, so the potential of the output against the piezo
     drops out.
     """
-    p, (_, scales) = flat(scene), scale(scene)
-    path = noise_path(scene, 0)
+    ready = prepared(scene)
+    p, scales = flat(scene), ready.scales
+    path = noise_path(ready, 0)
     knots = round(scene.run.duration / path.spacing)
     noise = path.read(knots + 1)
     capacitance = scene.transducer.capacitance
@@ -145,7 +146,7 @@ def test_a_bridge_follows_the_diode_equation(tmp_path, pool):
     resistance, storage = 1e6, 200e-9
     scene = with_load(tmp_path, BRIDGE, *LINEAR, "run.duration=1")
     states = diode_equation(scene, resistance, storage)
-    _, scales = scale(scene)
+    scales = prepared(scene).scales
     output, energy, used = states[-1, 3:]
     stored = 0.5 * storage * output**2
     errors = {}
@@ -301,7 +302,9 @@ def test_averaging_refuses_a_load_that_is_no_resistor(tmp_path):
 
 def test_plain_ngspice_runs_an_exported_load(tmp_path, pool):
     scene = with_load(tmp_path, SWITCH, "run.duration=0.5")
-    (tmp_path / "scene.cir").write_text(stand_alone(scene, noise_path(scene, 0)).text + ".end\n")
+    (tmp_path / "scene.cir").write_text(
+        stand_alone(scene, noise_path(prepared(scene), 0)).text + ".end\n"
+    )
     raw = run_raw(tmp_path, "scene.cir")
     result = simulate(scene, method="circuit", runner=pool)
     output = raw["v(load_out)"] - raw["v(load_ref)"]

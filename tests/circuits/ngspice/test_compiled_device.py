@@ -11,10 +11,10 @@ import worker_calls
 
 from circuits import verilog
 from circuits.ngspice import compiled_device
-from harvester.engines.steps import knot_spacing
 from harvester.errors import CompiledDeviceUnavailable
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 
 TEXT = "module device; endmodule\n"
 # A compiler for the tests: counts its calls, copies its input, fails on demand.
@@ -210,7 +210,7 @@ OTHERS = [
 )
 def test_it_follows_the_behavioural_netlist(loaded, name, overrides):
     scene = Scene.load(name, ["run.settle=0", "run.realizations=1", *overrides])
-    scene = scene.replace({"run.duration": 400 * knot_spacing(scene)})
+    scene = scene.replace({"run.duration": 400 * knot_spacing(prepared(scene))})
     behavioural, compiled = (
         loaded.call(worker_calls.run_device, {"scene": scene, "compiled": which}, 60.0)
         for which in (False, True)
@@ -224,7 +224,7 @@ def test_it_follows_the_behavioural_netlist(loaded, name, overrides):
 def test_copies_in_one_netlist_and_two_shapes_in_one_process(loaded):
     for name in ("one_sided", "asymmetric"):
         scene = Scene.load(name, ["run.settle=0", "run.realizations=1"])
-        scene = scene.replace({"run.duration": 100 * knot_spacing(scene)})
+        scene = scene.replace({"run.duration": 100 * knot_spacing(prepared(scene))})
         arguments = {"scene": scene, "compiled": True, "copies": 3}
         compiled = loaded.call(worker_calls.run_device, arguments, 60.0)
         arguments["compiled"] = False
@@ -234,7 +234,7 @@ def test_copies_in_one_netlist_and_two_shapes_in_one_process(loaded):
 
 
 def shape(name, *overrides):
-    return compiled_device.module_of(scale(Scene.load(name, overrides))[0])
+    return verilog.module_of(prepared(Scene.load(name, overrides)).system)
 
 
 @pytest.mark.parametrize(
@@ -269,6 +269,6 @@ def test_what_has_no_compiled_form_is_refused_by_name(name, overrides, said):
 
 
 def test_the_file_to_be_read_is_the_module_of_the_scene_paper():
-    system, _ = scale(Scene.load("paper"))
+    system = prepared(Scene.load("paper")).system
     path = Path(verilog.__file__).parents[1] / "netlists" / "harvester.va"
     assert path.read_text() == verilog.module(system, name="harvester")[1]

@@ -5,11 +5,11 @@ import pytest
 from circuits.loads.places import Place, with_places
 from circuits.loads.subcircuits import read_load
 from circuits.ngspice import messages
-from harvester.engines.realization import run as realization_run
-from harvester.engines.workers import Worker
 from harvester.errors import SimulationError
 from harvester.scene.model import Scene
 from harvester.scene.source import BUILT_IN
+from harvester.simulation.realization import run as realization_run
+from harvester.workers.process import Worker
 
 BODY = """.subckt load p n out ref
 Rin p out 1k

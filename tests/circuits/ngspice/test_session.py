@@ -5,10 +5,10 @@ import pytest
 import worker_calls
 from truths import reference_path
 
-from harvester.engines.steps import STEPS_PER_CONTACT
 from harvester.errors import SimulatorAborted, SimulatorTimeout
+from harvester.prepared.steps import STEPS_PER_CONTACT
 from harvester.scene.model import Scene
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 
 
 def knots_of(pool, scene, step, index=0):

@@ -14,8 +14,8 @@ from circuits.verilog import module
 from harvester.compilation import compiled
 from harvester.device import contact as contacts
 from harvester.device import damper, spring, system
+from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 
 RANDOM = np.random.default_rng(31)
 RATE = 3.7
@@ -140,7 +140,7 @@ def states(count):
 )
 def test_all_forms_of_a_device_agree_at_random_states(force, stoppers):
     scene = scene_of(FORCES[force], STOPPERS[stoppers], quadratic_damping=0.7)
-    s, _ = scale(scene)
+    s = prepared(scene).system
     truth = Written(scene)
     netlist, own_rate = netlist_force(scene)
     verilog = None if stoppers == "held" else verilog_force(s)
@@ -210,7 +210,7 @@ def verilog_force(s):
 
 @pytest.mark.parametrize("stoppers", ["pair", "two on the right", "left, exponent"])
 def test_energies_are_integrals_of_forces_and_stoppers_push_inwards(stoppers):
-    s, _ = scale(scene_of(FORCES["degree 7"], STOPPERS[stoppers]))
+    s = prepared(scene_of(FORCES["degree 7"], STOPPERS[stoppers])).system
     edges = [x for x in contacts.edges(s.contacts) if math.isfinite(x)]
     for x in (-1.4, -0.45, 0.2, 0.55, 1.3):
         points = [edge for edge in edges if min(0.0, x) < edge < max(0.0, x)]

@@ -6,24 +6,25 @@ from device_scenes import DEVICES, FOLLOWED, device
 from device_truths import written_path
 from truths import Keep
 
-from harvester.engines.monte_carlo import run_realizations
-from harvester.engines.realization import noise_path, start_state
-from harvester.engines.steps import knot_spacing, stop_time
-from harvester.scene.units import scale
+from harvester.monte_carlo.engine import run_realizations
+from harvester.prepared.paths import noise_path, start_state
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing, stop_time
 
 
 def deviation(scene, states, reference):
     """Greatest distance of the displacement from scipy's, in length units of the scene."""
-    _, scales = scale(scene)
+    scales = prepared(scene).scales
     return float(np.abs(states[:, 0] - reference[1:, 0] / scales.displacement).max())
 
 
 def states_of(scene, step):
     """States of Monte Carlo at the knots."""
     keep = Keep()
-    paths, starts = [noise_path(scene, 0)], [start_state(scene, 0)]
+    ready = prepared(scene)
+    paths, starts = [noise_path(ready, 0)], [start_state(ready, 0)]
     run_realizations(scene, paths, starts, [[keep]], step, "external")
-    return keep.at_knots(knot_spacing(scene))
+    return keep.at_knots(knot_spacing(ready))
 
 
 EACH = [
@@ -35,7 +36,8 @@ EACH = [
 @pytest.mark.parametrize("name", EACH)
 def test_monte_carlo_follows_scipys_path(name):
     scene = device(name)
-    knots = round(stop_time(scene) / knot_spacing(scene))
+    ready = prepared(scene)
+    knots = round(stop_time(ready) / knot_spacing(ready))
     reference = written_path(scene, knots)
     assert deviation(scene, states_of(scene, "finest"), reference) < 2e-6
     assert deviation(scene, states_of(scene, "default"), reference) < 6e-3
@@ -43,7 +45,8 @@ def test_monte_carlo_follows_scipys_path(name):
 
 def test_the_order_of_convergence_is_runge_kuttas():
     scene = device("coil with inductance")
-    reference = written_path(scene, round(stop_time(scene) / knot_spacing(scene)))
-    steps = knot_spacing(scene) / np.array([16.0, 32.0, 64.0])
+    ready = prepared(scene)
+    reference = written_path(scene, round(stop_time(ready) / knot_spacing(ready)))
+    steps = knot_spacing(ready) / np.array([16.0, 32.0, 64.0])
     errors = [deviation(scene, states_of(scene, float(step)), reference) for step in steps]
     assert np.polyfit(np.log(steps), np.log(errors), 1)[0] == pytest.approx(4.0, abs=0.3)

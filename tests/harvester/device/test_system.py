@@ -10,15 +10,15 @@ from harvester.device import spring as springs
 from harvester.device import system, timescales
 from harvester.device.contact import Contact
 from harvester.device.hertz import hertz_damp
+from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 
 FREE = (-math.inf, math.inf)
 UNEVEN = [0.3, -1.0, 0.2, 0.7, -0.1, 0.05, 0.01, 0.02]
 
 
 def device(*overrides):
-    return scale(Scene.load("paper", overrides))[0]
+    return prepared(Scene.load("paper", overrides)).system
 
 
 def zone(s, x):
@@ -75,7 +75,7 @@ def test_both_stoppers_push_inwards():
 @pytest.mark.parametrize("mode", ["energy", "event"])
 def test_the_contact_force_is_that_of_eq_5_on_either_side(gap, mode):
     scene = Scene.load("paper", [f"stoppers.gap={gap}", f"stoppers.impact_velocity={mode}"])
-    p, s = flat(scene), scale(scene)[0]
+    p, s = flat(scene), prepared(scene).system
     random = np.random.default_rng(2)
     for side in (-1.0, 1.0):
         for depth, v in zip(10.0 ** random.uniform(-6, 0, 50), random.normal(size=50), strict=True):
@@ -198,7 +198,7 @@ def test_what_flows_in_is_stored_or_lost():
 
 def test_wells_and_saddles_alternate_and_lie_where_no_force_is():
     for name in ("paper", "asymmetric", "one_sided", "tristable", "electromagnetic"):
-        s, _ = scale(Scene.load(name))
+        s = prepared(Scene.load(name)).system
         wells, saddles = timescales.wells(s), timescales.saddles(s)
         assert len(wells) == len(saddles) + 1
         found = sorted((*wells, *saddles))

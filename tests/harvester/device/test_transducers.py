@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 
 MASS, COUPLING, WINDING, LOAD = 0.0103, 14.9, 391.0, 1400.0
 CAPACITANCE, LEAK = 5e-8, 3e6
@@ -17,7 +17,8 @@ def states():
 
 
 def made(scene):
-    system, scales = scale(scene)
+    ready = prepared(scene)
+    system, scales = ready.system, ready.scales
     return system.transducer, scales, MASS * scales.displacement
 
 

@@ -5,7 +5,6 @@ import pytest
 from scipy.signal import lfilter
 from truths import flat, records_of
 
-from harvester.engines.realization import empty_moments
 from harvester.estimates.balance import energy_balance_residual
 from harvester.estimates.batch_means import (
     complete_batches,
@@ -16,12 +15,13 @@ from harvester.estimates.batch_means import (
 from harvester.estimates.densities import densities
 from harvester.estimates.estimate import TOO_SHORT, Estimate
 from harvester.estimates.means import estimate_all
-from harvester.estimates.paired import deviations, paired_difference
+from harvester.prepared.prepared import prepared
 from harvester.record.moments import Moments
 from harvester.record.record import Record
+from harvester.results.paired import deviations, paired_difference
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
-from harvester.simulation import simulate
+from harvester.simulation.realization import empty_moments
+from harvester.simulation.simulate import simulate
 
 
 def autoregressive(seed, memory, rows, length):
@@ -139,7 +139,7 @@ def test_densities_integrate_to_one_and_have_the_records_spread():
     scene = Scene.load("paper", ["run.realizations=2", "run.duration=2000", "run.settle=20"])
     moments = moments_of(scene)
     p = flat(scene)
-    estimates = estimate_all(moments, scale(scene)[0])
+    estimates = estimate_all(moments, prepared(scene).system)
     density = densities(moments)["displacement"]
     width = density.centre[1] - density.centre[0]
     assert np.sum(density.density) * width == pytest.approx(1.0, rel=1e-12)
@@ -154,7 +154,7 @@ def test_densities_integrate_to_one_and_have_the_records_spread():
 
 def test_both_efficiencies_agree_and_rms_is_the_root():
     scene = Scene.load("linear", ["run.realizations=2", "run.duration=4000"])
-    estimates = estimate_all(moments_of(scene), scale(scene)[0])
+    estimates = estimate_all(moments_of(scene), prepared(scene).system)
     one = estimates["power_conversion_efficiency"]
     other = estimates["power_conversion_efficiency_of_input"]
     assert abs(one.estimate - other.estimate) < 4 * other.standard_error
@@ -180,7 +180,7 @@ def powers(seed, points=12_800, batches=128):
 def test_effective_samples_are_the_points_where_each_is_drawn_anew():
     """An error bar from 128 batches is known to 6 %, its square to 13 %: three times that."""
     moments = powers(1)
-    found = estimate_all([moments], scale(Scene.load("linear"))[0])
+    found = estimate_all([moments], prepared(Scene.load("linear")).system)
     for name in (
         "mean_power",
         "mean_loss_power",
@@ -192,7 +192,7 @@ def test_effective_samples_are_the_points_where_each_is_drawn_anew():
 
 def test_what_two_results_have_in_common_cancels_from_their_difference():
     one, same, other = ([powers(seed)] for seed in (1, 1, 2))
-    system = scale(Scene.load("linear"))[0]
+    system = prepared(Scene.load("linear")).system
 
     def difference(name, left, right):
         results = (SimpleNamespace(moments=each) for each in (left, right))
@@ -222,7 +222,7 @@ def test_an_error_bar_has_the_unit_of_its_estimate():
 
 def test_short_runs_say_so_in_the_estimate():
     scene = Scene.load("paper", ["run.realizations=2", "run.duration=10", "run.settle=0"])
-    estimate = estimate_all(moments_of(scene), scale(scene)[0])["mean_square_voltage"]
+    estimate = estimate_all(moments_of(scene), prepared(scene).system)["mean_square_voltage"]
     assert estimate.standard_error is None
     assert estimate.note == TOO_SHORT
     assert np.isfinite(estimate.estimate)
@@ -230,7 +230,7 @@ def test_short_runs_say_so_in_the_estimate():
 
 def test_the_residual_sees_a_wrong_coefficient():
     scene = Scene.load("paper", SHORT)
-    system, _ = scale(scene)
+    system = prepared(scene).system
     moments = moments_of(scene)
     assert abs(energy_balance_residual(moments, system)) < 0.01
     for m in moments:

@@ -5,12 +5,13 @@ import math
 import numpy as np
 import pytest
 
+from circuits.loads.kinds import LOSS, OUTPUT, STATE, STORE, TAKEN
 from circuits.loads.measurement import Measurement
 from harvester.estimates.estimate import NO_VALUE
 from harvester.estimates.measures import INTEGRAL, without_value
 from harvester.estimates.output_side import estimate_output
 from harvester.record.moments import Moments
-from harvester.record.output_side import LOSS, OUTPUT, STATE, STORE, TAKEN, OutputMoments
+from harvester.record.output_side import OutputMoments
 from harvester.record.record import Record
 
 ROWS = (

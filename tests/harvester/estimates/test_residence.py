@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from harvester import Scene
-from harvester.engines.realization import run
 from harvester.estimates.of_run import run_estimates
 from harvester.estimates.settling import _exchange
+from harvester.simulation.realization import run
 
 SHARE = "share_of_time_in_well_1"
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from harvester.averaging import average
-from harvester.engines.protocol import ENGINES
 from harvester.estimates.settling import left_of_start, shortfalls, withheld
+from harvester.prepared.prepared import prepared
 from harvester.record.moments import QUANTITIES, Moments
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
-from harvester.simulation import simulate
+from harvester.simulation.methods import ENGINES
+from harvester.simulation.simulate import simulate
 
 SLOW_LOAD = ["load.decay_rate=1e-3", "excitation.intensity=0.1", "run.realizations=32"]
 LONG = {"run.settle": 8000.0, "run.duration": 2000.0}
@@ -49,7 +49,7 @@ def test_long_enough_after_the_advice_it_has_one_that_holds(pool):
     result = simulate(scene, method="monte-carlo", runner=pool)
     assert notes_of(result) == []
     found = result.scaled_quantities["mean_square_voltage"]
-    truth = average(scale(scene)[0]).mean_square_voltage
+    truth = average(prepared(scene).system).mean_square_voltage
     assert abs(found.estimate - truth) < 4.0 * found.standard_error + 0.01 * truth
 
 
@@ -104,7 +104,7 @@ def judged(values):
     from harvester.estimates.means import estimate_all
 
     scene = Scene.load("linear", ["run.settle=1000", f"run.realizations={len(values)}"])
-    p, _ = scale(scene)
+    p = prepared(scene).system
     moments = series(scene, values)
     estimates = estimate_all(moments, p)
     found = shortfalls(scene, p, moments, estimates)

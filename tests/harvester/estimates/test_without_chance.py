@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from harvester import Scene
-from harvester.engines.realization import run
-from harvester.engines.steps import step_error
 from harvester.estimates.batch_means import error_without_chance
 from harvester.estimates.of_run import run_estimates
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import step_error
+from harvester.simulation.realization import run
 
 
 def test_equal_batches_have_no_error():
@@ -35,9 +36,9 @@ def test_a_resistor_after_two_seconds_is_known_to_its_steps():
         }
     )
     [found] = run(scene, "monte-carlo", [0], "default", "external", None, lambda _: None)
-    power = run_estimates(scene, [found.moments], step_error(scene, engine="monte-carlo")).scaled[
-        "mean_power"
-    ]
+    power = run_estimates(
+        scene, [found.moments], step_error(prepared(scene), engine="monte-carlo")
+    ).scaled["mean_power"]
     assert power.standard_error < 2e-3 * power.estimate
     assert power.effective_sample_size is None
     exact = linear_power(scene)
@@ -46,9 +47,9 @@ def test_a_resistor_after_two_seconds_is_known_to_its_steps():
 
 def linear_power(scene):
     """By complex numbers, in scaled units."""
-    from harvester.scene.units import scale
 
-    system, scales = scale(scene)
+    ready = prepared(scene)
+    system, scales = ready.system, ready.scales
     omega = 2.0 * math.pi * scene.excitation.frequency
     beta, rate = system.transducer.coupling, system.transducer.decay_rate()
     stiffness, force = system.spring.coefficients[1], scene.excitation.amplitude
@@ -88,7 +89,7 @@ def test_what_a_bridge_gets_from_a_sine_has_an_error_without_samples():
         }
     )
     [found] = run(scene, "monte-carlo", [0], "default", "external", None, lambda _: None)
-    cost = step_error(scene, engine="monte-carlo")
+    cost = step_error(prepared(scene), engine="monte-carlo")
     power = run_estimates(scene, [found.moments], cost).scaled["mean_output_power"]
     assert cost * power.estimate <= power.standard_error < 0.01 * power.estimate
     assert power.effective_sample_size is None

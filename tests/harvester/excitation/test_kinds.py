@@ -1,20 +1,18 @@
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 import pytest
+from toy_excitation import Steps
 from truths import flat
 
 from harvester.averaging.of_scene import average
-from harvester.engines.realization import noise_path
-from harvester.engines.steps import knot_spacing
 from harvester.errors import AveragingError, HarvesterError, SceneError
-from harvester.excitation import KINDS, Excitation, White, realization_seed
-from harvester.excitation.white import WhitePath
-from harvester.scene.keys import positive
+from harvester.excitation import KINDS, White, realization_seed
+from harvester.prepared.paths import noise_path
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 
 OU = {"kind": "ornstein-uhlenbeck", "intensity": 0.02, "correlation_time": 0.4}
 WHITE = {"kind": "white", "intensity": 0.02}
@@ -47,12 +45,13 @@ def record(tmp_path):
 def test_blocks_of_any_size_give_the_same_bytes(kind, record):
     table = {"white": WHITE, "sine": SINE, "sum": SUM, "record": record}[kind]
     scene = with_excitation("paper", table)
-    whole = noise_path(scene, 0).read(1000)
-    stream = noise_path(scene, 0)
+    ready = prepared(scene)
+    whole = noise_path(ready, 0).read(1000)
+    stream = noise_path(ready, 0)
     parts = np.concatenate([stream.read(n) for n in (1, 0, 7, 500, 492)])
     assert whole.tobytes() == parts.tobytes()
     if kind != "sine":
-        assert noise_path(scene, 1).read(1000).tobytes() != whole.tobytes()
+        assert noise_path(ready, 1).read(1000).tobytes() != whole.tobytes()
 
 
 @pytest.mark.slow
@@ -92,10 +91,11 @@ def test_white_noise_has_its_density_at_low_frequency():
 
 def test_the_sine_has_its_amplitude_between_the_knots_too():
     scene = with_excitation("paper", SINE)
-    spacing = knot_spacing(scene)
+    ready = prepared(scene)
+    spacing = knot_spacing(ready)
     knots = round(1 / (0.35 * spacing))
     assert knots * spacing == pytest.approx(1 / 0.35)
-    samples = noise_path(scene, 0).read(knots + 1)
+    samples = noise_path(ready, 0).read(knots + 1)
     time = np.linspace(0, 1 / 0.35, 200 * knots + 1)
     between = np.interp(time, spacing * np.arange(knots + 1), samples)
     turn = np.exp(-2j * np.pi * 0.35 * time)
@@ -107,12 +107,12 @@ def test_a_sum_is_the_sum_of_its_parts():
     scene = with_excitation("paper", {**SUM, "knot_spacing": 0.04})
     only_sine = with_excitation("paper", {**SINE, "knot_spacing": 0.04})
     no_noise = {**SUM, "knot_spacing": 0.04, "parts": [SINE, {**WHITE, "intensity": 1e-30}]}
-    quiet = noise_path(with_excitation("paper", no_noise), 0).read(100)
-    np.testing.assert_allclose(quiet, noise_path(only_sine, 0).read(100), atol=1e-12)
+    quiet = noise_path(prepared(with_excitation("paper", no_noise)), 0).read(100)
+    np.testing.assert_allclose(quiet, noise_path(prepared(only_sine), 0).read(100), atol=1e-12)
     # Two white parts have numbers of their own: variances add (15 standard deviations apart).
     parts = [WHITE, WHITE]
     double = with_excitation("paper", {"kind": "sum", "parts": parts, "knot_spacing": 0.04})
-    variance = noise_path(double, 0).read(20000).var()
+    variance = noise_path(prepared(double), 0).read(20000).var()
     assert variance == pytest.approx(2 * 2 * 0.02 / 0.04, rel=0.05)
     assert flat(scene).intensity > 2 * 0.02 + 0.02
 
@@ -126,8 +126,8 @@ def test_white_noise_averages_as_the_limit_of_short_correlation():
 
 
 def test_kinds_that_make_no_sense_are_refused_in_one_line():
+    from harvester.verification.accuracy.work_precision import work_precision
     from harvester.verification.stability.matrix import stability
-    from harvester.verification.work_precision.measurement import work_precision
 
     scene = with_excitation("paper", SINE)
     for call, word in ((stability, "stability"), (work_precision, "work-precision")):
@@ -174,7 +174,7 @@ def test_a_mistake_is_refused_in_one_line_that_names_it(table, words):
 )
 def test_knots_that_do_not_fit_are_refused_where_they_are_needed(table, words):
     with pytest.raises(SceneError) as caught:
-        knot_spacing(with_excitation("paper", table))
+        knot_spacing(prepared(with_excitation("paper", table)))
     assert "\n" not in str(caught.value)
     for word in words:
         assert word in str(caught.value)
@@ -187,36 +187,12 @@ def test_a_sum_survives_its_tables():
     assert other.digest() != scene.digest()
 
 
-@dataclass(frozen=True)
-class Steps(Excitation):
-    """A toy kind: what the recipe in CONTRIBUTING asks for, and no more."""
-
-    height: float
-    kind: str = "steps"
-    knot_spacing: float | None = None
-
-    KEYS: ClassVar[dict] = {"height": positive(required=True)}
-
-    def spacing(self, longest):
-        return longest
-
-    def equivalent_noise(self, relaxation_time, longest):
-        return self.height**2 * relaxation_time, relaxation_time
-
-    def path(self, spacing, length, seed):
-        return WhitePath(0.5 * spacing * (self.height / length) ** 2, spacing, seed)
-
-    def notes(self, spacing, angular_frequency, run):
-        return ()
-
-
 def test_a_new_kind_is_one_class_and_one_entry(monkeypatch):
     monkeypatch.setitem(KINDS, "steps", Steps)
     scene = with_excitation("paper", {"kind": "steps", "height": 0.3})
     parts = [{"kind": "steps", "height": 0.3}, SINE]
-    assert noise_path(scene, 0).read(4000).std() == pytest.approx(0.3, rel=0.05)
-    assert (
-        noise_path(with_excitation("paper", {"kind": "sum", "parts": parts}), 0).read(3).size == 3
-    )
+    assert noise_path(prepared(scene), 0).read(4000).std() == pytest.approx(0.3, rel=0.05)
+    both = with_excitation("paper", {"kind": "sum", "parts": parts})
+    assert noise_path(prepared(both), 0).read(3).size == 3
     with pytest.raises(SceneError, match="did you mean height"):
         with_excitation("paper", {"kind": "steps", "heigth": 0.3})

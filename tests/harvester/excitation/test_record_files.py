@@ -18,10 +18,10 @@ from harvester.excitation import mat_file
 from harvester.excitation.quantities import ACCELERATION, QUANTITIES, heading, unit_named
 from harvester.excitation.recorded import RecordedMotion
 from harvester.identification.measurement import read_measurement
+from harvester.prepared.prepared import prepared
 from harvester.record import moments
 from harvester.scene.model import Scene
 from harvester.scene.source import BUILT_IN
-from harvester.scene.units import scale
 
 RATE, COUNT, G = 250.0, 500, 9.80665
 TIMES = np.arange(COUNT) / RATE
@@ -527,7 +527,7 @@ def test_a_scene_may_begin_with_a_byte_order_mark(tmp_path):
 
 
 def test_a_device_at_rest_that_nothing_drives_is_balanced():
-    system, _ = scale(Scene.load("linear"))
+    system = prepared(Scene.load("linear")).system
     rest = np.zeros(9)
     still = SimpleNamespace(integrals=np.zeros((2, len(moments.QUANTITIES))), first=rest, last=rest)
     assert energy_balance_residual([still], system) == 0.0

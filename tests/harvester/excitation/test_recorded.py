@@ -4,11 +4,12 @@ from scipy import signal
 from scipy.io import wavfile
 from truths import Keep, flat, records_of
 
-from harvester.engines.realization import noise_path
 from harvester.errors import SceneError
 from harvester.excitation import conditioning
+from harvester.prepared.paths import noise_path
+from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 
 RATE = 100.0
 
@@ -55,7 +56,7 @@ def test_a_linear_device_answers_a_record_as_lsim_says(tmp_path):
 
 def test_a_bump_of_the_base_pushes_the_mass_the_other_way(tmp_path):
     scene = recorded(saved(tmp_path, motion()), "device", unit="g")
-    eta = noise_path(scene, 0).read(3001)
+    eta = noise_path(prepared(scene), 0).read(3001)
     np.testing.assert_allclose(eta, -9.80665 * motion()[:3001] / 0.01, rtol=1e-12)
 
 
@@ -88,7 +89,9 @@ def test_text_numpy_and_sound_files_hold_the_same_motion(tmp_path):
         name = keys.pop("file")
         scene = recorded(tmp_path / name, **keys)
         assert scene.excitation.interval == pytest.approx(0.01), name
-        np.testing.assert_allclose(noise_path(scene, 0).read(3000), samples[:3000], atol=1e-8)
+        np.testing.assert_allclose(
+            noise_path(prepared(scene), 0).read(3000), samples[:3000], atol=1e-8
+        )
 
 
 def test_trend_and_band_are_taken_away(tmp_path):
@@ -119,7 +122,7 @@ def test_a_repeated_record_has_no_seam_and_keeps_its_power(tmp_path):
     )
     loop = scene.excitation.samples.size
     assert loop == samples.size - round(0.05 * samples.size)
-    paths = [noise_path(scene, k).read(2 * loop) for k in range(3)]
+    paths = [noise_path(prepared(scene), k).read(2 * loop) for k in range(3)]
     assert not np.array_equal(paths[0], paths[1])
     for path in paths:
         np.testing.assert_array_equal(path[:loop], path[loop:])

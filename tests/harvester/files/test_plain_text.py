@@ -8,8 +8,10 @@ from circuits.export import for_ltspice, stand_alone
 from circuits.schematic.drawing import schematic
 from harvester.averaging.of_scene import average
 from harvester.command_line import main
-from harvester.engines.realization import noise_path
 from harvester.files.plain_text import json_text, name, one_line
+from harvester.prepared.paths import noise_path
+from harvester.prepared.prepared import prepared
+from harvester.results.drawing import draw_result
 from harvester.scene.model import Scene
 from harvester.scene.source import BUILT_IN
 from harvester.show import figures
@@ -55,7 +57,7 @@ def test_ordinary_names_stay():
 def test_a_scene_name_adds_nothing_to_netlists(tmp_path, hostile):
     scene = Scene.load("linear", ["run.duration=0.1", "run.settle=0"])
     other = Scene.from_tables(scene.to_tables(), name=hostile)
-    path = [noise_path(scene, 0) for _ in range(4)]
+    path = [noise_path(prepared(scene), 0) for _ in range(4)]
     plain, evil = stand_alone(scene, path[0]).text, stand_alone(other, path[1]).text
     assert evil.split("\n")[2:] == plain.split("\n")[2:]
     (tmp_path / "a.cir").write_text(evil + ".end\n")
@@ -68,7 +70,7 @@ def test_a_scene_name_adds_nothing_to_netlists(tmp_path, hostile):
 def test_the_call_that_a_netlist_names_is_quoted():
     scene = Scene.load("linear", ["run.duration=0.1", "run.settle=0"])
     scene = Scene.from_tables(scene.to_tables(), name="two words & more")
-    text = stand_alone(scene, noise_path(scene, 0)).text
+    text = stand_alone(scene, noise_path(prepared(scene), 0)).text
     assert "-r 'two words & more.raw' 'two words & more.cir'\n" in text
 
 
@@ -108,9 +110,9 @@ def test_schematics_and_studies_take_names(tmp_path):
 
 def test_figures_believe_no_matplotlibrc(tmp_path, monkeypatch):
     result = average(Scene.load("linear"), method="paper")
-    plain = figures.picture(figures.draw_result, result, "png")
+    plain = figures.picture(draw_result, result, "png")
     import matplotlib
 
     with matplotlib.rc_context({"font.size": 40, "text.usetex": True}):
-        assert figures.picture(figures.draw_result, result, "png") == plain
+        assert figures.picture(draw_result, result, "png") == plain
         assert schematic(result.scene).image(".png")

@@ -11,9 +11,10 @@ from harvester.files.surroundings import PACKAGE, away_from_working_folder, who_
 DRAW = """
 import hashlib
 from harvester import Scene, average
+from harvester.results.drawing import draw_result
 from harvester.show import figures
 result = average(Scene.load("linear"), method="consistent")
-print(hashlib.sha256(figures.picture(figures.draw_result, result, format="png")).hexdigest())
+print(hashlib.sha256(figures.picture(draw_result, result, format="png")).hexdigest())
 """
 
 
@@ -49,13 +50,14 @@ def test_a_figure_is_not_the_users_settings(monkeypatch):
     import matplotlib
 
     from harvester.averaging.of_scene import average
+    from harvester.results.drawing import draw_result
     from harvester.scene.model import Scene
     from harvester.show import figures
 
     result = average(Scene.load("linear"), method="consistent")
 
     def picture():
-        drawn = figures.picture(figures.draw_result, result, format="png")
+        drawn = figures.picture(draw_result, result, format="png")
         return hashlib.sha256(drawn).hexdigest()
 
     plain = picture()

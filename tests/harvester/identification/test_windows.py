@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from measured_records import scene_of
 
-from harvester.engines.sampled import states_at_samples
 from harvester.identification.shooting import Fit
 from harvester.identification.windows import lengthened
-from harvester.scene.units import scale
+from harvester.monte_carlo.sampled import states_at_samples
+from harvester.prepared.prepared import prepared
 
 WINDOWS, SAMPLES = 9, 20
 
@@ -53,7 +53,7 @@ def test_an_error_that_arises_within_a_window_limits_it_as_well():
 def test_a_window_without_a_start_is_left_out():
     piezo = {"piezo": {"coupling": 1e-3, "capacitance": 5e-8}}
     device = scene_of(0.01, 0.03, [0.0, 150.0], piezo, 2e5)
-    system, _ = scale(device)
+    system = prepared(device).system
     rng = np.random.default_rng(1)
     eta, edges = rng.standard_normal(121), np.array([0, 20, 40, 60])
     starts = rng.standard_normal((3, 3))

@@ -6,11 +6,11 @@ import pytest
 from harvester.device import timescales
 from harvester.device.cores import core_energies, cores_within, jump_rates
 from harvester.device.system import potential
+from harvester.prepared.prepared import prepared
 from harvester.record.joint import JointHistogram
 from harvester.record.jumps import Jumps
 from harvester.record.record import Record
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 
 # U = −x² + x⁴/4: wells at ±√2 with a barrier of 1, cores below a quarter of it.
 WELL = np.sqrt(2.0)
@@ -19,7 +19,7 @@ SLOW, FAST = 0.5, 1.2  # velocities at a well's bottom: ½v² = 0.125 and 0.72
 
 def device(force=(0.0, -2.0, 0.0, 1.0)):
     """A device without stoppers in scaled units."""
-    return scale(
+    return prepared(
         Scene.from_tables(
             {
                 "units": "scaled",
@@ -30,7 +30,7 @@ def device(force=(0.0, -2.0, 0.0, 1.0)):
                 "run": {"duration": 10.0, "seed": 1},
             }
         )
-    )[0]
+    ).system
 
 
 def record(points):

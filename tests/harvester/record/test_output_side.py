@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 
+from circuits.loads.kinds import LOSS, OUTPUT, STATE
 from harvester.estimates.output_side import estimate_output
 from harvester.record.moments import Moments
-from harvester.record.output_side import LOSS, OUTPUT, STATE, OutputMoments
+from harvester.record.output_side import OutputMoments
 from harvester.record.record import Record
 
 # A piecewise linear passage over levels 2.2 % apart, of t = −ln(1 − v) at v = 0.9: h²/8 · 1/(1−v)².

@@ -5,11 +5,12 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from harvester.engines.monte_carlo import integrate, record_of
-from harvester.engines.realization import empty_moments, noise_path, start_state
-from harvester.engines.steps import knot_spacing, stop_time
+from harvester.monte_carlo.engine import integrate, record_of
+from harvester.prepared.paths import noise_path, start_state
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing, stop_time
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
+from harvester.simulation.realization import empty_moments
 
 REALIZATIONS = 11  # a block of eight and a part of one
 KNOTS = 6144  # 24 batches of whole knots: a contact's points then lie in one of them
@@ -49,17 +50,18 @@ def test_moments_are_the_same_where_no_point_is_kept():
 def scene_of(name, settle):
     """A run of whole batches in knots, with enough noise for contacts and jumps."""
     scene = Scene.load(name)
-    spacing = knot_spacing(scene)
+    spacing = knot_spacing(prepared(scene))
     times = {"run.duration": KNOTS * spacing, "run.settle": settle * spacing}
     noise = {"excitation.intensity": 4.0 * scene.excitation.intensity}
     return scene.replace({"run.realizations": REALIZATIONS, **times, **noise})
 
 
 def run(scene, moments, keep):
-    system, _ = scale(scene)
-    paths = [noise_path(scene, k) for k in range(REALIZATIONS)]
-    starts = [start_state(scene, k) for k in range(REALIZATIONS)]
-    return integrate(system, paths, starts, stop_time(scene), moments=moments, keep=keep)
+    ready = prepared(scene)
+    system = ready.system
+    paths = [noise_path(ready, k) for k in range(REALIZATIONS)]
+    starts = [start_state(ready, k) for k in range(REALIZATIONS)]
+    return integrate(system, paths, starts, stop_time(ready), moments=moments, keep=keep)
 
 
 def assert_same(one, other):

@@ -8,14 +8,15 @@ import pytest
 from scipy.integrate import quad
 from truths import flat, interpolated_linear_means
 
-from harvester.engines.steps import knot_spacing
 from harvester.errors import AveragingError, HarvesterError, LoadError
-from harvester.estimates.paired import paired_difference
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing
+from harvester.results.paired import paired_difference
 from harvester.running import Request, open_runner
 from harvester.running.realizations import Realizations
 from harvester.running.request import next_count, relative_error
 from harvester.scene.model import Scene
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 
 LINEAR = Scene.load("linear", ["run.realizations=2", "run.duration=500", "run.settle=50"])
 PAPER = Scene.load("paper", ["run.realizations=2", "run.duration=500", "run.settle=50"])
@@ -55,7 +56,7 @@ def test_realizations_are_added_until_the_error_bar_is_the_one_asked_for(runner)
     voltage = answer.quantities["mean_square_voltage"]
     assert relative_error(voltage) <= 0.02
     assert 8 < answer.realizations == answer.scene.run.realizations < 80
-    exact = interpolated_linear_means(flat(LINEAR), knot_spacing(LINEAR))
+    exact = interpolated_linear_means(flat(LINEAR), knot_spacing(prepared(LINEAR)))
     error = abs(voltage.estimate - exact["mean_square_voltage"])
     assert error < 4.0 * voltage.standard_error
     assert not any("asked for" in note for note in answer.notes)

@@ -7,11 +7,11 @@ import toy_study
 import worker_calls
 from toy_study import study
 
-from harvester.engines.pools import WorkerPool
 from harvester.errors import AveragingError, FolderInUse, HarvesterError, SimulatorCrashed
 from harvester.running import Task, Wanted, open_runner
 from harvester.running.progress import Progress
 from harvester.scene.model import Scene
+from harvester.workers.pools import WorkerPool
 
 TESTS = Path(toy_study.__file__).parent
 
@@ -51,7 +51,7 @@ def test_any_processes_give_the_same_numbers(pool, kind):
         ):
             # Its own workers do not know the tests' modules.
             p.setenv("PYTHONPATH", str(TESTS))
-            p.setattr("harvester.engines.pools.call_here", call_directly)
+            p.setattr("harvester.workers.pools.call_here", call_directly)
             assert study(executor=executor)[0] == expected
     else:
         with WorkerPool(workers=1, folders=[TESTS]) as one:

@@ -19,6 +19,7 @@ from harvester.errors import (
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.means import estimate_all
 from harvester.estimates.output_side import estimate_output
+from harvester.prepared.prepared import prepared
 from harvester.record.moments import PRODUCTS, Moments
 from harvester.running.codec import (
     DIGEST,
@@ -33,7 +34,6 @@ from harvester.running.realizations import Realizations, averaging
 from harvester.running.store import MISSING, Store
 from harvester.running.task import Task, compute
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +63,7 @@ def path_of(task, folder):
 def test_an_answer_read_back_gives_the_same_numbers(bridge, task, answer, tmp_path):
     Store(tmp_path).put(task, answer)
     read = Store(tmp_path).get(task)
-    parameters, _ = scale(bridge)
+    parameters = prepared(bridge).system
 
     def values(some):
         found = estimate_all(some["moments"], parameters) | estimate_output(some["moments"])

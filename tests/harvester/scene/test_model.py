@@ -4,18 +4,19 @@ import pytest
 from truths import flat, well
 
 from harvester.averaging.of_scene import average
-from harvester.engines.steps import knot_spacing
 from harvester.errors import SceneError
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 
 
 def test_every_built_in_scene_loads_and_has_finite_parameters():
     old = {"device", "duffing", "linear", "paper", "paper_si"}
     assert set(Scene.names()) == old | {"asymmetric", "electromagnetic", "one_sided", "tristable"}
     for name in Scene.names():
-        system, scales = scale(Scene.load(name))
+        ready = prepared(Scene.load(name))
+        system, scales = ready.system, ready.scales
         assert all(math.isfinite(value) for value in numbers(system))
         assert scales.voltage > 0
 
@@ -26,8 +27,9 @@ def numbers(part):
 
 
 def test_si_and_scaled_forms_of_the_paper_give_the_same_parameters():
-    scaled, _ = scale(Scene.load("paper"))
-    si, scales = scale(Scene.load("paper_si"))
+    scaled = prepared(Scene.load("paper")).system
+    ready = prepared(Scene.load("paper_si"))
+    si, scales = ready.system, ready.scales
     assert numbers(si) == pytest.approx(numbers(scaled), rel=1e-12)
     # "One scaled volt is 6.05 mV".
     assert scales.voltage == pytest.approx(6.05e-3)
@@ -37,7 +39,7 @@ def test_si_and_scaled_forms_of_the_paper_give_the_same_parameters():
 
 def test_the_length_scale_is_the_wells_distance_where_none_is_given():
     scene = Scene.load("device", ["length_scale=none"])
-    _, scales = scale(scene)
+    scales = prepared(scene).scales
     assert scales.displacement == pytest.approx(math.sqrt(63.451 / 634509.0))
     assert flat(scene).rest == pytest.approx(1.0)
 
@@ -124,11 +126,11 @@ def test_a_scene_survives_its_tables_and_its_digest_tells_scenes_apart():
 def test_the_knot_spacing_left_out_follows_the_fastest_time(name):
     scene = Scene.load(name)
     assert scene.excitation.knot_spacing is None
-    assert knot_spacing(scene) == 0.05
+    assert knot_spacing(prepared(scene)) == 0.05
     fast = Scene.load(name, ["excitation.correlation_time=0.02"])
-    assert knot_spacing(fast) == 0.0025
+    assert knot_spacing(prepared(fast)) == 0.0025
     stiff = scene.replace({"oscillator.linear_stiffness": 400 * scene.oscillator.linear_stiffness})
-    assert knot_spacing(stiff) < 0.006
+    assert knot_spacing(prepared(stiff)) < 0.006
 
 
 @pytest.mark.slow

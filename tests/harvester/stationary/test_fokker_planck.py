@@ -12,8 +12,8 @@ from harvester.averaging.of_scene import average as average_scene
 from harvester.device import system as systems
 from harvester.device import timescales
 from harvester.errors import AveragingError
+from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 from harvester.stationary import fokker_planck, solution
 from harvester.stationary.fokker_planck import REGION_LEVEL
 from harvester.stationary.propagator import Propagator
@@ -209,7 +209,7 @@ def of_uneven_wells(force, loss, intensity):
             "run": {"duration": 10.0, "seed": 1},
         }
     )
-    return scale(scene)[0]
+    return prepared(scene).system
 
 
 def gibbs(s, temperature):
@@ -278,7 +278,7 @@ def test_many_nodes_of_charge_and_a_fast_load():
         "excitation.correlation_time": 0.70118,
         "excitation.knot_spacing": None,
     }
-    device = scale(Scene.load("paper").replace(changes))[0]
+    device = prepared(Scene.load("paper").replace(changes)).system
     few, many = (average(device, tolerance=tolerance) for tolerance in (0.01, 0.002))
     for name in ("mean_square_voltage", "power_conversion_efficiency"):
         assert within(few, name, getattr(many, name))
@@ -325,7 +325,7 @@ def test_more_nodes_of_the_charge_change_nothing(monkeypatch):
 def test_a_coil_without_inductance():
     """Linear spring, white noise: E[P] = Φ²R/(R_coil + R)² · D/c."""
     scene = Scene.load("electromagnetic", ["oscillator.restoring_force=[0, 15.393]"])
-    s, _ = scale(scene)
+    s = prepared(scene).system
     s = s._replace(noise=s.noise._replace(correlation_time=0.0))
     result = average(s)
     total = s.damper.damping + s.transducer.damping()

@@ -5,9 +5,9 @@ from device_scenes import device as device_scene
 
 from harvester.averaging.of_scene import average as average_scene
 from harvester.device import timescales
+from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 
 
 def assert_as_simulated(scene, names):
@@ -102,9 +102,10 @@ def test_the_well_that_holds_all_where_jumps_are_rare(name, changes):
     choices of seed.
     """
     scene = Scene.load(name).replace(changes)
+    ready = prepared(scene)
     run = {"run.duration": 5000.0, "run.settle": 50.0, "run.realizations": 1}
     # A start of its own: without jumps, means are claimed for its well alone.
-    system, scales = scale(scene)
+    system, scales = ready.system, ready.scales
     run["start.displacement"] = timescales.wells(system)[0] * scales.displacement
     truth = simulate(scene.replace(run), method="monte-carlo")
     assert truth["well_crossing_rate"].estimate == 0.0
@@ -114,7 +115,7 @@ def test_the_well_that_holds_all_where_jumps_are_rare(name, changes):
         error = 4.0 * other.standard_error + one.standard_error
         assert error < 0.06 * other.estimate
         assert one.estimate == pytest.approx(other.estimate, abs=error)
-    other = len(timescales.wells(scale(scene)[0])) - 1
+    other = len(timescales.wells(ready.system)) - 1
     assert answer[f"share_of_time_in_well_{other}"].estimate < 1e-3
 
 

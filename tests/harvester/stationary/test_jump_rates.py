@@ -9,9 +9,9 @@ from scipy.sparse.linalg import LinearOperator, eigs
 from harvester.averaging import average
 from harvester.averaging.of_scene import averaged_device
 from harvester.device import timescales
+from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 from harvester.stationary.jumps import slowest_decay_rate
 from harvester.stationary.propagator import Propagator
 
@@ -53,7 +53,7 @@ def test_kramers_and_simulation(force):
     One failure in 190 choices of the seed, for two rates of one of the devices.
     """
     scene = double_well(*force, duration=20000.0, realizations=16)
-    system, _ = scale(scene)
+    system = prepared(scene).system
     (saddle,) = timescales.saddles(system)
     right, left = timescales.wells(system)
     expected = {

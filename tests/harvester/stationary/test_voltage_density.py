@@ -9,7 +9,7 @@ from harvester.averaging import average
 from harvester.averaging.of_scene import average as average_scene
 from harvester.averaging.of_scene import averaged_device
 from harvester.scene.model import Scene
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 from harvester.stationary.flow import lagrange
 from harvester.stationary.propagator import Grid
 from harvester.stationary.voltage_density import density_of_charge

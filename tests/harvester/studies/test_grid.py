@@ -1,7 +1,8 @@
 import pytest
 
-from harvester.engines.steps import knot_spacing
 from harvester.errors import HarvesterError
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
 from harvester.studies.grid import make_grid
 
@@ -35,8 +36,9 @@ def test_either_name_means_the_loads_resistor(device, key):
 def test_all_points_share_the_finest_knots(device):
     grid = make_grid(device, ["resistor"], {"oscillator.mass": [0.001, 0.022]})
     alone = device.replace({"oscillator.mass": 0.001})
-    assert knot_spacing(alone) < knot_spacing(device)
-    assert {knot_spacing(p.scene) for p in grid.points} == {knot_spacing(alone)}
+    ready = prepared(alone)
+    assert knot_spacing(ready) < knot_spacing(prepared(device))
+    assert {knot_spacing(prepared(p.scene)) for p in grid.points} == {knot_spacing(ready)}
 
 
 def test_storage_charges_while_the_run_settles(device):

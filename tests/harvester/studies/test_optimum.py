@@ -10,12 +10,13 @@ from scipy.optimize import minimize_scalar
 from truths import flat, interpolated_linear_means, oscillator_power
 
 from harvester.command_line import main
-from harvester.engines.steps import knot_spacing
 from harvester.errors import HarvesterError, OptimumError
 from harvester.estimates.estimate import Estimate
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing
 from harvester.running import open_runner
 from harvester.scene.model import Scene
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 from harvester.studies import optimum_search
 from harvester.studies.axis import Axis
 from harvester.studies.objective import missing_from
@@ -44,7 +45,9 @@ def test_simulation_finds_the_load_of_a_linear_harvester(runner):
     search = Search(LINEAR, axis, "mean_power", "monte-carlo", runner)
     place, fitted = search.find(None)
     closed = best_load(oscillator_power)
-    exact = best_load(lambda p: interpolated_linear_means(p, knot_spacing(LINEAR))["mean_power"])
+    exact = best_load(
+        lambda p: interpolated_linear_means(p, knot_spacing(prepared(LINEAR)))["mean_power"]
+    )
     assert closed == pytest.approx(exact, rel=2e-3)
     assert abs(place.estimate - exact) < 4.0 * place.standard_error
     assert place.standard_error < 0.1 * exact
@@ -57,7 +60,9 @@ def test_averaging_and_simulation_together():
         LINEAR, "load.decay_rate", maximise="mean_power", closure="consistent", workers=2
     )
     closed = best_load(oscillator_power)
-    exact = best_load(lambda p: interpolated_linear_means(p, knot_spacing(LINEAR))["mean_power"])
+    exact = best_load(
+        lambda p: interpolated_linear_means(p, knot_spacing(prepared(LINEAR)))["mean_power"]
+    )
     assert closed == pytest.approx(exact, rel=2e-3)
     assert abs(found.place.estimate - exact) < 4.0 * found.place.standard_error
     assert found.place.standard_error < 0.05 * exact

@@ -9,8 +9,9 @@ from toy_runner import ToyRunner
 from truths import flat, interpolated_linear_means, oscillator_power
 
 from harvester.command_line import main
-from harvester.engines.steps import knot_spacing
 from harvester.errors import HarvesterError, SimulationError
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing
 from harvester.running import open_runner
 from harvester.scene.model import Scene
 from harvester.show import figures
@@ -130,7 +131,7 @@ def test_simulation_comes_to_the_same(truth, pool):
         study = sensitivity(LINEAR, VARY, rows=32, above=limit, runner=runner)
     compare(study, exact)
     # Noise between knots is linear: the closed form is right to a percent here.
-    spaced = interpolated_linear_means(flat(LINEAR), knot_spacing(LINEAR))["mean_power"]
+    spaced = interpolated_linear_means(flat(LINEAR), knot_spacing(prepared(LINEAR)))["mean_power"]
     assert spaced == pytest.approx(oscillator_power(flat(LINEAR)), rel=0.02)
     # A run this short is known to some ten percent only.
     assert study.indices.noise_variance > 0.02 * study.indices.variance.estimate

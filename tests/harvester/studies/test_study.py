@@ -14,10 +14,11 @@ from truths import flat, interpolated_linear_means
 
 from harvester.averaging.of_scene import average
 from harvester.command_line import main
-from harvester.engines.steps import knot_spacing
+from harvester.commands.console import show_table
 from harvester.errors import HarvesterError
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
-from harvester.show.console import show_table
 from harvester.studies import Report, load_study, save, to_dataset
 from harvester.studies import proof as proof_module
 from harvester.studies.proof import Proof, proving
@@ -51,7 +52,7 @@ def study(pool):
 
 def power_of(scene, resistance):
     parameters = flat(scene.replace({"load.decay_rate": 1.0 / resistance}))
-    return interpolated_linear_means(parameters, knot_spacing(scene))["mean_power"]
+    return interpolated_linear_means(parameters, knot_spacing(prepared(scene)))["mean_power"]
 
 
 def test_the_optimum_is_that_of_the_closed_form(study):

@@ -20,12 +20,12 @@ from harvester.verification.known_results.truth import (
     FAILS,
     HOLDS,
     NOT_HERE,
-    Row,
+    TruthRow,
     Verification,
     row_of,
     verify,
 )
-from harvester.verification.stability.paths import ignore
+from harvester.verification.paths import ignore
 
 # By title, of each kind that takes no second: a drop, loads on a prescribed sine, an orbit.
 QUICK = ("e = 0.7", "resistor on a prescribed sine, omega C R = 1", "sece", "f = 0.0922")
@@ -77,7 +77,9 @@ def test_a_path_by_another_holds_and_that_of_another_damper_fails(truth, monkeyp
     task = truth.asked["monte-carlo"]
 
     def verdict():
-        return Row(truth, "monte-carlo", *task.function(report=ignore, **task.arguments)).verdict
+        return TruthRow(
+            truth, "monte-carlo", *task.function(report=ignore, **task.arguments)
+        ).verdict
 
     try:
         assert verdict() == HOLDS
@@ -106,10 +108,10 @@ def test_a_row_without_its_program_is_skipped_in_one_line(monkeypatch):
 
 def test_a_value_hardly_known_agrees_with_anything_and_does_not_hold():
     truth = dataclasses.replace(quick()[0], exact=1.0, allowance=0.0)
-    assert Row(truth, "circuit", 1.05, 0.03).verdict == HOLDS
-    assert Row(truth, "circuit", 1.1, 0.06).verdict == BLUNT
-    assert Row(truth, "circuit", 1.1, 0.03).verdict == FAILS
-    assert Row(truth, "circuit", math.nan, 0.03).verdict == FAILS
+    assert TruthRow(truth, "circuit", 1.05, 0.03).verdict == HOLDS
+    assert TruthRow(truth, "circuit", 1.1, 0.06).verdict == BLUNT
+    assert TruthRow(truth, "circuit", 1.1, 0.03).verdict == FAILS
+    assert TruthRow(truth, "circuit", math.nan, 0.03).verdict == FAILS
 
 
 @pytest.mark.slow

@@ -10,8 +10,9 @@ import pytest
 from truths import flat, interpolated_linear_means
 
 from harvester.command_line import main
-from harvester.engines.steps import knot_spacing
 from harvester.estimates.estimate import Density, Estimate
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing
 from harvester.running import Answer, Request, open_runner
 from harvester.scene.model import Scene
 from harvester.verification.paper import claims as module
@@ -128,8 +129,8 @@ def test_comparisons_of_two_parameters():
     assert verdict(Unchanged("mean_power", ((E, ends), (D, ends)), 0.2), function) == IN_PART
     assert verdict(Changed("mean_power", ((D, ends),), 0.2), function) == HOLDS
     assert verdict(Changed("mean_power", ((E, ends),), 0.2), function) == FAILS
-    assert verdict(Opposed("mean_power", "other", ((D, ends),)), function) == HOLDS
-    assert verdict(Opposed("mean_power", "mean_power", ((D, ends),)), function) == FAILS
+    assert verdict(Opposed("mean_power", ((D, ends),), "other"), function) == HOLDS
+    assert verdict(Opposed("mean_power", ((D, ends),), "mean_power"), function) == FAILS
 
 
 def test_a_change_below_a_limit_is_told_as_it_is_and_judged_by_what_is_left():
@@ -204,7 +205,8 @@ def test_differences_on_common_noise_are_right_and_surer(pool):
         outcomes = runner.answer(requests)
     change, error = relative_change(*outcomes, "mean_power")
     exact = [
-        interpolated_linear_means(flat(load), knot_spacing(load))["mean_power"] for load in loads
+        interpolated_linear_means(flat(load), knot_spacing(prepared(load)))["mean_power"]
+        for load in loads
     ]
     assert abs(change - (exact[1] / exact[0] - 1.0)) < 4.0 * error
     estimate = outcomes[0].quantities["mean_power"]

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from harvester.scene.model import Scene
-from harvester.verification.paper.figures_list import FIGURES, SYMBOLS
+from harvester.verification.paper.figures_list import FIGURES, KEY_SYMBOLS
 
 # The captions, as printed: (figure, panel, swept symbol, sentence).
 DENSITIES = [
@@ -43,7 +43,7 @@ def numbers(sentence):
 
 
 def curve_values(panel, symbol):
-    return [v for curve in panel.curves for k, v in curve.changes if SYMBOLS[k] == symbol]
+    return [v for curve in panel.curves for k, v in curve.changes if KEY_SYMBOLS[k] == symbol]
 
 
 def test_every_figure_with_noise_is_there():
@@ -61,7 +61,7 @@ def test_curves_have_the_caption_s_values(figure, panel, symbol, caption):
 def test_axes_have_the_caption_s_range(figure, panel, symbol, caption, quick):
     swept = FIGURES[figure].panels[panel]
     lines, simulated = swept.values(quick)
-    assert SYMBOLS[swept.swept] == symbol
+    assert KEY_SYMBOLS[swept.swept] == symbol
     for values in (lines, simulated):
         assert [values[0], values[-1]] == numbers(caption)
         assert values == sorted(values)

@@ -19,7 +19,7 @@ P = flat(SCENE)
 
 @pytest.fixture(scope="module")
 def maps():
-    return orbit_maps.surfaces(SCENE), orbit_maps.frequency_response(SCENE)
+    return orbit_maps.surfaces(SCENE), orbit_maps.orbit_voltages(SCENE)
 
 
 def added_stiffness(frequency):

@@ -124,7 +124,7 @@ def test_a_refused_point_is_a_gap_in_its_line_and_named():
     lines = [line for line in axes.lines if len(line.get_xdata()) == 5]
     assert len(lines) == 2 * len(CLOSURES)
     gaps = [np.flatnonzero(np.isnan(line.get_ydata())).tolist() for line in lines]
-    assert gaps == [[2] if method == "consistent" else [] for method in 2 * CLOSURES]
+    assert gaps == [[2] if method == "consistent" else [] for method in 2 * (*CLOSURES,)]
     where = "τ1 = 0.4, D = 0.065"
     assert ("consistent", where, "does not hold here") in content.refused
     assert f"fig7: refused by consistent at {where}: does not hold here" in content.sentences()

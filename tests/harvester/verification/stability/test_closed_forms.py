@@ -5,8 +5,8 @@ import math
 import pytest
 from scipy.integrate import quad
 
+from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
 from harvester.verification.stability.closed_forms import closed_forms, gibbs, small_motion
 
 ZETA, COUPLING, RATIO = 0.01, 0.1, 1.0
@@ -21,7 +21,7 @@ def linear_system(correlation_time):
         "excitation.intensity=1",
         f"excitation.correlation_time={correlation_time}",
     ]
-    return scale(Scene.load("linear", overrides))[0]
+    return prepared(Scene.load("linear", overrides)).system
 
 
 @pytest.mark.parametrize(("time", "power"), [(0.1, 0.694558), (1.0, 0.342642), (10.0, 0.007002)])
@@ -52,7 +52,7 @@ def test_gibbs_is_the_quadrature_over_the_potential():
             "excitation.correlation_time=1e-3",
         ],
     )
-    means = gibbs(scale(scene)[0])
+    means = gibbs(prepared(scene).system)
     cubic = scene.oscillator.cubic_stiffness
     temperature = 0.5 / 1.001
 
@@ -62,4 +62,4 @@ def test_gibbs_is_the_quadrature_over_the_potential():
     square = quad(lambda x: x * x * weight(x), -4, 4)[0] / quad(weight, -4, 4)[0]
     assert means["mean_square_velocity"][0] == pytest.approx(temperature)
     assert means["mean_square_displacement"][0] == pytest.approx(square, rel=1e-6)
-    assert gibbs(scale(Scene.load("paper"))[0]) == {}
+    assert gibbs(prepared(Scene.load("paper")).system) == {}

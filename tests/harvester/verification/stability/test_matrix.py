@@ -8,13 +8,14 @@ from truths import drop_scene, flat
 
 from harvester.command_line import main
 from harvester.device.timescales import fastest_angular_frequency, wells
-from harvester.engines.steps import knot_spacing, steps_per_knot
 from harvester.errors import SceneError
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.running import open_runner
 from harvester.scene.model import Scene
-from harvester.scene.units import scale
-from harvester.simulation import simulate
+from harvester.simulation.simulate import simulate
 from harvester.verification.known_results.formulas import rebound_speed
+from harvester.verification.quantities import MEANS
 from harvester.verification.stability import matrix as module
 from harvester.verification.stability.cases import (
     STEP_BUDGET,
@@ -24,7 +25,7 @@ from harvester.verification.stability.cases import (
     run_length,
 )
 from harvester.verification.stability.matrix import StabilityMatrix, stability
-from harvester.verification.stability.verdicts import COMPARED, REFUSED, RIGHT, Row, Verdict
+from harvester.verification.stability.verdicts import REFUSED, RIGHT, CaseRow, Cell
 
 CASE = Case("scene", "as it is", {})
 # Without coupling: none of a scene in SI units.
@@ -58,8 +59,12 @@ def test_cases_fit_scenes_without_stoppers_or_wells():
                 scene = changed(Scene.load(name), case)
             except SceneError:
                 continue
-            steps = (scene.run.duration + scene.run.settle) / knot_spacing(scene)
-            total = steps * steps_per_knot(scene, engine="monte-carlo") * scene.run.realizations
+            steps = (scene.run.duration + scene.run.settle) / knot_spacing(prepared(scene))
+            total = (
+                steps
+                * steps_per_knot(prepared(scene), engine="monte-carlo")
+                * scene.run.realizations
+            )
             assert total <= STEP_BUDGET * (1 + 1e-9), case.title
 
 
@@ -81,7 +86,7 @@ def test_cases_are_made_of_any_parts(name, overrides, refused):
     found = set()
     for case in default_cases():
         try:
-            system, _ = scale(changed(scene, case))
+            system = prepared(changed(scene, case)).system
         except SceneError:
             found.add(case.name)
             continue
@@ -112,12 +117,13 @@ def test_the_default_step_follows_the_amplitude_that_the_noise_drives():
     weak, strong = (
         Scene.load("paper", [f"excitation.intensity={d}", "stoppers=none"]) for d in (0.02, 100)
     )
-    assert steps_per_knot(weak, engine="monte-carlo") == 1
-    assert steps_per_knot(strong, engine="monte-carlo") >= 3
-    assert steps_per_knot(strong) == pytest.approx(
-        2 * steps_per_knot(strong, engine="monte-carlo"), abs=1
+    ready = prepared(strong)
+    assert steps_per_knot(prepared(weak), engine="monte-carlo") == 1
+    assert steps_per_knot(ready, engine="monte-carlo") >= 3
+    assert steps_per_knot(ready) == pytest.approx(
+        2 * steps_per_knot(ready, engine="monte-carlo"), abs=1
     )
-    fastest = fastest_angular_frequency(scale(strong)[0])
+    fastest = fastest_angular_frequency(ready.system)
     result = simulate(
         strong.replace({"run.realizations": 2, "run.duration": 400.0, "run.settle": 50.0}),
         method="monte-carlo",
@@ -137,7 +143,7 @@ def test_monte_carlo_holds_when_the_load_is_faster_than_the_step(pool, rate):
     circuit, reference = (
         simulate(scene, method=e, runner=pool) for e in ("circuit", "monte-carlo")
     )
-    for name in COMPARED:
+    for name in MEANS:
         ours = circuit.scaled_quantities[name].estimate
         assert ours == pytest.approx(reference.scaled_quantities[name].estimate, rel=5e-3)
 
@@ -207,7 +213,7 @@ def test_the_same_folder_again_computes_nothing_and_tells_the_same(tmp_path):
 
 
 def test_a_wrong_cell_is_exit_code_one(monkeypatch, capsys):
-    row = Row(CASE, None, {"circuit": None}, {"circuit": Verdict("wrong", "far off")})
+    row = CaseRow(CASE, {"circuit": None}, {"circuit": Cell("wrong", "far off")})
     wrong = StabilityMatrix(Scene.load("paper"), [row], 1.0)
     monkeypatch.setattr(module, "stability", lambda scene, **_: wrong)
     assert main(["stability"]) == 1
@@ -240,7 +246,7 @@ def test_a_case_is_right_by_all_that_take_it(name, monkeypatch):
     monkeypatch.setattr("harvester.verification.stability.cases.STEP_BUDGET", 400_000)
     chosen = [case for case in default_cases() if case.name == name]
     (row,) = stability(Scene.load("paper"), cases=chosen, workers=1).rows
-    words = {method: verdict.word for method, verdict in row.verdicts.items()}
+    words = {method: verdict.word for method, verdict in row.cells.items()}
     refusing = REFUSING[name]
     assert words == {method: REFUSED if method in refusing else RIGHT for method in words}
 
@@ -249,7 +255,7 @@ def test_a_case_is_right_by_all_that_take_it(name, monkeypatch):
 def test_means_are_judged_by_closed_forms_and_the_stationary_solution(monkeypatch):
     monkeypatch.setattr("harvester.verification.stability.cases.STEP_BUDGET", 3_000_000)
     (row,) = stability(Scene.load("linear"), cases=[CASE], workers=1).rows
-    verdict = row.verdicts["monte-carlo"]
+    verdict = row.cells["monte-carlo"]
     assert verdict.word == RIGHT
     assert {each.judge for each in verdict.judges} >= {"small motion", "fokker_planck"}
 

@@ -5,9 +5,6 @@ import math
 
 import pytest
 
-from harvester.engines import circuit, monte_carlo
-from harvester.engines.protocol import ENGINES, Engine
-from harvester.engines.steps import knot_spacing, steps_per_knot
 from harvester.errors import (
     AveragingError,
     HarvesterError,
@@ -16,18 +13,23 @@ from harvester.errors import (
     SimulatorTimeout,
 )
 from harvester.estimates.estimate import Estimate
+from harvester.monte_carlo import engine as monte_carlo
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.scene.model import Scene
+from harvester.simulation.methods import ENGINES
+from harvester.verification.quantities import MEANS
 from harvester.verification.stability.answers import CaseAnswer
 from harvester.verification.stability.cases import Case
-from harvester.verification.stability.paths import PathDeviation, path_deviation
-from harvester.verification.stability.verdicts import COMPARED, judged
+from harvester.verification.stability.path_deviation import PathDeviation, path_deviation
+from harvester.verification.stability.verdicts import judged
 
 CASE = Case("scene", "as it is", {})
 GOOD_PATH = PathDeviation("monte-carlo", 1e-4, math.nan, 3e-3, 5e-3, 20.0, 25.0, 44.0, 8)
 
 
 def said(value=1.0, error=0.01, residual=1e-4, path=GOOD_PATH, **others):
-    estimates = {name: Estimate(value, error, None, "1") for name in COMPARED}
+    estimates = {name: Estimate(value, error, None, "1") for name in MEANS}
     return CaseAnswer(estimates, residual, 1.0, 100, 4, path=path, **others)
 
 
@@ -37,7 +39,7 @@ def closure(value=1.0, error=1e-5):
 
 def verdicts(**answers):
     answers = {name.replace("_carlo", "-carlo"): answer for name, answer in answers.items()}
-    return judged(CASE, Scene.load("paper"), answers).verdicts
+    return judged(CASE, Scene.load("paper"), answers).cells
 
 
 def with_path(**changes):
@@ -115,8 +117,9 @@ def engine_of(run_realizations, change, longer=1):
     """An engine that runs another scene than it is told to, or with a longer step."""
 
     def run(scene, paths, starts, observers, step, *others, **named):
+        ready = prepared(scene)
         if step == "default":
-            step = knot_spacing(scene) / steps_per_knot(scene)
+            step = knot_spacing(ready) / steps_per_knot(ready)
         step = step if isinstance(step, str) else longer * step
         other = scene.replace(change(scene))
         return run_realizations(other, paths, starts, observers, step, *others, **named)
@@ -143,7 +146,7 @@ def word_of(scene, monkeypatch, change, longer=1):
         return run(*arguments[:6], "heun", **options)
 
     schemes = ENGINES["circuit"].schemes
-    broken = Engine(monte_carlo.prepare, heun, schemes)
+    broken = ENGINES["monte-carlo"]._replace(run_realizations=heun, schemes=schemes)
     monkeypatch.setitem(ENGINES, "circuit", broken)
     path, _ = path_deviation(scene, "circuit", "default")
     return verdicts(circuit=said(path=path))["circuit"].word
@@ -173,8 +176,8 @@ def test_a_step_four_times_too_long_is_called_wrong(monkeypatch):
 def test_the_mass_is_judged_whatever_the_load(monkeypatch, share, word):
     scene = Scene.load("device", ["load.netlist=bridge", "excitation.intensity=0.01"])
     damping = share * scene.oscillator.damping
-    run = engine_of(circuit.run_realizations, lambda s: {"oscillator.damping": damping})
-    broken = Engine(circuit.prepare, run, ENGINES["circuit"].schemes)
+    run = engine_of(ENGINES["circuit"].run_realizations, lambda s: {"oscillator.damping": damping})
+    broken = ENGINES["circuit"]._replace(run_realizations=run)
     monkeypatch.setitem(ENGINES, "circuit", broken)
     path, _ = path_deviation(scene, "circuit", "default")
     assert verdicts(circuit=said(path=path))["circuit"].word == word

@@ -1,0 +1,189 @@
+"""What the command line shows: tables, and a progress bar on a terminal."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from harvester.commands.quiet import is_quiet
+from harvester.commands.shown import Tabled
+from harvester.commands.sketch import densities
+from harvester.files.plain_text import one_line
+
+# A progress bar that lasts less than this would only flicker.
+SHOW_AFTER_SECONDS = 0.5
+SAY_AFTER_SECONDS = 5.0
+# Letters in a line: tables are never folded.
+TABLE_WIDTH = 1000
+# A remaining time beyond it is not told in numbers.
+LONGEST_TOLD_SECONDS = 1e10
+
+
+@contextlib.contextmanager
+def progress() -> Iterator[Callable]:
+    """A function (label, scene) → callback for the share done; silent when quiet.
+
+    With None for the scene the bar shows no simulated time, but the callback's own words. Off a
+    terminal there is no bar, but a line on what is left of a run that takes long.
+    """
+    console = Console(stderr=True)
+    if is_quiet():
+        yield lambda label, scene: None
+        return
+    if not console.is_terminal:
+        with contextlib.ExitStack() as opened:
+            yield lambda label, scene: opened.enter_context(contextlib.closing(_Lines(label)))
+        return
+    bar = Progress(
+        SpinnerColumn(),
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TextColumn("{task.fields[rate]}", markup=False),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+    )
+    # Not from the first report on: what is before it, as compilation, may take long.
+    shown = threading.Timer(SHOW_AFTER_SECONDS, bar.start)
+
+    def follow(label, scene):
+        total = scene and (scene.run.settle + scene.run.duration) * scene.run.realizations
+        task = bar.add_task(label, total=1.0, rate="starting; the first run compiles", start=True)
+        started = time.monotonic()
+
+        def update(share, words=""):
+            elapsed = time.monotonic() - started
+            rate = f"{share * total / elapsed:,.0f} s/s" if total and elapsed > 0.0 else words
+            bar.update(task, completed=share, rate=rate)
+
+        return update
+
+    shown.daemon = True
+    shown.start()
+    try:
+        yield follow
+    finally:
+        shown.cancel()
+        shown.join()
+        bar.stop()
+
+
+class _Lines:
+    """Says how long a run still takes: after a few seconds, then each time it has doubled.
+
+    A share that falls is that of the next list of tasks.
+
+    Also that nothing has been reported yet, where the start itself takes that long.
+    """
+
+    def __init__(self, label):
+        self._label = label
+        self._began = None
+        self._last = 0.0
+        self._start = threading.Timer(SAY_AFTER_SECONDS, self._say_start)
+        self._start.daemon = True
+        self._start.start()
+
+    def close(self):
+        """Say nothing more."""
+        self._start.cancel()
+
+    def _say_start(self):
+        print(f"{self._label}: starting; the first run compiles, a minute or so", file=sys.stderr)
+
+    def __call__(self, share, words=""):
+        self._start.cancel()
+        now = time.monotonic()
+        if self._began is None or share < self._last:
+            # Not before the first report: what the start took tells nothing of the speed.
+            self._began = now, share
+            self._next = SAY_AFTER_SECONDS
+        self._last = share
+        elapsed, done = now - self._began[0], share - self._began[1]
+        if elapsed < self._next or share >= 1.0:
+            return
+        self._next = 2.0 * elapsed
+        left = f"about {_duration(elapsed * (1.0 - share) / done)} more" if done > 0.0 else words
+        print(f"{self._label}: {share:.2%} after {elapsed:.0f} s, {left}", file=sys.stderr)
+
+
+def _duration(seconds):
+    """In seconds, minutes, hours or days."""
+    if seconds > LONGEST_TOLD_SECONDS:
+        return "centuries"
+    for size, unit in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
+        if seconds >= 2.0 * size:
+            return f"{seconds / size:,.0f} {unit}"
+    return f"{seconds:.0f} s"
+
+
+def show_table(
+    content: Tabled, title: str, to_stderr: bool = False, alarms: Sequence[str] = ()
+) -> None:
+    """A result, a comparison or a study as a table with its sentences.
+
+    Densities are sketched between the two on a terminal that has the letters for it.
+
+    Parameters
+    ----------
+    content : Tabled
+    title : str
+        Shown after the scene's name, where it is about one.
+    to_stderr : bool
+        Leave standard output to JSON.
+    alarms : sequence of str
+        Sentences in red, behind the table.
+    """
+    header, rows = content.table()
+    if content.scene is not None:
+        title = f"{content.scene.name}: {title}"
+    table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
+    for place, name in enumerate(header):
+        words = place < 2
+        table.add_column(one_line(name), justify="left" if words else "right", no_wrap=True)
+    for row in rows:
+        table.add_row(*map(one_line, row))
+    by_method = getattr(content, "results_by_method", None)
+    sketch = densities(by_method()) if by_method else []
+    _print(table, content.sentences(), to_stderr, alarms, sketch)
+
+
+def show_engine(found: dict[str, Any], to_stderr: bool = False) -> None:
+    """The library that was found, its features, and whether the compiled device is on."""
+    features = [name for name in ("xspice", "cider", "osdi", "klu") if found[name]]
+    lines = [
+        f"{found['version']} from {found['library']}",
+        f"features: {', '.join(features) or 'none of XSPICE, CIDER, OSDI, KLU'}",
+        f"compiled device: {found['compiled_device_off'] or 'on'}",
+    ]
+    _print(None, lines, to_stderr)
+
+
+def _print(table, lines, to_stderr, alarms=(), sketch=()):
+    if is_quiet():
+        return
+    stream = sys.stderr if to_stderr else sys.stdout
+    # As wide as the table needs: a number cut off at a terminal's edge would be worse than a
+    # line that runs on.
+    console = Console(file=stream, highlight=False, markup=False, emoji=False, width=TABLE_WIDTH)
+    if table is not None:
+        console.print(table)
+    for line in alarms:
+        console.print(one_line(line), soft_wrap=True, style="bold red")
+    for line in [*(sketch if _draws(console) else ()), *lines]:
+        console.print(one_line(line), soft_wrap=True)
+
+
+def _draws(console):
+    """Whether the terminal is one, shows blocks of Unicode and was not asked for plain text."""
+    return console.file.isatty() and not console.no_color and not console.options.ascii_only

@@ -1,1 +1,0 @@
-"""Engines: Monte Carlo and the circuit behind one protocol, steps, worker processes."""

@@ -1,0 +1,35 @@
+"""The unit of an estimate, in its scene's own units."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from harvester.scene.units import UNSCALED
+
+if TYPE_CHECKING:
+    from harvester.scene.model import Scene
+
+SI_UNITS = {
+    "voltage": "V",
+    "power": "W",
+    "displacement": "m",
+    "velocity": "m/s",
+    "energy": "J",
+    "rate": "1/s",
+    "hourly_rate": "1/h",
+    "time": "s",
+    "1": "1",
+}
+
+
+def unit_of(scene: Scene, dimension: str) -> str:
+    """Unit of a dimension like "voltage^2" in a scene's own units."""
+    base, _, exponent = dimension.partition("^")
+    if base == "1":
+        return "1"
+    if scene.units == "SI" or base in UNSCALED:
+        unit = SI_UNITS[base]
+        unit = f"({unit})" if exponent and "/" in unit else unit
+    else:
+        unit = f"scaled {base}"
+    return f"{unit}^{exponent}" if exponent else unit

@@ -1,0 +1,1 @@
+"""`explore`: sliders over a scene's numbers, and a picture that follows them."""

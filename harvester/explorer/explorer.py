@@ -1,0 +1,275 @@
+"""`explore`: sliders over a scene's numbers, and a picture that follows them within a second.
+
+Numbers and waveform come from a short Monte Carlo run, while the stationary solver finds the
+densities on its coarse grid: both in worker processes.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import time
+import weakref
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from harvester.averaging.of_scene import averaged_device
+from harvester.calling import takes_scene
+from harvester.device import timescales
+from harvester.errors import HarvesterError
+from harvester.estimates.estimate import Density
+from harvester.files.plain_text import one_line, shown
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing, steps_per_knot
+from harvester.results.result import Result, with_error
+from harvester.scene.model import Scene
+from harvester.scene.numbers import number, numbers
+from harvester.simulation.simulate import simulate
+from harvester.stationary.fokker_planck import outline
+from harvester.workers.pools import WorkerPool
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# Sliders where none are named: those of these that the scene has.
+USUAL_KEYS = (
+    "intensity",
+    "correlation_time",
+    "damping",
+    "gap",
+    "coupling",
+    "resistance",
+    "decay_rate",
+)
+# A range that was not given: the scene's value over and times this.
+RANGE_RATIO = 3.0
+# Ranges wider than this ratio have a slider in equal ratios.
+LOGARITHMIC_RATIO = 3.0
+# Steps of Monte Carlo in a picture, a quarter of a second, and the fewest realizations.
+STEPS_SHOWN, FEWEST_REALIZATIONS = 1_000_000, 2
+# A netlist's steps take so many times as long, and those of one that switches.
+NETLIST_COST, SWITCHING_COST = 4, 20
+# Small oscillations in the waveform.
+WAVEFORM_PERIODS = 25
+# Wall-clock seconds of one realization: a place that takes longer is refused.
+TIME_LIMIT = 60.0
+QUANTITIES = (
+    "mean_power",
+    "power_conversion_efficiency",
+    "mean_output_power",
+    "rms_voltage",
+)
+
+
+@dataclass(frozen=True)
+class View:
+    """One place of the sliders.
+
+    Attributes
+    ----------
+    scene : Scene
+        With the sliders' values, and its run cut short.
+    result : Result
+        Of Monte Carlo.
+    outline : dict of str to Density
+        Of the stationary solver, on a coarse grid; empty where it does not hold.
+    refusal : str
+        Why it does not, in one line.
+    seconds : float
+        That it took.
+    """
+
+    scene: Scene
+    result: Result
+    outline: dict[str, Density]
+    refusal: str
+    seconds: float
+
+    def sentence(self) -> str:
+        """Power, efficiency and rms voltage with their standard errors, in one line."""
+        found = {name: self.result[name] for name in QUANTITIES if name in self.result}
+        said = [
+            f"{name.replace('_', ' ')} {with_error(each)} {self.result.unit(each.dimension)}"
+            for name, each in found.items()
+        ]
+        return ", ".join(each.removesuffix(" 1") for each in said)
+
+    def figure(self) -> Figure:
+        """Densities by both methods, above displacement and voltage over time."""
+        from harvester.explorer import drawing as explorer_figure
+        from harvester.show import figures
+
+        return figures.drawn(explorer_figure.draw, self)
+
+
+class Explorer:
+    """What `explore` returns: the sliders in a notebook, one picture where there are none.
+
+    Attributes
+    ----------
+    view : View
+        Of the last place that could be shown.
+    picture : bytes
+        Of it, PNG.
+    """
+
+    def __init__(self, scene: Scene, ranges: dict[str, tuple[float, float]]) -> None:
+        self._origin, self.ranges = scene, ranges
+        self._pool = WorkerPool(workers=2)
+        weakref.finalize(self, self._pool.close)
+        self.at({})
+        self.widget: Any = None
+        if importlib.util.find_spec("ipywidgets"):
+            from harvester.explorer import widget as explorer_widget
+
+            self.widget = explorer_widget.built(self)
+
+    @property
+    def scene(self) -> Scene:
+        """The scene as the sliders have it, with its whole run."""
+        return self.view.scene.replace(run=self._origin.to_tables()["run"])
+
+    def at(self, values: Mapping[str, float]) -> View:
+        """The view of other values of the scene, kept as `view`.
+
+        Parameters
+        ----------
+        values : dict of str to float
+            Dotted keys to values; what is not named is as in the scene that was explored.
+
+        Raises
+        ------
+        HarvesterError
+            A value that the scene cannot have, or a run that failed.
+        """
+        from harvester.explorer import drawing as explorer_figure
+        from harvester.show import figures
+
+        clock = time.perf_counter()
+        scene = cut_short(self._origin.replace(dict(values)))
+        solving = self._pool.submit(outlined, {"scene": scene}, TIME_LIMIT)
+        result = self._simulated(scene)
+        densities, refusal = _answer(solving)
+        view = View(scene, result, densities, refusal, math.nan)
+        self.picture = figures.picture(explorer_figure.draw, view, "png")
+        self.view = replace(view, seconds=time.perf_counter() - clock)
+        return self.view
+
+    def _simulated(self, scene):
+        period = 2.0 * math.pi / (timescales.angular_frequency(prepared(scene).system) or math.inf)
+        start = scene.run.settle
+        window = start, start + min(WAVEFORM_PERIODS * period or math.inf, scene.run.duration)
+        return simulate(
+            scene, method="monte-carlo", window=window, time_limit=TIME_LIMIT, runner=self._pool
+        )
+
+    def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, Any]:
+        plain = {"text/plain": repr(self), "image/png": self.picture}
+        if self.widget is None:
+            return plain
+        return plain | self.widget._repr_mimebundle_()
+
+    def __repr__(self) -> str:
+        return one_line(f"<Explorer of {self.view.scene.name}: {self.view.sentence()}>")
+
+
+@takes_scene
+def explore(
+    scene: Scene, over: Iterable[str] | Mapping[str, tuple[float, float]] | None = None
+) -> Explorer:
+    """Sliders over a scene's numbers in a notebook, with a picture that follows them.
+
+    The last line of a cell shows it: p(X), p(X') and p(V) by the stationary solver and by Monte
+    Carlo, power and efficiency with their standard errors, and a waveform. The first picture takes
+    some ten seconds, in which code is compiled, later ones under a second with a resistor as load.
+    Without ipywidgets (extra `notebooks`) it is one picture; `Explorer.at` gives others.
+
+    Parameters
+    ----------
+    scene : Scene, str or Path
+        Itself, its file or its built-in name.
+    over : iterable of str, or dict of str to (float, float), optional
+        Dotted keys, such as "stoppers.gap", or each with the ends of its slider; by default a
+        third of the scene's value to three times it. None: noise, damping, gap, coupling, load.
+
+    Returns
+    -------
+    Explorer
+        `view.result` and `scene` are those of the place shown.
+
+    Raises
+    ------
+    HarvesterError
+        No such number, no range; or the scene itself cannot be simulated.
+    """
+    keys = _usual(scene) if over is None else [over] if isinstance(over, str) else over
+    given = dict(keys) if isinstance(keys, Mapping) else {}
+    return Explorer(scene, {key: _range(scene, key, given.get(key)) for key in keys})
+
+
+def cut_short(scene: Scene) -> Scene:
+    """The scene with so much of its run as a picture has time for."""
+    ready = prepared(scene)
+    per_second = steps_per_knot(ready, engine="monte-carlo") / knot_spacing(ready)
+    load = scene.load.circuit
+    if load and load.resistance is None:
+        per_second *= SWITCHING_COST if load.switches else NETLIST_COST
+    longest = STEPS_SHOWN / FEWEST_REALIZATIONS / per_second - scene.run.settle
+    duration = min(scene.run.duration, max(longest, scene.run.settle, knot_spacing(ready)))
+    count = int(STEPS_SHOWN / per_second / (scene.run.settle + duration))
+    return scene.replace(
+        {
+            "run.duration": duration,
+            "run.realizations": min(scene.run.realizations, max(count, FEWEST_REALIZATIONS)),
+        }
+    )
+
+
+def outlined(scene: Scene, report: Callable) -> dict[str, Density]:
+    """Densities of displacement, velocity and voltage by the stationary solver, in a worker.
+
+    Raises
+    ------
+    HarvesterError
+        It does not hold for this scene.
+    """
+    density = outline(averaged_device(scene))
+    # The joint density has none of what alternates from node to node of a coarse grid.
+    x, v, joint = density.tabulated_joint()
+    marginals = {
+        "displacement": (x, joint.sum(axis=1) * (v[1] - v[0])),
+        "velocity": (v, joint.sum(axis=0) * (x[1] - x[0])),
+        "voltage": density.tabulated("voltage"),
+    }
+    return {name: Density(*each, None, name) for name, each in marginals.items()}
+
+
+def _answer(solving):
+    """What the solver found, or nothing and why."""
+    try:
+        found = solving.result()
+    except HarvesterError as error:
+        found = error
+    return ({}, str(found)) if isinstance(found, HarvesterError) else (found, "")
+
+
+def _usual(scene):
+    """The keys of the sliders where none are named."""
+    return [key for key in numbers(scene) if key.rpartition(".")[2] in USUAL_KEYS]
+
+
+def _range(scene, key, ends):
+    """The ends of a slider, checked to be a range that holds the scene's own value."""
+    value, spec = number(scene, key, "explore")
+    try:
+        low, high = (
+            sorted((value / RANGE_RATIO, value * RANGE_RATIO)) if ends is None else map(float, ends)
+        )
+    except (TypeError, ValueError):
+        raise HarvesterError(f"{key}: {shown(ends)} is no range; give (low, high)") from None
+    if ends is None:
+        low, high = max(low, spec.low), min(high, spec.high)
+    if not low < high:
+        raise HarvesterError(f"{key}: no range from {low:g} to {high:g}; give it as (low, high)")
+    return min(low, value), max(high, value)

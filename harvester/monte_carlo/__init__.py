@@ -1,0 +1,1 @@
+"""Monte Carlo reference: the equations themselves on the given noise path."""

@@ -1,0 +1,221 @@
+"""Monte Carlo reference: the equations themselves on the given noise path, no ngspice.
+
+For a resistor as load, by Runge–Kutta of fourth order; `circuits.kernel` takes netlists.
+
+Steps land on the noise's knots and on the moments at which a contact begins or ends, so that
+the scheme keeps its order where the force is smooth; in contact the step resolves the contact
+time. One order remains at the first step of a contact, where the force starts as d^1.5.
+Realizations go in step with each other (`harvester.monte_carlo.lockstep`).
+
+A damper or a load that decays within a step takes a scheme of third order with that decay exact.
+Heun's scheme of second order takes the same steps; it is there for work-precision diagrams.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from harvester.compilation import numba
+from harvester.device import contact
+from harvester.errors import SolutionDiverged
+from harvester.monte_carlo.lockstep import Room, advance
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import (
+    EVEN_STEPS_PER_CONTACT,
+    steps_per_contact,
+    steps_per_knot,
+    stop_time,
+)
+from harvester.record.moments import Moments
+from harvester.record.record import Observer, Record
+from harvester.record.several import TOGETHER, SeveralMoments
+
+if TYPE_CHECKING:
+    from harvester.device.system import System
+    from harvester.excitation.base import ExcitationPath
+    from harvester.scene.model import Scene
+
+# Realizations in step with each other: more are hardly faster.
+MOST_TOGETHER = 64
+# Segments between knots worked on at a time, of all realizations together: their noise and,
+# where points are kept, these stay in the processor's cache.
+SEGMENTS, SEGMENTS_KEPT = 262144, 65536
+# Decay of V or X' by load or damper, as an exponent, in a step of an explicit scheme: those are
+# stable up to 2 (Heun) and 2.78 (Runge–Kutta). Beyond it the decay is taken exactly.
+LARGEST_DECAY = 1.0
+SCHEMES = {"runge-kutta": "Runge-Kutta 4", "heun": "Heun 2"}
+EXACT_DECAY = "exact decay, order 3"
+
+
+def prepare(scene: Scene) -> None:
+    """Load the compiled code for a scene's parts, so that it does not count as simulation."""
+    s = prepared(scene).system
+    tally = SeveralMoments([_unwanted(0.0, 1.0)], 1.0).tally
+    room, place = Room.of(s, [(0.0, 0.0, 0.0)], 0), _beginning()
+    noise = np.zeros((1, 1, TOGETHER))
+    advance(None, s, _edges(s), noise, 0, 1.0, 1, 1, room, tally, place)
+
+
+def run_realizations(
+    scene: Scene,
+    paths: list[ExcitationPath],
+    starts: list[tuple[float, float, float]],
+    observers: list[list[Observer]],
+    step: str | float,
+    source: str,
+    scheme: str = "runge-kutta",
+    tolerance: float | None = None,
+    device: str | None = None,
+    outputs: Any = None,
+) -> dict[str, str | None]:
+    """Integrate realizations side by side; see `circuits.ngspice.engine.run_realizations`.
+
+    `scheme` is "runge-kutta" or "heun". `source`, `tolerance`, `device` and `outputs` are not used:
+    the path is taken as it is, in fixed steps, and a resistor has no output side.
+
+    Returns
+    -------
+    dict
+        engine_version, netlist_sha256 (None).
+
+    Raises
+    ------
+    SolutionDiverged
+    """
+    ready = prepared(scene)
+    s = ready.system
+    fixed = steps_per_knot(ready, step, "monte-carlo")
+    in_contact = steps_per_contact(ready, step, "monte-carlo")
+    for first in range(0, len(paths), MOST_TOGETHER):
+        some = slice(first, first + MOST_TOGETHER)
+        moments = [each for each in itertools.chain(*observers[some]) if isinstance(each, Moments)]
+        others = [
+            (k, each)
+            for k, watching in enumerate(observers[some])
+            for each in watching
+            if not isinstance(each, Moments)
+        ]
+        chunks = integrate(
+            s, paths[some], starts[some], stop_time(ready), fixed, scheme, in_contact,
+            moments, any(getattr(each, "reads_points", True) for _, each in others),
+        )  # fmt: skip
+        for columns, points in chunks:
+            for k, other in others:
+                other.add(record_of(columns, points, k))
+    exact = scheme_of(s, scheme, paths[0].spacing / fixed) is False
+    return {
+        "engine_version": f"{EXACT_DECAY if exact else SCHEMES[scheme]}, numba {numba.__version__}",
+        "netlist_sha256": None,
+    }
+
+
+def record_of(columns: np.ndarray, points: np.ndarray, k: int) -> Record:
+    """The chunk of one realization, of those that `integrate` yields; empty where none is kept."""
+    return Record(*columns[k, :, : points[k]])
+
+
+def integrate(
+    s: System,
+    paths: Sequence[ExcitationPath],
+    starts: Sequence[tuple[float, float, float]],
+    stop: float,
+    steps_per_knot: int = 1,
+    scheme: str = "runge-kutta",
+    steps_per_contact: int = EVEN_STEPS_PER_CONTACT,
+    moments: Sequence[Moments] = (),
+    keep: bool = True,
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Integrate Eq. 4 along several noise paths, side by side.
+
+    Parameters
+    ----------
+    s : harvester.device.system.System
+    paths : sequence of harvester.excitation.base.ExcitationPath
+        Of one spacing.
+    starts : sequence of (float, float, float)
+        X, X' and the transducer's state, scaled.
+    stop : float
+        End time (s), rounded up to a whole number of knots.
+    steps_per_knot : int
+        Steps between two knots where no contact asks for more.
+    scheme : str
+        A name in `SCHEMES`.
+    steps_per_contact : int
+        Fewest steps from the beginning of a contact to its end.
+    moments : sequence of Moments
+        Of each path, empty: added to; or none.
+    keep : bool
+        Whether points are wanted.
+
+    Yields
+    ------
+    ndarray, shape (len(paths), 9, ·)
+        A chunk of accepted points in order, a `Record`'s columns of each path, without the initial
+        point; overwritten by the next; without room for a point if none is wanted.
+    ndarray of int64, shape (len(paths),)
+        How many points of each are meant.
+
+    Raises
+    ------
+    SolutionDiverged
+    """
+    spacing, edges = paths[0].spacing, _edges(s)
+    heun = scheme_of(s, scheme, spacing / steps_per_knot)
+    knots = math.ceil(stop / spacing - 1e-9)
+    most = (SEGMENTS_KEPT if keep else SEGMENTS) // len(paths)
+    room, place = Room.of(s, starts, _points(most) if keep else 0), _beginning()
+    several = SeveralMoments(moments or [_unwanted(stop, spacing) for _ in paths], spacing)
+    noise = np.zeros((most + 1, len(room.states), TOGETHER))
+    samples = noise.reshape(most + 1, -1)
+    samples[0, : len(paths)] = [path.read(1)[0] for path in paths]
+    for first in range(0, knots, most):
+        count = min(most, knots - first)
+        for k, path in enumerate(paths):
+            path.read_into(samples[1 : count + 1, k])
+        place[:3] = 0
+        while place[0] < count:
+            room.points[:] = 0
+            advance(
+                heun, s, edges, noise[: count + 1], first, spacing,
+                steps_per_knot, steps_per_contact, room, several.tally, place,
+            )  # fmt: skip
+            several.collect(room.points)
+            if several.diverged is not None:
+                raise SolutionDiverged(
+                    f"Monte Carlo left the finite numbers before t = {several.diverged:g}; "
+                    "choose a shorter --step"
+                )
+            yield room.columns, room.points
+        noise[0] = noise[count]
+
+
+def _beginning():
+    """Where `advance` begins: the first segment and step, nobody apart, before the first batch."""
+    return np.array([0, 0, 0, -1])
+
+
+def _unwanted(stop, spacing):
+    """Moments that nobody asks for."""
+    return Moments.empty(0.0, stop, (-math.inf, math.inf), (), False, 1, 1, spacing)
+
+
+def _points(segments):
+    """Points kept of each realization: half as many again, in an odd number of cache lines."""
+    return (segments * 3 // 32 * 2 + 1) * 8
+
+
+def _edges(s):
+    return np.array(contact.edges(s.contacts))
+
+
+def scheme_of(s: System, name: str, step: float) -> bool | None:
+    """None for Runge–Kutta, True for Heun, False for exact decay where it is faster than a step."""
+    damping = s.damper.damping + s.transducer.damping()
+    if max(s.transducer.decay_rate(), damping) * step > LARGEST_DECAY:
+        return False
+    return None if name == "runge-kutta" else True

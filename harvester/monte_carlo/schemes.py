@@ -1,0 +1,117 @@
+"""One step of Eq. 4 by Runge–Kutta, Heun's scheme or with a decay taken exactly, compiled."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from harvester.compilation import compiled, merged
+from harvester.device import system
+from harvester.device.decay import decayed
+
+if TYPE_CHECKING:
+    from harvester.device.system import System
+
+
+@merged
+def _acceleration(s, touching, low, high, held, x, v, voltage, noise):
+    force = system.push(s, x, v, voltage, noise)
+    if touching:
+        force -= system.contact_force(s, x, v, held, low, high)
+    return force
+
+
+@merged
+def one_step(
+    heun: bool | None,
+    s: System,
+    touching: bool,
+    low: float,
+    high: float,
+    held: float,
+    x: float,
+    v: float,
+    voltage: float,
+    noise: float,
+    slope: float,
+    h: float,
+    reaction: float,
+) -> tuple[float, float, float]:
+    """One step of Eq. 4 as `harvester.monte_carlo.engine.scheme_of` chose.
+
+    `heun` is None for Runge–Kutta: a type of its own, so that no choice is left at run time.
+    `reaction` is the contacts' force at the step's beginning, which the step before has told.
+    """
+    if heun is None:
+        return _runge_kutta(s, touching, low, high, held, x, v, voltage, noise, slope, h, reaction)
+    if heun:
+        return _heun(s, touching, low, high, held, x, v, voltage, noise, slope, h, reaction)
+    return _exponential(s, touching, low, high, held, x, v, voltage, noise, slope, h, reaction)
+
+
+@compiled
+def _exponential(s, touching, low, high, held, x, v, voltage, noise, slope, h, reaction):
+    """Step of third order that takes the decay of X' and V exactly, however fast.
+
+    X' decays driven by all other forces, V decays driven by X': each drive is a parabola through
+    the step's beginning, middle and end, from two predictions of the middle and one of the end.
+    """
+    half = 0.5 * h
+    middle = noise + slope * half
+    c, rate = s.damper.damping + system.own_damping(s.transducer), system.decay_rate(s.transducer)
+    start = system.push(s, x, v, voltage, noise) - reaction + c * v
+    force = start
+    v2 = voltage2 = 0.0
+    for _ in range(2):
+        # The drive goes on in a straight line from the beginning through the middle.
+        v2 = decayed(v, c, half, start, 0.5 * (start + force), force)
+        x2 = x + 0.5 * half * (v + v2)
+        voltage2 = decayed(voltage, rate, half, v, 0.5 * (v + v2), v2)
+        force = _acceleration(s, touching, low, high, held, x2, v2, voltage2, middle) + c * v2
+    v4 = decayed(v, c, h, start, force, 2.0 * force - start)
+    x4 = x + h / 6.0 * (v + 4.0 * v2 + v4)
+    voltage4 = decayed(voltage, rate, h, v, v2, v4)
+    ahead = noise + slope * h
+    end = _acceleration(s, touching, low, high, held, x4, v4, voltage4, ahead) + c * v4
+    v4 = decayed(v, c, h, start, force, end)
+    x4 = x + h / 6.0 * (v + 4.0 * v2 + v4)
+    return x4, v4, decayed(voltage, rate, h, v, v2, v4)
+
+
+@compiled
+def _heun(s, touching, low, high, held, x, v, voltage, noise, slope, h, reaction):
+    """Heun's step of second order: the mean of the slopes at both ends."""
+    a1 = system.push(s, x, v, voltage, noise) - reaction
+    u1 = system.state_rate(s.transducer, v, voltage)
+    v2 = v + h * a1
+    e2 = voltage + h * u1
+    a2 = _acceleration(s, touching, low, high, held, x + h * v, v2, e2, noise + slope * h)
+    u2 = system.state_rate(s.transducer, v2, e2)
+    half = 0.5 * h
+    return x + half * (v + v2), v + half * (a1 + a2), voltage + half * (u1 + u2)
+
+
+@merged
+def _runge_kutta(s, touching, low, high, held, x, v, voltage, noise, slope, h, reaction):
+    """Classical Runge–Kutta step of Eq. 4; the contact acts or not throughout the step."""
+    half = 0.5 * h
+    middle = noise + slope * half
+    a1 = system.push(s, x, v, voltage, noise) - reaction
+    u1 = system.state_rate(s.transducer, v, voltage)
+    v2 = v + half * a1
+    e2 = voltage + half * u1
+    a2 = _acceleration(s, touching, low, high, held, x + half * v, v2, e2, middle)
+    u2 = system.state_rate(s.transducer, v2, e2)
+    v3 = v + half * a2
+    e3 = voltage + half * u2
+    a3 = _acceleration(s, touching, low, high, held, x + half * v2, v3, e3, middle)
+    u3 = system.state_rate(s.transducer, v3, e3)
+    v4 = v + h * a3
+    e4 = voltage + h * u3
+    a4 = _acceleration(s, touching, low, high, held, x + h * v3, v4, e4, noise + slope * h)
+    u4 = system.state_rate(s.transducer, v4, e4)
+    sixth = h / 6.0
+    return (
+        x + sixth * (v + 2.0 * (v2 + v3) + v4),
+        v + sixth * (a1 + 2.0 * (a2 + a3) + a4),
+        voltage + sixth * (u1 + 2.0 * (u2 + u3) + u4),
+    )

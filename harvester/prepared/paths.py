@@ -1,0 +1,35 @@
+"""Where each realization starts, and the noise path that drives it: the same for every engine."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from harvester.device import timescales
+from harvester.excitation import realization_seed
+from harvester.prepared.steps import knot_spacing
+
+if TYPE_CHECKING:
+    from harvester.excitation.base import ExcitationPath
+    from harvester.prepared.prepared import Prepared
+
+
+def start_state(ready: Prepared, index: int) -> tuple[float, float, float]:
+    """(X, X', transducer's state) in which a realization starts, scaled.
+
+    At rest in the wells in turn, beginning on the right, unless the scene says where.
+    """
+    length, wells = ready.scales.displacement, timescales.wells(ready.system)
+    displacement, velocity, state = wells[index % len(wells)], 0.0, 0.0
+    start = ready.scene.start
+    if start:
+        if start.displacement is not None:
+            displacement = start.displacement / length
+        velocity = start.velocity / length
+        state = start.voltage / ready.scene.transducer.state_unit(ready.setting)
+    return displacement, velocity, state
+
+
+def noise_path(ready: Prepared, index: int) -> ExcitationPath:
+    """The excitation of one realization, at its beginning; the same for every engine."""
+    seed = realization_seed(ready.scene.run.seed, index)
+    return ready.scene.excitation.path(knot_spacing(ready), ready.scales.displacement, seed)

@@ -1,0 +1,51 @@
+"""A scene made ready: what every engine, estimate and study derives from it, derived once."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from harvester.scene.units import Scales, scale, setting
+
+if TYPE_CHECKING:
+    from harvester.device.system import System
+    from harvester.device.terminals import Setting
+    from harvester.scene.model import Scene
+
+# Scenes that are kept ready: a study's workers go from place to place.
+KEPT = 64
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A scene with its scaled form.
+
+    Attributes
+    ----------
+    scene : Scene
+        As it was given.
+    system : harvester.device.system.System
+        The device in scaled form (Eqs. 3–6).
+    scales : Scales
+        What leads back to the scene's units.
+    setting : harvester.device.terminals.Setting
+        What its transducer is built into.
+    """
+
+    scene: Scene
+    system: System = field(compare=False)
+    scales: Scales = field(compare=False)
+    setting: Setting = field(compare=False)
+
+
+@functools.lru_cache(maxsize=KEPT)
+def prepared(scene: Scene) -> Prepared:
+    """The scene made ready; the only place where it is scaled.
+
+    Parameters
+    ----------
+    scene : harvester.scene.model.Scene
+    """
+    system, scales = scale(scene)
+    return Prepared(scene, system, scales, setting(scene))

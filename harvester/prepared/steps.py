@@ -1,0 +1,232 @@
+"""Steps and knots: how finely an engine resolves a scene's motion, noise and contacts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.device import timescales
+from harvester.errors import HarvesterError, SceneError
+from harvester.excitation.ornstein_uhlenbeck import (
+    KNOTS_PER_CORRELATION_TIME,
+    OrnsteinUhlenbeck,
+)
+from harvester.prepared import lines
+from harvester.prepared.prepared import Prepared, prepared
+from harvester.scene.units import longest_spacing
+
+if TYPE_CHECKING:
+    from harvester.excitation.base import ExcitationPath
+    from harvester.scene.model import Scene
+
+# Steps per period of the fastest oscillation. The trapezoidal rule is of order two, Runge–Kutta of
+# order four; as `work-precision` shows, each then biases the means by less than 1 %.
+STEPS_PER_PERIOD = {"circuit": 80, "monte-carlo": 40}
+# Fewest steps from the beginning of a contact to its end, at the default step and longer ones.
+STEPS_PER_CONTACT = 30
+# Those of Runge–Kutta: as accurate as 30 that end where they may, since those between two knots are
+# even.
+EVEN_STEPS_PER_CONTACT = 26
+# Steps by name, as divisions of the default one.
+STEP_LEVELS = {"default": 1, "fine": 4, "finest": 32}
+# Error of the frequency ω over itself, constant · (ω h)^order, of each method where it is not made
+# exact at a line: Runge–Kutta, TR-BDF2 and the trapezoidal rule, from their stability functions.
+FREQUENCY_ERRORS = {
+    "runge-kutta": (1.0 / 120.0, 4),
+    "monte-carlo": (0.0404, 2),
+    "circuit": (1.0 / 12.0, 2),
+}
+# Error of a load's power over that of the frequency: at most 4 behind bridges, doublers and SSHI.
+LOAD_ERRORS = 4.0
+# How much finer at most steps become for a line.
+FINER_NEAR_LINES = 3.0
+# A run that takes this much processor time (s) for less than this share of its longest step would
+# not end.
+PATIENCE, CRAWL = 6.0, 1e-3
+GETS_NOWHERE = f"it gets nowhere, {PATIENCE:g} s of work went into less than a thousandth of a step"
+# A step against the time between two knots below which no run ends.
+SHORTEST_STEP = 1e-9
+# Control by the local error rejects steps, and after each of them ngspice takes one of first order:
+# at a step of this share of the usual one that costs the motion under 0.1 % of its energy, not 1 %.
+REJECTING_STEPS = 4
+# A load that decays within a knot takes Monte Carlo's scheme of third order, not of fourth.
+STEPS_OF_FAST_LOADS = 2
+# A damper that acts within a knot makes the velocity follow the noise's straight lines: the mean of
+# its square needs points within them (sixteen times less of the interpolation's loss is then left).
+STEPS_OF_SLAVED_VELOCITY = 4
+
+
+def knot_spacing(ready: Prepared) -> float:
+    """Spacing of the excitation's knots (s): the scene's, else what its kind chooses.
+
+    Raises
+    ------
+    SceneError
+        The scene's own does not fit its noise, or the run is shorter than it.
+    """
+    scene, system = ready.scene, ready.system
+    spacing, duration = scene.excitation.spacing(longest_spacing(system)), scene.run.duration
+    if spacing > duration:
+        own = getattr(scene.excitation, "knot_spacing", None) is not None
+        name = "one knot_spacing" if own else "the time between two knots of the excitation"
+        raise SceneError(
+            f"{scene.name}: run.duration = {duration:g}: must be at least {name}, {spacing:.4g} s"
+        )
+    return spacing
+
+
+def with_knots(scene: Scene) -> Scene:
+    """The scene with its spacing of knots written out: what changes keep, and so their noise."""
+    return scene.replace({"excitation.knot_spacing": knot_spacing(prepared(scene))})
+
+
+def resolving(scene: Scene) -> Scene:
+    """The scene with knots close enough for its noise.
+
+    A sweep over τ1 would else leave the scene's own spacing behind.
+    """
+    spacing = getattr(scene.excitation, "knot_spacing", None) or knot_spacing(prepared(scene))
+    if isinstance(scene.excitation, OrnsteinUhlenbeck):
+        spacing = min(spacing, scene.excitation.correlation_time / KNOTS_PER_CORRELATION_TIME)
+    return scene.replace({"excitation.knot_spacing": spacing})
+
+
+def steps_per_knot(ready: Prepared, step: str | float = "default", engine: str = "circuit") -> int:
+    """Steps of an engine between two knots of the noise, away from the stoppers.
+
+    Parameters
+    ----------
+    ready : Prepared
+    step : str or float
+        A name in `STEP_LEVELS`, or the longest step in s.
+    engine : str
+        A key of `STEPS_PER_PERIOD`.
+
+    Raises
+    ------
+    HarvesterError
+        A step so short that no run of it ends.
+    """
+    scene, system = ready.scene, ready.system
+    spacing = knot_spacing(ready)
+    if not isinstance(step, str):
+        if step < SHORTEST_STEP * spacing:
+            raise HarvesterError(
+                f"step {step:g}: less than {SHORTEST_STEP:g} of the {spacing:.3g} s between two "
+                "knots of the noise; choose a longer one"
+            )
+        return max(1, math.ceil(spacing / step - 1e-9))
+    if scene.excitation.prescribes_displacement:
+        return STEP_LEVELS[step]
+    load = scene.load.circuit
+    longest = (
+        2.0 * math.pi / timescales.fastest_angular_frequency(system) / STEPS_PER_PERIOD[engine]
+    )
+    longest = _near_lines(ready, engine, longest)
+    finer = REJECTING_STEPS if engine == "circuit" and load and load.may_jump else 1
+    if engine == "monte-carlo" and system.transducer.decay_rate() * spacing > 1.0:
+        finer *= STEPS_OF_FAST_LOADS
+    if system.damper.damping * spacing > 1.0:
+        finer = max(finer, STEPS_OF_SLAVED_VELOCITY)
+    return max(1, math.ceil(spacing / longest - 1e-9)) * STEP_LEVELS[step] * finer
+
+
+def step_error(ready: Prepared, step: str | float = "default", engine: str = "circuit") -> float:
+    """Share of a mean power that the steps may cost, from the methods' stability functions.
+
+    Of the linear device: what is left of the misplaced resonance on its flank, where the power
+    changes most, and a few times the frequency's own error for what the load does in a period. A
+    contact's or a switch's own error is not in it.
+
+    Parameters
+    ----------
+    ready, step, engine
+        See `steps_per_knot`.
+    """
+    scene, system = ready.scene, ready.system
+    omega = lines.line_frequency(ready) or timescales.angular_frequency(system)
+    period = scene.excitation.period
+    if scene.excitation.prescribes_displacement and period is not None:
+        omega = 2.0 * math.pi / period
+    constant, order, left = _frequency_error(ready, engine)
+    length = knot_spacing(ready) / steps_per_knot(ready, step, engine)
+    error = constant * (omega * length) ** order
+    # Without damping there is no width, and the whole power may be missed.
+    flank = left * error / max(lines.half_width(ready), error) if left > 0.0 else 0.0
+    return flank + LOAD_ERRORS * error
+
+
+def _frequency_error(ready, engine):
+    """Constant and order of an integrator's error of frequency, and the share left near lines."""
+    method = "runge-kutta" if engine == "monte-carlo" and ready.scene.load.is_resistor else engine
+    left = lines.spread(ready)
+    if method == "runge-kutta" and lines.line_frequency(ready) > 0.0:
+        left = 1.0
+    return *FREQUENCY_ERRORS[method], left
+
+
+def _near_lines(ready, engine, longest):
+    """The longest step that places a resonance well enough where the excitation has lines."""
+    constant, order, left = _frequency_error(ready, engine)
+    if left == 0.0:
+        return longest
+    omega = lines.line_frequency(ready)
+    allowed = lines.SHARE_OF_HALF_WIDTH * lines.half_width(ready)
+    if left * constant * (omega * longest) ** order <= allowed:
+        return longest
+    wanted = (allowed / (constant * left)) ** (1.0 / order) / omega
+    return max(wanted, longest / FINER_NEAR_LINES)
+
+
+def steps_per_contact(
+    ready: Prepared, step: str | float = "default", engine: str = "circuit"
+) -> int:
+    """Fewest steps of an engine in a contact: a shorter step makes these as much shorter.
+
+    Parameters
+    ----------
+    ready, step, engine
+        See `steps_per_knot`.
+    """
+    even = engine == "monte-carlo" and ready.scene.load.is_resistor
+    fewest = EVEN_STEPS_PER_CONTACT if even else STEPS_PER_CONTACT
+    finer = steps_per_knot(ready, step, engine) / steps_per_knot(ready, engine=engine)
+    return math.ceil(fewest * max(finer, 1.0))
+
+
+def stop_time(ready: Prepared) -> float:
+    """End of a realization: settle and duration, in whole knots (s)."""
+    spacing = knot_spacing(ready)
+    run = ready.scene.run
+    total = run.settle + run.duration
+    return math.ceil(total / spacing - 1e-9) * spacing
+
+
+def knot_blocks(path: ExcitationPath, stop: float, most: int) -> Iterator[tuple[int, np.ndarray]]:
+    """The noise from the beginning to the first knot at or after the end, in blocks.
+
+    Parameters
+    ----------
+    path : harvester.excitation.base.ExcitationPath
+    stop : float
+        End time (s).
+    most : int
+        Segments between knots in a block.
+
+    Yields
+    ------
+    int, ndarray
+        Number of the block's first knot, and the noise at its knots: one more than segments, the
+        last of a block being the first of the next; overwritten by the next.
+    """
+    knots = int(np.ceil(stop / path.spacing - 1e-9))
+    block = np.empty(most + 1)
+    block[0] = path.read(1)[0]
+    for first in range(0, knots, most):
+        count = min(most, knots - first)
+        block[1 : count + 1] = path.read(count)
+        yield first, block[: count + 1]
+        block[0] = block[count]

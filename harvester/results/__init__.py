@@ -1,0 +1,7 @@
+"""What engines and closures return, and how it is written and drawn."""
+
+from harvester.former_names import handed_on
+
+
+def __getattr__(name: str) -> object:
+    return handed_on("harvester.results", "harvester.results.result", name)

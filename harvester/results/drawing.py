@@ -1,0 +1,85 @@
+"""The figure of a result: its densities, and the fit to a record."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from harvester.show.palette import CIRCUIT
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from harvester.results.result import Result
+
+# Share of its peak down to which a density is drawn.
+WORTH_DRAWING = 1e-3
+# Intervals between ticks on a density's axis: the labels of an SI scene are long.
+MOST_TICKS = 5
+
+
+def draw_result(result: Result) -> Figure | None:
+    """Densities of displacement, velocity and voltage of one result; the fit to a record."""
+    from matplotlib.figure import Figure
+
+    fitted = result.spectrum_fit is not None and result.spectrum_fit.frequency.size > 0
+    panels = len(result.densities) + fitted
+    if not panels:
+        return None
+    figure = Figure(figsize=(3.0 * panels, 2.6))
+    for place, name in enumerate(result.densities):
+        axes = figure.add_subplot(1, panels, place + 1)
+        draw_density(axes, result, name, CIRCUIT, "-", None)
+        axes.set_xlabel(axis_label(result, name))
+        axes.set_ylabel("probability density" if place == 0 else "")
+        axes.set_ylim(bottom=0.0)
+        frame(axes, [result], name)
+    if fitted:
+        _draw_fit(figure.add_subplot(1, panels, panels), result)
+    figure.suptitle(f"{result.scene.name}: {result.engine}", x=0.01, ha="left", fontsize=9)
+    return figure
+
+
+def _draw_fit(axes, result):
+    """The record's spectral density, the noise fitted to it, and the device's frequency."""
+    fit = result.spectrum_fit
+    axes.loglog(fit.frequency, fit.density, color="0.6", linewidth=0.8, label="record")
+    label = f"fit: D = {fit.intensity:.3g}, τ1 = {fit.correlation_time:.3g} s"
+    axes.loglog(fit.frequency, fit.fitted, color=CIRCUIT, label=label)
+    axes.axvline(fit.device_frequency, color="0.3", linestyle=":", linewidth=0.9, label="device")
+    axes.set_xlabel("frequency [Hz]")
+    unit = "(m/s²)²/Hz" if result.scene.units == "SI" else "scaled"
+    axes.set_ylabel(f"density [{unit}]")
+    axes.legend(fontsize=6)
+
+
+def draw_density(
+    axes: Axes, result: Result, name: str, colour: str, style: str, label: str | None
+) -> None:
+    """One density in the scene's units, with a band of two standard errors."""
+    density = result.densities[name]
+    unit = result.scales.of(density.dimension)
+    centre, values = density.centre * unit, density.density / unit
+    if density.standard_error is not None:
+        band = 2.0 * density.standard_error / unit
+        axes.fill_between(centre, values - band, values + band, color=colour, alpha=0.25, lw=0)
+    axes.plot(centre, values, style, color=colour, label=label)
+
+
+def frame(axes: Axes, results: Sequence[Result], name: str) -> None:
+    """Limit the axis to where the densities are worth drawing."""
+    ends = []
+    for result in results:
+        density = result.densities[name]
+        drawn = density.centre[density.density > WORTH_DRAWING * density.density.max()]
+        ends += list(drawn[[0, -1]] * result.scales.of(density.dimension))
+    margin = 0.05 * (max(ends) - min(ends))
+    axes.set_xlim(min(ends) - margin, max(ends) + margin)
+    axes.locator_params(axis="x", nbins=MOST_TICKS)
+
+
+def axis_label(result: Result, name: str) -> str:
+    """A dimension and its unit."""
+    unit = result.unit(name)
+    return f"{name} [{'scaled' if unit.startswith('scaled') else unit}]"

@@ -1,0 +1,92 @@
+"""The joint density of displacement and velocity, methods side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.device import timescales
+from harvester.prepared.prepared import prepared
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from harvester.results.result import Result
+
+# Share of the peak down to which a density is coloured.
+LEAST_SHARE = 1e-3
+COLOURS = "viridis"
+TITLES = {"averaging fokker_planck": "Fokker–Planck equation", "monte-carlo": "Monte Carlo"}
+
+
+def draw(results: Sequence[Result]) -> Figure | None:
+    """p(X, X') of every result that has one, in the places and the colours of the last of them.
+
+    Wells are marked by dots, saddles by crosses.
+    """
+    from matplotlib.figure import Figure
+
+    found = [(each, each.joint_density) for each in results if each.joint_density is not None]
+    if not found:
+        return None
+    last, places = found[-1]
+    area = last.scales.of("displacement") * last.scales.of("velocity")
+    values = np.stack([joint.on(places) for _, joint in found]) / area
+    figure = Figure(figsize=(0.9 + 3.3 * len(found), 3.1))
+    axes = figure.subplots(1, len(found), sharex=True, sharey=True, squeeze=False)[0]
+    meshes = [
+        _draw_panel(panel, result, places, each, values.max())
+        for panel, (result, _), each in zip(axes, found, values, strict=True)
+    ]
+    _frame(axes[0], last, places, values.max(axis=0))
+    axes[0].set_ylabel(_axis(last, "velocity"))
+    unit = "s/m²" if last.scene.units == "SI" else "scaled"
+    figure.colorbar(meshes[-1], ax=axes, label=f"probability density [{unit}]", pad=0.02)
+    figure.suptitle(
+        f"{last.scene.name}: joint density of displacement and velocity",
+        x=0.01,
+        ha="left",
+        fontsize=9,
+    )
+    return figure
+
+
+def _draw_panel(axes, result, places, values, highest):
+    from matplotlib.colors import LogNorm
+
+    least = LEAST_SHARE * highest
+    x, v = _in_units(result, places)
+    # Below the least nothing is drawn.
+    shown = np.ma.masked_less(values, least)
+    norm = LogNorm(least, highest)
+    mesh = axes.pcolormesh(x, v, shown.T, norm=norm, cmap=COLOURS, rasterized=True)
+    ready = prepared(result.scene)
+    system, scales = ready.system, ready.scales
+    for found, mark in ((timescales.wells(system), "o"), (timescales.saddles(system), "x")):
+        where = np.array(found) * scales.displacement
+        axes.plot(where, 0.0 * where, mark, color="white", markersize=3.5, markeredgewidth=1.0)
+    axes.set_title(TITLES.get(result.engine, result.engine))
+    axes.set_xlabel(_axis(result, "displacement"))
+    return mesh
+
+
+def _frame(axes, result, places, values):
+    """Limits a little beyond what is drawn."""
+    seen = values > LEAST_SHARE * values.max()
+    limits = (axes.set_xlim, axes.set_ylim)
+    for set_limits, along, other in zip(limits, _in_units(result, places), (1, 0), strict=True):
+        reach = along[seen.any(axis=other)]
+        spare = 0.05 * np.ptp(reach)
+        set_limits(reach[0] - spare, reach[-1] + spare)
+
+
+def _in_units(result, places):
+    """Displacements and velocities in the scene's units."""
+    return [getattr(places, name) * result.scales.of(name) for name in ("displacement", "velocity")]
+
+
+def _axis(result, name):
+    unit = result.unit(name)
+    return f"{name} [{'scaled' if unit.startswith('scaled') else unit}]"

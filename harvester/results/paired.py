@@ -1,0 +1,104 @@
+"""Paired differences of results on common noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from harvester.estimates.batch_means import complete_batches, ratio_of_sums, standard_error
+from harvester.estimates.estimate import Estimate, why_no_error
+from harvester.estimates.means import MEANS
+from harvester.estimates.output_side import RATIOS, output_ratio
+from harvester.record.moments import QUANTITIES
+
+if TYPE_CHECKING:
+    from harvester.record.moments import Moments
+    from harvester.results.result import Result
+
+
+def paired_difference(result: Result, reference: Result) -> dict[str, Estimate]:
+    """Relative differences of two results on the same noise paths, with paired errors.
+
+    Batch by batch the common noise cancels as far as the two follow the same path, so that the
+    error is often far below that of either mean. Where paths part, nothing cancels and the error
+    is that of independent means: it is the scatter of the difference itself.
+
+    Parameters
+    ----------
+    result, reference : harvester.results.result.Result or harvester.running.Answer
+        Each with its moments; of the same scene, or of scenes with the same seed, knots and
+        length of run.
+
+    Returns
+    -------
+    dict of str to Estimate
+        (result − reference)/reference of every mean over time, and of the power conversion
+        efficiency.
+    """
+    ours, theirs = complete_batches(result.moments), complete_batches(reference.moments)
+    if ours is None or theirs is None or ours.shape != theirs.shape:
+        return {}
+    differences = {}
+    for name, (quantity, _) in MEANS.items():
+        row = QUANTITIES.index(quantity)
+        if not theirs[:, :, row].any():
+            continue
+        ratio, error = ratio_of_sums(ours[:, :, row], theirs[:, :, row])
+        note = why_no_error(ratio, error)
+        differences[name] = Estimate(ratio - 1.0, error, None, "1", note)
+    efficiency = _paired_efficiency(ours, theirs)
+    return differences | ({"power_conversion_efficiency": efficiency} if efficiency else {})
+
+
+def _paired_efficiency(ours, theirs):
+    """Relative difference of Eq. 35, both ratios linearised batch by batch; None without power."""
+    load, loss = QUANTITIES.index("load_power"), QUANTITIES.index("loss_power")
+    shares = []
+    for batches in (ours, theirs):
+        used = batches[:, :, load] + batches[:, :, loss]
+        if not batches[:, :, load].any():
+            return None
+        # Of each batch: its load power over the mean, less its used power over the mean.
+        share = batches[:, :, load] / batches[:, :, load].mean() - used / used.mean()
+        shares.append((batches[:, :, load].sum() / used.sum(), share))
+    ratio = float(shares[0][0] / shares[1][0])
+    error = standard_error(shares[0][1] - shares[1][1])
+    note = why_no_error(ratio, error)
+    return Estimate(ratio - 1.0, None if error is None else ratio * error, None, "1", note)
+
+
+def has_deviations(name: str) -> bool:
+    """Whether a quantity is a ratio of sums over batches, which `deviations` takes apart."""
+    return name in MEANS or name in RATIOS or name == "power_conversion_efficiency"
+
+
+def deviations(moments: Sequence[Moments], name: str) -> Any:
+    """How far an estimate lies off its mean in each batch, to first order.
+
+    Combinations of several results on common noise get their error from the same combination of
+    these: `standard_error` of it knows what the results have in common.
+
+    Parameters
+    ----------
+    moments : sequence of harvester.record.moments.Moments
+    name : str
+        One that `has_deviations` knows: a mean over time, an efficiency, the output's power.
+
+    Returns
+    -------
+    ndarray, shape (realizations, batches)
+        Mean 0, in the estimate's scaled units.
+    """
+    upper, lower = sums(moments, name)
+    return (upper - upper.sum() / lower.sum() * lower) / lower.mean()
+
+
+def sums(moments: Sequence[Moments], name: str) -> tuple[Any, Any]:
+    """The sums over batches that a quantity is the ratio of; see `deviations`."""
+    if name in RATIOS:
+        return output_ratio(moments, name)
+    batches: Any = complete_batches(moments)
+    load, loss = QUANTITIES.index("load_power"), QUANTITIES.index("loss_power")
+    if name == "power_conversion_efficiency":
+        return batches[:, :, load], batches[:, :, load] + batches[:, :, loss]
+    return batches[:, :, QUANTITIES.index(MEANS[name][0])], batches[:, :, QUANTITIES.index("time")]

@@ -1,0 +1,157 @@
+"""What an energy balance that does not close is suspected of, by the run's own evidence."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.device import timescales
+from harvester.estimates.balance import stored_change
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import steps_per_contact
+from harvester.record.moments import QUANTITIES
+
+if TYPE_CHECKING:
+    from harvester.results.result import Result
+
+# The step is suspected when the residual is at most so many times (ω h)²/12, the error of the
+# trapezoidal rule over one step h of the fastest motion, which has the angular frequency ω.
+STEP_ERROR_FACTOR = 10.0
+# A run counts as short when the energy stored in the device changes by at least this share of the
+# energy that flows through it.
+STORED_SHARE_OF_SHORT_RUNS = 0.5
+# A residual is ascribed to load or damper when, over at least so many realizations, it has at least
+# this correlation with what that part dissipates.
+FEWEST_REALIZATIONS, LEAST_CORRELATION = 4, 0.98
+
+
+def suspected_cause(result: Result) -> str:
+    """One clause that names the likeliest cause of the residual, with its evidence.
+
+    Parameters
+    ----------
+    result : harvester.results.result.Result
+        With its moments and its residual.
+    """
+    p = prepared(result.scene).system
+    totals, stored = _energies(result.moments, p)
+    finders = (_diverged, _active_load, _short_run, _load, _switching, _contacts, _step)
+    for find in finders:
+        cause = find(result, p, totals, stored)
+        if cause:
+            return cause
+    return (
+        "neither load, contacts, step nor length of the run explains it: compare a run with "
+        "--step fine"
+    )
+
+
+def _energies(moments, p):
+    """Integrals of each realization, {quantity: array}, and the change of its stored energy."""
+    sums = np.array([m.integrals.sum(axis=0) for m in moments])
+    stored = [stored_change(m, p) for m in moments]
+    return {name: sums[:, column] for column, name in enumerate(QUANTITIES)}, np.array(stored)
+
+
+def _diverged(result, p, totals, stored):
+    if np.isfinite(result.energy_balance_residual) and np.all(np.isfinite(stored)):
+        return ""
+    return (
+        "the run diverged, its energies are no numbers any more: look for a negative resistance or "
+        "a gain that feeds back in the load"
+    )
+
+
+def _active_load(result, p, totals, stored):
+    delivered = -totals["load_power"].sum()
+    converter = result.scaled_quantities.get("mean_converter_loss")
+    if delivered > 0.0:
+        share = delivered / max(abs(totals["input_power"].sum()), delivered)
+        return (
+            f"the load is active: it delivers {share:.0%} of the energy that flows; take sources, "
+            "negative resistances and gains that feed back out of its netlist"
+        )
+    if converter and converter.estimate < 0.0:
+        return (
+            "the load's output takes more than goes into the load: there is a source in its "
+            "netlist, or its resistors and capacitors are not what was read"
+        )
+    return ""
+
+
+def _short_run(result, p, totals, stored):
+    flow = max(abs(totals["input_power"].sum()), totals["load_power"].sum())
+    share = np.abs(stored).sum() / flow if flow > 0.0 else np.inf
+    if share < STORED_SHARE_OF_SHORT_RUNS:
+        return ""
+    return (
+        f"the run is too short: the stored energy changes by {share:.2g} of what is put in, and "
+        "the ends count; raise run.duration"
+    )
+
+
+def _load(result, p, totals, stored):
+    """Residuals of the realizations that go with what load or transducer take and nothing else."""
+    if len(stored) < FEWEST_REALIZATIONS:
+        return ""
+    left = totals["input_power"] - totals["load_power"] - totals["loss_power"] - stored
+    loss = totals["loss_power"] - totals["transducer_loss"]
+    takers = {"load": totals["load_power"], "transducer": totals["transducer_loss"]}
+    going = {name: _together(left, taken) for name, taken in takers.items()}
+    found = [
+        name
+        for name, share in going.items()
+        if share >= max(LEAST_CORRELATION, _together(left, loss))
+    ]
+    if not found or abs(result.energy_balance_residual) < _of_the_step(result):
+        return ""
+    share = left.sum() / takers[found[0]].sum()
+    names = " or the ".join(found)
+    return (
+        f"the {names}: what is missing goes with what it takes, {share:+.2g} of it in every "
+        f"realization; the circuit's {names} is not the one that the power is reckoned with (its "
+        "value, its parameters, a temperature or a multiplier)"
+    )
+
+
+def _together(left, taken):
+    """Share of the residuals' squares that a fixed share of what was taken explains."""
+    squares = float(np.sum(left**2) * np.sum(taken**2))
+    return float(np.sum(left * taken)) ** 2 / squares if squares > 0.0 else 0.0
+
+
+def _switching(result, p, totals, stored):
+    load = result.scene.load.circuit
+    if not (load and load.switches) or abs(result.energy_balance_residual) < _of_the_step(result):
+        return ""
+    return (
+        "the load's switches, coils or sources ask for shorter steps than these; choose a shorter "
+        "--step"
+    )
+
+
+def _contacts(result, p, totals, stored):
+    impacts = totals["impacts"].sum()
+    resolving = steps_per_contact(prepared(result.scene), result.step, result.engine)
+    if not impacts or timescales.contact_time(p) > resolving * result.step:
+        return ""
+    return (
+        f"contacts: {impacts:.0f} of about {timescales.contact_time(p):.2g} s each, against steps "
+        f"of {result.step:.2g} s between them; choose a shorter --step"
+    )
+
+
+def _step(result, p, totals, stored):
+    if abs(result.energy_balance_residual) > _of_the_step(result):
+        return ""
+    steps = 2.0 * np.pi / timescales.fastest_angular_frequency(p) / result.step
+    return (
+        f"the step: {result.step:.2g} s is {1.0 / steps:.2g} of the fastest period; choose a "
+        "shorter --step"
+    )
+
+
+def _of_the_step(result):
+    p = prepared(result.scene).system
+    return STEP_ERROR_FACTOR * (timescales.fastest_angular_frequency(p) * result.step) ** 2 / 12.0

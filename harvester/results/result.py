@@ -1,0 +1,323 @@
+"""Results with their evidence: what every engine and closure returns, and how it is shown."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from harvester.errors import HarvesterError, UnknownQuantity
+from harvester.estimates.estimate import Density, Estimate
+from harvester.estimates.joint_density import JointDensity
+from harvester.estimates.units import unit_of
+from harvester.excitation.spectrum_fit import SpectrumFit
+from harvester.files.plain_text import nearest, one_line, shown
+from harvester.files.writing import finite
+from harvester.record.moments import Moments
+from harvester.record.record import Record
+from harvester.scene.model import Scene
+from harvester.scene.units import Scales
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from xarray import Dataset
+
+
+@dataclass(frozen=True, repr=False)
+class Result:
+    """Quantities of one scene by one engine or closure, with error bars and provenance.
+
+    `result["mean_power"]` is an estimate in the scene's own units, as are all of `quantities`;
+    `scaled_quantities` and `densities` are in scaled units.
+
+    Attributes
+    ----------
+    scene : Scene
+    engine : str
+        "circuit", "monte-carlo", or "averaging" followed by the closure.
+    scaled_quantities : dict of str to Estimate
+    scales : Scales
+    error_kind : str
+        "statistical", or "numerical" for averaging.
+    energy_balance_residual : float or None
+        Share of the energy put in that is not found again.
+    wall_seconds : float
+        From the first realization's start to the last one's end, without start-up.
+    engine_seconds : float
+        Summed over realizations: `simulated_time` over it is the rate of one core.
+    simulated_time : float
+        Summed over realizations, settling included (s); 0 for averaging.
+    steps : int
+    step : float or None
+        Longest step (s).
+    step_error : float or None
+        Share of a mean power that the steps may cost, by `harvester.prepared.steps.step_error`;
+        None where it is not known. It is part of the error bars where nothing is by chance.
+    realizations : int
+    engine_version : str
+    netlist_sha256 : str or None
+        Of the first realization's netlist; of Monte Carlo, of its load's.
+    notes : tuple of str
+        What a reader must know before citing a number.
+    densities : dict of str to Density
+        Of displacement, velocity and voltage.
+    joint_density : JointDensity or None
+        Of displacement and velocity together: of the stationary solver, or where it was asked for.
+    waveform : Record or None
+        A stretch of the first realization.
+    failures : dict of int to str
+        Realizations that failed for good, with the reason; left out of the estimates.
+    moments : list of harvester.record.moments.Moments
+        One per realization, for paired differences; empty for averaging.
+    spectrum_fit : SpectrumFit or None
+        Of averaging over a record.
+    outcome : str
+        "complete", "incomplete" where realizations failed, or the name of the error that ended
+        the run early.
+    """
+
+    scene: Scene
+    engine: str
+    scaled_quantities: dict[str, Estimate]
+    scales: Scales
+    error_kind: str
+    energy_balance_residual: float | None
+    wall_seconds: float
+    engine_seconds: float
+    simulated_time: float
+    steps: int
+    step: float | None
+    realizations: int
+    engine_version: str
+    netlist_sha256: str | None
+    notes: tuple[str, ...] = ()
+    densities: dict[str, Density] = field(default_factory=dict)
+    joint_density: JointDensity | None = None
+    waveform: Record | None = None
+    failures: dict[int, str] = field(default_factory=dict)
+    moments: list[Moments] = field(default_factory=list)
+    spectrum_fit: SpectrumFit | None = None
+    outcome: str = "complete"
+    step_error: float | None = None
+
+    def quantity(self, name: str) -> Estimate:
+        """One estimate in the scene's units, as `result[name]`.
+
+        Raises
+        ------
+        UnknownQuantity
+            Which is a KeyError too.
+        """
+        if name not in self.scaled_quantities:
+            raise UnknownQuantity(
+                f"{self.scene.name}: no quantity {shown(name)}"
+                f"{nearest(name, self.scaled_quantities)}; there are "
+                f"{', '.join(self.scaled_quantities)}"
+            )
+        estimate = self.scaled_quantities[name]
+        return estimate.times(self.scales.of(estimate.dimension))
+
+    def __getitem__(self, name: str) -> Estimate:
+        return self.quantity(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.scaled_quantities)
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self.scaled_quantities)
+
+    @property
+    def quantities(self) -> dict[str, Estimate]:
+        """All estimates in the scene's units."""
+        return {name: self.quantity(name) for name in self.scaled_quantities}
+
+    def unit(self, dimension: str) -> str:
+        """Unit of a dimension like "voltage^2" in this scene."""
+        return unit_of(self.scene, dimension)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON; NaN and missing errors become null.
+
+        Densities, waveform and moments are left out: see `density_table` and `to_xarray`.
+        """
+        fit = {"spectrum_fit": self.spectrum_fit.to_dict()} if self.spectrum_fit else {}
+        return {
+            "engine": self.engine,
+            "engine_version": self.engine_version,
+            "outcome": self.outcome,
+            "quantities": {
+                name: estimate.to_dict(self.unit(estimate.dimension))
+                for name, estimate in self.quantities.items()
+            },
+            "scaled_quantities": {
+                name: {**estimate.to_dict("scaled"), "dimension": estimate.dimension}
+                for name, estimate in self.scaled_quantities.items()
+            },
+            "scales": {
+                "displacement": self.scales.displacement,
+                "voltage": self.scales.voltage,
+                "power": self.scales.power,
+            },
+            "error_kind": self.error_kind,
+            "energy_balance_residual": finite(self.energy_balance_residual),
+            "wall_seconds": finite(self.wall_seconds),
+            "engine_seconds": finite(self.engine_seconds),
+            "simulated_time": self.simulated_time,
+            "steps": self.steps,
+            "step": self.step,
+            "step_error": finite(self.step_error),
+            "realizations": self.realizations,
+            "seed": self.scene.run.seed,
+            "netlist_sha256": self.netlist_sha256,
+            "notes": list(self.notes),
+            "failures": {str(index): reason for index, reason in self.failures.items()},
+            **fit,
+            "scene": self.scene.to_dict(),
+        }
+
+    @classmethod
+    def from_dict(cls, content: dict[str, Any], folder: str | None = None) -> Result:
+        """The result that `to_dict` made plain values of.
+
+        Its scene's files are read again, a load's netlist from `folder` or the current one.
+
+        Raises
+        ------
+        HarvesterError
+            These are not the values of a result.
+        SceneError
+            A file of the scene is missing or has changed.
+        """
+        from harvester.results.reading import NotAValue, result_of
+
+        try:
+            return result_of(content, folder)
+        except NotAValue as error:
+            reason = str(error)
+        except KeyError as error:
+            reason = f"{error} is missing"
+        except (TypeError, AttributeError, ValueError, OverflowError) as error:
+            reason = f"{type(error).__name__}: {error}"
+        raise HarvesterError(f"no result: {reason}; give what Result.to_dict returned")
+
+    def to_xarray(self) -> Dataset:
+        """Quantities, their standard errors and the densities, in the scene's units.
+
+        Raises
+        ------
+        MissingLibrary
+            xarray, of the extra `study`.
+        """
+        from harvester.results.dataset import dataset_of
+
+        return dataset_of(self)
+
+    def density_table(self) -> str:
+        """CSV of the densities in the scene's units: quantity, centre, density, error."""
+        lines = ["quantity,centre,density,standard_error,unit_of_centre"]
+        for name, density in self.densities.items():
+            scale, unit = self.scales.of(density.dimension), self.unit(density.dimension)
+            errors = density.standard_error
+            for k, centre in enumerate(density.centre):
+                error = "" if errors is None else f"{errors[k] / scale:.6g}"
+                value = density.density[k] / scale
+                lines.append(f"{name},{centre * scale:.9g},{value:.9g},{error},{unit}")
+        return "\n".join(lines) + "\n"
+
+    def table(self) -> tuple[list[str], list[list[str]]]:
+        """Header and rows, as text: quantity, unit, value with error bar, effective samples."""
+        numerical = self.error_kind == "numerical"
+        header = ["quantity", "unit"]
+        header += [f"{'value ± numerical' if numerical else 'estimate ± standard'} error"]
+        header += [] if numerical else ["effective samples"]
+        rows = [
+            [
+                name.replace("_", " "),
+                self.unit(estimate.dimension),
+                with_error(estimate),
+                *([] if numerical else [_count(estimate.effective_sample_size)]),
+            ]
+            for name, estimate in self.quantities.items()
+        ]
+        return header, rows
+
+    def sentences(self) -> list[str]:
+        """How the numbers came about, and what to know before citing one."""
+        return [*self.evidence(), *self.notes]
+
+    def results_by_method(self) -> dict[str, Result]:
+        """Itself, by the name of its engine or closure."""
+        return {self.engine: self}
+
+    def figure(self) -> Figure | None:
+        """Its densities, and the fit to a record; None where it has neither."""
+        from harvester.results.drawing import draw_result
+        from harvester.show import figures
+
+        return figures.drawn(draw_result, self)
+
+    def joint_figure(self) -> Figure | None:
+        """Its joint density of displacement and velocity; None where it has none."""
+        from harvester.results import joint_drawing
+        from harvester.show import figures
+
+        return figures.drawn(joint_drawing.draw, [self])
+
+    def __repr__(self) -> str:
+        first = next(iter(self.quantities.items()), None)
+        says = f"{first[0]} = {with_error(first[1])}, " if first else ""
+        more = f"{says}{len(self.scaled_quantities)} quantities, {self.outcome}"
+        return one_line(f"<Result of {self.scene.name} by {self.engine}: {more}>")
+
+    def _repr_html_(self) -> str:
+        header, rows = self.table()
+
+        def line(cells: list[str], tag: str) -> str:
+            shown = "".join(f"<{tag}>{html.escape(one_line(cell))}</{tag}>" for cell in cells)
+            return f"<tr>{shown}</tr>"
+
+        body = line(header, "th") + "".join(line(row, "td") for row in rows)
+        title = html.escape(f"{self.scene.name}: {self.engine}")
+        facts = html.escape(one_line("; ".join(self.sentences())))
+        return f"<table><caption>{title}</caption>{body}</table><p>{facts}</p>"
+
+    def evidence(self) -> list[str]:
+        """Sentences on how the numbers came about."""
+        facts = [self.engine_version]
+        if self.simulated_time > 0.0:
+            facts.append(
+                f"{self.realizations} × {self.simulated_time / self.realizations:g} s, "
+                f"{self.steps} steps of at most {self.step:g} s, seed {self.scene.run.seed}"
+            )
+        if self.step_error is not None:
+            facts.append(f"the steps cost powers up to {self.step_error:.1g} of themselves")
+        if self.energy_balance_residual is not None:
+            facts.append(f"energy balance residual {self.energy_balance_residual:.2%}")
+        facts.append(f"{self.wall_seconds:.2f} s")
+        if self.netlist_sha256:
+            facts.append(f"netlist {self.netlist_sha256[:12]}")
+        return facts
+
+
+def with_error(estimate: Estimate) -> str:
+    """ "0.02745 ± 0.00012", or the bare value and that it has no error bar."""
+    value, error = estimate.estimate, estimate.standard_error
+    if value is None or not math.isfinite(value):
+        return "—"
+    if error is None or not math.isfinite(error):
+        return f"{value:.3g} (no error bar)"
+    if error == 0.0:
+        return f"{value:.6g} ± 0"
+    digits = max(0, math.floor(math.log10(abs(value) / error)) + 2) if value else 2
+    if 1e-4 <= abs(value) < 1e5 or value == 0.0:
+        places = max(0, 1 - math.floor(math.log10(error)))
+        return f"{value:.{places}f} ± {error:.{places}f}"
+    exponent = math.floor(math.log10(abs(value)))
+    scale = 10.0**exponent
+    return f"({value / scale:.{digits}f} ± {error / scale:.{digits}f})e{exponent}"
+
+
+def _count(size: float | None) -> str:
+    return "" if size is None else f"{size:.0f}"

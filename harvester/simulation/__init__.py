@@ -1,0 +1,7 @@
+"""`simulate`: realizations by one engine, and what they come to."""
+
+from harvester.former_names import handed_on
+
+
+def __getattr__(name: str) -> object:
+    return handed_on("harvester.simulation", "harvester.simulation.simulate", name)

@@ -1,0 +1,215 @@
+"""Realizations by a named engine, inside a worker process."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.device import timescales
+from harvester.estimates.batch_means import KNOTS_PER_SAMPLE, batch_counts
+from harvester.prepared.paths import noise_path, start_state
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing, stop_time
+from harvester.record.joint import JointHistogram
+from harvester.record.joint import prepare as prepare_joint
+from harvester.record.jumps import Jumps
+from harvester.record.moments import Moments
+from harvester.record.moments import prepare as prepare_moments
+from harvester.record.output_side import OutputMoments
+from harvester.record.record import Record
+from harvester.simulation.methods import ENGINES
+
+if TYPE_CHECKING:
+    from harvester.scene.model import Scene
+
+REPORT_SECONDS = 0.25
+
+
+@dataclass
+class Realization:
+    """What a worker sends back.
+
+    Attributes
+    ----------
+    moments : Moments
+    waveform : Record or None
+        The stretch asked for.
+    joint : JointHistogram or None
+        Where it was asked for.
+    seconds : float
+        Of one core, for the simulation alone, whatever else the machine does; of realizations run
+        together, its share.
+    started, ended : float
+        The system's clock (s).
+    engine_version : str
+    netlist_sha256 : str or None
+    """
+
+    moments: Moments
+    waveform: Record | None
+    joint: JointHistogram | None
+    seconds: float
+    started: float
+    ended: float
+    engine_version: str
+    netlist_sha256: str | None
+
+
+class Waveform:
+    """Keeps the points of a record between two times."""
+
+    def __init__(self, start: float, stop: float) -> None:
+        self.start, self.stop = start, stop
+        self._parts: list[np.ndarray] = []
+
+    def add(self, record: Record) -> None:
+        """Keep what lies in the window."""
+        if record.time.size == 0 or record.time[0] > self.stop or record.time[-1] < self.start:
+            return
+        inside = (record.time >= self.start) & (record.time <= self.stop)
+        self._parts.append(np.array([column[inside] for column in record]))
+
+    def record(self) -> Record:
+        """The stretch as one record."""
+        if not self._parts:
+            return Record(*np.empty((len(Record._fields), 0)))
+        return Record(*np.concatenate(self._parts, axis=1))
+
+
+class Reporter:
+    """Sends the moments of all realizations so far, several times a second."""
+
+    # A record without points will do.
+    reads_points = False
+
+    def __init__(self, moments: list[Moments], report: Callable) -> None:
+        self._moments, self._report = moments, report
+        self._next = time.monotonic() + REPORT_SECONDS
+
+    def add(self, record: Record) -> None:
+        """Report when it is time."""
+        now = time.monotonic()
+        if now >= self._next:
+            self._report(self._moments)
+            self._next = now + REPORT_SECONDS
+
+
+def run(
+    scene: Scene,
+    engine: str,
+    indices: list[int],
+    step: str | float,
+    source: str,
+    window: tuple[float, float] | None,
+    report: Callable,
+    scheme: str | None = None,
+    tolerance: float | None = None,
+    device: str = "automatic",
+    joint_density: bool = False,
+) -> list[Realization]:
+    """Simulate realizations of a scene; the circuit engine takes them side by side.
+
+    Parameters
+    ----------
+    scene : Scene
+    engine : str
+        A name in `harvester.simulation.methods.ENGINES`.
+    indices : sequence of int
+        Of the realizations: each picks its seed and its starting well.
+    step, source : str or float, str
+        See `harvester.simulate`.
+    window : (float, float) or None
+        Stretch of each one's waveform to keep (s).
+    report : callable
+        Given the list of moments so far.
+    scheme, tolerance, device, joint_density : str or None, float or None, str, bool
+        See `harvester.simulate`.
+
+    Returns
+    -------
+    list of Realization
+    """
+    chosen = ENGINES[engine]
+    ready = prepared(scene)
+    paths = [noise_path(ready, index) for index in indices]
+    moments = [empty_moments(scene) for _ in indices]
+    # Only a netlist has an output side.
+    output = {}
+    load = scene.load.circuit
+    if load and load.has_output:
+        output["outputs"] = [OutputMoments.beside(each, load.measured) for each in moments]
+        for each, its_output in zip(moments, output["outputs"], strict=True):
+            each.output = its_output
+    observers: list[list] = [[each] for each in moments]
+    observers[-1].append(Reporter(moments, report))
+    waveforms = [Waveform(*window) if window else None for _ in indices]
+    sampled = (scene.run.settle, knot_spacing(ready))
+    joints = [JointHistogram.empty(*sampled) if joint_density else None for _ in indices]
+    for watching, *others in zip(observers, waveforms, joints, strict=True):
+        watching[:0] = [each for each in others if each is not None]
+    chosen.prepare(scene)
+    prepare_moments()
+    if joint_density:
+        prepare_joint()
+    started = time.time()
+    clock, processor = time.perf_counter(), time.process_time()
+    scheme = scheme or chosen.schemes[0]
+    starts = [start_state(ready, index) for index in indices]
+    outcome = chosen.run_realizations(
+        scene, paths, starts, observers, step, source, scheme, tolerance, device, **output
+    )
+    elapsed, seconds = time.perf_counter() - clock, time.process_time() - processor
+    # The last word of those that end before their first report.
+    report(moments)
+    return [
+        Realization(
+            moments=each,
+            waveform=waveform.record() if waveform else None,
+            joint=joint,
+            seconds=seconds / len(moments),
+            started=started,
+            ended=started + elapsed,
+            **outcome,
+        )
+        for each, waveform, joint in zip(moments, waveforms, joints, strict=True)
+    ]
+
+
+def empty_moments(scene: Scene) -> Moments:
+    """Nothing accumulated yet, in the batches that the scene's run is cut into."""
+    ready = prepared(scene)
+    parameters = ready.system
+    spacing = knot_spacing(ready)
+    start, batches, groups = _measured(scene, spacing)
+    saddles = timescales.saddles(parameters)
+    even = len(saddles) == 1 and parameters.symmetric and scene.excitation.symmetric
+    moments = Moments.empty(
+        start,
+        stop_time(ready),
+        timescales.free_zone(parameters),
+        saddles,
+        bool(saddles) and not even,
+        batches,
+        groups,
+        KNOTS_PER_SAMPLE * spacing,
+    )
+    if saddles:
+        moments.jumps = Jumps.empty(parameters, moments.start, moments.batch_length, batches)
+    return moments
+
+
+def _measured(scene, spacing):
+    """When measuring begins (s), and the numbers of batches and groups: whole periods if it can."""
+    run, period = scene.run, scene.excitation.period
+    batches, groups = batch_counts(run.realizations, run.duration / spacing)
+    if period is None or period > run.duration:
+        return run.settle, batches, groups
+    periods = math.floor(run.duration / period + 1e-9)
+    batches = min(batches, periods)
+    start = stop_time(prepared(scene)) - periods // batches * batches * period
+    return max(start, run.settle), batches, min(groups, batches)

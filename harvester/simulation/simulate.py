@@ -1,0 +1,198 @@
+"""`simulate`: a scene through one engine, realizations spread over worker processes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection
+from typing import TYPE_CHECKING
+
+from harvester.calling import takes_scene
+from harvester.errors import HarvesterError, SimulationError
+from harvester.files.plain_text import nearest
+from harvester.signatures import Processes, Seconds, Step
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    from harvester.results.result import Result
+    from harvester.scene.model import Scene
+    from harvester.workers.pools import Workers
+
+SOURCES = ("external", "pwl")
+DEVICES = ("automatic", "behavioural", "compiled")
+# Wall-clock limit of one realization (s) where the user sets none.
+TIME_LIMIT = 3600.0
+
+
+@takes_scene
+def simulate(
+    scene: Scene,
+    *,
+    method: str = "circuit",
+    source: str = "external",
+    device: str = "automatic",
+    copies: int | None = None,
+    step: Step = "default",
+    workers: Processes | None = None,
+    time_limit: Seconds = TIME_LIMIT,
+    keep_going: bool = False,
+    scheme: str | None = None,
+    tolerance: float | None = None,
+    window: tuple[float, float] | None = None,
+    joint_density: bool = False,
+    executor: Executor | None = None,
+    runner: Workers | None = None,
+    progress: Callable[[float, str], object] | None = None,
+) -> Result:
+    """Run one scene through one engine: its quantities with error bars.
+
+    Parameters
+    ----------
+    scene : Scene, str or Path
+        Itself, its file or its built-in name.
+    method : str
+        circuit (ngspice) or monte-carlo (the equations themselves, no ngspice).
+    source : str
+        Circuit only: external, the path through compiled callbacks, or pwl, a source in the
+        netlist with ngspice's own steps, for comparison.
+    device : str
+        Circuit only: behavioural elements, one compiled device for mechanics and piezo (the extra
+        `fast`), or automatic, compiled where it is found. The same numbers to 1e-9.
+    copies : int or None
+        Circuit only: realizations side by side in one netlist, which share their steps (default:
+        as many as pay).
+    step : str or float
+        default, fine, finest, or the longest step in seconds. It is rounded down to a whole
+        division of the knot spacing, and shorter in contact.
+    workers : int or None
+        Processes (default: one a core).
+    time_limit : float
+        Wall-clock limit of one realization.
+    keep_going : bool
+        Try a realization that crashes or runs out of time once more, and go on without it; the
+        result's `failures` name it. Else the first failure ends the run.
+
+    Other Parameters
+    ----------------
+    scheme : str or None
+        One of the engine's `schemes` (harvester.simulation.methods), for comparison; None: the
+        first.
+    tolerance : float or None
+        Circuit only: relative tolerance of ngspice's control by the local error, which shortens
+        steps below `step`; None: fixed steps, or ngspice's own tolerance for "pwl".
+    window : (float, float) or None
+        Stretch of the first realization to keep as `Result.waveform` (s).
+    joint_density : bool
+        Keep p(X, X') as `Result.joint_density`.
+    executor : concurrent.futures.Executor or None
+        Spreads the realizations instead of worker processes of our own: a process pool, Dask's
+        `client.get_executor()`, mpi4py's.
+    runner : WorkerPool or what has one as its `pool`, or None
+        Running processes to use again (`harvester.workers.pools`).
+    progress : callable or None
+        Given the share done, 0 … 1, and the method at work.
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    HarvesterError
+        An unknown name, or no ngspice.
+    SimulationError
+        A realization failed, or with `keep_going` all did; `partial` is a Result of what it had.
+
+    Notes
+    -----
+    The same seed gives the same noise to every engine and the same numbers whatever the
+    number of workers.
+    """
+    from harvester.simulation import outcome, spread
+    from harvester.simulation.methods import ENGINES
+
+    step = check_step(step)
+    engine = check_name("method", method, ENGINES)
+    source = check_name("source", source, SOURCES)
+    ENGINES[engine].check(scene)
+    scheme = check_name("scheme", scheme or ENGINES[engine].schemes[0], ENGINES[engine].schemes)
+    device = check_name("device", device, DEVICES)
+    copies = check_copies(copies, scene, engine, source)
+    options = {"step": step, "source": source, "scheme": scheme, "tolerance": tolerance}
+    follow = spread.Follower(scene, engine, progress) if progress else None
+    try:
+        with spread.running(runner, executor, scene.run.realizations, workers) as pool:
+            together = copies or spread.copies_that_pay(scene, engine, device, options, pool)
+            options |= {"device": device, "joint_density": joint_density}
+            calls = spread.calls_of(scene, engine, together, window, options)
+            outcomes = spread.outcomes(pool, calls, time_limit, follow, keep_going)
+    except SimulationError as error:
+        error.partial = outcome.partial_result(scene, engine, step, source, error)
+        raise
+    failures = {k: o for k, o in enumerate(outcomes) if isinstance(o, SimulationError)}
+    realizations = [each for each in outcomes if not isinstance(each, SimulationError)]
+    return outcome.checked(outcome.result_of(scene, engine, step, source, realizations, failures))
+
+
+def check_step(step: str | float) -> str | float:
+    """A level's name or a positive number of seconds.
+
+    Raises
+    ------
+    HarvesterError
+    """
+    from harvester.prepared.steps import STEP_LEVELS
+
+    if isinstance(step, str) and step not in STEP_LEVELS:
+        try:
+            step = float(step)
+        except ValueError:
+            return check_name("step", str(step), STEP_LEVELS)
+    if not isinstance(step, str) and not (math.isfinite(step) and step > 0.0):
+        raise HarvesterError(f"step {step}: must be one of {', '.join(STEP_LEVELS)} or seconds > 0")
+    return step
+
+
+def check_copies(copies: int | None, scene: Scene, engine: str, source: str) -> int | None:
+    """None, or a whole number ≥ 1 that this load, engine and source can take.
+
+    Raises
+    ------
+    HarvesterError
+    """
+    if copies is None:
+        return None
+    if not isinstance(copies, int) or copies < 1:
+        raise HarvesterError(f"copies {copies}: must be a whole number ≥ 1")
+    simple = scene.load.is_resistor and source == "external"
+    if copies > 1 and not (engine == "circuit" and simple):
+        raise HarvesterError(
+            f"copies {copies}: only the circuit with its external source and a resistor as load "
+            "takes more than one"
+        )
+    return copies
+
+
+def check_name(what: str, name: str, known: Collection[str]) -> str:
+    """The name, or HarvesterError with the nearest valid one."""
+    if name not in known:
+        raise HarvesterError(
+            f"unknown {what} {name}{nearest(name, known)}; there are {', '.join(known)}"
+        )
+    return name
+
+
+def require_noise(scene: Scene, command: str) -> None:
+    """Refuse kinds of excitation that a command cannot vary or repeat.
+
+    Raises
+    ------
+    HarvesterError
+    """
+    from harvester.excitation import OrnsteinUhlenbeck
+
+    if not isinstance(scene.excitation, OrnsteinUhlenbeck):
+        raise HarvesterError(
+            f'{scene.name}: excitation.kind = "{scene.excitation.kind}": {command} needs as many '
+            'independent paths as it likes: set excitation.kind = "ornstein-uhlenbeck"'
+        )

@@ -1,0 +1,144 @@
+"""Simulated time per second of each way to run the circuit, as ratios measured in one run."""
+
+import datetime
+import math
+import os
+import platform
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing
+from harvester.running.codec import register
+from harvester.running.task import Task
+from harvester.scene.model import Scene
+from harvester.simulation.realization import run
+from harvester.simulation.side_by_side import MOST_COPIES
+from harvester.workers.pools import WorkerPool, Workers
+
+# Knots of a realization. A source in the netlist is scanned point by point, so that its cost
+# depends on their number.
+KNOTS = 20_000
+# The best of so many measurements counts: other work on the machine only slows one down.
+REPEATS = 5
+
+
+@register
+@dataclass(frozen=True)
+class Throughput:
+    """One way to run the circuit.
+
+    Attributes
+    ----------
+    copies : int
+        Realizations side by side in each netlist.
+    rate : float
+        Simulated seconds per second, all realizations together.
+    """
+
+    name: str
+    copies: int
+    processes: int
+    rate: float
+
+
+def task(scene: Scene, version: str) -> Task:
+    """The task of every way to run a scene's circuit; `version` is that of the circuit."""
+    arguments = {
+        "scene": scene,
+        "compiled": "compiled" in version,
+        "knots": KNOTS,
+        "repeats": REPEATS,
+    }
+    return Task(measured_alone, arguments, version, "throughput")
+
+
+def measured_alone(
+    scene: Scene, compiled: bool, knots: int, repeats: int, report: Callable
+) -> dict[str, Any]:
+    """What `measure` returns as `rows`, and the `machine`; in a worker, on processes of its own."""
+    with WorkerPool(workers=2) as pool:
+        return {"rows": measure(scene, pool, compiled, knots, repeats), "machine": machine()}
+
+
+def machine() -> dict[str, Any]:
+    """What the times are measured on, and when."""
+    return {
+        "date": datetime.date.today().isoformat(),
+        "cores": os.cpu_count(),
+        "processor": platform.processor() or platform.machine(),
+        "system": platform.platform(),
+        "python": platform.python_version(),
+    }
+
+
+def measure(
+    scene: Scene, pool: Workers, compiled: bool, knots: int, repeats: int
+) -> list[Throughput]:
+    """Measure every way to run a scene's circuit, at its default step where none is named.
+
+    Parameters
+    ----------
+    pool : harvester.workers.pools.WorkerPool
+        With two workers or more for the ratio of two processes to one.
+    compiled : bool
+        Whether the compiled device is on.
+    knots, repeats : int
+        Of a realization, and measurements of which the best counts.
+
+    Returns
+    -------
+    list of Throughput
+        The first is a source in the netlist, the second one realization by the external source,
+        both with one knot as the longest step; the third one realization at the default step.
+    """
+    most, many = MOST_COPIES["behavioural"], MOST_COPIES["compiled"]
+    knot = {"step": knot_spacing(prepared(scene))}
+    ways: list[tuple[str, int, int, dict[str, Any]]] = [
+        ("external source, a step a knot", 1, 1, knot),
+        ("one realization", 1, 1, {}),
+        ("side by side in one netlist", most, 1, {}),
+        ("two processes", 1, 2, {}),
+    ]
+    if compiled:
+        option = {"device": "compiled"}
+        ways += [("compiled device", copies, 1, option) for copies in (1, most, many)]
+
+    def rate(name, copies, processes, options):
+        return _measured(scene, pool, knots, name, copies, processes, options)
+
+    pwl = rate("PWL in the netlist", 1, 1, {**knot, "source": "pwl"})
+    # In turn, so that what else the machine does meets all of them alike.
+    rounds = [[rate(*way) for way in ways] for _ in range(repeats)]
+    return [pwl, *(max(rows, key=lambda row: row.rate) for rows in zip(*rounds, strict=True))]
+
+
+def ratios(rows: list[Throughput]) -> dict[str, float]:
+    """External source over PWL, and every way over one realization, {name: ratio}."""
+    if not rows:
+        return {}
+    pwl, external, single = rows[:3]
+    found = {f"{external.name} / {pwl.name}": external.rate / pwl.rate}
+    for row in rows[3:]:
+        name = f"{row.copies} × {row.name}" if row.copies > 1 else row.name
+        found[f"{name} / {single.name}"] = row.rate / single.rate
+    return found
+
+
+def _measured(scene, pool, knots, name, copies, processes, options):
+    """Rate of so many netlists at a time, each with so many copies."""
+    spacing = knot_spacing(prepared(scene))
+    # Enough knots for a good clock, and fewer of them the more copies there are.
+    knots = math.ceil(knots / math.sqrt(copies))
+    brief = scene.replace(
+        run={"duration": knots * spacing, "settle": 0.0, "realizations": copies * processes},
+        excitation={"knot_spacing": spacing},
+    )
+    usual = {"step": "default", "source": "external", "device": "behavioural", "window": None}
+    call = {"scene": brief, "engine": "circuit", **usual, **options}
+    firsts = range(0, copies * processes, copies)
+    calls = [{**call, "indices": list(range(first, first + copies))} for first in firsts]
+    done = [realization for netlist in pool.map(run, calls) for realization in netlist]
+    seconds = max(r.ended for r in done) - min(r.started for r in done)
+    return Throughput(name, copies, processes, len(done) * knots * spacing / seconds)

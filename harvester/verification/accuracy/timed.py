@@ -1,0 +1,125 @@
+"""Realizations by a method and answers of closures, each with the time that it took."""
+
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import Any
+
+from harvester.averaging import CLOSURES
+from harvester.errors import HarvesterError
+from harvester.estimates.estimate import Estimate
+from harvester.estimates.means import estimate_all
+from harvester.estimates.output_side import estimate_output
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing
+from harvester.record.moments import Moments
+from harvester.running import Runner, Task
+from harvester.running.realizations import averages
+from harvester.scene.model import Scene
+from harvester.simulation.realization import run
+from harvester.verification.accuracy.methods import Method
+from harvester.verification.paths import recorded, states_at_knots
+
+WARM_UP_KNOTS = 20
+
+
+def timed(
+    scene: Scene, method: dict[str, Any], indices: list[int], report: Callable
+) -> dict[str, Any]:
+    """Moments of a few realizations, and the seconds of this core that they took.
+
+    In a worker process; `method` holds options of `harvester.simulation.realization.run`.
+    """
+    # What is compiled or loaded first takes its time before the clock runs.
+    brief = scene.replace(
+        {"run.settle": 0.0, "run.duration": WARM_UP_KNOTS * knot_spacing(prepared(scene))}
+    )
+    run(brief, indices=indices[:1], window=None, report=report, **method)
+    found = run(scene, indices=indices, window=None, report=report, **method)
+    return {
+        "moments": [each.moments for each in found],
+        "seconds": sum(each.seconds for each in found),
+    }
+
+
+def paths_at_knots(
+    scene: Scene, method: dict[str, Any], indices: list[int], report: Callable
+) -> dict[str, Any]:
+    """States of a few realizations at the knots, and the number of points of all their records."""
+    found = recorded(scene, indices=indices, **method)
+    points = sum(each.moments.points for each in found)
+    return {"states": states_at_knots(scene, found), "points": points}
+
+
+def realizations_task(
+    scene: Scene,
+    method: Method,
+    indices: Sequence[int],
+    runner: Runner,
+    function: Callable = timed,
+) -> Task:
+    """The task of some realizations that run together; `function` takes what `timed` takes."""
+    arguments = {"scene": scene, "method": method.options(scene), "indices": list(indices)}
+    version = runner.version(method.engine)
+    return Task(function, arguments, version, method.family, len(indices))
+
+
+class Timed:
+    """The realizations of a scene by one method, and the time that they took.
+
+    Attributes
+    ----------
+    moments : list of Moments
+    measured_time, simulated_time : float
+        Summed over realizations, without and with settling (s).
+    seconds : float
+        Summed over tasks, of one core.
+    cost : float
+        Seconds of one core for a measured one, of the fastest task: other work on the machine only
+        slows a task down.
+    """
+
+    def __init__(self, scene: Scene, answers: Sequence[dict[str, Any]]) -> None:
+        self.moments: list[Moments] = [each for found in answers for each in found["moments"]]
+        self.measured_time = _measured_time(self.moments)
+        self.simulated_time = sum(each.time_reached for each in self.moments)
+        self.seconds = sum(found["seconds"] for found in answers)
+        self.cost = min(found["seconds"] / _measured_time(found["moments"]) for found in answers)
+        self._scene = scene
+        self._estimates: dict[int, dict[str, Estimate]] = {}
+
+    def quantities(self, count: int | None = None) -> dict[str, Estimate]:
+        """Estimates from all realizations, or from the first few."""
+        moments = self.moments[:count]
+        if len(moments) not in self._estimates:
+            found = estimate_all(moments, self._system) | estimate_output(moments)
+            self._estimates[len(moments)] = found
+        return self._estimates[len(moments)]
+
+    @cached_property
+    def _system(self):
+        return prepared(self._scene).system
+
+
+def _measured_time(moments):
+    return sum(each.time_reached - each.start for each in moments)
+
+
+def averages_once_more(scene: Scene, closure: str, report: Callable) -> dict[str, Any]:
+    """A scene by a closure, timed with its code compiled (in a worker process)."""
+    for _ in range(2):
+        found = averages(scene, closure, None, False, report)
+    return found
+
+
+def closures(scene: Scene, runner: Runner) -> tuple[dict[str, dict], dict[str, str]]:
+    """What each closure that holds says, and why the others refuse, by their names.
+
+    An answer holds `quantities`, scaled, and the `seconds` of one core.
+    """
+    tasks = [
+        Task(averages_once_more, {"scene": scene, "closure": each}, label=each) for each in CLOSURES
+    ]
+    outcomes = dict(zip(CLOSURES, runner.run(tasks), strict=True))
+    found = {name: each for name, each in outcomes.items() if isinstance(each, dict)}
+    refused = {name: str(e) for name, e in outcomes.items() if isinstance(e, HarvesterError)}
+    return found, refused

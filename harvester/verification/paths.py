@@ -1,0 +1,58 @@
+"""Single paths of a scene at the knots of its noise, as engines run them in a worker process."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing
+from harvester.scene.model import Scene
+from harvester.simulation.realization import Realization, noise_path, run
+from harvester.verification.quantities import STATES
+
+
+def knot_times(scene: Scene) -> np.ndarray:
+    """Times of the knots 1, 2, … of a run that measures from its beginning (s)."""
+    spacing = knot_spacing(prepared(scene))
+    return spacing * np.arange(1, round(scene.run.duration / spacing) + 1)
+
+
+def noise_at_knots(scene: Scene, index: int) -> np.ndarray:
+    """The noise of one realization at the knots 0, 1, 2, …, scaled."""
+    return noise_path(prepared(scene), index).read(knot_times(scene).size + 1)
+
+
+def recorded(
+    scene: Scene, engine: str, indices: Sequence[int], step: str | float, **options: Any
+) -> list[Realization]:
+    """Some realizations with their whole waveforms.
+
+    Parameters
+    ----------
+    **options
+        Of `harvester.simulation.realization.run`.
+    """
+    window = (0.0, 2.0 * scene.run.duration)
+    options = {"source": "external", **options}
+    return run(scene, engine, list(indices), step, window=window, report=ignore, **options)
+
+
+def states_at_knots(scene: Scene, realizations: Sequence[Realization]) -> np.ndarray:
+    """States at the knots, which every engine has among its points, scaled.
+
+    Returns
+    -------
+    ndarray, shape (realizations, knots, 3)
+        In the order of `STATES`.
+    """
+    times = knot_times(scene)
+    waveforms: Any = [each.waveform for each in realizations]
+    states = [
+        [np.interp(times, each.time, getattr(each, name)) for name in STATES] for each in waveforms
+    ]
+    return np.array(states).transpose(0, 2, 1)
+
+
+def ignore(moments: object) -> None:
+    """A report that nobody reads."""

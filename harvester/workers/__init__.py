@@ -1,0 +1,1 @@
+"""Worker processes that carry out calls, and pools of them."""

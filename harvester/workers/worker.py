@@ -1,0 +1,89 @@
+"""A worker process: takes calls on standard input, answers on standard output.
+
+Started by `harvester.workers.process` as `harvester.workers.isolation` says. A call is a pickled
+(function, arguments); the function, one of a module, is called with `report` on top, which sends
+progress. Answers are pickled pairs: ("progress", …), ("done", result), ("failed", error),
+("damage", path of compiled code that could not be read), and ("gone", error) from a process that
+ends itself.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pickle
+import queue
+import signal
+import sys
+import threading
+import traceback
+
+from harvester import numba_cache
+from harvester.errors import HarvesterError, SimulationError
+
+_give_up = None
+
+
+def give_up(error: BaseException) -> None:
+    """End this process with an error as the answer to its call: what it runs cannot be left."""
+    if _give_up:
+        _give_up("gone", error)
+    os._exit(71)
+
+
+def as_answer(error: BaseException) -> HarvesterError:
+    """An exception as the caller is to get it."""
+    if isinstance(error, HarvesterError):
+        return error
+    traceback.print_exception(error)
+    if isinstance(error, MemoryError):
+        return SimulationError(f"no memory left for the simulation: {error}".rstrip(": "))
+    return HarvesterError(f"{type(error).__name__}: {error}")
+
+
+def main() -> None:
+    """Serve calls until standard input closes."""
+    global _give_up
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Libraries that print must not write between the answers.
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    calls: queue.SimpleQueue = queue.SimpleQueue()
+    threading.Thread(target=_read_calls, args=(calls,), daemon=True).start()
+
+    def send(kind, content):
+        try:
+            pickle.dump((kind, content), answers)
+            answers.flush()
+        except BrokenPipeError:
+            os._exit(0)
+
+    _give_up = send
+    numba_cache.on_damage = lambda path: send("damage", path)
+    while True:
+        function, arguments = calls.get()
+        try:
+            send("done", function(report=lambda content: send("progress", content), **arguments))
+        except Exception as error:
+            send("failed", as_answer(error))
+
+
+def _read_calls(calls):
+    """Pass calls on; leave at once when the parent is gone, whatever runs."""
+    stream = sys.stdin.buffer
+    while True:
+        try:
+            calls.put(pickle.load(stream))
+        except EOFError:
+            _leave()
+        except BaseException as error:
+            # A call that cannot be read would be waited for without end.
+            print(f"{type(error).__name__}: {error}", file=sys.stderr, flush=True)
+            os._exit(72)
+
+
+def _leave():
+    """End at once, and take the process's own empty folder along: nobody else is left to."""
+    with contextlib.suppress(OSError):
+        os.rmdir(os.getcwd())
+    os._exit(0)

@@ -1,0 +1,58 @@
+"""One protocol for whatever a command shows."""
+
+import inspect
+
+import pytest
+
+from harvester.commands.shown import Shown, Tabled
+from harvester.identification.identification import Identification
+from harvester.results.result import Result
+from harvester.studies.comparison import Comparison
+from harvester.studies.frequency_response import FrequencyResponse
+from harvester.studies.optimum import Optimum
+from harvester.studies.optimum_of_several import OptimumOfSeveral
+from harvester.studies.outcome import Report
+from harvester.studies.sensitivity import Sensitivity
+from harvester.verification.accuracy.time_to_accuracy import TimeToAccuracy
+from harvester.verification.accuracy.work_precision import WorkPrecision
+from harvester.verification.known_results.truth import Verification
+from harvester.verification.paper import orbit_maps
+from harvester.verification.paper.claims import Judgement
+from harvester.verification.paper.reproduce import Reproduction
+from harvester.verification.stability.matrix import StabilityMatrix
+
+SHOWN = [
+    Comparison,
+    FrequencyResponse,
+    Identification,
+    Judgement,
+    Optimum,
+    OptimumOfSeveral,
+    Report,
+    Reproduction,
+    Result,
+    Sensitivity,
+    StabilityMatrix,
+    TimeToAccuracy,
+    Verification,
+    WorkPrecision,
+    orbit_maps.OrbitVoltages,
+    orbit_maps.Surfaces,
+]
+METHODS = [
+    name
+    for kind in (Shown, Tabled)
+    for name, member in vars(kind).items()
+    if inspect.isfunction(member) and not name.startswith("_")
+]
+
+
+def test_the_protocol_has_its_parts():
+    assert set(METHODS) == {"table", "sentences", "to_dict", "figure"}
+
+
+@pytest.mark.parametrize("kind", SHOWN, ids=lambda kind: f"{kind.__module__}.{kind.__name__}")
+def test_every_result_has_all_of_it(kind):
+    for name in METHODS:
+        assert inspect.isfunction(inspect.getattr_static(kind, name)), name
+    assert hasattr(kind, "scene") or "scene" in kind.__dataclass_fields__

@@ -1,0 +1,54 @@
+"""Dataclasses as plain values: what JSON may hold, and what each field says of itself."""
+
+import json
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from harvester.estimates.estimate import Estimate
+from harvester.files.serialising import LEFT_OUT, fields_of, key, plain
+
+
+@dataclass(frozen=True)
+class Length:
+    value: float
+    dimension: str
+
+
+@dataclass(frozen=True)
+class Rod:
+    name: str = field(metadata=key("rod"))
+    lengths: tuple
+    profile: np.ndarray = field(metadata=LEFT_OUT)
+
+
+ROD = Rod("thin", (Length(math.inf, "displacement"),), np.ones(3))
+
+
+def test_fields_have_their_keys_and_inner_ones_their_own():
+    told = fields_of(ROD)
+    assert told == {"rod": "thin", "lengths": [{"value": None, "dimension": "displacement"}]}
+
+
+def test_a_dimension_becomes_the_unit_that_the_caller_gives():
+    told = fields_of(ROD, {"displacement": "m"}.__getitem__)
+    assert told["lengths"] == [{"value": None, "unit": "m"}]
+
+
+def test_everything_is_what_strict_json_takes():
+    values = {
+        "array": np.array([[1.0, math.nan], [math.inf, 2.0]]),
+        "numbers": (np.float64(1.5), np.int64(2), np.bool_(True), -0.0),
+        1: Estimate(math.nan, None, 3.0, "1"),
+    }
+    told = json.loads(json.dumps(plain(values), allow_nan=False))
+    assert told["array"] == [[1.0, None], [None, 2.0]]
+    assert told["numbers"] == [1.5, 2, True, 0.0]
+    assert told["1"] == Estimate(math.nan, None, 3.0, "1").to_dict()
+
+
+def test_what_has_no_plain_value_is_refused():
+    with pytest.raises(TypeError, match="complex has no plain value"):
+        plain({"a": 1j})

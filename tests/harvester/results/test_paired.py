@@ -1,0 +1,30 @@
+"""Deviations batch by batch, from which differences on common noise get their errors."""
+
+import pytest
+
+from harvester.estimates.batch_means import standard_error
+from harvester.estimates.means import estimate_all
+from harvester.estimates.output_side import RATIOS, estimate_output
+from harvester.prepared.prepared import prepared
+from harvester.results.paired import deviations, has_deviations
+from harvester.scene.model import Scene
+from harvester.simulation.simulate import simulate
+
+
+def test_they_have_the_errors_of_the_estimates(pool):
+    """Of a bridge with its output, every ratio of sums: each by its own formula there."""
+    changes = ["load.netlist=bridge", "run.realizations=4", "run.duration=6", "run.settle=1"]
+    scene = Scene.load("device", changes)
+    moments = simulate(scene, method="circuit", runner=pool).moments
+    estimates = estimate_all(moments, prepared(scene).system) | estimate_output(moments)
+    compared = 0
+    for name in ("mean_power", "power_conversion_efficiency", *RATIOS):
+        assert has_deviations(name)
+        series = deviations(moments, name)
+        assert series.mean() == pytest.approx(0.0, abs=1e-9 * abs(series).max())
+        error = estimates[name].standard_error
+        if error is not None:
+            assert standard_error(series) == pytest.approx(error, rel=1e-6)
+            compared += 1
+    assert compared >= 4
+    assert not has_deviations("output_ripple")

@@ -1,0 +1,161 @@
+"""Results as objects to work with: by name, as plain values and back, as xarray, in one line."""
+
+import json
+import math
+import sys
+
+import numpy as np
+import pytest
+
+import harvester
+from harvester.estimates.estimate import Estimate
+from harvester.prepared.prepared import prepared
+from harvester.results.result import Result
+
+SHORT = ["run.duration=2000", "run.realizations=8"]
+
+
+@pytest.fixture(scope="module")
+def result(pool):
+    scene = harvester.Scene.load("paper_si", SHORT)
+    return harvester.simulate(scene, method="monte-carlo", runner=pool)
+
+
+def test_a_quantity_is_found_by_its_name(result):
+    assert result["mean_power"] == result.quantities["mean_power"]
+    assert list(result) == list(result.quantities)
+    assert "mean_power" in result
+    assert "power" not in result
+    scaled = result.scaled_quantities["mean_power"].estimate
+    assert result["mean_power"].estimate == scaled * prepared(result.scene).scales.power
+
+
+def test_a_wrong_name_says_which_is_near(result):
+    with pytest.raises(harvester.UnknownQuantity, match="did you mean mean_power") as raised:
+        result["meanpower"]
+    assert isinstance(raised.value, KeyError)
+    assert not str(raised.value).startswith("'")
+
+
+def test_plain_values_lead_back_to_the_result(result):
+    content = json.loads(json.dumps(result.to_dict(), allow_nan=False))
+    again = Result.from_dict(content)
+    assert again.to_dict() == result.to_dict()
+    assert again.quantities == result.quantities
+    assert again.scene == result.scene
+    assert again.figure() is None
+
+
+def test_what_is_not_finite_comes_back_as_missing():
+    scene = harvester.Scene.load("paper")
+    bare = Estimate(math.nan, None, None, "power", "too short")
+    plain = {"error_kind": "numerical", "energy_balance_residual": None, "wall_seconds": math.nan}
+    plain |= {"engine_seconds": 0.0, "simulated_time": 0.0, "steps": 0, "step": None}
+    plain |= {"realizations": 0, "engine_version": "", "netlist_sha256": None}
+    plain |= {"failures": {3: "SimulatorCrashed: killed"}, "outcome": "incomplete"}
+    made = Result(scene, "none", {"mean_power": bare}, prepared(scene).scales, **plain)
+    again = Result.from_dict(json.loads(json.dumps(made.to_dict(), allow_nan=False)))
+    assert math.isnan(again["mean_power"].estimate)
+    assert again["mean_power"].note == "too short"
+    assert again.failures == made.failures
+    assert again.to_dict() == made.to_dict()
+
+
+def test_a_record_that_has_changed_since_is_named(tmp_path):
+    noise = np.random.default_rng(1).standard_normal(4000)
+
+    def write(scale):
+        times = 0.05 * np.arange(noise.size)
+        np.savetxt(tmp_path / "record.csv", np.stack([times, scale * noise], 1), delimiter=",")
+
+    write(1.0)
+    record = {"kind": "record", "file": str(tmp_path / "record.csv"), "unit": "scaled"}
+    record |= {"column": 1, "time_column": 0}
+    tables = harvester.Scene.load("paper").to_tables()
+    run = {"duration": 150.0, "settle": 10.0, "seed": 1, "realizations": 1}
+    scene = harvester.Scene.from_tables(tables | {"excitation": record, "run": run})
+    result = harvester.average(scene, method="consistent", fit=True)
+    content = json.loads(json.dumps(result.to_dict(), allow_nan=False))
+    assert Result.from_dict(content).to_dict() == result.to_dict()
+    write(2.0)
+    with pytest.raises(harvester.SceneError, match="has changed since"):
+        Result.from_dict(content)
+
+
+@pytest.mark.parametrize("content", [{}, {"scene": 1}, None, {"engine": "circuit"}])
+def test_what_is_no_result_is_refused(content):
+    with pytest.raises(harvester.HarvesterError, match="no result"):
+        Result.from_dict(content)
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        (("engine",), 3),
+        (("steps",), "many"),
+        (("steps",), -1),
+        (("realizations",), True),
+        (("notes",), "one note"),
+        (("failures",), {"first": "reason"}),
+        (("netlist_sha256",), 1),
+        (("simulated_time",), None),
+        (("scales", "power"), 0.0),
+        (("scales",), {"power": 1.0, "force": 1.0}),
+        (("scales", "voltage"), None),
+        (("scaled_quantities",), []),
+        (("scaled_quantities", "mean_power", "estimate"), "0.1"),
+        (("scaled_quantities", "mean_power", "standard_error"), [0.1]),
+        (("scaled_quantities", "mean_power", "dimension"), "furlong"),
+        (("scaled_quantities", "mean_power", "dimension"), "voltage^two"),
+        (("scaled_quantities", "mean_power"), None),
+    ],
+)
+def test_a_damaged_result_is_refused_by_the_value(result, place, value):
+    content = json.loads(json.dumps(result.to_dict(), allow_nan=False))
+    assert Result.from_dict(content).to_dict() == result.to_dict()
+    part = content
+    for name in place[:-1]:
+        part = part[name]
+    part[place[-1]] = value
+    with pytest.raises(harvester.HarvesterError, match=r"no result: .*give what Result"):
+        Result.from_dict(content)
+
+
+def test_xarray_holds_every_quantity_and_density_with_its_unit(result):
+    pytest.importorskip("xarray")
+    data = result.to_xarray()
+    assert data["mean_power"].item() == result["mean_power"].estimate
+    assert data["mean_power_standard_error"].item() == result["mean_power"].standard_error
+    assert data["mean_power"].attrs["unit"] == "W"
+    # Mirrored about x = 0, so that the bins hold the whole probability.
+    total = float(data["displacement_density"].sum() * np.diff(data["displacement"])[0])
+    assert total == pytest.approx(1.0, rel=1e-9)
+    assert data["displacement_density"].attrs["unit"] == "1/(m)"
+
+
+def test_without_xarray_the_extra_is_named(result, monkeypatch):
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(harvester.MissingLibrary, match=r"harvester\[study\]"):
+        result.to_xarray()
+
+
+def test_a_result_is_one_line(result):
+    assert "\n" not in repr(result)
+    assert len(repr(result)) < 150
+    assert repr(result).startswith("<Result of paper_si by monte-carlo: mean_square_voltage = ")
+
+
+def test_a_notebook_shows_every_quantity(result):
+    text = result._repr_html_()
+    assert text.count("<tr>") == 1 + len(result.quantities)
+    assert "<td>mean power</td><td>W</td>" in text
+
+
+def test_a_figure_is_in_the_project_style_whatever_is_set(result):
+    import matplotlib as mpl
+
+    with mpl.rc_context({"axes.facecolor": "red"}):
+        figure = result.figure()
+        assert mpl.rcParams["axes.facecolor"] == "red"
+    assert len(figure.axes) == len(result.densities)
+    assert {axes.get_facecolor()[:3] for axes in figure.axes} != {(1.0, 0.0, 0.0)}

@@ -1,0 +1,87 @@
+import re
+import sys
+from html.parser import HTMLParser
+
+import pytest
+
+from circuits.assembly import assemble
+from harvester.averaging.of_scene import average
+from harvester.command_line import main
+from harvester.results.paired import paired_difference
+from harvester.results.result import with_error
+from harvester.scene.model import Scene
+from harvester.simulation.simulate import simulate
+from harvester.studies.comparison import Comparison
+from harvester.studies.comparison_report import report
+
+EMPTY = {"meta", "img", "br"}
+
+
+class Page(HTMLParser):
+    """Checks that tags nest, and collects what a page says and refers to."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.references, self.words, self.depth = [], [], [], 0
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.references += [value for name, value in attrs if name in ("src", "href", "srcset")]
+        if tag not in EMPTY:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+
+@pytest.fixture(scope="module")
+def comparison(pool):
+    scene = Scene.load("duffing", ["run.realizations=2", "run.duration=300", "run.settle=10"])
+    results = [
+        simulate(scene, method=engine, runner=pool, window=(0.0, 20.0))
+        for engine in ("circuit", "monte-carlo")
+    ]
+    closures = {"consistent": average(scene, method="consistent")}
+    refused = {"consistent": "noise <script>that</script> outlasts"}
+    return Comparison(*results, closures, refused, paired_difference(*results))
+
+
+@pytest.mark.slow
+def test_the_page_is_whole_and_loads_nothing(comparison):
+    text = report(comparison)
+    page = Page(text)
+    assert page.open == []
+    assert len(page.references) == 3
+    assert all(link.startswith("data:image/svg+xml;base64,") for link in page.references)
+    assert "<script" not in text
+    assert not re.search(r"@import|url\(|\$\w", text)
+    words = "".join(page.words)
+    assert "noise <script>that</script> outlasts" in words
+    assert assemble(comparison.scene).text in words
+    assert with_error(comparison.circuit.quantity("mean_power")) in words
+    assert comparison.scene.digest() in words
+    for fact in ("seed", "harvester 0", "ngspice-", "numpy", "oscillator.damping"):
+        assert fact in words
+
+
+@pytest.mark.slow
+def test_without_schemdraw_the_page_says_so(comparison, monkeypatch):
+    monkeypatch.setitem(sys.modules, "schemdraw", None)
+    page = Page(report(comparison))
+    assert len(page.references) == 2
+    assert "pip install 'harvester[schematic]'" in "".join(page.words)
+
+
+def test_a_place_that_cannot_be_written_is_refused_before_the_run(capsys):
+    assert main(["validate", "paper", "--report", "/dev/null/a.html"]) == 2
+    assert "cannot be written" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_command_writes_the_page(tmp_path, capsys):
+    brief = ["--set", "run.realizations=2", "--set", "run.duration=300"]
+    assert main(["validate", "linear", *brief, "--report", str(tmp_path / "a.html")]) == 0
+    assert Page((tmp_path / "a.html").read_text()).open == []

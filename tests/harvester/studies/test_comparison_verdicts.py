@@ -1,0 +1,99 @@
+from types import SimpleNamespace
+
+import pytest
+
+from harvester.estimates.estimate import Estimate
+from harvester.studies.comparison import Comparison
+from harvester.studies.comparison_verdicts import verdicts
+
+NAMES = {
+    "mean_square_voltage": 1.0,
+    "rms_voltage": 1.0,
+    "mean_power": 1.0,
+    "power_conversion_efficiency": 1.0,
+    "mean_square_displacement": 1.0,
+    "mean_square_velocity": 1.0,
+}
+
+
+def result(voltage=1.0, error=0.01, notes=(), **more):
+    values = {**NAMES, "mean_square_voltage": voltage, **more}
+    note = "" if error else "too short for an error bar"
+    return SimpleNamespace(
+        scaled_quantities={name: Estimate(v, error, None, "1", note) for name, v in values.items()},
+        notes=notes,
+        energy_balance_residual=0.001,
+    )
+
+
+def texts(circuit, closures=None, refused=None, paired=None, reference=None):
+    compared = Comparison(
+        circuit, reference or result(), closures or {}, refused or {}, paired or {}
+    )
+    return [verdict.text for verdict in verdicts(compared)], verdicts(compared)
+
+
+def test_agreement_is_stated_with_the_largest_difference():
+    said, judged = texts(result(1.0 + 1.2 * 0.01 * 2**0.5))
+    assert said[0] == "Circuit and Monte Carlo agree within 1.2 standard errors."
+    assert judged[0].good
+
+
+def test_disagreement_names_the_quantity():
+    said, judged = texts(result(1.0 + 4.0 * 0.01 * 2**0.5))
+    assert "disagree: the mean-square voltage differs by 5.66%, 4.0 standard errors" in said[0]
+    assert judged[0].good is False
+
+
+def test_what_is_significant_and_small_is_named_and_agrees():
+    said, judged = texts(result(1.004, 1e-4), reference=result(error=1e-4))
+    assert "agree within 1%: the mean-square voltage differs by 0.40%" in said[0]
+    assert judged[0].good
+
+
+def test_the_output_of_a_load_is_judged_too():
+    output = {"mean_output_power": 1.1}
+    reference = result(mean_output_power=1.0)
+    said, judged = texts(result(**output), reference=reference)
+    assert "disagree: the mean output power differs by 10.00%" in said[0]
+    assert judged[0].good is False
+
+
+def test_without_error_bars_nothing_is_judged():
+    said, judged = texts(result(error=None), {"paper": result(2.0)}, reference=result(error=None))
+    assert "too short" in said[0]
+    assert said[-1] == "The closure paper cannot be judged: Monte Carlo has no error bar."
+    assert judged[0].good is False
+
+
+@pytest.mark.parametrize(("value", "side"), [(0.94, "6.0% low"), (1.06, "6.0% high")])
+def test_a_closure_that_lies_off_gives_only_the_reasons_it_has(value, side):
+    closure = result(value, notes=("the load is fast",), share_in_wells=0.8)
+    said, _ = texts(result(), {"consistent": closure})
+    assert f"The closure consistent lies {side} in mean-square voltage, 6 standard" in said[-1]
+    assert "What is known: the load is fast; it is for motion inside a well" in said[-1]
+    assert "20% of the time outside the wells" in said[-1]
+    said, _ = texts(result(), {"fokker_planck": result(value)})
+    assert said[-1].endswith("It does not say why.")
+
+
+def test_a_bistable_closures_limit_is_not_told_of_a_single_well():
+    said, _ = texts(result(), {"consistent": result(0.9)})
+    assert "inside a well" not in said[-1]
+
+
+def test_the_paired_difference_and_a_refusal_are_told():
+    paired = {"mean_square_voltage": Estimate(-0.05, 0.01, None, "1")}
+    said, judged = texts(result(), refused={"paper": "β is too large"}, paired=paired)
+    assert "-5.00% ± 1.00%, more than its error explains" in said[1]
+    assert judged[1].good is False
+    assert said[-1] == "The closure paper was refused: β is too large."
+
+
+def test_agreement_in_the_voltage_alone_is_not_called_agreement():
+    said, judged = texts(result(), {"fokker_planck": result(1.01, mean_square_velocity=1.4)})
+    assert "agrees with Monte Carlo's mean-square voltage" in said[-1]
+    assert "but its mean-square velocity is off by +40.0%, +40 standard errors" in said[-1]
+    assert judged[-1].good is False
+    _, judged = texts(result(), {"fokker_planck": result(1.01)})
+    assert judged[-1].good
