@@ -24,6 +24,7 @@ OPTIONS = {
     "average": f"--fit --json --jump-rates --method --output --tolerance {SCENE}",
     "frequency-response": "--amplitude --down --frequencies --json --method --output --step "
     f"--time-limit {RUN} {SCENE}",
+    "accuracy": f"--json --output --thorough {RUN} {SCENE}",
     "work-precision": f"--json --output --thorough {RUN} {SCENE}",
     "time-to-accuracy": f"--json --output --seconds {RUN} {SCENE}",
     "stability": f"--json --output --step --time-limit {RUN} {SCENE}",
