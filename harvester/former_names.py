@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 import warnings
 from importlib.machinery import ModuleSpec
@@ -83,7 +84,9 @@ def handed_on(package: str, module: str, name: str) -> object:
     ------
     AttributeError
     """
-    if name.startswith("__"):
+    folder = sys.modules[package].__path__[0]
+    if name.startswith("__") or os.path.exists(os.path.join(folder, f"{name}.py")):
+        # A module of the package is asked for here before it is imported.
         raise AttributeError(f"module {package!r} has no attribute {name!r}")
     found = getattr(importlib.import_module(module), name)
     warnings.warn(f"{package}.{name} is now {module}.{name}", DeprecationWarning, stacklevel=3)
