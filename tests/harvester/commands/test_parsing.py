@@ -101,6 +101,8 @@ def study(
     ----------------
     hidden : float
         Not at the command line.
+    scheduler : str or None
+        Neither.
     """
 
 
@@ -115,7 +117,7 @@ def test_a_signature_is_the_options():
     add_options(parser, study)
     flags = {action.option_strings[-1] for action in parser._actions if action.option_strings}
     own = {"--count", "--share", "--sweep", "--alone", "--limit"}
-    assert flags == own | {"--help", "--time-budget", "--workers", "--scheduler", "--output"}
+    assert flags == own | {"--help", "--time-budget", "--workers", "--output"}
     assert all(action.default is SUPPRESS for action in parser._actions)
     shown = " ".join(parser.format_help().split())
     for words in (
