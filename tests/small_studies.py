@@ -7,10 +7,7 @@ from dataclasses import replace
 from harvester.running import open_runner
 from harvester.scene.model import Scene
 from harvester.studies import Report, load_study, optimum_search
-from harvester.studies.frequency_response import frequency_response
-from harvester.studies.optimum import optimum
-from harvester.studies.optimum_of_several import optimum_of_several
-from harvester.studies.sensitivity import sensitivity
+from harvester.studies.public import frequency_response, optimum, optimum_of_several, sensitivity
 from harvester.verification.accuracy import measurement, throughput, timed
 from harvester.verification.accuracy.methods import Method
 from harvester.verification.accuracy.work_precision import work_precision

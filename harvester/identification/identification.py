@@ -260,6 +260,19 @@ class Identification:
         heading = [f"Identified from {names}.", self.verdict.sentence, *sensors]
         return scene_text(made.scene, comments, heading)
 
+    def page(self) -> str:
+        """One self-contained HTML page with everything."""
+        from harvester.identification.report import report
+
+        return report(self)
+
+    def texts(self) -> dict[str, str]:
+        """Further files of the result: the scenes, that proposed where it is another, the page."""
+        found = {".toml": self.scene_text(), ".html": self.page()}
+        if self.proposed is not self.candidates[0]:
+            found["-proposed.toml"] = self.scene_text(self.proposed)
+        return found
+
 
 def _windows(stretch):
     return "" if isinstance(stretch, ResponseStretch) else f" in {stretch.windows} windows"

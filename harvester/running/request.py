@@ -18,15 +18,13 @@ from harvester.running.task import Wanted
 from harvester.scene.model import Scene
 from harvester.scene.units import Scales
 from harvester.simulation.methods import ENGINES
-from harvester.simulation.simulate import (
+from harvester.simulation.outcome import (
     LARGEST_RESIDUAL,
     NOTED_RESIDUAL,
-    check_name,
-    check_step,
     is_symmetric,
     notes_on_excitation,
-    require_noise,
 )
+from harvester.simulation.simulate import check_name, check_step, require_noise
 
 JUDGED = ("mean_square_voltage", "power_conversion_efficiency")
 COMPLETE = "complete"

@@ -1,8 +1,25 @@
-"""Load studies: many loads and values on common noise, with error bars, that survive a kill."""
+"""Studies: many runs of one scene on common noise, with error bars, that survive a kill."""
 
-from harvester.studies.dataset import to_dataset
-from harvester.studies.files import save
-from harvester.studies.outcome import Report
-from harvester.studies.study import load_study
+import importlib
+from typing import TYPE_CHECKING
 
-__all__ = ["Report", "load_study", "save", "to_dataset"]
+if TYPE_CHECKING:
+    from harvester.studies.dataset import to_dataset as to_dataset
+    from harvester.studies.files import save as save
+    from harvester.studies.outcome import Report as Report
+    from harvester.studies.public import load_study as load_study
+
+# Imported where they are used: reading a study's signature needs no numba.
+_WHERE = {
+    "Report": "harvester.studies.outcome",
+    "load_study": "harvester.studies.public",
+    "save": "harvester.studies.files",
+    "to_dataset": "harvester.studies.dataset",
+}
+__all__ = [*_WHERE]
+
+
+def __getattr__(name: str) -> object:
+    if name in _WHERE:
+        return getattr(importlib.import_module(_WHERE[name]), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

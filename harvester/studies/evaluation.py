@@ -17,7 +17,7 @@ from harvester.record.record import Record
 from harvester.results.paired import sums
 from harvester.running.request import COMPLETE, in_units, not_balanced, residual_notes, told
 from harvester.scene.model import Scene
-from harvester.simulation.simulate import LARGEST_RESIDUAL
+from harvester.simulation.outcome import LARGEST_RESIDUAL
 
 # Dimensions of a record's columns; the others are powers.
 WAVEFORM = {

@@ -9,13 +9,9 @@ from harvester.show import figures
 from harvester.studies import drawing
 from harvester.studies.dataset import table_of, to_dataset
 from harvester.studies.outcome import Report
+from harvester.studies.public import LOAD_STUDY_FILES
 
-FIGURES = {
-    "power.png": drawing.draw_power,
-    "efficiency.png": drawing.draw_efficiency,
-    "waveforms.png": drawing.draw_waveforms,
-}
-FILES = ("load-study.nc", "load-study.csv", *FIGURES)
+DRAWINGS = (drawing.draw_power, drawing.draw_efficiency, drawing.draw_waveforms)
 
 
 def save(report: Report, folder: str | Path | StudyFolder) -> list[str]:
@@ -35,8 +31,9 @@ def save(report: Report, folder: str | Path | StudyFolder) -> list[str]:
     """
     with held(folder) as own:
         place = Path(own)
-        write_netcdf(in_folder(place, "load-study.nc"), to_dataset(report))
-        write_csv(in_folder(place, "load-study.csv"), *table_of(report))
-        for name, draw in FIGURES.items():
-            figures.save(draw, report, in_folder(place, name))
-    return list(FILES)
+        grid, table, *pictures = (in_folder(place, name) for name in LOAD_STUDY_FILES)
+        write_netcdf(grid, to_dataset(report))
+        write_csv(table, *table_of(report))
+        for draw, picture in zip(DRAWINGS, pictures, strict=True):
+            figures.save(draw, report, picture)
+    return list(LOAD_STUDY_FILES)

@@ -8,10 +8,9 @@ the maximum's place is what the paired errors of the values make of it.
 import math
 import time
 from dataclasses import dataclass
-from typing import Any, Unpack
+from typing import Any
 
 from harvester.averaging import CLOSURES, DEFAULT_CLOSURE
-from harvester.calling import takes_scene
 from harvester.errors import HarvesterError
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.output_side import RATIOS
@@ -73,6 +72,11 @@ class Optimum:
         error = self.place.standard_error
         reach = INTERVAL * (math.nan if error is None else error)
         return self.place.estimate - reach, self.place.estimate + reach
+
+    @property
+    def keys(self) -> list[str]:
+        """The parameter, in a list of one."""
+        return [self.axis.key]
 
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows of the table, as text."""
@@ -144,53 +148,17 @@ class Optimum:
         return place, self.averaged_value / self.value.estimate - 1.0
 
 
-@takes_scene
-def optimum(
+def optimum_of_one(
     scene: Scene,
     over: str,
-    *,
-    low: float | None = None,
-    high: float | None = None,
-    maximise: str = MAXIMISED[0],
-    method: str = "monte-carlo",
-    closure: str | None = None,
-    **running: Unpack[RunnerOptions],
+    low: float | None,
+    high: float | None,
+    maximise: str,
+    method: str,
+    closure: str | None,
+    running: RunnerOptions,
 ) -> Optimum:
-    """Find where a mean is largest over one parameter, by averaging and by simulation.
-
-    `harvester.studies.optimum_of_several` takes several.
-
-    Parameters
-    ----------
-    scene : Scene
-        Its run is the first one tried at each place.
-    over : str
-        "table.key" of a number in the scene.
-    low, high : float or None
-        Range; None: a tenth and ten times the scene's value, within what the key allows.
-    maximise : str
-        A name in `MAXIMISED`; of a load with an output also one in
-        `harvester.estimates.output_side.RATIOS`, such as "mean_output_power".
-    method : str
-        "monte-carlo", or "circuit" for the scene's own realizations.
-    closure : str or None
-        None: `harvester.averaging.DEFAULT_CLOSURE`, the most accurate.
-    **running
-        See `harvester.running.open_runner`.
-
-    Returns
-    -------
-    Optimum
-
-    Raises
-    ------
-    HarvesterError
-        No such key, or no range.
-    OptimumError
-        The largest value lies at an end of the range, or no maximum can be told from noise.
-    SimulationError
-        A run failed; `OutOfTime` where the time is spent.
-    """
+    """Where a mean is largest over one parameter: see `harvester.optimum`."""
     clock = time.perf_counter()
     load = scene.load.circuit
     check_name("quantity", maximise, (*MAXIMISED, *(RATIOS if load and load.has_output else ())))

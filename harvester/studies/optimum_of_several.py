@@ -12,12 +12,10 @@ import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.arguments import listed, table
-from harvester.calling import takes_scene
 from harvester.errors import HarvesterError, OptimumError
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.units import unit_of
@@ -100,6 +98,11 @@ class OptimumOfSeveral:
         error = self.value.standard_error
         reach = INTERVAL * (math.nan if error is None else error)
         return self.value.estimate - reach, self.value.estimate + reach
+
+    @property
+    def keys(self) -> list[str]:
+        """The parameters."""
+        return [each.axis.key for each in self.ranges]
 
     def table(self) -> tuple:
         """Header and rows of the table, as text."""
@@ -207,60 +210,18 @@ class OptimumOfSeveral:
         }
 
 
-@takes_scene
-def optimum_of_several(
+def largest_over_several(
     scene: Scene,
     over: Mapping[str, tuple | None],
-    *,
-    maximise: str = "power_conversion_efficiency",
-    method: str | None = None,
-    evaluations: int | None = None,
-    precision: float | None = None,
-    **running: Unpack[RunnerOptions],
+    maximise: str,
+    method: str | None,
+    evaluations: int | None,
+    precision: float | None,
+    running: RunnerOptions,
 ) -> OptimumOfSeveral:
-    """Find where several parameters make a quantity largest.
-
-    Parameters
-    ----------
-    scene : Scene
-        Its run is that of each evaluation.
-    over : dict of str to (float, float) or None
-        Keys to ranges; None: a tenth and ten times the scene's value.
-    maximise : str
-        What every method calls it; of a load with an output e.g. "mean_output_power".
-    method : str or None
-        An engine or a closure; None: "monte-carlo", or "circuit" where only that takes the load.
-    evaluations : int or None
-        Places proposed; None: `EVALUATIONS_EACH` for each parameter. Those of the climb, some tens,
-        come on top.
-    precision : float or None
-        Relative standard error that the value is run for; None: the scene's own run.
-    **running
-        See `harvester.running.open_runner`.
-
-    Returns
-    -------
-    OptimumOfSeveral
-
-    Raises
-    ------
-    MissingLibrary
-        Optuna is not installed.
-    OptimumError
-        No run came to its end.
-    OutOfTime
-    HarvesterError
-        A mistake in the call.
-
-    Notes
-    -----
-    The places proposed follow from the seed and the answers alone: with `output` the same call
-    after a kill takes the answers that are there and goes on to the same end.
-    """
+    """Where several parameters together make a quantity largest: see `harvester.optimum`."""
     clock = time.perf_counter()
-    axes = [
-        Axis.of(scene, key, *_ends(key, ends)) for key, ends in table(over, "over", OVER).items()
-    ]
+    axes = [Axis.of(scene, key, *(ends or (None, None))) for key, ends in over.items()]
     method = checked_method(scene, method)
     count = EVALUATIONS_EACH * len(axes) if evaluations is None else evaluations
     if not FEWEST_EVALUATIONS <= count <= MOST_EVALUATIONS:
@@ -282,16 +243,6 @@ def optimum_of_several(
         objective = Objective(scene, axes, maximise, method, opened, follow)
         found = _found(scene, objective, count, precision, opened)
     return replace(found, seconds=time.perf_counter() - clock)
-
-
-def _ends(key, ends):
-    """Both ends of a range, None where the scene's value decides."""
-    if ends is None:
-        return None, None
-    found = listed(ends, f"over[{key!r}]", "(0.1, 2.0)")
-    if len(found) != 2:
-        raise HarvesterError(f"over[{key!r}]: has {len(found)} numbers; write (0.1, 2.0)")
-    return found
 
 
 def _found(scene, objective, count, precision, runner):

@@ -22,7 +22,11 @@ from harvester.studies.evaluation import Evaluation
 from harvester.studies.study import Study
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from matplotlib.figure import Figure
+
+    from harvester.running.folder import StudyFolder
 
 
 @dataclass(frozen=True)
@@ -166,6 +170,12 @@ class Report:
             f"{study.wall_seconds:.0f} s"
         )
         return lines
+
+    def save(self, folder: str | Path | StudyFolder) -> None:
+        """Write NetCDF, CSV and figures: see `harvester.save`."""
+        from harvester.studies.files import save
+
+        save(self, folder)
 
     def alarms(self) -> list[str]:
         """Where the circuit's power is another, one line each."""

@@ -42,7 +42,6 @@ def test_other_options_are_refused_with_the_nearest(arguments, options, words):
 OVER = {
     "frequency_response": [[1.0]],
     "optimum": ["load.decay_rate"],
-    "optimum_of_several": [{}],
     "sensitivity": [{}],
 }
 NAMES = ["simulate", "average", "validate", "load_study", *OVER]

@@ -506,8 +506,8 @@ FAULTS = [
     Fault(
         "command line: what a command ends with is lost",
         COMMAND_LINE,
-        "return options.command(options) or 0",
-        "return 0 * (options.command(options) or 0)",
+        "return options.command.run(options) or 0",
+        "return 0 * (options.command.run(options) or 0)",
         MANNERS,
     ),
     Fault(

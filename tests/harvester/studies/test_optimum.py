@@ -20,8 +20,8 @@ from harvester.simulation.simulate import simulate
 from harvester.studies import optimum_search
 from harvester.studies.axis import Axis
 from harvester.studies.objective import missing_from
-from harvester.studies.optimum import optimum
 from harvester.studies.optimum_search import Fit, Search, averaged
+from harvester.studies.public import optimum
 
 LINEAR = Scene.load("linear", ["run.realizations=2", "run.duration=3000"])
 
