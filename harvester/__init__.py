@@ -11,6 +11,7 @@ Functions take a scene, its file or its built-in name, and everything else by ke
 """
 
 import importlib
+import warnings
 
 from harvester.former_names import install
 from harvester.version import __version__
@@ -52,13 +53,13 @@ if TYPE_CHECKING:
     from harvester.results.result import Result as Result
     from harvester.scene.model import Scene as Scene
     from harvester.simulation.simulate import simulate as simulate
-    from harvester.studies.comparison import validate as validate
-    from harvester.studies.frequency_response import frequency_response as frequency_response
-    from harvester.studies.loads.study import load_study as load_study
     from harvester.studies.loads.study import save as save
-    from harvester.studies.optimum import optimum as optimum
-    from harvester.studies.sensitivity import sensitivity as sensitivity
-    from harvester.studies.sweep import sweep as sweep
+    from harvester.studies.public import frequency_response as frequency_response
+    from harvester.studies.public import load_study as load_study
+    from harvester.studies.public import optimum as optimum
+    from harvester.studies.public import sensitivity as sensitivity
+    from harvester.studies.public import sweep as sweep
+    from harvester.studies.public import validate as validate
     from harvester.verification.accuracy.both import accuracy as accuracy
     from harvester.verification.accuracy.time_to_accuracy import (
         time_to_accuracy as time_to_accuracy,
@@ -75,14 +76,14 @@ _WHERE = {
     "Result": "harvester.results.result",
     "simulate": "harvester.simulation.simulate",
     "average": "harvester.averaging.of_scene",
-    "validate": "harvester.studies.comparison",
+    "validate": "harvester.studies.public",
     "explore": "harvester.explorer.explorer",
-    "frequency_response": "harvester.studies.frequency_response",
-    "sweep": "harvester.studies.sweep",
-    "load_study": "harvester.studies.loads.study",
+    "frequency_response": "harvester.studies.public",
+    "sweep": "harvester.studies.public",
+    "load_study": "harvester.studies.public",
     "save": "harvester.studies.loads.study",
-    "optimum": "harvester.studies.optimum",
-    "sensitivity": "harvester.studies.sensitivity",
+    "optimum": "harvester.studies.public",
+    "sensitivity": "harvester.studies.public",
     "identify": "harvester.identification.identify",
     "Measurement": "harvester.identification.measurement",
     "MeasuredResponse": "harvester.identification.measured_response",
@@ -119,16 +120,20 @@ _WHERE = {
     "OutOfTime": "harvester.errors",
 }
 __all__ = ["__version__", *_WHERE]
-# Names that go with the next release; each says what to write instead.
+# Former names: where they are, and what took their place. They work for one release more.
 _FORMER = {
-    "Report": "harvester.studies.former",
-    "optimum_of_several": "harvester.studies.former",
+    "Report": ("harvester.studies.former", "load_study"),
+    "optimum_of_several": ("harvester.studies.former", "optimum"),
 }
 
 
 def __getattr__(name: str) -> object:
-    where = _WHERE.get(name) or _FORMER.get(name)
-    if where:
+    if name in _WHERE:
+        return getattr(importlib.import_module(_WHERE[name]), name)
+    if name in _FORMER:
+        where, instead = _FORMER[name]
+        message = f"harvester.{name} will go: use harvester.{instead}"
+        warnings.warn(message, DeprecationWarning, stacklevel=2)
         return getattr(importlib.import_module(where), name)
     raise AttributeError(f"module 'harvester' has no attribute {name!r}")
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import itertools
-import numbers
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from harvester.errors import HarvesterError
 from harvester.files.plain_text import shown
+
+if TYPE_CHECKING:
+    import numpy as np
 
 # Of a list that is given by what yields its values, which may have no end.
 MOST_VALUES = 100_000
@@ -24,6 +24,8 @@ def usual_arithmetic() -> np.errstate:
     `np.seterr(all="raise")` is meant for the caller's own arithmetic: here a density that
     underflows to 0 is right.
     """
+    import numpy as np
+
     kept = {name: kind for name, kind in np.geterr().items() if kind in ("ignore", "warn")}
     return np.errstate(**(USUAL | kept))
 
@@ -70,33 +72,13 @@ def table(values: Any, where: str, example: str) -> dict[Any, Any]:
     return dict(values)
 
 
-def check_limits(
-    workers: int | None = None, time_limit: float = 1.0, time_budget: float | None = None
-) -> None:
-    """Refuse numbers of processes and of seconds that nothing can run with.
-
-    Raises
-    ------
-    HarvesterError
-    """
-    if workers is not None and not (isinstance(workers, numbers.Integral) and workers >= 1):
-        raise HarvesterError(f"--workers {shown(workers)}: must be a whole number ≥ 1")
-    for name, seconds in (("time-budget", time_budget), ("time-limit", time_limit)):
-        if name == "time-budget" and seconds is None:
-            continue
-        if not (isinstance(seconds, numbers.Real) and seconds > 0.0):
-            raise HarvesterError(f"--{name} {shown(seconds)}: must be a number of seconds > 0")
-
-
 def checked_options(options: dict[str, Any]) -> dict[str, Any]:
-    """Options of a public function with those that run it checked, and `progress` guarded.
+    """Options of a public function with the executor checked, and `progress` guarded.
 
     Raises
     ------
     HarvesterError
     """
-    limits = ("workers", "time_limit", "time_budget")
-    check_limits(**{name: options[name] for name in limits if name in options})
     executor, progress = options.get("executor"), options.get("progress")
     if executor is not None and not hasattr(executor, "submit"):
         raise HarvesterError(

@@ -6,14 +6,19 @@ import functools
 import inspect
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Concatenate, ParamSpec, TypeAlias, TypeVar, get_args, get_type_hints
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeAlias, TypeVar, Union
 
 from harvester.arguments import checked_options, usual_arithmetic
 from harvester.errors import UnknownOption
 from harvester.files.plain_text import nearest, shown
-from harvester.scene.model import Scene
+from harvester.signatures import check_options, options_of
 
-SceneOrName: TypeAlias = Scene | str | Path
+if TYPE_CHECKING:
+    from harvester.scene.model import Scene
+
+# Text, so that a module with public functions needs no scene, and with it no numba, to be read.
+SceneOrName: TypeAlias = Union["Scene", str, Path]
+KEYWORD_ONLY = inspect.Parameter.KEYWORD_ONLY
 # What options were called before one convention held for all functions.
 FORMER_NAMES = {"engine": "method", "closure": "method", "pool": "runner"}
 
@@ -28,6 +33,8 @@ def scene_of(scene: SceneOrName) -> Scene:
     ------
     SceneError
     """
+    from harvester.scene.model import Scene
+
     return scene if isinstance(scene, Scene) else Scene.load(scene)
 
 
@@ -36,42 +43,33 @@ def takes_scene(
 ) -> Callable[Concatenate[SceneOrName, Options], Answer]:
     """Let a function of a scene take a file's path or a built-in name too.
 
-    An option it does not have is refused with the nearest one, by `UnknownOption`; those that run
-    it are checked by `harvester.arguments.checked_options`.
+    An option that it does not have is refused with the nearest one, by `UnknownOption`. Values are
+    checked by what the annotations say (`harvester.signatures`).
     """
-    parameters = inspect.signature(function).parameters.values()
-    by_place = [each.name for each in parameters if each.kind is each.POSITIONAL_OR_KEYWORD]
-    known = [*by_place, *_by_keyword(function)]
     name = function.__name__
 
     @functools.wraps(function)
     def called(scene: SceneOrName, *arguments: Any, **options: Any) -> Answer:
-        surplus = arguments[len(by_place) - 1 :]
+        known = options_of(function)
+        by_keyword = [
+            n for n, each in known.items() if each.passing is inspect.Parameter.KEYWORD_ONLY
+        ]
+        by_place = len(known) - len(by_keyword)
+        surplus = arguments[by_place - 1 :]
         if surplus:
-            named = known[len(by_place)] if len(known) > len(by_place) else "none"
             raise UnknownOption(
                 f"{name}: {shown(surplus[0])} stands without its name: options are given as "
-                f"{named}=…; there are {', '.join(known[len(by_place) :])}"
+                f"{[*by_keyword, 'none'][0]}=…; there are {', '.join(by_keyword)}"
             )
         for option in options:
             if option not in known:
-                raise UnknownOption(f"{name}: no option {option}{_meant(option, known)}")
+                raise UnknownOption(f"{name}: no option {option}{_meant(option, list(known))}")
         with usual_arithmetic():
-            return function(scene_of(scene), *arguments, **checked_options(options))
+            scene = scene_of(scene)
+            check_options(function, options)
+            return function(scene, *arguments, **checked_options(options))
 
     return called
-
-
-def _by_keyword(function: Callable) -> list[str]:
-    """Names of a function's keywords, with those of the typed dictionary that collects others."""
-    names: list[str] = []
-    for each in inspect.signature(function).parameters.values():
-        if each.kind is each.KEYWORD_ONLY:
-            names.append(each.name)
-        elif each.kind is each.VAR_KEYWORD:
-            (collected,) = get_args(get_type_hints(function)[each.name])
-            names += collected.__annotations__
-    return names
 
 
 def _meant(option: str, known: list[str]) -> str:

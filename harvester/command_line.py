@@ -7,63 +7,17 @@ import sys
 import warnings
 from typing import Any, NoReturn
 
-from harvester.commands import (
-    accuracy,
-    average,
-    cite,
-    claims,
-    completion,
-    engine,
-    frequency_response,
-    identify,
-    load_study,
-    netlist,
-    new,
-    optimum,
-    reproduce,
-    schematic,
-    sensitivity,
-    simulate,
-    stability,
-    time_to_accuracy,
-    validate,
-    verify,
-    work_precision,
-)
-from harvester.commands.options import complain
-from harvester.commands.quiet import quiet
-from harvester.errors import EngineNotFound, HarvesterError, SimulationError
+from harvester.commands.parsing import about
+from harvester.commands.quiet import complain, quiet
+from harvester.commands.table import COMMANDS
+from harvester.errors import EngineNotFound, HarvesterError, LoadChatters, SimulationError
 from harvester.files.plain_text import nearest, one_line
 from harvester.files.streams import guarded_streams
 from harvester.version import __version__
 
-COMMANDS = (
-    new,
-    validate,
-    simulate,
-    average,
-    frequency_response,
-    accuracy,
-    work_precision,
-    time_to_accuracy,
-    stability,
-    verify,
-    optimum,
-    sensitivity,
-    load_study,
-    identify,
-    reproduce,
-    claims,
-    schematic,
-    netlist,
-    cite,
-    engine,
-    completion,
-)
-
 # What options were called before one name held for all commands.
 FORMER_OPTIONS = {"--engine": "--method", "--closure": "--method"}
-# Reading them takes the square of their number.
+# More are refused: argparse takes the square of their number to read them.
 MOST_ARGUMENTS = 2000
 WELCOME = """\
 harvester simulates vibration energy harvesters. What to try first:
@@ -87,7 +41,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     arguments = sys.argv[1:] if arguments is None else arguments
     with guarded_streams() as exit_code, warnings.catch_warnings():
-        # What overflows is told by the check of the result, in words for who ran it.
+        # The check of the result reports an overflow, in words for whoever ran it.
         warnings.simplefilter("ignore", RuntimeWarning)
         try:
             return exit_code(_run(arguments))
@@ -105,20 +59,23 @@ def _run(arguments):
     options = _parsed(arguments)
     try:
         with quiet(options.quiet):
-            return _command(options)
+            return options.command.run(options) or 0
+    except SimulationError as error:
+        complain(f"{type(error).__name__}: {error}")
+        return 2 if isinstance(error, LoadChatters) else 1
     except EngineNotFound as error:
         complain(error)
         return 1
     except HarvesterError as error:
         complain(error)
         return 2
-    except KeyboardInterrupt:
-        complain(f"interrupted; {getattr(options, 'kept_when_interrupted', 'nothing was written')}")
+    except KeyboardInterrupt as interrupt:
+        complain(f"interrupted; {str(interrupt) or 'nothing was written'}")
         return 130
     except (MemoryError, ImportError, OSError, RuntimeError) as error:
         if isinstance(error, RuntimeError) and "thread" not in str(error):
             raise
-        # Of the machine: too little memory, too few files, a library that does not load, no thread.
+        # The machine's limits: no memory, too few files, a library that does not load, no thread.
         reason = str(error).partition("\n")[0] or "no memory left"
         if isinstance(error, RuntimeError):
             reason = "a thread cannot be started; raise the limit (ulimit -a shows it)"
@@ -128,28 +85,19 @@ def _run(arguments):
 
 def _parsed(arguments):
     """The options; one that a command does not have is refused with the nearest."""
-    parser, commands = build_parser()
+    # Only this command's function is imported for its options.
+    parser, commands = build_parser(arguments[0])
     options, unknown = parser.parse_known_args(arguments)
     if unknown:
-        command = commands.choices[options.name]
+        command = commands.choices[options.command.name]
         known = [word for action in command._actions for word in action.option_strings]
         word = unknown[0].partition("=")[0]
         if word in known:
-            command.error(f"argument {word} goes behind {options.name}")
+            command.error(f"argument {word} goes behind {options.command.name}")
         former = FORMER_OPTIONS.get(word)
         hint = f" (did you mean {former}?)" if former in known else nearest(word, known)
         command.error(f"unknown argument {word}{hint}")
     return options
-
-
-def _command(options):
-    """Carry out the command; a run that fails says so, and what it had is written."""
-    try:
-        return options.command(options) or 0
-    except SimulationError as error:
-        complain(f"{type(error).__name__}: {error}")
-        _keep_partial(options, error)
-        return 1
 
 
 class Parser(argparse.ArgumentParser):
@@ -160,8 +108,14 @@ class Parser(argparse.ArgumentParser):
         super().error(one_line(message))
 
 
-def build_parser() -> tuple[Parser, Any]:
-    """The parser of the command line, and its sub-parsers' action."""
+def build_parser(wanted: str | None = None) -> tuple[Parser, Any]:
+    """The parser of the command line, and its sub-parsers' action.
+
+    Parameters
+    ----------
+    wanted : str or None
+        A command: only it gets its options. Of another word or None: all get them.
+    """
     parser = Parser(
         prog="harvester",
         description="Vibration energy harvesters as circuits: ngspice, Monte Carlo and\n"
@@ -170,22 +124,22 @@ def build_parser() -> tuple[Parser, Any]:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"harvester {__version__}")
-    commands = parser.add_subparsers(
-        title="commands", required=True, metavar="COMMAND", dest="name"
-    )
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    only = wanted if wanted in {command.name for command in COMMANDS} else None
     for command in COMMANDS:
-        command.add(commands)
-    for parser_of_command in commands.choices.values():
-        parser_of_command.add_argument(
+        if only not in (None, command.name):
+            commands.add_parser(command.name)
+            continue
+        first, text = about(command.found)
+        own = commands.add_parser(
+            command.name,
+            help=first.replace("%", "%%"),
+            description=text,
+            epilog=f"example: harvester {command.example}",
+        )
+        command.fill(own)
+        own.add_argument(
             "--quiet", action="store_true", help="show errors only, and what goes to -"
         )
+        own.set_defaults(command=command)
     return parser, commands
-
-
-def _keep_partial(options, error):
-    """Write what a failed run had, with its outcome named, where JSON was asked for."""
-    if error.partial is None or not getattr(options, "json", None):
-        return
-    from harvester.files.writing import write_json
-
-    write_json(options.json, error.partial.to_dict())

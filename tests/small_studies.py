@@ -6,10 +6,8 @@ from dataclasses import replace
 
 from harvester.running import open_runner
 from harvester.scene.model import Scene
-from harvester.studies import load_study
-from harvester.studies.frequency_response import frequency_response
-from harvester.studies.optimum import line, optimum
-from harvester.studies.sensitivity import sensitivity
+from harvester.studies.optimum import line
+from harvester.studies.public import frequency_response, load_study, optimum, sensitivity
 from harvester.verification.accuracy import measurement, throughput, timed
 from harvester.verification.accuracy.methods import Method
 from harvester.verification.accuracy.work_precision import work_precision

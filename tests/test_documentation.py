@@ -87,7 +87,7 @@ def test_make_targets_and_commands_that_are_named_exist(page):
     lines = [line for block in blocks(text, "sh") for line in block.splitlines()]
     words = [words.split() for words in (*in_code(page), *lines)]
     assert {each[1] for each in words if each[:1] == ["make"] and each[1:]} <= set(rules)
-    known = {command.__name__.rpartition(".")[2].replace("_", "-") for command in COMMANDS}
+    known = {command.name for command in COMMANDS}
     said = {each[1] for each in words if each[:1] == ["harvester"] and each[1:]}
     assert {name for name in said if not name.startswith("-")} <= known
     ran = re.findall(r"-m pytest (\S+\.py)(?:::\w+)?", text)
@@ -129,15 +129,15 @@ def test_commands_are_accepted(page):
                 assert build_parser()[0].parse_args(words[1:]).command
 
 
-@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.__name__)
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.name)
 def test_the_help_of_a_command_holds_an_example_that_is_accepted(command, capsys):
-    name = command.__name__.rpartition(".")[2].replace("_", "-")
+    name = command.name
     with pytest.raises(SystemExit):
         build_parser()[0].parse_args([name, "--help"])
     example = capsys.readouterr().out.partition("example: ")[2]
     words = shlex.split(example)
     assert words[:2] == ["harvester", name]
-    assert build_parser()[0].parse_args(words[1:]).command is command.run
+    assert build_parser()[0].parse_args(words[1:]).command is command
 
 
 @pytest.mark.parametrize("page", ["loads", "start"])

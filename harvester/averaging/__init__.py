@@ -1,6 +1,20 @@
 """Stationary means and densities of a scene or device without simulation, by a closure."""
 
-from harvester.averaging.closures import CLOSURES, DEFAULT_CLOSURE, average
-from harvester.stationary.averages import Averages
+from typing import TYPE_CHECKING
 
-__all__ = ["CLOSURES", "DEFAULT_CLOSURE", "Averages", "average"]
+if TYPE_CHECKING:
+    from harvester.averaging.closures import CLOSURES as CLOSURES
+    from harvester.averaging.closures import average as average
+
+# The closure that holds most widely.
+DEFAULT_CLOSURE = "fokker_planck"
+__all__ = ["CLOSURES", "DEFAULT_CLOSURE", "average"]
+
+
+def __getattr__(name: str) -> object:
+    # Imported where they are used: the closures need numba, the name of the usual one does not.
+    if name in ("CLOSURES", "average"):
+        from harvester.averaging import closures
+
+        return getattr(closures, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from harvester.averaging import DEFAULT_CLOSURE
 from harvester.averaging.density import Density, Layer
 from harvester.averaging.orbits import edges, settled_orbits, stiffnesses
 from harvester.device import timescales
@@ -24,7 +25,6 @@ from harvester.stationary.fokker_planck import fokker_planck
 if TYPE_CHECKING:
     from harvester.device.system import System
 
-DEFAULT_CLOSURE = "fokker_planck"  # holds most widely
 LEVELS, NODES = 400, 32  # of each edge; of an orbit on either side of the stopper
 COARSE_LEVELS, COARSE_NODES = 200, 24  # the grid that tells the numerical error
 

@@ -8,21 +8,15 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from harvester.averaging import DEFAULT_CLOSURE
-from harvester.averaging import average as average_parameters
 from harvester.calling import takes_scene
-from harvester.device import timescales
 from harvester.errors import AveragingError
-from harvester.estimates.estimate import Density, Estimate, root
-from harvester.estimates.joint_density import JointDensity
-from harvester.excitation import OrnsteinUhlenbeck, RecordedMotion
-from harvester.excitation.spectrum_fit import fit_spectrum
-from harvester.prepared.prepared import prepared
-from harvester.results.result import Result
-from harvester.scene.model import Scene
-from harvester.scene.units import require_resistor
+from harvester.signatures import Share
 
 if TYPE_CHECKING:
     from harvester.device.system import System
+    from harvester.estimates.estimate import Estimate
+    from harvester.results.result import Result
+    from harvester.scene.model import Scene
     from harvester.stationary.averages import Averages
 
 DIMENSIONS = {
@@ -35,7 +29,8 @@ DIMENSIONS = {
     "mean_transducer_loss": "power",
 }
 
-SHARE = "share_of_time"  # of what tells of several wells, all else is a rate
+# Of the quantities that tell of several wells these are shares, all others rates.
+SHARE = "share_of_time"
 
 
 @takes_scene
@@ -43,7 +38,7 @@ def average(
     scene: Scene,
     *,
     method: str = DEFAULT_CLOSURE,
-    tolerance: float | None = None,
+    tolerance: Share | None = None,
     fit: bool = False,
     jump_rates: bool = False,
 ) -> Result:
@@ -54,18 +49,17 @@ def average(
     scene : Scene, str or Path
         Itself, its file or its built-in name.
     method : str
-        "fokker_planck" (the stationary density, nothing averaged), "paper" (Eqs. 10–37 as
-        printed, slips corrected) or "consistent" (the constant force of the piezo kept in the
-        potential).
-    tolerance : float, optional
-        Largest numerical error that is an answer, as a share of it; by default 1e-3, and 1e-2 of
-        `fokker_planck`.
+        fokker_planck (the stationary density, nothing averaged), paper (Eqs. 10–37 as printed,
+        slips corrected) or consistent (the constant force of the piezo kept in the potential).
+    tolerance : float or None
+        Largest numerical error that is an answer, as a share of it (default: 1e-2; paper,
+        consistent 1e-3).
     fit : bool
-        Of a record: take the Ornstein–Uhlenbeck noise that fits its spectrum, whose evidence is
-        in `Result.spectrum_fit` and `notes`.
+        Of a recorded excitation: take the Ornstein–Uhlenbeck noise whose D and τ1 fit its
+        spectrum, and say how far it is from it.
     jump_rates : bool
-        Of several wells, by `fokker_planck`: also the rates of jumps between them and the slowest
-        decay rate, which take two or three times as long as all the rest.
+        Of several wells, by fokker_planck: also the rates of jumps between them and the slowest
+        decay rate (two or three times as long).
 
     Returns
     -------
@@ -79,6 +73,14 @@ def average(
     LoadError
         The load is no resistor.
     """
+    from harvester.averaging import average as average_parameters
+    from harvester.device import timescales
+    from harvester.estimates.estimate import Density, root
+    from harvester.estimates.joint_density import JointDensity
+    from harvester.prepared.prepared import prepared
+    from harvester.results.result import Result
+    from harvester.scene.units import require_resistor
+
     require_resistor(scene, "stochastic averaging")
     clock = time.perf_counter()
     spectrum_fit: Any = None
@@ -139,6 +141,9 @@ def averaged_device(scene: Scene) -> System:
     AveragingError
         Its excitation is no noise that can be averaged over.
     """
+    from harvester.prepared.prepared import prepared
+    from harvester.scene.units import require_resistor
+
     require_resistor(scene, "stochastic averaging")
     refusal = scene.excitation.averaging_refusal()
     if refusal:
@@ -148,6 +153,8 @@ def averaged_device(scene: Scene) -> System:
 
 def estimates_of(averages: Averages) -> dict[str, Estimate]:
     """What a closure gives, as estimates with its numerical error."""
+    from harvester.estimates.estimate import Estimate
+
     values = {name: getattr(averages, name) for name in DIMENSIONS} | averages.between_wells
     return {
         name: Estimate(
@@ -163,6 +170,11 @@ def estimates_of(averages: Averages) -> dict[str, Estimate]:
 
 def _fitted(scene):
     """The fit to the scene's record, and the scene with the fitted noise."""
+    from harvester.device import timescales
+    from harvester.excitation import OrnsteinUhlenbeck, RecordedMotion
+    from harvester.excitation.spectrum_fit import fit_spectrum
+    from harvester.prepared.prepared import prepared
+
     if not isinstance(scene.excitation, RecordedMotion):
         raise AveragingError(
             f'excitation.kind = "{scene.excitation.kind}": only a record is fitted (--fit)'

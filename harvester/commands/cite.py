@@ -5,41 +5,30 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from harvester.errors import HarvesterError
+from harvester.signatures import File
 
-if TYPE_CHECKING:
-    from argparse import Namespace
-
-# Bytes: a device may never end.
+# Bytes that are read: a device such as /dev/zero never ends.
 LARGEST_RESULT = 100_000_000
 
 
-def add(commands: Any) -> None:
-    """The command's arguments."""
-    command = commands.add_parser(
-        "cite",
-        help="the sources of the methods that a result used",
-        description="the sources of the methods that a result used, or of all methods",
-        epilog="example: harvester cite results/paper-validate.json",
-    )
-    command.add_argument(
-        "result", nargs="?", metavar="FILE", help="JSON of simulate, average or validate"
-    )
-    command.set_defaults(command=run, json=None, output=None)
+def cite(result: File | None = None, /) -> None:
+    """The sources of the methods that a result used.
 
-
-def run(options: Namespace) -> None:
-    """Carry it out; returns the exit code, or None for 0."""
+    Parameters
+    ----------
+    result : str or None
+        JSON of simulate, average or validate (default: the sources of all methods).
+    """
     from harvester.commands.citations import SOURCES, sources_of
 
     found: Sequence = SOURCES
-    if options.result:
+    if result:
         try:
-            found = sources_of(_read(options.result))
+            found = sources_of(_read(result))
         except HarvesterError as error:
-            raise HarvesterError(f"{options.result}: {error}") from None
+            raise HarvesterError(f"{result}: {error}") from None
     for source in found:
         print(f"{source.method}:\n    {source.reference}")
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import re
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import Annotated
 
+from harvester.commands.quiet import say
 from harvester.errors import OutputError, SceneError
-
-if TYPE_CHECKING:
-    from argparse import Namespace
+from harvester.files.plain_text import named, nearest, one_line
+from harvester.signatures import File, Kind
 
 DEFAULT = "device"
 HEAD = """\
@@ -33,47 +33,38 @@ ASKED = (
 )
 
 
-def add(commands: Any) -> None:
-    """The command's arguments."""
-    command = commands.add_parser(
-        "new",
-        help="write a commented scene of your own to start from",
-        description="write a commented scene of your own, copied from a built-in one; at a "
-        "terminal and without --from it asks for the device's values",
-        epilog="example: harvester new beam.toml --from asymmetric",
-    )
-    command.add_argument("file", metavar="FILE", help="a new .toml file; - for standard output")
-    command.add_argument(
-        "--from",
-        dest="scene",
-        metavar="SCENE",
-        help=f"the built-in scene that is copied (default: {DEFAULT})",
-    )
-    command.set_defaults(command=run, json=None, output=None)
+def new(
+    file: File, /, *, scene: Annotated[str, Kind("SCENE", option="from")] | None = None
+) -> None:
+    """Write a commented scene of your own to start from.
 
+    It is copied from a built-in one; at a terminal and without --from it asks for the device's
+    values.
 
-def run(options: Namespace) -> None:
-    """Carry it out; returns the exit code, or None for 0."""
-    from harvester.commands.options import say
+    Parameters
+    ----------
+    file : str
+        A new .toml file; - for standard output.
+    scene : str or None
+        The built-in scene that is copied (default: device).
+    """
     from harvester.files.writing import is_standard_output, write_text
 
-    to_file = not is_standard_output(options.file)
+    to_file = not is_standard_output(file)
     if to_file:
-        _check_new(options.file)
-    asking = options.scene is None and all(
+        _check_new(file)
+    asking = scene is None and all(
         stream is not None and stream.isatty() for stream in (sys.stdin, sys.stderr)
     )
-    name = options.scene or (_chosen() if asking else DEFAULT)
+    name = scene or (_chosen() if asking else DEFAULT)
     text = _copied(name)
-    write_text(options.file, _changed(text, name) if asking else text)
+    write_text(file, _changed(text, name) if asking else text)
     if to_file:
-        say(f"written: {options.file}; now try: harvester average {options.file}")
+        say(f"written: {file}; now try: harvester average {file}")
 
 
 def _check_new(file):
     """Refuse what is there already, and what could be taken for a built-in scene's name."""
-    from harvester.files.plain_text import named
-
     if not file.endswith(".toml"):
         raise OutputError(f"{named(file)}: a scene's file ends in .toml: give {named(file)}.toml")
     if os.path.lexists(file):
@@ -82,7 +73,6 @@ def _check_new(file):
 
 def _copied(name):
     """Text of a built-in scene with a head of its own."""
-    from harvester.files.plain_text import named, nearest
     from harvester.scene.source import BUILT_IN, built_in_names
 
     names = built_in_names()
@@ -94,7 +84,6 @@ def _copied(name):
 
 
 def _chosen():
-    from harvester.files.plain_text import named, nearest
     from harvester.scene.source import built_in_names
 
     names = built_in_names()
@@ -146,7 +135,5 @@ def _accepted(scene, key, old, comment):
 
 def _answer(question, usual):
     """What is typed, or the usual where that is nothing or the input has ended."""
-    from harvester.files.plain_text import one_line
-
     print(f"{question} [{usual}]: ", end="", file=sys.stderr, flush=True)
     return one_line(sys.stdin.readline().strip()) or usual

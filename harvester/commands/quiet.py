@@ -1,10 +1,13 @@
-"""Whether the command line is to show nothing but what was asked for and what went wrong."""
+"""Lines on standard error, and whether only what was asked for and what went wrong is shown."""
 
 from __future__ import annotations
 
 import contextlib
+import sys
 from collections.abc import Iterator
 from contextvars import ContextVar
+
+from harvester.files.plain_text import one_line
 
 _QUIET = ContextVar("quiet", default=False)
 
@@ -22,3 +25,14 @@ def quiet(wanted: bool = True) -> Iterator[None]:
 def is_quiet() -> bool:
     """Whether `quiet` is in force."""
     return _QUIET.get()
+
+
+def say(text: object) -> None:
+    """One line on standard error, unless the command line is quiet."""
+    if not is_quiet():
+        print(one_line(text), file=sys.stderr)
+
+
+def complain(text: object) -> None:
+    """One line on standard error on what went wrong."""
+    print(f"harvester: {one_line(text)}", file=sys.stderr)

@@ -148,6 +148,11 @@ class Identification:
     def sentences(self) -> list[str]:
         """The verdict, what is not determined, the proof of each record, and the other models."""
         lines = [self.verdict.sentence]
+        lines += [
+            f"{each.name}: {remark}"
+            for each in self.measurements
+            for remark in getattr(each, "remarks", ())
+        ]
         lines += [str(each) for each in self.fitted.undetermined]
         lines += [f"{unclear}; {key} is kept as in the scene" for key, unclear in self.kept]
         for stretch in self.fitted.stretches:
@@ -257,6 +262,19 @@ class Identification:
         ]
         heading = [f"Identified from {names}.", self.verdict.sentence, *sensors]
         return scene_text(made.scene, comments, heading)
+
+    def page(self) -> str:
+        """One self-contained HTML page with everything."""
+        from harvester.identification.report import report
+
+        return report(self)
+
+    def texts(self) -> dict[str, str]:
+        """Further files of the result: the scenes, that proposed where it is another, the page."""
+        found = {".toml": self.scene_text(), ".html": self.page()}
+        if self.proposed is not self.candidates[0]:
+            found["-proposed.toml"] = self.scene_text(self.proposed)
+        return found
 
 
 def _windows(stretch):

@@ -5,29 +5,25 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Any
 
 from harvester.arguments import listed
 from harvester.calling import takes_scene
 from harvester.errors import IdentificationError
 from harvester.files.plain_text import shown
-from harvester.identification.candidates import Candidate, candidates
-from harvester.identification.checks import check_records
-from harvester.identification.fitting import Fitted, fitted
-from harvester.identification.identification import Identification
-from harvester.identification.measured_response import MeasuredResponse
-from harvester.identification.measurement import Measurement, read_measurement
-from harvester.identification.posterior import posterior as posterior_of
-from harvester.identification.proof import typical_period, whiteness
-from harvester.identification.sizes import first_sizes, fitted_sizes
-from harvester.identification.unknowns import checked_keys, default_keys
-from harvester.identification.verdict import verdict
-from harvester.scene.model import Scene
+from harvester.signatures import Kind, records_of
 
 if TYPE_CHECKING:
+    from harvester.identification.fitting import Fitted
+    from harvester.identification.identification import Identification
     from harvester.identification.intervals import Undetermined
+    from harvester.identification.measurement import Measurement
+    from harvester.scene.model import Scene
 
-Record = Measurement | MeasuredResponse
+Records = Annotated[
+    Any, Kind("FILE [SETTING=VALUE]", option="record", read=records_of, again=True, words=True)
+]
+Keys = Annotated[Sequence[str], Kind("TABLE.KEY", again=True, words=True)]
 # Shares of the work: other models begin at the first, the posterior at the second.
 MODELS_BEGIN, POSTERIOR_BEGINS = 0.4, 0.7
 # Of a direction that is not determined, those that are rather kept as in the scene.
@@ -37,30 +33,39 @@ KEPT_FIRST = ("capacitance", "restitution", "stiffness", "quadratic_damping")
 @takes_scene
 def identify(
     scene: Scene,
-    records: Sequence[Record | str | Path] | Record | str | Path,
+    records: Records,
     *,
-    free: Sequence[str] | None = None,
-    compare: bool = True,
+    free: Keys | None = None,
+    compare: Annotated[bool, Kind(option="alone")] = True,
     posterior: bool = False,
     progress: Callable[[float, str], None] | None = None,
 ) -> Identification:
-    """Fit a scene's numbers to measured records, a third of each kept aside as proof.
+    """Fit a scene's numbers to measured records, with intervals and a proof on data kept aside.
 
     Parameters
     ----------
     scene : Scene
         Where the fit begins, and all that is known: what is not free stays as it is.
-    records : sequence of Measurement, MeasuredResponse or file, or one of them
-        A file's columns have their quantity and unit in the header; see `read_measurement`.
-    free : sequence of str, optional
-        Keys of the scene (`oscillator.damping`, `oscillator.restoring_force[2]`, …) and of sensors
-        (`sensor.voltage_offset`, `_scale`, `_delay`, `_filter`). Left out: the device's own numbers
+    records : sequence of Measurement, MeasuredResponse, file or (file, settings), or one of them
+        CSV, .npy, .wav, .mat, .lvm, HDF5, TDMS or .IDE: base acceleration beside voltage,
+        displacement or velocity; or a frequency response, frequency beside amplitude and phase;
+        with the settings acceleration=COLUMN:UNIT, voltage=COLUMN:UNIT, …, time=COLUMN,
+        sampling_rate=HZ, or what differs from the scene (load.resistance=1e5), see
+        `harvester.read_measurement`; several may be given.
+    free : sequence of str
+        What is fitted: numbers of the scene (oscillator.damping, oscillator.restoring_force[2], …),
+        or of sensors (sensor.voltage_offset, _scale, _delay, _filter). By default the device's own
         that are not zero, but mass, winding, leak and, without a displacement, the constant force;
         what the records do not determine then stays as in the scene.
     compare : bool
-        Fit neighbouring models too: symmetric spring or not, cubic or linear, drag, stoppers.
+        Fit other models to compare the scene's with (symmetric spring or not, cubic or linear,
+        drag, stoppers); with --alone none.
     posterior : bool
-        Sample the posterior of the values too, by the scene's seed; needs emcee.
+        Sample the posterior of the values too, by the scene's seed (needs emcee: pip install
+        'harvester[posterior]').
+
+    Other Parameters
+    ----------------
     progress : callable, optional
         Of the share done and what is being done.
 
@@ -75,6 +80,15 @@ def identify(
     IdentificationError
         The records do not tell what is asked of them.
     """
+    from harvester.identification.candidates import Candidate, candidates
+    from harvester.identification.checks import check_records
+    from harvester.identification.identification import Identification
+    from harvester.identification.posterior import posterior as posterior_of
+    from harvester.identification.proof import typical_period, whiteness
+    from harvester.identification.sizes import fitted_sizes
+    from harvester.identification.unknowns import checked_keys, default_keys
+    from harvester.identification.verdict import verdict
+
     clock = time.perf_counter()
     follow = progress or (lambda share, text: None)
     measurements = _measurements(scene, records)
@@ -85,7 +99,11 @@ def identify(
     if not keys:
         raise IdentificationError(f"{scene.name}: nothing is free; name keys with --free")
     follow(0.0, "fit")
-    base, kept = _determined(scene, measurements, keys, free is None)
+    try:
+        base, kept = _determined(scene, measurements, keys, free is None)
+    except IdentificationError as error:
+        remarks = [each for record in measurements for each in getattr(record, "remarks", ())]
+        raise IdentificationError("; ".join([str(error), *remarks])) from None
     follow(MODELS_BEGIN, "other models")
     sizes = fitted_sizes(base, measurements)
     found = [Candidate("as given", base, 0.0, 0.0)]
@@ -117,26 +135,33 @@ def _later(share):
 
 
 def _measurements(scene, records):
+    """What was given, as a list of records: one record, or several in any iterable."""
+    from harvester.identification.measured_response import MeasuredResponse
+    from harvester.identification.measurement import Measurement, read_measurement
+
     if isinstance(records, (Measurement, MeasuredResponse, str, Path)):
         records = [records]
-    return [_measurement(each, scene) for each in listed(records, "records", '["shaker.csv"]')]
-
-
-def _measurement(record, scene):
-    """A record as it is, or read from its file."""
-    if isinstance(record, (str, Path)):
-        return read_measurement(record, units=scene.units)
-    if not isinstance(record, (Measurement, MeasuredResponse)):
-        raise IdentificationError(
-            f"records: {shown(record)}: must be a file or what read_measurement returns"
-        )
-    return record
+    found = []
+    for each in listed(records, "records", '["shaker.csv"]'):
+        if isinstance(each, (Measurement, MeasuredResponse)):
+            found.append(each)
+            continue
+        file, settings = each if isinstance(each, tuple) and len(each) == 2 else (each, None)
+        if not isinstance(file, (str, Path)):
+            raise IdentificationError(
+                f"records: {shown(each)}: must be a file or what read_measurement returns"
+            )
+        found.append(read_measurement(file, settings, scene.units))
+    return found
 
 
 def _determined(
     scene: Scene, measurements: list[Measurement], keys: list[str], drop: bool
 ) -> tuple[Fitted, list[tuple[str, Undetermined]]]:
     """The fit of what the records determine, and what of the keys was kept as in the scene."""
+    from harvester.identification.fitting import fitted
+    from harvester.identification.sizes import first_sizes
+
     kept: list[tuple[str, Undetermined]] = []
     sizes = first_sizes(scene, measurements)
     found = fitted(scene, measurements, keys, sizes)

@@ -8,38 +8,26 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
-from typing import TypedDict
 
-from harvester.arguments import check_limits
 from harvester.errors import HarvesterError
 from harvester.running.folder import held
 from harvester.running.runner import Runner
+from harvester.signatures import Processes, RunnerOptions, Seconds, check_options
 from harvester.simulation.simulate import TIME_LIMIT
 from harvester.workers.pools import ExecutorPool, WorkerPool, processes
 
-
-class RunnerOptions(TypedDict, total=False):
-    """Keyword arguments of every study: see `open_runner`."""
-
-    output: str | os.PathLike | None
-    workers: int | None
-    executor: Executor | WorkerPool | ExecutorPool | None
-    scheduler: str | None
-    time_budget: float | None
-    time_limit: float
-    progress: Callable[[float, str], object] | None
-    runner: Runner | None
+__all__ = ["RunnerOptions", "open_runner"]
 
 
 @contextlib.contextmanager
 def open_runner(
     output: str | os.PathLike | None = None,
     *,
-    workers: int | None = None,
+    workers: Processes | None = None,
     executor: Executor | WorkerPool | ExecutorPool | None = None,
     scheduler: str | None = None,
-    time_budget: float | None = None,
-    time_limit: float = TIME_LIMIT,
+    time_budget: Seconds | None = None,
+    time_limit: Seconds = TIME_LIMIT,
     progress: Callable[[float, str], object] | None = None,
     runner: Runner | None = None,
 ) -> Iterator[Runner]:
@@ -75,7 +63,8 @@ def open_runner(
     if runner is not None:
         yield runner
         return
-    check_limits(workers, time_limit, time_budget)
+    limits = {"workers": workers, "time_budget": time_budget, "time_limit": time_limit}
+    check_options(open_runner, limits)
     deadline = time.monotonic() + time_budget if time_budget else math.inf
     with (
         held(output) if output else contextlib.nullcontext() as folder,

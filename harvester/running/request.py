@@ -19,15 +19,13 @@ from harvester.running.task import Wanted
 from harvester.scene.model import Scene
 from harvester.scene.units import Scales
 from harvester.simulation.methods import ENGINES
-from harvester.simulation.simulate import (
+from harvester.simulation.outcome import (
     LARGEST_RESIDUAL,
     NOTED_RESIDUAL,
-    check_name,
-    check_step,
     is_symmetric,
     notes_on_excitation,
-    require_noise,
 )
+from harvester.simulation.simulate import check_name, check_step, require_noise
 
 Found = TypeVar("Found")
 
@@ -52,7 +50,8 @@ class Request:
     method : str
         An engine or a closure.
     precision : float or None
-        Relative standard error of each of the quantities that realizations are added for.
+        Relative error of each of the quantities that realizations are added for: the standard
+        error, and what the steps may cost.
     quantities : tuple of str
         Those that decide; names that this scene does not have do not.
     step : str or float
@@ -216,6 +215,25 @@ def answering(
     return (yield from _simulated(request, version, density or request.density))
 
 
+def aim_beside_steps(precision: float, step_error: float) -> float:
+    """Relative standard error that with the steps' error makes up a precision.
+
+    Where the steps alone cost more, the precision itself: `note_on_steps` then says so.
+    """
+    left = precision**2 - step_error**2
+    return math.sqrt(left) if left > 0.0 else precision
+
+
+def note_on_steps(precision: float, step_error: float) -> str:
+    """What to say of steps that cost more than a precision asked for; empty otherwise."""
+    if step_error < precision:
+        return ""
+    return (
+        f"the steps may cost {step_error:.2g} of a power, more than the precision {precision:g} "
+        "asked for: choose --step fine or finest"
+    )
+
+
 def in_rounds(
     cut: Realizations,
     first: int,
@@ -322,13 +340,15 @@ def _simulated(request, version, density):
     cut = Realizations.of(request.cut_from, request.method, request.step, version, density)
     most = cut.whole(request.most) if request.precision else request.first
     first = min(cut.whole(request.first), most)
+    cost = step_error(prepared(request.scene), request.step, request.method)
+    aim = aim_beside_steps(request.precision, cost) if request.precision else None
 
     def judge(good, ended):
         if not good:
             return None if ended == OUT_OF_TIME else ended, 0.0
         return _answer(request, good, ended)
 
-    return (yield from in_rounds(cut, first, most, request.precision, judge))
+    return (yield from in_rounds(cut, first, most, aim, judge))
 
 
 def _answer(request, good, ended):
@@ -337,16 +357,19 @@ def _answer(request, good, ended):
     scene = replace(request.scene, run=replace(request.scene.run, realizations=len(moments)))
     ready = prepared(scene)
     parameters = ready.system
-    found = run_estimates(scene, moments, step_error(ready, request.step, request.method))
+    cost = step_error(ready, request.step, request.method)
+    found = run_estimates(scene, moments, cost)
     if not abs(found.residual) <= LARGEST_RESIDUAL:
         return not_balanced(found.residual), 0.0
     reached, unseen = _reached(request, scene, parameters, found.whole)
-    shapes = densities(moments, is_symmetric(scene, parameters)) if request.density else {}
+    shapes = densities(found.moments, is_symmetric(scene, parameters)) if request.density else {}
     shape = shapes.get("displacement")
     if found.shortfalls and shape:
         shape = replace(shape, standard_error=None)
     notes = [*notes_on_excitation(scene), *found.notes, *residual_notes(found.residual)]
-    if request.precision and reached > request.precision:
+    if request.precision and note_on_steps(request.precision, cost):
+        notes.append(note_on_steps(request.precision, cost))
+    if request.precision and reached > aim_beside_steps(request.precision, cost):
         said = f"{reached:.1%}" if math.isfinite(reached) else "unknown"
         notes.append(f"relative standard error {said}, not the {request.precision:.1%} asked for")
     if isinstance(ended, HarvesterError):

@@ -9,14 +9,13 @@ from __future__ import annotations
 import math
 import numbers
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from harvester.arguments import listed
-from harvester.calling import takes_scene
 from harvester.device import timescales
 from harvester.errors import HarvesterError
 from harvester.estimates.units import SI_UNITS
@@ -27,14 +26,12 @@ from harvester.files.tables import xarray_or_say
 from harvester.prepared.paths import start_state
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
-from harvester.running import RunnerOptions, Task, open_runner
 from harvester.scene.model import Scene
 from harvester.scene.units import Scales
 from harvester.show.palette import CIRCUIT, MONTE_CARLO
 from harvester.show.panels import Panel, Series, draw_panels, is_wide
 from harvester.simulation.methods import ENGINES
 from harvester.simulation.realization import Waveform
-from harvester.simulation.simulate import check_name, check_step
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -206,88 +203,15 @@ def _draw(response):
             x, y = response.frequencies, response.values(name, sweep)
             series.append(Series(x, y, f"sweep {sweep.direction}", colour, line))
             unsettled = ~(sweep.residual <= NOTED_RESIDUAL)
-            marks = {"hollow": [True] * int(unsettled.sum()), "marker": marker}
+            x, y = x[unsettled], y[unsettled]
             if unsettled.any():
-                series.append(Series(x[unsettled], y[unsettled], None, colour, "", **marks))
+                hollow = [True] * x.size
+                series.append(Series(x, y, None, colour, "", marker, hollow=hollow))
         label = f"{name.replace('_', ' ')} [{response.unit(dimension)}]"
         wide = is_wide(response.frequencies)
         panels.append(Panel("frequency [Hz]", label, series, log_x=wide, log_y=True))
     title = f"{response.scene.name}: {response.engine} (hollow marks: not periodic or not settled)"
     return draw_panels(panels, title, size=(2.6, 2.4))
-
-
-@takes_scene
-def frequency_response(
-    scene: Scene,
-    frequencies: Sequence[float],
-    *,
-    method: str = "monte-carlo",
-    amplitude: float | None = None,
-    down: bool = False,
-    step: str | float = "default",
-    **running: Unpack[RunnerOptions],
-) -> FrequencyResponse:
-    """Amplitude, rms voltage and mean power over the frequency of a sine.
-
-    Parameters
-    ----------
-    scene : Scene, str or Path
-        Itself, its file or its built-in name;
-        with `excitation.kind = "sine"`, whose amplitude is kept, or any other with `amplitude`.
-    frequencies : sequence of float
-        Hz.
-    method : str
-        "monte-carlo" (Runge–Kutta) or "circuit" (ngspice), on the same path.
-    amplitude : float or None
-        Of the base acceleration, m/s² in SI; None: the scene's own.
-    down : bool
-        Sweep down as well: hysteresis is where the two differ.
-    step
-        See `harvester.simulate`.
-    **running
-        See `harvester.running.open_runner`.
-
-    Raises
-    ------
-    HarvesterError, SimulationError
-
-    Notes
-    -----
-    The excitation has no chance in it, so there is no statistical error. `Sweep.residual` tells
-    how far the motion is from a settled, periodic one; the step's own error, of second order in
-    the circuit, shows when `step` is halved.
-    """
-    check_name("method", method, ENGINES)
-    step = check_step(step)
-    rising = np.unique(_in_hertz(frequencies))
-    scene = _with_sine(scene, amplitude)
-    if rising.size == 0 or not (np.isfinite(rising).all() and rising[0] > 0.0):
-        raise HarvesterError("frequencies: must be one or more numbers > 0, in Hz")
-    directions = {"up": rising, "down": rising[::-1]} if down else {"up": rising}
-    scenes = [_stepped(scene, order) for order in directions.values()]
-    with open_runner(**running) as runner:
-        version = runner.version(method)
-        arguments = [{"scene": each, "engine": method, "step": step} for each in scenes]
-        outcomes = runner.run([Task(run, each, version, method) for each in arguments])
-    for outcome in outcomes:
-        if isinstance(outcome, HarvesterError):
-            raise outcome
-    if None in outcomes:
-        raise HarvesterError("the time budget was spent: the same command goes on where it ended")
-    sweeps = []
-    for direction, (rows, _, _) in zip(directions, outcomes, strict=True):
-        ordered = rows if direction == "up" else rows[::-1]
-        sweeps.append(Sweep(direction, *np.array(ordered).T))
-    return FrequencyResponse(
-        scene=scene,
-        engine=method,
-        frequencies=rising,
-        sweeps=sweeps,
-        scales=prepared(scene).scales,
-        engine_version=outcomes[0][1],
-        dwell=scenes[0].excitation.dwell,
-        seconds=sum(seconds for _, _, seconds in outcomes),
-    )
 
 
 def run(
@@ -328,17 +252,26 @@ def run(
     return rows, outcome["engine_version"], seconds
 
 
-def _in_hertz(frequencies):
-    """An array of what was given: a list, a generator, an array or one number."""
+def rising_frequencies(frequencies: Any) -> np.ndarray:
+    """In Hz, each once, of a list, a generator, an array or one number.
+
+    Raises
+    ------
+    HarvesterError
+    """
+    wrong = HarvesterError("frequencies: must be one or more numbers > 0, in Hz")
     one = isinstance(frequencies, numbers.Real)
     given = [frequencies] if one else listed(frequencies, "frequencies", "[10.0, 12.5]")
     try:
-        return np.array(given, dtype=float)
+        rising = np.unique(np.array(given, dtype=float))
     except (TypeError, ValueError):
-        raise HarvesterError("frequencies: must be one or more numbers > 0, in Hz") from None
+        raise wrong from None
+    if rising.size == 0 or not (np.isfinite(rising).all() and rising[0] > 0.0):
+        raise wrong
+    return rising
 
 
-def _with_sine(scene, amplitude):
+def with_sine(scene: Scene, amplitude: float | None) -> Scene:
     """The scene under a sine; its frequency is not used."""
     if amplitude is None:
         if not isinstance(scene.excitation, Sine):
@@ -352,14 +285,16 @@ def _with_sine(scene, amplitude):
     return replace(scene, excitation=Sine(amplitude, 1.0))
 
 
-def _stepped(scene, frequencies):
+def stepped(scene: Scene, frequencies: np.ndarray) -> Scene:
     """The scene with a sine that dwells at each frequency until the transient is gone."""
     parameters = prepared(scene).system
     decay = parameters.transducer.decay_rate()
     slowest = 2.0 * timescales.relaxation_time(parameters)
     slowest = max(slowest, 1.0 / decay) if decay > 0.0 else slowest
     if scene.load.circuit:
-        slowest = max(slowest, scene.load.circuit.charging_time)
+        from circuits.kernel.slow_modes import slowest_time
+
+        slowest = max(slowest, slowest_time(scene))
     motion = 2.0 * math.pi / timescales.fastest_angular_frequency(parameters) / KNOTS_PER_PERIOD
     spacing = min(Sine(1.0, frequencies.max()).spacing(motion), motion)
     dwell = slowest * math.log(1.0 / SETTLED_SHARE) + MEASURED_PERIODS / frequencies.min()
@@ -370,9 +305,8 @@ def _stepped(scene, frequencies):
             "or a load that is sooner charged"
         )
     dwell = math.ceil(dwell / spacing) * spacing
-    excitation = SteppedSine(
-        scene.excitation.amplitude, tuple(map(float, frequencies)), dwell, spacing
-    )
+    sine: Any = scene.excitation
+    excitation = SteppedSine(sine.amplitude, tuple(map(float, frequencies)), dwell, spacing)
     length = replace(scene.run, settle=0.0, duration=dwell * len(frequencies), realizations=1)
     return replace(scene, excitation=excitation, run=length)
 

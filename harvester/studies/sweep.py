@@ -1,18 +1,15 @@
-"""`sweep`: a scene over a grid of values by several methods, as one tidy table."""
+"""A scene over a grid of values by several methods, as one tidy table."""
 
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.arguments import listed
-from harvester.calling import takes_scene
 from harvester.errors import HarvesterError
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.units import unit_of
@@ -21,19 +18,15 @@ from harvester.files.plain_text import json_text
 from harvester.files.serialising import plain
 from harvester.files.tables import write_csv, xarray_or_say
 from harvester.results.result import with_error
-from harvester.running import Request, RunnerOptions, open_runner
+from harvester.running import Request
 from harvester.running.request import COMPLETE, OUT_OF_TIME, told
 from harvester.scene.model import Scene
 from harvester.simulation.simulate import check_name
-from harvester.studies.grid import make_grid
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
     from xarray import Dataset
-
-METHODS_WRITTEN = 'methods=["monte-carlo"]'
-QUANTITIES_WRITTEN = 'quantities=["mean_power"]'
 
 
 @dataclass(frozen=True)
@@ -207,69 +200,12 @@ class Sweep:
 _NOTHING = Estimate(math.nan, None, None, "1")
 
 
-@takes_scene
-def sweep(
-    scene: Scene,
-    over: Mapping[str, Sequence[float]],
-    *,
-    methods: Sequence[str] = ("monte-carlo",),
-    quantities: Sequence[str] = ("mean_power",),
-    precision: float | None = None,
-    step: str | float = "default",
-    **running: Unpack[RunnerOptions],
-) -> Sweep:
-    """A scene at every place of a grid of values by every method, all on the same noise.
-
-    Parameters
-    ----------
-    scene : Scene, str or Path
-        Itself, its file or its built-in name.
-    over : dict of str to sequence of float
-        "table.key" to values; several make a grid.
-    methods : sequence of str
-        Engines and closures.
-    quantities : sequence of str
-        What the tables show and what a precision holds for.
-    precision : float or None
-        Relative standard error that each place is run for by the engines; None: the scene's own
-        run.
-    step : str or float
-        See `harvester.simulate`.
-    **running
-        See `harvester.running.open_runner`.
-
-    Raises
-    ------
-    HarvesterError
-        A mistake in the call. A simulation that fails is the outcome of its place.
-    """
-    clock = time.perf_counter()
-    methods = tuple(listed(methods, "methods", METHODS_WRITTEN))
-    quantities = tuple(listed(quantities, "quantities", QUANTITIES_WRITTEN))
-    grid = make_grid(scene, (), over, "over")
-    requests = [
-        Request(point.scene, each, precision=precision, quantities=quantities, step=step)
-        for point in grid.points
-        for each in methods
-    ]
-    with open_runner(**running) as runner:
-        answers = runner.answer(requests)
-        out_of_time = runner.out_of_time
-    shape = (*(len(values) for values in grid.sweeps.values()), len(methods))
+def cells_of(requests: Sequence[Request], answers: Sequence) -> np.ndarray:
+    """What answers say of the places and methods that were asked for, in their order."""
     cells = np.empty(len(answers), dtype=object)
     for k, (request, answer) in enumerate(zip(requests, answers, strict=True)):
         cells[k] = _cell(request.method, answer)
-    _check_quantities(quantities, cells)
-    return Sweep(
-        scene=grid.scene,
-        values=grid.sweeps,
-        methods=methods,
-        quantities=quantities,
-        cells=cells.reshape(shape),
-        notes=grid.notes,
-        out_of_time=out_of_time,
-        seconds=time.perf_counter() - clock,
-    )
+    return cells
 
 
 def _cell(method, answer):
@@ -284,8 +220,13 @@ def _cell(method, answer):
     return Cell(method, outcome, answer.in_units(), answer.realizations)
 
 
-def _check_quantities(quantities, cells):
-    """Refuse a quantity that no method gives at any place, with the nearest that there is."""
+def check_quantities(quantities: Sequence[str], cells: np.ndarray) -> None:
+    """Refuse a quantity that no method gives at any place, with the nearest that there is.
+
+    Raises
+    ------
+    HarvesterError
+    """
     known = {name: None for cell in cells for name in cell.estimates}
     for name in quantities if known else ():
         check_name("quantity", name, tuple(known))

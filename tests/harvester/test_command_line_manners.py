@@ -7,7 +7,8 @@ import time
 import pytest
 
 from harvester.command_line import COMMANDS, build_parser, main
-from harvester.commands import cite, console
+from harvester.commands import console
+from harvester.commands.command import Command
 from harvester.errors import EngineNotFound, SceneError, SimulatorTimeout
 
 COMMAND_NAMES = sorted(build_parser()[1].choices)
@@ -59,12 +60,12 @@ def test_exit_codes_are_told():
     ids=repr,
 )
 def test_a_command_ends_with_the_code_that_is_told(monkeypatch, end, code):
-    def run(options):
+    def run(self, options):
         if isinstance(end, BaseException):
             raise end
         return end
 
-    monkeypatch.setattr(cite, "run", run)
+    monkeypatch.setattr(Command, "run", run)
     assert main(["cite"]) == code
 
 

@@ -80,9 +80,7 @@ def briefly():
         patch.setattr(throughput, "task", speeds_here)
         # Rates of jumps take several times as long as all else that `validate` averages.
         patch.setattr("harvester.stationary.jumps.MOST_WORK", 1e6)
-        patch.setattr(
-            "harvester.averaging.of_scene.average_parameters", lru_cache(averaging.average)
-        )
+        patch.setattr("harvester.averaging.closures.average", lru_cache(averaging.average))
         yield
     for worker in SameWorker.made:
         Worker.close(worker)

@@ -268,7 +268,7 @@ FAULTS = [
     Fault(
         "error bars: neighbours are taken for independent",
         BATCH_MEANS,
-        "return math.sqrt(variance * (1.0 + 2.0 * max(neighbours, 0.0)))",
+        "return math.sqrt(variance * (1.0 + 2.0 * max(neighbours, least_correlation)))",
         "return math.sqrt(variance)",
         EXACT_ERROR,
     ),
@@ -506,8 +506,8 @@ FAULTS = [
     Fault(
         "command line: what a command ends with is lost",
         COMMAND_LINE,
-        "return options.command(options) or 0",
-        "return 0 * (options.command(options) or 0)",
+        "return options.command.run(options) or 0",
+        "return 0 * (options.command.run(options) or 0)",
         MANNERS,
     ),
     Fault(

@@ -1,5 +1,10 @@
-"""`validate`: one scene by circuit, Monte Carlo and averaging, side by side."""
+"""One scene by circuit, Monte Carlo and averaging, side by side."""
 
-from harvester.studies.comparison.comparison import COMPARED, Comparison, validate
+from harvester.former_names import handed_on
+from harvester.studies.comparison.comparison import COMPARED, Comparison
 
-__all__ = ["COMPARED", "Comparison", "validate"]
+__all__ = ["COMPARED", "Comparison"]
+
+
+def __getattr__(name: str) -> object:
+    return handed_on(__name__, "harvester.studies.public", name)

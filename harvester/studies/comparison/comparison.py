@@ -1,29 +1,19 @@
-"""`validate`: one scene by circuit, Monte Carlo and averaging, side by side."""
+"""One scene by circuit, Monte Carlo and averaging, side by side: what `validate` returns."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.averaging import CLOSURES
-from harvester.averaging.of_scene import average
-from harvester.calling import takes_scene
-from harvester.device import timescales
-from harvester.errors import AveragingError, LoadError
 from harvester.estimates.estimate import Estimate
 from harvester.files.serialising import plain
-from harvester.prepared.prepared import prepared
-from harvester.results.paired import paired_difference
 from harvester.results.result import Result, with_error
 from harvester.scene.model import Scene
 from harvester.show.page import Verdict
-from harvester.simulation.simulate import TIME_LIMIT, running, simulate
-from harvester.workers.pools import Workers
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -260,61 +250,14 @@ class Comparison:
             }
         )
 
+    def page(self) -> str:
+        """One self-contained HTML page with everything."""
+        from harvester.studies.comparison.report import report
 
-@takes_scene
-def validate(
-    scene: Scene,
-    *,
-    step: str | float = "default",
-    time_limit: float = TIME_LIMIT,
-    workers: int | None = None,
-    executor: Executor | None = None,
-    runner: Workers | None = None,
-    progress: Callable[[float, str], object] | None = None,
-) -> Comparison:
-    """Compute a scene's quantities by circuit, Monte Carlo and every closure.
-
-    Parameters
-    ----------
-    scene : Scene, str or Path
-        Itself, its file or its built-in name.
-    step, time_limit, workers, executor, runner
-        See `harvester.simulate`.
-    progress : callable or None
-        Given the share done, 0 … 1, and the method at work.
-
-    Raises
-    ------
-    HarvesterError, SimulationError
-    """
-    parameters = prepared(scene).system
-    shown = SHOWN_PERIODS * 2.0 * math.pi / timescales.angular_frequency(parameters)
-    closures, refused = {}, {}
-    for closure in CLOSURES:
-        try:
-            closures[closure] = average(scene, method=closure, jump_rates=True)
-        except (AveragingError, LoadError) as error:
-            refused[closure] = str(error)
-    results = []
-    with running(runner, executor, scene.run.realizations, workers) as pool:
-        for method, (begin, end) in SHARES.items():
-            result = simulate(
-                scene,
-                method=method,
-                step=step,
-                time_limit=time_limit,
-                window=(0.0, shown),
-                joint_density=method == "monte-carlo",
-                runner=pool,
-                progress=progress and _part(progress, begin, end),
-            )
-            results.append(result)
-    circuit, monte_carlo = results
-    paired = paired_difference(circuit, monte_carlo)
-    return Comparison(circuit, monte_carlo, closures, refused, paired)
+        return report(self)
 
 
-def _part(
+def part_of_progress(
     progress: Callable[[float, str], object], begin: float, end: float
 ) -> Callable[[float, str], object]:
     """Progress of one part of the work, told as that of the whole."""

@@ -186,5 +186,5 @@ def _draw_waveform(axes, study, load, evaluation, colour):
     beside.set_ylabel("X [mm]" if in_metres else "X", color="0.5")
 
 
-# Of `harvester.studies.loads.study.FIGURES`.
+# Of `harvester.studies.public.LOAD_STUDY_FILES`, behind the tables.
 FIGURES = (draw_power, draw_efficiency, draw_waveforms)

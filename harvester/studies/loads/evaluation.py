@@ -2,14 +2,14 @@
 
 import math
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from harvester.errors import HarvesterError
 from harvester.estimates.batch_means import complete_batches
 from harvester.estimates.estimate import Estimate
-from harvester.estimates.of_run import error_of, run_estimates, with_steps
+from harvester.estimates.of_run import run_estimates, with_steps
 from harvester.estimates.settling import withheld
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import step_error
@@ -20,16 +20,18 @@ from harvester.running.realizations import Realizations, averaging, is_closure
 from harvester.running.request import (
     COMPLETE,
     FIRST_REALIZATIONS,
+    aim_beside_steps,
     good_ones,
     in_rounds,
     in_units,
     not_balanced,
+    note_on_steps,
     residual_notes,
     told,
 )
 from harvester.running.task import Wanted
 from harvester.scene.model import Scene
-from harvester.simulation.simulate import LARGEST_RESIDUAL
+from harvester.simulation.outcome import LARGEST_RESIDUAL
 from harvester.studies.sweep import Cell
 
 # Dimensions of a record's columns; the others are powers.
@@ -95,7 +97,8 @@ def evaluating(
     version : str
         See `harvester.running.runner.Runner.version`.
     precision : float or None
-        Relative standard error of the output power; None: the scene's own run.
+        Relative error of the output power, what the steps may cost included; None: the scene's own
+        run.
     """
     if is_closure(method):
         answers = yield Wanted([averaging(scene, method)])
@@ -109,7 +112,10 @@ def evaluating(
 
     most = MOST_REALIZATIONS if precision else scene.run.realizations
     first = FIRST_REALIZATIONS if precision else most
-    return (yield from in_rounds(cut, first, most, precision, judge))
+    aim = aim_beside_steps(precision, cost) if precision else None
+    found = yield from in_rounds(cut, first, most, aim, judge)
+    note = note_on_steps(precision, cost) if precision and found.realizations else ""
+    return replace(found, outcome=f"{found.outcome}; {note}") if note else found
 
 
 def _evaluate(scene, method, good, ended, cost=0.0):
@@ -142,8 +148,8 @@ def _evaluate(scene, method, good, ended, cost=0.0):
     outcome = "; ".join([COMPLETE, *found.notes, *residual_notes(found.residual)])
     if isinstance(ended, HarvesterError):
         outcome = f"ended after {len(moments)} realizations: {told(ended)}"
-    series = power_series(moments, scales.power)
-    power = Estimate(float(series.mean()), error_of(scene)(series), None, "power")
+    series = power_series(found.moments, scales.power)
+    power = Estimate(float(series.mean()), found.error(series), None, "power")
     power = with_steps(scene, power, cost)
     estimates = in_units(found.whole, scales)
     estimates[POWER] = power
@@ -168,7 +174,7 @@ def power_series(moments: Sequence[Moments], unit: float) -> np.ndarray:
     """Output power batch by batch, shape (realizations, batches), whose mean is the estimate."""
     if complete_batches(moments) is None:
         raise HarvesterError("no realization has a complete batch: raise run.duration")
-    energy, time = sums(moments, "mean_output_power" if moments[0].output else "mean_power")
+    energy, time = sums(moments, "mean_output_power" if moments[0].has_output else "mean_power")
     mean = energy.sum() / time.sum()
     return unit * (mean + (energy - mean * time) / time.mean())
 

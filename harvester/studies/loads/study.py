@@ -1,40 +1,36 @@
-"""`load_study`: loads and values on common noise, in rounds, every realization kept."""
+"""What a load study consists of and says, and the steps that `load_study` takes."""
 
 from __future__ import annotations
 
 import itertools
 import math
-import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.averaging import CLOSURES
-from harvester.calling import takes_scene
-from harvester.errors import HarvesterError, LoadError
+from harvester.errors import LoadError
 from harvester.estimates.estimate import Estimate
 from harvester.files.serialising import fields_of, plain
 from harvester.files.tables import write_csv, write_netcdf
 from harvester.files.writing import in_folder
 from harvester.results.result import with_error
-from harvester.running import RunnerOptions, open_runner
+from harvester.running import Runner
 from harvester.running.folder import held
 from harvester.running.realizations import PERIODS
 from harvester.running.request import COMPLETE
 from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor
 from harvester.simulation.methods import ENGINES
-from harvester.simulation.simulate import check_name, check_step, require_noise
-from harvester.studies.grid import Grid, make_grid
+from harvester.studies.grid import Grid
 from harvester.studies.loads.curves import Difference, optimum_of, rank
-from harvester.studies.loads.evaluation import MOST_REALIZATIONS, Evaluation, evaluating
+from harvester.studies.loads.evaluation import MOST_REALIZATIONS, Evaluation
 from harvester.studies.loads.proof import Proof, places_to_prove, proving
+from harvester.studies.public import JUDGED, LOAD_STUDY_FILES
 from harvester.studies.sweep import Sweep, columns
-from harvester.version import __version__
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -44,16 +40,8 @@ if TYPE_CHECKING:
 
 # Measured time of a realization over its settling: a fifth of the run is then spent on settling.
 DURATION_OVER_SETTLE = 4.0
-# Monte Carlo everywhere, and the circuit as its judge at some places.
-JUDGED = "judged"
-METHODS = (JUDGED, *ENGINES, *CLOSURES)
-# Wall-clock seconds of a study with a precision, unless told otherwise.
-TIME_BUDGET = 540.0
 # Of the time budget, kept for the circuit as judge.
 PROOF_SHARE = 0.2
-# What `save` writes.
-FIGURES = ("power.png", "efficiency.png", "waveforms.png")
-FILES = ("load-study.nc", "load-study.csv", *FIGURES)
 
 
 @dataclass(frozen=True)
@@ -200,7 +188,7 @@ class Study:
         optimum, place = self.optima[where]
         if place is None:
             return ["—", "—", "—", "—", "—", "0", self.curves[where][0].outcome]
-        best = self.best(where)
+        best: Any = self.best(where)
         efficiency = best.estimates.get("end_to_end_efficiency") or best.estimates.get(
             "power_conversion_efficiency_of_input"
         )
@@ -285,6 +273,10 @@ class Study:
         from harvester.studies.loads.drawing import draw_power
 
         return figures.drawn(draw_power, self)
+
+    def save(self, folder: str | Path | StudyFolder) -> None:
+        """Write NetCDF, CSV and figures: see `harvester.save`."""
+        save(self, folder)
 
     def to_csv(self, path: str | Path) -> None:
         """Write a row for each point: load, swept values, every quantity with its standard error.
@@ -388,88 +380,8 @@ class Study:
                 yield f"{point.load} at {place}: {evaluation.outcome}"
 
 
-@takes_scene
-def load_study(
-    scene: Scene,
-    *,
-    loads: Sequence[str] = (),
-    sweeps: Mapping[str, Sequence[float]] | None = None,
-    method: str = JUDGED,
-    precision: float | None = None,
-    step: str | float = "default",
-    **running: Unpack[RunnerOptions],
-) -> Study:
-    """Simulate loads over a grid of values, all on the same noise.
-
-    Parameters
-    ----------
-    scene : Scene, str or Path
-        Itself, its file or its built-in name.
-        With a precision, its realizations are cut to `DURATION_OVER_SETTLE` times the settling,
-        and there are as many as it takes, at most `MOST_REALIZATIONS`.
-    loads : sequence of str
-        Names in netlists/ or paths; empty: the scene's own.
-    sweeps : dict of str to sequence of float
-        "table.key" to values; several make a grid.
-    method : str
-        "judged": Monte Carlo, and at some places the circuit on the same noise, see
-        `harvester.studies.loads.proof`; a load that only the circuit takes is run by it alone.
-        "monte-carlo" or "circuit" alone; where the load is a resistor also a closure.
-    precision : float or None
-        Relative standard error of the output power that each point is run for; None: the
-        scene's own run.
-    step : str or float
-        See `harvester.simulate`.
-    **running
-        See `harvester.running.open_runner`; with a precision the time budget is `TIME_BUDGET`
-        where none is given.
-
-    Raises
-    ------
-    HarvesterError
-        A mistake in the call. A simulation that fails is the outcome of its point.
-    """
-    clock = time.monotonic()
-    check_name("method", method, METHODS)
-    step = check_step(step)
-    if precision is not None and not 0.0 < precision < 1.0:
-        raise HarvesterError(f"--precision {precision}: must be a number in (0, 1)")
-    statistical = method not in CLOSURES
-    if precision and statistical:
-        require_noise(scene, "a study with a precision")
-        scene = _cut(scene)
-        if running.get("time_budget") is None:
-            running["time_budget"] = TIME_BUDGET
-    grid = make_grid(scene, loads, sweeps or {})
-    methods = tuple(_method_of(point.scene, method) for point in grid.points)
-    with open_runner(**running) as runner:
-        # Here already, so that a machine without ngspice says so before it has worked.
-        version = runner.version("circuit" if method == JUDGED else method)
-        aim = precision if statistical else None
-        plans = [
-            evaluating(each.scene, own, step, runner.version(own), aim)
-            for each, own in zip(grid.points, methods, strict=True)
-        ]
-        with runner.reserving(PROOF_SHARE if method == JUDGED else 0.0):
-            evaluations = runner.follow(plans)
-        proofs = _proofs(runner, grid, methods, evaluations, step) if method == JUDGED else []
-    return Study(
-        grid=grid,
-        method=method,
-        version=", ".join(filter(None, (f"harvester {__version__}", version))),
-        precision=precision,
-        evaluations=evaluations,
-        proofs=proofs,
-        out_of_time=runner.out_of_time,
-        computed=runner.computed,
-        reused=runner.reused,
-        wall_seconds=time.monotonic() - clock,
-        warnings=tuple(runner.warnings),
-    )
-
-
-def _method_of(scene, method):
-    """What runs a point: where the circuit is judge, it itself what Monte Carlo does not take."""
+def method_of(scene: Scene, method: str) -> str:
+    """What runs a point: a load that Monte Carlo does not take is run by its judge, the circuit."""
     if method in (JUDGED, "monte-carlo"):
         try:
             ENGINES["monte-carlo"].check(scene)
@@ -483,8 +395,14 @@ def _method_of(scene, method):
     return method
 
 
-def _proofs(runner, grid, methods, evaluations, step):
-    """Of the places that Monte Carlo ran."""
+def proofs(
+    runner: Runner,
+    grid: Grid,
+    methods: tuple[str, ...],
+    evaluations: list[Evaluation],
+    step: str | float,
+) -> list[Proof]:
+    """The circuit beside Monte Carlo, on the same noise, at chosen points that Monte Carlo ran."""
     versions = runner.version("monte-carlo"), runner.version("circuit")
     return runner.follow(
         [
@@ -495,7 +413,7 @@ def _proofs(runner, grid, methods, evaluations, step):
     )
 
 
-def _cut(scene):
+def cut(scene: Scene) -> Scene:
     """The scene with realizations of the length that rounds are made of."""
     run = scene.run
     duration = min(run.duration, DURATION_OVER_SETTLE * run.settle) or run.duration
@@ -524,8 +442,9 @@ def save(study: Study, folder: str | Path | StudyFolder) -> list[str]:
 
     with held(folder) as own:
         place = Path(own)
-        write_netcdf(in_folder(place, "load-study.nc"), study.to_xarray())
-        study.to_csv(in_folder(place, "load-study.csv"))
-        for name, draw in zip(FIGURES, drawing.FIGURES, strict=True):
-            figures.save(draw, study, in_folder(place, name))
-    return list(FILES)
+        grid, table, *pictures = (in_folder(place, name) for name in LOAD_STUDY_FILES)
+        write_netcdf(grid, study.to_xarray())
+        study.to_csv(table)
+        for draw, picture in zip(drawing.FIGURES, pictures, strict=True):
+            figures.save(draw, study, picture)
+    return list(LOAD_STUDY_FILES)

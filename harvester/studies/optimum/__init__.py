@@ -1,6 +1,10 @@
-"""`optimum`: where one parameter, or several, make a mean largest."""
+"""Where one parameter, or several, make a mean largest."""
 
-from harvester.studies.optimum.find import optimum
+from harvester.former_names import handed_on
 from harvester.studies.optimum.result import Optimum
 
-__all__ = ["Optimum", "optimum"]
+__all__ = ["Optimum"]
+
+
+def __getattr__(name: str) -> object:
+    return handed_on(__name__, "harvester.studies.public", name)

@@ -113,6 +113,11 @@ class Optimum:
         return attrgetter(now)(self)
 
     @property
+    def keys(self) -> list[str]:
+        """Of the parameters."""
+        return [each.axis.key for each in self.parameters]
+
+    @property
     def place(self) -> Estimate:
         """Of the first parameter."""
         first = self.parameters[0]
@@ -184,11 +189,12 @@ class Optimum:
         return place, averaging.value / self.value.estimate - 1.0
 
     def _on_value(self):
+        own: Any = self.own
         low, high = self.interval
         interval = f", interval {low:.4g} … {high:.4g}" if math.isfinite(low) else ""
         return [
             f"{self.quantity.replace('_', ' ')} there: {with_error(self.value)}{interval}, "
-            f"{self.unit}; of the scene itself {with_error(self.own)}",
+            f"{self.unit}; of the scene itself {with_error(own)}",
             *missing_from(self.quantity, self.value),
         ]
 

@@ -110,7 +110,7 @@ def _own_place(scene, axes):
 
 def _search(objective, proposals, count):
     """Places proposed and their values."""
-    searched = []
+    searched: list[tuple] = []
     while len(searched) < count:
         places = proposals.ask(min(BATCH, count - len(searched)))
         values = [objective.value(answer) for answer in objective.answers(places)]

@@ -1,23 +1,19 @@
-"""`sensitivity`: which tolerance of a device matters, how its quantity scatters, and the yield."""
+"""Which tolerance of a device matters, how its quantity scatters, and the yield."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.arguments import table
-from harvester.calling import takes_scene
 from harvester.errors import HarvesterError, OutOfTime
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.units import unit_of
 from harvester.files.serialising import plain
 from harvester.results.result import with_error
-from harvester.running import Request, RunnerOptions, open_runner
+from harvester.running import Request, Runner
 from harvester.scene.model import Scene
 from harvester.studies.answers import (
     check_quantity,
@@ -29,17 +25,17 @@ from harvester.studies.answers import (
     told,
     value_of,
 )
+from harvester.studies.public import ROWS, SENSITIVITY_FILES
 from harvester.studies.sensitivity.devices import devices, parameters
 from harvester.studies.sensitivity.effects import ENDS, effects
-from harvester.studies.sensitivity.joint_tolerance import directions
 from harvester.studies.sensitivity.population import Population, Yield, population, share_above
 from harvester.studies.sensitivity.sobol import Indices, design, indices
-from harvester.studies.sensitivity.tolerances import tolerance
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-ROWS = 64
+    from harvester.running.folder import StudyFolder
+
 # Rows of a design without which no interval is worth naming, and the most there may be.
 FEWEST_ROWS, MOST_ROWS = 16, 65536
 # Replicates of a device's run, on noise of their own each.
@@ -206,6 +202,19 @@ class Sensitivity:
 
         return figures.drawn(draw_tornado, self)
 
+    def save(self, folder: str | Path | StudyFolder) -> None:
+        """Write JSON, the table of devices and both figures."""
+        from harvester.files.writing import in_folder, write_json, write_text
+        from harvester.show import figures
+        from harvester.studies.sensitivity.drawing import draw_distribution, draw_tornado
+
+        places = [in_folder(Path(folder), file) for file in SENSITIVITY_FILES]
+        content, table, tornado, scatter = places
+        write_json(content, self.to_dict())
+        write_text(table, self.device_table())
+        figures.save(draw_tornado, self, tornado)
+        figures.save(draw_distribution, self, scatter)
+
     def device_table(self) -> str:
         """CSV: one line for each device that was simulated, its parameters and its values."""
         keys = ",".join(parameters(self.tolerances, self.shares[0][0]))
@@ -220,74 +229,13 @@ class Sensitivity:
         return "\n".join(lines) + "\n"
 
 
-@takes_scene
-def sensitivity(
-    scene: Scene,
-    vary: Mapping[str, str],
-    *,
-    covariance: Mapping[str, Any] | str | Path | None = None,
-    quantity: str = "mean_power",
-    method: str | None = None,
-    above: float | None = None,
-    rows: int = ROWS,
-    precision: float | None = None,
-    **running: Unpack[RunnerOptions],
-) -> Sensitivity:
-    """Sobol indices, distribution and yield of a quantity of devices that differ from each other.
-
-    Parameters
-    ----------
-    scene : Scene
-        Its run is that of each device, half of the realizations for each replicate.
-    vary : dict of str to str
-        Key of a number of the scene, to its distribution: see
-        `harvester.studies.sensitivity.tolerances`.
-    covariance : dict or file, optional
-        Of an identification: what it leaves open of its values scatters too, along the principal
-        axes; see `harvester.studies.sensitivity.joint_tolerance`.
-    quantity : str
-        What every method calls it: `mean_power`, of a load with an output `mean_output_power`, …
-    method : str or None
-        An engine or a closure; None: "monte-carlo", or "circuit" where only that takes the load.
-    above : float or None
-        Limit of the yield, in the scene's units.
-    rows : int
-        Of the design, a power of two: rows × (parameters + 2) devices are simulated.
-    precision : float or None
-        Relative standard error that each replicate of each device is run for; None: the scene's
-        own run. Noise is taken out at any length of run: few rows of long runs and many of short
-        ones cost the same.
-    **running
-        See `harvester.running.open_runner`.
+def checked(scene: Scene, tolerances: list, method: str | None, rows: int) -> str:
+    """The method of a design that can be run.
 
     Raises
     ------
     HarvesterError
-        A mistake in the call, or nothing that indices could be made from.
-    OutOfTime
-        Fewer rows than indices need.
-
-    Notes
-    -----
-    `harvester.studies.sensitivity.sobol` says what is estimated, and how the noise is taken out.
     """
-    clock = time.perf_counter()
-    varied = table(vary, "vary", 'vary={"load.resistance": "±10%"}')
-    tolerances: list[Any] = [tolerance(scene, key, text) for key, text in varied.items()]
-    if covariance is not None:
-        axes = directions(scene, covariance)
-        for key in varied:
-            if axes and key in axes[0].centre:
-                raise HarvesterError(f"--vary {key}: its scatter is in the covariance already")
-        tolerances += axes
-    method = _checked(scene, tolerances, method, rows)
-    shape = rows, len(tolerances) + 2
-    with open_runner(**running) as opened:
-        study = _study(scene, tolerances, quantity, method, above, shape, precision, opened)
-    return replace(study, seconds=time.perf_counter() - clock)
-
-
-def _checked(scene, tolerances, method, rows):
     if not tolerances:
         raise HarvesterError(
             "--vary: name at least one parameter, TABLE.KEY=±10%, or give --covariance"
@@ -299,14 +247,23 @@ def _checked(scene, tolerances, method, rows):
     return checked_method(scene, method)
 
 
-def _study(scene, tolerances, quantity, method, above, shape, precision, runner):
-    """All of a `Sensitivity` but its time."""
+def study_of(
+    scene: Scene,
+    tolerances: list,
+    quantity: str,
+    method: str,
+    above: float | None,
+    shape: tuple[int, int],
+    precision: float | None,
+    runner: Runner,
+) -> Sensitivity:
+    """All of a `Sensitivity` but its time: `shape` is that of the design, rows and devices."""
     nominal = first_answer(runner, Request(scene, method))
     check_quantity(quantity, nominal)
     shares = design(shape[0], len(tolerances), scene.run.seed)
     replicates = REPLICATES if is_noisy(scene, method) else 1
     scenes = devices(scene, tolerances, shares, replicates)
-    asked = {"precision": precision, "quantities": (quantity,)}
+    asked: dict[str, Any] = {"precision": precision, "quantities": (quantity,)}
     answers = runner.answer([Request(each, method, **asked) for row in scenes for each in row])
     values, failures = _values(answers, quantity, (*shape, replicates))
     kept = np.isfinite(values).all(axis=(1, 2))

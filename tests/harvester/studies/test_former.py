@@ -16,7 +16,7 @@ VALUE = Estimate(2.0, 0.1, None, "power")
 
 def test_a_report_is_the_study_itself():
     study = object()
-    with pytest.warns(DeprecationWarning, match="load_study returns all"):
+    with pytest.warns(DeprecationWarning, match=r"use harvester\.load_study"):
         assert harvester.Report(study) is study
 
 
@@ -25,13 +25,13 @@ def test_a_dataset_is_asked_of_the_study():
         def to_xarray(self):
             return "data"
 
-    with pytest.warns(DeprecationWarning, match=r"study\.to_xarray"):
+    with pytest.warns(DeprecationWarning, match=r"use its to_xarray"):
         assert studies.to_dataset(Study()) == "data"
 
 
 def test_optimum_takes_several_parameters():
     with (
-        pytest.warns(DeprecationWarning, match="optimum takes several"),
+        pytest.warns(DeprecationWarning, match=r"use harvester\.optimum"),
         pytest.raises(harvester.HarvesterError, match=r"did you mean load\.decay_rate"),
     ):
         harvester.optimum_of_several("linear", {"load.decay_rat": None, "load.decay_rate": None})

@@ -8,17 +8,17 @@ from truths import flat
 
 import harvester
 from harvester.command_line import main
-from harvester.commands.options import number_list
 from harvester.errors import HarvesterError
 from harvester.record.record import Record
 from harvester.scene.model import Scene
+from harvester.signatures import grid_of
 from harvester.studies.frequency_response import (
     SETTLED_SHARE,
     _integrals,
     _means,
     _peak,
-    _stepped,
-    _with_sine,
+    stepped,
+    with_sine,
 )
 
 
@@ -164,8 +164,8 @@ def test_it_dwells_until_a_storage_is_charged():
     """R·C of 10 s is longer than what the motion of `device` remembers."""
     storing = {"load.netlist": "bridge", "load.parameters.resistance": 1e6}
     dwells = [
-        _stepped(
-            _with_sine(Scene.load("device").replace(storing | {name: size}), 1.0), np.array([12.0])
+        stepped(
+            with_sine(Scene.load("device").replace(storing | {name: size}), 1.0), np.array([12.0])
         )
         for name, size in (("load.parameters.storage", 1e-8), ("load.parameters.storage", 1e-5))
     ]
@@ -181,11 +181,11 @@ def test_frequencies_that_no_run_ends_with_are_refused(frequency):
 
 
 def test_frequencies_have_a_short_form():
-    np.testing.assert_allclose(number_list("0.1:10:log:3", "--frequencies"), [0.1, 1, 10])
-    np.testing.assert_allclose(number_list("1:2:linear:3", "--frequencies"), [1, 1.5, 2])
-    assert number_list("1,2.5", "--frequencies") == [1.0, 2.5]
+    np.testing.assert_allclose(grid_of("0.1:10:log:3", "--frequencies"), [0.1, 1, 10])
+    np.testing.assert_allclose(grid_of("1:2:linear:3", "--frequencies"), [1, 1.5, 2])
+    assert grid_of("1,2.5", "--frequencies") == [1.0, 2.5]
     for text in ("1:2", "2:1:log:3", "1:2:lin:3", "a", "1:2:log:x"):
         with pytest.raises(HarvesterError, match="write it as"):
-            number_list(text, "--frequencies")
+            grid_of(text, "--frequencies")
     with pytest.raises(HarvesterError, match="> 0"):
         harvester.frequency_response(sine("linear", 0.3), [0.0, 1.0])

@@ -19,9 +19,9 @@ from harvester.scene.model import Scene
 from harvester.simulation.simulate import simulate
 from harvester.studies.answers import missing_from
 from harvester.studies.optimum import line as optimum_search
-from harvester.studies.optimum import optimum
 from harvester.studies.optimum.axis import Axis
 from harvester.studies.optimum.line import Fit, Search, averaged
+from harvester.studies.public import optimum
 
 LINEAR = Scene.load("linear", ["run.realizations=2", "run.duration=3000"])
 
@@ -116,8 +116,8 @@ def test_averaging_gives_a_reason_instead_of_an_edge(runner, monkeypatch):
         ({"over": "load.decay_rate", "maximise": "mean_powr"}, "did you mean mean_power"),
         ({"over": "load.decay_rate", "method": "spice"}, "unknown method spice"),
         ({"over": "load.decay_rate", "evaluations": 20}, "is for several parameters"),
-        ({"over": {}}, "names no key"),
-        ({"over": {"load.decay_rate": (1.0, 2.0)}, "low": 1.0}, "are for a single key"),
+        ({"over": {}}, "name at least one parameter"),
+        ({"over": {"load.decay_rate": (1.0, 2.0)}, "low": 1.0}, "are the range of a single"),
         (
             {"over": {"load.decay_rate": None, "excitation.intensity": None}, "closure": "paper"},
             "is for one parameter",

@@ -12,8 +12,8 @@ from harvester.command_line import main
 from harvester.errors import HarvesterError, OptimumError, SimulationError
 from harvester.running import open_runner
 from harvester.scene.model import Scene
-from harvester.studies.optimum import optimum
 from harvester.studies.optimum.proposals import BATCH, Proposals
+from harvester.studies.public import optimum
 
 optuna = pytest.importorskip("optuna", reason="Optuna is in the extra `optimum`")
 

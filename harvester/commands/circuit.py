@@ -1,0 +1,123 @@
+"""Commands about the circuit: its netlist, its drawing, and the ngspice that runs it."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from harvester.commands.quiet import say
+from harvester.errors import HarvesterError
+from harvester.files.plain_text import name as name_of
+from harvester.files.plain_text import nearest
+from harvester.signatures import File, Step
+
+if TYPE_CHECKING:
+    from harvester.scene.model import Scene
+
+DIALECTS = ("ngspice", "ltspice")
+
+
+def netlist(
+    scene: Scene,
+    *,
+    output: File = "-",
+    dialect: str = "ngspice",
+    step: Step = "default",
+    realization: int = 0,
+) -> None:
+    """Write a stand-alone .cir that plain `ngspice -b` runs.
+
+    Parameters
+    ----------
+    scene : Scene
+    output : str
+        File, or folder for SCENE.cir (default: standard output).
+    dialect : str
+        ngspice, or ltspice, with the noise in FILE-noise.txt beside FILE.
+    step : str or float
+        default, fine, finest, or the longest step in seconds.
+    realization : int
+        Whose noise path.
+    """
+    from circuits.export import for_ltspice, stand_alone
+    from harvester.files.writing import check_writable, in_folder, is_stream, write_text
+    from harvester.prepared.paths import noise_path, start_state
+    from harvester.prepared.prepared import prepared
+    from harvester.simulation.simulate import check_step
+
+    if dialect not in DIALECTS:
+        raise HarvesterError(
+            f"--dialect {dialect}: no such dialect{nearest(dialect, DIALECTS)}; "
+            f"there are {', '.join(DIALECTS)}"
+        )
+    target: str | Path = output
+    if is_stream(target) and dialect != "ngspice":
+        raise HarvesterError(
+            "--dialect ltspice writes a second file, the noise: say where, --output FILE.cir"
+        )
+    if target != "-" and Path(target).is_dir():
+        target = in_folder(target, f"{scene.name}.cir")
+    check_writable(target)
+    if not 0 <= realization < scene.run.realizations:
+        raise HarvesterError(
+            f"--realization {realization}: must be a whole number in "
+            f"[0, {scene.run.realizations - 1}]"
+        )
+    ready = prepared(scene)
+    call = (scene, noise_path(ready, realization))
+    start, longest = start_state(ready, realization), check_step(step)
+    if dialect == "ngspice":
+        write_text(target, stand_alone(*call, start, longest).text + ".end\n")
+        return
+    # The netlist holds this name.
+    noise_file = name_of(Path(target).with_suffix("").name) + "-noise.txt"
+    text, noise = for_ltspice(*call, noise_file, start, longest)
+    if noise is not None:
+        write_text(in_folder(Path(target).parent, noise_file), noise)
+    write_text(target, text)
+
+
+def schematic(scene: Scene, *, output: File = "-") -> None:
+    """Draw the circuit that the scene really builds, as SVG or PNG.
+
+    Parameters
+    ----------
+    scene : Scene
+    output : str
+        An .svg or .png file, or folder for SCENE-schematic.svg (default: SVG to standard output).
+    """
+    from circuits.schematic.drawing import schematic
+    from harvester.files.writing import in_folder, is_stream, write_text
+
+    drawing = schematic(scene)
+    if is_stream(output):
+        write_text(output, drawing.image().decode() + "\n")
+        return
+    target = Path(output)
+    if target.is_dir() or not target.suffix:
+        target = in_folder(target, f"{scene.name}-schematic.svg")
+    drawing.save(target)
+    say(f"written to {target}")
+
+
+def engine(*, json: File | None = None) -> None:
+    """Show the ngspice that was found, its features and the compiled device.
+
+    Parameters
+    ----------
+    json : str or None
+        Write JSON; - for standard output.
+    """
+    from circuits.ngspice.engine import describe
+    from harvester.commands.console import show_engine
+    from harvester.files.writing import check_writable, is_standard_output, write_json
+    from harvester.workers.process import Worker
+
+    if json:
+        check_writable(json)
+    with closing(Worker()) as worker:
+        found = worker.call(describe, {}, time_limit=60.0)
+    show_engine(found, to_stderr=is_standard_output(json))
+    if json:
+        write_json(json, found)

@@ -1,0 +1,207 @@
+"""What a command is: a function whose signature gives the options, and what is done around it."""
+
+from __future__ import annotations
+
+import contextlib
+import inspect
+from argparse import ArgumentParser, Namespace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import harvester
+from harvester.commands.parsing import add_extra, add_options, is_scene, overrides_of, values_of
+from harvester.commands.quiet import say
+from harvester.commands.result_files import result_files, write_result
+from harvester.commands.running import check_places, show, study_runner
+from harvester.errors import SimulationError
+from harvester.files.tables import xarray_or_say
+from harvester.signatures import File, Folder, RunnerOptions, options_of
+
+if TYPE_CHECKING:
+    from harvester.running.runner import Runner
+    from harvester.scene.model import Scene
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command that is its function: what that prints is the result.
+
+    Attributes
+    ----------
+    function : callable or str
+        Returns the exit code, or None for 0. A text names a public function of `harvester`, which
+        is imported when the command is called.
+    example : str
+        A call, behind the program's name.
+    """
+
+    function: Callable | str
+    example: str
+
+    @property
+    def name(self) -> str:
+        """The function's name as the command line has it."""
+        own = self.function if isinstance(self.function, str) else self.function.__name__
+        return own.replace("_", "-")
+
+    @property
+    def found(self) -> Callable:
+        """The function itself."""
+        if isinstance(self.function, str):
+            return getattr(harvester, self.function)
+        return self.function
+
+    def fill(self, parser: ArgumentParser) -> None:
+        """Give the command's parser its options."""
+        add_options(parser, self.found)
+
+    def run(self, options: Namespace) -> int | None:
+        """Carry the command out; returns the exit code, or None for 0."""
+        return self._call(self._scene(options), values_of(options, self.found))
+
+    def _scene(self, options: Namespace) -> Scene | None:
+        """The scene that the call names, overrides and seed put in; None where there is none."""
+        if not any(map(is_scene, options_of(self.found).values())):
+            return None
+        from harvester.scene.model import Scene
+
+        given = {name: getattr(options, name) for name in ("overrides", "seed") if name in options}
+        return Scene.load(options.scene, overrides_of(**given))
+
+    def _call(self, scene: Scene | None, values: dict[str, Any]) -> Any:
+        """What the function returns; the scene and words of the call are handed on by place."""
+        words = [
+            values.pop(option.name)
+            for option in options_of(self.found).values()
+            if option.passing is inspect.Parameter.POSITIONAL_ONLY and option.name in values
+        ]
+        return self.found(*([] if scene is None else [scene]), *words, **values)
+
+
+@dataclass(frozen=True)
+class Study(Command):
+    """A command that computes a result, shows it and writes its files.
+
+    A function with `**running: Unpack[RunnerOptions]` is given an open runner, one with `progress`
+    what draws the progress bar.
+
+    Attributes
+    ----------
+    title : str or callable
+        Over the table; or what gives it, of the result.
+    stem : str
+        Name of the files, behind that of the scene: a word, or an option in braces; left out: the
+        command's name.
+    failed : callable or None
+        Of the result: whether the exit code is 1.
+    json : bool
+        Whether there is --json.
+    page : bool
+        Whether there is --report, which gets the result's `page()`.
+    shown : callable or None
+        Of what the function returns: the result that is shown.
+    files : tuple of str
+        Names of the files that the result's `save(folder)` writes; left out: it has none, and the
+        folder gets JSON, figure and tables.
+    running : callable or None
+        Of the options: what the runner is given where the user leaves it out.
+    bar : str
+        What the progress bar shows: "" the tasks of the runner where there is one, "function" what
+        the function reports all the same, "simulated time" that with seconds of the scene.
+    """
+
+    title: str | Callable[[Any], str] = ""
+    stem: str = ""
+    failed: Callable[[Any], bool] | None = None
+    json: bool = True
+    page: bool = False
+    shown: Callable[[Any], Any] | None = None
+    files: Sequence[str] = ()
+    running: Callable[[dict[str, Any]], RunnerOptions] | None = None
+    bar: str = ""
+
+    def fill(self, parser: ArgumentParser) -> None:
+        """Give the command's parser the options of its function, and where the result goes."""
+        super().fill(parser)
+        if self.json:
+            add_extra(parser, "json", File, "write JSON; - for standard output")
+        if not self._takes_runner():
+            add_extra(parser, "output", Folder, "folder for JSON and figure")
+        if self.page:
+            text = "write one self-contained HTML page with everything"
+            add_extra(parser, "report", File, text)
+
+    def run(self, options: Namespace) -> int:
+        """Compute, show and write; returns the exit code."""
+        scene, values = self._scene(options), values_of(options, self.found)
+        defaults = {name: option.default for name, option in options_of(self.found).items()}
+        stem = (self.stem or self.name).format(**defaults | values)
+        name = f"{scene.name}-{stem}" if scene else stem
+        places = {each: getattr(options, each, None) for each in ("json", "output", "report")}
+        check_places(**places, files=self.files or result_files(name))
+        if places["output"] and any(file.endswith(".nc") for file in self.files):
+            # Says now, not after a long run, that the library of these files is missing.
+            xarray_or_say()
+        # A single simulation's bar names its method.
+        label = stem if self.bar == "simulated time" else self.name
+        with self._opened(label, scene, values) as runner:
+            result = self._computed(scene, values, places["json"])
+            if runner:
+                # The folder is still held: another run's files would mix with these.
+                self._deliver(result, name, runner.folder, **places)
+        if not runner:
+            self._deliver(result, name, None, **places)
+        return 1 if self.failed and self.failed(result) else 0
+
+    def _computed(self, scene, values, json):
+        """The result; a run that failed leaves what it had as JSON."""
+        try:
+            result = self._call(scene, values)
+        except SimulationError as error:
+            if json and error.partial is not None:
+                write_result(json, None, "", error.partial)
+            raise
+        return self.shown(result) if self.shown else result
+
+    def _deliver(self, result, name, folder, json, output, report):
+        """Show the result, and write the files that were asked for."""
+        show(result, self.title(result) if callable(self.title) else self.title, json)
+        try:
+            if not self.files:
+                write_result(json, output, name, result)
+            elif output:
+                result.save(folder)
+                say(f"written to {output}: {', '.join(self.files)}")
+        finally:
+            if report:
+                from harvester.files.writing import write_text
+
+                write_text(report, result.page())
+                say(f"written: {report}")
+
+    @contextlib.contextmanager
+    def _opened(
+        self, label: str, scene: Scene | None, values: dict[str, Any]
+    ) -> Iterator[Runner | None]:
+        """Add to the options what runs the study; gives the runner where there is one."""
+        from harvester.commands.console import progress
+
+        known, runner = options_of(self.found), None
+        with contextlib.ExitStack() as opened:
+            if "progress" in known and (self.bar or not self._takes_runner()):
+                follow = opened.enter_context(progress())
+                values["progress"] = follow(label, scene if self.bar == "simulated time" else None)
+            if self._takes_runner():
+                running: RunnerOptions = self.running(values) if self.running else {}
+                for name in RunnerOptions.__annotations__.keys() & values.keys() - {"progress"}:
+                    running[name] = values.pop(name)  # type: ignore[literal-required]
+                words = None if self.bar else self.name.replace("-", " ")
+                runner = opened.enter_context(study_runner(words, **running))
+                values["runner"] = runner
+            yield runner
+
+    def _takes_runner(self):
+        """Whether the function takes the options of a study's runner."""
+        parameters = inspect.signature(self.found).parameters.values()
+        return any(each.kind is each.VAR_KEYWORD for each in parameters)

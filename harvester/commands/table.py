@@ -1,0 +1,100 @@
+"""The commands of the command line: a new one is a function with a docstring, and an entry here."""
+
+from __future__ import annotations
+
+from harvester.commands import circuit, verification
+from harvester.commands.cite import cite
+from harvester.commands.command import Command, Study
+from harvester.commands.completion import completion
+from harvester.commands.new import new
+from harvester.studies.public import LOAD_STUDY_FILES, SENSITIVITY_FILES, TIME_BUDGET
+from harvester.verification.stability import TIME_LIMIT
+
+
+def _engine(result):
+    return result.engine
+
+
+# Each with the example of its help; a text is the name of a public function of `harvester`.
+COMMANDS = (
+    Command(new, "new beam.toml --from asymmetric"),
+    Study(
+        "validate",
+        "validate paper --output results --report paper.html",
+        title="one scene, the same noise",
+        page=True,
+    ),
+    Study(
+        "simulate",
+        "simulate paper --method circuit --set excitation.intensity=0.1 --json -",
+        title=_engine,
+        stem="{method}",
+        failed=lambda result: result.outcome != "complete",
+        bar="simulated time",
+    ),
+    Study("average", "average paper --method consistent", title=_engine, stem="{method}"),
+    Study(
+        "frequency_response",
+        "frequency-response device --amplitude 4 --frequencies 5:30:linear:51 --down",
+        title="frequency response",
+    ),
+    Command(verification.accuracy, "accuracy paper --output results"),
+    Study(
+        verification.work_precision,
+        "work-precision paper --output results",
+        title="error against run time",
+    ),
+    Command(verification.time_to_accuracy, "time-to-accuracy --output results"),
+    Study(
+        verification.stability,
+        "stability paper --output results",
+        title="stiff and extreme cases",
+        failed=lambda matrix: matrix.wrong,
+        running=lambda options: {"time_limit": TIME_LIMIT},
+    ),
+    Study(
+        verification.verify,
+        "verify --output results",
+        title="known results",
+        failed=lambda found: found.failed,
+    ),
+    Study(
+        "optimum",
+        "optimum device --maximise mean_power --over load.resistance=1e4:1e7 "
+        "--over oscillator.linear_stiffness=-100:-20",
+        title=lambda found: f"optimum over {', '.join(found.keys)}",
+        bar="function",
+    ),
+    Study(
+        "sensitivity",
+        "sensitivity paper --vary oscillator.cubic_stiffness=±10% "
+        "--vary stoppers.gap=normal:2% --above 0.001 --output tolerances",
+        title="sensitivity",
+        json=False,
+        files=SENSITIVITY_FILES,
+    ),
+    Study(
+        "load_study",
+        "load-study device --load bridge --load sece "
+        "--sweep load.parameters.resistance=1e4:1e7:log:7 --precision 0.03 --output study",
+        title="load study",
+        failed=lambda study: not any(each.estimates for each in study.evaluations),
+        json=False,
+        files=LOAD_STUDY_FILES,
+        running=lambda options: {"time_budget": TIME_BUDGET} if options.get("precision") else {},
+    ),
+    Study(
+        "identify",
+        "identify device --record shaker.csv load.resistance=1e5 --output identified",
+        title=lambda found: f"identified from {', '.join(r.name for r in found.measurements)}",
+        stem="identified",
+        page=True,
+    ),
+    Command(verification.reproduce, "reproduce fig6 fig9 --quick --output results"),
+    Study(verification.claims, "claims --output results", title="the paper's statements"),
+    Command(circuit.schematic, "schematic device --set load.netlist=bridge --output bridge.svg"),
+    Command(circuit.netlist, "netlist paper --set run.duration=100 --output paper.cir"),
+    Command(cite, "cite results/paper-validate.json"),
+    Command(circuit.engine, "engine --json -"),
+    Command(completion, "completion bash"),
+)

@@ -1,0 +1,323 @@
+"""What the signature of a public function says of its options: unit, spelling and check.
+
+The annotation of a parameter is its option at the command line (`harvester.commands.parsing`) and
+its check in Python (`harvester.calling`). What the Python type leaves open (the unit, the range,
+how a list is written) stands in an `Annotated` alias such as `Seconds`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import inspect
+import math
+import numbers
+import os
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, NamedTuple, TypedDict, get_args, get_origin
+
+from harvester.errors import HarvesterError
+from harvester.files.plain_text import named, shown
+
+# Longest list that the ends of a grid may ask for.
+MOST_NUMBERS = 100_000
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What an annotation says of an option beyond its Python type.
+
+    Attributes
+    ----------
+    metavar : str
+        Stands for the value in a command's help; FILE and DIR are completed by the shell.
+    required : str
+        What a value must be, in words.
+    holds : callable or None
+        Whether a value is that; None: any value is.
+    option : str
+        Name of the option where it is not that of the parameter.
+    read : callable or None
+        The value that a text of the command line means, given the text and the option. With
+        `again` it is given the list of all texts.
+    again : bool
+        The option may be given several times.
+    words : bool
+        Each time it takes several words.
+    """
+
+    metavar: str = ""
+    required: str = ""
+    holds: Callable[[Any], bool] | None = None
+    option: str = ""
+    read: Callable[[Any, str], Any] | None = None
+    again: bool = False
+    words: bool = False
+
+
+def grid_of(text: str, option: str) -> list[float]:
+    """Numbers from their short form: 0.1:2:log:40, 0.1:2:linear:40 or 0.1,0.2,0.5.
+
+    Raises
+    ------
+    HarvesterError
+        Names the option.
+    """
+    import numpy as np
+
+    first, *rest = text.split(":")
+    try:
+        if not rest:
+            return [float(number) for number in text.split(",")]
+        last, spacing, number = rest
+        grid: Any = {"log": np.geomspace, "linear": np.linspace}[spacing]
+        low, high, count = float(first), float(last), int(number)
+        if 0.0 < low < high < math.inf and 1 < count <= MOST_NUMBERS:
+            return [float(number) for number in grid(low, high, count)]
+    except (ValueError, KeyError):
+        pass
+    raise HarvesterError(
+        f"{option} {named(text)}: write it as 0.1:2:log:40, 0.1:2:linear:40 or 0.1,0.2,0.5"
+    )
+
+
+def grids_of(texts: list[str], option: str) -> dict[str, list[float]]:
+    """Keys to numbers, from table.key=0.1:2:log:40 for each key."""
+    pairs = by_key(texts, option, "table.key=LIST")
+    return {key: grid_of(values, f"{option} {key}") for key, values in pairs.items()}
+
+
+def distributions_of(texts: list[str], option: str) -> dict[str, str]:
+    """Keys to distributions, from TABLE.KEY=±10% for each key."""
+    return by_key(texts, option, "TABLE.KEY=±10%")
+
+
+def ranges_of(texts: list[str], option: str) -> dict[str, tuple[float, float] | None]:
+    """Keys to ranges, from TABLE.KEY or TABLE.KEY=LOW:HIGH for each key."""
+    found: dict[str, tuple[float, float] | None] = {}
+    for text in texts:
+        key, separator, ends = (part.strip() for part in text.partition("="))
+        if key in found:
+            raise HarvesterError(f"{option} {named(key)}: is there twice")
+        try:
+            low, high = map(float, ends.split(":")) if separator else (math.nan, math.nan)
+        except ValueError:
+            raise HarvesterError(
+                f"{option} {named(text)}: write it as TABLE.KEY=LOW:HIGH, such as "
+                "load.resistance=1e4:1e7"
+            ) from None
+        found[key] = (low, high) if separator else None
+    return found
+
+
+def records_of(groups: list[list[str]], option: str) -> list[tuple[str, dict[str, Any]]]:
+    """Files with their settings: words with = belong to the file before them."""
+    files: list[tuple[str, dict[str, Any]]] = []
+    for group in groups:
+        for place, word in enumerate(group):
+            if place == 0 or "=" not in word:
+                files.append((word, {}))
+                continue
+            name, _, value = (part.strip() for part in word.partition("="))
+            if not name or not value:
+                raise HarvesterError(f"{option} {named(word)}: write a setting as NAME=VALUE")
+            # A key of the scene has a number, a column may have any name.
+            settings = files[-1][1]
+            settings[name] = value
+            with contextlib.suppress(ValueError):
+                settings[name] = float(value) if "." in name else value
+    for place, (file, settings) in enumerate(files):
+        if (file, settings) in files[:place]:
+            raise HarvesterError(
+                f"{option} {named(file)}: is given twice with the same settings, and each record "
+                "counts once: leave one out"
+            )
+    return files
+
+
+def by_key(texts: list[str], option: str, example: str) -> dict[str, str]:
+    """Keys to what stands behind the equals sign.
+
+    Raises
+    ------
+    HarvesterError
+        No equals sign, nothing behind it, or a key that was there.
+    """
+    found: dict[str, str] = {}
+    for text in texts:
+        key, _, value = (part.strip() for part in text.partition("="))
+        if not value or key in found:
+            raise HarvesterError(f"{option} {named(text)}: write it as {example}, each key once")
+        found[key] = value
+    return found
+
+
+def _positive(value: Any) -> bool:
+    return isinstance(value, numbers.Real) and float(value) > 0.0
+
+
+def _counts(value: Any) -> bool:
+    return isinstance(value, numbers.Integral) and int(value) >= 1
+
+
+def _share(value: Any) -> bool:
+    return isinstance(value, numbers.Real) and 0.0 < float(value) < 1.0
+
+
+GRID_HELP = "FIRST:LAST:log:NUMBER, FIRST:LAST:linear:NUMBER, or numbers between commas"
+Step = Annotated[str | float, Kind("STEP")]
+Seed = Annotated[int, Kind("SEED")]
+Seconds = Annotated[float, Kind("SECONDS", "a number of seconds > 0", _positive)]
+Share = Annotated[float, Kind("SHARE", "a number in (0, 1)", _share)]
+Processes = Annotated[int, Kind("N", "a whole number ≥ 1", _counts)]
+File = Annotated[str, Kind("FILE")]
+Folder = Annotated[str | os.PathLike, Kind("DIR")]
+Grid = Annotated[Sequence[float], Kind("LIST", read=grid_of)]
+Grids = Annotated[
+    Mapping[str, Sequence[float]],
+    Kind("TABLE.KEY=LIST", option="sweep", read=grids_of, again=True),
+]
+Distributions = Annotated[
+    Mapping[str, str], Kind("TABLE.KEY=DISTRIBUTION", read=distributions_of, again=True)
+]
+Ranges = Annotated[
+    str | Mapping[str, tuple | None],
+    Kind("TABLE.KEY[=LOW:HIGH]", read=ranges_of, again=True),
+]
+Loads = Annotated[Sequence[str], Kind("NAME|PATH", option="load", again=True)]
+Overrides = Annotated[Sequence[str], Kind("TABLE.KEY=VALUE", option="set", again=True)]
+
+
+class RunnerOptions(TypedDict, total=False):
+    """Keyword arguments of every study: see `harvester.running.open_runner`.
+
+    Parameters
+    ----------
+    time_budget : float or None
+        Begin nothing new after so many seconds; the same call goes on.
+    workers : int or None
+        Processes (default: one a core).
+    scheduler : str or None
+        Address of a Dask cluster, instead of processes here.
+    output : str or Path or None
+        Folder for results, and for every finished piece: run the same command again to go on
+        after a kill.
+
+    Other Parameters
+    ----------------
+    executor : concurrent.futures.Executor, WorkerPool, ExecutorPool or None
+    time_limit : float
+        Wall-clock limit of one realization (s).
+    progress : callable or None
+    runner : Runner or None
+    """
+
+    time_budget: Seconds | None
+    workers: Processes | None
+    scheduler: Annotated[str, Kind("ADDRESS")] | None
+    output: Folder | None
+    # These two by their own types in `open_runner`: what is described here stands below them.
+    executor: Any
+    time_limit: Seconds
+    progress: Callable[[float, str], object] | None
+    runner: Any
+
+
+class Option(NamedTuple):
+    """One parameter of a public function.
+
+    Attributes
+    ----------
+    name : str
+    type : object
+        Of the value, without the None that stands for a value left out; None where only a type
+        checker knows the names in it.
+    kind : Kind or None
+    default : object
+        `inspect.Parameter.empty` where the parameter must be given.
+    passing : object
+        `inspect.Parameter.kind`: positional-only parameters are words at the command line.
+    may_be_none : bool
+    """
+
+    name: str
+    type: Any
+    kind: Kind | None
+    default: Any
+    passing: Any
+    may_be_none: bool
+
+    @property
+    def spelling(self) -> str:
+        """Name at the command line, without dashes in front."""
+        own = self.kind.option if self.kind else ""
+        return own or self.name.replace("_", "-")
+
+    def check(self, value: Any) -> None:
+        """Refuse a value that is out of range.
+
+        Raises
+        ------
+        HarvesterError
+        """
+        if value is None and self.may_be_none:
+            return
+        if self.kind and self.kind.holds and not self.kind.holds(value):
+            raise HarvesterError(f"--{self.spelling} {shown(value)}: must be {self.kind.required}")
+
+
+@functools.cache
+def options_of(function: Callable) -> dict[str, Option]:
+    """A function's parameters by name, with those of the typed dictionary that collects others."""
+    function = inspect.unwrap(function)
+    found: dict[str, Option] = {}
+    for each in inspect.signature(function).parameters.values():
+        if each.kind is each.VAR_KEYWORD:
+            (collected,) = get_args(_evaluated(each.annotation, function.__globals__))
+            there = vars(sys.modules[collected.__module__])
+            for name, annotation in collected.__annotations__.items():
+                if name not in found:
+                    text = getattr(annotation, "__forward_arg__", annotation)
+                    found[name] = _option(name, text, there, None, each.KEYWORD_ONLY)
+        else:
+            found[each.name] = _option(
+                each.name, each.annotation, function.__globals__, each.default, each.kind
+            )
+    return found
+
+
+def check_options(function: Callable, values: Mapping[str, Any]) -> None:
+    """Refuse values of a function's options that are out of range.
+
+    Raises
+    ------
+    HarvesterError
+    """
+    known = options_of(function)
+    for name, value in values.items():
+        known[name].check(value)
+
+
+def _option(name, annotation, names, default, passing):
+    """The option that an annotation, which may be text, describes."""
+    kind, may_be_none = None, False
+    wanted = _evaluated(annotation, names)
+    parts = [part for part in get_args(wanted) if part is not type(None)]
+    if type(None) in get_args(wanted):
+        may_be_none = True
+        wanted = parts[0] if len(parts) == 1 else wanted
+    if get_origin(wanted) is Annotated:
+        wanted, kind = get_args(wanted)
+    return Option(name, wanted, kind, default, passing, may_be_none)
+
+
+def _evaluated(annotation, names):
+    """What an annotation means; None where it holds names that only type checkers import."""
+    if not isinstance(annotation, str):
+        return annotation
+    try:
+        return eval(annotation, names)
+    except NameError:
+        return None

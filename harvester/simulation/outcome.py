@@ -1,0 +1,144 @@
+"""The result of a run: estimates, densities and notes from what its realizations recorded."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from harvester.device import timescales
+from harvester.errors import EnergyNotBalanced, SimulationError
+from harvester.estimates.batch_means import measured_time
+from harvester.estimates.densities import densities
+from harvester.estimates.joint_density import joint_density as joint_density_of
+from harvester.estimates.of_run import run_estimates
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing, step_error, steps_per_knot
+from harvester.results.residual_cause import suspected_cause
+from harvester.results.result import Result
+from harvester.scene.model import Scene
+from harvester.simulation.realization import Realization
+
+if TYPE_CHECKING:
+    from harvester.device.system import System
+
+# Largest energy balance residual that is not an error; a result with more than the second carries
+# a note.
+LARGEST_RESIDUAL = 0.1
+NOTED_RESIDUAL = 0.01
+
+
+# The sums of a run that diverged may overflow: its residual is then no number, which is refused.
+@np.errstate(over="ignore", invalid="ignore")
+def result_of(
+    scene: Scene,
+    engine: str,
+    step: str | float,
+    source: str,
+    realizations: list[Realization],
+    failures: dict[int, SimulationError],
+    outcome: str = "complete",
+) -> Result:
+    """The result of realizations that came to their end, failures named."""
+    ready = prepared(scene)
+    parameters, scales = ready.system, ready.scales
+    moments = [realization.moments for realization in realizations]
+    first = min(realization.started for realization in realizations)
+    last = max(realization.ended for realization in realizations)
+    cost = step_error(ready, step, engine)
+    found = run_estimates(scene, moments, cost)
+    shapes = densities(found.moments, is_symmetric(scene, parameters))
+    joints = [realization.joint for realization in realizations if realization.joint is not None]
+    joint = joint_density_of(joints, is_symmetric(scene, parameters)) if joints else None
+    if found.shortfalls:
+        shapes = {name: replace(shape, standard_error=None) for name, shape in shapes.items()}
+        joint = joint and replace(joint, standard_error=None)
+    return Result(
+        scene=scene,
+        engine=engine if source == "external" else f"{engine} ({source} source)",
+        scaled_quantities=found.scaled,
+        scales=scales,
+        error_kind="statistical",
+        energy_balance_residual=found.residual,
+        wall_seconds=last - first,
+        engine_seconds=sum(realization.seconds for realization in realizations),
+        simulated_time=sum(m.time_reached for m in moments),
+        steps=sum(m.points for m in moments),
+        step=knot_spacing(ready) / steps_per_knot(ready, step, engine),
+        step_error=cost if source == "external" else None,
+        realizations=len(moments),
+        engine_version=realizations[0].engine_version,
+        netlist_sha256=realizations[0].netlist_sha256,
+        notes=(*notes_on_excitation(scene), *found.notes, *_failure_notes(failures, scene)),
+        failures={index: f"{type(e).__name__}: {e}" for index, e in failures.items()},
+        densities=shapes,
+        joint_density=joint,
+        waveform=realizations[0].waveform,
+        moments=moments,
+        outcome="incomplete" if failures else outcome,
+    )
+
+
+def is_symmetric(scene: Scene, parameters: System) -> bool:
+    """Whether a motion and its mirror image are equally likely."""
+    return scene.excitation.symmetric and parameters.symmetric and scene.start is None
+
+
+def partial_result(
+    scene: Scene, engine: str, step: str | float, source: str, error: SimulationError
+) -> Result | None:
+    """A result of the failed realizations' moments, or None when they had none."""
+    reached = [m for m in error.partial or () if measured_time([m]) > 0.0]
+    if not reached:
+        return None
+    nothing: dict[str, Any] = {
+        "waveform": None,
+        "joint": None,
+        "engine_version": "",
+        "netlist_sha256": None,
+    }
+    realizations = [
+        Realization(moments=m, seconds=math.nan, started=math.nan, ended=math.nan, **nothing)
+        for m in reached
+    ]
+    outcome = type(error).__name__
+    return result_of(scene, engine, step, source, realizations, {}, outcome)
+
+
+def notes_on_excitation(scene: Scene) -> tuple[str, ...]:
+    """What a reader must know of the noise that a scene is run with."""
+    ready = prepared(scene)
+    frequency = timescales.angular_frequency(ready.system)
+    return scene.excitation.notes(knot_spacing(ready), frequency, scene.run)
+
+
+def _failure_notes(failures, scene):
+    if not failures:
+        return ()
+    first = next(iter(failures.values()))
+    return (f"{len(failures)} of {scene.run.realizations} realizations failed: {first}",)
+
+
+def checked(result: Result) -> Result:
+    """The result, with a note where its energy balance does not quite close.
+
+    Raises
+    ------
+    EnergyNotBalanced
+        It is off by more than `LARGEST_RESIDUAL`.
+    """
+    balance = result.energy_balance_residual
+    residual = abs(math.nan if balance is None else balance)
+    if not residual <= LARGEST_RESIDUAL:
+        raise EnergyNotBalanced(
+            f"{result.engine}: the energy balance leaves {100.0 * residual:.4g} % of the energy "
+            f"unaccounted for (limit {LARGEST_RESIDUAL:.0%}); suspected: "
+            f"{suspected_cause(result)}; else choose --step fine or finest",
+            partial=result,
+        )
+    if residual <= NOTED_RESIDUAL:
+        return result
+    note = f"energy balance residual {residual:.2%}; suspected: {suspected_cause(result)}"
+    return replace(result, notes=(*result.notes, note))

@@ -1,0 +1,119 @@
+"""The realizations of one scene spread over processes, and how far they are."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
+from typing import Any
+
+from harvester.errors import SimulationError
+from harvester.scene.model import Scene
+from harvester.simulation import side_by_side
+from harvester.simulation.realization import Realization, run
+from harvester.workers.pools import Workers, processes
+
+
+@contextlib.contextmanager
+def running(
+    runner: Workers | None, executor: Executor | None, calls: int, workers: int | None
+) -> Iterator[Workers]:
+    """What was handed in, a runner's own processes too; else workers that end with the block."""
+    if executor is None and runner is not None:
+        yield getattr(runner, "pool", runner)
+    else:
+        with processes(executor, workers, calls) as pool:
+            yield pool
+
+
+def copies_that_pay(
+    scene: Scene, engine: str, device: str, options: dict[str, Any], pool: Workers
+) -> int:
+    """Realizations in one call of an engine, where the caller leaves their number open."""
+    shared = (options[name] for name in ("step", "source", "tolerance"))
+    count = scene.run.realizations
+    if engine == "monte-carlo":
+        workers = getattr(pool, "size", math.inf)
+        return side_by_side.together(count, workers) if scene.load.is_resistor else 1
+    if engine != "circuit" or count == 1 or not side_by_side.share_steps(scene, *shared):
+        return 1
+    from circuits.ngspice.engine import device_used
+
+    (used,) = pool.map(device_used, [{"scene": scene, "device": device}])
+    return side_by_side.copies(count, used)
+
+
+def calls_of(
+    scene: Scene,
+    engine: str,
+    copies: int,
+    window: tuple[float, float] | None,
+    options: dict[str, Any],
+) -> list[dict[str, Any]]:
+    """Arguments of `harvester.simulation.realization.run`, `copies` realizations in each."""
+    indices = range(scene.run.realizations)
+    return [
+        {
+            "scene": scene,
+            "engine": engine,
+            "indices": list(indices[start : start + copies]),
+            "window": window if start == 0 else None,
+            **options,
+        }
+        for start in range(0, len(indices), copies)
+    ]
+
+
+def outcomes(
+    pool: Workers,
+    calls: list[dict[str, Any]],
+    time_limit: float,
+    follow: Callable | None,
+    keep_going: bool,
+) -> list[Realization | SimulationError]:
+    """A Realization or the SimulationError in its place, for every realization in order.
+
+    Realizations that failed together are tried again one by one.
+
+    Raises
+    ------
+    SimulationError
+        One failed and nothing keeps going, or all failed.
+    """
+    most = max(len(call["indices"]) for call in calls)
+    found: dict[int, Realization | SimulationError] = {}
+    together = pool.map(run, calls, most * time_limit, follow, keep_going)
+    for call, outcome in zip(calls, together, strict=True):
+        if isinstance(outcome, SimulationError):
+            outcome = [outcome] * len(call["indices"])
+        found.update(zip(call["indices"], outcome, strict=True))
+    if most > 1:
+        again = [k for k, outcome in found.items() if isinstance(outcome, SimulationError)]
+        single = [{**calls[0], "indices": [k], "window": None} for k in again]
+        alone = pool.map(run, single, time_limit, None, keep_going)
+        for index, outcome in zip(again, alone, strict=True):
+            found[index] = outcome if isinstance(outcome, SimulationError) else outcome[0]
+    in_order = [found[index] for index in sorted(found)]
+    failed = [outcome for outcome in in_order if isinstance(outcome, SimulationError)]
+    if len(failed) == len(in_order):
+        raise failed[0]
+    return in_order
+
+
+class Follower:
+    """Adds up how far the realizations are."""
+
+    def __init__(self, scene: Scene, method: str, progress: Callable[[float, str], object]):
+        self._method = method
+        self._total = (scene.run.settle + scene.run.duration) * scene.run.realizations
+        self._reached: dict[int, float] = {}
+        self._sum = 0.0
+        self._progress = progress
+
+    def __call__(self, index: int, moments: list) -> None:
+        """Take in the moments that a call has so far."""
+        reached = sum(each.time_reached for each in moments)
+        self._sum += reached - self._reached.get(index, 0.0)
+        self._reached[index] = reached
+        self._progress(min(max(self._sum / self._total, 0.0), 1.0), self._method)

@@ -1,0 +1,589 @@
+"""The studies that users call.
+
+A signature and its docstring are the options of a command and their help; what computes is imported
+inside, so that reading them needs no numba.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Unpack
+
+from harvester.arguments import listed, table
+from harvester.calling import takes_scene
+from harvester.errors import AveragingError, HarvesterError, LoadError
+from harvester.signatures import (
+    Distributions,
+    Grid,
+    Grids,
+    Kind,
+    Loads,
+    Processes,
+    Ranges,
+    RunnerOptions,
+    Seconds,
+    Share,
+    Step,
+)
+from harvester.simulation.simulate import (
+    TIME_LIMIT,
+    check_name,
+    check_step,
+    require_noise,
+    simulate,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from concurrent.futures import Executor
+
+    from harvester.scene.model import Scene
+    from harvester.studies.comparison import Comparison
+    from harvester.studies.frequency_response import FrequencyResponse
+    from harvester.studies.loads.study import Study
+    from harvester.studies.optimum import Optimum
+    from harvester.studies.sensitivity import Sensitivity
+    from harvester.studies.sweep import Sweep
+    from harvester.workers.pools import Workers
+
+# Monte Carlo everywhere, and the circuit as its judge at some places.
+JUDGED = "judged"
+# Wall-clock seconds of a load study with a precision, unless told otherwise.
+TIME_BUDGET = 540.0
+# Rows of a design of devices.
+ROWS = 64
+# How a caller writes what is varied.
+OVER = 'over={"load.resistance": (1e4, 1e6)}'
+METHODS_WRITTEN = 'methods=["monte-carlo"]'
+QUANTITIES_WRITTEN = 'quantities=["mean_power"]'
+# What the folder of a load study and that of a sensitivity study get.
+LOAD_STUDY_FILES = (
+    "load-study.nc",
+    "load-study.csv",
+    "power.png",
+    "efficiency.png",
+    "waveforms.png",
+)
+SENSITIVITY_FILES = ("sensitivity.json", "sensitivity.csv", "tornado.png", "distribution.png")
+
+
+@takes_scene
+def validate(
+    scene: Scene,
+    *,
+    step: Step = "default",
+    workers: Processes | None = None,
+    time_limit: Seconds = TIME_LIMIT,
+    executor: Executor | None = None,
+    runner: Workers | None = None,
+    progress: Callable[[float, str], object] | None = None,
+) -> Comparison:
+    """Compare circuit, Monte Carlo and averaging on one scene.
+
+    Parameters
+    ----------
+    scene : Scene, str or Path
+        Itself, its file or its built-in name.
+    step : str or float
+        default, fine, finest, or the longest step in seconds.
+    workers : int or None
+        Processes (default: one a core).
+    time_limit : float
+        Wall-clock limit of one realization.
+
+    Other Parameters
+    ----------------
+    executor, runner
+        See `harvester.simulate`.
+    progress : callable or None
+        Given the share done, 0 … 1, and the method at work.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    HarvesterError, SimulationError
+    """
+    from harvester.averaging import CLOSURES
+    from harvester.averaging.of_scene import average
+    from harvester.device import timescales
+    from harvester.prepared.prepared import prepared
+    from harvester.results.paired import paired_difference
+    from harvester.simulation.spread import running
+    from harvester.studies.comparison import comparison
+
+    parameters = prepared(scene).system
+    shown = comparison.SHOWN_PERIODS * 2.0 * math.pi / timescales.angular_frequency(parameters)
+    closures, refused = {}, {}
+    for closure in CLOSURES:
+        try:
+            closures[closure] = average(scene, method=closure, jump_rates=True)
+        except (AveragingError, LoadError) as error:
+            refused[closure] = str(error)
+    results = []
+    with running(runner, executor, scene.run.realizations, workers) as pool:
+        for method, (begin, end) in comparison.SHARES.items():
+            result = simulate(
+                scene,
+                method=method,
+                step=step,
+                time_limit=time_limit,
+                window=(0.0, shown),
+                joint_density=method == "monte-carlo",
+                runner=pool,
+                progress=progress and comparison.part_of_progress(progress, begin, end),
+            )
+            results.append(result)
+    circuit, monte_carlo = results
+    paired = paired_difference(circuit, monte_carlo)
+    return comparison.Comparison(circuit, monte_carlo, closures, refused, paired)
+
+
+@takes_scene
+def frequency_response(
+    scene: Scene,
+    frequencies: Grid,
+    *,
+    amplitude: Annotated[float, Kind("A")] | None = None,
+    down: bool = False,
+    method: str = "monte-carlo",
+    step: Step = "default",
+    **running: Unpack[RunnerOptions],
+) -> FrequencyResponse:
+    """Amplitude, voltage and power over the frequency of a sine.
+
+    Parameters
+    ----------
+    scene : Scene, str or Path
+        Itself, its file or its built-in name;
+        with `excitation.kind = "sine"`, whose amplitude is kept, or any other with `amplitude`.
+    frequencies : sequence of float
+        In Hz: FIRST:LAST:log:NUMBER, FIRST:LAST:linear:NUMBER, or numbers between commas.
+    amplitude : float or None
+        Of the base acceleration, m/s² in SI (default: that of the scene's own sine).
+    down : bool
+        Sweep down as well, to show hysteresis: it is where the two differ.
+    method : str
+        monte-carlo (Runge–Kutta) or circuit (ngspice), on the same path.
+    step : str or float
+        default, fine, finest, or the longest step in seconds.
+    time_limit : float
+        Wall-clock limit of one realization (default: 3600).
+    **running
+        See `harvester.running.open_runner`.
+
+    Returns
+    -------
+    FrequencyResponse
+
+    Raises
+    ------
+    HarvesterError, SimulationError
+
+    Notes
+    -----
+    The excitation has no chance in it, so there is no statistical error. `Sweep.residual` tells
+    how far the motion is from a settled, periodic one; the step's own error, of second order in
+    the circuit, shows when `step` is halved.
+    """
+    import numpy as np
+
+    from harvester.prepared.prepared import prepared
+    from harvester.running import Task, open_runner
+    from harvester.simulation.methods import ENGINES
+    from harvester.studies import frequency_response as work
+
+    check_name("method", method, ENGINES)
+    step = check_step(step)
+    scene = work.with_sine(scene, amplitude)
+    rising = work.rising_frequencies(frequencies)
+    directions = {"up": rising, "down": rising[::-1]} if down else {"up": rising}
+    scenes: list[Any] = [work.stepped(scene, order) for order in directions.values()]
+    with open_runner(**running) as runner:
+        version = runner.version(method)
+        arguments = [{"scene": each, "engine": method, "step": step} for each in scenes]
+        outcomes = runner.run([Task(work.run, each, version, method) for each in arguments])
+    for outcome in outcomes:
+        if isinstance(outcome, HarvesterError):
+            raise outcome
+    if None in outcomes:
+        raise HarvesterError("the time budget was spent: the same command goes on where it ended")
+    sweeps = []
+    for direction, (rows, _, _) in zip(directions, outcomes, strict=True):
+        ordered = rows if direction == "up" else rows[::-1]
+        sweeps.append(work.Sweep(direction, *np.array(ordered).T))
+    return work.FrequencyResponse(
+        scene=scene,
+        engine=method,
+        frequencies=rising,
+        sweeps=sweeps,
+        scales=prepared(scene).scales,
+        engine_version=outcomes[0][1],
+        dwell=scenes[0].excitation.dwell,
+        seconds=sum(seconds for _, _, seconds in outcomes),
+    )
+
+
+@takes_scene
+def sweep(
+    scene: Scene,
+    over: Grids,
+    *,
+    methods: Sequence[str] = ("monte-carlo",),
+    quantities: Sequence[str] = ("mean_power",),
+    precision: Share | None = None,
+    step: Step = "default",
+    **running: Unpack[RunnerOptions],
+) -> Sweep:
+    """A scene at every place of a grid of values by every method, all on the same noise.
+
+    Parameters
+    ----------
+    scene : Scene, str or Path
+        Itself, its file or its built-in name.
+    over : dict of str to sequence of float
+        "table.key" to values; several make a grid.
+    methods : sequence of str
+        Engines and closures.
+    quantities : sequence of str
+        What the tables show and what a precision holds for.
+    precision : float or None
+        Relative standard error that each place is run for by the engines; None: the scene's own
+        run.
+    step : str or float
+        See `harvester.simulate`.
+    **running
+        See `harvester.running.open_runner`.
+
+    Raises
+    ------
+    HarvesterError
+        A mistake in the call. A simulation that fails is the outcome of its place.
+    """
+    from harvester.running import Request, open_runner
+    from harvester.studies import sweep as work
+    from harvester.studies.grid import make_grid
+
+    clock = time.perf_counter()
+    methods = tuple(listed(methods, "methods", METHODS_WRITTEN))
+    quantities = tuple(listed(quantities, "quantities", QUANTITIES_WRITTEN))
+    grid = make_grid(scene, (), over, "over")
+    requests = [
+        Request(point.scene, each, precision=precision, quantities=quantities, step=step)
+        for point in grid.points
+        for each in methods
+    ]
+    with open_runner(**running) as runner:
+        answers = runner.answer(requests)
+        out_of_time = runner.out_of_time
+    shape = (*(len(values) for values in grid.sweeps.values()), len(methods))
+    cells = work.cells_of(requests, answers)
+    work.check_quantities(quantities, cells)
+    return work.Sweep(
+        scene=grid.scene,
+        values=grid.sweeps,
+        methods=methods,
+        quantities=quantities,
+        cells=cells.reshape(shape),
+        notes=grid.notes,
+        out_of_time=out_of_time,
+        seconds=time.perf_counter() - clock,
+    )
+
+
+@takes_scene
+def load_study(
+    scene: Scene,
+    *,
+    loads: Loads = (),
+    sweeps: Grids | None = None,
+    method: str = JUDGED,
+    precision: Share | None = None,
+    step: Step = "default",
+    **running: Unpack[RunnerOptions],
+) -> Study:
+    """Loads over a grid of values on the same noise: power, optimum, ranking.
+
+    Parameters
+    ----------
+    scene : Scene, str or Path
+        Itself, its file or its built-in name.
+        With a precision, its realizations are cut to `DURATION_OVER_SETTLE` times the settling,
+        and there are as many as it takes, at most `MOST_REALIZATIONS`.
+    loads : sequence of str
+        A load of netlists/ or a file; several may be given (default: the scene's own).
+    sweeps : dict of str to sequence of float
+        FIRST:LAST:log:NUMBER, FIRST:LAST:linear:NUMBER, or numbers between commas; several make a
+        grid.
+    method : str
+        judged: monte-carlo, with the circuit on the same noise at the optima and at places drawn
+        at random (`harvester.studies.loads.proof`; a load that only the circuit takes is run by it
+        alone); monte-carlo or circuit alone; for a resistor also a closure.
+    precision : float or None
+        Relative standard error of the output power that every point is run for (default: the
+        scene's own run).
+    step : str or float
+        default, fine, finest, or the longest step in seconds.
+    time_limit : float
+        Wall-clock limit of one realization (default: 3600).
+    **running
+        See `harvester.running.open_runner`; with a precision the time budget is `TIME_BUDGET`
+        where none is given.
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    HarvesterError
+        A mistake in the call. A simulation that fails is the outcome of its point.
+    """
+    from harvester.averaging import CLOSURES
+    from harvester.running import open_runner
+    from harvester.simulation.methods import ENGINES
+    from harvester.studies.grid import make_grid
+    from harvester.studies.loads import study as work
+    from harvester.studies.loads.evaluation import evaluating
+    from harvester.version import __version__
+
+    clock = time.monotonic()
+    check_name("method", method, (JUDGED, *ENGINES, *CLOSURES))
+    step = check_step(step)
+    statistical = method not in CLOSURES
+    if precision and statistical:
+        require_noise(scene, "a study with a precision")
+        scene = work.cut(scene)
+        if running.get("time_budget") is None:
+            running["time_budget"] = TIME_BUDGET
+    grid = make_grid(scene, loads, sweeps or {})
+    methods = tuple(work.method_of(point.scene, method) for point in grid.points)
+    with open_runner(**running) as runner:
+        # Here already, so that a machine without ngspice says so before it has worked.
+        version = runner.version("circuit" if method == JUDGED else method)
+        aim = precision if statistical else None
+        plans = [
+            evaluating(each.scene, own, step, runner.version(own), aim)
+            for each, own in zip(grid.points, methods, strict=True)
+        ]
+        with runner.reserving(work.PROOF_SHARE if method == JUDGED else 0.0):
+            evaluations = runner.follow(plans)
+        proofs = work.proofs(runner, grid, methods, evaluations, step) if method == JUDGED else []
+    return work.Study(
+        grid=grid,
+        method=method,
+        version=", ".join(filter(None, (f"harvester {__version__}", version))),
+        precision=precision,
+        evaluations=evaluations,
+        proofs=proofs,
+        out_of_time=runner.out_of_time,
+        computed=runner.computed,
+        reused=runner.reused,
+        wall_seconds=time.monotonic() - clock,
+        warnings=tuple(runner.warnings),
+    )
+
+
+@takes_scene
+def sensitivity(
+    scene: Scene,
+    vary: Distributions | None = None,
+    *,
+    covariance: Annotated[Mapping[str, Any] | str | Path, Kind("FILE")] | None = None,
+    quantity: str = "mean_power",
+    method: str | None = None,
+    above: Annotated[float, Kind("LIMIT")] | None = None,
+    rows: int = ROWS,
+    precision: Share | None = None,
+    **running: Unpack[RunnerOptions],
+) -> Sensitivity:
+    """Tolerances: which parameter matters (Sobol indices), how a quantity scatters, and yield.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its run is that of each device, half of the realizations for each replicate.
+    vary : dict of str to str
+        ±10%, +-10%, ±0.5, uniform:LOW:HIGH, normal:5% or normal:MEAN:SD for a number of the scene:
+        see `harvester.studies.sensitivity.tolerances`.
+    covariance : dict or file
+        JSON of `harvester identify`: its values scatter as far as records leave them open, along
+        the principal axes (`harvester.studies.sensitivity.joint_tolerance`).
+    quantity : str
+        mean_power, power_conversion_efficiency, of a load with an output mean_output_power, …
+    method : str or None
+        An engine or a closure (default: monte-carlo, or circuit where the load needs it).
+    above : float or None
+        Also the yield: the share of devices above it, in the scene's units.
+    rows : int
+        A power of two; N × (parameters + 2) devices are run.
+    precision : float or None
+        Relative standard error of each device's quantity that it is run for, in each of two runs
+        (default: the scene's own run). Noise is taken out at any length of run: few rows of long
+        runs and many of short ones cost the same.
+    **running
+        See `harvester.running.open_runner`.
+
+    Returns
+    -------
+    Sensitivity
+
+    Raises
+    ------
+    HarvesterError
+        A mistake in the call, or nothing that indices could be made from.
+    OutOfTime
+        Fewer rows than indices need.
+
+    Notes
+    -----
+    `harvester.studies.sensitivity.sobol` says what is estimated, and how the noise is taken out.
+    """
+    from harvester.running import open_runner
+    from harvester.studies.sensitivity import study as work
+    from harvester.studies.sensitivity.joint_tolerance import directions
+    from harvester.studies.sensitivity.tolerances import tolerance
+
+    clock = time.perf_counter()
+    varied = table({} if vary is None else vary, "vary", 'vary={"load.resistance": "±10%"}')
+    tolerances: list[Any] = [tolerance(scene, key, text) for key, text in varied.items()]
+    if covariance is not None:
+        axes = directions(scene, covariance)
+        for key in varied:
+            if axes and key in axes[0].centre:
+                raise HarvesterError(f"--vary {key}: its scatter is in the covariance already")
+        tolerances += axes
+    method = work.checked(scene, tolerances, method, rows)
+    shape = rows, len(tolerances) + 2
+    with open_runner(**running) as opened:
+        study = work.study_of(scene, tolerances, quantity, method, above, shape, precision, opened)
+    return replace(study, seconds=time.perf_counter() - clock)
+
+
+@takes_scene
+def optimum(
+    scene: Scene,
+    over: Ranges,
+    *,
+    low: Annotated[float, Kind("A", option="from")] | None = None,
+    high: Annotated[float, Kind("B", option="to")] | None = None,
+    maximise: Annotated[str, Kind("QUANTITY")] = "power_conversion_efficiency",
+    method: str | None = None,
+    closure: str | None = None,
+    evaluations: int | None = None,
+    precision: Share | None = None,
+    **running: Unpack[RunnerOptions],
+) -> Optimum:
+    """Where one parameter, or several, make the efficiency or the power largest (Eq. 37).
+
+    Parameters
+    ----------
+    scene : Scene, str or Path
+        Its run is the first one tried at each place, and that of each evaluation.
+    over : str, or dict of str to (float, float) or None
+        A number of the scene and its range (default: a tenth to ten times its value, within what
+        the key allows); several may be given.
+    low : float or None
+        Range of a single parameter.
+    high : float or None
+        Its upper end.
+    maximise : str
+        power_conversion_efficiency, mean_power or mean_square_voltage; of a load with an output
+        also mean_output_power and the like; over several parameters any.
+    method : str or None
+        monte-carlo or circuit, over several parameters also a closure (default: monte-carlo, or
+        circuit where the load needs it).
+    closure : str or None
+        That stands beside simulation, over one parameter (default: the most accurate).
+    evaluations : int or None
+        Places proposed, over several parameters (default: 60 for each). Those of the climb, some
+        tens, come on top.
+    precision : float or None
+        Relative standard error of the value at the optimum of several parameters (default: the
+        scene's own run).
+    **running
+        See `harvester.running.open_runner`.
+
+    Returns
+    -------
+    harvester.studies.optimum.Optimum
+        Over one parameter, averaging and simulation are compared, and the place has an interval;
+        over several the value has one.
+
+    Raises
+    ------
+    HarvesterError
+        No such key, or no range.
+    OptimumError
+        The largest value lies at an end of the range, or no maximum can be told from noise.
+    SimulationError
+        A run failed; `OutOfTime` where the time is spent.
+    MissingLibrary
+        Several parameters need Optuna, which is not installed.
+
+    Notes
+    -----
+    The places proposed over several follow from the seed and the answers alone: with `output` the
+    same call after a kill takes the answers that are there and goes on to the same end.
+    """
+    from harvester.averaging import CLOSURES, DEFAULT_CLOSURE
+    from harvester.estimates.output_side import RATIOS
+    from harvester.running import open_runner
+    from harvester.simulation.methods import ENGINES
+    from harvester.studies.answers import checked_method
+    from harvester.studies.optimum.axis import Axis
+    from harvester.studies.optimum.line import MAXIMISED, along
+    from harvester.studies.optimum.several import over_several
+
+    clock = time.perf_counter()
+    ranges = {over: None} if isinstance(over, str) else table(over, "over", OVER)
+    if not ranges:
+        raise HarvesterError("--over: name at least one parameter, TABLE.KEY")
+    if low is not None or high is not None:
+        if len(ranges) > 1 or [*ranges.values()] != [None]:
+            raise HarvesterError(
+                "--from and --to: are the range of a single --over TABLE.KEY; else write "
+                "--over TABLE.KEY=LOW:HIGH"
+            )
+        ranges = dict.fromkeys(ranges, (low, high))
+    is_one = len(ranges) == 1
+    for name, value in {"evaluations": evaluations, "precision": precision}.items():
+        if value is not None and is_one:
+            raise HarvesterError(f"--{name}: is for several parameters, a second --over")
+    if closure is not None and not is_one:
+        raise HarvesterError("--closure: is for one parameter; over several use --method")
+    follow = running.pop("progress", None) or (lambda share, words: None)
+    beside = check_name("closure", closure or DEFAULT_CLOSURE, CLOSURES)
+    if is_one:
+        # Averaging stands beside it, and what is compared with it is a simulation.
+        method = check_name("method", method or checked_method(scene, None), ENGINES)
+        ENGINES[method].check(scene)
+        load = scene.load.circuit
+        outputs = RATIOS if load and load.has_output else ()
+        check_name("quantity", maximise, (*MAXIMISED, *outputs))
+    method = checked_method(scene, method)
+    axes = [Axis.of(scene, key, *_ends(key, ends)) for key, ends in ranges.items()]
+    with open_runner(**running) as runner:
+        if is_one:
+            found = along(scene, axes[0], maximise, method, beside, runner, follow)
+        else:
+            found = over_several(
+                scene, axes, maximise, method, runner, follow, evaluations, precision
+            )
+    return replace(found, seconds=time.perf_counter() - clock)
+
+
+def _ends(key, ends):
+    """Both ends of a range, None where the scene's value decides."""
+    if ends is None:
+        return None, None
+    found = listed(ends, f"over[{key!r}]", "(0.1, 2.0)")
+    if len(found) != 2:
+        raise HarvesterError(f"over[{key!r}]: has {len(found)} numbers; write (0.1, 2.0)")
+    return found
