@@ -36,7 +36,8 @@ def checked_method(scene: Scene, method: str | None) -> str:
         except LoadError:
             return "circuit"
         return "monte-carlo"
-    check_name("method", method, ChainMap(ENGINES, CLOSURES))
+    known: ChainMap[str, Any] = ChainMap(ENGINES, CLOSURES)
+    check_name("method", method, known)
     if method == "monte-carlo":
         ENGINES["monte-carlo"].check(scene)
     elif method != "circuit":

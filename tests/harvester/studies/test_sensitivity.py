@@ -15,8 +15,8 @@ from harvester.prepared.steps import knot_spacing
 from harvester.running import open_runner
 from harvester.scene.model import Scene
 from harvester.show import figures
-from harvester.studies import sensitivity_drawing
 from harvester.studies.public import sensitivity
+from harvester.studies.sensitivity import drawing as sensitivity_drawing
 
 PAPER = Scene.load("paper")
 LINEAR = Scene.load("linear", ["run.realizations=2", "run.duration=400", "run.settle=50"])
