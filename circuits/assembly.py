@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 from circuits import elements, verilog
 from circuits.loads import part_values
+from circuits.loads.course import Course
 from circuits.loads.expression import ExpressionError, check
 from circuits.loads.load_watch import NOTHING as UNWATCHED
 from circuits.loads.load_watch import Watch, watch_of
 from circuits.loads.measurement import NOTHING, Measurement, measurement_of
+from circuits.loads.own_motion import check_turn
 from harvester.device import timescales
 from harvester.device.system import speed_held
 from harvester.errors import NetlistError
@@ -44,6 +46,8 @@ ROUNDING_MARGIN, GREATEST_NEWTON = 10.0, 1e-4
 LOAD_TOLERANCE = 1e-5
 # ngspice's own relative tolerance.
 OWN_TOLERANCE = 1e-3
+# Charge (C) whose error counts in a load that oscillates by itself, before a third: ngspice's own.
+OWN_CHARGE = 3e-15
 # Steps. ngspice 46 never ends a shorter run: its least step, 1e-11 of the longest one, is then more
 # than what it takes for equal at the end.
 SHORTEST_RUN = 1000
@@ -139,6 +143,8 @@ class Netlist:
         count (J).
     pace : float
         Of the motion's clock; the excitation is to be less by it.
+    course : circuits.loads.course.Course or None
+        What of the load moves by itself.
     """
 
     text: str
@@ -159,6 +165,7 @@ class Netlist:
     watch: Watch = UNWATCHED
     watched_energy: tuple[float, float] = (0.0, 0.0)
     pace: float = 1.0
+    course: Course | None = None
 
     @property
     def sha256(self) -> str:
@@ -221,6 +228,8 @@ def assemble(
         _start(system, start, rate, electrical) for start in starts or [start_state(ready, 0)]
     ]
     load = scene.load.circuit
+    if load:
+        check_turn(load, length)
 
     def add_device(place, start):
         if isinstance(scene.excitation, PrescribedDisplacement):
@@ -263,6 +272,9 @@ def assemble(
         # No step is to follow a stray capacitance's charge or what rings on in an idle coil.
         stray = elements.STRAY_SHARE * capacitance
         charge = stray * scales.voltage
+        if load.own_motion.oscillates:
+            # What it stores may be as little.
+            charge = min(charge, OWN_CHARGE)
         options += (
             f" chgtol={elements.number(3.0 * charge)} abstol={elements.number(charge * rate)}"
         )
@@ -294,6 +306,7 @@ def assemble(
         watch=watch_of(load, pins) if load else UNWATCHED,
         watched_energy=(capacitance, capacitance * (SMALL_VOLTAGE * scales.voltage) ** 2),
         pace=pace,
+        course=Course(load.elements) if load else None,
     )
 
 

@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 from harvester.commands.parsing import about
 from harvester.commands.quiet import complain, quiet
 from harvester.commands.table import COMMANDS
-from harvester.errors import EngineNotFound, HarvesterError, SimulationError
+from harvester.errors import EngineNotFound, HarvesterError, LoadChatters, SimulationError
 from harvester.files.plain_text import nearest, one_line
 from harvester.files.streams import guarded_streams
 from harvester.version import __version__
@@ -62,7 +62,7 @@ def _run(arguments):
             return options.command.run(options) or 0
     except SimulationError as error:
         complain(f"{type(error).__name__}: {error}")
-        return 1
+        return 2 if isinstance(error, LoadChatters) else 1
     except EngineNotFound as error:
         complain(error)
         return 1

@@ -89,6 +89,10 @@ class SimulatorAborted(SimulationError):
     """The simulator gave up and said why."""
 
 
+class LoadChatters(SimulatorAborted):
+    """A part of the load turns on and off without an end; the load's file is to be changed."""
+
+
 class SolutionDiverged(SimulationError):
     """The solution holds values that are not finite, or ends before the end time."""
 

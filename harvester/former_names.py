@@ -60,7 +60,7 @@ class _Finder:
 
     def find_spec(self, fullname, path=None, target=None):
         if fullname in FORMER_NAMES:
-            return ModuleSpec(fullname, self, is_package=True)
+            return ModuleSpec(fullname, self, is_package=True)  # type: ignore[arg-type]
         return None
 
     def create_module(self, spec):

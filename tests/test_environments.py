@@ -8,7 +8,9 @@ import sys
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
+from measured_records import band_noise, scene_of, states
 
 HERE = Path(__file__).parents[1]
 PROJECT = tomllib.loads((HERE / "pyproject.toml").read_text())["project"]
@@ -23,9 +25,20 @@ CALLS = [
     ["simulate", "paper_si", *BRIDGE, "--method", "monte-carlo"],
     ["simulate", "paper_si", *BRIDGE, "--method", "circuit"],
     ["schematic", "paper_si", *BRIDGE, "--output", "bridge.svg"],
+    ["identify", "made.toml", "--record", "made.csv", "--alone", "--output", "identified"],
     ["load-study", "paper", *SET, "--sweep", "load.decay_rate=0.05,0.2", "--output", "study"],
     ["completion", "bash"],
 ]
+
+
+PIEZO = {"coupling": 1e-3, "capacitance": 5e-8}
+SCENE = """units = "SI"
+oscillator = {mass = 0.01, damping = 0.04, restoring_force = [0.0, 150.0]}
+piezo = {coupling = 1.1e-3, capacitance = 5.2e-8}
+load = {kind = "resistor", resistance = 2e5}
+excitation = {kind = "white", intensity = 0.01}
+run = {duration = 10.0}
+"""
 
 
 def requirements():
@@ -69,6 +82,7 @@ def test_it_runs_with_what_may_be_installed(tmp_path, version, chosen):
     subprocess.run([own, "-m", "pip", "install", "--quiet", *wanted], check=True)
     surroundings = {"PYTHONPATH": str(HERE), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     surroundings |= {"NGSPICE_LIBRARY_PATH": library()}
+    record(tmp_path)
     for call in CALLS:
         shown = subprocess.run(
             [own, "-P", "-m", "harvester", *call],
@@ -81,6 +95,17 @@ def test_it_runs_with_what_may_be_installed(tmp_path, version, chosen):
         assert shown.returncode == 0, f"{call}: {shown.stderr}"
         assert "Warning" not in shown.stderr
     assert (tmp_path / "figures" / "paper-validate.png").exists()
+
+
+def record(folder):
+    """A scene and a record of its device, of three seconds."""
+    truth = scene_of(0.01, 0.03, [0.0, 158.0], {"piezo": PIEZO}, 2e5)
+    acceleration = band_noise(np.random.default_rng(11), 3000, 1000.0, 4.0, 60.0, 12.0)
+    columns = (np.arange(3000) / 1000.0, acceleration, states(truth, acceleration, 1000.0)[2])
+    header = "time [s],acceleration [m/s^2],voltage [V]"
+    made = folder / "made.csv"
+    np.savetxt(made, np.column_stack(columns), delimiter=",", header=header, comments="")
+    (folder / "made.toml").write_text(SCENE)
 
 
 def library():

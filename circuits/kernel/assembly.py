@@ -13,33 +13,37 @@ from circuits.kernel.linear import order_of
 from circuits.kernel.memory import layout_of
 from circuits.kernel.parts import add_load
 from circuits.kernel.tables import Circuit, Probes
+from circuits.loads.course import Course
 from circuits.loads.expression import leaves
 from circuits.loads.functions import LIMITED
 from circuits.loads.measurement import measurement_of
-from circuits.loads.part_values import capacitance, conductance, suspicion
+from circuits.loads.part_values import capacitance, conductance, jumping_sources, suspicion
 from harvester.device import timescales
 from harvester.device.terminals import GROUND, LOAD_AMMETER
 from harvester.prepared.prepared import prepared
 from harvester.scene.units import setting
 
 if TYPE_CHECKING:
+    from circuits.loads.measurement import Measurement
     from harvester.scene.model import Scene
 
 # In front of the names of the device's nodes, so that none of a load's is one of them.
 DEVICE = "device:"
 
 
-def build(scene: Scene) -> Circuit:
-    """The tables of a scene's transducer with its load.
+def collect(scene: Scene, whole: bool = True) -> tuple[Builder, Measurement, Probes, int]:
+    """Elements of a scene's transducer and its load, what is watched, and the velocity's place.
 
     Parameters
     ----------
     scene : Scene
         Whose load is a netlist.
+    whole : bool
+        Whether every element of the load is needed: else those not taken are left out.
 
     Returns
     -------
-    Circuit
+    Builder, circuits.loads.measurement.Measurement, Probes, int
 
     Raises
     ------
@@ -55,7 +59,7 @@ def build(scene: Scene) -> Circuit:
     inside = b.node(DEVICE + network.terminal)
     outside = b.node(circuit_elements.behind_ammeter(network))
     ammeter = b.through(LOAD_AMMETER, inside, outside)
-    add_load(b, load, network)
+    add_load(b, load, network, whole)
     # A load without an output has none that differs from 0.
     ends = (circuit_elements.OUTPUT, circuit_elements.REFERENCE)
     places = [b.node(name) for name in ends] if load.has_output else [inside, inside]
@@ -65,7 +69,6 @@ def build(scene: Scene) -> Circuit:
     velocity = _add_transducer(b, network, scales, row_unit)
     state = _state(b, network, ammeter)
     b.initial = [each for each in b.initial if each[3] != 0.0]
-    tables = tables_of(b, velocity)
     probes = Probes(
         np.array([inside, ammeter, state, *places]),
         np.array(
@@ -79,6 +82,23 @@ def build(scene: Scene) -> Circuit:
         ),
         (network.reference_capacitance, scales.voltage),
     )
+    return b, measurement, probes, velocity
+
+
+def build(scene: Scene) -> Circuit:
+    """The tables of a scene's transducer with its load, and the code for them.
+
+    Raises
+    ------
+    LoadError
+        See `collect`.
+    """
+    load = scene.load.circuit
+    b, measurement, probes, velocity = collect(scene)
+    tables = tables_of(b, velocity)
+    if load.own_motion.oscillates:
+        stray = circuit_elements.STRAY_SHARE * probes.energy[0]
+        tables = tables._replace(own=_own(b, tables, 1.5 * stray))
     order = order_of(tables)
     return Circuit(
         tables,
@@ -88,12 +108,28 @@ def build(scene: Scene) -> Circuit:
         code_of(tables, order),
         (*b.unknowns, "X'"),
         tuple(b.switch_names),
+        tuple((each.name, each.where) for each, *_ in b.waiting),
         suspicion(load),
         measurement,
+        tuple(f"{each.name} ({each.where})" for each in jumping_sources(load)),
         tuple(f"{each.name} ({each.where})" for each in load.elements if _is_limited(each)),
         conductance(load.across_output),
         capacitance(load.across_output),
+        Course(load.elements),
+        load.own_motion,
     )
+
+
+def _own(b, tables, stray):
+    """Places of the load's unknowns that store more than a stray capacitance, and their kinds."""
+    names = [*b.unknowns]
+    stores = {
+        int(row)
+        for (row, column), size in zip(tables.entries, tables.capacity, strict=True)
+        if row == column and row < len(names) and abs(size) > stray
+    }
+    own = [(k, names[k].startswith("i(")) for k in sorted(stores) if DEVICE not in names[k]]
+    return np.array(own, dtype=np.int64).reshape(-1, 2)
 
 
 def _is_limited(each):

@@ -27,6 +27,8 @@ class Builder:
         self.tape = Tape()
         self.behavioural: list[tuple[int, int, int, int]] = []
         self.inputs: list[tuple[int, int, int]] = []
+        # Places on the tape of what passes 0 where a source jumps.
+        self.turns: list[int] = []
         self.waiting: list[tuple] = []
         self.nonlinear: set[tuple[str, int]] = set()
         self.initial: list[tuple[int, int, float, float]] = []
@@ -149,9 +151,11 @@ def tables_of(b: Builder, velocity: int) -> Tables:
         tape_values=np.array(b.tape.values, dtype=float),
         behavioural=places(b.behavioural, 4),
         inputs=places(b.inputs, 3),
+        turns=np.array(b.turns, dtype=np.int64),
         retimed=np.array([rows.index(each) for each in b.retimed], dtype=np.int64),
         nonlinear_rows=flags[0],
         nonlinear_columns=flags[1],
+        own=places([], 2),
         start=_starts(b, n),
     )
 

@@ -23,11 +23,14 @@ from circuits.kernel.stage import (
     ZONE,
     fresh_state,
 )
-from circuits.kernel.stepping import CHATTER, FINE, advance
+from circuits.kernel.stepping import CHATTER, FINE, SOURCE_CHATTER, advance
 from circuits.kernel.tables import Circuit
+from circuits.loads.course import AHEAD, NO_PLAN
+from circuits.loads.own_motion import check_turn
+from circuits.loads.part_values import SOURCE_CURE
 from harvester.compilation import numba
 from harvester.device import contact, system, timescales
-from harvester.errors import LoadError, SimulatorAborted, SolutionDiverged
+from harvester.errors import LoadChatters, LoadError, SimulatorAborted, SolutionDiverged
 from harvester.prepared.lines import line_frequency
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import (
@@ -37,6 +40,7 @@ from harvester.prepared.steps import (
     STEP_LEVELS,
     STEPS_PER_CONTACT,
     knot_blocks,
+    knot_spacing,
     steps_per_contact,
     steps_per_knot,
     stop_time,
@@ -64,7 +68,7 @@ def prepare(scene: Scene) -> None:
     edges = np.array(contact.edges(s.contacts))
     advance(
         device_of(s), circuit.tables, circuit.probes, state, edges, np.zeros(2), 0, 0, 0, 1.0, 1, 1,
-        empty_record(2), np.zeros((1, 2)),
+        NO_PLAN, empty_record(2), np.zeros((1, 2)),
     )  # fmt: skip
 
 
@@ -107,6 +111,7 @@ def run_realizations(
     s, scales = ready.system, ready.scales
     circuit = circuit_of(scene)
     fixed = steps_per_knot(ready, step, "monte-carlo")
+    check_turn(scene.load.circuit, knot_spacing(ready) / fixed)
     in_contact = steps_per_contact(ready, step, "monte-carlo")
     refinement = fixed / steps_per_knot(ready, engine="monte-carlo")
     for k, (path, start, watching) in enumerate(zip(paths, starts, observers, strict=True)):
@@ -195,13 +200,18 @@ def integrate(
     state.numbers[LINE] = line
     record = empty_record(CHUNK)
     output = np.zeros((1 + len(circuit.measurement.watched), CHUNK))
-    spent, reached = time.thread_time(), 0.0
-    for done, block in knot_blocks(path, stop, CHUNK):
+    spent, reached, plan = time.thread_time(), 0.0, NO_PLAN
+    moves = circuit.course.steps(path.spacing / steps_per_knot) if circuit.course else None
+    most = max(AHEAD // steps_per_knot, 1) if moves else CHUNK
+    for done, block in knot_blocks(path, stop, most):
         segment, count = 0, block.size - 1
+        if moves:
+            plan = moves.plan(done * steps_per_knot, count * steps_per_knot)
+            spent = time.thread_time()
         while segment < count:
             segment, points, outcome, which = advance(
                 device, circuit.tables, circuit.probes, state, edges, block, segment, count, done,
-                path.spacing, steps_per_knot, steps_per_contact, record, output,
+                path.spacing, steps_per_knot, steps_per_contact, plan, record, output,
             )  # fmt: skip
             now = state.numbers[TIME]
             if now - reached > CRAWL * path.spacing / steps_per_knot:
@@ -209,34 +219,42 @@ def integrate(
             elif time.thread_time() - spent > PATIENCE and outcome == FINE:
                 outcome = CRAWLING
             if outcome != FINE:
-                raise SimulatorAborted(_trouble(circuit, state, outcome, which))
+                raise _trouble(circuit, state, outcome, which)
             yield part(record, 0, points), output[:, :points]
 
 
 def _trouble(circuit, state, outcome, which):
+    """The error that says why a run ended early."""
     stopped = f"Monte Carlo stopped at t = {state.numbers[TIME]:g}: "
     if circuit.limited and not np.isfinite(state.values).all():
-        return (
+        return SimulatorAborted(
             f"{stopped}an expression has no value there, a root, logarithm, arc or power outside "
             f"its range: look at {', '.join(circuit.limited[:3])}"
         )
     if outcome == CHATTER:
         name, where = circuit.switches[which]
-        return (
+        return LoadChatters(
             f"{stopped}the switch {name} ({where}) chatters: it turns more than "
             f"{stepping.MOST_SWITCHINGS} times within a step; give it a hysteresis"
         )
+    if outcome == SOURCE_CHATTER:
+        name, where = circuit.sources[which]
+        return LoadChatters(f"{stopped}the source {name} ({where}) chatters: {SOURCE_CURE}")
+    trouble = _slow_or_stuck(circuit, state, outcome)
+    if circuit.jumping:
+        names = ", ".join(circuit.jumping[:3])
+        return LoadChatters(f"{stopped}{trouble}; {names} may chatter: {SOURCE_CURE}")
+    return SimulatorAborted(f"{stopped}{trouble}{circuit.suspicion}")
+
+
+def _slow_or_stuck(circuit, state, outcome):
     if outcome == CRAWLING:
-        return (
-            f"{stopped}{GETS_NOWHERE}; a current that grows without an end or jumps has this effect"
-            + circuit.suspicion
-        )
+        return f"{GETS_NOWHERE}; a current that grows without an end or jumps has this effect"
     moved = np.abs(state.change)
     name = circuit.names[int(np.argmax(np.where(np.isfinite(moved), moved, np.inf)))]
     return (
-        f"{stopped}no step is short enough for the load, the trouble is with {name}; a current "
-        "that jumps, or a node that nothing determines, has this effect: the circuit engine may "
-        "take it" + circuit.suspicion
+        f"no step is short enough for the load, the trouble is with {name}; a current that jumps, "
+        "or a node that nothing determines, has this effect: the circuit engine may take it"
     )
 
 

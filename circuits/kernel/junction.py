@@ -1,8 +1,11 @@
 """The p–n junction: Shockley's law with emission coefficient, breakdown and junction charge.
 
-i = Is (exp(v/nVt) − 1) + gmin v − Ib exp(−(v + Vb)/nVt); beyond `LARGEST_CURRENT` either
+i = Is (exp(v/nVt) − 1) + gmin v − Ib exp(−(v + Vb)/nVt), where below −3 n Vt the first term is
+−Is (1 + (3 n Vt/e v)³); beyond `LARGEST_CURRENT` either
 exponential goes on as its tangent, so that Newton's iterations stay among finite numbers. Charge:
-τ i and the depletion capacitance Cj (1 − v/Vj)^−m, from F Vj on as its tangent.
+τ i and the depletion capacitance Cj (1 − v/Vj)^−m, from F Vj on as its tangent. Where the model
+says so, recombination adds Ir (exp(v/Nr Vt) − 1) ((1 − v/Vj)² + 0.005)^(m/2), which below −3 n Vt
+stays what it is there, and the sum i becomes i/(1 + √(i/Ik)) at the knee.
 """
 
 from __future__ import annotations
@@ -12,11 +15,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from circuits.kernel.diode_temperature import at_temperature
+from circuits.loads.part_models import TEMPERATURE
+
 if TYPE_CHECKING:
     from circuits.kernel.emitter import Emitter, Number
 
-# kT/q at 27 °C (V), and the conductance beside every junction (S), ngspice's own.
-THERMAL_VOLTAGE = 1.380649e-23 * 300.15 / 1.602176634e-19
+# The conductance beside every junction (S), ngspice's own.
 LEAST_CONDUCTANCE = 1e-12
 # A: where the exponential ends.
 LARGEST_CURRENT = 100.0
@@ -24,13 +29,19 @@ LARGEST_CURRENT = 100.0
 (
     SATURATION, SWING, RESISTANCE, BREAKDOWN, BREAKDOWN_CURRENT, HIGHEST, TRANSIT,
     CAPACITANCE, POTENTIAL, GRADING, EDGE, LOWEST, BREAKDOWN_SWING, PER_SWING,
-    PER_BREAKDOWN_SWING, COLUMNS,
-) = range(16)  # fmt: skip
+    PER_BREAKDOWN_SWING, KNEE, RECOMBINATION, PER_RECOMBINATION_SWING, COLUMNS,
+) = range(19)  # fmt: skip
 # Newton's step at which the iterations end, against the swing; the next would be half its square. A
 # voltage is then known to a fiftieth of the swing, 1 mV, and no charge is lost by it.
 JUNCTION_STEP = 0.2
 # Swings below which an exponential counts as 0.
 BLOCKED = -40.0
+# Swings below 0 from where on a junction blocks: recombination stays what it is there.
+REVERSE = 3.0
+# Least square of recombination's width.
+RECOMBINATION_FLOOR = 0.005
+# Swings of recombination: as far as its exponential is worked out.
+MOST_SWINGS = 300.0
 
 
 class Traits(NamedTuple):
@@ -40,6 +51,8 @@ class Traits(NamedTuple):
     breakdown: bool
     transit: bool
     depletion: bool
+    knee: bool
+    recombination: bool
 
     @property
     def charge(self) -> bool:
@@ -54,10 +67,14 @@ def traits(row: np.ndarray) -> Traits:
         bool(np.isfinite(row[BREAKDOWN])),
         bool(row[TRANSIT] != 0.0),
         bool(row[CAPACITANCE] != 0.0),
+        bool(row[KNEE] > 0.0),
+        bool(row[RECOMBINATION] > 0.0),
     )
 
 
-def table_row(model: dict[str, float], area: float, many: float = 1.0) -> np.ndarray:
+def table_row(
+    model: dict[str, float], area: float, many: float = 1.0, celsius: float = TEMPERATURE
+) -> np.ndarray:
     """One junction's numbers; shape (COLUMNS,).
 
     Parameters
@@ -68,30 +85,61 @@ def table_row(model: dict[str, float], area: float, many: float = 1.0) -> np.nda
         Of its junction, in units of the model's.
     many : float
         How many of them lie side by side.
+    celsius : float
+        Its temperature.
     """
-    saturation, all_of_them = area * model.get("is", 1e-14), area * many
-    swing = model.get("n", 1.0) * THERMAL_VOLTAGE
+    model = at_temperature(model, celsius)
+    saturation, all_of_them = area * model["is"], area * many
+    volts = model["vt"]
+    swing = model["n"] * volts
     row = np.zeros(COLUMNS)
     row[SATURATION], row[SWING] = many * saturation, swing
-    row[RESISTANCE] = model.get("rs", 0.0) / all_of_them
+    row[RESISTANCE] = model["rs"] / all_of_them
     row[BREAKDOWN] = model.get("bv", math.inf)
-    row[BREAKDOWN_SWING] = model.get("nbv", model.get("n", 1.0)) * THERMAL_VOLTAGE
-    # At the voltage given flows the current given, of any area, less what the saturation current
-    # takes of it in ngspice's condition.
-    given = model.get("ibv", 1e-3)
-    if math.isfinite(row[BREAKDOWN]):
-        given -= saturation * row[BREAKDOWN] / THERMAL_VOLTAGE
-    row[BREAKDOWN_CURRENT] = many * (saturation + max(given, 0.0))
+    row[BREAKDOWN_SWING] = model.get("nbv", model["n"]) * volts
+    at_breakdown = _at_breakdown(model.get("ibv", 1e-3), saturation, row, volts)
+    row[BREAKDOWN_CURRENT] = many * at_breakdown
     row[HIGHEST] = swing * max(math.log(LARGEST_CURRENT / row[SATURATION]), 1.0)
     row[LOWEST] = row[BREAKDOWN_SWING] * max(
         math.log(LARGEST_CURRENT / row[BREAKDOWN_CURRENT]), 1.0
     )
-    row[TRANSIT] = model.get("tt", 0.0)
-    row[CAPACITANCE] = all_of_them * model.get("cjo", model.get("cj0", 0.0))
-    row[POTENTIAL], row[GRADING] = model.get("vj", 1.0), model.get("m", 0.5)
+    row[TRANSIT] = model["tt"]
+    row[CAPACITANCE] = all_of_them * model["cjo"]
+    row[POTENTIAL], row[GRADING] = model["vj"], model["m"]
+    row[KNEE] = all_of_them * model.get("ikf", 0.0)
+    row[RECOMBINATION] = all_of_them * model["isr"]
+    row[PER_RECOMBINATION_SWING] = 1.0 / (model["nr"] * volts)
     row[PER_SWING], row[PER_BREAKDOWN_SWING] = 1.0 / swing, 1.0 / row[BREAKDOWN_SWING]
-    row[EDGE] = model.get("fc", 0.5) * row[POTENTIAL]
+    row[EDGE] = model["fc"] * row[POTENTIAL]
     return row
+
+
+def slope(row: np.ndarray, voltage: float) -> float:
+    """Conductance (S) of a junction of the table about a voltage, less its series resistance's."""
+    forward = min(voltage, row[HIGHEST]) * row[PER_SWING]
+    through = row[SATURATION] * row[PER_SWING] * math.exp(max(forward, BLOCKED))
+    if math.isfinite(row[BREAKDOWN]):
+        beyond = min(-voltage - row[BREAKDOWN], row[LOWEST]) * row[PER_BREAKDOWN_SWING]
+        per_swing = row[BREAKDOWN_CURRENT] * row[PER_BREAKDOWN_SWING]
+        through += per_swing * math.exp(max(beyond, BLOCKED))
+    through += LEAST_CONDUCTANCE
+    return float(through / (1.0 + through * row[RESISTANCE]))
+
+
+def _at_breakdown(given, saturation, row, volts):
+    """What flows at the breakdown voltage (A).
+
+    The current given, of any area, less what the saturation current takes of it in ngspice's
+    condition at the voltage where that alone flows.
+    """
+    onset = row[BREAKDOWN]
+    if not math.isfinite(onset) or given < saturation * onset / volts:
+        return saturation
+    # As many times as ngspice at most.
+    for _ in range(25):
+        current = given + saturation * (1.0 - onset / volts)
+        onset = row[BREAKDOWN] - row[BREAKDOWN_SWING] * math.log(current / saturation)
+    return current
 
 
 class Law:
@@ -124,19 +172,48 @@ class Law:
 
         def conducting():
             excess = (v - self._value(HIGHEST)).greater(0.0)
-            rise = saturation * ((v - excess) * per_swing).greater(BLOCKED).exponential()
+            swings = (v - excess) * per_swing
+            rise = saturation * swings.greater(BLOCKED).exponential()
             slope = rise * per_swing
-            return rise - saturation + slope * excess, slope
+            through = rise - saturation + slope * excess
+            # ngspice's own law of the blocked junction, as steep where it takes over.
+            inverse = 1.0 / swings.lesser(-REVERSE)
+            share = inverse * (REVERSE / math.e)
+            back, reverse = saturation * share * share * share, swings < -REVERSE
+            through = (-saturation - back).where(reverse, through)
+            return through, (back * inverse * per_swing * 3.0).where(reverse, slope)
 
         def blocked():
             return -saturation, self._constant(0.0)
 
         live = self._e.any(v * per_swing > BLOCKED)
         through, slope = self._e.choose(live, conducting, blocked)
+        if self._has.recombination:
+            more, steeper = self._recombination(v)
+            through, slope = through + more, slope + steeper
+        if self._has.knee:
+            through, slope = self._beyond_knee(through, slope)
         if self._has.breakdown:
             lost, steeper = self._breakdown(v)
             through, slope = through - lost, slope + steeper
         return through + v * LEAST_CONDUCTANCE, slope + LEAST_CONDUCTANCE
+
+    def _recombination(self, v):
+        per_swing, potential = self._value(PER_RECOMBINATION_SWING), self._value(POTENTIAL)
+        end = self._value(SWING) * -REVERSE
+        held = v.greater(end)
+        rise = (held * per_swing).lesser(MOST_SWINGS).exponential()
+        ratio = 1.0 / potential * -held + 1.0
+        width, half = ratio * ratio + RECOMBINATION_FLOOR, self._value(GRADING) * 0.5
+        factor = self._value(RECOMBINATION) * width.function("pow", half)
+        bend = factor * self._value(GRADING) * ratio / (width * potential)
+        slope = factor * rise * per_swing - bend * (rise - 1.0)
+        return factor * (rise - 1.0), slope.where(v > end, self._constant(0.0))
+
+    def _beyond_knee(self, through, slope):
+        root = (through.greater(0.0) / self._value(KNEE)).function("sqrt")
+        share = 1.0 / (root + 1.0)
+        return through * share, slope * (root * 0.5 + 1.0) * share * share
 
     def _breakdown(self, v):
         beyond, per_swing = -v - self._value(BREAKDOWN), self._value(PER_BREAKDOWN_SWING)
@@ -214,11 +291,19 @@ class Law:
 
         def limited():
             by_voltage = new.lesser(old.greater(0.0) + swing)
-            current = (predicted / self._value(SATURATION) + 1.0).greater(1.0)
+            within = self._within_knee(predicted) if self._has.knee else predicted
+            current = (within / self._value(SATURATION) + 1.0).greater(1.0)
             by_current = (swing * current.function("log")).greater(old).lesser(new)
             return [by_current.where(predicted > 0.0, by_voltage).where(up, new)]
 
         return self._e.choose(self._e.any(up), limited, lambda: [new])[0]
+
+    def _within_knee(self, current):
+        """The current without the knee, of one with it."""
+        knee = self._value(KNEE)
+        share = current.greater(0.0) / knee
+        root = (share + (share * (share + 4.0)).function("sqrt")) * 0.5
+        return knee * root * root
 
     def _into_breakdown(self, old, new, predicted):
         breakdown = self._value(BREAKDOWN)

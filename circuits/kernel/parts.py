@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from circuits import elements as circuit_elements
@@ -10,28 +11,55 @@ from circuits.kernel.builder import Builder
 from circuits.loads.expression import ExpressionError, renamed
 from circuits.loads.part_models import TEMPERATURE
 from circuits.loads.potentials import Potentials, levels, with_sources
+from circuits.loads.turns import turns
 from harvester.errors import LoadError
 
 if TYPE_CHECKING:
     from circuits.loads.elements import Element
     from circuits.loads.subcircuits import LoadCircuit
 
-# What a diode's model may say that takes no part at 27 °C in a transient.
-_NO_PART = {"kf", "af", "xti", "eg", "tnom", "trs1", "trs2", "tbv1", "tm1", "tm2", "tcv", "ttt1",
-            "ttt2", "cta", "ctc", "tpb", "tvj", "tlev", "tlevc", "keg", "level", "bv_max",
-            "fv_max", "id_max", "te_max", "pd_max"}  # fmt: skip
-_DIODE = {"is", "n", "rs", "bv", "ibv", "nbv", "cjo", "vj", "m", "tt", "fc"}
-# Numbers of an element that say all that counts here.
-_NUMBERS = {"d": {"area", "m", "ic"}}
+# Of a diode's model all that counts, at any temperature.
+_DIODE = {"is", "n", "rs", "bv", "ibv", "nbv", "cjo", "vj", "m", "tt", "fc", "ikf", "isr", "nr",
+          "area", "eg", "xti", "tnom", "trs1", "trs2", "tm1", "tm2", "ttt1",
+          "ttt2", "tcv", "tlev", "tlevc", "tpb", "cta"}  # fmt: skip
+# What takes no part in a transient: noise, limits that are only told, the path of its heat, of a
+# tunnel's current its temperature.
+_NO_PART = {
+    "kf",
+    "af",
+    "level",
+    "keg",
+    "xtitun",
+    "ntun",
+    "bv_max",
+    "fv_max",
+    "id_max",
+    "te_max",
+    "pd_max",
+    "rth0",
+    "cth0",
+}
+# Of its periphery, which takes no part without a length `pj`.
+_PERIPHERY = {"isw", "jsw", "ns", "cjp", "cjsw", "php", "vjsw", "mjsw", "fcs", "ikp", "ctp", "ctc",
+              "tphp", "pj"}  # fmt: skip
+# Numbers of a diode that say all that counts here.
+_NUMBERS = {"area", "m", "ic", "temp", "dtemp"}
 
 
-def add_load(b: Builder, load: LoadCircuit, network: Any) -> None:
-    """Every element of the load, and the stray capacitances of its output."""
+def add_load(b: Builder, load: LoadCircuit, network: Any, whole: bool = True) -> None:
+    """The load's elements, and the stray capacitances of its output.
+
+    Raises
+    ------
+    LoadError
+        One of them is not taken, and the `whole` load is asked for.
+    """
     pins = circuit_elements.load_pins(network)
     for pin in ("out", "ref") if load.has_output else ():
         stray = circuit_elements.STRAY_SHARE * network.reference_capacitance
         b.capacitor(b.node(pins[pin]), -1, stray, 0.0)
-    later = []
+    first: list[Element] = []
+    later: list[Element] = []
     potentials = Potentials(load.elements)
     for each in load.elements:
         part = each._replace(nodes=tuple(pins.get(node, node) for node in each.nodes))
@@ -41,16 +69,14 @@ def add_load(b: Builder, load: LoadCircuit, network: Any) -> None:
         if each.letter in "sw":
             low, high = levels(each, potentials)
             part = part._replace(numbers=(("low", low), ("high", high)))
-        add = _ADD.get(each.letter)
-        if add is None:
-            _refuse(each, f"an element of the letter {each.letter.upper()}")
-        if each.letter in _AFTER and each.expression is None:
-            later.append((add, part))
-        else:
+        (later if each.letter in _AFTER and each.expression is None else first).append(part)
+    for part in [*first, *later]:
+        with contextlib.nullcontext() if whole else contextlib.suppress(LoadError, KeyError):
+            add = _ADD.get(part.letter)
+            if add is None:
+                _refuse(part, f"an element of the letter {part.letter.upper()}")
             add(b, part)
-    for add, part in later:
-        add(b, part)
-    _finish_tape(b)
+    _finish_tape(b, whole)
 
 
 def _refuse(each: Element, reason: str) -> NoReturn:
@@ -87,16 +113,15 @@ def _coupling(b, each):
 
 def _diode(b, each):
     model = dict(each.model.numbers)
-    # Without isr its emission coefficient takes no part.
-    for name in model if model.get("isr") else {*model} - {"isr", "nr"}:
-        if name not in _DIODE | _NO_PART:
-            _refuse(each, f"{name}= of a diode's model")
-    if model.get("tnom", TEMPERATURE) != TEMPERATURE:
-        _refuse(each, "tnom= other than 27")
-    for name, _ in each.numbers:
-        if name not in _NUMBERS["d"]:
+    flat = not each.get("pj", model.get("pj", 0.0))
+    for name in {*model} - _DIODE - _NO_PART - (_PERIPHERY if flat else set()):
+        _refuse(each, f"{name}= of a diode's model")
+    for name, value in each.numbers:
+        if name not in _NUMBERS and value:
             _refuse(each, f"{name}=")
-    row = junction.table_row(model, each.get("area", 1.0), each.many)
+    celsius = each.get("temp", TEMPERATURE + each.get("dtemp"))
+    area = each.get("area", model.get("area", 1.0))
+    row = junction.table_row(model, area, each.many, celsius)
     anode, cathode = _ends(b, each)
     if row[junction.RESISTANCE] > 0.0 and (row[junction.TRANSIT] or row[junction.CAPACITANCE]):
         # The junction's charge does not pass its series resistance at once.
@@ -181,7 +206,7 @@ def _behavioural(b, each):
     b.waiting.append((each, tree, a, z))
 
 
-def _finish_tape(b):
+def _finish_tape(b, whole):
     """Expressions onto the tape, once all branches have their places."""
 
     def unknown_of(tree):
@@ -192,12 +217,16 @@ def _finish_tape(b):
         try:
             last = b.tape.add(tree, unknown_of)
         except ExpressionError as reason:
+            if not whole:
+                continue
             _refuse(each, str(reason))
         b.behavioural.append((a, z, first, last))
         for k in range(first, last + 1):
             if b.tape.rows[k][0] == 0:
                 b.inputs.append((number, k, b.tape.rows[k][1]))
                 b.mark([], [b.tape.rows[k][1]])
+    for _, tree, _, _ in b.waiting:
+        b.turns += [b.tape.add(passed, unknown_of) for passed in turns(tree)]
 
 
 _ADD = {

@@ -34,9 +34,10 @@ DIFFERENCE = 1e-6
 # Places among the numbers of a state, beside its vectors, see `circuits.kernel.stepping`.
 (
     DISPLACEMENT, HELD_SPEED, ZONE, PHASE, PROPOSED, RATES_KNOWN, LAST_STEP, ENERGY, SWITCHINGS,
-    TIME, MEAN_POWER, STRICTNESS, LINE, TIMED_FOR, PACE, CANCELLED,
-) = range(16)  # fmt: skip
-NUMBERS = CANCELLED + 1
+    TIME, MEAN_POWER, STRICTNESS, LINE, TIMED_FOR, PACE, CANCELLED, TURN_TIME, STEPS_TAKEN,
+    COUNTED_FROM,
+) = range(19)  # fmt: skip
+NUMBERS = COUNTED_FROM + 1
 
 
 class State(NamedTuple):
@@ -52,6 +53,8 @@ class State(NamedTuple):
     latest : (n + 1,) y + u of the last iteration, ground last.
     closed : (k,) int64, of the switches.
     values, shares : (k,) of the tape.
+    jumps : (k, 3) of each behavioural source: its value, its greatest size, how often it jumped.
+    passing : (k,) what passes 0 where a source jumps, at the step's beginning.
     numbers : (NUMBERS,)
     """
 
@@ -85,6 +88,8 @@ class State(NamedTuple):
     closed: np.ndarray
     values: np.ndarray
     shares: np.ndarray
+    jumps: np.ndarray
+    passing: np.ndarray
     numbers: np.ndarray
 
 
@@ -118,9 +123,11 @@ def fresh_state(circuit: Circuit) -> State:
         closed=tables.switches[:, 4].copy(),
         values=tables.tape_values.copy(),
         shares=np.zeros(k),
+        jumps=np.zeros((len(tables.behavioural), 3)),
+        passing=np.zeros(len(tables.turns)),
         numbers=np.zeros(NUMBERS),
     )
-    state.numbers[PACE] = 1.0
+    state.numbers[PACE], state.numbers[TURN_TIME] = 1.0, circuit.own_motion.turn
     return state
 
 

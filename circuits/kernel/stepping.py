@@ -20,6 +20,7 @@ from circuits.kernel.mechanics import Device, evaluate
 from circuits.kernel.points import add_points, given_power, load_power, stored_energy
 from circuits.kernel.retiming import DIAGONAL, retime
 from circuits.kernel.stage import (
+    COUNTED_FROM,
     DISPLACEMENT,
     ENERGY,
     HELD_SPEED,
@@ -29,16 +30,25 @@ from circuits.kernel.stage import (
     PHASE,
     PROPOSED,
     RATES_KNOWN,
+    STEPS_TAKEN,
     STRICTNESS,
     SWITCHINGS,
     TIME,
+    TURN_TIME,
     ZONE,
     State,
     add_waves,
     slot_of,
     solve_stage,
 )
-from circuits.kernel.switching import missed_controls, switched, turn
+from circuits.kernel.switching import (
+    accept_passed,
+    missed_controls,
+    missed_own,
+    passed,
+    switched,
+    turn,
+)
 from circuits.kernel.tables import Probes, Tables
 from harvester.compilation import compiled, merged, uncounted
 from harvester.device.zones import crossing, overshoots
@@ -62,17 +72,26 @@ KNOWN, UNKNOWN, TURNED = 1.0, 0.0, -1.0
 # After a switch, the first step against the usual one, and down to where it follows its error; the
 # shortest; how well its time is known.
 RESTART, LEAST_RESTART, SHORTEST, LOCATED = 2.0**-10, 2.0**-14, 2.0**-34, 1e-4
+# The same two of a switch that turns by itself, in time constants of what controls it.
+TURN_RESTART, TURN_LOCATED = 0.05, 0.01
 # Share of the step that led across within which the time is known, too.
 LOCATED_SHARE = 0.02
 # Of a step of the grid, and of the time: nearer than that a source's corner is reached.
 LEAST_TO_CORNER, CLOCK_ROUNDING = 1e-9, 1e-15
 # Switchings within one step of the grid that are no chatter.
 MOST_SWITCHINGS = 400
+# Jumps of sources within one step of the grid whose times are located.
+MOST_JUMPS = 20
 # Time over which the transducer's energy is averaged, in steps of the grid, and the share of one
 # scaled volt below which a voltage does not count.
 MEMORY, SMALL_VOLTAGE = 200.0, 1e-3
 
-FINE, STUCK, CHATTER = range(3)
+# A source chatters that jumps by half its greatest value in so many of the steps counted while they
+# are shorter on average than this share of the grid's. Smooth sources change by little in a step; a
+# step load without a hysteresis slides at 1e-8 of the grid's step, jumping in every fourth.
+COUNTED, JUMPING_SHARE, SLIDING_STEP = 131072.0, 0.125, 1e-6
+
+FINE, STUCK, CHATTER, SOURCE_CHATTER = range(4)
 
 
 @uncounted
@@ -89,19 +108,22 @@ def advance(
     spacing: float,
     steps_per_knot: int,
     steps_per_contact: int,
+    plan: Any,
     record: Any,
     output: np.ndarray,
 ) -> Any:
     """Fill record and output from a segment of the noise on.
 
-    The output's rows are its voltage (scaled) and the unknowns watched (V and A).
+    The output's rows are its voltage (scaled) and the unknowns watched (V and A). `plan` is that of
+    what the load does by itself, see `circuits.loads.course.Plan`.
 
-    Returns the segment reached, the points written, and FINE, STUCK or CHATTER with the switch.
+    Returns the segment reached, the points written, and FINE, STUCK, CHATTER with the switch or
+    SOURCE_CHATTER with the behavioural source.
     """
     numbers = state.numbers
     step = spacing / steps_per_knot
     capacity = record.time.size
-    points = 0
+    points = planned = 0
     middle = np.searchsorted(edges, 0.0)
     free = (edges[middle - 1], edges[middle])
     while segment < count and points + 1 < capacity:
@@ -111,23 +133,33 @@ def advance(
         noise = block[segment] + slope * phase
         time = (first_knot + segment) * spacing + phase
         place, bend = int(numbers[ZONE]), _until_corner(tables, time, step)
-        remaining = min(end - phase, bend)
+        planned, until, allowed, jumps = _planned(plan, planned, time, step)
+        remaining = min(end - phase, bend, until)
         low, high = edges[place], edges[place + 1]
         zone = (not low < 0.0 < high, low, high, numbers[HELD_SPEED])
-        longest = _longest(device, tables, state, zone, noise, remaining, step, steps_per_contact)
-        h, x1, ratio, scale, entered, switch = _find_step(
+        longest = _longest(
+            device, tables, state, zone, noise, remaining, step, steps_per_contact, allowed
+        )
+        h, x1, ratio, scale, entered, switch, leaps = _find_step(
             device, tables, probes, state, time, longest, remaining, step, noise, slope, zone
         )
         if h < 0.0:
             return segment, points, STUCK, 0
         before = (load_power(probes, state), stored_energy(device, probes, state))
         _accept(probes, state, h, x1, ratio, step)
+        accept_passed(tables, state)
         if entered != 0:
             _enter(state, place + entered, zone)
         if switch >= 0 and _turn(tables, state, step):
             return segment, points, CHATTER, switch
+        if tables.behavioural.shape[0] > 0:
+            source = _chattering(tables, state, time + h, step)
+            if source >= 0:
+                return segment, points, SOURCE_CHATTER, source
+        if leaps:
+            _restart(numbers, step)
         phase += h
-        if h >= bend:
+        if h >= bend or (jumps and h >= until):
             # What follows is as new as after a switch, but nothing jumps.
             numbers[PROPOSED] = RESTART * step
         if phase >= end * (1.0 - CLOCK_ROUNDING):
@@ -159,9 +191,20 @@ def _until_corner(tables, time, step):
 
 
 @merged
-def _longest(device, tables, state, zone, noise, remaining, step, steps_per_contact):
+def _planned(plan, place, time, step):
+    """Of the load's own plan: the place, the time left to its end, the step, whether it jumps."""
+    past = time + LEAST_TO_CORNER * step + CLOCK_ROUNDING * abs(time)
+    while place < plan.ends.size and plan.ends[place] <= past:
+        place += 1
+    if place == plan.ends.size:
+        return place, np.inf, np.inf, False
+    return place, plan.ends[place] - time, plan.longest[place], plan.jumps[place] > 0.0
+
+
+@merged
+def _longest(device, tables, state, zone, noise, remaining, step, steps_per_contact, allowed):
     """Length of the next step that the last one's error, sources and a contact allow."""
-    longest = min(state.numbers[PROPOSED], step)
+    longest = min(state.numbers[PROPOSED], step, allowed)
     for k in range(tables.sources.shape[0]):
         longest = min(longest, waveform.longest_step(tables.sources[k, 1], tables.waves[k]))
     if zone[0]:
@@ -176,19 +219,21 @@ def _find_step(device, tables, probes, state, time, longest, remaining, step, no
     """A step that is short enough for its error, the end of its zone and the switches.
 
     Returns its length (−1: none is), the new X, the square of its error against what it may be, the
-    transducer's energy that counts, by how many zones it leads and the switch that turns.
+    transducer's energy that counts, by how many zones it leads, the switch that turns and whether a
+    source jumps.
     """
     numbers, last = state.numbers, state.y.size - 1
     x, v = numbers[DISPLACEMENT], state.y[last]
     h, least = _length(longest, remaining, step), SHORTEST * step
-    found, switch, entered = -1.0, -1, 0
+    located = min(LOCATED * step, TURN_LOCATED * numbers[TURN_TIME])
+    found, switch, entered, leaps = -1.0, -1, 0, False
     x1, ratio, scale = x, 0.0, 0.0
     while True:
         if h < least:
             h = -1.0
             break
         settled, error, carried, x1, missed = _try_step(
-            device, tables, probes, state, time, h, noise, slope, x, zone
+            device, tables, probes, state, time, h, noise, slope, x, zone, located
         )
         if not settled:
             h *= 0.25
@@ -199,8 +244,6 @@ def _find_step(device, tables, probes, state, time, longest, remaining, step, no
         if numbers[RATES_KNOWN] == TURNED:
             # Backward Euler's: of a swing, half the square of the angle that a step turns.
             error = 0.25 * carried * carried / scale if h > LEAST_RESTART * step else 0.0
-        if h < LOCATED * step:  # No turning is located better; what is left is Newton's rest.
-            missed = 0.0
         ratio = numbers[STRICTNESS] * max(error / scale / TOLERANCE**2, missed * missed)
         if ratio > 1.0 and entered == 0:
             numbers[PROPOSED] = h * max(0.1, _growth(ratio))
@@ -213,14 +256,22 @@ def _find_step(device, tables, probes, state, time, longest, remaining, step, no
                 h *= share
                 continue
         switch, share = switched(tables, state)
-        if switch >= 0 and found < 0.0:
-            found = max(min(LOCATED * step, LOCATED_SHARE * h), 4.0 * least)
+        leaps, its = passed(tables, state, time + h)
+        # A source whose jump turns it back at once is met so often only.
+        leaps = leaps and numbers[SWITCHINGS] < MOST_JUMPS
+        if (switch >= 0 or leaps) and found < 0.0:
+            found = max(min(located, LOCATED_SHARE * h), 4.0 * least)
+        if leaps and its <= share and h > 2.0 * found:
+            # It is crossed by a short step: all along one the source has what it has at the end.
+            h = h * its - 0.5 * found if h * its > found else h * its + 0.5 * found
+            entered = 0
+            continue
         if switch >= 0 and h * (1.0 - share) > found:
             h = h * share + 0.5 * found
             entered = 0
             continue
         break
-    return h, x1, ratio, scale, entered, switch
+    return h, x1, ratio, scale, entered, switch, leaps
 
 
 @merged
@@ -237,11 +288,40 @@ def _enter(state, place, zone):
 def _turn(tables, state, step):
     """Turn the switches that ask for it; whether that is chatter."""
     numbers = state.numbers
-    numbers[SWITCHINGS] += 1.0
     turn(tables, state)
-    numbers[RATES_KNOWN] = TURNED
-    numbers[PROPOSED] = RESTART * step
+    _restart(numbers, step)
     return numbers[SWITCHINGS] > MOST_SWITCHINGS
+
+
+@merged
+def _chattering(tables, state, time, step):
+    """The behavioural source that jumps to and fro at every few of far too short steps, or −1."""
+    numbers, jumps = state.numbers, state.jumps
+    worst = 0
+    for k in range(jumps.shape[0]):
+        value = state.values[tables.behavioural[k, 3]]
+        if abs(value - jumps[k, 0]) > 0.5 * jumps[k, 1]:
+            jumps[k, 2] += 1.0
+        jumps[k, 0] = value
+        jumps[k, 1] = max(jumps[k, 1], abs(value))
+        if jumps[k, 2] > jumps[worst, 2]:
+            worst = k
+    numbers[STEPS_TAKEN] += 1.0
+    if numbers[STEPS_TAKEN] < COUNTED:
+        return -1
+    short = time - numbers[COUNTED_FROM] < COUNTED * SLIDING_STEP * step
+    found = worst if short and jumps[worst, 2] > COUNTED * JUMPING_SHARE else -1
+    numbers[STEPS_TAKEN], numbers[COUNTED_FROM] = 0.0, time
+    jumps[:, 2] = 0.0
+    return found
+
+
+@merged
+def _restart(numbers, step):
+    """What follows a turn is new."""
+    numbers[SWITCHINGS] += 1.0
+    numbers[RATES_KNOWN] = TURNED
+    numbers[PROPOSED] = min(RESTART * step, TURN_RESTART * numbers[TURN_TIME])
 
 
 @merged
@@ -281,7 +361,7 @@ def _set_sources(tables, state, time, delta):
 
 
 @merged
-def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone):
+def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone, located):
     """A step of length h from the state.
 
     Returns whether Newton settled, its error's energy, after a switch the energy that it carries
@@ -332,7 +412,11 @@ def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone):
         call(code.conclude, memory, slot, delta, 0.0 if euler else factor, h)
         if known:
             error = call(code.error, memory, slot, 0.0, 0.0, 0.0)
-            missed = missed_controls(tables, state)
+            # No turning is located better than so; what is left is Newton's rest.
+            if h >= located:
+                missed = missed_controls(tables, state)
+                if tables.own.shape[0] > 0:
+                    missed = max(missed, missed_own(tables, state))
         elif euler:
             for i in range(n - 1):
                 carried += abs(state.stored[i] * state.change[i])

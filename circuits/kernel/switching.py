@@ -5,12 +5,17 @@ from __future__ import annotations
 from typing import Any
 
 from circuits.kernel.tables import Tables
+from circuits.loads.tape import evaluate
 from harvester.compilation import merged
 
 # A switch's control is known to this share of its distance from the threshold and its hysteresis.
 # At a tenth, series SSHI missed extremes of the voltage, 7 % of its mean square; at a hundredth, a
 # ringing behind a diode's breakdown was a fifth too deep.
 CONTROL_TOLERANCE = 0.001
+# What a load that oscillates by itself stores is known to this share of its greatest size: at five
+# times as much, the mean square of a relaxation was 0.6 % too large. Where the size is less than a
+# share of the greatest voltage or current, of that: what rounds is not followed.
+OWN_TOLERANCE, LEAST_OWN = 2e-5, 1e-4
 
 
 @merged
@@ -40,6 +45,26 @@ def switched(tables: Tables, state: Any) -> tuple[int, float]:
 
 
 @merged
+def passed(tables: Tables, state: Any, time: float) -> tuple[bool, float]:
+    """Whether a source jumps within a step that ends at a time, and at which share of it first."""
+    least = 2.0
+    if tables.turns.size > 0:
+        evaluate(tables.tape, state.values, state.latest, time)
+    for k in range(tables.turns.size):
+        before, after = state.passing[k], state.values[tables.turns[k]]
+        if before * after < 0.0:
+            least = min(least, before / (before - after))
+    return least <= 1.0, least
+
+
+@merged
+def accept_passed(tables: Tables, state: Any) -> None:
+    """What passes 0 where a source jumps, at the end of the step that was looked at last."""
+    for k in range(tables.turns.size):
+        state.passing[k] = state.values[tables.turns[k]]
+
+
+@merged
 def turn(tables: Tables, state: Any) -> None:
     """Turn every switch whose control has passed its threshold."""
     n = state.y.size
@@ -51,6 +76,27 @@ def turn(tables: Tables, state: Any) -> None:
             state.closed[k] = 1
         elif state.closed[k] == 1 and control < limit:
             state.closed[k] = 0
+
+
+@merged
+def missed_own(tables: Tables, state: Any) -> float:
+    """The greatest error of what a load that oscillates by itself stores, against what it may be.
+
+    Its energy may be a millionth of the device's.
+    """
+    sizes, greatest = (0.0, 0.0), 0.0
+    for k in range(tables.own.shape[0]):
+        size = state.largest[tables.own[k, 0]]
+        if tables.own[k, 1] == 0:
+            sizes = (max(sizes[0], size), sizes[1])
+        else:
+            sizes = (sizes[0], max(sizes[1], size))
+    for k in range(tables.own.shape[0]):
+        place = tables.own[k, 0]
+        size = sizes[0] if tables.own[k, 1] == 0 else sizes[1]
+        size = max(state.largest[place], LEAST_OWN * size)
+        greatest = max(greatest, abs(state.filtered[place]) / (OWN_TOLERANCE * size))
+    return greatest
 
 
 @merged

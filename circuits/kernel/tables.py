@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 if TYPE_CHECKING:
+    from circuits.loads.course import Course
     from circuits.loads.measurement import Measurement
+    from circuits.loads.own_motion import OwnMotion
 
 
 class Tables(NamedTuple):
@@ -31,10 +33,13 @@ class Tables(NamedTuple):
         above which it closes.
     tape : (k, 4) operations, `tape_values` (k,) their constants.
     behavioural : (k, 4) row it adds to, row it takes from, first operation, place of its value;
-        `inputs` (k, 3) which of them, place on the tape, unknown.
+        `inputs` (k, 3) which of them, place on the tape, unknown; `turns` (k,) places of what
+        passes 0 where one jumps.
     retimed : (k,) entries that `circuits.kernel.retiming` changes: the mass, and the currents that
         its velocity drives.
     nonlinear_rows, nonlinear_columns : (n,) whether what is not linear stands there.
+    own : (k, 2) unknowns of a load that oscillates by itself which are known to a share of their
+        own size, and 1 for a current.
     start : (2, n) y at the beginning, and what one volt or ampere of the transducer's state adds.
     """
 
@@ -53,9 +58,11 @@ class Tables(NamedTuple):
     tape_values: np.ndarray
     behavioural: np.ndarray
     inputs: np.ndarray
+    turns: np.ndarray
     retimed: np.ndarray
     nonlinear_rows: np.ndarray
     nonlinear_columns: np.ndarray
+    own: np.ndarray
     start: np.ndarray
 
 
@@ -86,11 +93,14 @@ class Circuit(NamedTuple):
     layout : circuits.kernel.memory.Layout
     code : circuits.kernel.code.Code
     names : of the unknowns, for messages.
-    switches : (name, "file:line") of each switch.
+    switches, sources : (name, "file:line") of each switch, and of each behavioural source.
     suspicion : what of the load may be why a run ended early, for messages; may be empty.
     measurement : of the load, from the unknowns watched.
+    jumping : "name (file:line)" of each source whose value may jump.
     limited : "name (file:line)" of each source whose expression has no value everywhere.
     conductance, capacitance : across the output (S, F).
+    course : what of the load moves by itself in the course of time.
+    own_motion : what it does with the device at rest.
     """
 
     tables: Tables
@@ -100,8 +110,12 @@ class Circuit(NamedTuple):
     code: Any
     names: tuple[str, ...]
     switches: tuple[tuple[str, str], ...]
+    sources: tuple[tuple[str, str], ...]
     suspicion: str
     measurement: Measurement
+    jumping: tuple[str, ...]
     limited: tuple[str, ...]
     conductance: float
     capacitance: float
+    course: Course
+    own_motion: OwnMotion

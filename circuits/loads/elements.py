@@ -57,6 +57,16 @@ class Element(NamedTuple):
         return dict(self.numbers).get(name, otherwise)
 
     @property
+    def written_letter(self) -> str:
+        """The letter in its file, where what it is made of is another element here."""
+        return self.name.rpartition(".")[2][0]
+
+    @property
+    def is_smooth_switch(self) -> bool:
+        """Whether it is a switch of LTspice or PSpice, a current by an expression here."""
+        return self.letter == "b" and self.written_letter in "sw"
+
+    @property
     def many(self) -> float:
         """How many of it lie side by side."""
         return self.get("m", 1.0)

@@ -10,7 +10,6 @@ import graphlib
 import re
 from typing import TYPE_CHECKING, NamedTuple
 
-from circuits.loads.functions import SOLUTION, VARYING
 from circuits.loads.vetting import refuse
 
 if TYPE_CHECKING:
@@ -34,26 +33,22 @@ class Length(NamedTuple):
 
     own: int = 0
     share: int = 0
-    varies: bool = False
 
     def plus(self, other: Length) -> Length:
         """Both texts, one after the other."""
-        varies = self.varies or other.varies
-        return Length(self.own + other.own, self.share + other.share, varies)
+        return Length(self.own + other.own, self.share + other.share)
 
     def given(self, argument: Length) -> Length:
         """The text with its arguments put in."""
-        own = self.own + self.share * argument.own
-        return Length(own, self.share * argument.share, self.varies or argument.varies)
+        return Length(self.own + self.share * argument.own, self.share * argument.share)
 
 
 class Content(NamedTuple):
-    """What a sub-circuit holds with all it calls, and the letters of its elements."""
+    """What a sub-circuit holds with all it calls."""
 
     elements: int
     calls: int
     characters: int
-    letters: frozenset
 
 
 class Expansion:
@@ -85,16 +80,12 @@ class Expansion:
             self._contents[id(circuit)] = self._counted(circuit, calling)
         return self._contents[id(circuit)]
 
-    def varies(self, circuit: Subcircuit, words: list[str]) -> bool:
-        """Whether an element's value changes while ngspice runs."""
-        return any(self._length(word, circuit).varies for word in words)
-
     def _counted(self, circuit, calling):
         if circuit in calling:
             refuse(circuit.card, f".subckt {circuit.name} holds itself")
         if len(calling) > DEEPEST_CALL:
             refuse(circuit.card, f"calls nest deeper than {DEEPEST_CALL} sub-circuits")
-        elements, calls, letters = 0, 0, set()
+        elements = calls = 0
         characters = self._own_characters(circuit)
         for card, words in circuit.elements:
             target = called(circuit, words)
@@ -102,15 +93,12 @@ class Expansion:
                 inside = self.content(target, (*calling, circuit))
                 elements, calls = elements + inside.elements, calls + inside.calls + 1
                 characters += inside.characters
-                letters |= inside.letters
             else:
                 elements += 1
-                varies = words[0][0] in "rc" and self.varies(circuit, words[3:])
-                letters.add("b" if varies else words[0][0])
             if max(elements, calls) > MOST_ELEMENTS:
                 refuse(card, f"more than {MOST_ELEMENTS} elements, or calls, with all it calls")
             self._check(card, characters)
-        return Content(elements, calls, characters, frozenset(letters))
+        return Content(elements, calls, characters)
 
     def _check(self, card, characters):
         if characters > MOST_CHARACTERS:
@@ -174,7 +162,6 @@ class Expansion:
         opened, here = [], Length()
         pieces = _PIECE.findall(text)
         for index, piece in enumerate(pieces):
-            following = pieces[index + 1] if index + 1 < len(pieces) else ""
             if piece == "(":
                 function = self._function(circuit, pieces[index - 1] if index else "", calling)
                 opened.append((function, here))
@@ -185,8 +172,7 @@ class Expansion:
             elif piece in arguments:
                 here = here.plus(Length(0, 1))
             else:
-                varies = piece in VARYING or (piece in SOLUTION and following == "(")
-                here = here.plus(Length(len(piece), 0, varies))
+                here = here.plus(Length(len(piece)))
         for _, before in reversed(opened):
             here = before.plus(here)
         return here

@@ -44,7 +44,7 @@ _MADE: dict[str, tuple[int, Callable]] = {
     "inv": (1, lambda x: ("<=", x, HALF)),
     "stp": (1, lambda x: ("<", ZERO, x)),
     "pwrs": (2, lambda x, y: ("pwr", x, y)),
-    "if": (3, lambda c, a, b: ("if", _truth(c), a, b)),
+    "if": (3, lambda c, a, b: ("if", truth(c), a, b)),
 }
 # Of these the words that ngspice lacks, or means otherwise.
 ELSEWHERE_ALONE = {*_MADE, "round"} - {"log10", "u2"}
@@ -68,9 +68,9 @@ _TOKEN = re.compile(
 )
 # Binary operators from the loosest to the tightest.
 _LEVELS = ({"||"}, {"&&"}, {"==", "!=", "<>"}, {"<", ">", "<=", ">="}, {"+", "-"}, {"*", "/", "%"})
-_TIGHTNESS = {sign: level for level, signs in enumerate(_LEVELS) for sign in signs}
+TIGHTNESS = {sign: level for level, signs in enumerate(_LEVELS) for sign in signs}
 _WORDS = {"||": "or", "&&": "and"}
-_BOOLEAN = {"<", "<=", "==", "and", "or", "not"}
+BOOLEAN = {"<", "<=", "==", "and", "or", "not"}
 
 
 class ExpressionError(HarvesterError):
@@ -81,17 +81,29 @@ class NotConstant(ExpressionError):
     """A value that changes while the circuit runs."""
 
 
-def _truth(condition):
+def truth(condition):
     """LTspice's if() holds above 0.5; of a comparison that is the same."""
-    return condition if condition[0] in _BOOLEAN else ("<", HALF, condition)
+    return condition if condition[0] in BOOLEAN else ("<", HALF, condition)
 
 
-class _Parser:
-    """One expression by precedence; conditions, operands and powers one method each."""
+class Parser:
+    """One expression by precedence; conditions, operands and powers one method each.
 
-    def __init__(self, text):
-        self.tokens = _tokens(text)
+    What differs between dialects stands in its tables and last methods: `circuits.loads.dialects`.
+    """
+
+    tightness: Mapping[str, int] = TIGHTNESS
+    negations: tuple[str, ...] = ("!",)
+    powers: tuple[str, ...] = ("^", "**")
+
+    def __init__(self, text: str) -> None:
+        self.tokens = _tokens(INFIX.sub(r"\1.\3\2", text.lower()))
         self.place = self.depth = 0
+        known = {*self.tightness, *self.negations}
+        for _, piece in self.tokens:
+            if piece in ("&", "|", "~") and piece not in known:
+                write = "!x" if piece == "~" else f"{piece}{piece}"
+                raise ExpressionError(f"{piece!r} is no operator here: write {write}")
 
     def peek(self):
         return self.tokens[self.place][1]
@@ -117,35 +129,47 @@ class _Parser:
             yes = self.choice()
             if self.take()[1] != ":":
                 raise ExpressionError("a '?' without its ':'")
-            tree = ("if", tree, yes, self.choice())
+            tree = ("if", self.truth(tree), yes, self.choice())
         self.depth -= 1
         return tree
 
     def binary(self, loosest):
-        tree = self.signed()
-        while (level := _TIGHTNESS.get(self.peek(), -1)) >= loosest:
+        tree, before = self.signed(), None
+        while (level := self.tightness.get(self.peek(), -1)) >= loosest:
             sign = self.take()[1]
-            tree = _compared(sign, tree, self.binary(level + 1))
+            self.check_order(sign, level, loosest, before)
+            tree, before = self.compared(sign, tree, self.binary(level + 1)), sign
         return tree
+
+    def check_order(self, sign, level, loosest, before):
+        """Refuse an order that is read in two ways."""
+        if level == loosest == TIGHTNESS["<"]:
+            raise ExpressionError(
+                f"== or != before {sign}: of a source's {sign} counts first, of a parameter's "
+                "the left one: write parentheses"
+            )
 
     def signed(self):
         signs = []
-        while self.peek() in ("-", "+", "!"):
+        while self.peek() in ("-", "+", *self.negations):
             signs.append(self.take()[1])
         tree = self.power()
         for sign in reversed(signs):
-            tree = tree if sign == "+" else ("negative" if sign == "-" else "not", tree)
+            if sign in self.negations:
+                tree = ("not", self.truth(tree))
+            elif sign == "-":
+                tree = ("negative", tree)
         return tree
 
     def power(self):
         tree = self.atom()
-        while self.peek() in ("^", "**"):
+        while self.peek() in self.powers:
             self.take()
             minus = False
             while self.peek() in ("-", "+"):
                 minus ^= self.take()[1] == "-"
             exponent = self.atom()
-            tree = ("^", tree, ("negative", exponent) if minus else exponent)
+            tree = self.raised(tree, ("negative", exponent) if minus else exponent)
         return tree
 
     def atom(self):
@@ -169,18 +193,38 @@ class _Parser:
         self.take()
         if self.peek() == ")":
             self.take()
-            return ("call", name)
+            return self.called(name, [])
         arguments = [self.choice()]
         while self.peek() == ",":
             self.take()
             arguments.append(self.choice())
         self.close()
-        return ("call", name, *arguments)
+        return self.called(name, arguments)
 
     def close(self):
         if self.peek() != ")":
             raise ExpressionError(f"missing operator before {self.peek()[:60]!r}")
         self.take()
+
+    def truth(self, condition: Tree) -> Tree:
+        """A condition's value, above 0 or not."""
+        return condition
+
+    def compared(self, sign: str, left: Tree, right: Tree) -> Tree:
+        """What a binary operator makes of both sides."""
+        if sign in (">", ">="):
+            return (sign.replace(">", "<"), right, left)
+        if sign in ("!=", "<>"):
+            return ("not", ("==", left, right))
+        return (_WORDS.get(sign, sign), left, right)
+
+    def raised(self, base: Tree, exponent: Tree) -> Tree:
+        """A power."""
+        return ("^", base, exponent)
+
+    def called(self, name: str, arguments: list[Tree]) -> Tree:
+        """A function's call."""
+        return ("call", name, *arguments)
 
 
 def _tokens(text):
@@ -195,7 +239,7 @@ def _tokens(text):
         tokens.append((kind, match.group(kind)))
         place = match.end()
     depth = questions = 0
-    for kind, piece in tokens:
+    for _, piece in tokens:
         depth += (piece == "(") - (piece == ")")
         questions += (piece == "?") - (piece == ":")
         if depth < 0:
@@ -204,9 +248,6 @@ def _tokens(text):
             raise ExpressionError("a ':' without its '?'")
         if depth > DEEPEST:
             raise ExpressionError(f"parentheses nest deeper than {DEEPEST}")
-        if kind == "operator" and piece in ("&", "|", "~"):
-            write = "!x" if piece == "~" else f"{piece}{piece}"
-            raise ExpressionError(f"{piece!r} is no operator here: write {write}")
     if depth:
         raise ExpressionError(f"{depth} closing parenthes{'is' if depth == 1 else 'es'} missing")
     if questions:
@@ -236,14 +277,6 @@ def _solution(text):
     return ("v", names[0], names[1] if names[1:] else GROUND) if most == 2 else ("i", names[0])
 
 
-def _compared(sign, left, right):
-    if sign in (">", ">="):
-        return (sign.replace(">", "<"), right, left)
-    if sign in ("!=", "<>"):
-        return ("not", ("==", left, right))
-    return (_WORDS.get(sign, sign), left, right)
-
-
 @functools.lru_cache(maxsize=4096)
 def parse(text: str) -> Tree:
     """The tree of an expression, its names and functions not yet looked up.
@@ -252,7 +285,7 @@ def parse(text: str) -> Tree:
     ------
     ExpressionError
     """
-    return _Parser(INFIX.sub(r"\1.\3\2", text.lower())).whole()
+    return Parser(text).whole()
 
 
 def parts_of(tree: Tree) -> Tree:
@@ -379,10 +412,13 @@ class _Within(Names):
 
     def __init__(self, given, outer, functions):
         self.parameters_only = outer.parameters_only
-        self._given, self._outer, self.function = given, outer, functions
+        self._given, self._outer, self._functions = given, outer, functions
 
     def name(self, name):
         return self._given[name] if name in self._given else self._outer.name(name)
+
+    def function(self, name):
+        return self._functions(name)
 
 
 def resolved(tree: Tree, names: Names) -> Tree:
@@ -452,17 +488,25 @@ def _folded(kind, parts, names):
     return ("number", value)
 
 
+# LTspice's name of a function that only ngspice evaluates.
+_LTSPICES = {"pwl": "table"}
+# Characters of an expression: LTspice's a == b says both sides twice.
+LONGEST_WRITTEN = 100_000
 _LOOSE = {"+": 1, "-": 1, "*": 2, "/": 2}
 
 
-def written(tree: Tree, node: Callable = str, source: Callable = str) -> str:
-    """A resolved tree as ngspice reads it back, whatever its release: every order in parentheses.
+def written(
+    tree: Tree, node: Callable = str, source: Callable = str, dialect: str = "ngspice"
+) -> str:
+    """A tree as a SPICE reads it back, whatever its release: every order in parentheses.
 
     Parameters
     ----------
     tree : tuple
     node, source : callable
         How a node and a source are spelt.
+    dialect : str
+        "ngspice" or "ltspice".
     """
 
     def made(here, parts):
@@ -470,17 +514,21 @@ def written(tree: Tree, node: Callable = str, source: Callable = str) -> str:
         if kind == "number":
             text = repr(float(here[1]))
             return f"({text})" if text.startswith("-") else text, 9
-        if kind == "time":
-            return "time", 9
+        if kind in ("time", "name"):
+            return here[-1], 9
         if kind == "i":
             return f"i({source(here[1])})", 9
         if kind == "v":
-            return _voltage(*here[1:], node), 9
+            _, plus, minus = here
+            return _voltage(plus, minus, node), 9
         if kind == "call":
-            return f"{here[1]}({','.join(text for text, _ in parts)})", 9
+            name = _LTSPICES.get(here[1], here[1]) if dialect == "ltspice" else here[1]
+            return f"{name}({','.join(text for text, _ in parts)})", 9
         tightness = _LOOSE.get(kind, 0)
         said = [text for text, _ in parts]
-        form = OPERATIONS[kind].ngspice
+        form = "{0}%{1}" if kind == "%" else getattr(OPERATIONS[kind], dialect)
+        if sum(map(len, said)) > LONGEST_WRITTEN:
+            raise ExpressionError("it grows too long")
         if form[0].isalpha():
             return form.format(*said), 9
         said = [

@@ -1,7 +1,7 @@
 """Functions and operators of SPICE expressions: one table gives value, slope and spelling.
 
-The meaning is that of ngspice 46 in a behavioural source. Values and slopes are compiled into the
-tape (`circuits.loads.tape`); Python calls the same functions for constants.
+The meaning is that of ngspice 46 in a behavioural source. The tape compiles values and slopes
+(`circuits.loads.tape`); Python calls the same functions for constants.
 """
 
 from __future__ import annotations
@@ -10,8 +10,6 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-
-from harvester.compilation import merged
 
 # An exponential goes on as its tangent beyond this exponent, as a junction does.
 LARGEST_EXPONENT = 60.0
@@ -51,8 +49,9 @@ OPERATIONS: dict[str, Operation] = {
     "tanh": _named("tanh"), "max": _named("max", 2), "min": _named("min", 2),
     "if": _named("ternary_fcn", 3, "if"), "<": _infix("<"), "<=": _infix("<="),
     "==": _infix("==", _SAME), "and": _infix("&&", "(({0})&({1}))"),
-    "or": _infix("||", "(({0})|({1}))"), "not": Operation(1, "!{0}", "!{0}"), "sgn": _named("sgn"),
-    "floor": _named("floor"), "ceil": _named("ceil"), "u": _named("u"), "uramp": _named("uramp"),
+    "or": _infix("||", "(({0})|({1}))"), "not": Operation(1, "!{0}", "(1-{0})"),
+    "sgn": _named("sgn"), "floor": _named("floor"), "ceil": _named("ceil"), "u": _named("u"),
+    "uramp": _named("uramp"),
     "asinh": _named("asinh"), "asin": _named("asin"), "acos": _named("acos"),
     "acosh": _named("acosh"), "atanh": _named("atanh"), "nint": _named("nint", 1, "round"),
 }  # fmt: skip
@@ -76,7 +75,6 @@ def folded(name: str, arguments: list[float]) -> float:
         return float(value(CODES[name], a, b))
 
 
-@merged
 def value(code: int, a: float, b: float) -> float:
     """Value of an operation; nan outside its range."""
     if code <= NEGATIVE:
@@ -86,7 +84,6 @@ def value(code: int, a: float, b: float) -> float:
     return _elementary(code, a)
 
 
-@merged
 def _arithmetic(code, a, b):
     if code == ADD:
         return a + b
@@ -103,13 +100,11 @@ def _arithmetic(code, a, b):
     return -a
 
 
-@merged
 def divisor(b: float) -> float:
     """What ngspice divides by."""
     return b + LEAST_DIVISOR if b >= 0.0 else b - LEAST_DIVISOR
 
 
-@merged
 def _piecewise(code, a, b):
     """What compares, or is straight between corners."""
     if code == GREATER:
@@ -140,7 +135,6 @@ def _piecewise(code, a, b):
     return 1.0 if holds else 0.0
 
 
-@merged
 def _elementary(code, a):
     if code == ABSOLUTE:
         return abs(a)
@@ -169,7 +163,6 @@ def _elementary(code, a):
     return _of_a_range(code, a)
 
 
-@merged
 def _of_a_range(code, a):
     """Functions that have no value everywhere."""
     if code == LOGARITHM and a >= 0.0:
@@ -187,7 +180,6 @@ def _of_a_range(code, a):
     return np.nan
 
 
-@merged
 def slope(code: int, a: float, b: float, result: float) -> Any:
     """Slopes of an operation in its first and second argument, its value being known."""
     if code <= SIGNED_POWER:
@@ -208,7 +200,6 @@ def slope(code: int, a: float, b: float, result: float) -> Any:
     return _slope_of_one(code, a, result), 0.0
 
 
-@merged
 def _slopes_of_two(code, a, b, result):
     if code == ADD:
         return 1.0, 1.0
@@ -224,7 +215,6 @@ def _slopes_of_two(code, a, b, result):
     return (along * np.sign(a), across) if code == POWER else (along, across)
 
 
-@merged
 def _slope_of_one(code, a, result):
     if code == EXPONENTIAL:
         return np.exp(LARGEST_EXPONENT) if a > LARGEST_EXPONENT else result
@@ -256,6 +246,11 @@ def _slope_of_one(code, a, result):
     return size if code == ARC_SINE else -size
 
 
+# What compiled code calls of these.
+COMPILED = (
+    value, _arithmetic, divisor, _piecewise, _elementary, _of_a_range, slope, _slopes_of_two,
+    _slope_of_one,
+)  # fmt: skip
 # Names that stand for a number of the circuit; what changes with time is no constant.
 CONSTANTS = {
     "pi": math.pi, "e": math.e, "boltz": 1.38064852e-23, "echarge": 1.6021766208e-19,

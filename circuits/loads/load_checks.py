@@ -10,6 +10,7 @@ import numpy as np
 
 from circuits.loads.expression import ExpressionError, leaves, parse
 from circuits.loads.flattening import calls
+from circuits.loads.part_models import LEAST_RESISTANCE
 from harvester.device.terminals import GROUND
 from harvester.errors import NetlistError
 from harvester.files.plain_text import nearest
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
 
 # Coils that are coupled fully hold no energy in some of their currents, to within rounding.
 ROUNDING = 1e-9
-# Ω: of less, rounding of the voltages at its ends hides the current of a harvester.
-LEAST_RESISTANCE = 1e-6
 # Letters of elements whose second pair of nodes controls them and carries no current.
 _CONTROLLED = "seg"
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
-from circuits.loads.part_models import LEVELS
+from circuits.loads.bounds import of_time_alone
+from circuits.loads.part_models import hysteresis
+from circuits.loads.potentials import Potentials, with_sources
+from circuits.loads.turns import passing, turns
 from harvester.device.terminals import GROUND
 
 if TYPE_CHECKING:
-    from circuits.loads.elements import Element, Model
+    from circuits.loads.elements import Element
     from circuits.loads.subcircuits import LoadCircuit
 
 # Transistors and behavioural sources change their currents by a law of their own, at any time.
@@ -31,9 +35,11 @@ class Watch(NamedTuple):
     pins : tuple of str
         Nodes at the load's pins.
     jumps : bool
-        Whether a part may change its current without notice, a source has a waveform of its own, or
-        a value is no number or not positive: steps then follow the local error, and of the unknowns
-        only the switches' are watched.
+        Whether a part may change its current without notice, a source has a waveform of its own,
+        the load oscillates by itself, or a value is no number or not positive: steps then follow
+        the local error, and of the unknowns only the switches' are watched.
+    turn : float
+        Shortest time constant of what controls a switch that turns by itself (s).
     """
 
     unknowns: tuple[str, ...] = ()
@@ -41,6 +47,7 @@ class Watch(NamedTuple):
     stores: tuple[tuple[float, bool], ...] = ()
     pins: tuple[str, ...] = ()
     jumps: bool = False
+    turn: float = math.inf
 
 
 NOTHING = Watch()
@@ -65,7 +72,8 @@ def watch_of(load: LoadCircuit, pins: Mapping[str, str]) -> Watch:
     if not load.switches:
         return Watch(jumps=jumps)
     switches = [_switch(each, pins) for each in parts if each.letter in "sw"]
-    jumps = jumps or any(map(_may_jump, parts))
+    switches += _comparisons(parts, pins)
+    jumps = jumps or load.own_motion.oscillates or any(map(_may_jump, parts))
     stores = [] if jumps else [_store(each, pins) for each in parts if each.letter in "cl"]
     watched = [*switches, *stores]
     return Watch(
@@ -74,13 +82,8 @@ def watch_of(load: LoadCircuit, pins: Mapping[str, str]) -> Watch:
         tuple(values for _, values in stores),
         tuple(pins.values()),
         jumps,
+        load.own_motion.turn,
     )
-
-
-def hysteresis(letter: str, model: Model | None) -> tuple[float, float]:
-    """Control (V, or A of a W) below which a switch opens, and that above which it closes."""
-    middle, half = (model.get(name) if model else 0.0 for name in LEVELS[letter])
-    return middle - half, middle + half
 
 
 def _may_jump(each: Element) -> bool:
@@ -96,6 +99,23 @@ def _switch(each, pins):
         ends = f"i({each.controls[0]})", GROUND
     low, high = hysteresis(each.letter, each.model)
     return ends, (high, low, "on" in each.flags)
+
+
+def _comparisons(parts, pins):
+    """The same of each comparison that makes an expression jump, as a switch."""
+    potentials = Potentials(parts)
+    found = [
+        passing(passed)
+        for each in parts
+        if each.expression is not None
+        for passed in turns(each.expression)
+        if not of_time_alone(with_sources(passed, potentials))
+    ]
+    return [
+        (tuple(pins.get(end, end) for end in each.ends), (each.level, each.level, False))
+        for each in dict.fromkeys(found)
+        if each is not None
+    ]
 
 
 def _store(each, pins):

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from circuits.loads.expression import CIRCUIT_ONLY, ExpressionError, Tree, leaves, renamed
-from circuits.loads.kinds import STATE
-from circuits.loads.tape import Values
+from circuits.loads.kinds import LEVEL, STATE
 from harvester.device.terminals import GROUND
 from harvester.errors import NetlistError
 from harvester.files.plain_text import nearest
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
     from circuits.loads.measures import Measure
     from circuits.loads.scope import Scope
     from circuits.loads.subcircuits import LoadCircuit
+    from circuits.loads.tape import Values
 
 # Letters of elements whose current is an unknown of the circuit.
 _WITH_CURRENT = "vehl"
@@ -49,6 +49,9 @@ class Measurement(_Rows):
 
     @cached_property
     def _values(self) -> Values:
+        # Compiled code: reading a load does without.
+        from circuits.loads.tape import Values
+
         return Values(self.trees, self.watched)
 
     def values(self, time: np.ndarray, unknowns: np.ndarray, unit: float) -> np.ndarray:
@@ -65,15 +68,17 @@ class Measurement(_Rows):
         Returns
         -------
         ndarray, shape (len(rows), n)
-            Powers and energies in that unit; of states 1 where they hold, else 0. nan where an
-            expression has no value.
+            Powers and energies in that unit, levels in V and A; of states 1 where they hold, else
+            0. nan where an expression has no value.
         """
         if not self.rows:
             return np.empty((0, time.size))
         found = self._values(time, unknowns)
         for row, (kind, _) in zip(found, self.rows, strict=True):
-            holds = np.where(np.isnan(row), np.nan, row > 0.0)
-            row[:] = holds if kind == STATE else unit * row
+            if kind == STATE:
+                row[:] = np.where(np.isnan(row), np.nan, row > 0.0)
+            elif kind != LEVEL:
+                row *= unit
         return found
 
 
@@ -95,9 +100,16 @@ def measurement_of(load: LoadCircuit, pins: Mapping[str, str]) -> Measurement:
         trees.append(held)
         if taken:
             trees.append(("if", ("<", ("number", 0.0), held), taken, ("number", 0.0)))
+    trees += [_level(name, pins) for name in load.levels]
     watched = tuple(dict.fromkeys(name for tree in trees for name in _unknowns(tree)))
     outside = tuple(name for name in watched if name in pins.values())
-    return Measurement(load.measured, tuple(trees), watched, outside)
+    return Measurement(load.recorded, tuple(trees), watched, outside)
+
+
+def _level(name, pins):
+    if name.startswith("i("):
+        return ("i", name[2:-1])
+    return ("v", pins.get(name, name), GROUND)
 
 
 def evaluated(

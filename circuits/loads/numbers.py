@@ -15,6 +15,8 @@ NUMBER = re.compile(
 )
 # LTspice's 4k7 for 4.7k.
 INFIX = re.compile(r"(?<![\w.])(\d+)(meg|[tgkmunp])(\d+)(?![\w.])")
+# kT/q at 27 °C (V).
+THERMAL_VOLTAGE = 1.380649e-23 * 300.15 / 1.602176634e-19
 # ngspice 46 reads atto for A, 39 a unit; mil is a thousandth in its parameters.
 AMPERE = re.compile(rf"{_DIGITS}a[a-z_]*", re.ASCII)
 THOUSANDTH_OF_AN_INCH = re.compile(rf"{_DIGITS}mil[a-z_]*", re.ASCII)

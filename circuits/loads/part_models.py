@@ -28,9 +28,9 @@ _DIODE = (
 KNOWN = {
     "r": {"r", "res", "rsh", "narrow", "dw", "short", "dlr", "defw", "w", "l", *_TEMPERATURES,
           *_NOISE},
-    "c": {"c", "cap", "cj", "cjsw", "defw", "w", "defl", "l", "narrow", "short", "del",
+    "c": {"cap", "cj", "cjsw", "defw", "defl", "narrow", "short", "del",
           *_TEMPERATURES, "bv_max"},
-    "l": {"l", "ind", *_TEMPERATURES},
+    "l": {"ind", *_TEMPERATURES},
     "d": set(_DIODE.split()),
     "sw": {"vt", "vh", "ron", "roff"}, "csw": {"it", "ih", "ron", "roff"},
     "vswitch": {"von", "voff", "ron", "roff"}, "iswitch": {"ion", "ioff", "ron", "roff"},
@@ -48,6 +48,8 @@ _SAME = {
     "js": "is", "trs": "trs1", "cj0": "cjo", "cj": "cjo", "pb": "vj", "mj": "m", "ik": "ikf",
     "vb": "bv", "vrb": "bv", "ib": "ibv", "tref": "tnom",
 }  # fmt: skip
+# Ω: of less, rounding of the voltages at its ends hides the current of a harvester.
+LEAST_RESISTANCE = 1e-6
 # A: ngspice's least saturation current.
 LEAST_SATURATION = 1e-28
 # Threshold and half the hysteresis in a switch's model.
@@ -60,6 +62,8 @@ def unknown_word(kind: str, name: str) -> str:
     """What is wrong with a name in a model of this kind; empty where nothing is."""
     if name in KNOWN.get(kind, (name,)):
         return ""
+    if (kind, name) == ("c", "c"):
+        return "ngspice takes no c of a model c: write cap="
     if kind in ("sw", "csw", "vswitch", "iswitch") and name in ELSEWHERE:
         return f"{name}: {ELSEWHERE[name]}"
     return f"ngspice knows no {name} of a model {kind}{nearest(name, KNOWN[kind])}; leave it out"
@@ -100,22 +104,22 @@ def _first_of(numbers, model, *names):
 
 def _by_model(letter, model, numbers):
     said = dict(model.numbers)
-    own = {"r": ("r", "res"), "c": ("cap", "c"), "l": ("ind", "l")}[letter]
+    own = {"r": ("r", "res"), "c": ("cap",), "l": ("ind",)}[letter]
     value = next((said[name] for name in own if name in said), None)
     if value is not None or letter == "l":
         return value
-    width = numbers.get("w", said.get("w", said.get("defw", _EDGE)))
-    length = numbers.get("l", said.get("l", said.get("defl", _EDGE)))
-    narrow = said.get("narrow", said.get("dw", 0.0))
-    short = said.get("short", said.get("dlr", said.get("del", 0.0)))
+    width: float = numbers.get("w", said.get("w", said.get("defw", _EDGE)))
     if letter == "r":
-        length, width = length - 2.0 * short, width - 2.0 * narrow
-        if "rsh" not in said or width <= 0.0:
-            return None
-        return said["rsh"] * length / width
-    if "cj" not in said:
+        length = numbers.get("l", said.get("l", _EDGE)) - 2.0 * said.get(
+            "short", said.get("dlr", 0.0)
+        )
+        width -= 2.0 * said.get("narrow", said.get("dw", 0.0))
+        return said["rsh"] * length / width if "rsh" in said and width > 0.0 else None
+    # A capacitor's model gives it no length.
+    if "cj" not in said or "l" not in numbers:
         return None
-    length, width = length - short, width - narrow
+    length = numbers["l"] - said.get("short", 2.0 * said.get("del", 0.0))
+    width -= said.get("narrow", 2.0 * said.get("del", 0.0))
     return said["cj"] * length * width + 2.0 * said.get("cjsw", 0.0) * (length + width)
 
 
@@ -162,9 +166,11 @@ def switch(line: Any, model: Model) -> Model:
 def _resistances(line, model):
     """Ω of a switch that is open and closed."""
     off, on = model.get("roff", 1e12), model.get("ron", 1.0)
-    if min(off, on) < 1e-6:
-        line.refuse(f"ron={on:g} roff={off:g}: below 1e-06 Ω currents are lost to rounding; write "
-                    "1m, a thousandth of an ohm")  # fmt: skip
+    if min(off, on) < LEAST_RESISTANCE:
+        line.refuse(
+            f"ron={on:g} roff={off:g}: below {LEAST_RESISTANCE:g} Ω currents are lost to rounding; "
+            "write 1m, a thousandth of an ohm"
+        )
     return off, on
 
 
@@ -191,3 +197,9 @@ def smooth_switch(line: Any, model: Model, control: Tree) -> Tree | None:
     x = ("min", ("max", share, ZERO), ("number", 1.0))
     cubic = ("*", ("*", x, x), ("-", ("number", 3.0), ("*", ("number", 2.0), x)))
     return ("/", ("exp", ("*", ("number", math.log(off / on)), cubic)), ("number", off))
+
+
+def hysteresis(letter: str, model: Model | None) -> tuple[float, float]:
+    """Control (V, or A of a W) below which a switch opens, and that above which it closes."""
+    middle, half = (model.get(name) if model else 0.0 for name in LEVELS[letter])
+    return middle - half, middle + half

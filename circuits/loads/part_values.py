@@ -1,10 +1,12 @@
-"""Values of a load's parts: which can deliver energy, and how long the output takes to charge."""
+"""Values of a load's parts: which can deliver energy, and what lies across the output."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from circuits.loads.expression import leaves
 from circuits.loads.kinds import OUTPUT
+from circuits.loads.own_motion import own_notes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -14,6 +16,14 @@ if TYPE_CHECKING:
 
 # Of what lies across an output (F and Ω): less is rather a misread suffix.
 LEAST_STORAGE, LEAST_LOAD = 1e-12, 1.0
+# Where a source turns on and off without an end.
+SOURCE_CURE = (
+    "its value jumps to and fro at one threshold, where what it does takes it back at once; use a "
+    "switch with a hysteresis (S, vt= and vh=), or let it change smoothly over some millivolts, as "
+    "0.5*(1+tanh((v-vt)/5m)) does"
+)
+# Operations whose value jumps.
+_JUMPS = {"if", "<", "<=", "==", "and", "or", "not", "sgn", "floor", "ceil", "u", "nint"}
 
 
 def sources_of(load: LoadCircuit) -> tuple[str, ...]:
@@ -41,12 +51,6 @@ def capacitance(parts: Iterable[Element]) -> float:
     return sum(each.size or 0.0 for each in parts if each.letter == "c")
 
 
-def charging_time(load: LoadCircuit) -> float:
-    """R·C of the resistors and capacitors across a load's output (s); 0 without both."""
-    siemens = conductance(load.across_output)
-    return capacitance(load.across_output) / siemens if siemens else 0.0
-
-
 def suspicion(load: LoadCircuit | None) -> str:
     """What to suspect when a run with a load ended early, to be put behind the reason."""
     if load is None or not load.negative_parts:
@@ -55,14 +59,25 @@ def suspicion(load: LoadCircuit | None) -> str:
     return f"; a value below 0 makes what it feeds grow without an end: {names}"
 
 
+def jumping_sources(load: LoadCircuit) -> tuple[Element, ...]:
+    """Behavioural sources whose value may jump."""
+    return tuple(
+        each
+        for each in load.elements
+        if each.expression is not None
+        and any(leaf[0] in _JUMPS for leaf in leaves(each.expression))
+    )
+
+
 def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
     """What the reader took for something that its writer may not have meant."""
-    smooth = [each for each in load.elements if each.letter == "b" and _own(each)[0] in "sw"]
     notes = [
         f"{each.name} ({each.where}) is read as a smooth switch of LTspice or PSpice: its "
         "conductance changes over the whole hysteresis"
-        for each in smooth
+        for each in load.elements
+        if each.is_smooth_switch
     ]
+    notes += [load.ambiguity] if load.ambiguity else []
     outputs = [each for each in load.across_output if each.letter == "r"]
     if load.has_output and not outputs and all(each.kind != OUTPUT for each in load.measures):
         notes.append(
@@ -76,11 +91,7 @@ def reading_notes(load: LoadCircuit) -> tuple[str, ...]:
                 f"{each.name} ({each.where}) across the output is {each.size:g} {unit}: in SPICE F "
                 "behind a number is femto and M is milli; a farad has no letter, a million is meg"
             )
-    return tuple(notes)
-
-
-def _own(each):
-    return each.name.rpartition(".")[2]
+    return (*notes, *own_notes(load))
 
 
 def _gives(each):

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 from circuits.loads.elements import Element
 from circuits.loads.expression import ONE, ZERO, Tree, leaves, rebuilt
-from circuits.loads.load_watch import hysteresis
+from circuits.loads.part_models import hysteresis
 from circuits.loads.waveform import FOREVER, Waveform
 from harvester.device.terminals import GROUND
 
@@ -163,10 +163,11 @@ def levels(switch: Element, potentials: Potentials) -> tuple[float, float]:
     found = potentials.between(*switch.nodes[2:4]) if switch.letter == "s" else None
     sides = [_sides(sign, each) for sign, each in found or ()]
     least, most = (sum(side[k] for side in sides) for k in range(2))
-    if sides and abs(least - low) <= rounding:
-        return low + rounding, high + rounding
+    # Where the control rests there ngspice begins with the switch closed.
     if sides and abs(most - low) <= rounding:
         return low - rounding, high - rounding
+    if sides and abs(least - low) <= rounding:
+        return low + rounding, high + rounding
     return low, high
 
 
@@ -206,7 +207,7 @@ def _decisive(each, potentials):
         a, z = each.nodes[2:4]
         low, high = hysteresis(each.letter, each.model)
         volts = potentials.start(a, z)
-        if volts is not None and (each.flags or volts) and low <= volts <= high:
+        if volts is not None and (each.flags or volts) and low <= volts <= high > low:
             yield a, z
     elif each.expression is not None:
         parts = list(leaves(each.expression))

@@ -25,10 +25,10 @@ LONGEST_CARD = 20_000
 INCLUDES = (".include", ".inc", ".lib")
 IGNORED = (".end", ".backanno")
 _COMMENT = re.compile(r";|//|(?:^|(?<=[\s,]))\$(?=\s|$)")
-# What the load's file wants to have measured, and what its parameters must fulfil: comments to
-# every SPICE.
-_SAID = re.compile(r"\*\s*(measure|needs)\s*:", re.IGNORECASE)
-MEASURE, NEEDS = "*measure", "*needs"
+# What the load's file wants to have measured, what its parameters must fulfil, and whose language
+# it is: comments to every SPICE.
+_SAID = re.compile(r"\*\s*(measure|needs|dialect)\s*:", re.IGNORECASE)
+MEASURE, NEEDS, DIALECT = "*measure", "*needs", "*dialect"
 
 
 class Card(NamedTuple):
@@ -161,7 +161,8 @@ def _decoded(content):
 def statements(text: str, name: str) -> list[Card]:
     """Lines of a netlist without comments, continuations joined, blanks single.
 
-    A comment "* measure: …" is a statement "*measure …" of one line, "* needs: …" likewise.
+    A comment "* measure: …" is a statement "*measure …" of one line, "* needs: …" likewise, and
+    "* dialect: …".
 
     Parameters
     ----------

@@ -40,7 +40,9 @@ class _Parameters(Names):
 
     def __init__(self, scope):
         self._scope = scope
-        self.function = scope.function
+
+    def function(self, name):
+        return self._scope.function(name)
 
     def name(self, name):
         return ("number", self._scope.parameter(name))
@@ -51,7 +53,9 @@ class _Circuit(Names):
 
     def __init__(self, scope):
         self._scope = scope
-        self.function = scope.function
+
+    def function(self, name):
+        return self._scope.function(name)
 
     def name(self, name):
         if name == "time":

@@ -13,20 +13,30 @@ from pathlib import Path
 from typing import Any
 
 from circuits.loads import vetting
+from circuits.loads.dialects import ambiguity
 from circuits.loads.elements import Element
 from circuits.loads.expansion import Expansion
 from circuits.loads.flattening import calls, elements, outermost
-from circuits.loads.kinds import OUTPUT
+from circuits.loads.kinds import LEVEL, OUTPUT
 from circuits.loads.load_checks import check_load, check_needs, loose_nodes
 from circuits.loads.load_watch import Watch, watch_of
 from circuits.loads.measurement import evaluated
 from circuits.loads.measures import vet_measures
 from circuits.loads.numbers import number
-from circuits.loads.part_values import charging_time, negative_parts, reading_notes, sources_of
-from circuits.loads.places import places
+from circuits.loads.own_motion import OwnMotion, own_motion
+from circuits.loads.part_values import negative_parts, reading_notes, sources_of
 from circuits.loads.reader import read_cards
+from circuits.loads.stores import Store, levels_of, stores_of
 from circuits.loads.tree import parse, written
-from circuits.loads.vetting import check_nodes, check_value, listed, refuse, vet_element
+from circuits.loads.vetting import (
+    check_expression,
+    check_nodes,
+    check_value,
+    listed,
+    refuse,
+    rewritten,
+    vet_element,
+)
 from circuits.loads.writer import reads_alike, run_text
 from harvester.device.terminals import GROUND
 from harvester.errors import NetlistError
@@ -66,8 +76,10 @@ class LoadCircuit:
         Of a load that is one resistor between p and n, in Ω.
     measures : tuple of circuits.loads.measures.Measure
         What its file wants to have measured.
-    places : tuple of circuits.loads.places.Place
-        Where its elements stand in its files.
+    file : str
+        Name of the file that its sub-circuit stands in.
+    ambiguity : str
+        What of it another SPICE may mean otherwise; empty where nothing.
     """
 
     text: str
@@ -80,8 +92,9 @@ class LoadCircuit:
     switches: bool
     resistance: float | None
     measures: tuple = ()
-    places: tuple = field(default=(), compare=False, repr=False)
+    file: str = field(default="", compare=False)
     elements: tuple[Element, ...] = field(default=(), compare=False, repr=False)
+    ambiguity: str = field(default="", compare=False)
 
     @cached_property
     def is_plain(self) -> bool:
@@ -97,6 +110,11 @@ class LoadCircuit:
     def watch(self) -> Watch:
         """What decides the steps, its pins by their own names: `circuits.loads.load_watch`."""
         return watch_of(self, {pin: pin for pin in self.pins})
+
+    @cached_property
+    def own_motion(self) -> OwnMotion:
+        """What it does with the device at rest: `circuits.loads.own_motion`."""
+        return own_motion(self.elements)
 
     @cached_property
     def sources(self) -> tuple[str, ...]:
@@ -130,9 +148,14 @@ class LoadCircuit:
         return dict(self.defaults) | dict(self.parameters)
 
     @cached_property
-    def charging_time(self) -> float:
-        """See `circuits.loads.part_values.charging_time`."""
-        return charging_time(self)
+    def stores(self) -> tuple[Store, ...]:
+        """Its capacitors and coils."""
+        return stores_of(self)
+
+    @cached_property
+    def levels(self) -> tuple[str, ...]:
+        """Nodes and currents that tell what its stores hold, see `circuits.loads.stores`."""
+        return levels_of(self)
 
     @property
     def may_jump(self) -> bool:
@@ -148,6 +171,11 @@ class LoadCircuit:
     def measured(self) -> tuple[tuple[str, str], ...]:
         """Kind and name of each value that its measures ask for."""
         return tuple(row for measure in self.measures for row in measure.rows)
+
+    @property
+    def recorded(self) -> tuple[tuple[str, str], ...]:
+        """Kind and name of each value kept of a run: those measured, and its levels."""
+        return self.measured + tuple((LEVEL, name) for name in self.levels)
 
 
 def load_names() -> list[str]:
@@ -223,8 +251,7 @@ def read_load(
     values = _override(root, top, parameters or {}, path)
     _check_pins(top)
     _vet(root)
-    expansion = Expansion(root)
-    letters = expansion.content(top).letters
+    Expansion(root).content(top)
     scope = outermost(root, top.name, values)
     check_needs(scope)
     for each in calls(scope):
@@ -233,6 +260,7 @@ def read_load(
     parts = tuple(elements(scope))
     measures = vet_measures([*root.measures, *top.measures], top.scope())
     output = _across_output(top, parts, measures)
+    letters = {"b" if each.expression is not None else each.letter for each in parts}
     load = LoadCircuit(
         text="\n".join(written(root)) + "\n",
         name=top.name,
@@ -244,8 +272,9 @@ def read_load(
         switches=not letters <= {"r", "c", "d"},
         resistance=_single_resistance(top, parts),
         measures=evaluated(measures, scope, parts),
-        places=places(cards),
+        file=top.card.where.rpartition(":")[0],
         elements=parts,
+        ambiguity="" if root.dialect else ambiguity(cards),
     )
     check_load(load)
     return load
@@ -331,11 +360,10 @@ def _vet(circuit):
     for name, (card, kind, pairs) in circuit.models.items():
         checked = [(k, v and check_value(card, v, scope, k)) for k, v in pairs]
         circuit.models[name] = (card, kind, checked)
-    for card in circuit.needs:
-        check_value(card, "{" + card.text + "}", scope)
-    for card, arguments, expression in circuit.functions.values():
+    circuit.needs = [_need(card, scope) for card in circuit.needs]
+    for name, (card, arguments, expression) in circuit.functions.items():
         own = scope._replace(parameters=scope.parameters.new_child(dict.fromkeys(arguments)))
-        check_value(card, "{" + expression + "}", own)
+        circuit.functions[name] = (card, arguments, check_expression(card, expression, own))
     circuit.elements = [_vetted(card, circuit, scope) for card in circuit.elements]
     names = set()
     for card, words in circuit.elements:
@@ -347,6 +375,12 @@ def _vet(circuit):
             _check_coupling(card, words, {name for name in names if name[0] == "l"})
     for inner in circuit.inner.values():
         _vet(inner)
+
+
+def _need(card, scope):
+    """A need as it is said, or in ngspice's words where that is another text."""
+    text = check_expression(card, card.text, scope)
+    return card if text == rewritten(card.text) else card._replace(text=text)
 
 
 def _check_coupling(card, words, coils):
@@ -371,6 +405,8 @@ def _vetted(card, circuit, scope):
         refuse(card, f"{bare[0][:40]}: {target.name[:40]} has the pins {listed(target.pins)}")
     pairs = vetting.vet_parameters(card, " ".join(word for word in words if "=" in word))
     for name in pairs:
+        if name == "m" and name not in target.parameters:
+            refuse(card, "m= on a call: ngspice 39 and 46 differ in it: write the call m times")
         if name not in target.parameters:
             refuse(
                 card,
@@ -395,7 +431,11 @@ def _across_output(top, parts, measures):
         if measures:
             refuse(top.card, f"measures are of a load with the pins {' '.join(OUTPUT_PINS)}")
         return []
-    across = [each for each in parts if {*each.nodes[:2]} == {*OUTPUT_PINS} and _was_rc(each)]
+    across = [
+        each
+        for each in parts
+        if {*each.nodes[:2]} == {*OUTPUT_PINS} and each.written_letter in "rc"
+    ]
     for each in across:
         if each.value is None:
             raise NetlistError(
@@ -408,7 +448,3 @@ def _across_output(top, parts, measures):
             "nothing to harvest",
         )
     return across
-
-
-def _was_rc(each):
-    return each.name.rpartition(".")[2][0] in "rc"

@@ -7,10 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from circuits.loads import functions
 from circuits.loads.expression import ExpressionError, Tree, rebuilt
 from circuits.loads.functions import CHOICE, CODES, NEGATIVE, SUBTRACT, slope, value
-from harvester.compilation import compiled
+from harvester.compilation import compiled, merged
 from harvester.device.terminals import GROUND
+
+for function in functions.COMPILED:
+    merged(function)
 
 # What is no operation: an unknown, a constant, the time. Operations' codes come behind.
 UNKNOWN, CONSTANT, TIME = range(3)

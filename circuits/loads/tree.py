@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from circuits.loads import vetting
+from circuits.loads.dialects import DIALECTS
 from circuits.loads.expression import FUNCTIONS
-from circuits.loads.reader import MEASURE, NEEDS, Card
+from circuits.loads.reader import DIALECT, MEASURE, NEEDS, Card
 from circuits.loads.vetting import Scope, check_nodes, listed, refuse
 
 # Definitions within definitions.
@@ -40,6 +41,7 @@ class Subcircuit:
     needs: list = field(default_factory=list)
     inner: dict = field(default_factory=dict)
     outer: Subcircuit | None = None
+    dialect: str = ""
 
     def scope(self) -> Scope:
         """Names from here outwards."""
@@ -48,6 +50,7 @@ class Subcircuit:
             ChainMap(*(values for place in around for values in (place.local, place.parameters))),
             ChainMap(*(place.functions for place in around)),
             ChainMap(*(place.models for place in around)),
+            around[-1].dialect,
         )
 
     def place(self, name: str) -> Card:
@@ -101,6 +104,10 @@ def parse(cards: list[Card], name: str) -> Subcircuit:
             name, kind, values = vetting.vet_model(card)
             _once(card, here.models, f".model {name}", name)
             here.models[name] = (card, kind, values)
+        elif first == DIALECT:
+            if rest not in DIALECTS or root.dialect not in ("", rest):
+                refuse(card, f"* dialect: {rest[:40]}: one of {', '.join(DIALECTS)} for all files")
+            root.dialect = rest
         elif first == MEASURE:
             here.measures.append(Card(rest, card.where))
         elif first == NEEDS:

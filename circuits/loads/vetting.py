@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple, NoReturn
 
+from circuits.loads.dialects import in_ngspices_words
 from circuits.loads.expression import ExpressionError, check
 from circuits.loads.functions import SOLUTION, VARYING
 from circuits.loads.numbers import AMPERE, INFIX, NUMBER, THOUSANDTH_OF_AN_INCH, number
@@ -31,7 +32,7 @@ VDMOS_FACTS = {"vds", "ron", "qg"}
 IDEAL_DIODE = {"ron", "roff", "vfwd", "vrev", "rrev", "ilimit", "revilimit", "epsilon"}
 PART_PARAMETERS = {
     "m", "ic", "temp", "dtemp", "area", "pj", "w", "ad", "as", "pd", "ps", "nrd", "nrs",
-    "tc", "tc1", "tc2", "scale", "noisy", "r", "c", "l",
+    "tc", "tc1", "tc2", "tce", "scale", "noisy", "r", "c", "l",
 }  # fmt: skip
 # Of LTspice's parts; 0 is none of those in SERIES, and LTspice writes it so.
 SERIES = {"rser", "lser"}
@@ -66,6 +67,7 @@ class Scope(NamedTuple):
     parameters: Mapping
     functions: Mapping
     models: Mapping
+    dialect: str = ""
 
 
 def listed(names: Iterable[str]) -> str:
@@ -180,7 +182,7 @@ def _pairs(card, text, flags):
     for word in re.sub(r"=([^={}\s]+)\s*\(", r"=\1(", text).split():
         match = _PAIR.fullmatch(word)
         if match:
-            pairs.append((match.group(1), INFIX.sub(r"\1.\3\2", match.group(2))))
+            pairs.append((match.group(1), match.group(2)))
         elif word in flags:
             pairs.append((word, ""))
         else:
@@ -212,6 +214,7 @@ def check_expression(card: Card, expression: str, scope: Scope) -> str:
     """An expression without blanks in ngspice's spelling; refused unless it means something."""
     text = rewritten(joined(card, expression))
     try:
+        text = in_ngspices_words(text, scope.dialect)
         check(text, scope.parameters, scope.functions)
     except ExpressionError as fault:
         refuse(card, f"{fault} in {{{text[:50]}}}")
@@ -270,14 +273,16 @@ def _is_model(word, scope):
 
 def _part_parameter(card, word, scope):
     match = _PAIR.fullmatch(word)
-    key = match.group(1) if match else ""
-    if key in FACTS or (key in SERIES and number(match.group(2)) == 0.0):
+    key, value = match.groups() if match else ("", "")
+    if key in FACTS or (key in SERIES and number(value) == 0.0):
         return []
     if key in PARASITICS:
         refuse(card, f"{key}= is LTspice's alone: write it as an element of its own")
     if key not in PART_PARAMETERS:
         refuse(card, f"unknown {word[:40]!r}{nearest(key, PART_PARAMETERS)}")
-    return [f"{key}={check_value(card, match.group(2), scope, key)}"]
+    # Two names of one number, of which the last counts.
+    key = "tc1" if key == "tc" else key
+    return [f"{key}={check_value(card, value, scope, key)}"]
 
 
 def _coupling(card, rest, scope):

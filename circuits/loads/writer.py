@@ -5,6 +5,7 @@ Nothing is left for ngspice to look up: no parameter, function, default or suffi
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable
 
@@ -12,6 +13,7 @@ from circuits.loads.elements import Element
 from circuits.loads.expression import ELSEWHERE_ALONE, FUNCTIONS, Tree
 from circuits.loads.expression import written as expression_written
 from circuits.loads.functions import CONSTANTS, SOLUTION
+from circuits.loads.numbers import number
 from circuits.loads.potentials import starts
 
 # Characters of a node's name that an expression could take for an operator.
@@ -53,18 +55,21 @@ def reads_alike(text: str, elements: tuple[Element, ...]) -> bool:
     named = {*re.findall(r"(?<![\w.])([a-z_]\w*)=", text)}
     asked = {*re.findall(r"(?<![\w.])([a-z_]\w*)(?=[-+*/^<>?:,!&|})])", text)}
     called = {*re.findall(r"(?<![\w.])([a-z_]\w*)\(", text)}
-    smooth = any(
-        each.letter == "b" and each.name.rpartition(".")[2][0] in "sw" for each in elements
-    )
-    parameters = {*re.findall(r"(?m)^\.param (\w+)=", text)}
+    given = re.findall(r"(?m)^\.param (\w+)=(\S+)", text)
+    parameters = {name for name, value in given if not _is_ngspices(name, number(value))}
     parameters |= {*re.findall(r" (\w+)=", " ".join(re.findall(r"(?m)^\.subckt .*", text)))}
     return not (
-        smooth
+        any(each.is_smooth_switch for each in elements)
         or starts(elements)
         or called & ELSEWHERE_ALONE
         or parameters & ((FUNCTIONS - SOLUTION) | {"pi", "e"})
         or (asked & {*CONSTANTS} - {"temper"}) - named
     )
+
+
+def _is_ngspices(name, value):
+    """Whether a parameter has the value of ngspice's constant of its name."""
+    return value is not None and math.isclose(value, CONSTANTS.get(name, 0.0), rel_tol=1e-6)
 
 
 def _model_names(elements):

@@ -60,8 +60,10 @@ STEPS_TO_DIVIDE = 1.8
 # Of a step of the grid: bends that lie nearer to a point of it are reached with it, as ngspice does
 # where two sources bend.
 MERGED = 5e-5
+# The same of the ends that a load's own plan has, a jump's among them.
+LEAST_TO_END = 1e-9
 
-BUFFER_FULL, WINDOW_ENDS = 0, 1
+BUFFER_FULL, WINDOW_ENDS, PLAN_ENDS = 0, 1, 2
 
 STATE = np.dtype(
     [
@@ -97,8 +99,18 @@ STATE = np.dtype(
         ("memory", np.int64),  # float64 (copies, switches + 1)
         ("capacitance", np.float64),  # twice the energy over the terminal's voltage squared (F)
         ("least_energy", np.float64),  # twice that which does not count (J)
+        ("turn", np.float64),  # see `circuits.loads.load_watch.Watch` (s)
         ("pace", np.float64),  # of the motion's clock
         ("refinement", np.float64),  # of the steps against the default ones
+        # Of what the load does by itself, see `circuits.loads.course.Plan`; the latter addresses.
+        ("planned_to", np.float64),  # infinite where it does nothing (s)
+        ("planned_count", np.int64),
+        ("planned_place", np.int64),
+        ("planned_ends", np.int64),
+        ("planned_longest", np.int64),
+        ("planned_jumps", np.int64),
+        ("jumped", np.float64),  # when it jumped last (s)
+        ("jump_width", np.float64),  # within which (s)
     ],
     align=True,
 )
@@ -243,6 +255,7 @@ def _load_step(state, copy, points, step, longest):
     memory_shape = (state.copies, state.switch_count + 1)
     last = (count - 1) % size
     limits = load_steps.limits_of(step, state.refinement, state.store_count == 0)
+    limits = load_steps.limits_of_turn(limits, state.turn)
     return load_steps.resolving_step(
         (points, times, state.first_watched),
         (last, (count - 2) % size, (count - 3) % size, (count - 4) % size),
@@ -273,6 +286,35 @@ def _shortest(state, s, ahead, step):
     return shortest
 
 
+@inlined
+def _planned(state, time, remaining, step):
+    """Time to where the load's own plan wants a step to end, and the longest that it allows.
+
+    After a jump steps double from its width on, as after a switch's turn.
+    """
+    while time > state.planned_to - MERGED * step:
+        _call(state.service, np.int32(PLAN_ENDS))
+    count = state.planned_count
+    if count == 0 and state.jump_width == 0.0:
+        return remaining, np.inf
+    ends = carray(_pointer(state.planned_ends), count, np.float64)
+    widths = carray(_pointer(state.planned_longest), count, np.float64)
+    jumps = carray(_pointer(state.planned_jumps), count, np.float64)
+    place = state.planned_place
+    while place < count and ends[place] <= time + LEAST_TO_END * step:
+        if jumps[place] > 0.0:
+            state.jumped, state.jump_width = ends[place], widths[place]
+        place += 1
+    state.planned_place = place
+    longest = np.inf
+    if state.jump_width > 0.0:
+        longest = max(time - state.jumped, state.jump_width)
+    if place < count:
+        longest = min(longest, widths[place])
+        remaining = min(remaining, ends[place] - time)
+    return remaining, longest
+
+
 @compiled
 def _set_step(time, delta, before, redo, identity, location, user):
     """The next step ends on the grid, or short of it near a contact.
@@ -288,10 +330,11 @@ def _set_step(time, delta, before, redo, identity, location, user):
     knot = np.floor(time / state.spacing + 1e-9)
     index = np.floor((time - knot * state.spacing) / step + 1e-6)
     remaining = knot * state.spacing + (index + 1.0) * step - time
-    longest = remaining
+    remaining, planned = _planned(state, time, remaining, step)
+    longest = min(remaining, planned)
     if state.steps > 0:
         s = _device(user, state.system)
-        longest = _shortest(state, s, int(knot) - state.first_knot + 1, step)
+        longest = min(_shortest(state, s, int(knot) - state.first_knot + 1, step), planned)
     if state.steps < LENGTHENED_STEPS:
         doublings = max(state.steps - FIRST_ORDER_STEPS + 1, 0)
         longest = min(longest, FIRST_ORDER_SHARE * step * 2.0**doublings)

@@ -32,6 +32,8 @@ COIL_APPROACH, IDLE = 0.5, 10.0
 # another switch; but not better than this share of the shortest step, or than that step of the
 # default grid where the local error acts: ngspice's Newton fails in too short ones.
 LOCATED, LEAST_LOCATED = 0.2, 1.0 / 64.0
+# The same three of a switch that turns by itself, in time constants of what controls it.
+TURN_STEPS = 0.1, 0.01, 0.05
 # Radians of the device's natural frequency after which the greatest energy of late is forgotten.
 MEMORY = 15.0
 # Points that the third derivative is taken of, and as many steps from the beginning on.
@@ -47,6 +49,14 @@ def limits_of(step: float, refinement: float, by_error: bool) -> tuple[float, fl
         shortest = SHORTEST * step * refinement
         return shortest, shortest, step
     return SHORTEST * step, LEAST_LOCATED * SHORTEST * step, RESTART * step
+
+
+@uncounted
+def limits_of_turn(limits: Any, turn: float) -> tuple[float, float, float]:
+    """The limits where switches turn by themselves and their controls follow in this time (s)."""
+    shortest, known, restart = limits
+    steps = TURN_STEPS[0] * turn, TURN_STEPS[1] * turn, TURN_STEPS[2] * turn
+    return min(shortest, steps[0]), min(known, steps[1]), min(restart, steps[2])
 
 
 @uncounted

@@ -18,14 +18,21 @@ import numpy as np
 from PySpice.Spice.NgSpice.Shared import NgSpiceCommandError, NgSpiceShared, ffi
 
 from circuits import elements, verilog
-from circuits.loads.part_values import suspicion
-from circuits.loads.places import file_of, with_places
+from circuits.loads.course import AHEAD
+from circuits.loads.part_values import SOURCE_CURE, suspicion
+from circuits.loads.places import with_places
 from circuits.ngspice import callbacks, compiled_device, messages
+from circuits.ngspice.chatter import Chattering
 from circuits.ngspice.library import code_models, find_library, no_initialisation_files
 from circuits.ngspice.solution import convert, units_of, vectors
 from harvester.compilation import numbers_of
 from harvester.device import timescales
-from harvester.errors import CompiledDeviceUnavailable, SimulatorAborted, SolutionDiverged
+from harvester.errors import (
+    CompiledDeviceUnavailable,
+    LoadChatters,
+    SimulatorAborted,
+    SolutionDiverged,
+)
 from harvester.prepared.steps import CRAWL, GETS_NOWHERE, PATIENCE, STEPS_PER_CONTACT
 from harvester.record.record import empty_record, part
 from harvester.workers.worker import as_answer, give_up
@@ -230,6 +237,7 @@ class Session(NgSpiceShared):
         state["rate"] = netlist.rate
         state["pace"] = netlist.pace
         self._begin_watching(netlist, copies, measured)
+        self._begin_planning(netlist)
         self._ngspice_shared.ngSpice_Init_Sync(
             ffi.NULL,
             ffi.cast("GetISRCData *", callbacks.get_noise.address),
@@ -237,7 +245,7 @@ class Session(NgSpiceShared):
             self._identity,
             ffi.cast("void *", self.state.ctypes.data),
         )
-        self._service = (self._flush, self._move_window)
+        self._service = (self._flush, self._move_window, self._plan_ahead)
 
     def _begin_watching(self, netlist, copies, first):
         """What of the load decides the steps, from that column on."""
@@ -251,6 +259,27 @@ class Session(NgSpiceShared):
         for name in ("switches", "stores", "memory"):
             state[name] = getattr(self, f"_{name}").ctypes.data
         state["capacitance"], state["least_energy"] = netlist.watched_energy
+        state["turn"] = watch.turn
+
+    def _begin_planning(self, netlist):
+        """Plan what the load does by itself, where it does anything."""
+        state, course = self.state[0], netlist.course
+        self._moves = course.steps(netlist.step) if course else None
+        self._next_planned = 0
+        state["planned_to"] = 0.0 if course else np.inf
+        state["planned_count"] = state["planned_place"] = 0
+        state["jumped"] = state["jump_width"] = 0.0
+
+    def _plan_ahead(self):
+        """The plan of the next steps of the grid."""
+        state = self.state[0]
+        assert self._moves is not None
+        self._plan = self._moves.plan(self._next_planned, AHEAD)
+        self._next_planned += AHEAD
+        state["planned_to"] = self._next_planned * self._netlist.step
+        state["planned_count"], state["planned_place"] = self._plan.ends.size, 0
+        for name, column in self._plan._asdict().items():
+            state[f"planned_{name}"] = column.ctypes.data
 
     def _serve(self, reason):
         """Called by the compiled callbacks; an error must not return into ngspice."""
@@ -305,9 +334,14 @@ class Session(NgSpiceShared):
 
     def _watch(self, done):
         spent, reached = time.process_time(), 0.0
+        chattering = Chattering(self._netlist, self.circuit_load)
         while not done.wait(1.0):
             count = int(self.state["count"][0])
             latest = float(self._times[count - 1]) if count else self._time_reached
+            found = chattering.found(self._times[:count], self._buffer[0, :count])
+            if found and not done.is_set():
+                self._doing = f"stopped at t = {latest:g}"
+                give_up(LoadChatters(self._said(f"{found} chatters: {SOURCE_CURE}")))
             if latest - reached > CRAWL * self._netlist.step:
                 spent, reached = time.process_time(), latest
             elif not done.is_set() and time.process_time() - spent > PATIENCE:
@@ -341,7 +375,7 @@ class Session(NgSpiceShared):
 
     def _announce(self, doing):
         """The last words of the process, should it crash now."""
-        load = f" with the load {file_of(self.circuit_load)}" if self.circuit_load else ""
+        load = f" with the load {self.circuit_load.file}" if self.circuit_load else ""
         print(f"ngspice {doing}{load}", file=sys.stderr, flush=True)
 
     def _command(self, command):

@@ -48,13 +48,15 @@ def batch_counts(realizations: int, knots: float) -> tuple[int, int]:
     return batches, min(-(-TOTAL_GROUPS // realizations), batches)
 
 
-def standard_error(series: np.ndarray) -> float | None:
+def standard_error(series: np.ndarray, least_correlation: float = 0.0) -> float | None:
     """Standard error of the mean of correlated batch means.
 
     Parameters
     ----------
     series : ndarray, shape (realizations, batches)
         Equal batches in time; rows are independent of each other.
+    least_correlation : float
+        Between neighbours: a negative one down to this makes the error smaller.
 
     Returns
     -------
@@ -71,7 +73,7 @@ def standard_error(series: np.ndarray) -> float | None:
         neighbours = float(np.sum(deviations[:, 1:] * deviations[:, :-1])) / total
         if neighbours <= LARGEST_CORRELATION:
             variance = total / (series.size * (series.size - 1))
-            return math.sqrt(variance * (1.0 + 2.0 * max(neighbours, 0.0)))
+            return math.sqrt(variance * (1.0 + 2.0 * max(neighbours, least_correlation)))
         series = _joined(series)
     return None
 

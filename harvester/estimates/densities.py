@@ -36,7 +36,7 @@ def densities(moments: list[Moments], symmetric: bool = True) -> dict[str, Densi
         density = groups.sum(axis=0) / (times.sum() * width)
         error = None
         if len(groups) >= FEWEST_BATCHES:
-            each = groups / (times[:, None] * width)
+            each = (groups / width - density * times[:, None]) / times.mean()
             error = each.std(axis=0, ddof=1) / math.sqrt(len(groups))
         bins = groups.shape[1]
         centre = (np.arange(bins) - bins // 2 + 0.5) * width

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -84,25 +83,7 @@ def estimate_all(
         estimates[f"share_of_time_in_well_{well + 1}"] = _mean(
             time_in_well, {}, "time_in_well", "1", error_of
         )
-    _widen_shares(estimates, moments)
     return estimates | _jump_rates(moments, batches.shape[1], batches.shape[2] == WELLS, error_of)
-
-
-def _widen_shares(estimates, moments):
-    """A share p of n returns to a well is known to p (1 − p) √(2/n) at best, however many batches.
-
-    Each stay in the well and each stay elsewhere is a random time with as much deviation as mean.
-    """
-    if moments[0].jumps is None:
-        return
-    returns = sum(each.jumps.counts.sum(axis=(0, 1)) for each in moments)
-    for well, count in enumerate(returns):
-        name = f"share_of_time_in_well_{well + 1}"
-        known = estimates.get(name)
-        if known is not None and known.standard_error is not None and count > 0.0:
-            p = known.estimate
-            error = max(known.standard_error, p * (1.0 - p) * math.sqrt(2.0 / count))
-            estimates[name] = replace(known, standard_error=error)
 
 
 def _jump_rates(moments, batches, alike, error_of):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from harvester.errors import SceneError
@@ -19,8 +19,9 @@ from harvester.estimates.means import estimate_all
 from harvester.estimates.measures import without_value
 from harvester.estimates.output_side import estimate_output
 from harvester.estimates.passivity import efficiency_notes, source_notes
-from harvester.estimates.settling import Shortfall, shortfalls, withheld
+from harvester.estimates.settling import Shortfall, shortfalls, slow_exchange, withheld
 from harvester.estimates.units import unit_of
+from harvester.estimates.well_balance import weighted, well_balance
 from harvester.prepared.prepared import prepared
 
 if TYPE_CHECKING:
@@ -43,12 +44,18 @@ class RunEstimates:
         Of the energy balance, as a share of the energy put in.
     notes : tuple of str
         On sources in the load, efficiencies above 1 and the shortfalls.
+    moments : list of Moments
+        With the weights of `harvester.estimates.well_balance`, where wells differ.
+    error : callable
+        The error of a mean from batches of these.
     """
 
     whole: dict[str, Estimate]
     shortfalls: list[Shortfall]
     residual: float
     notes: tuple[str, ...]
+    moments: list[Moments] = field(repr=False)
+    error: Callable = field(repr=False)
 
     @property
     def scaled(self) -> dict[str, Estimate]:
@@ -82,10 +89,12 @@ def run_estimates(
             f"{scene.name}: run.duration = {scene.run.duration:g}: no whole step lies in it; "
             "raise it to some periods of the motion"
         )
-    error = error_of(scene)
-    whole = estimate_all(moments, system, error) | estimate_output(moments, error)
+    balance = well_balance(scene, system, moments)
+    balanced = weighted(moments, balance)
+    error = balance.error if balance else error_of(scene)
+    whole = estimate_all(balanced, system, error) | estimate_output(balanced, error)
     whole = {name: with_steps(scene, each, step_error) for name, each in whole.items()}
-    found = shortfalls(scene, system, moments, whole)
+    found = shortfalls(scene, system, moments, whole, balance)
     notes = (
         *source_notes(scene.load.circuit),
         *_loose_nodes(scene.load.circuit),
@@ -93,8 +102,10 @@ def run_estimates(
         *(scene.load.circuit.reading_notes if scene.load.circuit else ()),
         *efficiency_notes(whole, scales.of("power"), unit_of(scene, "power")),
         *(each.note for each in found),
+        *slow_exchange(scene, balance),
     )
-    return RunEstimates(whole, found, energy_balance_residual(moments, system), notes)
+    residual = energy_balance_residual(moments, system)
+    return RunEstimates(whole, found, residual, notes, balanced, error)
 
 
 def _without_value(load, moments):

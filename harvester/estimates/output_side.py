@@ -55,7 +55,7 @@ def estimate_output(
         the power leaving the piezo, `end_to_end_efficiency` that of the mechanical input.
     """
     batches = complete_batches(moments)
-    if batches is None or any(m.output is None for m in moments):
+    if batches is None or not all(m.has_output for m in moments):
         return {}
     output = _output_series(moments, batches)
     time = batches[:, :, PIEZO_QUANTITIES.index("time")]

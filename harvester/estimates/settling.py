@@ -17,12 +17,15 @@ import numpy as np
 from harvester.device import spring as springs
 from harvester.device import timescales
 from harvester.estimates.batch_means import FEWEST_BATCHES, complete_batches, standard_error
-from harvester.estimates.estimate import NO_VALUE
+from harvester.estimates.estimate import NO_VALUE, TOO_SHORT
+from harvester.estimates.store_settling import store_states
+from harvester.estimates.well_balance import FEWEST_JUMPS
 from harvester.record.moments import QUANTITIES
 
 if TYPE_CHECKING:
     from harvester.device.system import System
     from harvester.estimates.estimate import Estimate
+    from harvester.estimates.well_balance import WellBalance
     from harvester.record.moments import Moments
     from harvester.scene.model import Scene
 
@@ -30,6 +33,9 @@ if TYPE_CHECKING:
 FORGETTING_TIMES = 8.0
 # A drift is reported when it exceeds this share of the mean and so many of its standard errors.
 SMALLEST_DRIFT, DRIFT_IN_STANDARD_ERRORS = 2e-3, 4.5
+# Settling, in times in which the wells exchange, that leaves 5 % of the starts; and by how much a
+# share of time may be that of the starts without a note.
+SETTLED, NOTED_START = 3.0, 0.005
 # With fewer jumps between the wells than the first, one more or less changes the means visibly.
 # Where fewer than the second are expected, a run without any jump is no shortfall.
 FEW_JUMPS, UNLIKELY_JUMPS = 16, 0.05
@@ -74,7 +80,11 @@ class Shortfall:
 
 
 def shortfalls(
-    scene: Scene, p: System, moments: list[Moments], estimates: dict[str, Estimate]
+    scene: Scene,
+    p: System,
+    moments: list[Moments],
+    estimates: dict[str, Estimate],
+    balance: WellBalance | None = None,
 ) -> list[Shortfall]:
     """What a run was too short for, if anything.
 
@@ -84,6 +94,8 @@ def shortfalls(
     p : harvester.device.system.System
     moments : sequence of harvester.record.moments.Moments
     estimates : dict of str to Estimate
+    balance : WellBalance or None
+        Of the wells, where they differ.
 
     Returns
     -------
@@ -97,10 +109,10 @@ def shortfalls(
         _charge(scene, p, moments, estimates),
         _storage(scene, moments, estimates),
         _jumps(p, moments, estimates),
-        _residence(scene, p, moments, estimates),
+        _residence(moments, estimates, balance),
     ]
     found = [each for each in found if each]
-    return found or _drift(moments)
+    return found or _drift(moments, balance)
 
 
 def withheld(estimates: dict[str, Estimate], found: list[Shortfall]) -> dict[str, Estimate]:
@@ -166,6 +178,12 @@ def _slow(scene, time, what, error, names=None):
         return _too_short(run, time, what, left, names)
     if scene.excitation.period is not None and not scene.excitation.random:
         return None
+    return _few_values(scene, time, what, names)
+
+
+def _few_values(scene, time, what, names=None):
+    """The shortfall of a run that sees too few independent values of what is slow, or None."""
+    run = scene.run
     # Independent values that the slow part takes in all.
     values = run.realizations * (1.0 + run.duration / (2.0 * time))
     if values >= FEWEST_BATCHES:
@@ -272,14 +290,29 @@ def _charge(scene, p, moments, estimates):
 
 
 def _storage(scene, moments, estimates):
-    """A storage charges within R·C of the resistors across it."""
-    output = moments[0].output
-    if output is None or not output.capacitance > 0.0 or "output_voltage" not in estimates:
+    """A store of the load that still charges, or that is slow against the run."""
+    run = scene.run
+    measured = "output_voltage" if "output_voltage" in estimates else "mean_power"
+    bound = max(_relative_error(estimates.get(measured)), SMALLEST_DRIFT)
+    found = store_states(scene, moments)
+    if not found:
         return None
-    if not output.conductance > 0.0:
+    worst = max(found, key=lambda each: abs(each.missing) - DRIFT_IN_STANDARD_ERRORS * each.error)
+    if abs(worst.missing) > bound + DRIFT_IN_STANDARD_ERRORS * worst.error:
+        return Shortfall(
+            f"the store {worst.name} ({worst.where}) still "
+            f"{'charges' if worst.missing > 0.0 else 'discharges'}",
+            f"it is up to {100.0 * abs(worst.missing):.2g} % of what it holds from where it will "
+            f"settle, and all means change with it; raise run.settle (to "
+            f"{run.settle + FORGETTING_TIMES * worst.time:.2g} s at most, less where a diode "
+            "charges it), or let it begin nearer to that by ic=",
+        )
+    if not scene.excitation.random:
         return None
-    time = output.capacitance / output.conductance
-    return _slow(scene, time, "the storage's R·C", _relative_error(estimates["output_voltage"]))
+    slowest = max(found, key=lambda each: each.memory)
+    if not slowest.memory > 0.0:
+        return None
+    return _few_values(scene, slowest.memory, f"the memory of the store {slowest.name}")
 
 
 def _jumps(p, moments, estimates):
@@ -304,51 +337,60 @@ def _jumps(p, moments, estimates):
     )
 
 
-def _residence(scene, p, moments, estimates):
-    """Uneven wells that are seldom left: their shares of time are those of the starts."""
-    shares = [estimates.get(f"share_of_time_in_well_{k + 1}") for k in range(_wells(moments))]
-    if not scene.excitation.random or None in shares or not shares:
+def _residence(moments, estimates, balance):
+    """Wells that are seldom left: what depends on them is known by their jumps alone."""
+    shares = [name for name in estimates if name.startswith("share_of_time_in_well_")]
+    if not shares:
         return None
-    counts = sum(each.jumps.counts.sum(axis=0) for each in moments)
-    times = sum(each.jumps.times.sum(axis=0) for each in moments)
-    if counts.sum() < FEW_JUMPS:
-        # From a start of one's own they are means within that well; of a symmetric device all
-        # wells have the same.
-        names = tuple(f"share_of_time_in_well_{k + 1}" for k in range(len(shares)))
-        return Shortfall(
-            f"{counts.sum():.0f} jumps between uneven wells in {times.sum():.3g} s",
-            "shares of time are those of the starts; raise run.duration or run.realizations, or "
-            "average by fokker_planck",
-            names if p.symmetric or (scene.start and not counts.any()) else None,
-        )
-    if p.symmetric:
-        return None
-    rates = counts / np.maximum(times, 1e-300)[:, None]
-    slowest, stationary = _exchange(rates)
-    missing = float(1.0 - stationary.min())
-    if not scene.start:
-        # Wells are begun in turn from the right, and counted from the left.
-        begun = np.bincount(np.arange(len(moments)) % len(shares), minlength=len(shares))
-        missing = float(np.max(np.abs(begun[::-1] / len(moments) - stationary)))
-    left = missing * left_of_start(slowest, scene.run.settle, scene.run.duration)
-    error = max(each.standard_error or 0.0 for each in shares)
-    if left <= max(error, SMALLEST_DRIFT):
-        return None
-    return _too_short(scene.run, slowest, "the exchange between the wells", left)
+    counts = sum(each.jumps.counts[:-1].sum(axis=0) for each in moments)
+    times = sum(each.jumps.times[:-1].sum(axis=0) for each in moments)
+    if balance is None:
+        # Wells alike, or a start of one's own without jumps: other means are those of either well.
+        names = tuple(shares)
+        if counts.sum() >= FEWEST_JUMPS:
+            return None
+    else:
+        names = tuple(name for name, each in estimates.items() if _unknown(name, each))
+        if not names:
+            return None
+    fewest = float(min(counts.sum(axis=0).min(), counts.sum(axis=1).min()))
+    wanted = FEWEST_JUMPS / (fewest + 1.0) * times.sum()
+    return Shortfall(
+        f"{counts.sum():.0f} jumps between uneven wells in {times.sum():.3g} s, "
+        f"{fewest:.0f} to or from one of them",
+        f"shares of time and what depends on them are not known; simulate {wanted:.1g} s in all or "
+        "longer (run.duration times run.realizations), or average by fokker_planck",
+        names,
+    )
 
 
-def _exchange(rates):
-    """(time in which wells exchange (s), stationary shares) of jump rates (1/s)."""
-    change = rates.T - np.diag(rates.sum(axis=1))
-    values, vectors = np.linalg.eig(change)
-    order = np.argsort(np.abs(values))
-    stationary = np.real(vectors[:, order[0]])
-    slowest = abs(values[order[1]].real)
-    return 1.0 / max(slowest, 1e-12), stationary / stationary.sum()
+def _unknown(name, estimate):
+    """Whether an estimate has no error bar for want of jumps, or is a rate of too few."""
+    few = (estimate.effective_sample_size or FEWEST_JUMPS) < FEWEST_JUMPS
+    return estimate.note == TOO_SHORT or (few and name.startswith("jump_rate"))
 
 
-def _wells(moments):
-    return 0 if moments[0].jumps is None else moments[0].jumps.times.shape[1]
+def slow_exchange(scene: Scene, balance: WellBalance | None) -> tuple[str, ...]:
+    """A note where settling and run are short against the time in which wells exchange.
+
+    Parameters
+    ----------
+    scene : Scene
+    balance : WellBalance or None
+        See `harvester.estimates.well_balance`.
+    """
+    if balance is None or balance.shares is None:
+        return ()
+    run = scene.run
+    # Realizations begin in the wells in turn, or all in the same.
+    missing = 1.0 if scene.start else np.max(np.abs(balance.shares - 1.0 / len(balance.shares)))
+    if missing * left_of_start(balance.exchange_time, run.settle, run.duration) < NOTED_START:
+        return ()
+    return (
+        f"the wells exchange within {balance.exchange_time:.3g} s, run.settle is {run.settle:g} s: "
+        "shares of time are those that the rates of jumps keep in balance, not those of the run; "
+        f"with run.settle = {SETTLED * balance.exchange_time:.2g} they are the same",
+    )
 
 
 def _crossings(moments):
@@ -378,7 +420,7 @@ def _expected_jumps(p, moments, estimates):
     return height * math.exp(-height) / timescales.relaxation_time(p) * _measured(moments)
 
 
-def _drift(moments):
+def _drift(moments, balance):
     """Means that change from the first half of the measured time to the second."""
     batches = complete_batches(moments)
     if batches is None or batches.shape[1] < 2:
@@ -387,11 +429,12 @@ def _drift(moments):
         name: batches[:, :, QUANTITIES.index(row)] for name, row in DRIFTING_QUANTITIES.items()
     }
     time = batches[:, :, QUANTITIES.index("time")]
-    if all(m.output is not None for m in moments):
+    if all(m.has_output for m in moments):
         own = np.stack([m.output.integrals[: batches.shape[1]] for m in moments])
         series["the output voltage"] = own[:, :, 1]
     for name, values in series.items():
-        change = _change(values / time)
+        values = values / time
+        change = _change(balance.without_wells(values) if balance else values)
         if change:
             return [
                 Shortfall(

@@ -91,19 +91,27 @@ def without_markers(
     ndarray, tuple of str
         Samples, shape (n,), and a remark where there are markers.
     """
+    remark = marker_remark(values)
+    if not remark:
+        return values, ()
+    if "nan" not in mend:
+        return values, (f'{remark}, and taken as acceleration: mend = ["nan"] takes such for gaps',)
+    taken = np.where(far_outside(values), np.nan, values)
+    return taken, (f"{remark}: taken for gaps",)
+
+
+def marker_remark(values: np.ndarray) -> str:
+    """The markers among samples, shape (n,), in words; "" where there are none."""
     far = far_outside(values)
     if not far.any():
-        return values, ()
+        return ""
     count, rest = int(np.count_nonzero(far)), values[np.isfinite(values) & ~far]
     written = ", ".join(f"{value:g}" for value in np.unique(values[far])[:3])
     noun, verb = ("sample", "is") if count == 1 else ("samples", "are")
-    remark = (
+    return (
         f"{count} of {values.size} {noun} {verb} {written}, far outside the rest "
         f"({rest.min():.3g} to {rest.max():.3g})"
     )
-    if "nan" not in mend:
-        return values, (f'{remark}, and taken as acceleration: mend = ["nan"] takes such for gaps',)
-    return np.where(far, np.nan, values), (f"{remark}: taken for gaps",)
 
 
 def far_outside(values: np.ndarray) -> np.ndarray:

@@ -35,6 +35,9 @@ STRETCHES = 4
 # A record is one sine at a time, perhaps swept, where in most of so many stretches this share of
 # the power lies within so many bins of the strongest; noise behind a filter of Q < 20 has less.
 LINE_STRETCHES, LINE_SHARE, LINE_BINS = 16, 0.9, 3
+# So it is of up to three sines at once that hold this share, each with so many bins to itself; a
+# stretch with less than this share of the loudest one's power is silent.
+LINES_AT_ONCE, SHARE_OF_SEVERAL, BINS_PER_LINE, SILENT = 3, 0.99, 100, 1e-6
 # Samples of a stretch.
 SHORTEST_STRETCH, LONGEST_STRETCH = 128, 1024
 
@@ -438,7 +441,7 @@ def _band_remark(record, angular_frequency):
 
 
 def _lines(record):
-    """The strongest sine of each stretch where the record is one sine at a time, swept or not."""
+    """The strongest sines of each stretch where the record is a few at a time, swept or not."""
     values, interval, _ = _knots(record)
     size = min(values.size // LINE_STRETCHES, LONGEST_STRETCH)
     if size < SHORTEST_STRETCH:
@@ -450,14 +453,23 @@ def _lines(record):
     density = np.abs(np.fft.rfft(stretches, axis=1)) ** 2
     # What the mean and the window leave at frequency 0 is no sine.
     density[:, 0] = 0.0
-    peaks = density.argmax(axis=1)
-    nearby = np.abs(np.arange(density.shape[1]) - peaks[:, None]) <= LINE_BINS
-    power, whole = (density * nearby).sum(axis=1), density.sum(axis=1)
-    if not np.median(power) > LINE_SHARE * np.median(whole):
+    whole = density.sum(axis=1)
+    if np.median(whole) <= SILENT * whole.max():
         return ()
-    # Hann's window leaves 3/8 of the square.
-    amplitudes = np.sqrt(4.0 * power / (0.375 * size**2))
-    return tuple(zip((peaks / (size * interval)).tolist(), amplitudes.tolist(), strict=True))
+    found: list[tuple[float, float]] = []
+    bins = np.arange(density.shape[1])
+    for place in range(min(LINES_AT_ONCE, max(1, bins.size // BINS_PER_LINE))):
+        peaks = density.argmax(axis=1)
+        nearby = np.abs(bins - peaks[:, None]) <= LINE_BINS
+        power = (density * nearby).sum(axis=1)
+        # Hann's window leaves 3/8 of the square.
+        amplitudes = np.sqrt(4.0 * power / (0.375 * size**2))
+        found += zip((peaks / (size * interval)).tolist(), amplitudes.tolist(), strict=True)
+        density[nearby] = 0.0
+        share = SHARE_OF_SEVERAL if place else LINE_SHARE
+        if np.median(density.sum(axis=1)) < (1.0 - share) * np.median(whole):
+            return tuple(found)
+    return ()
 
 
 @lru_cache(maxsize=4)

@@ -147,6 +147,11 @@ class Identification:
     def sentences(self) -> list[str]:
         """The verdict, what is not determined, the proof of each record, and the other models."""
         lines = [self.verdict.sentence]
+        lines += [
+            f"{each.name}: {remark}"
+            for each in self.measurements
+            for remark in getattr(each, "remarks", ())
+        ]
         lines += [str(each) for each in self.fitted.undetermined]
         lines += [f"{unclear}; {key} is kept as in the scene" for key, unclear in self.kept]
         for stretch in self.fitted.stretches:

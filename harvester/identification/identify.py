@@ -99,7 +99,11 @@ def identify(
     if not keys:
         raise IdentificationError(f"{scene.name}: nothing is free; name keys with --free")
     follow(0.0, "fit")
-    base, kept = _determined(scene, measurements, keys, free is None)
+    try:
+        base, kept = _determined(scene, measurements, keys, free is None)
+    except IdentificationError as error:
+        remarks = [each for record in measurements for each in getattr(record, "remarks", ())]
+        raise IdentificationError("; ".join([str(error), *remarks])) from None
     follow(MODELS_BEGIN, "other models")
     sizes = fitted_sizes(base, measurements)
     found = [Candidate("as given", base, 0.0, 0.0)]

@@ -16,6 +16,7 @@ from harvester.excitation.conditioning import (
     LARGEST_JITTER,
     SHORTEST_STEP,
     flat_crests,
+    marker_remark,
 )
 from harvester.excitation.motion_file import read_record
 from harvester.excitation.quantities import QUANTITIES, factor_of, unit_named
@@ -44,6 +45,8 @@ class Measurement:
     changes : dict of str to number or text
         What is other than in the scene for this record: {"load.resistance": 1e5}.
     name : str
+    remarks : tuple of str
+        On markers among the samples, of what was not measured.
     """
 
     acceleration: np.ndarray
@@ -53,6 +56,7 @@ class Measurement:
     velocity: np.ndarray | None = None
     changes: dict[str, Any] = field(default_factory=dict)
     name: str = "record"
+    remarks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for quantity in ("acceleration", *OUTPUTS):
@@ -61,6 +65,9 @@ class Measurement:
                 checked = np.array(values, dtype=float)
                 object.__setattr__(self, quantity, checked)
                 _check_column(checked, quantity, self.acceleration.shape, self.name)
+        if not self.remarks:
+            columns = {"acceleration": self.acceleration, **self.outputs}
+            object.__setattr__(self, "remarks", _marker_remarks(columns))
         if not self.outputs:
             raise SceneError(
                 f"{self.name}: nothing was measured beside the acceleration: name a column of "
@@ -82,6 +89,16 @@ class Measurement:
     def duration(self) -> float:
         """s."""
         return self.acceleration.size / self.sampling_rate
+
+
+def _marker_remarks(columns):
+    """A remark on each column, of 1 dimension, that holds markers such as -9999 or a rail."""
+    found = {name: marker_remark(values) for name, values in columns.items() if values.ndim == 1}
+    return tuple(
+        f"{name}: {remark}, and taken as measured: cut the record there"
+        for name, remark in found.items()
+        if remark
+    )
 
 
 def _check_column(values, quantity, shape, where):
@@ -148,7 +165,7 @@ def read_measurement(
     content, _ = read_record(path)
     measured = MeasuredFile(path, content)
     rate = measured.table.rate if rate is None else rate
-    columns = _columns(measured, given, lines, units, rate)
+    columns, remarks = _columns(measured, given, lines, units, rate)
     if "frequency" in columns:
         return response_of(columns, settings, plain_name(Path(path).name))
     if "acceleration" not in columns:
@@ -160,6 +177,7 @@ def read_measurement(
         sampling_rate=_rate(columns.pop("time", None), rate, where),
         changes=settings,
         name=plain_name(Path(path).name),
+        remarks=remarks,
         **columns,
     )
 
@@ -173,13 +191,15 @@ def _number(where, key, value):
 
 
 def _columns(measured, given, lines, units, rate):
-    """The columns of each quantity in SI, or in the scene's scaled units."""
+    """Columns of each quantity in SI, or in the scene's scaled units, and remarks on them."""
     places, unit_of = _places(measured, given), {}
     for quantity, place in places.items():
         unit = _column_and_unit(given.get(quantity, ""), measured.table.names)[1]
         scaled_by = any(f"{quantity}_{end}" in lines for end in LINE_ENDS)
         unit_of[quantity] = _unit(measured, quantity, place, unit, units, scaled_by)
     values = dict(zip(places, measured.take(list(places.values())), strict=True))
+    # In the numbers that the file has.
+    remarks = _marker_remarks({k: v for k, v in values.items() if k in ("acceleration", *OUTPUTS)})
     for quantity, unit in unit_of.items():
         if quantity == "time":
             cure = "write sampling_rate=HZ behind the file"
@@ -192,7 +212,7 @@ def _columns(measured, given, lines, units, rate):
         scale, offset = (lines.get(f"{quantity}_{end}") for end in LINE_ENDS)
         line = (1.0 if scale is None else scale) * values[quantity] + (offset or 0.0)
         values[quantity] = line * factor
-    return values
+    return values, remarks
 
 
 def _places(measured, given):

@@ -36,10 +36,10 @@ class Jumps:
         Displacements between which all cores lie.
     energies : ndarray
         U(X) at evenly spaced displacements from the first to the second.
-    times : ndarray, shape (batches, wells)
-        Time for which each well was the last one reached (s).
-    counts : ndarray, shape (batches, wells, wells)
-        Jumps from one well (row) to another (column).
+    times : ndarray, shape (batches + 1, wells)
+        Time for which each well was the last one reached (s); last, that before `start`.
+    counts : ndarray, shape (batches + 1, wells, wells)
+        Jumps from one well (row) to another (column); last, those before `start`.
     well : int
         The last one reached; −1 before the first.
     time : float
@@ -68,15 +68,15 @@ class Jumps:
             limits=core_energies(system),
             ends=ends,
             energies=np.asarray(potential(system, np.linspace(*ends, TABULATED))),
-            times=np.zeros((batches, wells)),
-            counts=np.zeros((batches, wells, wells)),
+            times=np.zeros((batches + 1, wells)),
+            counts=np.zeros((batches + 1, wells, wells)),
         )
 
     @classmethod
     def between_no_wells(cls, batches: int) -> Jumps:
         """Of a device with one well: there is nothing to count."""
         nothing = np.zeros(0)
-        ends, times = (0.0, 0.0), np.zeros((batches, 0))
+        ends, times = (0.0, 0.0), np.zeros((batches + 1, 0))
         return cls(0.0, 1.0, nothing, nothing, ends, nothing, times, times[:, None])
 
     def add(self, record: Record) -> None:
@@ -124,15 +124,17 @@ def add_jumps(
 
     An interval belongs to the batch of its middle and to the well reached before it.
     """
-    batches, batch, stop, since = len(times), 0, -np.inf, last
+    batches, batch, stop, since = len(times) - 1, -1, -np.inf, last
     left, right = neighbours(saddles, well)
     for i in range(time.size):
         middle = 0.5 * (last + time[i])
-        if middle >= stop and last >= start:
-            if well >= 0 and since >= start:
+        if middle >= stop:
+            if well >= 0:
                 times[batch, well] += last - since
-            batch, since = min(int((middle - start) / batch_length), batches - 1), last
-            stop = start + (batch + 1) * batch_length if batch < batches - 1 else np.inf
+            since = last
+            if last >= start:
+                batch = min(int((middle - start) / batch_length), batches - 1)
+                stop = start + (batch + 1) * batch_length if batch < batches - 1 else np.inf
         last = time[i]
         if left < x[i] < right or not low < x[i] < high:
             continue
@@ -140,12 +142,12 @@ def add_jumps(
         here = np.searchsorted(saddles, x[i])
         energy = 0.5 * v[i] * v[i] + energy_at(energies, low, high, x[i])
         if energy <= limits[here]:
-            if well >= 0 and since >= start:
+            if well >= 0:
                 times[batch, well] += last - since
                 counts[batch, well, here] += 1.0
             since, well = last, here
             left, right = neighbours(saddles, well)
-    if well >= 0 and since >= start:
+    if well >= 0:
         times[batch, well] += last - since
     return well
 

@@ -74,7 +74,7 @@ class Moments:
     points : int
         Accepted points, those before `start` included.
     output : OutputMoments or None
-        Of the load's output side, where it has one.
+        Of the load's output side and of what its stores hold, where it has them.
     jumps : Jumps or None
         Between wells, where there are several.
     """
@@ -93,6 +93,11 @@ class Moments:
     points: int = 0
     output: OutputMoments | None = None
     jumps: Jumps | None = None
+
+    @property
+    def has_output(self) -> bool:
+        """Whether they are of a load with an output."""
+        return self.output is not None and self.output.has_output
 
     @classmethod
     def empty(
@@ -159,9 +164,9 @@ def prepare() -> None:
     """Load the compiled code, so that it does not count as simulation."""
     points = np.zeros(2)
     moments = Moments.empty(0.0, 1.0, (-1.0, 1.0), (), False, 1, 1, 1.0)
-    nothing, ones = np.zeros(1), np.ones((1, 2))
+    nothing, ones = np.zeros(1), np.ones((2, 2))
     ends = (-1.0, 1.0)
-    moments.jumps = Jumps(0.0, 1.0, nothing, points, ends, points, ones, ones[:, None] * ones)
+    moments.jumps = Jumps(0.0, 1.0, nothing, points, ends, points, ones, np.ones((2, 2, 2)))
     time = np.array([0.0, 1.0])
     moments.add(Record(time, *[points] * (len(Record._fields) - 1)))
     output = OutputMoments.beside(moments, ((STATE, ""),))

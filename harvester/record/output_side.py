@@ -38,9 +38,9 @@ class OutputMoments:
         As in `harvester.record.moments.Moments` (s).
     integrals : ndarray, shape (batches, len(QUANTITIES))
     rows : tuple of (str, str)
-        Kind and name of each measure of the load.
+        Kind and name of each measure of the load, and of each level.
     measured : ndarray, shape (batches, len(rows), len(MEASURED))
-        Powers, energies and conditions, scaled.
+        Powers, energies and conditions, scaled; levels in V and A.
     first : ndarray, shape (len(rows),)
         When each was first above 0, settling included (s); nan: never.
     latest : ndarray, shape (len(rows),)
@@ -54,6 +54,8 @@ class OutputMoments:
         energy ½ capacitance voltage². nan before the run's end.
     time, voltage : float
         Of the latest point.
+    has_output : bool
+        Whether the load has an output; else its levels alone are meant.
     """
 
     start: float
@@ -70,9 +72,15 @@ class OutputMoments:
     capacitance: float = np.nan
     time: float = np.nan
     voltage: float = np.nan
+    has_output: bool = True
 
     @classmethod
-    def beside(cls, moments: Moments, rows: tuple[tuple[str, str], ...] = ()) -> OutputMoments:
+    def beside(
+        cls,
+        moments: Moments,
+        rows: tuple[tuple[str, str], ...] = (),
+        has_output: bool = True,
+    ) -> OutputMoments:
         """Nothing accumulated yet, in the batches of these `Moments`."""
         batches = len(moments.integrals)
         return cls(
@@ -83,6 +91,7 @@ class OutputMoments:
             measured=np.zeros((batches, len(rows), len(MEASURED))),
             first=np.full(len(rows), np.nan),
             latest=np.zeros(len(rows)),
+            has_output=has_output,
         )
 
     def add(self, time: np.ndarray, voltage: np.ndarray, values: np.ndarray | None = None) -> None:

@@ -172,8 +172,9 @@ def end_batch(tally: Tally, batch: int) -> None:
                 else:
                     tally.products[k, row - quantities] += cells[place]
                 cells[place] = 0.0
-            if tally.wells[k] >= 0:
-                tally.times[k, batch, tally.wells[k]] += cells[TIME + lane] - tally.since[k]
+        # −1 is the last row of the times.
+        if tally.wells[k] >= 0:
+            tally.times[k, batch, tally.wells[k]] += cells[TIME + lane] - tally.since[k]
         tally.since[k] = cells[TIME + lane]
 
 
@@ -262,7 +263,7 @@ def _reach(tally, cells, realization, k, batch):
     potential = energy_at(tally.energies, tally.core_low, tally.core_high, x)
     if 0.5 * v * v + potential > tally.limits[here]:
         return
-    if well >= 0 and batch >= 0:
+    if well >= 0:
         tally.times[realization, batch, well] += time - tally.since[realization]
         tally.counts[realization, batch, well, here] += 1.0
     tally.since[realization], tally.wells[realization] = time, here

@@ -32,6 +32,7 @@ LASTING = {
     for each in (
         errors.AveragingError,
         errors.EnergyNotBalanced,
+        errors.LoadChatters,
         errors.LoadError,
         errors.SimulatorAborted,
         errors.SolutionDiverged,

@@ -154,7 +154,7 @@ class Realizations:
         if waveform and not np.isfinite(found["waveform"]).all():
             return "its waveform is none"
         load = self.scene.load.circuit
-        rows = load.measured if load and load.has_output else None
+        rows = load.recorded if load and (load.has_output or load.recorded) else None
         fit = all(_fits(m, self._template, rows, self.density) for m in moments)
         return "" if fit else "its numbers are not those of this scene"
 

@@ -47,7 +47,8 @@ class Request:
     method : str
         An engine or a closure.
     precision : float or None
-        Relative standard error of each of the quantities that realizations are added for.
+        Relative error of each of the quantities that realizations are added for: the standard
+        error, and what the steps may cost.
     quantities : tuple of str
         Those that decide; names that this scene does not have do not.
     step : str or float
@@ -219,6 +220,25 @@ def next_count(had: int, reached: float, precision: float, cut: Realizations, mo
     return min(max(cut.whole(math.ceil(needed)), had + cut.size), most)
 
 
+def aim_beside_steps(precision: float, step_error: float) -> float:
+    """Relative standard error that with the steps' error makes up a precision.
+
+    Where the steps alone cost more, the precision itself: `note_on_steps` then says so.
+    """
+    left = precision**2 - step_error**2
+    return math.sqrt(left) if left > 0.0 else precision
+
+
+def note_on_steps(precision: float, step_error: float) -> str:
+    """What to say of steps that cost more than a precision asked for; empty otherwise."""
+    if step_error < precision:
+        return ""
+    return (
+        f"the steps may cost {step_error:.2g} of a power, more than the precision {precision:g} "
+        "asked for: choose --step fine or finest"
+    )
+
+
 def relative_error(estimate: Estimate | None) -> float:
     """Standard error as a share of the estimate; infinite without one."""
     if estimate is None or estimate.standard_error is None or not estimate.estimate:
@@ -280,6 +300,9 @@ def _simulated(request, version, density):
     """Rounds of realizations until they are precise enough."""
     cut = Realizations.of(request.cut_from, request.method, request.step, version, density)
     most = cut.whole(request.most) if request.precision else request.first
+    cost = step_error(prepared(request.scene), request.step, request.method)
+    # Without a precision the first round is all.
+    aim = aim_beside_steps(request.precision, cost) if request.precision else math.inf
     count, had, found, ahead = min(cut.whole(request.first), most), 0, [], 0.0
     while True:
         found += yield Wanted(cut.tasks(had, count, most), ahead)
@@ -287,11 +310,11 @@ def _simulated(request, version, density):
         if not good:
             return None if ended == OUT_OF_TIME else ended
         answer, reached = _answer(request, good, ended)
-        precise = request.precision is None or reached <= request.precision
+        precise = reached <= aim
         if ended or precise or count >= most or isinstance(answer, HarvesterError):
             return answer
-        had, count = count, next_count(count, reached, request.precision, cut, most)
-        needed = min(had * min(reached / request.precision, most) ** 2, most)
+        had, count = count, next_count(count, reached, aim, cut, most)
+        needed = min(had * min(reached / aim, most) ** 2, most)
         ahead = max(needed - count, 0.0) / cut.size
 
 
@@ -301,16 +324,19 @@ def _answer(request, good, ended):
     scene = replace(request.scene, run=replace(request.scene.run, realizations=len(moments)))
     ready = prepared(scene)
     parameters = ready.system
-    found = run_estimates(scene, moments, step_error(ready, request.step, request.method))
+    cost = step_error(ready, request.step, request.method)
+    found = run_estimates(scene, moments, cost)
     if not abs(found.residual) <= LARGEST_RESIDUAL:
         return not_balanced(found.residual), math.inf
     reached, unseen = _reached(request, scene, parameters, found.whole)
-    shapes = densities(moments, is_symmetric(scene, parameters)) if request.density else {}
+    shapes = densities(found.moments, is_symmetric(scene, parameters)) if request.density else {}
     shape = shapes.get("displacement")
     if found.shortfalls and shape:
         shape = replace(shape, standard_error=None)
     notes = [*notes_on_excitation(scene), *found.notes, *residual_notes(found.residual)]
-    if request.precision and reached > request.precision:
+    if request.precision and note_on_steps(request.precision, cost):
+        notes.append(note_on_steps(request.precision, cost))
+    if request.precision and reached > aim_beside_steps(request.precision, cost):
         said = f"{reached:.1%}" if math.isfinite(reached) else "unknown"
         notes.append(f"relative standard error {said}, not the {request.precision:.1%} asked for")
     if isinstance(ended, HarvesterError):

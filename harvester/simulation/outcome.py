@@ -49,7 +49,7 @@ def result_of(
     last = max(realization.ended for realization in realizations)
     cost = step_error(ready, step, engine)
     found = run_estimates(scene, moments, cost)
-    shapes = densities(moments, is_symmetric(scene, parameters))
+    shapes = densities(found.moments, is_symmetric(scene, parameters))
     joints = [realization.joint for realization in realizations if realization.joint is not None]
     joint = joint_density_of(joints, is_symmetric(scene, parameters)) if joints else None
     if found.shortfalls:

@@ -138,11 +138,13 @@ def run(
     ready = prepared(scene)
     paths = [noise_path(ready, index) for index in indices]
     moments = [empty_moments(scene) for _ in indices]
-    # Only a netlist has an output side.
+    # Only a netlist has an output side or stores.
     output = {}
     load = scene.load.circuit
-    if load and load.has_output:
-        output["outputs"] = [OutputMoments.beside(each, load.measured) for each in moments]
+    if load and (load.has_output or load.recorded):
+        output["outputs"] = [
+            OutputMoments.beside(each, load.recorded, load.has_output) for each in moments
+        ]
         for each, its_output in zip(moments, output["outputs"], strict=True):
             each.output = its_output
     observers: list[list] = [[each] for each in moments]

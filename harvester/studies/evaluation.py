@@ -9,7 +9,7 @@ import numpy as np
 from harvester.errors import HarvesterError
 from harvester.estimates.batch_means import complete_batches
 from harvester.estimates.estimate import Estimate
-from harvester.estimates.of_run import error_of, run_estimates, with_steps
+from harvester.estimates.of_run import run_estimates, with_steps
 from harvester.estimates.settling import withheld
 from harvester.prepared.prepared import prepared
 from harvester.record.moments import Moments
@@ -108,8 +108,8 @@ def evaluate(
     outcome = "; ".join([COMPLETE, *found.notes, *residual_notes(found.residual)])
     if isinstance(ended, HarvesterError):
         outcome = f"ended after {len(moments)} realizations: {told(ended)}"
-    series = power_series(moments, scales.power)
-    power = Estimate(float(series.mean()), error_of(scene)(series), None, "power")
+    series = power_series(found.moments, scales.power)
+    power = Estimate(float(series.mean()), found.error(series), None, "power")
     power = with_steps(scene, power, step_error)
     estimates = in_units(found.whole, scales)
     estimates[POWER] = power
@@ -133,7 +133,7 @@ def power_series(moments: Sequence[Moments], unit: float) -> np.ndarray:
     """Output power batch by batch, shape (realizations, batches), whose mean is the estimate."""
     if complete_batches(moments) is None:
         raise HarvesterError("no realization has a complete batch: raise run.duration")
-    energy, time = sums(moments, "mean_output_power" if moments[0].output else "mean_power")
+    energy, time = sums(moments, "mean_output_power" if moments[0].has_output else "mean_power")
     mean = energy.sum() / time.sum()
     return unit * (mean + (energy - mean * time) / time.mean())
 

@@ -278,7 +278,9 @@ def stepped(scene: Scene, frequencies: np.ndarray) -> Scene:
     slowest = 2.0 * timescales.relaxation_time(parameters)
     slowest = max(slowest, 1.0 / decay) if decay > 0.0 else slowest
     if scene.load.circuit:
-        slowest = max(slowest, scene.load.circuit.charging_time)
+        from circuits.kernel.slow_modes import slowest_time
+
+        slowest = max(slowest, slowest_time(scene))
     motion = 2.0 * math.pi / timescales.fastest_angular_frequency(parameters) / KNOTS_PER_PERIOD
     spacing = min(Sine(1.0, frequencies.max()).spacing(motion), motion)
     dwell = slowest * math.log(1.0 / SETTLED_SHARE) + MEASURED_PERIODS / frequencies.min()

@@ -7,13 +7,21 @@ from raw_files import run_raw
 
 from circuits.export import stand_alone
 from circuits.loads.subcircuits import load_names
-from circuits.ltspice import FUNCTIONS, to_ltspice, translate
+from circuits.ltspice import to_ltspice, translate
 from harvester.command_line import main
 from harvester.errors import NetlistError
 from harvester.prepared.paths import noise_path
 from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
 
+# Documented in LTspice's help under "B. Arbitrary Behavioral Voltage or Current Sources".
+FUNCTIONS = {
+    "abs", "absdelay", "acos", "acosh", "asin", "asinh", "atan", "atan2", "atanh", "buf", "ceil",
+    "cos", "cosh", "ddt", "delay", "exp", "floor", "hypot", "i", "idt", "idtmod", "if", "int",
+    "inv", "limit", "ln", "log", "log10", "max", "min", "pow", "pwr", "pwrs", "rand", "random",
+    "round", "sdt", "sgn", "sin", "sinh", "sqrt", "table", "tan", "tanh", "u", "uramp", "v",
+    "white",
+}  # fmt: skip
 # What LTspice's help says its functions do, as Python.
 MEANING = {
     "pwr": lambda x, y: abs(x) ** y,
@@ -24,6 +32,8 @@ MEANING = {
     "sgn": lambda x: (x > 0) - (x < 0),
     "abs": abs,
     "round": round,
+    "min": min,
+    "max": max,
 }
 
 
@@ -45,6 +55,9 @@ def value(expression, **names):
         ("2*x**2", 3.0, 18.0),
         ("(x==3) ? 1 : 0", 3.0, 1.0),
         ("(x!=3) ? 1 : 0", 3.0, 0.0),
+        ("x ? 5 : 6", 0.4, 5.0),
+        ("!x ? 5 : 6", 0.4, 6.0),
+        ("x && 2 ? 5 : 6", 0.4, 5.0),
         ("x == 1 && x < 2 || x > 5 ? 1k : 2", 1.0, 1000.0),
         ("u2(x)", 0.25, 0.25),
         ("u2(x)", 7.0, 1.0),
@@ -70,8 +83,8 @@ def test_powers_and_signs_bind_as_in_ngspice(tmp_path):
 
 
 def test_parameters_of_a_behavioural_source_stand_in_braces():
-    assert translate("gain*v(a, b)+{2*gain}*time", True) == "{gain}*v(a,b)+{2*gain}*time"
-    assert translate("gain*2") == "gain*2"
+    assert translate("gain*v(a, b)+{2*gain}*time", True) == "{gain}*v(a,b)+(2.0*{gain}*time)"
+    assert translate("gain*2") == "gain*2.0"
 
 
 @pytest.mark.parametrize("fault", ["hertz2(x)", "a b", "sin(", "a ? b", "a % b", "a;b"])

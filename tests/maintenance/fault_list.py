@@ -268,7 +268,7 @@ FAULTS = [
     Fault(
         "error bars: neighbours are taken for independent",
         BATCH_MEANS,
-        "return math.sqrt(variance * (1.0 + 2.0 * max(neighbours, 0.0)))",
+        "return math.sqrt(variance * (1.0 + 2.0 * max(neighbours, least_correlation)))",
         "return math.sqrt(variance)",
         EXACT_ERROR,
     ),

@@ -24,8 +24,8 @@ def with_load(tmp_path, text, *overrides):
     [
         ("M1 p out n n nm\n.model nm nmos(vto=1)", 4, "letter M"),
         ("Q1 p out n tr\n.model tr npn(bf=100)", 4, "letter Q"),
-        ("D1 p out dm\n.model dm d(is=1n ikf=1)", 4, "ikf="),
-        ("D1 p out dm temp=50\n.model dm d(is=1n)", 4, "temp="),
+        ("D1 p out dm\n.model dm d(is=1n jtun=1n)", 4, "jtun="),
+        ("D1 p out dm pj=1u\n.model dm d(is=1n cjsw=1p)", 4, "cjsw="),
         ("B1 p out i=ddt(v(p))", 4, "ddt"),
     ],
 )

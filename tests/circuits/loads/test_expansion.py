@@ -148,8 +148,8 @@ def test_a_load_is_a_regular_file(tmp_path, name):
 
 @pytest.mark.parametrize(
     "expression",
-    ["1" + "==1" * 200, "(" * 5000 + "1" + ")" * 5000, "-" * 5000 + "1", "1?1:" * 3000 + "1"],
+    ["x" + "==x" * 200, "(" * 5000 + "x" + ")" * 5000, "x?1:" * 3000 + "1"],
 )
 def test_an_expression_too_large_for_ltspice_is_refused(expression):
-    with pytest.raises(NetlistError, match=r"nests too deeply|grows too long"):
+    with pytest.raises(NetlistError, match=r"deeper than 100|grows too long"):
         translate(expression)

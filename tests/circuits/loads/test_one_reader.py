@@ -4,16 +4,23 @@ import random
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
-from raw_files import ngspice_program
+from raw_files import program_46
 
 from circuits.assembly import assemble
 from circuits.kernel.assembly import build
 from circuits.loads import subcircuits
-from circuits.loads.expression import leaves, parse, resolved, written
+from circuits.loads.expression import (
+    ExpressionError,
+    Names,
+    leaves,
+    parse,
+    rebuilt,
+    resolved,
+    written,
+)
 from circuits.loads.scope import Scope
 from circuits.loads.subcircuits import find_netlist, read_load
 from circuits.loads.tape import Values
@@ -23,18 +30,12 @@ from harvester.errors import NetlistError
 from harvester.scene.model import Scene
 from harvester.verification.known_results.simulators import read_raw
 
-OWN_46 = Path(sys.prefix) / "ngspice-osdi" / "usr" / "bin" / "ngspice"
-
-
-def program():
-    return str(OWN_46) if OWN_46.exists() else ngspice_program()
-
 
 def run(folder, deck):
     """Variables of a deck, as `read_raw`; ngspice's own words where it makes none."""
     (folder / "deck.cir").write_text(deck)
     (folder / "deck.raw").unlink(missing_ok=True)
-    command = [program(), "-b", "-r", "deck.raw", "deck.cir"]
+    command = [program_46(), "-b", "-r", "deck.raw", "deck.cir"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=60)
     assert (folder / "deck.raw").exists(), (done.stdout + done.stderr)[-800:]
     return read_raw(folder / "deck.raw")
@@ -166,6 +167,8 @@ def test_what_ngspice_reads_otherwise_runs_as_it_is_meant(tmp_path, body, before
         ("B1 p n i=1u*idt(v(p))", "", "a current source into a capacitor"),
         ("B1 p n i=(v(p)>1) & (v(p)<2)", "", "write &&"),
         ("R9 p n {f(1k)}", ".func f(a,b) {a+b}", "f takes 2 arguments, not 1"),
+        ("R9 p n {x==2<y}", ".param x=1 y=3", "write parentheses"),
+        ("B1 p n i=v(p)!=2>=v(n)", "", "write parentheses"),
         ("R9 p n {1k 2}", "", "an operator is missing"),
         ("* needs: x>1 and x<3\nR9 p n 1k", ".param x=2", "write && for and"),
         ("R9 p n {1k+(2}", "", "closing parenthesis missing"),
@@ -188,7 +191,7 @@ def test_a_value_from_a_scene_is_no_spice_text(tmp_path, value):
         read_load(path, parameters={"r": value})
 
 
-@pytest.mark.parametrize("name", ["bridge", "doubler", "node_buck"])
+@pytest.mark.parametrize("name", ["bridge", "doubler", "node_buck", "sece"])
 def test_named_and_written_out_are_one_circuit(tmp_path, name):
     """An exported deck keeps names; the run of it is the run of what is written out."""
     read = read_load(find_netlist(name))
@@ -259,24 +262,99 @@ def random_expression(draw, depth=0):
     return f"(0.2+abs({a}))^(tanh({b}))"
 
 
+def test_reading_a_load_imports_no_compiler():
+    code = (
+        "import sys\nfrom circuits.loads.subcircuits import find_netlist, read_load\n"
+        "load = read_load(find_netlist('node_buck'))\nassert load.run_text and load.measures\n"
+        "print('numba' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
+
+
+def random_chain(draw):
+    """Operators one after another with few parentheses: their precedence decides."""
+    text = draw.choice(["x", "y", "2", "0.7", "3"])
+    for _ in range(draw.randint(2, 5)):
+        sign = draw.choice(["+", "-", "*", "/", "<", ">=", "==", "!=", "&&", "||", "^", "**"])
+        operand = draw.choice(["x", "y", "2", "0.7", "3", "(x+2*y)", "(y>0.5)"])
+        text += f"{sign}{operand}" if sign not in ("^", "**") else f"{sign}{draw.choice('23')}"
+    return text if draw.random() < 0.8 else f"({text}) ? x : y"
+
+
+# Share of a number by which ngspice may read it otherwise: 0.5 as 0.49999999999999994.
+LAST_DIGITS = 1e-12
+
+
+class Moved(Names):
+    """x and y as numbers, their last digits and all others' changed by chance; seed 0: not."""
+
+    function = staticmethod(lambda name: None)
+
+    def __init__(self, seed):
+        self._seed = seed
+
+    def number(self, value):
+        """The same number always changes alike: x > x stays as it is."""
+        if self._seed == 0 or value.is_integer():
+            return value
+        return value * (1.0 + LAST_DIGITS * random.Random(f"{self._seed}{value!r}").uniform(-1, 1))
+
+    def name(self, name):
+        return ("number", self.number({"x": X, "y": Y}[name]))
+
+    def value(self, text):
+        """Of an expression of x and y."""
+
+        def made(here, parts):
+            if here[0] == "number":
+                return ("number", self.number(here[1]))
+            return (*here[: len(here) - len(parts)], *parts) if parts else here
+
+        return resolved(rebuilt(parse(text), made), self)[1]
+
+
+def has_a_value(text):
+    """Whether it is read, and no comparison in it is met to within the last digits of its numbers.
+
+    There ngspice's own value is chance: it reads 0.5 + 0.5 as less than 1.
+    """
+    try:
+        values = [Moved(seed).value(text) for seed in range(6)]
+    except ExpressionError:
+        return False
+    return np.ptp(values) <= 1e-8 * max(np.abs(values)) < 1e-2
+
+
+X, Y = -1.7, 0.6
+
+
 def agree(tmp_path, seed, count):
-    """Source, measure and what is written: each expression has plain ngspice's value."""
+    """Source, measure, parameter and what is written: each has plain ngspice's value."""
     draw = random.Random(seed)
-    texts = [random_expression(draw) for _ in range(count)]
-    x, y = -1.7, 0.6
-    scope = Scope(parse_tree([Card(".param x=-1.7 y=0.6", "a:1")], "a"))
+    drawn = [random_expression(draw) for _ in range(count)]
+    drawn += [random_chain(draw) for _ in range(count // 2)]
+    texts = [text for text in drawn if has_a_value(text)]
+    assert len(texts) > count
+    scope = Scope(parse_tree([Card(f".param x={X} y={Y}", "a:1")], "a"))
     volts = [re.sub(r"\b([xy])\b", r"v(n\1)", text) for text in texts]
     trees = [scope.tree(text) for text in volts]
-    ours = Values(trees, ["nx", "ny"])(np.zeros(1), np.array([[x], [y]]))[:, 0]
-    lines = ["deck", f"vx nx 0 {x}", f"vy ny 0 {y}", f".nodeset v(nx)={x} v(ny)={y}"]
+    ours = Values(trees, ["nx", "ny"])(np.zeros(1), np.array([[X], [Y]]))[:, 0]
+    lines = ["deck", f"vx nx 0 {X}", f"vy ny 0 {Y}", f".nodeset v(nx)={X} v(ny)={Y}"]
     lines += [f"b{k} b{k} 0 v={text}" for k, text in enumerate(volts)]
     lines += [f"bw{k} w{k} 0 v={written(tree)}" for k, tree in enumerate(trees)]
+    # ngspice's parameters know neither u nor uramp.
+    plain = {k: text for k, text in enumerate(texts) if not re.search(r"\bu(ramp)?\(", text)}
+    lines += [f".param x={X} y={Y}", *(f"vp{k} p{k} 0 {{{text}}}" for k, text in plain.items())]
     raw = run(tmp_path, "\n".join([*lines, ".op", ".end"]) + "\n")
     for k, text in enumerate(texts):
         found = raw[f"v(b{k})"][0], raw[f"v(w{k})"][0], ours[k]
         assert found[1:] == pytest.approx([found[0]] * 2, rel=1e-6, abs=1e-9), text
         parameters = resolved(parse(text), scope.circuit_names)
         assert parameters[1] == pytest.approx(found[0], rel=1e-6, abs=1e-9), text
+        if k in plain:
+            own = scope.value(f"{{{text}}}")
+            assert own == pytest.approx(raw[f"v(p{k})"][0], rel=1e-6, abs=1e-9), text
         assert not [each for each in leaves(parameters) if each[0] == "name"]
 
 
@@ -284,15 +362,7 @@ def test_random_expressions_have_plain_ngspices_values(tmp_path):
     agree(tmp_path, 1, 200)
 
 
-# One in some 2500 expressions has another value than plain ngspice's: comparisons of comparisons.
-DISAGREEING = {6, 12, 14, 16, 20}
-KNOWN = pytest.mark.xfail(reason="one expression of the draw disagrees", strict=True)
-
-
 @pytest.mark.exhaustive
-@pytest.mark.parametrize(
-    "seed",
-    [pytest.param(seed, marks=KNOWN if seed in DISAGREEING else ()) for seed in range(2, 22)],
-)
+@pytest.mark.parametrize("seed", range(2, 42))
 def test_more_random_expressions(tmp_path, seed):
     agree(tmp_path, seed, 500)

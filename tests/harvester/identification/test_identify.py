@@ -9,7 +9,7 @@ from measured_records import band_noise, measured, off, scene_of
 
 from harvester.errors import HarvesterError, IdentificationError, SceneError
 from harvester.identification.identify import identify
-from harvester.identification.measurement import Measurement
+from harvester.identification.measurement import Measurement, read_measurement
 from harvester.identification.report import report
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
@@ -248,3 +248,27 @@ def test_records_that_tell_nothing_are_refused():
         Measurement(made.acceleration, RATE, np.clip(made.voltage, -1.0, 1.0))
     with pytest.raises(HarvesterError, match=r"load.netlist is 'bridge'"):
         identify(truth.replace({"load.netlist": "bridge"}), made)
+
+
+@pytest.mark.parametrize("marker", [-9999.0, 65535.0, 400.0])
+def test_markers_of_loggers_are_named(tmp_path, marker):
+    """In the file's own numbers, -9999 g; a shock of unequal samples is none."""
+    rng = np.random.default_rng(3)
+    values = band_noise(rng, 2000, RATE, 4.0, 60.0, 12.0)
+    table = np.column_stack([np.arange(2000) / RATE, values, np.roll(values, 3)])
+    path = tmp_path / "m.csv"
+
+    def remarks(changed):
+        header = "time [s],acceleration [g],voltage [mV]"
+        np.savetxt(path, changed, delimiter=",", header=header, comments="")
+        return read_measurement(path).remarks
+
+    assert remarks(table) == ()
+    shocked = table.copy()
+    shocked[500:508, 1] = marker * np.sin(np.arange(1, 9) / 3.0)
+    assert remarks(shocked) == ()
+    for column, quantity in ((1, "acceleration"), (2, "voltage")):
+        marked = table.copy()
+        marked[[300, 700, 701, 1500], column] = marker
+        (remark,) = remarks(marked)
+        assert remark.startswith(f"{quantity}: 4 of 2000 samples are {marker:g}, far outside")

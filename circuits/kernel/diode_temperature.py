@@ -1,0 +1,73 @@
+"""A diode's numbers at its temperature, by the laws that ngspice's own model takes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from circuits.loads.part_models import TEMPERATURE
+
+# ngspice's: 0 °C and its reference, both in K, and k/q in V/K.
+FREEZING, REFERENCE = 273.15, 300.15
+VOLT_PER_KELVIN = 1.38064852e-23 / 1.6021766208e-19
+# Of the depletion capacitance's grading.
+LARGEST_GRADING = 0.9
+
+
+def at_temperature(model: Mapping[str, float], celsius: float) -> dict[str, float]:
+    """The numbers of a diode's model as they are at a temperature, "vt" (V) among them.
+
+    Parameters
+    ----------
+    model : mapping of str to float
+        By ngspice's names, for `tnom` °C.
+    celsius : float
+    """
+    said = {"is": 1e-14, "n": 1.0, "m": 0.5, "vj": 1.0, "fc": 0.5, "eg": 1.11, "xti": 3.0,
+            "nr": 2.0, **model}  # fmt: skip
+    said["cjo"] = said.get("cjo", 0.0)
+    nominal, kelvin = said.get("tnom", TEMPERATURE) + FREEZING, celsius + FREEZING
+    said["vt"], warmer = VOLT_PER_KELVIN * kelvin, kelvin - nominal
+    for current, swings in (("is", said["n"]), ("isr", said["nr"])):
+        energy = (kelvin / nominal - 1.0) * said["eg"] / said["vt"]
+        growth = math.exp((energy + said["xti"] * math.log(kelvin / nominal)) / swings)
+        said[current] = said.get(current, 0.0) * growth
+    grading = said["m"] * _polynomial(said, warmer, "tm1", "tm2")
+    said["m"] = min(grading, LARGEST_GRADING)
+    said["rs"] = said.get("rs", 0.0) * _polynomial(said, warmer, "trs1", "trs2")
+    said["tt"] = said.get("tt", 0.0) * _polynomial(said, warmer, "ttt1", "ttt2")
+    if "bv" in said:
+        share = said["bv"] if said.get("tlev", 0.0) else 1.0
+        said["bv"] -= said.get("tcv", 0.0) * warmer * share
+    _depletion(said, nominal, kelvin)
+    said["vj"] = min(said["vj"], 1.0 / said["fc"]) if said["fc"] else said["vj"]
+    return said
+
+
+def _polynomial(said, warmer, first, second):
+    return 1.0 + said.get(first, 0.0) * warmer + said.get(second, 0.0) * warmer**2
+
+
+def _depletion(said, nominal, kelvin):
+    """The potential and the capacitance without bias."""
+    if said.get("tlevc", 0.0):
+        beyond = kelvin - REFERENCE
+        said["vj"] -= said.get("tpb", 0.0) * beyond
+        said["cjo"] *= 1.0 + said.get("cta", 0.0) * beyond
+        return
+    shift, before = _potential_shift(kelvin), _potential_shift(nominal)
+    at_reference = (said["vj"] - before) * REFERENCE / nominal
+    old = said["vj"] / at_reference - 1.0
+    said["vj"] = shift + kelvin / REFERENCE * at_reference
+    new = said["vj"] / at_reference - 1.0
+    said["cjo"] *= (1.0 + said["m"] * (4e-4 * (kelvin - REFERENCE) - new)) / (
+        1.0 + said["m"] * (4e-4 * (nominal - REFERENCE) - old)
+    )
+
+
+def _potential_shift(kelvin):
+    """What silicon's band gap and its intrinsic density add to a junction's potential (V)."""
+    gap = 1.16 - 7.02e-4 * kelvin**2 / (kelvin + 1108.0)
+    volts = VOLT_PER_KELVIN * kelvin
+    half = (1.1150877 / REFERENCE - gap / kelvin) / (2.0 * VOLT_PER_KELVIN)
+    return -2.0 * volts * (1.5 * math.log(kelvin / REFERENCE) + half)

@@ -1,0 +1,143 @@
+"""How a load's stores relax: its small-signal network about what its nodes are on average."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from circuits.kernel import junction
+from circuits.kernel.assembly import collect
+from circuits.kernel.builder import tables_of
+from circuits.loads.part_values import capacitance, conductance
+from circuits.loads.stores import times_of, weights
+from circuits.loads.tape import evaluate, slopes
+from harvester.device.terminals import GROUND
+
+if TYPE_CHECKING:
+    from circuits.kernel.tables import Tables
+    from harvester.scene.model import Scene
+
+# S: what leads from every node, so that one that nothing else leads from has a place. A hundredth
+# of what ngspice has beside a junction.
+LEAK = 1e-2 * junction.LEAST_CONDUCTANCE
+# Share of the time in which that leak discharges a store from which a time is the leak's.
+LEAKS_SHARE = 0.1
+_ACTIVE = "swqjmb"
+
+
+def relaxation(scene: Scene, levels: Mapping[str, float], blocking: bool = True) -> np.ndarray:
+    """How far levels lie from where they will settle, for each rate at which they still move.
+
+    Parameters
+    ----------
+    scene : Scene
+        Whose load is a netlist.
+    levels : mapping of str to float
+        Mean voltages (V) and currents (A) by the load's own names.
+    blocking : bool
+        Whether what may block, diodes, open switches and expressions, leads anywhere.
+
+    Returns
+    -------
+    ndarray, shape (len(levels), len(levels))
+        Levels by rates (s): the inverse of the conductances times the capacitances. What nothing
+        discharges keeps its charge. Its eigenvalues are the relaxation times.
+
+    Elements that the compiled engine does not take count as blocking.
+    """
+    b, measurement, _, velocity = collect(scene, whole=False)
+    # Ground stands behind the velocity, which is no part of the load.
+    ground = velocity + 1
+    places = np.array([_place(tree, b, ground) for tree in measurement.trees[-len(levels) :]])
+    y = np.zeros(ground + 1)
+    y[places] = list(levels.values())
+    y[velocity:] = 0.0
+    capacity, conductance = _network(tables_of(b, velocity), y, blocking)
+    nodes = np.array([not name.startswith("i(") for name in b.unknowns])
+    answer = np.zeros((ground + 1, ground + 1))
+    kept = slice(0, velocity)
+    answer[kept, kept] = _solved(capacity[kept, kept], conductance[kept, kept], nodes)
+    return answer[np.ix_(places, places)]
+
+
+def slowest_time(scene: Scene) -> float:
+    """The longest time (s) in which a load's resistors charge or discharge its stores; 0 without.
+
+    What only a diode leads to has none. Of a load with switches, transistors or expressions only
+    what lies across its output counts: they carry charge at rates of their own.
+    """
+    load = scene.load.circuit
+    if any(each.letter in _ACTIVE or each.expression is not None for each in load.elements):
+        siemens = conductance(load.across_output)
+        return capacitance(load.across_output) / siemens if siemens else 0.0
+    levels = dict.fromkeys(load.levels, 0.0)
+    if not levels:
+        return 0.0
+    matrix = relaxation(scene, levels, blocking=False)
+    sizes = {each.name: each.size or 0.0 for each in load.elements if each.letter in "cl"}
+    return max(
+        time
+        for each in load.stores
+        for time in (0.0, *times_of(matrix, weights(each, levels)))
+        if time < LEAKS_SHARE * sizes[each.name] / LEAK
+    )
+
+
+def _place(tree, b, ground):
+    """Where the unknown of a level stands; what is not taken has none."""
+    if tree[0] == "i":
+        return b.unknowns.get(f"i({tree[1]})", ground)
+    return ground if tree[1] == GROUND else b.unknowns.get(tree[1], ground)
+
+
+def _solved(c, g, nodes):
+    """G⁻¹ C; where only capacitors lead to a node the sum of their charges stays as it is."""
+    alone = ~np.any(g != 0.0, axis=1)
+    held = np.where(alone[:, None], 0.0, c)
+    g = np.where(alone[:, None], c, g + np.diag(np.where(nodes, LEAK, 0.0)))
+    sizes = np.abs(g).max(axis=1, keepdims=True)
+    sizes[sizes == 0.0] = 1.0
+    return np.linalg.lstsq(g / sizes, held / sizes, rcond=None)[0]
+
+
+def _network(tables: Tables, y: np.ndarray, blocking: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Capacitances and conductances among the unknowns and ground, about their means."""
+    size = y.size
+    capacity, conductance = np.zeros((size, size)), np.zeros((size, size))
+    rows, columns = tables.entries.T
+    np.add.at(capacity, (rows, columns), tables.capacity)
+    np.add.at(conductance, (rows, columns), tables.conductance)
+    # What the velocity gives and takes is the device's.
+    for matrix in (capacity, conductance):
+        matrix[size - 2], matrix[:, size - 2] = 0.0, 0.0
+    if blocking:
+        for ends, row in zip(tables.junctions, tables.junction_values, strict=True):
+            _stamp(conductance, ends, junction.slope(row, y[ends[0]] - y[ends[1]]))
+    for ends, values in zip(tables.switches, tables.switch_values, strict=True):
+        control = y[ends[2]] - y[ends[3]]
+        closed = control > values[3] or (control >= values[2] and ends[4] == 1)
+        if closed or blocking:
+            _stamp(conductance, ends[:2], values[int(closed)])
+    if blocking:
+        _add_behavioural(tables, y, conductance)
+    return capacity, conductance
+
+
+def _stamp(conductance, ends, value):
+    for row, sign in zip(ends, (1.0, -1.0), strict=True):
+        for column, other in zip(ends, (1.0, -1.0), strict=True):
+            conductance[row, column] += sign * other * value
+
+
+def _add_behavioural(tables, y, conductance):
+    """Slopes of the expressions."""
+    values, shares = tables.tape_values.copy(), np.zeros(len(tables.tape))
+    evaluate(tables.tape, values, y, 0.0)
+    for number, (to, source, first, last) in enumerate(tables.behavioural):
+        slopes(tables.tape, values, shares, first, last)
+        for which, operation, unknown in tables.inputs:
+            if which == number and np.isfinite(shares[operation]):
+                conductance[to, unknown] += shares[operation]
+                conductance[source, unknown] -= shares[operation]

@@ -1,0 +1,246 @@
+"""What a load does by itself in the course of time: its jumps, and the steps that follow it.
+
+Sources and expressions of the time move whether or not the device does. Both engines ask here how
+long a step may be and where one has to end. The expressions' bounds over intervals tell: where one
+changes by more than a share of its swing the interval is halved, and what still does in the
+shortest intervals jumps there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from circuits.loads.bounds import bounds, of_time_alone
+from circuits.loads.expression import Tree, parts_of
+from circuits.loads.potentials import Potentials, wave_tree, with_sources
+from harvester.errors import LoadError
+
+if TYPE_CHECKING:
+    from circuits.loads.elements import Element
+    from circuits.loads.waveform import Waveform
+
+# Over a step, the change of what moves by itself and its distance from a straight line at most,
+# against its swing from peak to peak: a sine takes 31 to 62 steps a period, a ramp 10 to 20. The
+# mean square of either is then known to 0.5 %.
+CHANGE, BEND = 0.1, 0.0025
+# Of the largest value, a swing that is rounding.
+ROUNDING = 1e-9
+# Halvings of a step of the grid after which what still changes jumps.
+HALVINGS = 20
+# Of a step of the grid, how well an engine's clock and an expression's value are known: what jumps
+# just at an interval's end jumps in it.
+CLOCK = 1e-8
+# Steps of the grid that are looked ahead at a time.
+AHEAD = 64
+# Rises of a pulse that are so much shorter than what is constant on both sides jump: their corners
+# are met, and what a straight line misses of their square is 0.4 % of it.
+STEEP = 1.0 / 80.0
+# Steps in one of the grid's, on the mean of those looked ahead, that are too many for any run.
+MOST_STEPS = 5000
+
+
+class Plan(NamedTuple):
+    """Steps over a stretch of time.
+
+    Attributes
+    ----------
+    ends : ndarray, shape (n,)
+        Times at which steps have to end, growing (s).
+    longest : ndarray, shape (n,)
+        Of the steps up to each (s).
+    jumps : ndarray, shape (n,)
+        1 where the stretch up to it holds a jump, else 0.
+    """
+
+    ends: np.ndarray
+    longest: np.ndarray
+    jumps: np.ndarray
+
+
+NO_PLAN = Plan(np.zeros(0), np.zeros(0), np.zeros(0))
+
+
+class Course:
+    """What of a load moves by itself.
+
+    Parameters
+    ----------
+    elements : iterable of circuits.loads.elements.Element
+    """
+
+    def __init__(self, elements: Iterable[Element]) -> None:
+        elements = tuple(elements)
+        potentials = Potentials(each for each in elements if not (each.wave and steep(each.wave)))
+        found: dict[Tree, Element] = {}
+        for each in elements:
+            if each.wave is not None and not steep(each.wave):
+                found.setdefault(tree_of(each.wave), each)
+            if each.expression is not None:
+                for tree in _moving(with_sources(each.expression, potentials)):
+                    found.setdefault(tree, each)
+        self._found = found
+
+    def __bool__(self) -> bool:
+        return bool(self._found)
+
+    def steps(self, step: float) -> Steps:
+        """What gives the plans of a run on a grid of this step (s)."""
+        return Steps(self._found, step)
+
+
+class Steps:
+    """Plans of a run, one stretch after another; see `Course.steps`."""
+
+    def __init__(self, found: dict[Tree, Element], step: float) -> None:
+        self._found, self._step = found, step
+        self._least = {tree: math.inf for tree in found}
+        self._most = {tree: -math.inf for tree in found}
+
+    def plan(self, first: int, count: int) -> Plan:
+        """The plan from a step of the grid on, for some `AHEAD` of them; none where the grid does.
+
+        Raises
+        ------
+        LoadError
+            Something changes so fast that no run would follow it.
+        """
+        edges = np.arange(first, first + count + 1) * self._step
+        smooth, jumps = self._halved(edges[:-1], edges[1:])
+        found = [(*smooth, np.zeros(smooth[0].size))]
+        if jumps[0].size:
+            found = list(self._between(edges, smooth, jumps))
+        low, high, leaps = (np.concatenate(each) for each in zip(*found, strict=True))
+        order = np.argsort(low)
+        return _joined(low[order], high[order], leaps[order], self._step)
+
+    def _between(self, edges, smooth, jumps):
+        """Steps of the grid with jumps once more, cut at these: halving comes ever closer to one.
+
+        Yields the smooth intervals elsewhere, the jumps, and the new intervals.
+        """
+        holds = np.zeros(edges.size - 1, dtype=bool)
+        holds[_cells(edges, jumps)] = True
+        kept = ~holds[_cells(edges, smooth)]
+        yield smooth[0][kept], smooth[1][kept], np.zeros(np.count_nonzero(kept))
+        low, high = _merged(*jumps)
+        low, high = np.maximum(low, edges[0]), np.minimum(high, edges[-1])
+        yield low, high, np.ones(low.size)
+        cuts = np.concatenate([edges[:-1][holds], edges[1:][holds], low, high])
+        cuts = np.unique(cuts)
+        middle = 0.5 * (cuts[:-1] + cuts[1:])
+        inside = holds[np.clip(np.searchsorted(edges, middle, "right") - 1, 0, holds.size - 1)]
+        place = np.searchsorted(low, middle, "right") - 1
+        inside &= (place < 0) | (middle > high[place])
+        (low, high), (left, right) = self._halved(cuts[:-1][inside], cuts[1:][inside])
+        yield np.append(low, left), np.append(high, right), np.zeros(low.size + left.size)
+
+    def _halved(self, low, high):
+        """Intervals halved until each is fine, and those that are not after `HALVINGS`."""
+        done, total, count = [], 0, low.size
+        for _ in range(HALVINGS):
+            fine, element = self._fine(low, high)
+            done.append((low[fine], high[fine]))
+            total += int(np.count_nonzero(fine))
+            low, high = low[~fine], high[~fine]
+            if low.size == 0:
+                break
+            if total + low.size > MOST_STEPS * count:
+                self._refuse(element, low[0])
+            middle = 0.5 * (low + high)
+            low, high = np.concatenate([low, middle]), np.concatenate([middle, high])
+        return tuple(np.concatenate(each) for each in zip(*done, strict=True)), (low, high)
+
+    def _fine(self, low, high):
+        """Which intervals need no halving, and the element that asks for the most of it."""
+        fine, worst, element = np.ones(low.size, dtype=bool), -1, None
+        middle, rounding = 0.5 * (low + high), CLOCK * self._step
+        for tree, each in self._found.items():
+            values = [np.mean(bounds(tree, t, t), axis=0) for t in (low, middle, high)]
+            known = np.concatenate([value[np.isfinite(value)] for value in values])
+            self._least[tree] = min(self._least[tree], known.min(initial=math.inf))
+            self._most[tree] = max(self._most[tree], known.max(initial=-math.inf))
+            swing = self._most[tree] - self._least[tree]
+            swing += ROUNDING * max(abs(self._most[tree]), abs(self._least[tree]))
+            least, most = bounds(tree, np.maximum(low - rounding, 0.0), high + rounding)
+            bent = np.abs(values[1] - 0.5 * (values[0] + values[2]))
+            good = (most - least <= CHANGE * swing) & (bent <= BEND * swing)
+            fine &= good
+            if np.count_nonzero(~good) > worst:
+                worst, element = int(np.count_nonzero(~good)), each
+        return fine, element
+
+    def _refuse(self, each, time):
+        raise LoadError(
+            f"{each.where}: {each.name}: from {time:.4g} s on it changes by itself within less "
+            f"than a {MOST_STEPS}th of the device's steps of {self._step:.3g} s: no run can "
+            "follow; slow it down, or put its mean in its place"
+        )
+
+
+def _cells(edges, intervals):
+    """Which steps of the grid hold intervals."""
+    return np.searchsorted(edges, 0.5 * (intervals[0] + intervals[1]), "right") - 1
+
+
+def _merged(low, high):
+    """Jumps that touch as one, a little wider: an end is told from a jump just there."""
+    order = np.argsort(low)
+    low, high = low[order], high[order]
+    apart = low[1:] > high[:-1] + 0.5 * (high[:-1] - low[:-1])
+    low, high = low[np.append(True, apart)], high[np.append(apart, True)]
+    wider = 0.25 * (high - low)
+    return low - wider, high + wider
+
+
+def _joined(low, high, jumps, step):
+    """A plan of intervals in order, those alike one after another as one."""
+    widths = high - low
+    last = np.ones(low.size, dtype=bool)
+    alike = np.abs(widths[1:] - widths[:-1]) < 0.25 * widths[1:]
+    last[:-1] = ~alike | (jumps[1:] != jumps[:-1])
+    if not (jumps.any() or (widths < 0.75 * step).any()):
+        return NO_PLAN
+    return Plan(high[last], widths[last] * (1.0 + 1e-6), jumps[last])
+
+
+def _moving(tree: Tree) -> Iterable[Tree]:
+    """The largest parts of a tree that change with time alone."""
+    waiting = [tree]
+    while waiting:
+        here = waiting.pop()
+        if of_time_alone(here):
+            yield here
+        else:
+            waiting += parts_of(here)
+
+
+def tree_of(wave: Waveform) -> Tree:
+    """A source's waveform as an expression of the time."""
+    time: Tree = ("time",)
+    if wave.kind == "pwl":
+        return ("call", "pwl", time, *(("number", each) for each in wave.numbers))
+    if wave.kind != "sffm":
+        return wave_tree(wave)
+    offset, amplitude, carrier, index, signal = (("number", each) for each in wave.numbers)
+    turn: Tree = ("*", ("number", 2.0 * math.pi), time)
+    swing = ("*", index, ("sin", ("*", turn, signal)))
+    return ("+", offset, ("*", amplitude, ("sin", ("+", ("*", turn, carrier), swing))))
+
+
+def steep(wave: Waveform) -> bool:
+    """Whether a source stands still but for jumps, to whose corners steps go anyway."""
+    numbers = wave.numbers
+    if wave.kind == "pulse":
+        rise, fall, width, every = numbers[3:]
+        return max(rise, fall) <= STEEP * min(width, every - rise - fall - width)
+    if wave.kind != "pwl":
+        return False
+    times, values = np.array(numbers[::2]), np.array(numbers[1::2])
+    lengths, changes = np.diff(times), np.diff(values) != 0.0
+    around = np.concatenate([[math.inf], np.where(changes, 0.0, lengths), [math.inf]])
+    shortest = np.minimum(around[:-2], around[2:])
+    return bool(np.all(~changes | (lengths <= STEEP * shortest)))

@@ -1,0 +1,375 @@
+"""Whether a load oscillates by itself, with the device at rest, and how fast its switches act.
+
+Kirchhoff's laws of the load alone, C dy/dt + i(y) = s, are solved at rest and linearised there. A
+mode that grows is an oscillator; switches that no state satisfies relax for ever, and the time
+constants of what controls them set the time of a turn.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from circuits.loads.expression import ExpressionError, Tree
+from circuits.loads.numbers import THERMAL_VOLTAGE
+from circuits.loads.part_models import hysteresis
+from harvester.device.terminals import GROUND
+from harvester.errors import LoadError
+
+if TYPE_CHECKING:
+    from circuits.loads.elements import Element
+    from circuits.loads.subcircuits import LoadCircuit
+
+# Conductance from every node to ground (S); Newton's iterations at most, and the share of the
+# currents at a node, or of the voltages around, whose sum ends them.
+GMIN, MOST_ITERATIONS, SETTLED = 1e-12, 300, 1e-9
+# Conductance (S) that slows Newton's iterations where they fail without, and its share after each.
+SLOWED, FADING = 1e-3, 0.9
+# A diode's exponent beyond which it goes on as a straight line.
+LARGEST_EXPONENT = 40.0
+# Growth of a mode against its rate, and the rate (1/s) beyond which it is rounding.
+GROWING, FASTEST = 1e-6, 1e13
+# Share of a control's way that a mode takes part in to count.
+TAKES_PART = 0.05
+# Of a switch's control, the least time constant in steps of the grid that a run comes down to: a
+# hundred times Monte Carlo's shortest step, and ngspice's clock is no finer.
+LEAST_TURN = 1e-8
+# Unknowns of a load beyond which it is not looked at: half a second of work.
+MOST_UNKNOWNS = 300
+
+
+class OwnMotion(NamedTuple):
+    """What a load does with the device at rest.
+
+    Attributes
+    ----------
+    oscillates : bool
+    turn : float
+        Shortest time constant of what controls a switch that turns for ever (s); infinite without.
+    switch : str
+        That switch, as "name (file:line)".
+    unknown : str
+        Why all this is not known; empty where it is.
+    """
+
+    oscillates: bool = False
+    turn: float = math.inf
+    switch: str = ""
+    unknown: str = ""
+
+
+AT_REST = OwnMotion()
+
+
+def own_motion(elements: tuple[Element, ...]) -> OwnMotion:
+    """What a load does with the device at rest."""
+    if not any(map(_may_drive, elements)):
+        return AT_REST
+    try:
+        circuit = _Circuit(elements)
+    except ExpressionError as reason:
+        return OwnMotion(unknown=str(reason))
+    if circuit.size > MOST_UNKNOWNS:
+        return OwnMotion(unknown=f"it has more than {MOST_UNKNOWNS} nodes and currents")
+    found = [_of_sources(circuit, source) for source in circuit.sources()]
+    fastest = min(found, key=lambda each: each.turn)
+    oscillates = any(each.oscillates for each in found)
+    unknown = next((each.unknown for each in found if each.unknown), "")
+    return OwnMotion(oscillates, fastest.turn, fastest.switch, "" if oscillates else unknown)
+
+
+def check_turn(load: LoadCircuit, step: float) -> None:
+    """Refuse switches that turn by themselves faster than a run on a grid of this step (s) follows.
+
+    Raises
+    ------
+    LoadError
+    """
+    own = load.own_motion
+    if own.turn < LEAST_TURN * step:
+        raise LoadError(
+            f"{own.switch} turns by itself, and its control follows within {own.turn:.2g} s: no "
+            f"run with steps of {step:.2g} s comes down to that; raise ron or the capacitance at "
+            "its control"
+        )
+
+
+def own_notes(load: LoadCircuit) -> tuple[str, ...]:
+    """What a reader of results must know of a load whose own motion is not known."""
+    if not load.own_motion.unknown:
+        return ()
+    return (
+        "whether the load oscillates by itself is not known "
+        f"({load.own_motion.unknown}): compare with shorter steps",
+    )
+
+
+def _may_drive(each):
+    """Whether an element could keep something moving: a source, a gain or what is below 0."""
+    if each.letter in "vi":
+        return each.wave is not None or each.value != 0.0
+    return each.letter in "begfh" or (each.letter in "rlc" and (each.size or 0.0) < 0.0)
+
+
+def _of_sources(circuit, source):
+    closed = circuit.closed.copy()
+    seen: list[tuple] = []
+    turns: list[tuple[float, str]] = []
+    rest = circuit.rest(closed, source)
+    while rest is not None and tuple(closed) not in seen:
+        seen.append(tuple(closed))
+        wrong = circuit.wrong(closed, rest)
+        if wrong < 0:
+            return OwnMotion(circuit.grows(rest, closed))
+        closed[wrong] = ~closed[wrong]
+        before, rest = rest, circuit.rest(closed, source)
+        if rest is not None:
+            name = circuit.name(wrong)
+            turns.append((circuit.time_constant(wrong, before, rest, closed), name))
+    if rest is None:
+        return OwnMotion(unknown="no rest of it is found")
+    return OwnMotion(True, *min(turns[seen.index(tuple(closed)) :]))
+
+
+class _Circuit:
+    """The equations of a load alone; ground is its pin n."""
+
+    def __init__(self, elements: tuple[Element, ...]) -> None:
+        self._places: dict[str, int] = {GROUND: -1, "n": -1}
+        self._stores: dict[str, tuple[int, int, float]] = {}
+        self._mutual: list[tuple[str, str, float]] = []
+        self._conductance: list[tuple[int, int, float]] = []
+        self._steady: list[tuple[int, float, Element]] = []
+        self._diodes: list[tuple] = []
+        self._switches: list[tuple] = []
+        self._behavioural: list[tuple] = []
+        self._branches = {each.name: self._unknown(f"i({each.name})") for each in elements
+                          if each.letter in "vl" or each.voltage}  # fmt: skip
+        # Reading a load imports no compiler.
+        from circuits.loads import tape
+
+        self._compiled = tape
+        self._tape = tape.Tape()
+        coils = {each.name: each.size for each in elements if each.letter == "l"}
+        for each in elements:
+            self._add(each, coils)
+        self.size = len(self._places) - 2
+        self.closed = np.array(["on" in each.flags for each, *_ in self._switches], dtype=bool)
+        self._rows = np.array(self._tape.rows, dtype=np.int64).reshape(-1, 4)
+        self._values = np.array(self._tape.values, dtype=float)
+        self._ends, self._sizes = self._storage()
+        self._g = self._matrix(self._conductance) + np.diag(
+            [0.0 if name.startswith("i(") else GMIN for name in [*self._places][2:]]
+        )
+
+    def _matrix(self, entries):
+        matrix = np.zeros((self.size, self.size))
+        for row, column, value in entries:
+            if row >= 0 and column >= 0:
+                matrix[row, column] += value
+        return matrix
+
+    def _storage(self):
+        """Where each capacitor and coil stands, one a column, and their sizes with the mutual ones.
+
+        Modes are those of what stores: as many as there are, and none of rounding.
+        """
+        names = [*self._stores]
+        ends, sizes = np.zeros((self.size + 1, len(names))), np.zeros((len(names),) * 2)
+        for k, (a, z, size) in enumerate(self._stores.values()):
+            ends[a, k] += 1.0
+            ends[z, k] -= 1.0
+            sizes[k, k] = size
+        for one, other, size in self._mutual:
+            sizes[names.index(one), names.index(other)] += size
+        return ends[:-1], sizes
+
+    def _unknown(self, name):
+        return self._places.setdefault(name, len(self._places) - 2)
+
+    def _add(self, each, coils):
+        if each.letter == "k":
+            one, other = each.controls
+            mutual = each.value * math.sqrt(coils[one] * coils[other])
+            self._mutual += [(one, other, -mutual), (other, one, -mutual)]
+            return
+        nodes = [self._unknown(node) for node in each.nodes]
+        row = self._branches.get(each.name, -1)
+        if row >= 0:
+            for node, sign in zip(nodes[:2], (1.0, -1.0), strict=True):
+                self._conductance += [(node, row, sign), (row, node, sign)]
+        if each.letter in "cl" and each.size is None:
+            raise ExpressionError(f"{each.name}: a value that changes")
+        if each.letter == "r":
+            self._between(self._conductance, nodes, nodes, 1.0 / each.size if each.size else 0.0)
+        elif each.letter == "c":
+            self._stores[each.name] = (*nodes, each.size)
+        elif each.letter == "l":
+            self._stores[each.name] = (row, -1, -each.size)
+        elif each.letter in "vi":
+            given = [(row, 1.0)] if row >= 0 else [(nodes[0], -1.0), (nodes[1], 1.0)]
+            self._steady += [(place, sign, each) for place, sign in given]
+        elif each.letter == "d":
+            self._diodes.append((nodes, each))
+        elif each.letter in "sw":
+            control = nodes[2:] if each.letter == "s" else [self._branches[each.controls[0]], -1]
+            self._switches.append((each, nodes, control))
+        elif each.expression is not None:
+            self._add_expression(each, nodes, row)
+        elif each.letter in "egfh":
+            control = [self._branches[each.controls[0]], -1] if each.letter in "fh" else nodes[2:]
+            ends = [row, -1] if row >= 0 else nodes[:2]
+            gain = each.value * each.many
+            self._between(self._conductance, ends, control, -gain if row >= 0 else gain)
+        else:
+            raise ExpressionError(f"{each.name}: a transistor")
+
+    @staticmethod
+    def _between(entries, ends, controls, value):
+        for row, sign in zip(ends, (1.0, -1.0), strict=False):
+            for column, other in zip(controls, (1.0, -1.0), strict=False):
+                entries.append((row, column, sign * other * value))
+
+    def _add_expression(self, each, nodes, row):
+        def unknown_of(tree: Tree) -> int:
+            return self._unknown(tree[1]) if tree[0] == "v" else self._branches[tree[1]]
+
+        first = len(self._tape.rows)
+        last = self._tape.add(each.expression, unknown_of)
+        ends = ((row, -1.0),) if row >= 0 else ((nodes[0], 1.0), (nodes[1], -1.0))
+        many = each.many if row < 0 else 1.0
+        self._behavioural.append(([(place, sign * many) for place, sign in ends], first, last))
+
+    def sources(self) -> Iterator[np.ndarray]:
+        """Right-hand sides: of the sources at the beginning, and at their other end."""
+        for which in range(2):
+            right = np.zeros(self.size)
+            for place, sign, each in self._steady:
+                if place >= 0:
+                    right[place] += sign * _value(each, which)
+            yield right
+
+    def name(self, switch: int) -> str:
+        """A switch as "name (file:line)"."""
+        each = self._switches[switch][0]
+        return f"{each.name} ({each.where})"
+
+    def _currents(self, y, closed, slopes_too):
+        """i(y), and its slopes."""
+        current, slope = self._g @ y, self._g.copy()
+        known = np.append(y, 0.0)
+
+        def conducts(nodes, amperes, siemens):
+            for row, sign in zip(nodes, (1.0, -1.0), strict=True):
+                if row >= 0:
+                    current[row] += sign * amperes
+                    for column, other in zip(nodes, (1.0, -1.0), strict=True):
+                        if slopes_too and column >= 0:
+                            slope[row, column] += sign * other * siemens
+
+        for (each, nodes, _), on in zip(self._switches, closed, strict=True):
+            siemens = 1.0 / each.model.get("ron" if on else "roff")
+            conducts(nodes[:2], siemens * (known[nodes[0]] - known[nodes[1]]), siemens)
+        for nodes, each in self._diodes:
+            conducts(nodes, *_diode(each, known[nodes[0]] - known[nodes[1]]))
+        self._compiled.evaluate(self._rows, self._values, known, 0.0)
+        shares = np.zeros(self._values.size)
+        for ends, first, last in self._behavioural:
+            self._compiled.slopes(self._rows, self._values, shares, first, last)
+            for place, sign in ends:
+                if place >= 0:
+                    current[place] += sign * self._values[last]
+                    for k in range(first, last + 1):
+                        if slopes_too and self._rows[k, 0] == 0:
+                            slope[place, self._rows[k, 1]] += sign * shares[k]
+        return current, slope if slopes_too else None
+
+    def rest(self, closed: np.ndarray, source: np.ndarray) -> np.ndarray | None:
+        """Voltages and currents at which nothing moves, found from 0; None where none is found."""
+        found = self._newton(closed, source, 0.0)
+        return self._newton(closed, source, SLOWED) if found is None else found
+
+    def _newton(self, closed, source, held):
+        """Newton's iterations, slowed by a conductance (S) at each node that fades."""
+        y = np.zeros(self.size)
+        nodes = np.diag([0.0 if name.startswith("i(") else 1.0 for name in [*self._places][2:]])
+        for _ in range(MOST_ITERATIONS):
+            current, slope = self._currents(y, closed, True)
+            left, sizes = source - current, np.abs(slope) @ np.abs(y) + np.abs(source)
+            if held < GMIN and np.all(np.abs(left) <= SETTLED * sizes):
+                return y
+            try:
+                y = y + np.linalg.solve(slope + held * nodes, left)
+            except np.linalg.LinAlgError:
+                return None
+            if not np.isfinite(y).all():
+                return None
+            held *= FADING
+        return None
+
+    def wrong(self, closed: np.ndarray, y: np.ndarray) -> int:
+        """The first switch that would turn there, or −1."""
+        known = np.append(y, 0.0)
+        for k, (each, _, control) in enumerate(self._switches):
+            volts = known[control[0]] - known[control[1]]
+            low, high = hysteresis(each.letter, each.model)
+            if (closed[k] and volts < low) or (not closed[k] and volts > high):
+                return k
+        return -1
+
+    def _modes(self, y, closed):
+        """Rates of the modes (1/s) and their shapes, one a column."""
+        _, slope = self._currents(y, closed, True)
+        moved = np.linalg.solve(slope, self._ends @ self._sizes)
+        times, shapes = np.linalg.eig(self._ends.T @ moved)
+        finite = np.abs(times) > 1.0 / FASTEST
+        return -1.0 / times[finite], moved @ shapes[:, finite]
+
+    def grows(self, y: np.ndarray, closed: np.ndarray) -> bool:
+        """Whether a mode grows there."""
+        rates, _ = self._modes(y, closed)
+        return bool(np.any(rates.real > GROWING * np.abs(rates)))
+
+    def time_constant(
+        self, switch: int, before: np.ndarray, y: np.ndarray, closed: np.ndarray
+    ) -> float:
+        """The shortest of those with which a switch's control goes from one rest to another (s)."""
+        rates, shapes = self._modes(y, closed)
+        shares = np.linalg.pinv(shapes) @ (before - y) if rates.size else np.zeros(0)
+        known = np.vstack([shapes * shares, np.zeros(rates.size)])
+        one, other = self._switches[switch][2]
+        parts = np.abs(known[one] - known[other])
+        moved = np.append(before - y, 0.0)
+        if abs((known[one] - known[other]).sum()) < 0.5 * abs(moved[one] - moved[other]):
+            # The rest is too fast for its rate to be told from rounding.
+            return 0.0
+        counts = parts > TAKES_PART * parts.sum()
+        return float(1.0 / np.abs(rates[counts]).max(initial=0.0)) if counts.any() else math.inf
+
+
+def _value(source, which):
+    """What a source gives at the beginning (0), and at its other end (1)."""
+    if source.wave is None:
+        return source.value
+    if which == 0:
+        return source.wave.start
+    numbers = source.wave.numbers
+    if source.wave.kind == "pwl":
+        return max(numbers[1::2], key=abs)
+    return numbers[0] + numbers[1] if source.wave.kind in ("sin", "sffm") else numbers[1]
+
+
+def _diode(each, volts):
+    """Current and conductance of a diode."""
+    saturation = each.model.get("is", 1e-14) * each.get("area", 1.0) * each.many
+    swing = each.model.get("n", 1.0) * THERMAL_VOLTAGE
+    exponent = volts / swing
+    if exponent < LARGEST_EXPONENT:
+        power = math.exp(max(exponent, -LARGEST_EXPONENT))
+        return saturation * (power - 1.0), saturation * power / swing
+    power = math.exp(LARGEST_EXPONENT)
+    beyond = exponent - LARGEST_EXPONENT
+    return saturation * (power * (1.0 + beyond) - 1.0), saturation * power / swing

@@ -1,0 +1,83 @@
+"""What of a load holds charge or flux, and the voltages and currents by which it is followed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from circuits.loads.expression import leaves
+from harvester.device.terminals import GROUND
+
+if TYPE_CHECKING:
+    from circuits.loads.elements import Element
+    from circuits.loads.subcircuits import LoadCircuit
+
+# Elements with nodes that control them, and those whose slope depends on the voltage across them.
+_CONTROLLED, _CURVED = "segw", "dqjm"
+
+# A mode takes part in a store whose voltage in it is this share of the mode's greatest: not that of
+# a DC side as a whole against ground, which stray capacitances hold.
+TAKES_PART = 0.1
+
+
+class Store(NamedTuple):
+    """A capacitor or a coil of a load.
+
+    Attributes
+    ----------
+    name, where : as in `circuits.loads.elements.Element`.
+    first, second : levels, or ground, whose difference is its voltage or current.
+    """
+
+    name: str
+    where: str
+    first: str
+    second: str
+
+
+def stores_of(load: LoadCircuit) -> tuple[Store, ...]:
+    """The capacitors and coils of a load that hold something."""
+    return tuple(_store(each) for each in load.elements if _holds(each))
+
+
+def levels_of(load: LoadCircuit) -> tuple[str, ...]:
+    """Nodes, and currents as "i(name)", that tell what the stores hold and what acts on them.
+
+    Empty for a load without a store.
+    """
+    if not load.stores:
+        return ()
+    found = [end for each in load.stores for end in (each.first, each.second)]
+    for each in load.elements:
+        if each.letter in _CURVED:
+            found += each.nodes
+        elif each.letter in _CONTROLLED:
+            found += each.nodes[2:4]
+        if each.expression is not None:
+            for leaf in leaves(each.expression):
+                if leaf[0] == "v":
+                    found += leaf[1:]
+    return tuple(name for name in dict.fromkeys(found) if name != GROUND)
+
+
+def _holds(each: Element) -> bool:
+    return each.letter in "cl" and (each.expression is not None or (each.size or 0.0) > 0.0)
+
+
+def _store(each):
+    ends = (f"i({each.name})", GROUND) if each.letter == "l" else each.nodes[:2]
+    return Store(each.name, each.where, *ends)
+
+
+def weights(store: Store, levels: Iterable[str]) -> np.ndarray:
+    """Of each level in what a store holds: 1, −1 or 0."""
+    return np.array([float(name == store.first) - float(name == store.second) for name in levels])
+
+
+def times_of(matrix: np.ndarray, held: np.ndarray) -> np.ndarray:
+    """Relaxation times (s) of the modes that take part in what a store holds, by its weights."""
+    times, modes = np.linalg.eig(matrix)
+    parts = np.abs(held @ modes) >= TAKES_PART * np.abs(modes).max(axis=0)
+    return np.abs(times[parts])

@@ -1,0 +1,125 @@
+"""Which comparisons of a load make a current or voltage jump when what they compare passes."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from circuits.loads.bounds import of_time_alone
+from circuits.loads.expression import ExpressionError, Tree, leaves
+from harvester.device.terminals import GROUND
+
+# Lines through the space of voltages and currents on which an expression is looked at, from and to
+# values of up to these powers of ten, and the halvings that find a turn on one.
+LINES, SMALLEST, GREATEST, HALVINGS = 64, -2.0, 2.0, 60
+# Of an expression's values on both sides of a turn, a difference that is no jump, against its size
+# at the line's ends.
+CONTINUOUS = 1e-6
+# Of a comparison's slope, what is rounding.
+ROUNDING = 1e-9
+
+
+class Passing(NamedTuple):
+    """A comparison that turns where the first unknown less the second passes a level.
+
+    Attributes
+    ----------
+    ends : (str, str)
+        A node, "i(source)" or ground each.
+    level : float
+        In V or A.
+    """
+
+    ends: tuple[str, str]
+    level: float
+
+
+@functools.lru_cache(maxsize=4096)
+def turns(tree: Tree) -> tuple[Tree, ...]:
+    """Trees that pass 0 where a tree jumps, those of the time alone left out."""
+    found = dict.fromkeys(each for each in _passed(tree) if not of_time_alone(each))
+    return tuple(each for each in found if _jumps(tree, each))
+
+
+def _passed(tree: Tree) -> Iterator[Tree]:
+    """What passes 0 where a part of a tree turns."""
+    half_turn = ("number", math.pi)
+    for each in leaves(tree):
+        if each[0] in ("<", "<="):
+            yield ("-", each[1], each[2])
+        elif each[0] in ("sgn", "u"):
+            yield each[1]
+        elif each[0] in ("floor", "ceil"):
+            yield ("sin", ("*", half_turn, each[1]))
+        elif each[0] == "nint":
+            yield ("cos", ("*", half_turn, each[1]))
+
+
+def _unknowns(tree):
+    named = [each for each in leaves(tree) if each[0] in ("v", "i")]
+    names = [f"i({each[1]})" if each[0] == "i" else node for each in named for node in each[1:]]
+    return [name for name in dict.fromkeys(names) if name != GROUND]
+
+
+def _jumps(tree, passed):
+    """Whether a tree's value jumps where another passes 0; so where that is met nowhere."""
+    names = _unknowns(tree)
+    try:
+        from circuits.loads.tape import Values
+
+        values = Values([passed, tree], names)
+    except ExpressionError:
+        return True
+    random = np.random.default_rng(1)
+    shape = (len(names), LINES)
+    ends = [
+        random.choice([-1.0, 1.0], shape) * 10.0 ** random.uniform(SMALLEST, GREATEST, shape)
+        for _ in range(2)
+    ]
+    time = random.uniform(0.0, 1.0, LINES)
+    low, high = np.zeros(LINES), np.ones(LINES)
+
+    def at(share):
+        return values(time, ends[0] + share * (ends[1] - ends[0]))
+
+    begin, end = at(low), at(high)
+    first, size = np.sign(begin[0]), np.maximum(np.abs(begin[1]), np.abs(end[1]))
+    met = first * end[0] < 0.0
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        before = np.sign(at(middle)[0]) == first
+        low, high = np.where(before, middle, low), np.where(before, high, middle)
+    leap = np.abs(at(low)[1] - at(high)[1])
+    return not met.any() or bool(np.any((leap > CONTINUOUS * size)[met]))
+
+
+def passing(passed: Tree) -> Passing | None:
+    """What passes 0 as two unknowns and a level, or None where it is not so simple."""
+    names = _unknowns(passed)
+    try:
+        from circuits.loads.tape import Values
+
+        values = Values([passed], names)
+    except ExpressionError:
+        return None
+    points = np.eye(len(names), len(names) + 3)
+    points[:, -2] = np.random.default_rng(2).uniform(-10.0, 10.0, len(names))
+    points[:, -1] = 2.0 * points[:, -2]
+    found = values(np.array([*np.zeros(len(names) + 2), 1.0]), points)[0]
+    start, slopes = found[len(names)], found[: len(names)] - found[len(names)]
+    straight = start + slopes @ points
+    if not np.allclose(found, straight, rtol=ROUNDING, atol=ROUNDING * np.abs(slopes).max()):
+        return None
+    counts = [k for k in range(len(names)) if abs(slopes[k]) > ROUNDING * np.abs(slopes).max()]
+    counts.sort(key=lambda k: -slopes[k])
+    if len(counts) == 1:
+        (k,) = counts
+        return Passing((names[k], GROUND), float(-start / slopes[k]))
+    if len(counts) == 2 and abs(slopes[counts].sum()) <= ROUNDING * np.abs(slopes).max():
+        ends = names[counts[0]], names[counts[1]]
+        return Passing(ends, float(-start / slopes[counts[0]]))
+    return None

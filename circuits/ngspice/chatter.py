@@ -1,0 +1,75 @@
+"""Behavioural sources of a load that turn on and off at every few steps of ngspice."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from circuits.loads.expression import leaves, renamed
+from circuits.loads.part_values import jumping_sources
+from circuits.loads.tape import Values
+from circuits.ngspice import callbacks
+from harvester.device.terminals import GROUND
+
+if TYPE_CHECKING:
+    from circuits.assembly import Netlist
+    from circuits.loads.subcircuits import LoadCircuit
+
+# A source chatters that jumps by half its greatest value at this share of the points, while steps
+# are shorter than this share of the usual one, each time of so many that one looks in turn, a
+# second apart. A step load without a hysteresis jumps at two of five points, at steps of 3e-4; a
+# pulse width modulated in thirty steps a period at one of fifteen.
+JUMPING_SHARE, SLIDING_STEP, LOOKS = 0.125, 1e-2, 6
+# Points that tell.
+FEWEST_POINTS = 200
+
+
+class Chattering:
+    """Looks at the points of a run now and then.
+
+    Parameters
+    ----------
+    netlist : circuits.assembly.Netlist
+    load : circuits.loads.subcircuits.LoadCircuit or None
+    """
+
+    def __init__(self, netlist: Netlist, load: LoadCircuit | None) -> None:
+        measurement = netlist.measurement
+        self._step, self._count = netlist.step, len(measurement.watched)
+        self._seen: list[str] = []
+        self._names: list[str] = []
+        trees = []
+        levels = load.levels if load else ()
+        # Levels are the last of what is measured; "v", a node's full name and ground.
+        own = measurement.trees[len(measurement.trees) - len(levels) :]
+        pins = {name: tree[1] for name, tree in zip(levels, own, strict=True)}
+        for each in jumping_sources(load) if load else ():
+            tree = renamed(each.expression, pins) if each.expression else None
+            if tree and _nodes(tree) <= {*measurement.watched}:
+                trees.append(tree)
+                self._names.append(f"the source {each.name} ({each.where})")
+        self._values = Values(trees, measurement.watched) if trees else None
+
+    def found(self, times: np.ndarray, points: np.ndarray) -> str:
+        """The source that has chattered at every look of late, or ""."""
+        self._seen = [*self._seen, self._now(times.copy(), points.copy())][-LOOKS:]
+        one = len(self._seen) == LOOKS and len(set(self._seen)) == 1
+        return self._seen[0] if one else ""
+
+    def _now(self, times, points):
+        if self._values is None or times.size < FEWEST_POINTS:
+            return self._seen[-1] if self._seen else ""
+        if not 0.0 < times[-1] - times[0] < SLIDING_STEP * self._step * times.size:
+            return ""
+        watched = points[:, callbacks.COLUMNS :][:, : self._count]
+        values = self._values(times, watched.T)
+        jumps = np.abs(np.diff(values)) > 0.5 * np.abs(values).max(axis=1, keepdims=True)
+        shares = jumps.mean(axis=1)
+        return self._names[int(shares.argmax())] if shares.max() > JUMPING_SHARE else ""
+
+
+def _nodes(tree):
+    """Unknowns that an expression needs."""
+    found = {node for leaf in leaves(tree) if leaf[0] == "v" for node in leaf[1:]} - {GROUND}
+    return found | {f"i({leaf[1]})" for leaf in leaves(tree) if leaf[0] == "i"}

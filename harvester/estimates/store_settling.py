@@ -1,0 +1,188 @@
+"""What a load's capacitors and coils still take, and how far they are from where they settle.
+
+The averaged charges obey C d⟨y⟩/dt + G (⟨y⟩ − y∞) = 0, G about the means: what is missing of y∞ is
+G⁻¹ C times the rate at which the mean still moves, however the stores are connected. A diode that
+blocks on average counts as blocking, so that this is rather too much; where the rate itself decays
+within the run, its decay tells the rest.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from circuits.loads.kinds import LEVEL
+from circuits.loads.stores import times_of, weights
+from harvester.estimates.batch_means import FEWEST_BATCHES, complete_batches
+from harvester.estimates.measures import CHANGE, INTEGRAL, SQUARE, measured_series
+from harvester.prepared.prepared import prepared
+from harvester.record.moments import QUANTITIES
+
+if TYPE_CHECKING:
+    from harvester.record.moments import Moments
+    from harvester.scene.model import Scene
+
+# A store that holds less than this share of the terminal's rms voltage counts by that share of it.
+LEAST_HELD = 0.01
+# Ratio of the rates in a run's last two quarters up to which their decay tells a time, and how well
+# (as a share of what it lacks to 1) it must agree with that of the quarters before.
+SLOWEST_DECAY, ALIKE = 0.98, 0.2
+
+
+@dataclass(frozen=True)
+class StoreState:
+    """One store of a load over a run.
+
+    Attributes
+    ----------
+    name, where : as in `circuits.loads.stores.Store`.
+    missing : float
+        Distance from where it settles, as a share of what it holds.
+    error : float
+        Standard error of `missing`.
+    time : float
+        In which it relaxes (s); nan where nothing tells.
+    memory : float
+        Time over which what it holds is remembered under noise (s).
+    """
+
+    name: str
+    where: str
+    missing: float
+    error: float
+    time: float
+    memory: float
+
+
+def store_states(scene: Scene, moments: Sequence[Moments]) -> list[StoreState]:
+    """The stores of a scene's load as a run left them; empty without any.
+
+    Parameters
+    ----------
+    scene : Scene
+    moments : sequence of Moments
+    """
+    batches, load = complete_batches(moments), scene.load.circuit
+    output = moments[0].output
+    if batches is None or load is None or output is None:
+        return []
+    rows = output.rows
+    names = [name for kind, name in rows if kind == LEVEL]
+    if not names or batches.shape[1] < 2:
+        return []
+    series = np.stack(
+        [measured_series(moments, k) for k, (kind, _) in enumerate(rows) if kind == LEVEL], axis=2
+    )
+    time = batches[:, :, QUANTITIES.index("time")]
+    mean = series[..., INTEGRAL].sum(axis=(0, 1)) / time.sum()
+    matrix = _matrix(scene, dict(zip(names, mean, strict=True)))
+    square = batches[:, :, QUANTITIES.index("square_voltage")].sum() / time.sum()
+    # In volts, as the levels are.
+    volts = prepared(scene).scales.voltage * math.sqrt(max(float(square), 0.0))
+    levels = _Levels(names, series, time, mean, LEAST_HELD * volts, scene.excitation.random)
+    return [_state(each, levels, matrix) for each in load.stores]
+
+
+class _Levels(NamedTuple):
+    """Levels of a run: names, sums (realizations, batches, names, …), times, means, least held."""
+
+    names: list[str]
+    series: np.ndarray
+    time: np.ndarray
+    mean: np.ndarray
+    least: float
+    random: bool
+
+
+def _matrix(scene, levels):
+    """G⁻¹ C about the means, or None where a slope there is no number."""
+    from circuits.kernel.slow_modes import relaxation
+
+    matrix = relaxation(scene, levels)
+    return matrix if np.isfinite(matrix).all() else None
+
+
+def _state(store, levels, matrix):
+    ends = weights(store, levels.names)
+    changes = levels.series[..., CHANGE] @ ends
+    length = float(levels.time.sum(axis=1).mean())
+    rate = changes.sum() / levels.time.sum()
+    held, least = abs(float(levels.mean @ ends)), levels.least
+    if store.first.startswith("i("):
+        squares = levels.series[..., SQUARE].sum(axis=(0, 1)) / levels.time.sum()
+        least = LEAST_HELD * math.sqrt(float(squares @ np.abs(ends)))
+    # What swings about 0 has no mean that chance could move.
+    steady, held = held > least, max(held, least)
+    missing, time = (math.inf, math.nan) if levels.random else _by_decay(changes, length)
+    memory = math.inf
+    if matrix is not None:
+        rates = levels.series[..., CHANGE].sum(axis=(0, 1)) / levels.time.sum()
+        by_network = float(ends @ matrix @ rates)
+        # A capacitance that changes has no part in the network.
+        if by_network and rate and not abs(missing) < abs(by_network):
+            missing, time = by_network, by_network / rate
+        memory = float(times_of(matrix, ends).max(initial=0.0))
+    if not math.isfinite(missing):
+        # Nothing tells a time: it is as far off at least as the run has moved it.
+        missing, time = rate * length, length
+    memory = min(memory, _remembered(levels, ends)) if steady else 0.0
+    if not held:
+        return StoreState(store.name, store.where, 0.0, 0.0, math.nan, 0.0)
+    error = _error_of_change(changes, levels.random) / length * abs(time) if rate else 0.0
+    return StoreState(store.name, store.where, missing / held, error / held, abs(time), memory)
+
+
+def _by_decay(changes, length):
+    """What is missing, and the time (s), by how the rate decays at the run's end; inf, nan without.
+
+    The rates in the last two quarters go on as a geometric series.
+    """
+    batches = changes.shape[1]
+    own = changes.sum(axis=0) / len(changes)
+    quarter = batches // 4
+    if not quarter:
+        return math.inf, math.nan
+    first, before, last = (
+        float(own[batches - (k + 1) * quarter : batches - k * quarter].sum()) for k in (2, 1, 0)
+    )
+    if not (first * before > 0.0 and last * before > 0.0):
+        return math.inf, math.nan
+    ratio, earlier = last / before, before / first
+    if ratio > SLOWEST_DECAY or abs(ratio - earlier) > ALIKE * (1.0 - ratio):
+        return math.inf, math.nan
+    to_the_end = float(own @ (np.arange(batches) + 0.5)) / batches
+    time = length * quarter / batches / -math.log(ratio)
+    return to_the_end + last * ratio / (1.0 - ratio), time
+
+
+def _remembered(levels, ends):
+    """Time over which what a store holds is correlated, by neighbouring batches (s)."""
+    values = (levels.series[..., INTEGRAL] @ ends) / levels.time
+    values = values - values.mean()
+    total = float((values**2).sum())
+    if not total > 0.0:
+        return 0.0
+    correlation = float((values[:, 1:] * values[:, :-1]).sum()) / total
+    correlation *= values.shape[1] / (values.shape[1] - 1.0)
+    batch = float(levels.time.mean())
+    if correlation >= 1.0:
+        return math.inf
+    return batch / -math.log(max(correlation, math.exp(-1.0)))
+
+
+def _error_of_change(changes, random):
+    """Standard error of the mean change over the measured time."""
+    realizations, batches = changes.shape
+    if realizations >= FEWEST_BATCHES:
+        return float(changes.sum(axis=1).std(ddof=1)) / math.sqrt(realizations)
+    places = np.arange(batches) - 0.5 * (batches - 1)
+    trend = changes.mean(axis=0).mean()
+    if batches > 2:
+        trend = trend + places * (changes.mean(axis=0) @ places) / (places @ places)
+    spread = float((changes - trend).std()) / math.sqrt(realizations)
+    # Under noise the changes may be a random walk's; a periodic motion's take back one another.
+    return spread * math.sqrt(batches) if random else spread

@@ -1,0 +1,255 @@
+"""Means of a device whose wells differ, from its jumps between them.
+
+Realizations begin in the wells in turn. Where a well is left once in a run or less, the time spent
+in each is that of the starts. The rates of jumps do not depend on the starts: the shares of time
+that they keep in balance are the stationary ones. So are the numbers of jumps, each of which sets
+free or takes the energy between two wells. Batches are weighted until the wells have these shares
+and jumps (a regression estimator, as surveys use: Särndal, Swensson and Wretman, Model Assisted
+Survey Sampling, 1992, chapter 6). A mean's error is that of the means within the wells and that of
+the rates, by how much the mean depends on the well; a rate is known no better than its jumps are
+many.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.estimates.batch_means import complete_batches, standard_error
+from harvester.record.moments import WELLS
+
+if TYPE_CHECKING:
+    from harvester.device.system import System
+    from harvester.record.moments import Moments
+    from harvester.scene.model import Scene
+
+# Jumps that an error bar stands on at least: 16 are known to a quarter of themselves.
+FEWEST_JUMPS = 16.0
+# Of batches that follow each other: without it the shares' errors of a device that left its wells
+# every two seconds were a sixth too large.
+LEAST_CORRELATION = -0.25
+
+
+@dataclass(frozen=True)
+class WellBalance:
+    """What jumps between wells say of a run's shares of time.
+
+    Attributes
+    ----------
+    counts : ndarray, shape (wells, wells)
+        Jumps from one well (row) to another, of all realizations, those before `run.settle`
+        included.
+    times : ndarray, shape (wells,)
+        Time for which each well was the last one reached (s), by the same count.
+    shares : ndarray, shape (wells,), or None
+        Stationary shares of time by the rates; None where too few wells were reached or left.
+    exchange_time : float
+        The slowest time in which the wells forget which one was begun in (s).
+    weights : ndarray, shape (realizations, batches)
+        Of mean 1, with which the mean of `features` is `balanced`.
+    features : ndarray, shape (realizations, batches, wells + kinds of jumps)
+        Each batch's share of time in each well and its jumps per second, kind by kind.
+    balanced : ndarray, shape (wells + kinds of jumps,)
+        Their stationary means by the rates.
+    innovations : ndarray, as `features`
+        How far `balanced` lies off by each batch's jumps, more or less than the rates expect, were
+        all batches like it.
+    changes : ndarray, shape (wells, wells, wells + kinds of jumps)
+        How far `balanced` changes by one jump more from the first well to the second.
+    """
+
+    counts: np.ndarray
+    times: np.ndarray
+    shares: np.ndarray | None
+    exchange_time: float
+    weights: np.ndarray
+    features: np.ndarray
+    balanced: np.ndarray
+    innovations: np.ndarray
+    changes: np.ndarray
+
+    def error(self, series: np.ndarray) -> float | None:
+        """Standard error of a mean from what its weighted batches lie off it.
+
+        Parameters
+        ----------
+        series : ndarray, shape (realizations, batches)
+
+        Returns
+        -------
+        float or None
+            None where it stands on fewer than `FEWEST_JUMPS` jumps or too few batches.
+        """
+        series = np.asarray(series, dtype=float)
+        if self.shares is None:
+            return None
+        off = self.weights[:, :, None] * (self.features - self.balanced)
+        slopes = _slopes(off, series)
+        within = series - off @ slopes
+        # A jump out of a well makes the next one out of it wait.
+        error = standard_error(within + self.innovations @ slopes, LEAST_CORRELATION)
+        own = standard_error(within)
+        if error is None or own is None:
+            return None
+        # Satterthwaite, Biometrics Bull. 2, 110 (1946). A jump that was not seen counts as one.
+        seen = self.counts + 1.0
+        jumps = (self.changes @ slopes) ** 2 * seen
+        samples = (own**2 + jumps.sum()) ** 2
+        known = own**4 / series.size + float((jumps**2 / seen).sum())
+        if samples < FEWEST_JUMPS * known:
+            return None
+        return error * math.sqrt(series.size / (series.size - len(slopes)))
+
+    def without_wells(self, series: np.ndarray) -> np.ndarray:
+        """A series of batches, not weighted, less what the wells do to it; its mean stays."""
+        off = self.features - self.features.mean(axis=(0, 1))
+        return series - off @ _slopes(off, series - series.mean())
+
+
+def well_balance(scene: Scene, system: System, moments: Sequence[Moments]) -> WellBalance | None:
+    """The balance of a run's jumps; None where wells do not differ or nothing is by chance.
+
+    Parameters
+    ----------
+    scene : Scene
+    system : System
+    moments : sequence of Moments
+        Of all realizations.
+    """
+    batches = complete_batches(moments)
+    if batches is None or not _wells_differ(scene, system, batches):
+        return None
+    count = batches.shape[1]
+    jumps, times = (
+        np.stack([_with_settling(getattr(each.jumps, name), count) for each in moments])
+        for name in ("counts", "times")
+    )
+    total, time = jumps.sum(axis=(0, 1)), times.sum(axis=(0, 1))
+    if not total.any() and scene.start is not None:
+        # Means within the well of a start of one's own.
+        return None
+    features = _features(moments, batches, total)
+    rates = total / np.maximum(time, np.finfo(float).tiny)[:, None]
+    shares, exchange = _stationary(rates)
+    if shares is None or not features[:, :, : len(time)].any(axis=(0, 1)).all():
+        none, changes = np.zeros_like(features), np.zeros((*total.shape, features.shape[2]))
+        weights, mean = np.ones(features.shape[:2]), features.mean(axis=(0, 1))
+        return WellBalance(total, time, None, exchange, weights, features, mean, none, changes)
+    balanced, changes = _balanced(rates, shares, total > 0.0)
+    changes /= time[:, None, None]
+    weights = _weights(features, balanced)
+    more = jumps - times[:, :, :, None] * rates
+    innovations = np.einsum("rbij,ijk->rbk", more, changes) * weights.size
+    return WellBalance(
+        total, time, shares, exchange, weights, features, balanced, innovations, changes
+    )
+
+
+def weighted(moments: Sequence[Moments], balance: WellBalance | None) -> list[Moments]:
+    """Moments whose sums have the balance's weights; `jumps` and the last points stay.
+
+    Parameters
+    ----------
+    moments : sequence of Moments
+    balance : WellBalance or None
+        Theirs; None leaves them as they are.
+    """
+    if balance is None or balance.shares is None:
+        return list(moments)
+    return [_weighted(each, row) for each, row in zip(moments, balance.weights, strict=True)]
+
+
+def _wells_differ(scene, system, batches):
+    """Whether means may depend on the well, and chance moves the device between several."""
+    wells = batches.shape[2] - WELLS
+    alike = wells == 2 and system.symmetric
+    return wells > 1 and not alike and scene.excitation.random and not scene.excitation.drifts
+
+
+def _with_settling(rows, count):
+    """The first batches' sums, those before them in the first.
+
+    A start at rest is like an arrival by a jump: both are far from the energy at which the well is
+    left. A well's stays that begin when settling ends would be too short by a relaxation time.
+    """
+    sums = rows[:count].copy()
+    sums[0] += rows[-1]
+    return sums
+
+
+def _slopes(off, series):
+    """Least squares of a series by the wells' shares, (realizations, batches[, wells])."""
+    return np.linalg.lstsq(off.reshape(-1, off.shape[2]), series.ravel(), rcond=None)[0]
+
+
+def _stationary(rates):
+    """(shares or None, time of exchange (s)) of jump rates from row to column (1/s)."""
+    change = rates - np.diag(rates.sum(axis=1))
+    decays = np.sort(np.abs(np.linalg.eigvals(change)))
+    exchange = 1.0 / decays[1] if decays[1] > 1e-12 * decays[-1] > 0.0 else math.inf
+    if not math.isfinite(exchange):
+        return None, exchange
+    ones = np.ones((1, len(rates)))
+    known = np.append(np.zeros(len(rates)), 1.0)
+    shares = np.linalg.lstsq(np.vstack([change.T / decays[-1], ones]), known, rcond=None)[0]
+    return np.maximum(shares, 0.0), exchange
+
+
+def _features(moments, batches, total):
+    """Shares of time in the wells and, for each kind of jump that was seen, jumps per second."""
+    count = batches.shape[1]
+    stays = np.stack([each.jumps.times[:count] for each in moments])
+    jumps = np.stack([each.jumps.counts[:count][:, total > 0.0] for each in moments])
+    return np.concatenate([stays, jumps], axis=2) / batches[:, :, :1]
+
+
+def _balanced(rates, shares, seen):
+    """Stationary means of `_features`, and how they change with each rate."""
+    flows = (shares[:, None] * rates)[seen]
+    of_shares = _changes(rates, shares)
+    of_flows = (of_shares[:, :, :, None] * rates)[:, :, seen]
+    places = np.argwhere(seen)
+    for place, (well, other) in enumerate(places):
+        of_flows[well, other, place] += shares[well]
+    return np.append(shares, flows), np.concatenate([of_shares, of_flows], axis=2)
+
+
+def _changes(rates, shares):
+    """How shares change with the rate from the first well to the second, by the balance."""
+    change = rates - np.diag(rates.sum(axis=1))
+    answer = np.linalg.inv(shares[None] - change)
+    return shares[:, None, None] * (answer[None] - answer[:, None])
+
+
+def _weights(features, balanced):
+    """1 and a linear function of each batch's features, whose weighted mean becomes `balanced`."""
+    off = features - features.mean(axis=(0, 1))
+    scatter = np.einsum("rbi,rbj->ij", off, off) / off[:, :, 0].size
+    missing = balanced - features.mean(axis=(0, 1))
+    return 1.0 + off @ (np.linalg.pinv(scatter, rcond=1e-10, hermitian=True) @ missing)
+
+
+def _weighted(moments, weights):
+    """One realization's; what lies behind the last complete batch has no weight of its own."""
+    whole = np.append(weights, np.ones(len(moments.integrals) - len(weights)))
+    groups = len(moments.histograms)
+    places = ((np.arange(len(whole)) + 0.5) * groups / len(whole)).astype(int)
+    of_groups = np.bincount(places, whole, groups) / np.bincount(places, minlength=groups)
+    output = moments.output
+    if output is not None:
+        output = replace(
+            output,
+            integrals=output.integrals * whole[:, None],
+            measured=output.measured * whole[:, None, None],
+        )
+    return replace(
+        moments,
+        integrals=moments.integrals * whole[:, None],
+        products=moments.products * whole.mean(),
+        histograms=moments.histograms * of_groups[:, None, None],
+        output=output,
+    )
