@@ -19,7 +19,7 @@ from harvester.errors import HarvesterError, LoadError, OutOfTime
 from harvester.estimates.paired import paired_difference
 from harvester.files.serialising import LEFT_OUT, key
 from harvester.running import Answer, Request, Runner, Task
-from harvester.running.request import OUT_OF_TIME, good_ones, told
+from harvester.running.request import good_ones, told
 from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor, scale
 from harvester.verification import exact_paths
@@ -323,16 +323,22 @@ def _exact_paths(scene, with_load, runner):
 
 def _strong_errors(scene, methods, exact, runner):
     """Mean step (s) and RMS error of each state of every method."""
-    paths = range(scene.run.realizations)
-    split = [[paths] if method.copies is None else [[k] for k in paths] for method in methods]
-    tasks = [
-        realizations_task(scene, method, together, runner, paths_at_knots)
-        for method, netlists in zip(methods, split, strict=True)
-        for together in netlists
+    together, alone = [range(len(exact))], [[index] for index in range(len(exact))]
+    groups = [
+        [
+            realizations_task(scene, method, indices, runner, paths_at_knots)
+            for indices in (together if method.copies is None else alone)
+        ]
+        for method in methods
     ]
-    outcomes = iter(runner.run(tasks))
     spacing = knot_spacing(scene)
-    return [_strong_error(spacing, [next(outcomes) for _ in each], exact) for each in split]
+    return [_strong_error(spacing, found, exact) for found in _answers(groups, runner)]
+
+
+def _answers(groups, runner):
+    """Answers to groups of tasks, in groups."""
+    outcomes = iter(runner.run([task for tasks in groups for task in tasks]))
+    return [[next(outcomes) for _ in tasks] for tasks in groups]
 
 
 def _strong_error(spacing, outcomes, exact):
@@ -348,20 +354,17 @@ def _strong_error(spacing, outcomes, exact):
 
 def _runs(scenes, methods, runner):
     """Each method's run for the means, or why there is none; `scenes` by `Method.brief`."""
-    split = []
+    groups = []
     for method in methods:
         scene = scenes[method.brief]
         size, count = method.together(scene), scene.run.realizations
         parts = [range(first, min(first + size, count)) for first in range(0, count, size)]
-        split.append([realizations_task(scene, method, part, runner) for part in parts])
-    outcomes = iter(runner.run([task for tasks in split for task in tasks]))
+        groups.append([realizations_task(scene, method, part, runner) for part in parts])
     runs: list[Timed | str] = []
-    for method, tasks in zip(methods, split, strict=True):
-        good, ended = good_ones([next(outcomes) for _ in tasks])
-        if ended:
-            runs.append(ended if ended == OUT_OF_TIME else told(ended))
-        else:
-            runs.append(Timed(scenes[method.brief], good))
+    for method, outcomes in zip(methods, _answers(groups, runner), strict=True):
+        good, ended = good_ones(outcomes)
+        reason = told(ended) if isinstance(ended, HarvesterError) else ended
+        runs.append(reason or Timed(scenes[method.brief], good))
     return runs
 
 
@@ -371,24 +374,27 @@ def _runs_by_time(scene, methods, seconds, runner):
     A first task of each tells how many more there is time for.
     """
     sizes = [_together(scene, method) for method in methods]
-    first = runner.run(_tasks(scene, methods, sizes, [(0, 1)] * len(methods), runner))
-    counts = _counts(sizes, first, seconds)
-    rest = iter(runner.run(_tasks(scene, methods, sizes, [(1, n) for n in counts], runner)))
+
+    def answers(spans):
+        """Of each method the tasks of a span, each of as many realizations as its size."""
+        groups = [
+            [
+                realizations_task(scene, method, range(k * size, (k + 1) * size), runner)
+                for k in span
+            ]
+            for method, size, span in zip(methods, sizes, spans, strict=True)
+        ]
+        return _answers(groups, runner)
+
+    first = answers([range(1)] * len(methods))
+    counts = _counts(sizes, [found for (found,) in first], seconds)
+    rest = answers([range(1, count) for count in counts])
     outcomes: list[Any] = []
-    for found, count in zip(first, counts, strict=True):
-        good, ended = good_ones([found, *(next(rest) for _ in range(1, count))])
+    for found, others in zip(first, rest, strict=True):
+        good, ended = good_ones([*found, *others])
         failed = ended if isinstance(ended, HarvesterError) else None
         outcomes.append(Timed(scene, good) if good else failed)
     return outcomes
-
-
-def _tasks(scene, methods, sizes, spans, runner):
-    """Tasks of each method from the first to before the last of its span."""
-    return [
-        realizations_task(scene, method, range(place * size, (place + 1) * size), runner)
-        for method, size, span in zip(methods, sizes, spans, strict=True)
-        for place in range(*span)
-    ]
 
 
 def _counts(sizes, first, seconds):
