@@ -213,11 +213,11 @@ def _row(method, run, errors, reference, answer):
     # The sampling error is the same in every run of this length.
     shorter = math.sqrt(answer.simulated_time / run.simulated_time)
     bias = {name: differences[name] for name in MEANS if name in differences}
-    sampling = {name: relative_error(answer, name) * shorter for name in MEANS}
+    sampling = {name: sampling_error(answer, name) * shorter for name in MEANS}
     return MethodRow(method, run, "", *errors, bias, sampling)
 
 
-def relative_error(reference: Answer, name: str) -> float:
+def sampling_error(reference: Answer, name: str) -> float:
     """Standard error of a mean as a share of it; nan without an error bar."""
     estimate = reference.quantities[name]
     if estimate.standard_error is None or not estimate.estimate:

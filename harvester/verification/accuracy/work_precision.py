@@ -20,7 +20,7 @@ from harvester.verification.accuracy.measurement import (
     Measured,
     MethodRow,
     by_own_length,
-    relative_error,
+    sampling_error,
 )
 from harvester.verification.accuracy.methods import Method
 from harvester.verification.accuracy.throughput import ratios
@@ -72,14 +72,14 @@ class WorkPrecision:
 
     def needed_time(self) -> float:
         """Simulated time to a standard error of 1 % of E[V²] (s); nan without an error bar."""
-        share = relative_error(self.reference, VOLTAGE)
+        share = sampling_error(self.reference, VOLTAGE)
         return self.reference.simulated_time * (share / WANTED_ERROR) ** 2
 
     def deviation(self, closure: str, name: str) -> Estimate:
         """A closure's deviation from the reference as a share, with the reference's error."""
         value = self.measured.closures[closure]["quantities"][name].estimate
         mean = self.reference.quantities[name].estimate
-        share = relative_error(self.reference, name)
+        share = sampling_error(self.reference, name)
         error = None if math.isnan(share) else share * value / mean
         return Estimate(value / mean - 1.0, error, None, "1")
 
@@ -115,7 +115,7 @@ class WorkPrecision:
         """What the numbers say, one line each."""
         reference, found, method = self.reference, self.measured, self.measured.reference
         machine, speeds = found.speeds["machine"], found.speeds["rows"]
-        sampling = ", ".join(f"{SYMBOLS[n]} {relative_error(reference, n):.2%}" for n in MEANS)
+        sampling = ", ".join(f"{SYMBOLS[n]} {sampling_error(reference, n):.2%}" for n in MEANS)
         lines = [
             f"error: root mean square over {found.paths} paths of {found.horizon:g} s against "
             f"{found.exact_paths}, in scaled units; order: least squares over the mean steps, none "
