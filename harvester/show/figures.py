@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -209,3 +210,13 @@ def axis_label(result: Result, name: str) -> str:
     """A dimension and its unit."""
     unit = result.unit(name)
     return f"{name} [{'scaled' if unit.startswith('scaled') else unit}]"
+
+
+def __getattr__(name: str) -> Any:
+    if name == "draw_work_precision":
+        from harvester.show import accuracy_figure
+
+        new = f"{accuracy_figure.__name__}.{name}"
+        warnings.warn(f"{__name__}.{name} is now {new}", DeprecationWarning, stacklevel=2)
+        return accuracy_figure.draw_work_precision
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 import harvester.verification
+from harvester.show import accuracy_figure, figures
 from harvester.verification import FORMER_NAMES
 
 FOLDER = Path(harvester.verification.__file__).parent
-# Each is a way to judge that a private name would have made easier.
 MODULES = sorted(FOLDER.rglob("*.py"))
 
 
@@ -21,6 +21,11 @@ def test_a_former_name_leads_to_the_new_module_with_a_warning(former):
     new = importlib.import_module(f"harvester.verification.{FORMER_NAMES[former]}")
     public = [name for name in vars(new) if not name.startswith("_")]
     assert all(getattr(module, name) is getattr(new, name) for name in public)
+
+
+def test_a_former_name_of_a_drawing_leads_to_the_new_one():
+    with pytest.warns(DeprecationWarning, match="accuracy_figure"):
+        assert figures.draw_work_precision is accuracy_figure.draw_work_precision
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(FOLDER)))
