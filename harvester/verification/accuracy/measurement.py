@@ -208,14 +208,15 @@ def by_own_length(
 
 def _row(method, run, errors, reference, answer):
     """A method's row; `answer` is the reference's longest run, which knows its means best."""
+    mean_step, strong = errors
     if not isinstance(run, Timed):
-        return MethodRow(method, None, run, *errors)
+        return MethodRow(method, None, run, mean_step, strong)
     differences = paired_difference(run, reference)
     # The sampling error is the same in every run of this length.
     shorter = math.sqrt(answer.simulated_time / run.simulated_time)
     bias = {name: differences[name] for name in MEANS if name in differences}
     sampling = {name: sampling_error(answer, name) * shorter for name in MEANS}
-    return MethodRow(method, run, "", *errors, bias, sampling)
+    return MethodRow(method, run, "", mean_step, strong, bias, sampling)
 
 
 def sampling_error(reference: Answer, name: str) -> float:

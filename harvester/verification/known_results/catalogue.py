@@ -3,6 +3,8 @@
 import math
 
 from harvester.device import timescales
+from harvester.device.piezo import PiezoTable
+from harvester.excitation import OrnsteinUhlenbeck
 from harvester.excitation.base import kernel_loss
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
@@ -97,7 +99,9 @@ def _linear_piezo():
         system = prepared(scene).system
         # The stationary solver refuses a load that decays within a step.
         methods = (*ENGINES, SOLVER) if decay_rate < 10.0 else ENGINES
-        coupling, intensity = system.transducer.coupling, scene.excitation.intensity
+        coupling, noise = system.transducer.coupling, scene.excitation
+        assert isinstance(noise, OrnsteinUhlenbeck)
+        intensity = noise.intensity
         exact = formulas.linear_piezo_power(
             system.damper.damping, 4.0, coupling, decay_rate, intensity, memory
         )
@@ -182,7 +186,9 @@ def _mass_law():
 
 def _loads():
     base = Scene.load("device").replace({"length_scale": None})
-    theta, capacitance = base.transducer.coupling, base.transducer.capacitance
+    piezo = base.transducer
+    assert isinstance(piezo, PiezoTable)
+    theta, capacitance = piezo.coupling, piezo.capacitance
     omega = 2.0 * math.pi * PRESCRIBED["frequency"]
     unit = theta**2 * PRESCRIBED["amplitude"] ** 2 * omega / capacitance
     period = 1.0 / PRESCRIBED["frequency"]
