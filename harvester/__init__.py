@@ -54,12 +54,12 @@ if TYPE_CHECKING:
     from harvester.results.result import Result as Result
     from harvester.scene.model import Scene as Scene
     from harvester.simulation.simulate import simulate as simulate
-    from harvester.studies.files import save as save
-    from harvester.studies.outcome import Report as Report
+    from harvester.studies.loads.study import save as save
     from harvester.studies.public import frequency_response as frequency_response
     from harvester.studies.public import load_study as load_study
     from harvester.studies.public import optimum as optimum
     from harvester.studies.public import sensitivity as sensitivity
+    from harvester.studies.public import sweep as sweep
     from harvester.studies.public import validate as validate
     from harvester.verification.accuracy.both import accuracy as accuracy
     from harvester.verification.accuracy.time_to_accuracy import (
@@ -80,9 +80,9 @@ _WHERE = {
     "validate": "harvester.studies.public",
     "explore": "harvester.explorer.explorer",
     "frequency_response": "harvester.studies.public",
+    "sweep": "harvester.studies.public",
     "load_study": "harvester.studies.public",
-    "Report": "harvester.studies.outcome",
-    "save": "harvester.studies.files",
+    "save": "harvester.studies.loads.study",
     "optimum": "harvester.studies.public",
     "sensitivity": "harvester.studies.public",
     "identify": "harvester.identification.identify",
@@ -123,7 +123,10 @@ _WHERE = {
 }
 __all__ = ["__version__", *_WHERE]
 # Former names: where they are, and what took their place. They work for one release more.
-_FORMER = {"optimum_of_several": ("harvester.studies.public", "optimum")}
+_FORMER = {
+    "Report": ("harvester.studies.former", "load_study"),
+    "optimum_of_several": ("harvester.studies.former", "optimum"),
+}
 
 
 def __getattr__(name: str) -> object:

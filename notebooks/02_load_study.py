@@ -27,8 +27,6 @@ import numpy as np
 
 import harvester
 from harvester.show import figures
-from harvester.studies import Report
-from harvester.studies.drawing import draw_power
 
 plt.style.use(figures.STYLE)
 
@@ -71,7 +69,6 @@ study = harvester.load_study(
     sweeps={"load.parameters.resistance": np.geomspace(1e5, 3e6, 5)},
     precision=0.05,
 )
-report = Report(study)
 for evaluation, point in zip(study.evaluations, study.grid.points, strict=True):
     power = evaluation.estimates["output_power"]
     resistance = point.scene.load.parameters["resistance"]
@@ -88,24 +85,24 @@ for evaluation, point in zip(study.evaluations, study.grid.points, strict=True):
 # difference between their highest points: the noise that both had cancels.
 
 # %%
-print(*report.sentences(), sep="\n")
+print(*study.sentences(), sep="\n")
 
 # %% [markdown]
 # ## Answer
 
 # %%
-(found, place) = report.optima[1]
-power = report.best((1,)).estimates["output_power"]
+(found, place) = study.optima[1]
+power = study.best((1,)).estimates["output_power"]
 best = study.grid.sweeps["load.parameters.resistance"][place]
 interval = (
     f"its optimum lies between {found.low / 1e3:.0f} and {found.high / 1e3:.0f} kΩ"
     if math.isfinite(found.low)
     else "the sweep does not enclose its optimum"
 )
-(_, (difference,)) = report.rankings[()]
+(_, (difference,)) = study.rankings[()]
 print(
     f"My rectifier gives {power.estimate * 1e3:.2f} ± {power.standard_error * 1e3:.2f} mW at "
     f"{best / 1e3:.0f} kΩ, and {interval}; at the best of each, {difference.better} is "
     f"{difference.estimate:.0%} ± {difference.standard_error:.0%} ahead of {difference.worse}."
 )
-draw_power(report)
+study.figure()

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 from harvester.running import open_runner
 from harvester.scene.model import Scene
-from harvester.studies import Report, load_study, optimum_search
-from harvester.studies.public import frequency_response, optimum, optimum_of_several, sensitivity
+from harvester.studies.optimum import line
+from harvester.studies.public import frequency_response, load_study, optimum, sensitivity
 from harvester.verification.accuracy import measurement, throughput, timed
 from harvester.verification.accuracy.methods import Method
 from harvester.verification.accuracy.work_precision import work_precision
@@ -33,7 +33,7 @@ def loads(**options):
         options["method"], options["precision"] = engine, precision
         study = load_study(scene, loads=["resistor"], sweeps=sweeps, time_budget=600.0, **options)
         found += [(e.outcome, e.realizations, e.power, e.power_error) for e in study.evaluations]
-        assert Report(study).table()
+        assert study.table()
     return found
 
 
@@ -69,14 +69,12 @@ def tolerances(**options):
 
 def maximum(**options):
     """The best load of a linear device, and the best load and noise."""
-    optimum_search.SCANNED, optimum_search.REFINED = 9, 5
+    line.SCANNED, line.REFINED = 9, 5
     one = optimum(
         BRIEF, "load.decay_rate", maximise="mean_power", closure="consistent", **options
     ).to_dict()
     over = {"load.decay_rate": (0.5, 10.0), "excitation.correlation_time": (0.1, 1.0)}
-    both = optimum_of_several(
-        BRIEF, over, maximise="mean_power", evaluations=24, **options
-    ).to_dict()
+    both = optimum(BRIEF, over, maximise="mean_power", evaluations=24, **options).to_dict()
     return [one, both]
 
 

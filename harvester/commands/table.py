@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import harvester
 from harvester.commands import circuit, verification
 from harvester.commands.cite import cite
 from harvester.commands.command import Command, Study
@@ -79,9 +78,8 @@ COMMANDS = (
         "load-study device --load bridge --load sece "
         "--sweep load.parameters.resistance=1e4:1e7:log:7 --precision 0.03 --output study",
         title="load study",
-        failed=lambda report: not any(each.estimates for each in report.study.evaluations),
+        failed=lambda study: not any(each.estimates for each in study.evaluations),
         json=False,
-        shown=lambda study: harvester.Report(study),
         files=LOAD_STUDY_FILES,
         running=lambda options: {"time_budget": TIME_BUDGET} if options.get("precision") else {},
     ),

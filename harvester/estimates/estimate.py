@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from harvester.files.writing import finite
+from harvester.files.serialising import plain
 
 NONE_SEEN = "none seen: no error bar tells how rare they are"
 NOTHING_PUT_IN = "nothing was put in"
 TOO_SHORT = "too short for an error bar: raise run.duration or run.realizations"
 NO_VALUE = "no number: what is averaged has no finite value at some time of the run"
+_IN_JSON = ("estimate", "standard_error", "effective_sample_size")
 
 
 @dataclass(frozen=True)
@@ -51,14 +52,10 @@ class Estimate:
 
     def to_dict(self, unit: str | None = None) -> dict[str, Any]:
         """Plain values for JSON, with the unit if told; nan and missing errors become null."""
-        content: dict[str, Any] = {
-            "estimate": finite(self.estimate),
-            "standard_error": finite(self.standard_error),
-            "effective_sample_size": finite(self.effective_sample_size),
-        }
+        content = {name: getattr(self, name) for name in _IN_JSON}
         if unit is not None:
             content["unit"] = unit
-        return {**content, "note": self.note} if self.note else content
+        return plain({**content, "note": self.note} if self.note else content)
 
 
 @dataclass(frozen=True)

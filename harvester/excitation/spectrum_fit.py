@@ -10,7 +10,7 @@ import numpy as np
 
 from harvester.errors import AveragingError
 from harvester.excitation.recorded import one_pass
-from harvester.files.writing import finite
+from harvester.files.serialising import plain, read
 
 if TYPE_CHECKING:
     from harvester.excitation.recorded import RecordedMotion
@@ -30,6 +30,16 @@ FALLING_CORNER_RATIO = 10.0
 FAR_DECIBELS = 1.0
 FAR_SHARE = 0.25
 FAR_KURTOSIS = 1.0
+# Parameters, each with an error, and keys in JSON of what else is told.
+_PARAMETERS = ("intensity", "correlation_time")
+_KEYS = {
+    "lowest_frequency": "lowest",
+    "highest_frequency": "highest",
+    "device_frequency": "device_frequency",
+    "decibels_at_device_frequency": "decibels",
+    "unexplained_share_of_variance": "unexplained",
+    "excess_kurtosis": "excess_kurtosis",
+}
 
 
 @dataclass(frozen=True)
@@ -110,48 +120,30 @@ class SpectrumFit:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
-        return {
-            "intensity": {
-                "estimate": self.intensity,
-                "standard_error": finite(self.intensity_error),
-            },
-            "correlation_time": {
-                "estimate": self.correlation_time,
-                "standard_error": finite(self.correlation_time_error),
-            },
-            "lowest_frequency": self.lowest,
-            "highest_frequency": self.highest,
-            "device_frequency": self.device_frequency,
-            "decibels_at_device_frequency": finite(self.decibels),
-            "unexplained_share_of_variance": self.unexplained,
-            "excess_kurtosis": self.excess_kurtosis,
-            "far": bool(self.reasons),
+        values = vars(self)
+        parameters = {
+            name: {"estimate": values[name], "standard_error": values[f"{name}_error"]}
+            for name in _PARAMETERS
         }
+        others = {key: values[name] for key, name in _KEYS.items()}
+        return plain({**parameters, **others, "far": bool(self.reasons)})
 
     @classmethod
     def from_dict(cls, content: dict[str, Any]) -> SpectrumFit:
-        """The fit that `to_dict` made plain values of, without its spectra."""
+        """The fit that `to_dict` made plain values of, without its spectra.
 
-        def error(name: str) -> float:
-            value = content[name]["standard_error"]
-            return math.inf if value is None else value
-
-        decibels = content["decibels_at_device_frequency"]
-        return cls(
-            intensity=content["intensity"]["estimate"],
-            correlation_time=content["correlation_time"]["estimate"],
-            intensity_error=error("intensity"),
-            correlation_time_error=error("correlation_time"),
-            frequency=np.empty(0),
-            density=np.empty(0),
-            fitted=np.empty(0),
-            lowest=content["lowest_frequency"],
-            highest=content["highest_frequency"],
-            device_frequency=content["device_frequency"],
-            decibels=math.nan if decibels is None else decibels,
-            unexplained=content["unexplained_share_of_variance"],
-            excess_kurtosis=content["excess_kurtosis"],
-        )
+        Raises
+        ------
+        NotAValue, KeyError, TypeError
+            These are no such values.
+        """
+        values: dict[str, Any] = dict.fromkeys(("frequency", "density", "fitted"), np.empty(0))
+        for name in _PARAMETERS:
+            values[name] = read(float, content[name]["estimate"], name)
+            error = read(float | None, content[name]["standard_error"], name)
+            values[f"{name}_error"] = math.inf if error is None else error
+        others = {name: read(float, content[key], key) for key, name in _KEYS.items()}
+        return cls(**values, **others)
 
 
 def fit_spectrum(record: RecordedMotion, device_frequency: float) -> SpectrumFit:

@@ -8,6 +8,7 @@ import numpy as np
 
 from harvester.identification.proof import ResponseStretch
 from harvester.show.palette import CIRCUIT, MONTE_CARLO
+from harvester.show.panels import entitle, legend_below
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,7 +38,8 @@ def draw(found: Identification) -> Figure:
     _draw_spectra(spectrum, stretch, f"density of the {name} [{unit}²/Hz]")
     _draw_densities(density, stretch, f"{name} [{unit}]")
     _draw_correlation(correlation, found)
-    _entitle(spectrum, f"{found.scene.name}: the {stretch.aside} of {stretch.name}, kept aside", 4)
+    legend_below(figure, [spectrum])
+    entitle(figure, f"{found.scene.name}: the {stretch.aside} of {stretch.name}, kept aside")
     return figure
 
 
@@ -52,15 +54,9 @@ def _response_figure(found, stretch):
         axes.plot(stretch.frequency, stretch.windowed[:, n], color=PREDICTED, label="predicted")
         axes.plot(stretch.frequency, stretch.residuals[:, n], color=RESIDUAL, label="difference")
         axes.set(xlabel="frequency [Hz]", ylabel=f"{name} of voltage over acceleration")
-    _entitle(panels[0], f"{found.scene.name}: {stretch.aside} of {stretch.name}, kept aside", 3)
+    legend_below(figure, panels[:1])
+    entitle(figure, f"{found.scene.name}: {stretch.aside} of {stretch.name}, kept aside")
     return figure
-
-
-def _entitle(axes, title, columns):
-    """A title above the figure, and below it the legend of these axes, in so many columns."""
-    handles, labels = axes.get_legend_handles_labels()
-    axes.figure.legend(handles, labels, loc="outside lower center", ncols=columns)
-    axes.figure.suptitle(title, x=0.01, ha="left", fontsize=9)
 
 
 def draw_posterior(found: Identification) -> Figure:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.device import timescales
+from harvester.files.serialising import plain
 from harvester.identification.candidates import Candidate, proposed
 from harvester.identification.fitting import responses_of
 from harvester.identification.intervals import HALF_INTERVAL
@@ -199,42 +200,44 @@ class Identification:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
-        return {
-            "scene": self.scene.to_dict(),
-            "start": self.start.to_dict(),
-            "verdict": {"word": self.verdict.word, "sentence": self.verdict.sentence},
-            "parameters": {
-                key: {
-                    "value": value,
-                    "standard_error": self.standard_errors[key],
-                    "interval": list(self.intervals[key]),
-                    "determined": key not in self.undetermined,
-                }
-                for key, value in self.values.items()
-            },
-            "keys": self.keys,
-            "covariance": self.covariance.tolist(),
-            "undetermined": [str(each) for each in self.fitted.undetermined],
-            "kept": {key: str(unclear) for key, unclear in self.kept},
-            "records": [_record(each) for each in self.fitted.stretches],
-            "residuals_white": self.whiteness.white,
-            "whiteness_probability": self.whiteness.probability,
-            "candidates": [
-                {
-                    "model": each.name,
-                    "keys": each.fitted.keys,
-                    "values": [float(value) for value in each.fitted.values],
-                    "nrmse": each.fitted.nrmse,
-                    "log_ratio_of_mean_squares": each.better,
-                    "standard_error": each.error,
-                }
-                for each in self.candidates
-            ],
-            "proposed": self.proposed.name,
-            "interpolation": self.fitted.interpolation,
-            "posterior": self.posterior.to_dict() if self.posterior else None,
-            "seconds": self.seconds,
-        }
+        return plain(
+            {
+                "scene": self.scene,
+                "start": self.start,
+                "verdict": self.verdict,
+                "parameters": {
+                    key: {
+                        "value": value,
+                        "standard_error": self.standard_errors[key],
+                        "interval": self.intervals[key],
+                        "determined": key not in self.undetermined,
+                    }
+                    for key, value in self.values.items()
+                },
+                "keys": self.keys,
+                "covariance": self.covariance,
+                "undetermined": [str(each) for each in self.fitted.undetermined],
+                "kept": {key: str(unclear) for key, unclear in self.kept},
+                "records": [_record(each) for each in self.fitted.stretches],
+                "residuals_white": self.whiteness.white,
+                "whiteness_probability": self.whiteness.probability,
+                "candidates": [
+                    {
+                        "model": each.name,
+                        "keys": each.fitted.keys,
+                        "values": each.fitted.values,
+                        "nrmse": each.fitted.nrmse,
+                        "log_ratio_of_mean_squares": each.better,
+                        "standard_error": each.error,
+                    }
+                    for each in self.candidates
+                ],
+                "proposed": self.proposed.name,
+                "interpolation": self.fitted.interpolation,
+                "posterior": self.posterior,
+                "seconds": self.seconds,
+            }
+        )
 
     def figure(self) -> Figure:
         """Measured and predicted: waveforms, spectra, densities, and the residuals' correlation."""
@@ -283,22 +286,18 @@ def _with_error(each):
 
 
 def _record(stretch):
-    measured, predicted, difference = stretch.powers()
-    free = stretch.free_power()
+    powers = dict(
+        zip(("measured", "predicted", "relative_difference"), stretch.powers(), strict=True)
+    )
     return {
         "name": stretch.name,
-        "outputs": list(stretch.outputs),
+        "outputs": stretch.outputs,
         "nrmse": {name: stretch.nrmse(n) for n, name in enumerate(stretch.outputs)},
         "sensor_noise": {name: sensor_noise(stretch, n) for n, name in enumerate(stretch.outputs)},
         "windows": stretch.windows,
         "compared": stretch.compared[0],
-        "free": {"estimate": free.estimate, "standard_error": free.standard_error},
         **{
             name: {"estimate": each.estimate, "standard_error": each.standard_error}
-            for name, each in (
-                ("measured", measured),
-                ("predicted", predicted),
-                ("relative_difference", difference),
-            )
+            for name, each in {"free": stretch.free_power(), **powers}.items()
         },
     }

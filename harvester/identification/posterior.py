@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harvester.files.libraries import optional_library
+from harvester.files.serialising import plain
 
 if TYPE_CHECKING:
     from harvester.identification.fitted_model import Fitted
@@ -56,13 +57,15 @@ class Posterior:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
-        return {
-            "intervals": {key: list(both) for key, both in self.intervals.items()},
-            "medians": dict(zip(self.keys, np.median(self.draws, axis=0).tolist(), strict=True)),
-            "correlations": np.atleast_2d(np.corrcoef(self.draws.T)).tolist(),
-            "independent_draws": self.independent,
-            "accepted": self.accepted,
-        }
+        return plain(
+            {
+                "intervals": self.intervals,
+                "medians": dict(zip(self.keys, np.median(self.draws, axis=0), strict=True)),
+                "correlations": np.atleast_2d(np.corrcoef(self.draws.T)),
+                "independent_draws": self.independent,
+                "accepted": self.accepted,
+            }
+        )
 
 
 def posterior(

@@ -16,10 +16,6 @@ if TYPE_CHECKING:
 def dataset_of(result: Result) -> Dataset:
     """Every quantity and every density beside its `…_standard_error`; nan where there is none.
 
-    Parameters
-    ----------
-    result : harvester.results.result.Result
-
     Returns
     -------
     xarray.Dataset

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from harvester.show.palette import CIRCUIT
+from harvester.show.panels import entitle
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,7 +38,7 @@ def draw_result(result: Result) -> Figure | None:
         frame(axes, [result], name)
     if fitted:
         _draw_fit(figure.add_subplot(1, panels, panels), result)
-    figure.suptitle(f"{result.scene.name}: {result.engine}", x=0.01, ha="left", fontsize=9)
+    entitle(figure, f"{result.scene.name}: {result.engine}")
     return figure
 
 

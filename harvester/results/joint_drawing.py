@@ -9,6 +9,8 @@ import numpy as np
 
 from harvester.device import timescales
 from harvester.prepared.prepared import prepared
+from harvester.results.drawing import axis_label
+from harvester.show.panels import entitle
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -41,15 +43,10 @@ def draw(results: Sequence[Result]) -> Figure | None:
         for panel, (result, _), each in zip(axes, found, values, strict=True)
     ]
     _frame(axes[0], last, places, values.max(axis=0))
-    axes[0].set_ylabel(_axis(last, "velocity"))
+    axes[0].set_ylabel(axis_label(last, "velocity"))
     unit = "s/m²" if last.scene.units == "SI" else "scaled"
     figure.colorbar(meshes[-1], ax=axes, label=f"probability density [{unit}]", pad=0.02)
-    figure.suptitle(
-        f"{last.scene.name}: joint density of displacement and velocity",
-        x=0.01,
-        ha="left",
-        fontsize=9,
-    )
+    entitle(figure, f"{last.scene.name}: joint density of displacement and velocity")
     return figure
 
 
@@ -68,7 +65,7 @@ def _draw_panel(axes, result, places, values, highest):
         where = np.array(found) * scales.displacement
         axes.plot(where, 0.0 * where, mark, color="white", markersize=3.5, markeredgewidth=1.0)
     axes.set_title(TITLES.get(result.engine, result.engine))
-    axes.set_xlabel(_axis(result, "displacement"))
+    axes.set_xlabel(axis_label(result, "displacement"))
     return mesh
 
 
@@ -85,8 +82,3 @@ def _frame(axes, result, places, values):
 def _in_units(result, places):
     """Displacements and velocities in the scene's units."""
     return [getattr(places, name) * result.scales.of(name) for name in ("displacement", "velocity")]
-
-
-def _axis(result, name):
-    unit = result.unit(name)
-    return f"{name} [{'scaled' if unit.startswith('scaled') else unit}]"

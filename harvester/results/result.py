@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import html
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 from harvester.errors import HarvesterError, UnknownQuantity
 from harvester.estimates.estimate import Density, Estimate
 from harvester.estimates.joint_density import JointDensity
-from harvester.estimates.units import unit_of
+from harvester.estimates.units import SI_UNITS, unit_of
 from harvester.excitation.spectrum_fit import SpectrumFit
 from harvester.files.plain_text import nearest, one_line, shown
-from harvester.files.writing import finite
+from harvester.files.serialising import NotAValue, plain, read
 from harvester.record.moments import Moments
 from harvester.record.record import Record
 from harvester.scene.model import Scene
@@ -23,6 +22,29 @@ from harvester.scene.units import Scales
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from xarray import Dataset
+
+# What JSON says of a result, in this order; the spectrum's fit and the scene come last.
+_IN_JSON = (
+    "engine",
+    "engine_version",
+    "outcome",
+    "quantities",
+    "scaled_quantities",
+    "scales",
+    "error_kind",
+    "energy_balance_residual",
+    "wall_seconds",
+    "engine_seconds",
+    "simulated_time",
+    "steps",
+    "step",
+    "step_error",
+    "realizations",
+    "seed",
+    "netlist_sha256",
+    "notes",
+    "failures",
+)
 
 
 @dataclass(frozen=True, repr=False)
@@ -129,6 +151,11 @@ class Result:
         return list(self.scaled_quantities)
 
     @property
+    def seed(self) -> int:
+        """Of the noise, and of what else is drawn."""
+        return self.scene.run.seed
+
+    @property
     def quantities(self) -> dict[str, Estimate]:
         """All estimates in the scene's units."""
         return {name: self.quantity(name) for name in self.scaled_quantities}
@@ -142,40 +169,21 @@ class Result:
 
         Densities, waveform and moments are left out: see `density_table` and `to_xarray`.
         """
-        fit = {"spectrum_fit": self.spectrum_fit.to_dict()} if self.spectrum_fit else {}
-        return {
-            "engine": self.engine,
-            "engine_version": self.engine_version,
-            "outcome": self.outcome,
-            "quantities": {
-                name: estimate.to_dict(self.unit(estimate.dimension))
-                for name, estimate in self.quantities.items()
-            },
-            "scaled_quantities": {
-                name: {**estimate.to_dict("scaled"), "dimension": estimate.dimension}
-                for name, estimate in self.scaled_quantities.items()
-            },
-            "scales": {
-                "displacement": self.scales.displacement,
-                "voltage": self.scales.voltage,
-                "power": self.scales.power,
-            },
-            "error_kind": self.error_kind,
-            "energy_balance_residual": finite(self.energy_balance_residual),
-            "wall_seconds": finite(self.wall_seconds),
-            "engine_seconds": finite(self.engine_seconds),
-            "simulated_time": self.simulated_time,
-            "steps": self.steps,
-            "step": self.step,
-            "step_error": finite(self.step_error),
-            "realizations": self.realizations,
-            "seed": self.scene.run.seed,
-            "netlist_sha256": self.netlist_sha256,
-            "notes": list(self.notes),
-            "failures": {str(index): reason for index, reason in self.failures.items()},
-            **fit,
-            "scene": self.scene.to_dict(),
-        }
+        return plain(
+            {
+                **{name: getattr(self, name) for name in _IN_JSON},
+                "quantities": {
+                    name: each.to_dict(self.unit(each.dimension))
+                    for name, each in self.quantities.items()
+                },
+                "scaled_quantities": {
+                    name: {**each.to_dict("scaled"), "dimension": each.dimension}
+                    for name, each in self.scaled_quantities.items()
+                },
+                **({"spectrum_fit": self.spectrum_fit} if self.spectrum_fit else {}),
+                "scene": self.scene,
+            }
+        )
 
     @classmethod
     def from_dict(cls, content: dict[str, Any], folder: str | None = None) -> Result:
@@ -190,10 +198,8 @@ class Result:
         SceneError
             A file of the scene is missing or has changed.
         """
-        from harvester.results.reading import NotAValue, result_of
-
         try:
-            return result_of(content, folder)
+            return _result_of(cls, content, folder)
         except NotAValue as error:
             reason = str(error)
         except KeyError as error:
@@ -272,33 +278,27 @@ class Result:
         return one_line(f"<Result of {self.scene.name} by {self.engine}: {more}>")
 
     def _repr_html_(self) -> str:
-        header, rows = self.table()
+        from harvester.show.page import facts, table_of
 
-        def line(cells: list[str], tag: str) -> str:
-            shown = "".join(f"<{tag}>{html.escape(one_line(cell))}</{tag}>" for cell in cells)
-            return f"<tr>{shown}</tr>"
-
-        body = line(header, "th") + "".join(line(row, "td") for row in rows)
-        title = html.escape(f"{self.scene.name}: {self.engine}")
-        facts = html.escape(one_line("; ".join(self.sentences())))
-        return f"<table><caption>{title}</caption>{body}</table><p>{facts}</p>"
+        title = facts(f"{self.scene.name}: {self.engine}")
+        return f"{title}{table_of(*self.table())}{facts('; '.join(self.sentences()))}"
 
     def evidence(self) -> list[str]:
         """Sentences on how the numbers came about."""
-        facts = [self.engine_version]
+        said = [self.engine_version]
         if self.simulated_time > 0.0:
-            facts.append(
+            said.append(
                 f"{self.realizations} × {self.simulated_time / self.realizations:g} s, "
                 f"{self.steps} steps of at most {self.step:g} s, seed {self.scene.run.seed}"
             )
         if self.step_error is not None:
-            facts.append(f"the steps cost powers up to {self.step_error:.1g} of themselves")
+            said.append(f"the steps cost powers up to {self.step_error:.1g} of themselves")
         if self.energy_balance_residual is not None:
-            facts.append(f"energy balance residual {self.energy_balance_residual:.2%}")
-        facts.append(f"{self.wall_seconds:.2f} s")
+            said.append(f"energy balance residual {self.energy_balance_residual:.2%}")
+        said.append(f"{self.wall_seconds:.2f} s")
         if self.netlist_sha256:
-            facts.append(f"netlist {self.netlist_sha256[:12]}")
-        return facts
+            said.append(f"netlist {self.netlist_sha256[:12]}")
+        return said
 
 
 def with_error(estimate: Estimate) -> str:
@@ -321,3 +321,42 @@ def with_error(estimate: Estimate) -> str:
 
 def _count(size: float | None) -> str:
     return "" if size is None else f"{size:.0f}"
+
+
+def _result_of(kind, content, folder):
+    """See `Result.from_dict`.
+
+    Raises
+    ------
+    NotAValue, KeyError, TypeError, AttributeError
+        Something is missing, or is something else.
+    """
+    hints = get_type_hints(kind)
+    values = {
+        name: read(hints[name], content[name], name)
+        for name in _IN_JSON
+        if name not in ("quantities", "seed", "step_error")
+    }
+    for name, each in values["scaled_quantities"].items():
+        _check_dimension(each.dimension, f"scaled_quantities.{name}.dimension")
+    for name, value in vars(values["scales"]).items():
+        if name not in content["scales"]:
+            raise NotAValue(f"scales.{name} is missing")
+        if not 0.0 < value < math.inf:
+            raise NotAValue(f"scales.{name} = {shown(value)}: must be a number > 0")
+    if not values["simulated_time"] >= 0.0:
+        raise NotAValue("simulated_time: must be a number ≥ 0")
+    fit = content.get("spectrum_fit")
+    return kind(
+        **values,
+        scene=Scene.from_dict(content["scene"], folder),
+        step_error=read(float | None, content.get("step_error"), "step_error"),
+        spectrum_fit=SpectrumFit.from_dict(fit) if fit else None,
+    )
+
+
+def _check_dimension(dimension, where):
+    """Such as "voltage^2": a known unit, and a whole power of it."""
+    base, power, exponent = dimension.partition("^")
+    if base not in SI_UNITS or (power and not exponent.removeprefix("-").isdecimal()):
+        raise NotAValue(f"{where} = {shown(dimension)}: is no dimension")

@@ -1,8 +1,9 @@
 """A scene by a method until its error bars are small enough, and what it comes to."""
 
 import math
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
+from typing import TypeVar
 
 from harvester.errors import EnergyNotBalanced, HarvesterError
 from harvester.estimates.densities import densities
@@ -10,7 +11,7 @@ from harvester.estimates.estimate import Density, Estimate
 from harvester.estimates.of_run import run_estimates
 from harvester.estimates.settling import unseen_jump
 from harvester.files.plain_text import nearest
-from harvester.files.writing import finite
+from harvester.files.serialising import plain
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, step_error
 from harvester.running.realizations import MANY_REALIZATIONS, Realizations, averaging, is_closure
@@ -25,6 +26,8 @@ from harvester.simulation.outcome import (
     notes_on_excitation,
 )
 from harvester.simulation.simulate import check_name, check_step, require_noise
+
+Found = TypeVar("Found")
 
 JUDGED = ("mean_square_voltage", "power_conversion_efficiency")
 COMPLETE = "complete"
@@ -160,10 +163,10 @@ class Answer:
     def to_dict(self) -> dict:
         """Plain values for JSON."""
         content = {
-            "quantities": {name: each.to_dict() for name, each in self.quantities.items()},
+            "quantities": self.quantities,
             "seconds": self.seconds,
             "outcome": self.outcome,
-            "notes": list(self.notes),
+            "notes": self.notes,
         }
         if self.simulated_time > 0.0:
             content |= {
@@ -171,17 +174,16 @@ class Answer:
                 "seed": self.scene.run.seed,
                 "realizations": self.realizations,
                 "knot_spacing": knot_spacing(prepared(self.scene)),
-                "energy_balance_residual": finite(self.energy_balance_residual),
+                "energy_balance_residual": self.energy_balance_residual,
                 "misses_jumps": self.misses_jumps,
             }
         if self.density is not None:
-            error = self.density.standard_error
             content["density"] = {
-                "displacement": self.density.centre.tolist(),
-                "density": self.density.density.tolist(),
-                "standard_error": None if error is None else error.tolist(),
+                "displacement": self.density.centre,
+                "density": self.density.density,
+                "standard_error": self.density.standard_error,
             }
-        return content
+        return plain(content)
 
 
 def answering(
@@ -213,13 +215,6 @@ def answering(
     return (yield from _simulated(request, version, density or request.density))
 
 
-def next_count(had: int, reached: float, precision: float, cut: Realizations, most: int) -> int:
-    """Realizations of the next round, from the error that so many have reached."""
-    # What exceeds the growth is not squared: it may overflow.
-    needed = had * min(MARGIN * min(reached / precision, GROWTH) ** 2, GROWTH)
-    return min(max(cut.whole(math.ceil(needed)), had + cut.size), most)
-
-
 def aim_beside_steps(precision: float, step_error: float) -> float:
     """Relative standard error that with the steps' error makes up a precision.
 
@@ -237,6 +232,50 @@ def note_on_steps(precision: float, step_error: float) -> str:
         f"the steps may cost {step_error:.2g} of a power, more than the precision {precision:g} "
         "asked for: choose --step fine or finest"
     )
+
+
+def in_rounds(
+    cut: Realizations,
+    first: int,
+    most: int,
+    precision: float | None,
+    judge: Callable[[list, HarvesterError | str], tuple[Found, float]],
+) -> Generator[Wanted, list, Found]:
+    """A plan for `Runner.follow` that adds realizations until they are precise enough.
+
+    Parameters
+    ----------
+    cut : Realizations
+    first, most : int
+        Realizations of the first round, and of all.
+    precision : float or None
+        Relative error that ends it; None: the first round is all.
+    judge : callable
+        Given the answers of all tasks so far and what ended them ("" while they go on), returns
+        what they come to and its relative error; 0 where more realizations would not help.
+
+    Returns
+    -------
+    generator
+        Of what `judge` made of the last round.
+    """
+    had, count, found, ahead = 0, first, [], 0.0
+    while True:
+        found += yield Wanted(cut.tasks(had, count, most), ahead)
+        good, ended = good_ones(found)
+        content, reached = judge(good, ended)
+        if ended or count >= most or precision is None or reached <= precision:
+            return content
+        had, count = count, _next_count(count, reached, precision, cut, most)
+        needed = min(had * min(reached / precision, most) ** 2, most)
+        ahead = max(needed - count, 0.0) / cut.size
+
+
+def _next_count(had, reached, precision, cut, most):
+    """Realizations of the next round, from the error that so many have reached."""
+    # What exceeds the growth is not squared: it may overflow.
+    needed = had * min(MARGIN * min(reached / precision, GROWTH) ** 2, GROWTH)
+    return min(max(cut.whole(math.ceil(needed)), had + cut.size), most)
 
 
 def relative_error(estimate: Estimate | None) -> float:
@@ -297,25 +336,19 @@ def _averaged(request, density):
 
 
 def _simulated(request, version, density):
-    """Rounds of realizations until they are precise enough."""
+    """The realizations that the request needs, by an engine."""
     cut = Realizations.of(request.cut_from, request.method, request.step, version, density)
     most = cut.whole(request.most) if request.precision else request.first
+    first = min(cut.whole(request.first), most)
     cost = step_error(prepared(request.scene), request.step, request.method)
-    # Without a precision the first round is all.
-    aim = aim_beside_steps(request.precision, cost) if request.precision else math.inf
-    count, had, found, ahead = min(cut.whole(request.first), most), 0, [], 0.0
-    while True:
-        found += yield Wanted(cut.tasks(had, count, most), ahead)
-        good, ended = good_ones(found)
+    aim = aim_beside_steps(request.precision, cost) if request.precision else None
+
+    def judge(good, ended):
         if not good:
-            return None if ended == OUT_OF_TIME else ended
-        answer, reached = _answer(request, good, ended)
-        precise = reached <= aim
-        if ended or precise or count >= most or isinstance(answer, HarvesterError):
-            return answer
-        had, count = count, next_count(count, reached, aim, cut, most)
-        needed = min(had * min(reached / aim, most) ** 2, most)
-        ahead = max(needed - count, 0.0) / cut.size
+            return None if ended == OUT_OF_TIME else ended, 0.0
+        return _answer(request, good, ended)
+
+    return (yield from in_rounds(cut, first, most, aim, judge))
 
 
 def _answer(request, good, ended):
@@ -327,7 +360,7 @@ def _answer(request, good, ended):
     cost = step_error(ready, request.step, request.method)
     found = run_estimates(scene, moments, cost)
     if not abs(found.residual) <= LARGEST_RESIDUAL:
-        return not_balanced(found.residual), math.inf
+        return not_balanced(found.residual), 0.0
     reached, unseen = _reached(request, scene, parameters, found.whole)
     shapes = densities(found.moments, is_symmetric(scene, parameters)) if request.density else {}
     shape = shapes.get("displacement")

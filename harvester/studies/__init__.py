@@ -1,25 +1,25 @@
 """Studies: many runs of one scene on common noise, with error bars, that survive a kill."""
 
 import importlib
+import warnings
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from harvester.studies.dataset import to_dataset as to_dataset
-    from harvester.studies.files import save as save
-    from harvester.studies.outcome import Report as Report
+    from harvester.studies.loads.study import save as save
     from harvester.studies.public import load_study as load_study
 
 # Imported where they are used: reading a study's signature needs no numba.
-_WHERE = {
-    "Report": "harvester.studies.outcome",
-    "load_study": "harvester.studies.public",
-    "save": "harvester.studies.files",
-    "to_dataset": "harvester.studies.dataset",
-}
+_WHERE = {"load_study": "harvester.studies.public", "save": "harvester.studies.loads.study"}
+# Former names and what took their place; they work for one release more.
+_FORMER = {"Report": "what load_study returns", "to_dataset": "its to_xarray()"}
 __all__ = [*_WHERE]
 
 
 def __getattr__(name: str) -> object:
+    if name in _FORMER:
+        message = f"harvester.studies.{name} will go: use {_FORMER[name]}"
+        warnings.warn(message, DeprecationWarning, stacklevel=2)
+        return getattr(importlib.import_module("harvester.studies.former"), name)
     if name in _WHERE:
         return getattr(importlib.import_module(_WHERE[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -21,13 +21,15 @@ from harvester.errors import HarvesterError
 from harvester.estimates.units import SI_UNITS
 from harvester.excitation.sine import KNOTS_PER_PERIOD, Sine, SteppedSine
 from harvester.files.plain_text import json_text
+from harvester.files.serialising import plain
 from harvester.files.tables import xarray_or_say
-from harvester.files.writing import finite
 from harvester.prepared.paths import start_state
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
 from harvester.scene.units import Scales
+from harvester.show.palette import CIRCUIT, MONTE_CARLO
+from harvester.show.panels import Panel, Series, draw_panels, is_wide
 from harvester.simulation.methods import ENGINES
 from harvester.simulation.realization import Waveform
 
@@ -49,6 +51,8 @@ QUANTITIES = {
     "rms_voltage": "voltage",
     "mean_power": "power",
 }
+# Colour, line and mark of each direction.
+UP, DOWN = (CIRCUIT, "-", ">"), (MONTE_CARLO, "--", "<")
 
 
 @dataclass(frozen=True)
@@ -112,20 +116,11 @@ class FrequencyResponse:
 
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows of the table, as text."""
-        header = ["sweep", "frequency (Hz)"]
-        header += [
-            f"{name.replace('_', ' ')} ({self.unit(dimension)})"
-            for name, dimension in QUANTITIES.items()
+        header, rows = self.data()
+        return [name.replace("_", " ") for name in header], [
+            [direction, *(f"{value:.5g}" for value in values), f"{residual:.1e}"]
+            for direction, *values, residual in rows
         ]
-        rows = []
-        for sweep in self.sweeps:
-            columns = [self.values(name, sweep) for name in QUANTITIES]
-            for k, frequency in enumerate(self.frequencies):
-                cells = [f"{column[k]:.5g}" for column in columns]
-                rows.append(
-                    [sweep.direction, f"{frequency:.5g}", *cells, f"{sweep.residual[k]:.1e}"]
-                )
-        return [*header, "residual"], rows
 
     def data(self) -> tuple[list[str], list[list[Any]]]:
         """Header and rows of numbers, in the scene's units."""
@@ -173,31 +168,50 @@ class FrequencyResponse:
     def figure(self) -> Figure:
         """Amplitude, voltage and power over frequency."""
         from harvester.show import figures
-        from harvester.studies import frequency_drawing as frequency_figure
 
-        return figures.drawn(frequency_figure.draw, self)
+        return figures.drawn(_draw, self)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, in the scene's units."""
-        return {
-            "engine": self.engine,
-            "engine_version": self.engine_version,
-            "frequencies": [float(frequency) for frequency in self.frequencies],
-            "sweeps": {
-                sweep.direction: {
-                    **{
-                        name: [finite(value) for value in self.values(name, sweep)]
-                        for name in QUANTITIES
-                    },
-                    "residual": [finite(value) for value in sweep.residual],
-                }
-                for sweep in self.sweeps
-            },
-            "error_kind": "numerical",
-            "dwell": self.dwell,
-            "seconds": self.seconds,
-            "scene": self.scene.to_dict(),
-        }
+        return plain(
+            {
+                "engine": self.engine,
+                "engine_version": self.engine_version,
+                "frequencies": self.frequencies,
+                "sweeps": {
+                    sweep.direction: {
+                        **{name: self.values(name, sweep) for name in QUANTITIES},
+                        "residual": sweep.residual,
+                    }
+                    for sweep in self.sweeps
+                },
+                "error_kind": "numerical",
+                "dwell": self.dwell,
+                "seconds": self.seconds,
+                "scene": self.scene,
+            }
+        )
+
+
+def _draw(response):
+    """Amplitude, rms voltage and mean power over frequency, up and down."""
+    panels = []
+    for name, dimension in QUANTITIES.items():
+        series = []
+        for sweep in response.sweeps:
+            colour, line, marker = UP if sweep.direction == "up" else DOWN
+            x, y = response.frequencies, response.values(name, sweep)
+            series.append(Series(x, y, f"sweep {sweep.direction}", colour, line))
+            unsettled = ~(sweep.residual <= NOTED_RESIDUAL)
+            x, y = x[unsettled], y[unsettled]
+            if unsettled.any():
+                hollow = [True] * x.size
+                series.append(Series(x, y, None, colour, "", marker, hollow=hollow))
+        label = f"{name.replace('_', ' ')} [{response.unit(dimension)}]"
+        wide = is_wide(response.frequencies)
+        panels.append(Panel("frequency [Hz]", label, series, log_x=wide, log_y=True))
+    title = f"{response.scene.name}: {response.engine} (hollow marks: not periodic or not settled)"
+    return draw_panels(panels, title, size=(2.6, 2.4))
 
 
 def run(

@@ -1,4 +1,4 @@
-"""The points of a load study: every load at every place of the swept values."""
+"""The points of a study: every load at every place of the swept values, on common noise."""
 
 import itertools
 import math
@@ -20,7 +20,7 @@ RESISTANCES = ("load.parameters.resistance", "load.resistance")
 # Time constants of a load's output between a realization's start and its measured time.
 CHARGING_TIMES = 5.0
 OWN_LOAD = "scene"
-SWEEPS_WRITTEN = 'sweeps={"load.resistance": [1e4, 1e5]}'
+SWEEPS_WRITTEN = '{}={{"load.resistance": [1e4, 1e5]}}'
 
 
 @dataclass(frozen=True)
@@ -65,13 +65,23 @@ class Grid:
     notes: tuple[str, ...]
 
     @property
+    def shape(self) -> tuple[int, ...]:
+        """Loads, then the values of each sweep."""
+        return (len(self.loads), *(len(values) for values in self.sweeps.values()))
+
+    @property
     def curve(self) -> int | None:
         """Place among the sweeps of the one that optima are sought along: the longest."""
         lengths = [len(values) for values in self.sweeps.values()]
         return lengths.index(max(lengths)) if lengths else None
 
 
-def make_grid(scene: Scene, loads: Sequence[str], sweeps: Mapping[str, Sequence[float]]) -> Grid:
+def make_grid(
+    scene: Scene,
+    loads: Sequence[str],
+    sweeps: Mapping[str, Sequence[float]],
+    argument: str = "sweeps",
+) -> Grid:
     """Every point of a study, its scene checked.
 
     Parameters
@@ -81,10 +91,8 @@ def make_grid(scene: Scene, loads: Sequence[str], sweeps: Mapping[str, Sequence[
         Names in netlists/ or paths; empty: the scene's own.
     sweeps : dict of str to sequence of float
         "table.key" to values.
-
-    Returns
-    -------
-    Grid
+    argument : str
+        What the caller calls them, for messages.
 
     Raises
     ------
@@ -92,8 +100,10 @@ def make_grid(scene: Scene, loads: Sequence[str], sweeps: Mapping[str, Sequence[
         An unknown key or load, a value out of range, a load given twice.
     """
     loads = listed(loads, "loads", 'loads=["bridge"]') or (OWN_LOAD,)
-    sweeps = table(sweeps, "sweeps", SWEEPS_WRITTEN)
-    sweeps = {key: listed(each, f"sweeps[{key!r}]", "[0.1, 0.2]") for key, each in sweeps.items()}
+    sweeps = {
+        key: listed(each, f"{argument}[{key!r}]", "[0.1, 0.2]")
+        for key, each in table(sweeps, argument, SWEEPS_WRITTEN.format(argument)).items()
+    }
     labels = tuple(name(Path(load).stem if _is_path(load) else load) for load in loads)
     for label in labels:
         if labels.count(label) > 1:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
@@ -44,10 +44,10 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene
     from harvester.studies.comparison import Comparison
     from harvester.studies.frequency_response import FrequencyResponse
+    from harvester.studies.loads.study import Study
     from harvester.studies.optimum import Optimum
-    from harvester.studies.optimum_of_several import OptimumOfSeveral
     from harvester.studies.sensitivity import Sensitivity
-    from harvester.studies.study import Study
+    from harvester.studies.sweep import Sweep
     from harvester.workers.pools import Workers
 
 # Monte Carlo everywhere, and the circuit as its judge at some places.
@@ -58,6 +58,8 @@ TIME_BUDGET = 540.0
 ROWS = 64
 # How a caller writes what is varied.
 OVER = 'over={"load.resistance": (1e4, 1e6)}'
+METHODS_WRITTEN = 'methods=["monte-carlo"]'
+QUANTITIES_WRITTEN = 'quantities=["mean_power"]'
 # What the folder of a load study and that of a sensitivity study get.
 LOAD_STUDY_FILES = (
     "load-study.nc",
@@ -114,7 +116,7 @@ def validate(
     from harvester.prepared.prepared import prepared
     from harvester.results.paired import paired_difference
     from harvester.simulation.spread import running
-    from harvester.studies import comparison
+    from harvester.studies.comparison import comparison
 
     parameters = prepared(scene).system
     shown = comparison.SHOWN_PERIODS * 2.0 * math.pi / timescales.angular_frequency(parameters)
@@ -229,6 +231,73 @@ def frequency_response(
 
 
 @takes_scene
+def sweep(
+    scene: Scene,
+    over: Grids,
+    *,
+    methods: Sequence[str] = ("monte-carlo",),
+    quantities: Sequence[str] = ("mean_power",),
+    precision: Share | None = None,
+    step: Step = "default",
+    **running: Unpack[RunnerOptions],
+) -> Sweep:
+    """A scene at every place of a grid of values by every method, all on the same noise.
+
+    Parameters
+    ----------
+    scene : Scene, str or Path
+        Itself, its file or its built-in name.
+    over : dict of str to sequence of float
+        "table.key" to values; several make a grid.
+    methods : sequence of str
+        Engines and closures.
+    quantities : sequence of str
+        What the tables show and what a precision holds for.
+    precision : float or None
+        Relative standard error that each place is run for by the engines; None: the scene's own
+        run.
+    step : str or float
+        See `harvester.simulate`.
+    **running
+        See `harvester.running.open_runner`.
+
+    Raises
+    ------
+    HarvesterError
+        A mistake in the call. A simulation that fails is the outcome of its place.
+    """
+    from harvester.running import Request, open_runner
+    from harvester.studies import sweep as work
+    from harvester.studies.grid import make_grid
+
+    clock = time.perf_counter()
+    methods = tuple(listed(methods, "methods", METHODS_WRITTEN))
+    quantities = tuple(listed(quantities, "quantities", QUANTITIES_WRITTEN))
+    grid = make_grid(scene, (), over, "over")
+    requests = [
+        Request(point.scene, each, precision=precision, quantities=quantities, step=step)
+        for point in grid.points
+        for each in methods
+    ]
+    with open_runner(**running) as runner:
+        answers = runner.answer(requests)
+        out_of_time = runner.out_of_time
+    shape = (*(len(values) for values in grid.sweeps.values()), len(methods))
+    cells = work.cells_of(requests, answers)
+    work.check_quantities(quantities, cells)
+    return work.Sweep(
+        scene=grid.scene,
+        values=grid.sweeps,
+        methods=methods,
+        quantities=quantities,
+        cells=cells.reshape(shape),
+        notes=grid.notes,
+        out_of_time=out_of_time,
+        seconds=time.perf_counter() - clock,
+    )
+
+
+@takes_scene
 def load_study(
     scene: Scene,
     *,
@@ -254,7 +323,7 @@ def load_study(
         grid.
     method : str
         judged: monte-carlo, with the circuit on the same noise at the optima and at places drawn
-        at random (`harvester.studies.proof`; a load that only the circuit takes is run by it
+        at random (`harvester.studies.loads.proof`; a load that only the circuit takes is run by it
         alone); monte-carlo or circuit alone; for a resistor also a closure.
     precision : float or None
         Relative standard error of the output power that every point is run for (default: the
@@ -279,9 +348,9 @@ def load_study(
     from harvester.averaging import CLOSURES
     from harvester.running import open_runner
     from harvester.simulation.methods import ENGINES
-    from harvester.studies import study as work
     from harvester.studies.grid import make_grid
-    from harvester.studies.point import Point
+    from harvester.studies.loads import study as work
+    from harvester.studies.loads.evaluation import evaluating
     from harvester.version import __version__
 
     clock = time.monotonic()
@@ -299,17 +368,16 @@ def load_study(
         # Here already, so that a machine without ngspice says so before it has worked.
         version = runner.version("circuit" if method == JUDGED else method)
         aim = precision if statistical else None
-        points = [
-            Point(each.scene, own, step, runner.version(own), aim)
+        plans = [
+            evaluating(each.scene, own, step, runner.version(own), aim)
             for each, own in zip(grid.points, methods, strict=True)
         ]
         with runner.reserving(work.PROOF_SHARE if method == JUDGED else 0.0):
-            evaluations = runner.follow([point.plan() for point in points])
+            evaluations = runner.follow(plans)
         proofs = work.proofs(runner, grid, methods, evaluations, step) if method == JUDGED else []
     return work.Study(
         grid=grid,
         method=method,
-        methods=methods,
         version=", ".join(filter(None, (f"harvester {__version__}", version))),
         precision=precision,
         evaluations=evaluations,
@@ -343,10 +411,10 @@ def sensitivity(
         Its run is that of each device, half of the realizations for each replicate.
     vary : dict of str to str
         ±10%, +-10%, ±0.5, uniform:LOW:HIGH, normal:5% or normal:MEAN:SD for a number of the scene:
-        see `harvester.studies.tolerances`.
+        see `harvester.studies.sensitivity.tolerances`.
     covariance : dict or file
         JSON of `harvester identify`: its values scatter as far as records leave them open, along
-        the principal axes (`harvester.studies.joint_tolerance`).
+        the principal axes (`harvester.studies.sensitivity.joint_tolerance`).
     quantity : str
         mean_power, power_conversion_efficiency, of a load with an output mean_output_power, …
     method : str or None
@@ -375,12 +443,12 @@ def sensitivity(
 
     Notes
     -----
-    `harvester.studies.sobol` says what is estimated, and how the noise is taken out.
+    `harvester.studies.sensitivity.sobol` says what is estimated, and how the noise is taken out.
     """
     from harvester.running import open_runner
-    from harvester.studies import sensitivity as work
-    from harvester.studies.joint_tolerance import directions
-    from harvester.studies.tolerances import tolerance
+    from harvester.studies.sensitivity import study as work
+    from harvester.studies.sensitivity.joint_tolerance import directions
+    from harvester.studies.sensitivity.tolerances import tolerance
 
     clock = time.perf_counter()
     varied = table({} if vary is None else vary, "vary", 'vary={"load.resistance": "±10%"}')
@@ -411,7 +479,7 @@ def optimum(
     evaluations: int | None = None,
     precision: Share | None = None,
     **running: Unpack[RunnerOptions],
-) -> Optimum | OptimumOfSeveral:
+) -> Optimum:
     """Where one parameter, or several, make the efficiency or the power largest (Eq. 37).
 
     Parameters
@@ -430,7 +498,7 @@ def optimum(
         also mean_output_power and the like; over several parameters any.
     method : str or None
         monte-carlo or circuit, over several parameters also a closure (default: monte-carlo, or
-        over several circuit where the load needs it).
+        circuit where the load needs it).
     closure : str or None
         That stands beside simulation, over one parameter (default: the most accurate).
     evaluations : int or None
@@ -445,9 +513,8 @@ def optimum(
     Returns
     -------
     harvester.studies.optimum.Optimum
-        Over one parameter, by averaging and by simulation.
-    harvester.studies.optimum_of_several.OptimumOfSeveral
-        Over several.
+        Over one parameter, averaging and simulation are compared, and the place has an interval;
+        over several the value has one.
 
     Raises
     ------
@@ -465,10 +532,19 @@ def optimum(
     The places proposed over several follow from the seed and the answers alone: with `output` the
     same call after a kill takes the answers that are there and goes on to the same end.
     """
-    from harvester.studies.optimum import optimum_of_one
-    from harvester.studies.optimum_of_several import largest_over_several
+    from harvester.averaging import CLOSURES, DEFAULT_CLOSURE
+    from harvester.estimates.output_side import RATIOS
+    from harvester.running import open_runner
+    from harvester.simulation.methods import ENGINES
+    from harvester.studies.answers import checked_method
+    from harvester.studies.optimum.axis import Axis
+    from harvester.studies.optimum.line import MAXIMISED, along
+    from harvester.studies.optimum.several import over_several
 
+    clock = time.perf_counter()
     ranges = {over: None} if isinstance(over, str) else table(over, "over", OVER)
+    if not ranges:
+        raise HarvesterError("--over: name at least one parameter, TABLE.KEY")
     if low is not None or high is not None:
         if len(ranges) > 1 or [*ranges.values()] != [None]:
             raise HarvesterError(
@@ -476,36 +552,31 @@ def optimum(
                 "--over TABLE.KEY=LOW:HIGH"
             )
         ranges = dict.fromkeys(ranges, (low, high))
-    ends = {key: _ends(key, each) for key, each in ranges.items()}
-    if len(ends) > 1:
-        if closure is not None:
-            raise HarvesterError("--closure: is for one parameter; over several use --method")
-        return largest_over_several(scene, ends, maximise, method, evaluations, precision, running)
-    for option, value in (("evaluations", evaluations), ("precision", precision)):
-        if value is not None:
-            raise HarvesterError(f"--{option}: is for several parameters, a second --over")
-    for key, (lowest, highest) in ends.items():
-        method = method or "monte-carlo"
-        return optimum_of_one(scene, key, lowest, highest, maximise, method, closure, running)
-    raise HarvesterError("--over: name at least one parameter, TABLE.KEY")
-
-
-@takes_scene
-def optimum_of_several(
-    scene: Scene,
-    over: Mapping[str, tuple | None],
-    *,
-    maximise: str = "power_conversion_efficiency",
-    method: str | None = None,
-    evaluations: int | None = None,
-    precision: Share | None = None,
-    **running: Unpack[RunnerOptions],
-) -> OptimumOfSeveral:
-    """The former name of `optimum` over several parameters; one is searched in the same way."""
-    from harvester.studies.optimum_of_several import largest_over_several
-
-    ends = {key: _ends(key, each) for key, each in table(over, "over", OVER).items()}
-    return largest_over_several(scene, ends, maximise, method, evaluations, precision, running)
+    is_one = len(ranges) == 1
+    for name, value in {"evaluations": evaluations, "precision": precision}.items():
+        if value is not None and is_one:
+            raise HarvesterError(f"--{name}: is for several parameters, a second --over")
+    if closure is not None and not is_one:
+        raise HarvesterError("--closure: is for one parameter; over several use --method")
+    follow = running.pop("progress", None) or (lambda share, words: None)
+    beside = check_name("closure", closure or DEFAULT_CLOSURE, CLOSURES)
+    if is_one:
+        # Averaging stands beside it, and what is compared with it is a simulation.
+        method = check_name("method", method or checked_method(scene, None), ENGINES)
+        ENGINES[method].check(scene)
+        load = scene.load.circuit
+        outputs = RATIOS if load and load.has_output else ()
+        check_name("quantity", maximise, (*MAXIMISED, *outputs))
+    method = checked_method(scene, method)
+    axes = [Axis.of(scene, key, *_ends(key, ends)) for key, ends in ranges.items()]
+    with open_runner(**running) as runner:
+        if is_one:
+            found = along(scene, axes[0], maximise, method, beside, runner, follow)
+        else:
+            found = over_several(
+                scene, axes, maximise, method, runner, follow, evaluations, precision
+            )
+    return replace(found, seconds=time.perf_counter() - clock)
 
 
 def _ends(key, ends):

@@ -43,6 +43,7 @@ OVER = {
     "frequency_response": [[1.0]],
     "optimum": ["load.decay_rate"],
     "sensitivity": [{}],
+    "sweep": [{}],
 }
 NAMES = ["simulate", "average", "validate", "load_study", *OVER]
 

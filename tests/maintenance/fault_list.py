@@ -529,7 +529,7 @@ FAULTS = [
     ),
     Fault(
         "sensitivity: a first-order index takes the other device",
-        "harvester/studies/sobol.py",
+        "harvester/studies/sensitivity/sobol.py",
         "first = np.array([product(b, c - a) for c in exchanged])",
         "first = np.array([product(a, c - b) for c in exchanged])",
         ("harvester/studies/test_sobol.py::test_the_estimators_are_those_of_salib",),

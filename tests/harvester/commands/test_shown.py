@@ -9,10 +9,10 @@ from harvester.identification.identification import Identification
 from harvester.results.result import Result
 from harvester.studies.comparison import Comparison
 from harvester.studies.frequency_response import FrequencyResponse
+from harvester.studies.loads.study import Study
 from harvester.studies.optimum import Optimum
-from harvester.studies.optimum_of_several import OptimumOfSeveral
-from harvester.studies.outcome import Report
 from harvester.studies.sensitivity import Sensitivity
+from harvester.studies.sweep import Sweep
 from harvester.verification.accuracy.time_to_accuracy import TimeToAccuracy
 from harvester.verification.accuracy.work_precision import WorkPrecision
 from harvester.verification.known_results.truth import Verification
@@ -27,12 +27,12 @@ SHOWN = [
     Identification,
     Judgement,
     Optimum,
-    OptimumOfSeveral,
-    Report,
     Reproduction,
     Result,
     Sensitivity,
     StabilityMatrix,
+    Study,
+    Sweep,
     TimeToAccuracy,
     Verification,
     WorkPrecision,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from harvester.estimates.estimate import Estimate
-from harvester.files.serialising import LEFT_OUT, fields_of, key, plain
+from harvester.files.serialising import LEFT_OUT, NotAValue, fields_of, key, plain, read
 
 
 @dataclass(frozen=True)
@@ -52,3 +52,39 @@ def test_everything_is_what_strict_json_takes():
 def test_what_has_no_plain_value_is_refused():
     with pytest.raises(TypeError, match="complex has no plain value"):
         plain({"a": 1j})
+
+
+@dataclass(frozen=True)
+class Shelf:
+    rods: dict[int, Estimate]
+    marks: tuple[str, ...]
+    height: float | None
+    width: float = field(metadata=key("breadth"))
+
+
+SHELF = Shelf({3: Estimate(math.nan, None, 2.0, "1", "why")}, ("a", "b"), None, 0.5)
+
+
+def test_what_was_written_is_read_again():
+    told = json.loads(json.dumps(plain(SHELF), allow_nan=False))
+    told["rods"]["3"]["dimension"] = "1"
+    found = read(Shelf, told, "shelf")
+    assert (found.marks, found.height, found.width) == (("a", "b"), None, 0.5)
+    assert math.isnan(found.rods[3].estimate)
+    assert found.rods[3].note == "why"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"breadth": "0.5"}, r"shelf\.breadth = '0\.5': must be a number"),
+        ({"breadth": True}, r"shelf\.breadth = True: must be a number"),
+        ({"marks": "ab"}, r"shelf\.marks = 'ab': must be a list"),
+        ({"rods": {"3": {"estimate": 1.0}}}, r"shelf\.rods\.3\.standard_error is missing"),
+        ({"rods": {"third": {}}}, r"shelf\.rods = 'third': must be a whole number"),
+        ({"rods": None}, r"shelf\.rods = None: must be a table"),
+    ],
+)
+def test_a_value_of_another_type_is_named(change, words):
+    with pytest.raises(NotAValue, match=words):
+        read(Shelf, {**plain(SHELF), "rods": {}, **change}, "shelf")

@@ -14,7 +14,7 @@ from harvester.prepared.steps import knot_spacing
 from harvester.results.paired import paired_difference
 from harvester.running import Request, open_runner
 from harvester.running.realizations import Realizations
-from harvester.running.request import aim_beside_steps, next_count, note_on_steps, relative_error
+from harvester.running.request import aim_beside_steps, in_rounds, note_on_steps, relative_error
 from harvester.scene.model import Scene
 from harvester.simulation.simulate import simulate
 
@@ -136,8 +136,20 @@ def test_mistakes_are_named(options, said):
 @pytest.mark.parametrize("precision", [1e-300, 5e-324])
 def test_a_precision_that_no_run_reaches_doubles_the_realizations(precision):
     cut = Realizations.of(LINEAR, "monte-carlo")
-    assert next_count(64, 0.1, precision, cut, 10_000) == 128
-    assert next_count(64, 0.1, precision, cut, 100) == 100
+
+    def counts(most):
+        plan = in_rounds(cut, 64, most, precision, lambda good, ended: (len(good), 0.1))
+        wanted, done = next(plan), 0
+        while True:
+            done += sum(len(task.arguments["indices"]) for task in wanted.tasks)
+            yield done
+            try:
+                wanted = plan.send([{} for _ in wanted.tasks])
+            except StopIteration:
+                return
+
+    assert [*counts(256)] == [64, 128, 256]
+    assert [*counts(100)] == [64, 100]
 
 
 @pytest.mark.parametrize(("cost", "aim"), [(0.0, 0.01), (0.006, 0.008), (0.02, 0.01)])

@@ -12,7 +12,7 @@ from harvester.results.result import with_error
 from harvester.scene.model import Scene
 from harvester.simulation.simulate import simulate
 from harvester.studies.comparison import Comparison
-from harvester.studies.comparison_report import report
+from harvester.studies.comparison.report import report
 
 EMPTY = {"meta", "img", "br"}
 

@@ -4,7 +4,7 @@ import pytest
 
 from harvester.estimates.estimate import Estimate
 from harvester.studies.comparison import Comparison
-from harvester.studies.comparison_verdicts import verdicts
+from harvester.studies.comparison.verdicts import verdicts
 
 NAMES = {
     "mean_square_voltage": 1.0,

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from harvester.studies.curves import EDGE, error_of_sum, optimum_of, rank
+from harvester.studies.loads.curves import EDGE, error_of_sum, optimum_of, rank
 
 PLACES = np.geomspace(1.0, 1e4, 9)
 TOP = 150.0

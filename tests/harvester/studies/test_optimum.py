@@ -17,10 +17,10 @@ from harvester.prepared.steps import knot_spacing
 from harvester.running import open_runner
 from harvester.scene.model import Scene
 from harvester.simulation.simulate import simulate
-from harvester.studies import optimum_search
-from harvester.studies.axis import Axis
-from harvester.studies.objective import missing_from
-from harvester.studies.optimum_search import Fit, Search, averaged
+from harvester.studies.answers import missing_from
+from harvester.studies.optimum import line as optimum_search
+from harvester.studies.optimum.axis import Axis
+from harvester.studies.optimum.line import Fit, Search, averaged
 from harvester.studies.public import optimum
 
 LINEAR = Scene.load("linear", ["run.realizations=2", "run.duration=3000"])
@@ -71,6 +71,7 @@ def test_averaging_and_simulation_together():
     header, rows = found.table()
     assert {len(row) for row in rows} == {len(header)}
     told = json.loads(json.dumps(found.to_dict(), allow_nan=False))
+    assert len(found.figure().axes) == 1
     low, high = told["simulation"]["interval"]
     assert low < told["simulation"]["place"]["estimate"] < high
 
@@ -114,6 +115,13 @@ def test_averaging_gives_a_reason_instead_of_an_edge(runner, monkeypatch):
         ({"over": "load.decay_rate", "low": -1.0}, "must be a number > 0"),
         ({"over": "load.decay_rate", "maximise": "mean_powr"}, "did you mean mean_power"),
         ({"over": "load.decay_rate", "method": "spice"}, "unknown method spice"),
+        ({"over": "load.decay_rate", "evaluations": 20}, "is for several parameters"),
+        ({"over": {}}, "name at least one parameter"),
+        ({"over": {"load.decay_rate": (1.0, 2.0)}, "low": 1.0}, "are the range of a single"),
+        (
+            {"over": {"load.decay_rate": None, "excitation.intensity": None}, "closure": "paper"},
+            "is for one parameter",
+        ),
     ],
 )
 def test_mistakes_are_named(options, message):
@@ -297,11 +305,11 @@ def test_the_output_of_a_netlist_has_its_optimum(runner):
         high=5e6,
         runner=runner,
     )
-    assert found.averaged_place is None
+    assert found.averaging.place is None
     assert "knows no mean output power" in " ".join(found.sentences())
     low, high = found.interval
     assert 2e4 < low < found.place.estimate < high < 5e6
-    values = [estimate.estimate for _, estimate in found.fitted]
+    values = [estimate.estimate for _, estimate in found.searched]
     assert max(values) < 1.05 * found.value.estimate
     assert max(values[0], values[-1]) < found.value.estimate
     with pytest.raises(HarvesterError, match="unknown quantity mean_output_power"):

@@ -12,8 +12,8 @@ from harvester.command_line import main
 from harvester.errors import HarvesterError, OptimumError, SimulationError
 from harvester.running import open_runner
 from harvester.scene.model import Scene
-from harvester.studies.proposals import BATCH, Proposals
-from harvester.studies.public import optimum_of_several
+from harvester.studies.optimum.proposals import BATCH, Proposals
+from harvester.studies.public import optimum
 
 optuna = pytest.importorskip("optuna", reason="Optuna is in the extra `optimum`")
 
@@ -30,7 +30,7 @@ def hill(scene):
 
 
 def test_the_top_of_a_hill_without_noise():
-    found = optimum_of_several(
+    found = optimum(
         PAPER,
         OVER,
         maximise="mean_power",
@@ -38,8 +38,8 @@ def test_the_top_of_a_hill_without_noise():
         evaluations=16,
         runner=ToyRunner(hill),
     )
-    assert max(value for _, value in found.searched) < 0.995 * HEIGHT
-    gap, damping = found.ranges
+    assert max(value.estimate for _, value in found.searched) < 0.995 * HEIGHT
+    gap, damping = found.parameters
     # The climb ends where no step of 1/256 of a ray gains a thousandth.
     assert found.value.estimate > 0.999 * HEIGHT
     # 1 % is lost at a distance of 0.1 in x and 0.07 in y.
@@ -56,11 +56,9 @@ def test_the_top_of_a_hill_without_noise():
 def test_a_maximum_at_the_end_of_a_range_is_told():
     over = {**OVER, "stoppers.gap": (1.5, 2.0)}
     runner = ToyRunner(hill)
-    found = optimum_of_several(
-        PAPER, over, maximise="mean_power", method="consistent", runner=runner
-    )
-    assert found.ranges[0].place == pytest.approx(1.5, abs=0.005)
-    assert found.ranges[0].open_low
+    found = optimum(PAPER, over, maximise="mean_power", method="consistent", runner=runner)
+    assert found.parameters[0].place == pytest.approx(1.5, abs=0.005)
+    assert found.parameters[0].open_low
     assert any("at the end of its range, 1.5" in line for line in found.sentences())
 
 
@@ -68,10 +66,10 @@ def test_a_cliff_beside_the_maximum_is_told():
     def cliff(scene):
         return hill(scene) if scene.stoppers[0].gap < 1.25 else 0.1
 
-    found = optimum_of_several(
+    found = optimum(
         PAPER, OVER, maximise="mean_power", method="consistent", runner=ToyRunner(cliff)
     )
-    gap = found.ranges[0]
+    gap = found.parameters[0]
     assert gap.place <= gap.flat_high < 1.25
     assert found.value.estimate > HEIGHT * (1.0 - 0.07**2 - 0.003)
 
@@ -101,7 +99,7 @@ def test_the_value_is_not_that_of_the_luckiest_run():
     runner = ToyRunner(hill, 0.04 * HEIGHT)
     for seed in range(20):
         scene = PAPER.replace({"run.seed": seed})
-        found = optimum_of_several(
+        found = optimum(
             scene,
             OVER,
             maximise="output_ripple",
@@ -110,10 +108,10 @@ def test_the_value_is_not_that_of_the_luckiest_run():
         )
         *before, last = (each.scene.run.seed for each in runner.asked)
         assert last not in before
-        there = hill(scene.replace({each.axis.key: each.place for each in found.ranges}))
+        there = hill(scene.replace({each.axis.key: each.place for each in found.parameters}))
         heights.append(there)
         values.append((found.value.estimate - there) / found.value.standard_error)
-        lucky.append(max(value for _, value in found.searched) / there - 1.0)
+        lucky.append(max(value.estimate for _, value in found.searched) / there - 1.0)
     assert abs(np.mean(values)) < 4.0 / np.sqrt(20)
     assert np.std(values) < 1.7
     assert np.mean(lucky) > 0.04
@@ -127,10 +125,8 @@ def test_runs_without_errors_tell_no_flat_region():
             bare = {n: replace(e, standard_error=None) for n, e in answer.quantities.items()}
             return replace(answer, quantities=bare)
 
-    found = optimum_of_several(
-        PAPER, OVER, maximise="output_ripple", evaluations=16, runner=Short(hill, 0.1)
-    )
-    assert all(math.isnan(each.flat_low) for each in found.ranges)
+    found = optimum(PAPER, OVER, maximise="output_ripple", evaluations=16, runner=Short(hill, 0.1))
+    assert all(math.isnan(each.flat_low) for each in found.parameters)
     assert any("too short to tell how flat" in line for line in found.sentences())
     json.dumps(found.to_dict(), allow_nan=False)
 
@@ -141,17 +137,15 @@ def test_places_where_no_run_ends_are_gone_around():
             broken = request.scene.stoppers[0].gap > 1.6
             return SimulationError("it fell apart") if broken else super()._answer(request)
 
-    found = optimum_of_several(
-        PAPER, OVER, maximise="mean_power", method="consistent", runner=Failing(hill)
-    )
+    found = optimum(PAPER, OVER, maximise="mean_power", method="consistent", runner=Failing(hill))
     assert found.value.estimate > 0.999 * HEIGHT
     assert any("no run came to its end" in line for line in found.sentences())
     with pytest.raises(SimulationError, match="it fell apart"):
-        optimum_of_several(
+        optimum(
             PAPER.replace({"stoppers.gap": 1.7}), OVER, maximise="mean_power", runner=Failing(hill)
         )
     with pytest.raises(OptimumError, match="at none of 16 places"):
-        optimum_of_several(
+        optimum(
             PAPER,
             {**OVER, "stoppers.gap": (1.7, 2.0)},
             maximise="mean_power",
@@ -171,7 +165,7 @@ def test_places_where_no_run_ends_are_gone_around():
 )
 def test_mistakes_are_named(over, options, message):
     with pytest.raises(HarvesterError, match=message):
-        optimum_of_several(PAPER, {**OVER, **over}, runner=ToyRunner(hill), **options)
+        optimum(PAPER, {**OVER, **over}, runner=ToyRunner(hill), **options)
 
 
 def test_the_command_names_mistakes(capsys):
@@ -226,7 +220,7 @@ def test_the_published_bistable_harvester(pool):
         "excitation.frequency": (0.75 / (2.0 * math.pi), 0.85 / (2.0 * math.pi)),
     }
     with open_runner(executor=pool) as runner:
-        found = optimum_of_several(
+        found = optimum(
             Scene.from_tables(tables), over, maximise="mean_power", evaluations=96, runner=runner
         )
     assert 0.0165 < 10.0 * found.value.estimate < 0.0175

@@ -5,8 +5,8 @@ import pytest
 from scipy.special import ndtr, ndtri
 from scipy.stats import binomtest
 
-from harvester.studies.population import population, share_above
-from harvester.studies.sobol import design, indices
+from harvester.studies.sensitivity.population import population, share_above
+from harvester.studies.sensitivity.sobol import design, indices
 
 
 def measured(rows, seed, noise):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from harvester.studies.sobol import design, indices, product
+from harvester.studies.sensitivity.sobol import design, indices, product
 
 PARAMETERS = 3
 VARIANCE = 0.5 + 49.0 / 8.0 + 0.1 * np.pi**4 / 5.0 + 0.01 * np.pi**8 / 18.0

@@ -19,9 +19,9 @@ from harvester.errors import HarvesterError
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
-from harvester.studies import Report, load_study, save, to_dataset
-from harvester.studies import proof as proof_module
-from harvester.studies.proof import Proof, proving
+from harvester.studies import load_study, save
+from harvester.studies.loads import proof as proof_module
+from harvester.studies.loads.proof import Proof, proving
 
 RESISTANCE = "load.parameters.resistance"
 BRIEF = {"run.duration": 20.0, "run.settle": 5.0}
@@ -60,7 +60,7 @@ def test_the_optimum_is_that_of_the_closed_form(study):
     best = minimize_scalar(
         lambda x: -power_of(scene, math.exp(x)), bounds=(-3.0, 1.0), method="bounded"
     )
-    optimum, _ = Report(study).optima[0]
+    optimum, _ = study.optima[0]
     assert optimum.low < math.exp(best.x) < optimum.high
     assert optimum.high / optimum.low < 1.6
 
@@ -81,7 +81,7 @@ def test_loads_are_compared_on_the_same_noise(linear, pool):
         precision=0.5,
         executor=pool,
     )
-    _, (difference,) = Report(study).rankings[()]
+    _, (difference,) = study.rankings[()]
     # The same resistor twice.
     assert difference.standard_error < 1e-5
     assert abs(difference.estimate) < 1e-5
@@ -111,17 +111,16 @@ def test_the_circuit_is_the_judge(linear, pool):
         assert abs(proof.difference) < 0.01
         assert proof.standard_error < 0.01
         assert not proof.disagrees
-    report = Report(study)
-    assert not report.alarms()
-    assert any("agrees at all of them" in line for line in report.sentences())
-    found = to_dataset(report)["circuit_difference"].values.ravel()
+    assert not study.alarms()
+    assert any("agrees at all of them" in line for line in study.sentences())
+    found = study.to_xarray()["circuit_difference"].values.ravel()
     assert np.isfinite(found).sum() == len(study.proofs)
 
 
 def test_a_difference_is_named_and_red(study, capsys):
     proofs = [Proof(4, True, 0.05, 0.01), Proof(2, False, 0.005, 1e-4), Proof(1, False, 0.05, 0.02)]
     proofs.append(Proof(0, False, 0.05, 0.1, early_difference=-0.02, early_standard_error=0.002))
-    report = Report(replace(study, proofs=proofs))
+    report = replace(study, proofs=proofs)
     assert [each.disagrees for each in proofs] == [True, False, False, True]
     line, early = report.alarms()
     assert "DISAGREE: resistor at 0.5 (optimum): circuit over Monte Carlo" in line
@@ -289,9 +288,9 @@ def test_a_dask_cluster_gives_identical_numbers(linear, dask_executor):
     pytest.importorskip("xarray")
     options = {"loads": ["resistor"], "sweeps": {RESISTANCE: [0.2, 1.0]}}
     options |= {"precision": 0.2, "time_budget": 600.0}
-    expected = to_dataset(Report(load_study(linear, **options)))
+    expected = load_study(linear, **options).to_xarray()
     found = load_study(linear, executor=dask_executor, **options)
-    assert to_dataset(Report(found)).identical(expected)
+    assert found.to_xarray().identical(expected)
 
 
 @pytest.mark.parametrize(
@@ -324,11 +323,10 @@ def test_a_storage_that_charges_for_longer_than_the_settling_is_told(pool):
 
 def test_its_files_hold_what_it_found(study, tmp_path):
     xarray = pytest.importorskip("xarray")
-    report = Report(study)
-    names = save(report, tmp_path)
+    names = save(study, tmp_path)
     assert all((tmp_path / name).stat().st_size > 1000 for name in names)
     found = xarray.load_dataset(tmp_path / "load-study.nc", engine="scipy")
-    assert found.identical(to_dataset(report))
+    assert found.identical(study.to_xarray())
     powers = [evaluation.power for evaluation in study.evaluations]
     assert found["output_power"].sel(load="resistor").values.tolist() == powers
-    assert float(found["optimum"][0]) == report.optima[0][0].place
+    assert float(found["optimum"][0]) == study.optima[0][0].place

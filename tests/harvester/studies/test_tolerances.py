@@ -6,7 +6,7 @@ from scipy.stats import norm, truncnorm
 
 from harvester.errors import HarvesterError
 from harvester.scene.model import Scene
-from harvester.studies.tolerances import tolerance
+from harvester.studies.sensitivity.tolerances import tolerance
 
 PAPER = Scene.load("paper")
 SHARES = np.array([0.01, 0.3, 0.5, 0.9])

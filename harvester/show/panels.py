@@ -1,0 +1,179 @@
+"""Figures from data: panels of series with error bars, drawn in one place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Panels in one row, unless told otherwise.
+COLUMNS = 3
+LEGEND_COLUMNS = 5
+# Ratio of values beyond which their axis is logarithmic: over less it has no room for labels.
+WIDE_RATIO = 10.0
+
+
+@dataclass(frozen=True)
+class Series:
+    """Points, joined by a line or not.
+
+    Attributes
+    ----------
+    x, y : array_like, shape (n,)
+    label : str or None
+        In the legend.
+    colour : str or None
+        None: the next of the style's own.
+    line, marker : str
+        As matplotlib has them; "" for none.
+    bars : array_like or None
+        Lengths of the error bars to either side; of shape (n,), or (2, n) below and above.
+    band : array_like or None, shape (n,)
+        Half the height of a band about the line.
+    hollow : array_like of bool or None, shape (n,)
+        Points whose mark is not filled.
+    size : float
+        Of a mark.
+    """
+
+    x: Any
+    y: Any
+    label: str | None = None
+    colour: str | None = None
+    line: str = "-"
+    marker: str = ""
+    bars: Any = None
+    band: Any = None
+    hollow: Any = None
+    size: float = 4.0
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One pair of axes.
+
+    Attributes
+    ----------
+    x_label, y_label, title : str
+    series : sequence of Series
+    log_x, log_y : bool
+    from_zero : bool
+        Whether the y axis begins at 0.
+    more : callable or None
+        Given the axes, draws what is no series.
+    """
+
+    x_label: str
+    y_label: str
+    series: Sequence[Series]
+    title: str = ""
+    log_x: bool = False
+    log_y: bool = False
+    from_zero: bool = False
+    more: Callable[[Axes], object] | None = None
+
+
+def is_wide(values: Iterable[float]) -> bool:
+    """Whether values are worth a logarithmic axis."""
+    values = list(values)
+    return min(values) > 0.0 and max(values) > WIDE_RATIO * min(values)
+
+
+def draw_panels(
+    panels: Sequence[Panel],
+    title: str,
+    size: tuple[float, float] = (3.2, 3.0),
+    columns: int = COLUMNS,
+    **shared: Any,
+) -> Figure:
+    """A figure of panels with one legend below.
+
+    Parameters
+    ----------
+    panels : sequence of Panel
+    title : str
+    size : (float, float)
+        Of a panel, in inches.
+    columns : int
+        Most panels in a row; only the first of a row names its y axis, where that is the same.
+    **shared
+        `sharex`, `sharey` of `matplotlib.figure.Figure.subplots`.
+    """
+    from matplotlib.figure import Figure
+
+    columns = min(len(panels), columns)
+    rows = -(-len(panels) // columns)
+    wide = max(1.2 + size[0] * columns, 5.0)
+    figure = Figure(figsize=(wide, 0.6 + size[1] * rows))
+    places = figure.subplots(rows, columns, squeeze=False, **shared).ravel()
+    same = len({panel.y_label for panel in panels}) == 1
+    for place, (axes, panel) in enumerate(zip(places, panels, strict=False)):
+        _draw_panel(axes, panel)
+        if same and place % columns:
+            axes.set_ylabel("")
+    for axes in places[len(panels) :]:
+        axes.remove()
+    legend_below(figure, places[: len(panels)])
+    entitle(figure, title)
+    return figure
+
+
+def legend_below(figure: Figure, panels: Iterable[Axes]) -> None:
+    """One legend for all panels; a label that several have stands once."""
+    legend: dict[str, Any] = {}
+    for axes in panels:
+        handles, labels = axes.get_legend_handles_labels()
+        legend |= dict(zip(labels, handles, strict=True))
+    if legend:
+        columns = min(len(legend), LEGEND_COLUMNS)
+        figure.legend([*legend.values()], [*legend], loc="outside lower center", ncols=columns)
+
+
+def entitle(figure: Figure, title: str) -> None:
+    """The title of a figure in the house's way: small, at the left."""
+    figure.suptitle(title, x=0.01, ha="left", fontsize=9)
+
+
+def _draw_panel(axes, panel):
+    for series in panel.series:
+        _draw_series(axes, series)
+    if panel.more:
+        panel.more(axes)
+    if panel.log_x:
+        axes.set_xscale("log")
+    if panel.log_y:
+        axes.set_yscale("log")
+    if panel.from_zero:
+        axes.set_ylim(bottom=0.0)
+    axes.set_xlabel(panel.x_label)
+    axes.set_ylabel(panel.y_label)
+    axes.set_title(panel.title)
+
+
+def _draw_series(axes, series):
+    x, y = np.asarray(series.x), np.asarray(series.y)
+    # Bars of length 0 would be caps.
+    has_bars = series.bars is not None and np.any(series.bars)
+    bars = axes.errorbar(
+        x,
+        y,
+        series.bars if has_bars else None,
+        color=series.colour,
+        linestyle=series.line or "none",
+        marker=series.marker,
+        markersize=series.size,
+        capsize=2,
+        label=series.label,
+    )
+    colour = bars.lines[0].get_color()
+    if series.band is not None:
+        axes.fill_between(x, y - series.band, y + series.band, color=colour, alpha=0.25, lw=0)
+    if series.hollow is not None and np.any(series.hollow):
+        style = {"color": colour, "markersize": series.size, "markerfacecolor": "white"}
+        axes.plot(x[series.hollow], y[series.hollow], series.marker, **style)

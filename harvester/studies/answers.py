@@ -1,0 +1,143 @@
+"""What studies ask of a runner, and what they make of its answers."""
+
+from __future__ import annotations
+
+import math
+from collections import ChainMap
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from harvester.averaging import CLOSURES
+from harvester.errors import HarvesterError, LoadError, OutOfTime
+from harvester.estimates.estimate import Estimate
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing, resolving
+from harvester.running import Request
+from harvester.running.request import COMPLETE
+from harvester.scene.model import Scene
+from harvester.scene.units import require_resistor
+from harvester.simulation.methods import ENGINES
+from harvester.simulation.simulate import check_name
+
+
+def checked_method(scene: Scene, method: str | None) -> str:
+    """An engine or a closure that takes the scene's load.
+
+    None stands for Monte Carlo, and for the circuit where only that takes load and excitation.
+
+    Raises
+    ------
+    HarvesterError
+    """
+    if method is None:
+        try:
+            ENGINES["monte-carlo"].check(scene)
+        except LoadError:
+            return "circuit"
+        return "monte-carlo"
+    check_name("method", method, ChainMap(ENGINES, CLOSURES))
+    if method == "monte-carlo":
+        ENGINES["monte-carlo"].check(scene)
+    elif method != "circuit":
+        require_resistor(scene, method)
+    return method
+
+
+def is_noisy(scene: Scene, method: str) -> bool:
+    """Whether another seed gives another value."""
+    return method in ENGINES and scene.excitation.random
+
+
+def check_quantity(quantity: str, answer: Any) -> None:
+    """Refuse a quantity that an answer does not have, with the nearest that it has.
+
+    Raises
+    ------
+    HarvesterError
+    """
+    check_name("quantity", quantity, tuple(answer.quantities))
+
+
+def first_answer(runner: Any, request: Request) -> Any:
+    """The answer that all else is asked after.
+
+    Raises
+    ------
+    OutOfTime
+    HarvesterError
+        What the run failed of.
+    """
+    (answer,) = runner.answer([request])
+    if answer is None:
+        raise OutOfTime(
+            "the time budget was spent before the first run was done; the same command goes on"
+        )
+    if isinstance(answer, HarvesterError):
+        raise answer
+    return answer
+
+
+def is_complete(answer: Any) -> bool:
+    """Whether a run came to its end."""
+    return not (isinstance(answer, HarvesterError) or answer is None or answer.outcome != COMPLETE)
+
+
+def told(answer: Any) -> str:
+    """Why it did not."""
+    return str(answer) if isinstance(answer, HarvesterError) else answer.outcome
+
+
+def value_of(answer: Any, quantity: str) -> float:
+    """A quantity in the scene's units; nan of what failed or was ended early."""
+    return answer.in_units()[quantity].estimate if is_complete(answer) else math.nan
+
+
+def missing_from(quantity: str, estimate: Estimate) -> list[str]:
+    """In a sentence, what the runs were too short for: it moves what is found from them as well.
+
+    Parameters
+    ----------
+    quantity : str
+    estimate : Estimate
+        Without an error bar where something is missing.
+    """
+    if estimate.standard_error is not None or not estimate.note:
+        return []
+    name = quantity.replace("_", " ")
+    return [f"{name}: {estimate.note}; what is missing moves what is found here, too"]
+
+
+def on_common_knots(scenes: Sequence[Scene], of: Sequence[Scene] | None = None) -> list[Scene]:
+    """Scenes with the finest spacing of knots of any: else they would not share their noise.
+
+    Parameters
+    ----------
+    scenes : sequence of Scene
+    of : sequence of Scene or None
+        Those whose spacing is looked at; None: the scenes themselves.
+    """
+    if not hasattr(scenes[0].excitation, "knot_spacing"):
+        return list(scenes)
+    spacing = min(knot_spacing(prepared(resolving(each))) for each in (of or scenes))
+    excitations: list[Any] = [each.excitation for each in scenes]
+    return [
+        replace(each, excitation=replace(excitation, knot_spacing=spacing))
+        for each, excitation in zip(scenes, excitations, strict=True)
+    ]
+
+
+def answers_in_time(runner: Any, requests: Sequence[Request], **options: Any) -> list:
+    """What a runner answers; see `harvester.running.Runner.answer`.
+
+    Raises
+    ------
+    OutOfTime
+    """
+    answers = runner.answer(list(requests), **options)
+    if runner.out_of_time:
+        raise OutOfTime(
+            "the time budget was spent before the optimum was found; with --output the same "
+            "command goes on"
+        )
+    return answers

@@ -1,0 +1,285 @@
+"""One scene by circuit, Monte Carlo and averaging, side by side: what `validate` returns."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from harvester.estimates.estimate import Estimate
+from harvester.files.serialising import plain
+from harvester.results.result import Result, with_error
+from harvester.scene.model import Scene
+from harvester.show.page import Verdict
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+COMPARED = (
+    "mean_square_voltage",
+    "rms_voltage",
+    "mean_power",
+    "power_conversion_efficiency",
+    "mean_square_displacement",
+    "mean_square_velocity",
+)
+# Beside these, where several wells are: how often it passes and jumps, and where it stays.
+BETWEEN_WELLS = ("well_crossing_rate", "share_of_time_in_well", "jump_rate")
+# And where the load has an output: what reaches it.
+AT_THE_OUTPUT = ("mean_output_power", "end_to_end_efficiency", "output_voltage")
+BESIDE = (*BETWEEN_WELLS, *AT_THE_OUTPUT)
+# Joint standard errors up to which the engines agree, and the share of a quantity up to which a
+# greater difference is small all the same: what the default steps may cost, see docs/accuracy.md.
+AGREEING_STANDARD_ERRORS, AGREEING_SHARE = 3.0, 0.01
+# Difference as a share that is rounding, where neither has an error.
+SAME = 1e-9
+# From which to which share of the work a method lasts: Monte Carlo takes little of it.
+SHARES = {"circuit": (0.0, 0.95), "monte-carlo": (0.95, 1.0)}
+# Length of the waveform that is shown, in periods of small oscillations.
+SHOWN_PERIODS = 20
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Results of one scene and what lies between them.
+
+    Attributes
+    ----------
+    circuit, monte_carlo : Result
+        On the same noise paths.
+    closures : dict of str to Result
+        Those that hold for the scene.
+    refused : dict of str to str
+        Closures that do not, with the reason.
+    paired : dict of str to Estimate
+        Circuit minus Monte Carlo as a share of Monte Carlo, with the error of the paired
+        difference: the bias of the circuit's step.
+    """
+
+    circuit: Result
+    monte_carlo: Result
+    closures: dict[str, Result]
+    refused: dict[str, str]
+    paired: dict[str, Estimate]
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that all of them share."""
+        return self.circuit.scene
+
+    @property
+    def compared(self) -> tuple[str, ...]:
+        """Names of the quantities that stand side by side."""
+        found = self.monte_carlo.scaled_quantities
+        return (*COMPARED, *(name for name in found if name.startswith(BESIDE)))
+
+    def difference(self, name: str) -> float:
+        """Circuit minus Monte Carlo in joint standard errors; nan without error bars.
+
+        The joint error takes the two as independent: the same noise makes it conservative.
+        """
+        a = self.circuit.scaled_quantities[name]
+        b = self.monte_carlo.scaled_quantities[name]
+        if a.standard_error is None or b.standard_error is None:
+            return math.nan
+        joint = math.hypot(a.standard_error, b.standard_error)
+        if joint == 0.0:
+            return 0.0 if math.isclose(a.estimate, b.estimate, rel_tol=SAME) else math.inf
+        return (a.estimate - b.estimate) / joint
+
+    def share(self, name: str) -> float:
+        """Circuit minus Monte Carlo as a share of Monte Carlo; nan where that is 0."""
+        a = self.circuit.scaled_quantities[name].estimate
+        b = self.monte_carlo.scaled_quantities[name].estimate
+        return a / b - 1.0 if b else math.nan
+
+    @property
+    def significant(self) -> dict[str, float]:
+        """Shares by which quantities differ more than their errors explain, the greatest first."""
+        apart = {
+            name: self.share(name)
+            for name in self.compared
+            if abs(self.difference(name)) > AGREEING_STANDARD_ERRORS
+        }
+        return dict(sorted(apart.items(), key=lambda each: -_or_infinite(each[1])))
+
+    @property
+    def agree(self) -> bool:
+        """Whether every quantity differs insignificantly or by less than `AGREEING_SHARE`."""
+        return all(_or_infinite(share) <= AGREEING_SHARE for share in self.significant.values())
+
+    def deviation(self, closure: str, name: str) -> tuple[float, float]:
+        """A closure's deviation from Monte Carlo as a share, and in standard errors.
+
+        nan of what the closure does not tell.
+        """
+        found = self.closures[closure].scaled_quantities.get(name)
+        value = math.nan if found is None else found.estimate
+        reference = self.monte_carlo.scaled_quantities[name]
+        share = value / reference.estimate - 1.0 if reference.estimate else math.nan
+        error = reference.standard_error
+        return share, (value - reference.estimate) / error if error else math.nan
+
+    def table(self) -> tuple[list[str], list[list[str]]]:
+        """Header and rows of the table, as text."""
+        header = ["quantity", "unit", "circuit", "Monte Carlo", "difference", "paired bias"]
+        header += [name for name in self.closures]
+        rows = [self._row(name) for name in self.compared]
+        seconds = ["wall time", "s", f"{self.circuit.wall_seconds:.2f}"]
+        seconds += [f"{self.monte_carlo.wall_seconds:.2f}", "", ""]
+        seconds += [f"{result.wall_seconds:.2f}" for result in self.closures.values()]
+        return header, [*rows, seconds]
+
+    def _row(self, name):
+        circuit = self.circuit.quantity(name)
+        row = [
+            name.replace("_", " "),
+            self.circuit.unit(circuit.dimension).split()[0],
+            with_error(circuit),
+            with_error(self.monte_carlo.quantity(name)),
+            _sigmas(self.difference(name), 2),
+            _percent(self.paired.get(name)),
+        ]
+        for closure, result in self.closures.items():
+            share, sigma = self.deviation(closure, name)
+            if name not in result.scaled_quantities:
+                row.append("—")
+                continue
+            value = result.quantity(name).estimate
+            row.append(f"{value:.4g} ({share:+.1%}, {_sigmas(sigma, 0)})")
+        return row
+
+    def sentences(self) -> list[str]:
+        """What the numbers say, one line each."""
+        lines = [f"{engine.engine}: {'; '.join(engine.evidence())}" for engine in self._engines()]
+        lines.append(self.verdict().text)
+        bare = [name for name in self.compared if math.isnan(self.difference(name))]
+        # Where all are bare the verdict says it already.
+        lines += self.without_error_bar(bare) if len(bare) < len(self.compared) else []
+        lines += [f"closure {name} refused: {reason}" for name, reason in self.refused.items()]
+        for name, (apart, chance) in self.joint_distances().items():
+            by_chance = "" if math.isnan(chance) else f", {chance:.3f} by chance alone"
+            lines.append(f"∬|p(X, X') by {name} − by Monte Carlo| = {apart:.3f}{by_chance}")
+        return [*lines, *dict.fromkeys((*self.circuit.notes, *self.monte_carlo.notes))]
+
+    def verdict(self) -> Verdict:
+        """Whether the engines agree, in a sentence."""
+        apart = {name: abs(self.difference(name)) for name in self.compared}
+        known = {name: sigma for name, sigma in apart.items() if not math.isnan(sigma)}
+        if not known:
+            reasons = "; ".join(self.without_error_bar(self.compared))
+            return Verdict(f"There is no error bar to judge by: {reasons}.", False)
+        short = len(apart) - len(known)
+        tail = f"; {short} of {len(apart)} quantities have no error bar" if short else ""
+        if not self.significant:
+            worst = max(known.values())
+            agreed = f"Circuit and Monte Carlo agree within {worst:.1f} standard errors{tail}."
+            return Verdict(agreed, True)
+        name, share = next(iter(self.significant.items()))
+        by = f"the {words(name)} differs by {abs(share):.2%}, {known[name]:.1f} standard errors"
+        by += tail
+        if self.agree:
+            within = f"Circuit and Monte Carlo agree within {AGREEING_SHARE:.0%}"
+            return Verdict(f"{within}: {by}; up to that is what steps may cost.", True)
+        return Verdict(f"Circuit and Monte Carlo disagree: {by}.", False)
+
+    def without_error_bar(self, names: Iterable[str]) -> list[str]:
+        """Quantities without an error bar in either engine, by the reason."""
+        reasons: dict[str, list[str]] = {}
+        for name in names:
+            found = [each.scaled_quantities.get(name) for each in self._engines()]
+            notes = [each.note for each in found if each is not None and each.note]
+            reasons.setdefault(notes[0] if notes else "no such quantity", []).append(name)
+        return [
+            f"{', '.join(each).replace('_', ' ')}: {reason}" for reason, each in reasons.items()
+        ]
+
+    def joint_distances(self) -> dict[str, tuple[float, float]]:
+        """Of closures with a joint density: ∬|p − p'| from Monte Carlo's, and that by chance."""
+        simulated = self.monte_carlo.joint_density
+        return {
+            name: simulated.distance(result.joint_density)
+            for name, result in self.closures.items()
+            if simulated is not None and result.joint_density is not None
+        }
+
+    def _engines(self):
+        return (self.circuit, self.monte_carlo)
+
+    def results_by_method(self) -> dict[str, Result]:
+        """The result of every method, by the name that the table has."""
+        return {"circuit": self.circuit, "Monte Carlo": self.monte_carlo, **self.closures}
+
+    def figure(self) -> Figure:
+        """Densities by every method, and circuit and Monte Carlo on one path of noise."""
+        from harvester.show import figures
+        from harvester.studies.comparison.drawing import draw_comparison
+
+        return figures.drawn(draw_comparison, self)
+
+    def joint_figure(self) -> Figure | None:
+        """p(X, X') of the stationary solver and of Monte Carlo, in the same places and colours."""
+        from harvester.results import joint_drawing
+        from harvester.show import figures
+
+        return figures.drawn(joint_drawing.draw, [*self.closures.values(), self.monte_carlo])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        results = [*self._engines(), *self.closures.values()]
+        return plain(
+            {
+                "scene": self.scene,
+                "results": {result.engine: result for result in results},
+                "refused": self.refused,
+                "difference_in_standard_errors": {
+                    name: self.difference(name) for name in self.compared
+                },
+                "paired_bias": {name: each.to_dict("1") for name, each in self.paired.items()},
+                "closure_deviation": {
+                    closure: {name: self.deviation(closure, name)[0] for name in self.compared}
+                    for closure in self.closures
+                },
+                "joint_density_distance": {
+                    closure: {"from_monte_carlo": apart, "by_chance": chance}
+                    for closure, (apart, chance) in self.joint_distances().items()
+                },
+            }
+        )
+
+    def page(self) -> str:
+        """One self-contained HTML page with everything."""
+        from harvester.studies.comparison.report import report
+
+        return report(self)
+
+
+def part_of_progress(
+    progress: Callable[[float, str], object], begin: float, end: float
+) -> Callable[[float, str], object]:
+    """Progress of one part of the work, told as that of the whole."""
+    return lambda share, words: progress(begin + (end - begin) * share, words)
+
+
+def words(name: str) -> str:
+    """A quantity's name in a sentence."""
+    return name.replace("_", " ").replace("mean square", "mean-square")
+
+
+def _or_infinite(share):
+    return math.inf if math.isnan(share) else abs(share)
+
+
+def _sigmas(number, places):
+    return "no error bar" if math.isnan(number) else f"{number:+.{places}f} σ"
+
+
+def _percent(estimate):
+    if estimate is None or not np.isfinite(estimate.estimate):
+        return "—"
+    if estimate.standard_error is None:
+        return f"{estimate.estimate:+.2%}"
+    return f"{estimate.estimate:+.2%} ± {estimate.standard_error:.2%}"

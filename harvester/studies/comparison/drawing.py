@@ -1,0 +1,71 @@
+"""The figure of a comparison: densities by every method, waveforms on one noise path."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.results.drawing import axis_label, draw_density, frame
+from harvester.show.palette import CIRCUIT, LINES, MONTE_CARLO
+from harvester.show.panels import entitle, legend_below
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from harvester.studies.comparison import Comparison
+
+
+def draw_comparison(comparison: Comparison) -> Figure:
+    """Densities by every engine and closure; waveforms on one path; their difference."""
+    from matplotlib.figure import Figure
+
+    names = list(comparison.monte_carlo.densities)
+    figure = Figure(figsize=(9.0, 6.4))
+    rows = figure.add_gridspec(2, 1, height_ratios=(1.3, 1.0))
+    across = rows[0].subgridspec(1, len(names))
+    panels = [figure.add_subplot(across[place]) for place in range(len(names))]
+    for panel, name in zip(panels, names, strict=True):
+        _draw_densities(panel, comparison, name)
+    panels[0].set_ylabel("probability density")
+    below = rows[1].subgridspec(2, 1, height_ratios=(1.6, 1.0))
+    top = figure.add_subplot(below[0])
+    _draw_waveforms(top, figure.add_subplot(below[1], sharex=top), comparison)
+    compared = "circuit, Monte Carlo and averaging" if comparison.closures else "both engines"
+    entitle(figure, f"{comparison.scene.name}: {compared} (bands: two standard errors)")
+    # A closure may have fewer densities than another.
+    legend_below(figure, panels)
+    return figure
+
+
+def _draw_densities(axes, comparison, name):
+    draw_density(axes, comparison.monte_carlo, name, MONTE_CARLO, "-", "Monte Carlo")
+    draw_density(axes, comparison.circuit, name, CIRCUIT, "--", "circuit")
+    # Above the simulations, which are broad where they are noisy.
+    for closure, result in comparison.closures.items():
+        colour, style = LINES[closure]
+        if name in result.densities:
+            draw_density(axes, result, name, colour, style, f"averaging, {closure}")
+    simulated = comparison.monte_carlo.densities[name]
+    frame(axes, [comparison.circuit, comparison.monte_carlo], name)
+    peak = simulated.density.max() / comparison.monte_carlo.scales.of(name)
+    # A closure that is far off must not flatten the others.
+    axes.set_ylim(0.0, min(axes.get_ylim()[1], 2.5 * peak))
+    axes.set_xlabel(axis_label(comparison.circuit, name))
+
+
+def _draw_waveforms(top, bottom, comparison):
+    circuit, reference = comparison.circuit.waveform, comparison.monte_carlo.waveform
+    unit = comparison.circuit.scales.displacement
+    top.plot(reference.time, reference.displacement * unit, color=MONTE_CARLO)
+    top.plot(circuit.time, circuit.displacement * unit, "--", color=CIRCUIT)
+    top.set_ylabel(axis_label(comparison.circuit, "displacement"))
+    top.set_title("the same noise path")
+    # Both have every knot of the noise among their points.
+    difference = np.interp(reference.time, circuit.time, circuit.displacement)
+    knots = np.isin(np.round(reference.time, 9), np.round(circuit.time, 9))
+    difference = (difference - reference.displacement)[knots] * unit
+    bottom.plot(reference.time[knots], difference, color="0.2", linewidth=0.8)
+    bottom.set_ylabel("difference")
+    bottom.set_title("circuit − Monte Carlo")
+    bottom.set_xlabel("time [s]")

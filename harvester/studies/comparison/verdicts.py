@@ -1,0 +1,111 @@
+"""Sentences on a comparison, made from its numbers: who agrees, who lies off, and what is known."""
+
+from __future__ import annotations
+
+import math
+
+from harvester.show.page import Verdict
+from harvester.studies.comparison.comparison import (
+    AGREEING_STANDARD_ERRORS,
+    COMPARED,
+    Comparison,
+    words,
+)
+
+# The quantity by which closures and the step are judged.
+JUDGED = "mean_square_voltage"
+# A closure is judged off only from here: every one is an approximation.
+NEGLIGIBLE_SHARE = 0.01
+# What the closures' documentation (harvester.averaging.average) says of each.
+LIMITS = {
+    "paper": "it leaves the constant force of the piezo out of the potential (Eqs. 11–15)",
+    "consistent": "it is for motion inside a well and misses the slow part of the voltage after "
+    "a jump between wells",
+}
+
+
+def verdicts(comparison: Comparison) -> list[Verdict]:
+    """What a comparison says, one sentence each."""
+    closures = [_closure(comparison, name) for name in comparison.closures]
+    refused = [
+        Verdict(f"The closure {name} was refused: {reason}.")
+        for name, reason in comparison.refused.items()
+    ]
+    return [comparison.verdict(), *_step(comparison), _energy(comparison), *closures, *refused]
+
+
+def _step(comparison):
+    bias = comparison.paired.get(JUDGED)
+    if bias is None or not bias.standard_error or not math.isfinite(bias.estimate):
+        return []
+    seen = abs(bias.estimate) > AGREEING_STANDARD_ERRORS * bias.standard_error
+    judged = "more than its error explains" if seen else "within its error"
+    return [
+        Verdict(
+            f"On the same noise paths the circuit's {words(JUDGED)} differs from Monte Carlo's by "
+            f"{bias.estimate:+.2%} ± {bias.standard_error:.2%}, {judged}.",
+            not seen,
+        )
+    ]
+
+
+def _energy(comparison):
+    residuals = [r.energy_balance_residual for r in (comparison.circuit, comparison.monte_carlo)]
+    circuit, monte_carlo = (f"{residual:+.2%}" for residual in residuals)
+    return Verdict(
+        f"The energy balance closes to {circuit} of the input in the circuit and {monte_carlo} in "
+        "Monte Carlo."
+    )
+
+
+def _closure(comparison, name):
+    share, sigma = comparison.deviation(name, JUDGED)
+    subject = f"The closure {name}"
+    if math.isnan(sigma):
+        return Verdict(f"{subject} cannot be judged: Monte Carlo has no error bar.")
+    reasons = _reasons(comparison.closures[name], name)
+    tail = f" What is known: {'; '.join(reasons)}." if reasons else " It does not say why."
+    if not _off(share, sigma):
+        agreed = (
+            f"{subject} agrees with Monte Carlo's {words(JUDGED)}: {share:+.1%}, {sigma:+.1f} "
+            "standard errors"
+        )
+        other = _farthest(comparison, name)
+        return (
+            Verdict(f"{agreed}, but {other}.{tail}", False)
+            if other
+            else Verdict(f"{agreed}.", True)
+        )
+    side = "high" if share > 0.0 else "low"
+    return Verdict(
+        f"{subject} lies {abs(share):.1%} {side} in {words(JUDGED)}, {abs(sigma):.0f} standard "
+        f"errors of Monte Carlo.{tail}",
+        False,
+    )
+
+
+def _off(share, sigma):
+    return abs(sigma) > AGREEING_STANDARD_ERRORS and abs(share) >= NEGLIGIBLE_SHARE
+
+
+def _farthest(comparison, name):
+    """The quantity in which a closure lies farthest off, in words; empty where none does."""
+    deviations = {quantity: comparison.deviation(name, quantity) for quantity in COMPARED}
+    off = {quantity: d for quantity, d in deviations.items() if _off(*d)}
+    if not off:
+        return ""
+    worst = max(off, key=lambda quantity: abs(off[quantity][1]))
+    share, sigma = off[worst]
+    return f"its {words(worst)} is off by {share:+.1%}, {sigma:+.0f} standard errors"
+
+
+def _reasons(result, name):
+    """What the result's own notes say, then the closure's documentation where it applies."""
+    reasons = list(result.notes)
+    in_wells = result.scaled_quantities.get("share_in_wells")
+    if name == "paper" and in_wells is not None:
+        reasons.append(LIMITS[name])
+    if name == "consistent" and in_wells is not None and in_wells.estimate < 1.0:
+        outside = 1.0 - in_wells.estimate
+        reasons.append(f"{LIMITS[name]} (it puts {outside:.0%} of the time outside the wells)")
+    return reasons

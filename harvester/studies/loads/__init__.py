@@ -1,0 +1,1 @@
+"""Loads and values over a grid on the same noise: power, optima, ranking."""

@@ -1,0 +1,192 @@
+"""What a study is asked: the optimum of each load's curve, and by how much one load beats another.
+
+Both from differences on common noise, whose errors are paired.
+"""
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from harvester.estimates.batch_means import standard_error
+
+# Standard errors to either side that make an interval.
+INTERVAL = 2.0
+EDGE = "at the edge of the sweep: no interval"
+
+
+@dataclass(frozen=True)
+class CurveOptimum:
+    """Where a curve is highest.
+
+    Attributes
+    ----------
+    best : int or None
+        Place of the highest point; None where no point has a value.
+    place : float
+        Of the maximum between the points; nan at an edge.
+    low, high : float
+        Its interval; nan where there is none.
+    note : str
+    """
+
+    best: int | None
+    place: float = math.nan
+    low: float = math.nan
+    high: float = math.nan
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """By how much the better of two loads is ahead at their optima, P_better/P_worse − 1."""
+
+    better: str
+    worse: str
+    estimate: float
+    standard_error: float
+
+
+def optimum_of(
+    places: Sequence[float], powers: Sequence[float], series: Sequence[np.ndarray | None]
+) -> CurveOptimum:
+    """The maximum of a curve, from the parabola through ln P at its highest point and neighbours.
+
+    The interval is two paired standard errors to either side, widened by how far the parabola
+    through P itself lies off (the curve is neither), and by the points that are no lower than the
+    highest within two paired standard errors.
+
+    Parameters
+    ----------
+    places : sequence of float
+        Increasing; the fit is in their logarithm where all are > 0.
+    powers : sequence of float
+        nan where there is none.
+    series : sequence of (ndarray of shape (realizations, batches), or None)
+        Powers batch by batch on common noise; None: without statistical error.
+    """
+    heights = np.asarray(powers, dtype=float)
+    if not np.isfinite(heights).any():
+        return CurveOptimum(None, note="no point has a value")
+    best = int(np.nanargmax(heights))
+    if len(places) < 3:
+        return CurveOptimum(best, note="" if len(places) == 1 else EDGE)
+    if best in (0, len(places) - 1):
+        return CurveOptimum(best, note=EDGE)
+    near = [best - 1, best, best + 1]
+    if not (heights[near] > 0.0).all():
+        return CurveOptimum(best, note="a neighbour has no value: no interval")
+    logarithmic = min(places) > 0.0
+    axis = np.log(places) if logarithmic else np.asarray(places, dtype=float)
+    vertex, gradient = _vertex(axis[near], np.log(heights[near]))
+    shape = abs(vertex - _vertex(axis[near], heights[near])[0])
+    error = _error_of(gradient, [series[k] for k in near])
+    if error is None:
+        return CurveOptimum(best, note="too few realizations for an interval")
+    low, high = vertex - INTERVAL * error - shape, vertex + INTERVAL * error + shape
+    note = ""
+    rivals = [k for k in range(len(places)) if k != best and _no_lower(series, k, best)]
+    if rivals:
+        rivals.append(best)
+        low, high = min(low, axis[min(rivals)]), max(high, axis[max(rivals)])
+        note = "flat within the noise"
+    if low <= axis[0] or high >= axis[-1]:
+        note = "flat within the noise to the edge of the sweep"
+    low, high = max(low, axis[0]), min(high, axis[-1])
+    convert = np.exp if logarithmic else float
+    vertex, low, high = (float(convert(each)) for each in (vertex, low, high))
+    return CurveOptimum(best, vertex, low, high, note)
+
+
+def rank(
+    powers: Mapping[str, float], series: Mapping[str, np.ndarray | None]
+) -> tuple[list[str], list[Difference]]:
+    """Loads from the best to the worst, with every difference between two of them.
+
+    Parameters
+    ----------
+    powers : dict of str to float
+        At each load's optimum, the means of the series; nan where there is none.
+    series : dict of str to (ndarray or None)
+    """
+    order = sorted((k for k in powers if math.isfinite(powers[k])), key=lambda k: -powers[k])
+    differences = []
+    for place, better in enumerate(order):
+        for worse in order[place + 1 :]:
+            ratio = powers[better] / powers[worse]
+            error: float | None = 0.0
+            shares = [each / powers[k] for k in (better, worse) if (each := series[k]) is not None]
+            if shares:
+                error = error_of_sum((ratio, -ratio), shares)
+            known = math.nan if error is None else error
+            differences.append(Difference(better, worse, ratio - 1.0, known))
+    return order, differences
+
+
+def error_of_sum(weights: Sequence[float], series: Sequence[np.ndarray]) -> float | None:
+    """Standard error of a weighted sum of means on common noise.
+
+    The first realizations of all series are on the same noise; where one has more than another,
+    only what they share cancels.
+
+    Parameters
+    ----------
+    weights : sequence of float
+    series : sequence of ndarray, shape (realizations, batches)
+        Of any numbers of realizations.
+
+    Returns
+    -------
+    float or None
+        None where one is too short for an error bar.
+    """
+    counts = [len(each) for each in series]
+    together = _error_of_prefix(weights, series, min(counts))
+    if min(counts) == max(counts) or together is None:
+        return together
+    errors = [error for each in series if (error := standard_error(each)) is not None]
+    if len(errors) < len(series):
+        return None
+    variance = sum((w * error) ** 2 for w, error in zip(weights, errors, strict=True))
+    for i, j in itertools.combinations(range(len(series)), 2):
+        count = min(counts[i], counts[j])
+        pair = [series[i], series[j]]
+        found = [_error_of_prefix(w, pair, count) for w in ((1.0, 0.0), (0.0, 1.0), (1.0, -1.0))]
+        parts = [error for error in found if error is not None]
+        if len(parts) < len(found):
+            return None
+        covariance = 0.5 * (parts[0] ** 2 + parts[1] ** 2 - parts[2] ** 2)
+        shared = count**2 / (counts[i] * counts[j])
+        variance += 2.0 * weights[i] * weights[j] * covariance * shared
+    # Estimated parts can add up to too little; no longer runs could make it less than this.
+    return math.sqrt(max(variance, together**2 * min(counts) / max(counts)))
+
+
+def _error_of_prefix(weights, series, count):
+    return standard_error(sum(w * each[:count] for w, each in zip(weights, series, strict=True)))
+
+
+def _vertex(x, y):
+    """Place of a parabola's extremum through three points, and its derivative by their values."""
+    # Rows: curvature, slope and value at the middle point, each linear in y.
+    rows = np.linalg.inv(np.vander(x - x[1], 3))
+    curvature, slope = rows[0] @ y, rows[1] @ y
+    place = x[1] - 0.5 * slope / curvature
+    return place, 0.5 * (slope * rows[0] / curvature - rows[1]) / curvature
+
+
+def _error_of(gradient, series):
+    """Standard error of a function of means by the gradient over their logarithms."""
+    if series[0] is None:
+        return 0.0
+    return error_of_sum(gradient, [each / each.mean() for each in series])
+
+
+def _no_lower(series, place, best):
+    """Whether a point lies within two paired standard errors of the highest."""
+    if series[place] is None or series[best] is None:
+        return False
+    error = error_of_sum((1.0, -1.0), (series[best], series[place]))
+    return error is None or series[best].mean() - series[place].mean() < INTERVAL * error

@@ -1,0 +1,190 @@
+"""Figures of a load study: power, efficiency, waveforms at the optimum."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from itertools import cycle
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.estimates.units import unit_of
+from harvester.record.record import Record
+from harvester.show.panels import Panel, Series, draw_panels, entitle, is_wide
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from harvester.studies.loads.study import Study
+
+MARKERS = "osD^vP*X"
+# Standard errors that a bar spans to either side.
+BARS = 2.0
+PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
+# Axis labels of swept keys.
+LABELS = {
+    "load.parameters.resistance": "load resistance [Ω]",
+    "load.resistance": "load resistance [Ω]",
+    "excitation.intensity": "noise intensity D",
+}
+EFFICIENCIES = ("end_to_end_efficiency", "power_conversion_efficiency_of_input")
+
+
+def draw_power(study: Study) -> Figure:
+    """Output power over the swept value, one curve a load; its optimum's interval below."""
+    top = max((e.power for e in study.evaluations if math.isfinite(e.power)), default=1.0)
+    factor, prefix = _prefix(top) if study.scene.units == "SI" else (1.0, "")
+    unit = f"{prefix}W" if study.scene.units == "SI" else "scaled"
+
+    def value(evaluation):
+        estimate = evaluation.estimates.get("output_power")
+        return estimate and estimate.times(1.0 / factor)
+
+    return _draw(study, f"output power [{unit}]", value, _draw_optima)
+
+
+def draw_efficiency(study: Study) -> Figure:
+    """Harvested power over the mechanical input."""
+
+    def value(evaluation):
+        names = [n for n in EFFICIENCIES if n in evaluation.estimates]
+        names += [n for n in evaluation.estimates if n.startswith("power_conv")]
+        return evaluation.estimates[names[0]].times(100.0) if names else None
+
+    return _draw(study, "power harvested of that put in [%]", value, lambda *_: None)
+
+
+def draw_waveforms(study: Study) -> Figure:
+    """Displacement and piezo voltage at each load's highest point, all on the same noise."""
+    from matplotlib.figure import Figure
+
+    other = max(
+        (other for other, _ in study.others()),
+        key=lambda o: max((study.best((k, *o)) or _Nothing).power for k in _loads(study)),
+    )
+    shown = [
+        (load, study.best((k, *other)), colour)
+        for (k, load), colour in zip(enumerate(study.grid.loads), _colours(), strict=False)
+    ]
+    shown = [(load, e, c) for load, e, c in shown if e is not None and e.waveform is not None]
+    figure = Figure(figsize=(7.0, 1.0 + 1.3 * max(len(shown), 1)))
+    first = None
+    for place, (load, evaluation, colour) in enumerate(shown):
+        axes = figure.add_subplot(len(shown), 1, place + 1, sharex=first)
+        first = first or axes
+        _draw_waveform(axes, study, load, evaluation, colour)
+        axes.tick_params(labelbottom=place == len(shown) - 1)
+    if shown:
+        axes.set_xlabel("time [s]")
+    words = dict(study.others())[other]
+    title = "piezo voltage (colour) and displacement (grey) where each load is best"
+    title = f"{study.scene.name}: {title}{', ' * bool(words)}{words}"
+    entitle(figure, title)
+    return figure
+
+
+class _Nothing:
+    """Stands for a curve without a point."""
+
+    power = -math.inf
+
+
+def _loads(study):
+    return range(len(study.grid.loads))
+
+
+def _colours():
+    from matplotlib import rcParams
+
+    return cycle(rcParams["axes.prop_cycle"].by_key()["color"])
+
+
+def _prefix(value):
+    """Factor and letter with which a power is written as 1 … 1000."""
+    for factor, letter in PREFIXES:
+        if value >= factor:
+            return factor, letter
+    return PREFIXES[-1]
+
+
+def _draw(study, label, value, more):
+    """A panel for each place of the other sweeps, with a curve for each load."""
+    key, _ = study.curve_keys
+    places = np.array(study.grid.sweeps[key] if key else (0.0,))
+    panels = [
+        Panel(
+            x_label=LABELS.get(key, key) if key else "",
+            y_label=label,
+            series=_curves(study, other, places, value),
+            title=words,
+            log_x=is_wide(places),
+            from_zero=True,
+            more=partial(_finish, study, other, more),
+        )
+        for other, words in study.others()
+    ]
+    return draw_panels(
+        panels, f"{study.scene.name}: {study.method}, bars: 2 standard errors (hollow: none)"
+    )
+
+
+def _finish(study, other, more, axes):
+    """What is no curve: the loads' names where nothing is swept, and `more`."""
+    if study.curve_keys[0] is None:
+        axes.set_xticks(list(_loads(study)), study.grid.loads)
+    more(study, other, axes)
+
+
+def _curves(study, other, places, value):
+    series = []
+    order = np.argsort(places)
+    for k, colour, marker in zip(_loads(study), _colours(), cycle(MARKERS), strict=False):
+        row = [study.curves[(k, *other)][place] for place in order]
+        shown = [(place, each) for place, e in zip(order, row, strict=True) if (each := value(e))]
+        if not shown:
+            continue
+        errors = [each.standard_error for _, each in shown]
+        series.append(
+            Series(
+                x=[places[place] if study.curve_keys[0] else k for place, _ in shown],
+                y=[each.estimate for _, each in shown],
+                label=study.grid.loads[k],
+                colour=colour,
+                marker=marker,
+                bars=[0.0 if error is None else BARS * error for error in errors],
+                hollow=[error is None for error in errors],
+            )
+        )
+    return series
+
+
+def _draw_optima(study, other, axes):
+    """Each optimum's interval as a bar near the axis, in the load's colour."""
+    for k, colour in zip(_loads(study), _colours(), strict=False):
+        optimum, _ = study.optima[(k, *other)]
+        if math.isfinite(optimum.low):
+            height = 0.02 + 0.025 * k
+            where = axes.get_xaxis_transform()
+            ends = [optimum.low, optimum.high]
+            axes.plot(ends, [height] * 2, color=colour, linewidth=2.0, transform=where)
+            axes.plot([optimum.place], [height], "|", color=colour, transform=where)
+
+
+def _draw_waveform(axes, study, load, evaluation, colour):
+    time, voltage, displacement = (
+        evaluation.waveform[Record._fields.index(name)]
+        for name in ("time", "voltage", "displacement")
+    )
+    in_metres = study.scene.units == "SI"
+    axes.plot(time, voltage, color=colour)
+    axes.set_ylabel(f"voltage [{unit_of(study.scene, 'voltage')}]" if in_metres else "voltage")
+    axes.set_title(load)
+    beside = axes.twinx()
+    beside.plot(time, 1e3 * displacement if in_metres else displacement, color="0.6", linewidth=0.8)
+    beside.spines.right.set_visible(True)
+    beside.set_ylabel("X [mm]" if in_metres else "X", color="0.5")
+
+
+# Of `harvester.studies.public.LOAD_STUDY_FILES`, behind the tables.
+FIGURES = (draw_power, draw_efficiency, draw_waveforms)

@@ -1,0 +1,190 @@
+"""One point of a load study: its realizations until its power is precise, and what they come to."""
+
+import math
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from harvester.errors import HarvesterError
+from harvester.estimates.batch_means import complete_batches
+from harvester.estimates.estimate import Estimate
+from harvester.estimates.of_run import run_estimates, with_steps
+from harvester.estimates.settling import withheld
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import step_error
+from harvester.record.moments import Moments
+from harvester.record.record import Record
+from harvester.results.paired import sums
+from harvester.running.realizations import Realizations, averaging, is_closure
+from harvester.running.request import (
+    COMPLETE,
+    FIRST_REALIZATIONS,
+    aim_beside_steps,
+    good_ones,
+    in_rounds,
+    in_units,
+    not_balanced,
+    note_on_steps,
+    residual_notes,
+    told,
+)
+from harvester.running.task import Wanted
+from harvester.scene.model import Scene
+from harvester.simulation.outcome import LARGEST_RESIDUAL
+from harvester.studies.sweep import Cell
+
+# Dimensions of a record's columns; the others are powers.
+WAVEFORM = {
+    "time": "time",
+    "displacement": "displacement",
+    "velocity": "velocity",
+    "voltage": "voltage",
+    "load_power": "power",
+}
+POWER = "output_power"
+
+
+# With a precision, of one point.
+MOST_REALIZATIONS = 4000
+
+
+@dataclass(frozen=True)
+class Evaluation(Cell):
+    """What a point has come to.
+
+    Its estimates have `output_power` too, the power into the load's output, or, without a DC side,
+    what leaves the transducer.
+
+    Attributes
+    ----------
+    series : ndarray, shape (realizations, batches), or None
+        Output power, in the scene's units.
+    power_error : float
+        Standard error of the output power, nan where there is none, also where `estimates`
+        withholds it for a run too short for what is slow.
+    waveform : ndarray or None
+        Beginning of the first realization, rows as in `Record`, in the scene's units.
+    """
+
+    series: np.ndarray | None = field(default=None, repr=False)
+    power_error: float = math.nan
+    waveform: np.ndarray | None = field(default=None, repr=False)
+
+    @property
+    def power(self) -> float:
+        """Output power, nan where there is none."""
+        return self.estimates[POWER].estimate if POWER in self.estimates else math.nan
+
+    @property
+    def relative_error(self) -> float:
+        """Of the output power; infinite without an error bar."""
+        share = self.power_error / abs(self.power) if self.power else math.nan
+        return math.inf if math.isnan(share) else share
+
+
+def evaluating(
+    scene: Scene, method: str, step: str | float, version: str, precision: float | None
+) -> Generator[Wanted, list, Evaluation]:
+    """A plan for `Runner.follow` that returns the evaluation of one point.
+
+    Parameters
+    ----------
+    scene : Scene
+    method : str
+        Engine or closure.
+    step : str or float
+    version : str
+        See `harvester.running.runner.Runner.version`.
+    precision : float or None
+        Relative error of the output power, what the steps may cost included; None: the scene's own
+        run.
+    """
+    if is_closure(method):
+        answers = yield Wanted([averaging(scene, method)])
+        return _evaluate(scene, method, *good_ones(answers))
+    cut = Realizations.of(scene, method, step, version, waveform=True)
+    cost = step_error(prepared(scene), step, method)
+
+    def judge(good, ended):
+        found = _evaluate(scene, method, good, ended, cost)
+        return found, found.relative_error if found.realizations else 0.0
+
+    most = MOST_REALIZATIONS if precision else scene.run.realizations
+    first = FIRST_REALIZATIONS if precision else most
+    aim = aim_beside_steps(precision, cost) if precision else None
+    found = yield from in_rounds(cut, first, most, aim, judge)
+    note = note_on_steps(precision, cost) if precision and found.realizations else ""
+    return replace(found, outcome=f"{found.outcome}; {note}") if note else found
+
+
+def _evaluate(scene, method, good, ended, cost=0.0):
+    """Quantities of one point.
+
+    Parameters
+    ----------
+    scene : Scene
+    method : str
+    good : sequence of dict
+        Answers of its tasks, in the order of their realizations.
+    ended : HarvesterError or str
+        What came instead of the next ones; "" where all came.
+    cost : float
+        Share of a power that the steps may cost; see `harvester.prepared.steps.step_error`.
+    """
+    scales = prepared(scene).scales
+    if not good:
+        words = told(ended) if isinstance(ended, HarvesterError) else f"nothing was run: {ended}"
+        return Evaluation(method, words)
+    if "quantities" in good[0]:
+        estimates = in_units(good[0]["quantities"], scales)
+        mean = estimates["mean_power"]
+        error = _or_nan(mean.standard_error)
+        return Evaluation(method, COMPLETE, {**estimates, POWER: mean}, power_error=error)
+    moments = [each for part in good for each in part["moments"]]
+    found = run_estimates(scene, moments, cost)
+    if not abs(found.residual) <= LARGEST_RESIDUAL:
+        return Evaluation(method, told(not_balanced(found.residual)))
+    outcome = "; ".join([COMPLETE, *found.notes, *residual_notes(found.residual)])
+    if isinstance(ended, HarvesterError):
+        outcome = f"ended after {len(moments)} realizations: {told(ended)}"
+    series = power_series(found.moments, scales.power)
+    power = Estimate(float(series.mean()), found.error(series), None, "power")
+    power = with_steps(scene, power, cost)
+    estimates = in_units(found.whole, scales)
+    estimates[POWER] = power
+    return Evaluation(
+        method=method,
+        outcome=outcome,
+        estimates=withheld(estimates, found.shortfalls),
+        series=series,
+        realizations=len(moments),
+        power_error=_or_nan(power.standard_error),
+        waveform=_waveform_in_units(good[0]["waveform"], scales),
+    )
+
+
+def series_of(scene: Scene, good: Sequence[dict]) -> np.ndarray | None:
+    """Output power of a point's tasks batch by batch, in the scene's units, or None."""
+    moments = [each for part in good for each in part["moments"]]
+    return power_series(moments, prepared(scene).scales.power) if moments else None
+
+
+def power_series(moments: Sequence[Moments], unit: float) -> np.ndarray:
+    """Output power batch by batch, shape (realizations, batches), whose mean is the estimate."""
+    if complete_batches(moments) is None:
+        raise HarvesterError("no realization has a complete batch: raise run.duration")
+    energy, time = sums(moments, "mean_output_power" if moments[0].has_output else "mean_power")
+    mean = energy.sum() / time.sum()
+    return unit * (mean + (energy - mean * time) / time.mean())
+
+
+def _or_nan(error):
+    return math.nan if error is None else error
+
+
+def _waveform_in_units(waveform, scales):
+    if waveform is None:
+        return None
+    factors = [scales.of(WAVEFORM.get(name, "power")) for name in Record._fields]
+    return waveform * np.array(factors)[:, None]

@@ -1,0 +1,182 @@
+"""The circuit as judge of a load study: the same noise by both engines, at a few of its places.
+
+At each load's highest point, where the study's answer comes from, and at a place drawn at random.
+Paths of a device between its wells part after some ten periods, however well they are computed, so
+that long ones tell a difference to some percent only. The first periods from rest tell it to
+some tenths of a percent, and the settled part what they cannot hold: a store that is charged.
+"""
+
+import math
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import ndtr, stdtrit
+
+from harvester.errors import HarvesterError
+from harvester.estimates.batch_means import ratio_of_sums
+from harvester.estimates.estimate import why_no_error
+from harvester.running.realizations import Realizations, periods_of
+from harvester.running.request import good_ones, told
+from harvester.running.task import Wanted
+from harvester.scene.model import Scene
+from harvester.studies.grid import Grid
+from harvester.studies.loads.evaluation import Evaluation, series_of
+
+# Realizations of a place that both engines run, of its own length and of the first periods alone.
+PROOF_REALIZATIONS, EARLY_REALIZATIONS = 8, 64
+# Share of the settled power from which the early one is worth a comparison: a store that has yet
+# to be charged leaves leakage alone.
+LEAST_EARLY_SHARE = 1e-3
+# A difference counts from so many of its standard errors and from this share on.
+SIGNIFICANT_SIGMAS, SIGNIFICANT_SHARE = 3.0, 0.01
+
+
+@dataclass(frozen=True)
+class Proof:
+    """What the circuit says of one place of a study.
+
+    Attributes
+    ----------
+    place : int
+        Of the point in the grid.
+    highest : bool
+        Whether it was chosen as its curve's highest point, and not drawn.
+    difference : float
+        (circuit − Monte Carlo)/Monte Carlo of the output power on the same noise; nan without.
+    standard_error : float
+        Of the paired difference, wider where few realizations tell it; nan without.
+    early_difference, early_standard_error : float
+        The same over the first `PERIODS` periods from rest; nan without.
+    trouble : str
+        What came instead of a difference, the settled one's first.
+    """
+
+    place: int
+    highest: bool
+    difference: float = math.nan
+    standard_error: float = math.nan
+    early_difference: float = math.nan
+    early_standard_error: float = math.nan
+    trouble: str = ""
+
+    @property
+    def judges(self) -> bool:
+        """Whether there is a difference with an error bar."""
+        return not math.isnan(self.standard_error) or not math.isnan(self.early_standard_error)
+
+    @property
+    def disagrees(self) -> bool:
+        """Whether one of the differences is beyond its error and no trifle."""
+        return _beyond(self.difference, self.standard_error) or _beyond(
+            self.early_difference, self.early_standard_error
+        )
+
+
+def _beyond(difference, standard_error):
+    beyond = abs(difference) > SIGNIFICANT_SIGMAS * standard_error
+    return bool(beyond and abs(difference) > SIGNIFICANT_SHARE)
+
+
+def places_to_prove(
+    grid: Grid, evaluations: Sequence[Evaluation], seed: int
+) -> list[tuple[int, bool]]:
+    """(place among the grid's points, whether it is a highest one), in the grid's order.
+
+    Every curve's highest point, and of each load one of the others by chance.
+    """
+    lengths = [len(values) for values in grid.sweeps.values()]
+    numbers = np.arange(len(evaluations)).reshape(len(grid.loads), *lengths)
+    if grid.curve is not None:
+        numbers = np.moveaxis(numbers, grid.curve + 1, -1)
+    power = np.array([each.power for each in evaluations])
+    random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(len(evaluations),)))
+    chosen: dict[int, bool] = {}
+    for of_load in numbers.reshape(len(grid.loads), -1):
+        curves = of_load.reshape(-1, lengths[grid.curve] if grid.curve is not None else 1)
+        known = [curve[np.isfinite(power[curve])] for curve in curves]
+        best = {int(curve[np.argmax(power[curve])]) for curve in known if curve.size}
+        others = [int(k) for k in of_load if np.isfinite(power[k]) and k not in best]
+        chosen |= dict.fromkeys(best, True)
+        if others:
+            chosen[int(random.choice(others))] = False
+    return sorted(chosen.items())
+
+
+def proving(
+    place: int, highest: bool, scene: Scene, step: str | float, versions: tuple[str, str]
+) -> Generator[Wanted, list, Proof]:
+    """A plan for `Runner.follow` that returns the Proof of one place.
+
+    Parameters
+    ----------
+    place, highest
+        As in `Proof`.
+    scene : Scene
+        Of the point.
+    step : str or float
+    versions : (str, str)
+        Of Monte Carlo and of the circuit, see `Runner.version`.
+    """
+    settled, early = [], []
+    for method, version in zip(("monte-carlo", "circuit"), versions, strict=True):
+        settled.append(_tasks(scene, PROOF_REALIZATIONS, method, step, version))
+        early.append(_tasks(early_part(scene), EARLY_REALIZATIONS, method, step, version))
+    parts = [*settled, *early]
+    answers = iter((yield Wanted([task for tasks in parts for task in tasks])))
+    found = [[next(answers) for _ in tasks] for tasks in parts]
+    difference, standard_error, trouble, power = _difference(scene, *found[:2])
+    proof = Proof(place, highest, difference, standard_error, trouble=trouble)
+    difference, standard_error, trouble, early_power = _difference(scene, *found[2:])
+    if early_power < LEAST_EARLY_SHARE * power:
+        return proof
+    return replace(
+        proof,
+        early_difference=difference,
+        early_standard_error=standard_error,
+        trouble=proof.trouble or (trouble and f"from rest: {trouble}"),
+    )
+
+
+def early_part(scene: Scene) -> Scene:
+    """The scene from rest on, for the first `PERIODS` periods of its small oscillations."""
+    duration = min(periods_of(scene), scene.run.settle + scene.run.duration)
+    return scene.replace({"run.settle": 0.0, "run.duration": duration})
+
+
+def _tasks(scene, most, method, step, version):
+    cut = Realizations.of(scene, method, step, version, waveform=True)
+    return cut.tasks(0, min(most, scene.run.realizations), scene.run.realizations)
+
+
+def _difference(scene, ours, theirs):
+    """(circuit − Monte Carlo)/Monte Carlo on the same noise, its standard error, both nan without.
+
+    Then what came instead, and the power by Monte Carlo.
+    """
+    powers = []
+    for answers in (ours, theirs):
+        good, ended = good_ones(answers)
+        series = series_of(scene, good)
+        if series is None:
+            words = told(ended) if isinstance(ended, HarvesterError) else str(ended)
+            return math.nan, math.nan, words, math.nan
+        powers.append(series)
+    ours, theirs = powers
+    shared = min(len(ours), len(theirs))
+    if not ours[:shared].any():
+        return math.nan, math.nan, "no power by Monte Carlo", 0.0
+    ratio, error = ratio_of_sums(theirs[:shared], ours[:shared])
+    if error is None:
+        reason = why_no_error(ratio, error).partition(":")[0]
+        return ratio - 1.0, math.nan, reason, float(ours.mean())
+    return ratio - 1.0, _of_few(shared) * error, "", float(ours.mean())
+
+
+def _of_few(realizations):
+    """Factor by which Student's distribution is wider than the normal one, at as rare a chance.
+
+    Batches of a realization may know of each other: only realizations count.
+    """
+    least = max(realizations - 1, 1)
+    return float(stdtrit(least, ndtr(SIGNIFICANT_SIGMAS))) / SIGNIFICANT_SIGMAS

@@ -1,0 +1,450 @@
+"""What a load study consists of and says, and the steps that `load_study` takes."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from harvester.errors import LoadError
+from harvester.estimates.estimate import Estimate
+from harvester.files.serialising import fields_of, plain
+from harvester.files.tables import write_csv, write_netcdf
+from harvester.files.writing import in_folder
+from harvester.results.result import with_error
+from harvester.running import Runner
+from harvester.running.folder import held
+from harvester.running.realizations import PERIODS
+from harvester.running.request import COMPLETE
+from harvester.scene.model import Scene
+from harvester.scene.units import require_resistor
+from harvester.simulation.methods import ENGINES
+from harvester.studies.grid import Grid
+from harvester.studies.loads.curves import Difference, optimum_of, rank
+from harvester.studies.loads.evaluation import MOST_REALIZATIONS, Evaluation
+from harvester.studies.loads.proof import Proof, places_to_prove, proving
+from harvester.studies.public import JUDGED, LOAD_STUDY_FILES
+from harvester.studies.sweep import Sweep, columns
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from xarray import Dataset
+
+    from harvester.running.folder import StudyFolder
+
+# Measured time of a realization over its settling: a fifth of the run is then spent on settling.
+DURATION_OVER_SETTLE = 4.0
+# Of the time budget, kept for the circuit as judge.
+PROOF_SHARE = 0.2
+
+
+@dataclass(frozen=True)
+class Study:
+    """A load study's points, how it ended, and what follows: optima, ranking, verdict.
+
+    Attributes
+    ----------
+    grid : Grid
+    method : str
+        "judged", an engine or a closure.
+    version : str
+        Of what computed.
+    precision : float or None
+    evaluations : list of Evaluation
+        In the order of `grid.points`.
+    proofs : list of Proof
+        Where the circuit was the judge.
+    out_of_time : bool
+        The time budget ended it: the same call again goes on.
+    computed, reused : int
+        Tasks.
+    wall_seconds : float
+    warnings : tuple of str
+        Answers that were not believed, outcomes that are not kept, a folder that cannot be locked.
+    """
+
+    grid: Grid
+    method: str
+    version: str
+    precision: float | None
+    evaluations: list[Evaluation]
+    proofs: list[Proof]
+    out_of_time: bool
+    computed: int
+    reused: int
+    wall_seconds: float
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def scene(self) -> Scene:
+        """With one spacing of knots for all points."""
+        return self.grid.scene
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """What ran each point."""
+        return tuple(each.method for each in self.evaluations)
+
+    @property
+    def sweep(self) -> Sweep:
+        """The points as a tidy table of their output power."""
+        return Sweep(
+            scene=self.scene,
+            values={"load": self.grid.loads, **self.grid.sweeps},
+            methods=(self.method,),
+            quantities=("output_power",),
+            cells=self.cells[..., None],
+            notes=self.grid.notes,
+            out_of_time=self.out_of_time,
+            seconds=self.wall_seconds,
+        )
+
+    @property
+    def unit(self) -> str:
+        """Of power."""
+        return "W" if self.scene.units == "SI" else "scaled power"
+
+    @cached_property
+    def cells(self) -> np.ndarray:
+        """The evaluations in the grid's shape: loads, then the sweeps."""
+        array = np.empty(len(self.evaluations), dtype=object)
+        array[:] = self.evaluations
+        return array.reshape(self.grid.shape)
+
+    @cached_property
+    def curve_keys(self) -> tuple[str | None, list[str]]:
+        """Keys of the sweep that optima are sought along, and of the others."""
+        keys, curve = list(self.grid.sweeps), self.grid.curve
+        if curve is None:
+            return None, []
+        return keys[curve], keys[:curve] + keys[curve + 1 :]
+
+    @cached_property
+    def curves(self) -> np.ndarray:
+        """Evaluations with the optimum's sweep last: loads, other sweeps, places."""
+        if self.grid.curve is None:
+            return self.cells[..., None]
+        return np.moveaxis(self.cells, self.grid.curve + 1, -1)
+
+    @cached_property
+    def optima(self) -> np.ndarray:
+        """(CurveOptimum, its place or None) of each curve: loads, other sweeps."""
+        key, _ = self.curve_keys
+        places = self.grid.sweeps[key] if key else (0.0,)
+        order = np.argsort(places)
+        found = np.empty(self.curves.shape[:-1], dtype=object)
+        for where in np.ndindex(found.shape):
+            row = [self.curves[where][k] for k in order]
+            powers, series = [e.power for e in row], [e.series for e in row]
+            optimum = optimum_of([places[k] for k in order], powers, series)
+            found[where] = optimum, None if optimum.best is None else int(order[optimum.best])
+        return found
+
+    def best(self, where: tuple[int, ...]) -> Evaluation | None:
+        """Evaluation at the highest point of a curve, or None."""
+        place = self.optima[where][1]
+        return None if place is None else self.curves[where][place]
+
+    @cached_property
+    def rankings(self) -> dict[tuple[int, ...], tuple[list[str], list[Difference]]]:
+        """(order, differences) at each place of the other sweeps."""
+        loads = self.grid.loads
+        found = {}
+        for other in np.ndindex(self.optima.shape[1:]):
+            places = ((load, self.best((k, *other))) for k, load in enumerate(loads))
+            best = {load: e for load, e in places if e}
+            powers = {load: e.power for load, e in best.items()}
+            found[other] = rank(powers, {load: e.series for load, e in best.items()})
+        return found
+
+    def others(self) -> Iterator[tuple[tuple[int, ...], str]]:
+        """Places of the other sweeps with their values as text, "" where there are none."""
+        _, keys = self.curve_keys
+        values = [self.grid.sweeps[key] for key in keys]
+        for other in itertools.product(*(range(len(each)) for each in values)):
+            words = [
+                f"{key} = {each[k]:g}" for key, each, k in zip(keys, values, other, strict=True)
+            ]
+            yield other, ", ".join(words)
+
+    def table(self) -> tuple[list[str], list[list[str]]]:
+        """Header and rows: each load's optimum."""
+        key = self.curve_keys[0]
+        header = ["load", "at", f"highest at {key or 'the scene'}", "optimum", "interval"]
+        header += [f"output power [{self.unit}]", "efficiency", "realizations", "note"]
+        rows = []
+        for other, words in self.others():
+            for k, load in enumerate(self.grid.loads):
+                rows.append([load, words, *self._row((k, *other), key)])
+        return header, rows
+
+    def _row(self, where, key):
+        optimum, place = self.optima[where]
+        if place is None:
+            return ["—", "—", "—", "—", "—", "0", self.curves[where][0].outcome]
+        best: Any = self.best(where)
+        efficiency = best.estimates.get("end_to_end_efficiency") or best.estimates.get(
+            "power_conversion_efficiency_of_input"
+        )
+        notes = [optimum.note, "" if best.outcome == COMPLETE else best.outcome]
+        if self.precision and best.realizations:
+            notes.append(self._precision(best))
+        inside = math.isfinite(optimum.low)
+        return [
+            f"{self.grid.sweeps[key][place]:.4g}" if key else "",
+            f"{optimum.place:.4g}" if inside else "—",
+            f"{optimum.low:.4g} … {optimum.high:.4g}" if inside else "—",
+            with_error(best.estimates["output_power"]),
+            with_error(efficiency) if efficiency else "—",
+            str(best.realizations),
+            "; ".join(note for note in notes if note),
+        ]
+
+    def _precision(self, evaluation):
+        reached, asked = evaluation.relative_error, self.precision
+        said = f"{reached:.1%}" if math.isfinite(reached) else "no error bar"
+        return said if reached <= asked else f"{said}, not the {asked:.1%} asked for"
+
+    def sentences(self) -> list[str]:
+        """The ranking, what precision was reached, how it ended, what was run."""
+        lines = [line for other, words in self.others() for line in self._ranking(other, words)]
+        lines += self._failures()
+        run, total = self.scene.run, len(self.evaluations)
+        if self.precision:
+            done = sum(e.relative_error <= self.precision for e in self.evaluations)
+            lines.append(f"{done} of {total} points within {self.precision:.1%}")
+        lines += self._proofs()
+        lines += self.grid.notes
+        if any(e.realizations for e in self.evaluations):
+            lines.append(
+                f"{' and '.join(dict.fromkeys(self.methods))}: realizations of {run.duration:g} s "
+                f"after {run.settle:g} s, seed {run.seed}, the same noise for all points"
+            )
+        lines.append(
+            f"{self.computed} tasks computed, {self.reused} taken from before; "
+            f"{self.wall_seconds:.0f} s"
+        )
+        return lines
+
+    def alarms(self) -> list[str]:
+        """Where the circuit's power is another, one line each."""
+        return [f"DISAGREE: {self._proof(each)}" for each in self.proofs if each.disagrees]
+
+    def _proofs(self):
+        """What the circuit says as judge."""
+        proofs = self.proofs
+        if not proofs:
+            return []
+        judged = [each for each in proofs if each.judges]
+        apart = sum(each.disagrees for each in judged)
+        verdict = f"DISAGREES at {apart} of them" if apart else "agrees at all of them"
+        head = (
+            f"the circuit as judge, on the same noise at {len(judged)} places (the optima, others "
+            f"at random), {verdict if judged else 'says nothing'}:"
+        )
+        return [head, *(f"  {self._proof(each)}" for each in proofs)]
+
+    def _proof(self, proof):
+        point = self.grid.points[proof.place]
+        place = ", ".join(f"{value:g}" for value in point.place)
+        where = f"{point.load}{' at ' * bool(place)}{place}{' (optimum)' * proof.highest}"
+        parts = {
+            f"in the first {PERIODS:g} periods": (
+                proof.early_difference,
+                proof.early_standard_error,
+            ),
+            "settled": (proof.difference, proof.standard_error),
+        }
+        told = [f"{_apart(*of)} {part}" for part, of in parts.items() if not math.isnan(of[1])]
+        if not told:
+            return f"{where}: {proof.trouble}"
+        words = [*told, proof.trouble] if proof.trouble else told
+        return f"{where}: circuit over Monte Carlo, paired, {', '.join(words)}"
+
+    def figure(self) -> Figure:
+        """Output power over the swept value."""
+        from harvester.show import figures
+        from harvester.studies.loads.drawing import draw_power
+
+        return figures.drawn(draw_power, self)
+
+    def save(self, folder: str | Path | StudyFolder) -> None:
+        """Write NetCDF, CSV and figures: see `harvester.save`."""
+        save(self, folder)
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write a row for each point: load, swept values, every quantity with its standard error.
+
+        Raises
+        ------
+        OutputError
+        """
+        quantities = list(columns(self.scene, self.cells))
+        header = ["load", *self.grid.sweeps, *(f"{name} [{unit}]" for name, _, unit in quantities)]
+        rows = [
+            [
+                point.load,
+                *point.place,
+                *(values[where] for _, values, _ in quantities),
+                each.realizations,
+                each.outcome,
+            ]
+            for point, each, where in zip(
+                self.grid.points, self.evaluations, np.ndindex(self.cells.shape), strict=True
+            )
+        ]
+        write_csv(path, [*header, "realizations", "outcome"], rows)
+
+    def to_xarray(self) -> Dataset:
+        """The study as an xarray Dataset; see `harvester.studies.loads.dataset`."""
+        from harvester.studies.loads.dataset import dataset_of
+
+        return dataset_of(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON, powers in `unit`; missing errors become null."""
+        grid = self.grid
+        return plain(
+            {
+                "scene": self.scene,
+                "method": self.method,
+                "precision": self.precision,
+                "unit_of_power": self.unit,
+                "points": [
+                    {
+                        **self._where(k),
+                        "outcome": each.outcome,
+                        "realizations": each.realizations,
+                        "quantities": each.estimates,
+                    }
+                    for k, each in enumerate(self.evaluations)
+                ],
+                "optima": [
+                    {"load": load, "at": words, **self._optimum_to_dict((k, *other))}
+                    for other, words in self.others()
+                    for k, load in enumerate(grid.loads)
+                ],
+                "proofs": [
+                    {**fields_of(each), **self._where(each.place), "disagrees": each.disagrees}
+                    for each in self.proofs
+                ],
+                "rankings": [
+                    {"at": words, "best_first": self.rankings[other][0]}
+                    for other, words in self.others()
+                ],
+                "seed": self.scene.run.seed,
+                "notes": [*grid.notes, *self.warnings],
+                "wall_seconds": self.wall_seconds,
+            }
+        )
+
+    def _where(self, point):
+        """Load and swept values of a point."""
+        own = self.grid.points[point]
+        return {"load": own.load, "place": dict(zip(self.grid.sweeps, own.place, strict=True))}
+
+    def _optimum_to_dict(self, where):
+        optimum, place = self.optima[where]
+        key = self.curve_keys[0]
+        highest = None if place is None or key is None else self.grid.sweeps[key][place]
+        return {
+            "over": key,
+            "highest_at": highest,
+            "place": optimum.place,
+            "interval": [optimum.low, optimum.high],
+            "note": optimum.note,
+        }
+
+    def _ranking(self, other, words):
+        order, differences = self.rankings[other]
+        if len(order) < 2:
+            return
+        yield f"ranking at the optima{f', {words}' if words else ''}: {' > '.join(order)}"
+        for each in differences:
+            if order.index(each.worse) == order.index(each.better) + 1:
+                estimate = Estimate(100.0 * each.estimate, 100.0 * each.standard_error, None, "1")
+                distance = each.estimate / each.standard_error if each.standard_error else math.nan
+                sure = f", {distance:.1f} standard errors" if math.isfinite(distance) else ""
+                yield f"  {each.better} over {each.worse}: {with_error(estimate)} % (paired){sure}"
+
+    def _failures(self):
+        for point, evaluation in zip(self.grid.points, self.evaluations, strict=True):
+            if evaluation.outcome != COMPLETE:
+                place = ", ".join(f"{value:g}" for value in point.place)
+                yield f"{point.load} at {place}: {evaluation.outcome}"
+
+
+def method_of(scene: Scene, method: str) -> str:
+    """What runs a point: a load that Monte Carlo does not take is run by its judge, the circuit."""
+    if method in (JUDGED, "monte-carlo"):
+        try:
+            ENGINES["monte-carlo"].check(scene)
+        except LoadError:
+            if method != JUDGED:
+                raise
+            return "circuit"
+        return "monte-carlo"
+    if method != "circuit":
+        require_resistor(scene, method)
+    return method
+
+
+def proofs(
+    runner: Runner,
+    grid: Grid,
+    methods: tuple[str, ...],
+    evaluations: list[Evaluation],
+    step: str | float,
+) -> list[Proof]:
+    """The circuit beside Monte Carlo, on the same noise, at chosen points that Monte Carlo ran."""
+    versions = runner.version("monte-carlo"), runner.version("circuit")
+    return runner.follow(
+        [
+            proving(place, highest, grid.points[place].scene, step, versions)
+            for place, highest in places_to_prove(grid, evaluations, grid.scene.run.seed)
+            if methods[place] == "monte-carlo"
+        ]
+    )
+
+
+def cut(scene: Scene) -> Scene:
+    """The scene with realizations of the length that rounds are made of."""
+    run = scene.run
+    duration = min(run.duration, DURATION_OVER_SETTLE * run.settle) or run.duration
+    return scene.replace({"run.duration": duration, "run.realizations": MOST_REALIZATIONS})
+
+
+def _apart(difference, standard_error):
+    """A paired difference in words."""
+    share = Estimate(100.0 * difference, 100.0 * standard_error, None, "1")
+    distance = abs(difference) / standard_error if standard_error else 0.0
+    return f"{with_error(share)} % ({distance:.1f} σ)"
+
+
+def save(study: Study, folder: str | Path | StudyFolder) -> list[str]:
+    """Write a study's files, each whole or not at all; returns their names.
+
+    Raises
+    ------
+    HarvesterError
+        xarray is missing.
+    OutputError
+        `FolderInUse` where another run is at work there.
+    """
+    from harvester.show import figures
+    from harvester.studies.loads import drawing
+
+    with held(folder) as own:
+        place = Path(own)
+        grid, table, *pictures = (in_folder(place, name) for name in LOAD_STUDY_FILES)
+        write_netcdf(grid, study.to_xarray())
+        study.to_csv(table)
+        for draw, picture in zip(drawing.FIGURES, pictures, strict=True):
+            figures.save(draw, study, picture)
+    return list(LOAD_STUDY_FILES)

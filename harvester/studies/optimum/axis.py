@@ -1,0 +1,116 @@
+"""A parameter that a maximum is looked for over, and its place there."""
+
+import math
+from dataclasses import dataclass
+
+from harvester.errors import HarvesterError
+from harvester.scene.model import Scene
+from harvester.scene.numbers import number
+
+# Ranges wider than this ratio are gone through over ln of the parameter.
+LOGARITHMIC = 3.0
+# Share of a range that a flat region is narrow below.
+NARROW = 0.02
+# Standard errors to either side that make an interval.
+INTERVAL = 2.0
+# A range that was not given: the scene's value over and times this.
+SPAN = 10.0
+
+
+@dataclass(frozen=True)
+class Axis:
+    """The parameter, its range, and whether it goes by its logarithm.
+
+    Attributes
+    ----------
+    key : str
+        "table.key" of the scene.
+    low, high : float
+    """
+
+    key: str
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, scene: Scene, key: str, low: float | None, high: float | None) -> "Axis":
+        """A key of the scene and its range, checked.
+
+        Parameters
+        ----------
+        low, high : float or None
+            None: a tenth and ten times the scene's value, within what the key allows.
+
+        Raises
+        ------
+        HarvesterError
+            No such key, no range, or a value that the scene cannot have.
+        """
+        value, spec = number(scene, key, "--over")
+        ends = sorted((value / SPAN, value * SPAN))
+        low = max(ends[0], spec.low) if low is None else low
+        high = min(ends[1], spec.high) if high is None else high
+        if not low < high:
+            raise HarvesterError(f"{key}: no range from {low:g} to {high:g}; give it as LOW:HIGH")
+        for end in (low, high):
+            scene.replace({key: end})
+        return cls(key, low, high)
+
+    def own(self, scene: Scene) -> float:
+        """The scene's own value."""
+        return number(scene, self.key, "--over")[0]
+
+    @property
+    def logarithmic(self) -> bool:
+        """Whether equal ratios count as equal steps."""
+        return self.low > 0.0 and self.high / self.low >= LOGARITHMIC
+
+    def coordinate(self, value: float) -> float:
+        """0 at the lower end of the range, 1 at the upper one."""
+        if self.logarithmic:
+            return math.log(value / self.low) / math.log(self.high / self.low)
+        return (value - self.low) / (self.high - self.low)
+
+    def value(self, coordinate: float) -> float:
+        """The parameter at a coordinate."""
+        if self.logarithmic:
+            return float(self.low * (self.high / self.low) ** coordinate)
+        return float(self.low + coordinate * (self.high - self.low))
+
+    def slope(self, coordinate: float) -> float:
+        """d(value)/d(coordinate)."""
+        if self.logarithmic:
+            return self.value(coordinate) * math.log(self.high / self.low)
+        return self.high - self.low
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter at a maximum.
+
+    Attributes
+    ----------
+    axis : Axis
+    place : float
+    standard_error : float or None
+        Of the place, where a curve was fitted for it.
+    flat_low, flat_high : float
+        The others held, the quantity stays within 1 % of the maximum, or cannot be told to fall by
+        more, from here to there; nan where the runs are too short to tell, or it was not asked.
+    open_low, open_high : bool
+        The range ends before the flat region does.
+    """
+
+    axis: Axis
+    place: float
+    standard_error: float | None = None
+    flat_low: float = math.nan
+    flat_high: float = math.nan
+    open_low: bool = False
+    open_high: bool = False
+
+    @property
+    def is_narrow(self) -> bool:
+        """Whether the flat region is a small share of the range."""
+        width = self.axis.coordinate(self.flat_high) - self.axis.coordinate(self.flat_low)
+        return bool(width < NARROW)

@@ -1,0 +1,62 @@
+"""Figure of an optimum: a panel for each parameter."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import TYPE_CHECKING
+
+from harvester.show.palette import CIRCUIT, MONTE_CARLO
+from harvester.show.panels import Panel, Series, draw_panels
+from harvester.studies.optimum.axis import INTERVAL
+from harvester.studies.optimum.flat_region import FLAT_SHARE
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from harvester.studies.optimum.result import Optimum
+
+SEARCHED, MAXIMUM, OWN = "0.6", MONTE_CARLO, CIRCUIT
+
+
+def draw(found: Optimum) -> Figure:
+    """Places searched, the maximum, how far it is flat.
+
+    Over several parameters places differ in the others too, so that the highest of them are the
+    outline.
+    """
+    panels = [_panel(found, each) for each in found.parameters]
+    title = (
+        f"{found.scene.name}: {len(found.searched)} places searched, by {found.method} "
+        "(bars: two standard errors)"
+    )
+    return draw_panels(panels, title, size=(3.0, 2.4), sharey=True)
+
+
+def _panel(found, each):
+    key = each.axis.key
+    places = [place[key] for place, _ in found.searched]
+    values = [value.estimate for _, value in found.searched]
+    bars = [INTERVAL * (value.standard_error or 0.0) for _, value in found.searched]
+    height = INTERVAL * (found.value.standard_error or 0.0)
+    maximum = Series(
+        [each.place], [found.value.estimate], "maximum", MAXIMUM, "", "*", bars=[height], size=8
+    )
+    return Panel(
+        x_label=key,
+        y_label=f"{found.quantity.replace('_', ' ')} [{found.unit.split()[0]}]",
+        series=[Series(places, values, "searched", SEARCHED, "", ".", bars=bars), maximum],
+        log_x=each.axis.logarithmic,
+        more=partial(_draw_bounds, found, each),
+    )
+
+
+def _draw_bounds(found, each, axes):
+    """How far the place may lie off, or the maximum is flat, and the scene itself."""
+    low, high, label = each.flat_low, each.flat_high, f"within {FLAT_SHARE:.0%}, the others held"
+    if each.standard_error is not None:
+        (low, high), label = found.interval, "interval of the place"
+    if not math.isnan(low + high):
+        axes.axvspan(low, high, color=MAXIMUM, alpha=0.15, lw=0, label=label)
+    if found.own is not None:
+        axes.axhline(found.own.estimate, color=OWN, linestyle=":", label="the scene itself")

@@ -1,0 +1,151 @@
+"""How far each parameter may go from a maximum before its height is lost.
+
+Places further and further out along each axis are compared with the maximum on the same noise, so
+that a difference is known better than either value. Where a place turns out to be higher, the
+search moves there and begins again.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from harvester.studies.optimum.axis import Axis, Parameter
+from harvester.studies.optimum.objective import Objective
+
+# Lost height, as a share, up to which a place counts as flat; and standard errors of the loss.
+FLAT_SHARE, FLAT_SIGMAS = 0.01, 2.0
+# Steps outwards: the whole way to the end of the range halved so often; then the edge is halved.
+HALVINGS, REFINEMENTS = 6, 2
+# A higher place must be so many standard errors higher, and by this share.
+HIGHER, SHARE_HIGHER = 3.0, 1e-3
+MOVES = 6
+
+
+@dataclass(frozen=True)
+class Side:
+    """How far the maximum is flat on one side of one axis.
+
+    Attributes
+    ----------
+    end : float
+        Coordinate of the furthest place that is still flat; nan where the runs are too short for
+        errors of differences.
+    is_open : bool
+        It is the end of the range, or nothing was lost up to there.
+    """
+
+    end: float
+    is_open: bool
+
+
+def climb(objective: Objective, place: tuple, stage: int) -> tuple[tuple, Any, list]:
+    """From a place to one that no place along an axis exceeds, and how flat it is there.
+
+    Parameters
+    ----------
+    objective : Objective
+    place : tuple of float
+        Coordinates.
+    stage : int
+        Of the noise.
+
+    Returns
+    -------
+    place, answer, sides
+        `sides` holds (Side below, Side above) for each axis.
+    """
+    (answer,) = objective.answers([place], stage, moments=True)
+    moves = 0
+    while True:
+        rays, higher = _look_around(objective, place, answer, stage)
+        if higher is None or moves == MOVES - 1:
+            return place, answer, _paired(rays)
+        place, answer = higher
+        moves += 1
+
+
+def _look_around(objective, place, answer, stage):
+    """The rays from a place with what is flat on each, and (place, answer) of a higher one."""
+    rays = [_Ray(axis, way, place) for axis in range(len(place)) for way in (-1.0, 1.0)]
+    best = None
+    for turn in range(1 + REFINEMENTS):
+        wanted = [(ray, each) for ray in rays for each in ray.wanted(turn)]
+        answers = objective.answers([ray.at(each) for ray, each in wanted], stage, moments=True)
+        for (ray, reach), found in zip(wanted, answers, strict=True):
+            gain, error = _gain(objective, found, answer)
+            lost = FLAT_SHARE * abs(objective.value(answer))
+            ray.flat[reach] = gain >= -lost - FLAT_SIGMAS * error
+            ray.known &= np.isfinite(error)
+            least = max(HIGHER * error, SHARE_HIGHER * abs(objective.value(answer)))
+            if gain > least and (best is None or gain > best[0]):
+                best = gain, ray.at(reach), found
+    return rays, best and best[1:]
+
+
+def _gain(objective, found, answer):
+    """By how much a place is higher, and the error of that."""
+    value = objective.value(found)
+    if np.isnan(value):
+        return -np.inf, 0.0
+    return value - objective.value(answer), objective.error_of_difference(found, answer)
+
+
+def _paired(rays):
+    sides = [ray.side() for ray in rays]
+    return list(zip(sides[::2], sides[1::2], strict=True))
+
+
+class _Ray:
+    """From a place along one axis to one end of its range."""
+
+    def __init__(self, axis, way, place):
+        self._axis, self._way, self._place = axis, way, place
+        self._length = place[axis] if way < 0.0 else 1.0 - place[axis]
+        self.flat, self.known = {}, True
+
+    def at(self, reach):
+        """The place so far out, as a share of the ray."""
+        moved = list(self._place)
+        moved[self._axis] = min(max(moved[self._axis] + self._way * reach * self._length, 0.0), 1.0)
+        return tuple(moved)
+
+    def wanted(self, turn):
+        """Shares of the ray to look at next."""
+        if self._length < 1e-9:
+            return []
+        if turn == 0:
+            return [0.5**k for k in range(HALVINGS, -1, -1)]
+        inside, outside = self._edge()
+        return [] if outside is None else [0.5 * (inside + outside)]
+
+    def side(self):
+        inside, outside = self._edge()
+        if not self.known:
+            return Side(np.nan, False)
+        return Side(self.at(inside)[self._axis], outside is None)
+
+    def _edge(self):
+        """The last flat share before the first that is not, and that one."""
+        inside = 0.0
+        for reach in sorted(self.flat):
+            if not self.flat[reach]:
+                return inside, reach
+            inside = reach
+        return inside, None
+
+
+def ranges(axes: Sequence[Axis], place: tuple, sides: list) -> list[Parameter]:
+    """What `climb` found, in the units of each parameter."""
+    return [
+        Parameter(
+            axis=axis,
+            place=axis.value(coordinate),
+            flat_low=axis.value(below.end),
+            flat_high=axis.value(above.end),
+            open_low=below.is_open,
+            open_high=above.is_open,
+        )
+        for axis, coordinate, (below, above) in zip(axes, place, sides, strict=True)
+    ]

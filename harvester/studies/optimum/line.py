@@ -1,0 +1,348 @@
+"""An optimum over one parameter: by averaging, then by simulation on common noise.
+
+Averaging scans the range and refines its highest point. Simulation then looks there, on common
+noise, moves on while the slope asks for it, and fits a cubic to several places: the interval of
+the maximum's place is what the paired errors of the values make of it.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from harvester.errors import HarvesterError, OptimumError
+from harvester.estimates.batch_means import standard_error
+from harvester.estimates.estimate import Estimate
+from harvester.estimates.units import unit_of
+from harvester.running import Answer, Request, Runner
+from harvester.scene.model import Scene
+from harvester.studies.answers import answers_in_time, on_common_knots
+from harvester.studies.optimum.axis import Axis, Parameter
+from harvester.studies.optimum.objective import series_in_units
+from harvester.studies.optimum.result import Averaging, Optimum
+
+# Places of averaging's scan, those between the neighbours of its highest, and the degree of the
+# polynomial through them; places of a fit to simulations.
+SCANNED, REFINED, DEGREE, PLACES = 17, 7, 4, 7
+# Half of the fitted window as a share of the range, at first and at least; it is halved while the
+# fit falls by more than `DROP` of its maximum within it.
+WINDOW, NARROWEST, DROP = 0.25, 0.02, 0.15
+MOVES = 16
+# Share of the window's half that two standard errors of the place may be; how many times as many
+# realizations are asked for at a time, and at most.
+WANTED, TIMES_REALIZATIONS = 0.15, 4
+MOST_TIMES_REALIZATIONS = {"monte-carlo": 16, "circuit": 1}
+# Standard errors from which on a curvature, a slope or a fall is one.
+SIGNIFICANT_SIGMAS = 3.0
+# Standard errors of a value off the cubic, and its share of the fall within the window, from both
+# of which on a narrower window is fitted.
+MISFIT, MISFIT_SHARE = 4.0, 0.05
+# What a maximum must stand out by within its window, as a share; less is a plateau. A bend that no
+# cubic follows is the same at every scale: narrower windows end before it is lost in this.
+STANDS_OUT, NARROWED = 1e-3, 1e-2
+# A window is moved to a maximum that lies off its middle by more than this share of its half.
+RECENTRED = 0.2
+MAXIMISED = ("power_conversion_efficiency", "mean_power", "mean_square_voltage")
+
+
+def along(
+    scene: Scene,
+    axis: Axis,
+    quantity: str,
+    method: str,
+    closure: str,
+    runner: Runner,
+    follow: Callable[[float, str], object],
+) -> Optimum:
+    """The optimum over one parameter, all of it but its time.
+
+    Raises
+    ------
+    OptimumError, SimulationError
+    """
+    device = _on_common_knots(scene, axis)
+    place, value, reason = None, None, f"knows no {quantity.replace('_', ' ')}"
+    if quantity in MAXIMISED:
+        place, value, reason = averaged(device, axis, quantity, closure, runner)
+    follow(0.3, "simulation")
+    search = Search(device, axis, quantity, method, runner)
+    found, fitted = search.find(None if place is None else axis.coordinate(place))
+    follow(0.9, "comparison")
+    there = device.replace({axis.key: found.estimate})
+    wanted = [search.request(axis.coordinate(found.estimate)), Request(there, closure)]
+    simulated, by_closure = answers_in_time(runner, wanted)
+    if isinstance(simulated, HarvesterError):
+        raise simulated
+    refused = isinstance(by_closure, HarvesterError) or quantity not in MAXIMISED
+    there = None if refused else amount(by_closure, quantity)
+    return Optimum(
+        scene=scene,
+        quantity=quantity,
+        unit=unit_of(scene, simulated.quantities[quantity].dimension),
+        method=method,
+        parameters=[Parameter(axis, found.estimate, found.standard_error)],
+        value=simulated.in_units()[quantity],
+        searched=[({axis.key: each}, estimate) for each, estimate in fitted],
+        averaging=Averaging(closure, place, value, reason, there),
+    )
+
+
+def _on_common_knots(scene, axis):
+    """The scene with one spacing for the whole range: else places would not share their noise."""
+    ends = [scene.replace({axis.key: end}) for end in (axis.low, axis.high)]
+    return on_common_knots([scene], ends)[0]
+
+
+def amount(answer: Answer, quantity: str) -> float:
+    """An answer's mean in the scene's units."""
+    return answer.in_units()[quantity].estimate
+
+
+def averaged(
+    scene: Scene, axis: Axis, quantity: str, closure: str, runner: Runner
+) -> tuple[float | None, float | None, str]:
+    """(place, value, reason) of the maximum by averaging; place and value None with a reason."""
+
+    def values(coordinates):
+        places = [axis.value(c) for c in coordinates]
+        requests = [Request(scene.replace({axis.key: place}), closure) for place in places]
+        outcomes = answers_in_time(runner, requests)
+        refusals = [str(each) for each in outcomes if isinstance(each, HarvesterError)]
+        amounts = [
+            -math.inf if isinstance(each, HarvesterError) else amount(each, quantity)
+            for each in outcomes
+        ]
+        return amounts, refusals
+
+    grid = np.linspace(0.0, 1.0, SCANNED)
+    scanned, refusals = values(grid)
+    top = int(np.argmax(scanned))
+    if not math.isfinite(scanned[top]):
+        return None, None, f"refused everywhere: {refusals[0]}"
+    if top in (0, SCANNED - 1):
+        end = axis.value(grid[top])
+        return None, None, f"largest at the end of the range, {axis.key} = {end:.4g}"
+    if not (math.isfinite(scanned[top - 1]) and math.isfinite(scanned[top + 1])):
+        return None, None, f"largest beside where it is refused: {refusals[0]}"
+    for side, values_there in (("below", scanned[:top]), ("above", scanned[top:])):
+        lowest = min(value for value in values_there if math.isfinite(value))
+        if not scanned[top] - lowest > STANDS_OUT * abs(scanned[top]):
+            return None, None, f"flat {side} {axis.key} = {axis.value(grid[top]):.4g}"
+    closer = np.linspace(grid[top - 1], grid[top + 1], REFINED)
+    around, refusals = values(closer)
+    if refusals:
+        return None, None, f"largest beside where it is refused: {refusals[0]}"
+    fit = np.polynomial.Polynomial.fit(closer, around, DEGREE)
+    fine = np.linspace(closer[0], closer[-1], 2001)
+    best = int(np.argmax(fit(fine)))
+    return axis.value(fine[best]), float(fit(fine[best])), ""
+
+
+class Search:
+    """The maximum of a quantity by simulation, all places on the same noise.
+
+    Parameters
+    ----------
+    scene : Scene
+        With one spacing of knots for all places.
+    axis : Axis
+    quantity, method : str
+    runner : harvester.running.Runner
+    """
+
+    def __init__(self, scene: Scene, axis: Axis, quantity: str, method: str, runner: Runner):
+        self.scene, self.axis, self.quantity = scene, axis, quantity
+        self.method, self._runner = method, runner
+        self._more = 1
+
+    def find(self, start: float | None) -> tuple[Estimate, list[tuple[float, Estimate]]]:
+        """Place with its standard error, and the values that it was fitted to.
+
+        Parameters
+        ----------
+        start : float or None
+            Coordinate to begin at; None: the highest of some places over the whole range.
+
+        Raises
+        ------
+        OptimumError, SimulationError
+        """
+        centre = self._highest() if start is None else start
+        half = WINDOW
+        for _ in range(MOVES):
+            centre = min(max(centre, half), 1.0 - half)
+            coordinates = centre + half * np.linspace(-1.0, 1.0, PLACES)
+            answers = self._answers(coordinates)
+            fit = Fit(np.linspace(-1.0, 1.0, PLACES), answers, self.quantity)
+            if not fit.peaked or abs(fit.place) > 1.0:
+                centre = self._moved(centre, half, fit)
+            elif (fit.drop > DROP or fit.misfit) and half > NARROWEST:
+                centre, half = centre + half * fit.place, max(0.5 * half, NARROWEST)
+            elif fit.flat_to:
+                centre = self._better_seen(centre, half, fit)
+            elif not fit.error or 2.0 * fit.error > WANTED:
+                if not self._lengthen():
+                    return self._found(centre, half, fit, coordinates, answers)
+            else:
+                return self._found(centre, half, fit, coordinates, answers)
+        raise OptimumError(
+            f"{self.axis.key}: the maximum of {self._name()} could not be told from noise; "
+            "raise run.duration or give a range around it with --from and --to"
+        )
+
+    def request(self, coordinate: float, moments: bool = False) -> Request:
+        """What to ask for at one place, with as many realizations as there had to be."""
+        scene = self.scene.replace({self.axis.key: self.axis.value(coordinate)})
+        more = None if self._more == 1 else self._more * self.scene.run.realizations
+        return Request(scene, self.method, realizations=more, moments=moments)
+
+    def _answers(self, coordinates):
+        requests = [self.request(coordinate, moments=True) for coordinate in coordinates]
+        answers = answers_in_time(self._runner, requests)
+        for each in answers:
+            if isinstance(each, HarvesterError):
+                raise each
+        return answers
+
+    def _highest(self):
+        """Coordinate of the highest of some places over the range."""
+        grid = np.linspace(0.0, 1.0, PLACES)
+        values = [amount(answer, self.quantity) for answer in self._answers(grid)]
+        top = int(np.argmax(values))
+        if top in (0, PLACES - 1):
+            self._refuse_end(grid[top])
+        return float(grid[top])
+
+    def _moved(self, centre, half, fit):
+        """The next window's centre: towards the higher side, where that can be told."""
+        if not fit.sloped:
+            if self._lengthen():
+                return centre
+            raise OptimumError(
+                f"{self.axis.key}: {self._name()} shows neither slope nor maximum around "
+                f"{self.axis.value(centre):.4g}; raise run.duration"
+            )
+        side = math.copysign(1.0, fit.slope)
+        if not half < centre + side * 1e-9 < 1.0 - half:
+            self._refuse_end(0.5 + 0.5 * side)
+        return centre + side * half
+
+    def _better_seen(self, centre, half, fit):
+        """The next window's centre, for a maximum that does not fall to both ends of this one."""
+        around = min(max(centre + half * fit.place, half), 1.0 - half)
+        if abs(around - centre) > RECENTRED * half:
+            return around
+        if fit.noisy_ends and self._lengthen():
+            return centre
+        place = self.axis.value(centre + half * fit.place)
+        end = self.axis.value(centre + half * fit.flat_to)
+        raise OptimumError(
+            f"{self.axis.key}: {self._name()} is flat from {place:.4g} to {end:.4g} by "
+            f"{self.method}, within errors or {STANDS_OUT:.1%}: a plateau, or a range too narrow"
+        )
+
+    def _lengthen(self):
+        """Whether there could be more realizations."""
+        if self._more * TIMES_REALIZATIONS > MOST_TIMES_REALIZATIONS[self.method]:
+            return False
+        self._more *= TIMES_REALIZATIONS
+        return True
+
+    def _found(self, centre, half, fit, coordinates, answers):
+        if fit.error is None:
+            raise OptimumError(
+                f"{self.axis.key}: the runs are too short for an interval; raise run.duration"
+            )
+        coordinate = centre + half * fit.place
+        error = half * math.hypot(fit.error, fit.bias) * self.axis.slope(coordinate)
+        fitted = [
+            (self.axis.value(c), answer.in_units()[self.quantity])
+            for c, answer in zip(coordinates, answers, strict=True)
+        ]
+        return Estimate(self.axis.value(coordinate), error, None, "1"), fitted
+
+    def _refuse_end(self, coordinate):
+        raise OptimumError(
+            f"{self.axis.key}: {self._name()} is largest at the end of the range, "
+            f"{self.axis.value(coordinate):.4g}, by {self.method}: no optimum inside; widen it "
+            "with --from and --to"
+        )
+
+    def _name(self):
+        return self.quantity.replace("_", " ")
+
+
+class Fit:
+    """Cubic through values at places from −1 to 1, with errors from what their noise has in common.
+
+    Attributes
+    ----------
+    place, error : float, float or None
+        Of the maximum, by noise.
+    bias : float
+        How far a spline through the values has its maximum from there, where values lie off the
+        cubic beyond chance.
+    slope : float
+        At the middle.
+    sloped, peaked : bool
+        Whether the slope, and the downward curvature, are beyond chance.
+    drop : float
+        From the maximum to the lower end, as a share of the maximum.
+    misfit : bool
+        Whether that matters, in a window that can be narrowed.
+    flat_to : int
+        −1 or 1, the end that the values do not surely fall to from the place nearest to the
+        maximum; 0: they fall to both.
+    noisy_ends : bool
+        Whether longer runs could tell more of that.
+    """
+
+    def __init__(self, places: np.ndarray, answers: Sequence[Answer], quantity: str):
+        powers = np.vander(places, 4, increasing=True)
+        solve = np.linalg.pinv(powers)
+        values = np.array([amount(answer, quantity) for answer in answers])
+        series = np.array([series_in_units(a, quantity) for a in answers])
+        c0, c1, c2, c3 = solve @ values
+        noise = np.tensordot(solve, series, 1)
+        slope_error, curve_error = standard_error(noise[1]), standard_error(noise[2])
+        self.slope = float(c1)
+        self.sloped = slope_error is not None and abs(c1) > SIGNIFICANT_SIGMAS * slope_error
+        inside = c2 * c2 - 3.0 * c1 * c3
+        bent = curve_error is not None and c2 < -SIGNIFICANT_SIGMAS * curve_error
+        self.peaked = bent and inside > 0.0
+        self.place, self.error, self.drop = math.inf, None, 0.0
+        if self.peaked:
+            self.place = t = float(c1 / (math.sqrt(inside) - c2))
+            # Where c1 + 2 c2 t + 3 c3 t² stays zero.
+            moved = (noise[1] + 2.0 * t * noise[2] + 3.0 * t * t * noise[3]) / (c2 + 3.0 * c3 * t)
+            self.error = standard_error(-0.5 * moved)
+            top = c0 + t * (c1 + t * (c2 + t * c3))
+            self.drop = float(1.0 - (powers @ [c0, c1, c2, c3])[[0, -1]].min() / top)
+        self._look_for_misfit(places, values, series, powers @ solve)
+        self._look_at_ends(places, values, series)
+
+    def _look_for_misfit(self, places, values, series, fitting):
+        residual = np.eye(len(places)) - fitting
+        off = np.abs(residual @ values)
+        errors = [standard_error(row) for row in np.tensordot(residual, series, 1)]
+        beyond = [x for x, e in zip(off, errors, strict=True) if e is not None and x > MISFIT * e]
+        self.bias, self.misfit = 0.0, False
+        if beyond and self.peaked:
+            fine = np.linspace(-1.0, 1.0, 2001)
+            self.bias = float(abs(fine[np.argmax(CubicSpline(places, values)(fine))] - self.place))
+            fall = values.max() - max(values[0], values[-1])
+            narrow = fall <= NARROWED * values.max()
+            self.misfit = not narrow and max(beyond) > MISFIT_SHARE * np.ptp(values)
+
+    def _look_at_ends(self, places, values, series):
+        """Measured values alone: a cubic through a plateau has a maximum too."""
+        self.flat_to, self.noisy_ends = 0, False
+        nearest = int(np.argmin(np.abs(places - self.place)))
+        least = STANDS_OUT * abs(values[nearest])
+        for end in (0, -1):
+            fall = values[nearest] - values[end]
+            error = standard_error(series[nearest] - series[end])
+            if error is None or not fall > max(SIGNIFICANT_SIGMAS * error, least):
+                self.flat_to = int(np.sign(places[end]))
+                self.noisy_ends = error is None or SIGNIFICANT_SIGMAS * error > least

@@ -1,0 +1,132 @@
+"""A quantity of a scene as a function of some of its parameters."""
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from harvester.errors import SceneError
+from harvester.estimates.batch_means import standard_error
+from harvester.prepared.prepared import prepared
+from harvester.results.paired import deviations, has_deviations
+from harvester.running import Request
+from harvester.scene.model import Scene
+from harvester.studies.answers import answers_in_time, is_noisy, on_common_knots, value_of
+from harvester.studies.optimum.axis import Axis
+
+
+def series_in_units(answer: Any, quantity: str) -> np.ndarray:
+    """How far a quantity is off its mean in each batch, in the scene's units.
+
+    Parameters
+    ----------
+    answer : harvester.running.Answer
+        With its moments.
+    quantity : str
+        One that `harvester.results.paired.deviations` knows.
+
+    Returns
+    -------
+    ndarray, shape (realizations, batches)
+    """
+    factor = prepared(answer.scene).scales.of(answer.quantities[quantity].dimension)
+    return factor * deviations(answer.moments, quantity)
+
+
+class Objective:
+    """A quantity at places in the unit cube of some axes.
+
+    Parameters
+    ----------
+    scene : Scene
+    axes : sequence of Axis
+    quantity, method : str
+    runner : harvester.running.Runner
+    follow : callable
+        Given the number of places evaluated.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        axes: Sequence[Axis],
+        quantity: str,
+        method: str,
+        runner: Any,
+        follow: Callable[[int], None],
+    ):
+        self.axes, self.quantity, self.method = tuple(axes), quantity, method
+        self.noisy = is_noisy(scene, method)
+        self.scene = scene
+        if self.noisy:
+            corners = itertools.product(*((0.0, 1.0) for _ in axes))
+            ends = [self.scene_at(corner) for corner in corners]
+            (self.scene,) = on_common_knots([scene], ends)
+        self._runner, self._follow = runner, follow
+        self.evaluated = 0
+
+    def values_at(self, place: Sequence[float]) -> dict[str, float]:
+        """The parameters at a place."""
+        return {a.key: a.value(float(c)) for a, c in zip(self.axes, place, strict=True)}
+
+    def scene_at(self, place: Sequence[float], stage: int = 0) -> Scene:
+        """The scene at a place; each stage of a search has noise of its own."""
+        changes = self.values_at(place)
+        if stage and self.noisy:
+            words = np.random.SeedSequence(self.scene.run.seed, spawn_key=(stage, 0))
+            changes["run.seed"] = int(words.generate_state(1, np.uint64)[0])
+        return self.scene.replace(changes)
+
+    def answers(self, places: Sequence, stage: int = 0, **options: Any) -> list:
+        """Answers at places, or the error in its place.
+
+        Parameters
+        ----------
+        places : sequence of sequence of float
+        stage : int
+        **options
+            Of the `Request`.
+
+        Raises
+        ------
+        OutOfTime
+        """
+        found: list[Any] = [None] * len(places)
+        requests: dict[int, Request] = {}
+        for k, place in enumerate(places):
+            try:
+                requests[k] = Request(self.scene_at(place, stage), self.method, **options)
+            except SceneError as error:
+                found[k] = error
+        for k, answer in zip(requests, self._answers(requests.values()), strict=True):
+            found[k] = answer
+        return found
+
+    def answers_with(self, place: Sequence[float], changes: Sequence[dict]) -> list:
+        """Answers at one place, each with other changes of the scene; see `answers`."""
+        scene = self.scene_at(place)
+        return self._answers([Request(scene.replace(each), self.method) for each in changes])
+
+    def _answers(self, requests):
+        return answers_in_time(self._runner, requests, on_answer=self._count)
+
+    def value(self, answer: Any) -> float:
+        """See `value_of`."""
+        return value_of(answer, self.quantity)
+
+    def error_of_difference(self, answer: Any, other: Any) -> float:
+        """Standard error of the difference of two answers on the same noise; infinite without."""
+        if not self.noisy:
+            return 0.0
+        if not has_deviations(self.quantity):
+            errors = [a.in_units()[self.quantity].standard_error for a in (answer, other)]
+            return math.inf if None in errors else math.hypot(*errors)
+        series = [series_in_units(each, self.quantity) for each in (answer, other)]
+        error = standard_error(series[0] - series[1])
+        return math.inf if error is None else error
+
+    def _count(self, index, answer):
+        self.evaluated += 1
+        self._follow(self.evaluated)

@@ -1,0 +1,88 @@
+"""Where to look next for the maximum of a noisy quantity of several parameters.
+
+By Optuna's tree-structured Parzen estimator (Bergstra et al., NeurIPS 24 (2011); Akiba et al.,
+KDD (2019)), which takes several parameters together and forgives runs that fail. It was chosen by
+measurement, all in batches of 8: the lowest of 10 searches of 500 evaluations over the published
+65 536 powers of a bistable harvester (americocunhajr/HarvesterOpt, f and Ω, highest 0.0172, most
+of the range below 0.01), and the median and largest loss, as shares of the maximum, under noise of
+5 % of it: the Branin function (two parameters, 120 evaluations) and Hartmann's of three (160).
+
+====================================  =======  ===========  ===========  =================
+method                                lowest   Branin       Hartmann 3   s for 500 places
+====================================  =======  ===========  ===========  =================
+Parzen estimator, Optuna              0.0171   0.7, 3.7 %   1.7, 4.7 %   9
+CMA-ES with restarts, cma             0.0169   0.7, 3.1 %   2.5, 12.6 %  0.2
+CMA-ES, Optuna                        0.0093   1.8, 4.6 %   2.0, 5.6 %   3
+differential evolution                0.0170   2.2, 6.3 %   2.5, 8.4 %   0.1
+at random                             0.0168   2.2, 5.1 %   4.3, 8.9 %   0
+Gaussian process, scikit-optimize     —        0.3, 0.4 %   —            50 for 80 places
+extra trees, scikit-optimize          —        1.6, 1.6 %   1.3, 3.3 %   110 for 200 places
+====================================  =======  ===========  ===========  =================
+
+A Gaussian process does better still in few evaluations of a smooth function, at half a second for
+each (two searches of 80 only were measured); Optuna's needs PyTorch. What the Parzen estimator
+leaves, the climb of `harvester.studies.optimum.flat_region` takes.
+"""
+
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from harvester.errors import MissingLibrary
+
+# Places proposed at a time, whatever computes them: the answers decide the next ones.
+BATCH = 8
+
+
+class Proposals:
+    """Proposes places in the unit cube; the same ones for the same answers.
+
+    Parameters
+    ----------
+    parameters : int
+    seed : int
+    first : sequence of float or None
+        A place to begin with.
+
+    Raises
+    ------
+    MissingLibrary
+    """
+
+    def __init__(self, parameters: int, seed: int, first: Sequence[float] | None = None):
+        try:
+            import optuna
+        except ImportError:
+            raise MissingLibrary(
+                "an optimum over several parameters needs Optuna: pip install 'harvester[optimum]'"
+            ) from None
+        optuna.logging.set_verbosity(optuna.logging.WARNING)
+        distribution = optuna.distributions.FloatDistribution(0.0, 1.0)
+        self._names = [f"parameter {k}" for k in range(parameters)]
+        self._distributions: dict[str, Any] = dict.fromkeys(self._names, distribution)
+        self._failed = optuna.trial.TrialState.FAIL
+        word = np.random.SeedSequence(seed).generate_state(1)[0]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+            sampler = optuna.samplers.TPESampler(
+                seed=int(word), multivariate=True, constant_liar=True
+            )
+        self._study = optuna.create_study(direction="maximize", sampler=sampler)
+        if first is not None:
+            self._study.enqueue_trial(dict(zip(self._names, first, strict=True)))
+        self._trials: list[Any] = []
+
+    def ask(self, count: int = BATCH) -> list[tuple]:
+        """So many places, tuples of coordinates in 0 … 1."""
+        self._trials = [self._study.ask(self._distributions) for _ in range(count)]
+        return [tuple(trial.params[name] for name in self._names) for trial in self._trials]
+
+    def tell(self, values: Sequence[float | None]) -> None:
+        """Values at the places asked for last; None where there is none."""
+        for trial, value in zip(self._trials, values, strict=True):
+            if value is None:
+                self._study.tell(trial, state=self._failed)
+            else:
+                self._study.tell(trial, value)

@@ -1,0 +1,314 @@
+"""What `optimum` returns, over any number of parameters, and how it is shown."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from harvester.estimates.estimate import Estimate
+from harvester.files.serialising import fields_of, plain
+from harvester.results.result import with_error
+from harvester.scene.model import Scene
+from harvester.studies.answers import is_noisy, missing_from
+from harvester.studies.optimum.axis import INTERVAL, NARROW, Parameter
+from harvester.studies.optimum.flat_region import FLAT_SHARE
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# Attributes of the release before, and where each is now.
+_FORMER = {
+    "axis": "parameters[0].axis",
+    "ranges": "parameters",
+    "closure": "averaging.closure",
+    "averaged_place": "averaging.place",
+    "averaged_value": "averaging.value",
+    "averaged_reason": "averaging.reason",
+    "averaged_there": "averaging.value_at_simulated_place",
+    "fitted": "searched",
+    "wall_seconds": "seconds",
+}
+
+
+@dataclass(frozen=True)
+class Averaging:
+    """What averaging says of the same optimum.
+
+    Attributes
+    ----------
+    closure : str
+    place, value : float or None
+        None where it refuses or has no maximum inside, with the reason.
+    reason : str
+    value_at_simulated_place : float or None
+        At the place that simulation found.
+    """
+
+    closure: str
+    place: float | None
+    value: float | None
+    reason: str
+    value_at_simulated_place: float | None
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """Where a quantity is largest; in the scene's units.
+
+    Over one parameter a curve is fitted to several places, and averaging stands beside it. Over
+    several a library proposes places, and what bounds each parameter is looked for.
+
+    Attributes
+    ----------
+    scene : Scene
+    quantity, unit, method : str
+    parameters : list of Parameter
+        Each with its place at the optimum.
+    value : Estimate
+        From a run at the place; over several parameters on noise of its own.
+    searched : list of (dict, Estimate)
+        Places and values: those that the last fit used; over several parameters those proposed,
+        nan where a run failed.
+    averaging : Averaging or None
+        Over one parameter.
+    own : Estimate or None
+        Of the scene itself, over several parameters.
+    other_starts : tuple of float
+        Values at the place from other states, where the excitation has no chance in it.
+    evaluations : int
+        Runs in all, over several parameters.
+    seconds : float
+        Wall-clock, of this call.
+    """
+
+    scene: Scene
+    quantity: str
+    unit: str
+    method: str
+    parameters: list[Parameter]
+    value: Estimate
+    searched: list[tuple[dict[str, float], Estimate]]
+    averaging: Averaging | None = None
+    own: Estimate | None = None
+    other_starts: tuple[float, ...] = ()
+    evaluations: int = 0
+    seconds: float = 0.0
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in _FORMER:
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        now = _FORMER[name]
+        warnings.warn(f"Optimum.{name} is now {now}", DeprecationWarning, stacklevel=2)
+        if name == "fitted":
+            return [
+                (place[self.parameters[0].axis.key], estimate) for place, estimate in self.searched
+            ]
+        if name == "axis":
+            return self.parameters[0].axis
+        return attrgetter(now)(self)
+
+    @property
+    def keys(self) -> list[str]:
+        """Of the parameters."""
+        return [each.axis.key for each in self.parameters]
+
+    @property
+    def place(self) -> Estimate:
+        """Of the first parameter."""
+        first = self.parameters[0]
+        return Estimate(first.place, first.standard_error, None, "1")
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Two standard errors to either side of the place; over several parameters of the value."""
+        about = self.value if self.averaging is None else self.place
+        reach = INTERVAL * (math.nan if about.standard_error is None else about.standard_error)
+        return about.estimate - reach, about.estimate + reach
+
+    def table(self) -> tuple[list[str], list[list[str]]]:
+        """Header and rows of the table, as text."""
+        if self.averaging is not None:
+            return self._table_of_methods(self.averaging)
+        header = ["parameter", "range", "optimum at", f"within {FLAT_SHARE:.0%} of the maximum"]
+        return header, [
+            [
+                each.axis.key,
+                _span(each.axis.low, each.axis.high),
+                f"{each.place:.4g}",
+                _span(each.flat_low, each.flat_high),
+            ]
+            for each in self.parameters
+        ]
+
+    def _table_of_methods(self, averaging):
+        key = self.parameters[0].axis.key
+        header = ["method", "parameter", "optimum at", "interval", self.quantity.replace("_", " ")]
+        place = f"{self.place.estimate:.4g}"
+        rows = [[self.method, key, place, _span(*self.interval), with_error(self.value)]]
+        if averaging.place is not None:
+            place, value = f"{averaging.place:.4g}", f"{averaging.value:.4g}"
+            rows.insert(0, [f"averaging, {averaging.closure}", key, place, "", value])
+        return header, rows
+
+    def sentences(self) -> list[str]:
+        """What bounds the place and the value, and what was run."""
+        if self.averaging is None:
+            return [*self._on_value(), *self._on_ranges(), *self._on_starts(), self._on_runs()]
+        (one,) = self.parameters
+        low, high = (self.searched[end][0][one.axis.key] for end in (0, -1))
+        return [
+            *self._on_averaging(self.averaging),
+            f"{self.method}: cubic through {len(self.searched)} places in {low:.4g} … {high:.4g} "
+            f"on common noise, seed {self.scene.run.seed}; interval: two standard errors",
+            *missing_from(self.quantity, self.value),
+            f"{self.seconds:.1f} s",
+        ]
+
+    def _on_averaging(self, averaging):
+        """How far averaging is off."""
+        words = f"averaging, {averaging.closure}"
+        place, value = self._off(averaging)
+        lines = [f"{words}: no optimum: {averaging.reason}"]
+        if place is not None:
+            lines = [f"{words}: place {place:+.1%}, value {value:+.1%} off {self.method}"]
+        if averaging.value_at_simulated_place is not None:
+            off = averaging.value_at_simulated_place / self.value.estimate - 1.0
+            lines.append(f"{words}, at {self.method}'s optimum: {off:+.1%}")
+        return lines
+
+    def _off(self, averaging):
+        """Averaging's deviation of place and value, as shares."""
+        if averaging.place is None:
+            return None, None
+        place = averaging.place / self.place.estimate - 1.0
+        return place, averaging.value / self.value.estimate - 1.0
+
+    def _on_value(self):
+        own: Any = self.own
+        low, high = self.interval
+        interval = f", interval {low:.4g} … {high:.4g}" if math.isfinite(low) else ""
+        return [
+            f"{self.quantity.replace('_', ' ')} there: {with_error(self.value)}{interval}, "
+            f"{self.unit}; of the scene itself {with_error(own)}",
+            *missing_from(self.quantity, self.value),
+        ]
+
+    def _on_ranges(self):
+        """What bounds each parameter."""
+        lines = []
+        failures = sum(math.isnan(value.estimate) for _, value in self.searched)
+        if any(math.isnan(each.flat_low + each.flat_high) for each in self.parameters):
+            lines.append(
+                "the runs are too short to tell how flat the maximum is: raise run.duration or "
+                "run.realizations"
+            )
+        for each in self.parameters:
+            if each.is_narrow:
+                lines.append(
+                    f"{each.axis.key}: more than {FLAT_SHARE:.0%} is lost within {NARROW:.0%} of "
+                    "its range: a device must hold the value closely"
+                )
+            for end, is_open in ((each.axis.low, each.open_low), (each.axis.high, each.open_high)):
+                if is_open:
+                    lines.append(
+                        f"{each.axis.key}: still within {FLAT_SHARE:.0%} at the end of its range, "
+                        f"{end:.4g}: there may be more beyond"
+                    )
+        if failures:
+            lines.append(f"at {failures} of {len(self.searched)} places no run came to its end")
+        return lines
+
+    def _on_starts(self):
+        """Whether what was found depends on the state that a device starts in."""
+        if not self.other_starts:
+            return []
+        values = np.array(self.other_starts)
+        off = np.abs(values - self.value.estimate)
+        others = values[off > FLAT_SHARE * abs(self.value.estimate)]
+        states = f"{values.size} other states"
+        if not others.size:
+            return [f"started there from each of {states} it comes to the same: one attractor"]
+        return [
+            f"several attractors: started there from {values.size - others.size} of {states} it "
+            f"comes to the same, from the others to {others.min():.4g} … {others.max():.4g}; the "
+            "search starts every run as the scene does: other values of [start] may find another "
+            "branch"
+        ]
+
+    def _on_runs(self):
+        """What was run, over several parameters."""
+        own_noise = "; value on noise of its own" if is_noisy(self.scene, self.method) else ""
+        return (
+            f"{self.method}: {self.evaluations} evaluations, {len(self.searched)} of them proposed"
+            f"{own_noise}; interval: two standard errors; seed {self.scene.run.seed}, "
+            f"{self.seconds:.1f} s"
+        )
+
+    def figure(self) -> Figure:
+        """Every place searched over each parameter, the maximum, and how far it is flat."""
+        from harvester.show import figures
+        from harvester.studies.optimum.drawing import draw
+
+        return figures.drawn(draw, self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON; over one parameter averaging and simulation side by side."""
+        content = {"scene": self.scene, "maximised": self.quantity}
+        told = self._side_by_side(self.averaging) if self.averaging else self._over_several()
+        last = {"seed": self.scene.run.seed, "wall_seconds": self.seconds}
+        return plain({**content, **told, **last})
+
+    def _side_by_side(self, averaging):
+        place, value = self._off(averaging)
+        (one,) = self.parameters
+        return {
+            "over": one.axis.key,
+            "range": [one.axis.low, one.axis.high],
+            "averaging": {
+                **fields_of(averaging),
+                "place_deviation": place,
+                "value_deviation": value,
+            },
+            "simulation": {
+                "method": self.method,
+                "place": self.place,
+                "interval": self.interval,
+                "value": self.value,
+                "fitted": [
+                    {"place": place[one.axis.key], **each.to_dict()}
+                    for place, each in self.searched
+                ],
+            },
+        }
+
+    def _over_several(self):
+        return {
+            "unit": self.unit,
+            "method": self.method,
+            "parameters": {
+                each.axis.key: {
+                    "range": [each.axis.low, each.axis.high],
+                    "place": each.place,
+                    "flat": [each.flat_low, each.flat_high],
+                    "flat_beyond_range": [each.open_low, each.open_high],
+                }
+                for each in self.parameters
+            },
+            "flat_within": FLAT_SHARE,
+            "value": {**self.value.to_dict(), "interval": self.interval},
+            "scene_itself": self.own,
+            "other_starts": self.other_starts,
+            "searched": [{**place, "value": each.estimate} for place, each in self.searched],
+            "evaluations": self.evaluations,
+            "notes": self._on_starts(),
+        }
+
+
+def _span(low, high):
+    """A range in words; a dash where an end is not known."""
+    return "—" if math.isnan(low + high) else f"{low:.4g} … {high:.4g}"

@@ -1,0 +1,152 @@
+"""An optimum over several parameters together.
+
+Proposals of a library for noisy functions are evaluated on common noise; the highest are run again
+on fresh noise, as the highest of many is partly luck; from the best of them the search climbs along
+the axes, which also tells how flat the maximum is; its value comes from a last run on noise that
+nothing was chosen by.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from harvester.errors import HarvesterError, OptimumError
+from harvester.estimates.estimate import Estimate
+from harvester.estimates.units import unit_of
+from harvester.files.writing import finite
+from harvester.running import Request, Runner
+from harvester.scene.model import Scene
+from harvester.simulation.methods import ENGINES
+from harvester.studies.answers import check_quantity, first_answer
+from harvester.studies.optimum.axis import Axis
+from harvester.studies.optimum.flat_region import climb, ranges
+from harvester.studies.optimum.objective import Objective
+from harvester.studies.optimum.proposals import BATCH, Proposals
+from harvester.studies.optimum.result import Optimum
+
+# Proposals for each parameter, unless told otherwise.
+EVALUATIONS_EACH = 60
+FEWEST_EVALUATIONS, MOST_EVALUATIONS = 16, 100_000
+MOST_PARAMETERS = 8
+# Places that are run again on fresh noise.
+CONFIRMED = 5
+# About how many evaluations the climb takes for each parameter: for the time left.
+CLIMB_EACH = 30
+# Noise of the search, of the places chosen again, and of the value.
+SEARCH, AGAIN, VALUE = 0, 1, 2
+# Other states in which a device without chance is started at the maximum.
+STARTS = 8
+
+
+def over_several(
+    scene: Scene,
+    axes: Sequence[Axis],
+    quantity: str,
+    method: str,
+    runner: Runner,
+    follow: Callable[[float, str], object],
+    evaluations: int | None = None,
+    precision: float | None = None,
+) -> Optimum:
+    """The optimum over several parameters, all of it but its time; see `optimum`.
+
+    Raises
+    ------
+    HarvesterError, OptimumError, OutOfTime, MissingLibrary
+    """
+    count = EVALUATIONS_EACH * len(axes) if evaluations is None else evaluations
+    if not FEWEST_EVALUATIONS <= count <= MOST_EVALUATIONS:
+        raise HarvesterError(
+            f"--evaluations {count}: must be a whole number, {FEWEST_EVALUATIONS} to "
+            f"{MOST_EVALUATIONS}"
+        )
+    if len(axes) > MOST_PARAMETERS:
+        raise HarvesterError(f"--over: at most {MOST_PARAMETERS} parameters at a time")
+    expected = count + CONFIRMED + CLIMB_EACH * len(axes)
+
+    def told(done):
+        follow(min(done / expected, 0.99), f"{done} evaluations")
+
+    objective = Objective(scene, axes, quantity, method, runner, told)
+    own = first_answer(runner, Request(scene, method))
+    check_quantity(quantity, own)
+    proposals = Proposals(len(objective.axes), scene.run.seed, _own_place(scene, objective.axes))
+    searched = _search(objective, proposals, count)
+    place = _chosen(objective, searched)
+    place, answer, sides = climb(objective, place, AGAIN if objective.noisy else SEARCH)
+    if objective.noisy:
+        asked = {"precision": precision, "quantities": (quantity,)}
+        (answer,) = objective.answers([place], VALUE, **asked)
+        if isinstance(answer, HarvesterError):
+            raise answer
+    dimension = answer.quantities[quantity].dimension
+    return Optimum(
+        scene=scene,
+        quantity=quantity,
+        unit=unit_of(scene, dimension),
+        method=method,
+        parameters=ranges(objective.axes, place, sides),
+        value=answer.in_units()[quantity],
+        own=own.in_units()[quantity],
+        other_starts=_other_starts(objective, place, answer),
+        searched=[
+            (objective.values_at(each), Estimate(value, None, None, dimension))
+            for each, value in searched
+        ],
+        evaluations=objective.evaluated,
+    )
+
+
+def _own_place(scene, axes):
+    """The scene's own, if it lies within the ranges."""
+    tables = [(axis, axis.own(scene)) for axis in axes]
+    if not all(axis.low <= value <= axis.high for axis, value in tables):
+        return None
+    return [axis.coordinate(value) for axis, value in tables]
+
+
+def _search(objective, proposals, count):
+    """Places proposed and their values."""
+    searched: list[tuple] = []
+    while len(searched) < count:
+        places = proposals.ask(min(BATCH, count - len(searched)))
+        values = [objective.value(answer) for answer in objective.answers(places)]
+        proposals.tell([finite(value) for value in values])
+        searched += zip(places, values, strict=True)
+    if all(math.isnan(value) for _, value in searched):
+        raise OptimumError(f"at none of {len(searched)} places did a run come to its end")
+    return searched
+
+
+def _chosen(objective, searched):
+    """The highest place; under noise the highest of the best ones on fresh noise."""
+    ended = [each for each in searched if not math.isnan(each[1])]
+    highest = [place for place, _ in sorted(ended, key=lambda each: -each[1])]
+    if not objective.noisy:
+        return highest[0]
+    places = list(dict.fromkeys(highest))[:CONFIRMED]
+    values = [objective.value(each) for each in objective.answers(places, AGAIN, moments=True)]
+    if all(math.isnan(value) for value in values):
+        raise OptimumError("at none of the highest places did a second run come to its end")
+    return places[int(np.nanargmax(values))]
+
+
+def _other_starts(objective, place, answer):
+    """Values from states drawn over what the motion at the maximum spans, and half as far again."""
+    if objective.noisy or objective.method not in ENGINES:
+        return ()
+    if objective.scene.excitation.prescribes_displacement:
+        return ()
+    means = answer.in_units()
+    reach = [
+        1.5 * math.sqrt(2.0 * means[name].estimate)
+        for name in ("mean_square_displacement", "mean_square_velocity")
+    ]
+    words = np.random.SeedSequence(objective.scene.run.seed, spawn_key=(VALUE, 1))
+    states = np.random.default_rng(words).uniform(-1.0, 1.0, size=(STARTS, 2)) * reach
+    changes = [{"start.displacement": float(x), "start.velocity": float(v)} for x, v in states]
+    values = [objective.value(each) for each in objective.answers_with(place, changes)]
+    return tuple(value for value in values if not math.isnan(value))

@@ -1,0 +1,125 @@
+"""Figures of a tolerance study: the tornado with the indices, and the distribution."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.show.palette import CIRCUIT, MONTE_CARLO
+from harvester.show.panels import entitle
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from harvester.studies.sensitivity import Sensitivity
+
+COLOURS = CIRCUIT, MONTE_CARLO
+BINS = 30
+
+
+def draw_tornado(study: Sensitivity) -> Figure:
+    """By how much each parameter moves the quantity, and its Sobol indices beside it."""
+    from matplotlib.figure import Figure
+
+    order = study.order()[::-1]
+    names = [study.tolerances[k].key for k in order]
+    figure = Figure(figsize=(8.0, 1.5 + 0.5 * len(names)))
+    left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1.3, 1.0))
+    _draw_effects(left, study, order)
+    left.set_yticks(range(len(names)), names)
+    left.set_ylim(-0.7, len(names) - 0.3)
+    _draw_indices(right, study, order)
+    figure.legend(*left.get_legend_handles_labels(), loc="outside lower left", ncols=2, fontsize=6)
+    entitle(
+        figure,
+        f"{study.scene.name}: {study.quantity.replace('_', ' ')} by {study.method}, bars: 95 % "
+        "intervals",
+    )
+    return figure
+
+
+def _draw_effects(axes, study, order):
+    # Where the mean is 0, the changes are 0 too.
+    mean = abs(study.population.mean.estimate) or 1.0
+    for end, (colour, label) in enumerate(
+        zip(COLOURS, ("low: 5 % of devices are below", "high: 95 % are below"), strict=True)
+    ):
+        found = [study.effects[k][end] for k in order]
+        widths = 100.0 * np.array([each.estimate for each in found]) / mean
+        ends = 100.0 * np.array([[each.low, each.high] for each in found]).T / mean
+        # Both may go the same way: one above the other.
+        heights = np.arange(len(order)) + (0.14, -0.14)[end]
+        axes.barh(heights, widths, height=0.26, color=colour, label=label)
+        axes.errorbar(widths, heights, xerr=_bars(widths, ends), fmt="none", color="0.2", capsize=2)
+    axes.axvline(0.0, color="0.2", linewidth=0.8)
+    axes.set_xlabel("change of the mean where a parameter is low or high [%]")
+
+
+def _draw_indices(axes, study, order):
+    axes.set_xlim(0.0, 1.0)
+    axes.set_xlabel("share of the variance (Sobol index)")
+    if study.indices.first is None:
+        axes.text(0.5, 0.5, "hidden by noise", transform=axes.transAxes, ha="center")
+        return
+    pairs = (
+        ("first-order", study.indices.first, "o", 0.12),
+        ("total", study.indices.total, "s", -0.12),
+    )
+    for name, found, marker, height in pairs:
+        values = np.array([found[k].estimate for k in order])
+        ends = np.array([[found[k].low, found[k].high] for k in order]).T
+        axes.errorbar(
+            values,
+            np.arange(len(order)) + height,
+            xerr=_bars(values, ends),
+            fmt=marker,
+            markersize=4,
+            capsize=2,
+            color="0.1" if name == "total" else "0.55",
+            label=name,
+        )
+    axes.set_xlim(min(0.0, axes.dataLim.x0) - 0.02, max(1.0, axes.dataLim.x1) + 0.02)
+    axes.legend(fontsize=6, loc="best")
+
+
+def _bars(values, ends):
+    """Lengths to either side; a resampled interval may lie beside its estimate."""
+    low, high = np.minimum(*ends), np.maximum(*ends)
+    return np.maximum([values - low, high - values], 0.0)
+
+
+def draw_distribution(study: Sensitivity) -> Figure:
+    """The quantity among devices, its quantiles, the scene's own value and the limit."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5.0, 3.2))
+    axes = figure.add_subplot()
+    values = study.population.values
+    axes.hist(values, bins=min(BINS, max(5, values.size // 6)), density=True, color="0.8")
+    for share, each in study.population.quantiles.items():
+        axes.axvline(each.estimate, color=COLOURS[0], linewidth=1.0)
+        axes.axvspan(each.low, each.high, color=COLOURS[0], alpha=0.15, linewidth=0)
+        axes.text(
+            each.estimate, 1.0, f"{share:.0%}", transform=axes.get_xaxis_transform(), fontsize=7,
+            ha="center", va="bottom", color=COLOURS[0],
+        )  # fmt: skip
+    axes.axvline(study.nominal.estimate, color="0.1", linestyle=":", label="the scene itself")
+    if study.yield_above is not None:
+        share = study.yield_above.share
+        axes.axvline(
+            study.yield_above.limit,
+            color=COLOURS[1],
+            linestyle="--",
+            label=f"limit: {share.estimate:.1%} above ({share.low:.1%} … {share.high:.1%})",
+        )
+    unit = study.unit
+    axes.set_xlabel(f"{study.quantity.replace('_', ' ')} [{unit.split()[0]}]")
+    axes.set_ylabel("probability density")
+    axes.legend(fontsize=6, loc="best")
+    entitle(
+        figure,
+        f"{study.scene.name}: {study.devices} devices by {study.method}, the noise's part of the "
+        "spread taken out",
+    )
+    return figure

@@ -1,0 +1,144 @@
+"""How a quantity is distributed among devices, and how many of them reach a limit (yield).
+
+What is measured of a device is blurred by the noise of its run. The blur widens the distribution
+and moves devices over the limit, more of them from where there are more. It is taken out twice:
+
+- the devices' values are drawn together about their mean until their variance is that without the
+  noise (see `sobol` beside this), so that spread and quantiles are those of the devices;
+- the share above a limit changes in proportion to the variance of the noise while that is small.
+  The mean of two replicates has half the variance of one, so that twice the share among the means
+  less the share among single replicates is the share without noise (Richardson's extrapolation;
+  for errors of measurement Cook and Stefanski, J. Am. Stat. Assoc. 89, 1314 (1994)).
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtri
+
+from harvester.studies.sensitivity.sobol import CONFIDENCE, Interval, interval, product
+
+QUANTILES = (0.05, 0.5, 0.95)
+RESAMPLES = 1000
+
+
+@dataclass(frozen=True)
+class Yield:
+    """The share of devices above a limit.
+
+    Attributes
+    ----------
+    limit : float
+    share : Interval
+        Without the noise; its interval holds the choice of devices and the noise.
+    counted : float
+        The share as it is counted, noise and all.
+    devices : int
+    """
+
+    limit: float
+    share: Interval
+    counted: float
+    devices: int
+
+
+@dataclass(frozen=True)
+class Population:
+    """The distribution of a quantity among devices.
+
+    Attributes
+    ----------
+    values : ndarray, shape (devices,)
+        Without the noise's share of their spread.
+    mean, deviation : Interval
+    quantiles : dict of float to Interval
+    """
+
+    values: np.ndarray
+    mean: Interval
+    deviation: Interval
+    quantiles: dict
+
+
+def population(values: np.ndarray, variance: Interval, seed: int) -> Population:
+    """The distribution among independent devices.
+
+    Parameters
+    ----------
+    values : ndarray, shape (replicates, rows, devices in a row)
+        Rows are independent of each other.
+    variance : Interval
+        Without noise, from `harvester.studies.sensitivity.sobol.indices`.
+    seed : int
+        Of the resampling.
+    """
+    means = values.mean(axis=0)
+    centred = np.moveaxis(values - values.mean(), 2, 0)
+    spread = np.mean([product(each, each) for each in centred], axis=0)
+    devices = _drawn_together(means[None], spread[None])[0]
+    generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(2,)))
+    chosen = generator.integers(len(means), size=(RESAMPLES, len(means)))
+    resampled = _drawn_together(means[chosen], spread[chosen]).reshape(RESAMPLES, -1)
+    ends = np.quantile(resampled, QUANTILES, axis=1)
+    return Population(
+        values=devices.ravel(),
+        mean=interval(float(means.mean()), resampled.mean(axis=1)),
+        deviation=Interval(*(math.sqrt(max(v, 0.0)) for v in _ends(variance))),
+        quantiles={
+            q: interval(float(np.quantile(devices, q)), row)
+            for q, row in zip(QUANTILES, ends, strict=True)
+        },
+    )
+
+
+def _drawn_together(means, spread):
+    """Devices drawn together about their mean to the variance without noise.
+
+    Parameters
+    ----------
+    means : ndarray, shape (samples, rows, devices in a row)
+    spread : ndarray, shape (samples, rows)
+        Squares of a row's devices off the mean, without noise.
+    """
+    centre = means.mean(axis=(1, 2), keepdims=True)
+    total = means.var(axis=(1, 2))
+    share = np.divide(spread.mean(axis=1), total, out=np.zeros_like(total), where=total > 0.0)
+    return centre + np.sqrt(np.clip(share, 0.0, 1.0))[:, None, None] * (means - centre)
+
+
+def _ends(each):
+    return each.estimate, each.low, each.high
+
+
+def share_above(values: np.ndarray, limit: float) -> Yield:
+    """The share of devices above a limit.
+
+    The interval is Wilson's (J. Am. Stat. Assoc. 22, 209 (1927)) for as many devices as would
+    have the scatter that rows show, at most as many as there are.
+
+    Parameters
+    ----------
+    values : ndarray, shape (replicates, rows, devices in a row)
+        One or two replicates.
+    limit : float
+    """
+    counted = values.mean(axis=0) > limit
+    scores = counted.astype(float)
+    if len(values) > 1:
+        scores = 2.0 * scores - (values > limit).mean(axis=0)
+    rows = scores.mean(axis=1)
+    share, devices = float(min(max(rows.mean(), 0.0), 1.0)), counted.size
+    scatter = float(rows.var(ddof=1)) / rows.size
+    effective = devices
+    if scatter > 0.0:
+        effective = min(share * (1.0 - share) / scatter or devices, devices)
+    return Yield(limit, _wilson(share, effective), float(counted.mean()), devices)
+
+
+def _wilson(share, count):
+    z = float(ndtri(0.5 + 0.5 * CONFIDENCE))
+    middle = (share + 0.5 * z * z / count) / (1.0 + z * z / count)
+    reach = math.sqrt(share * (1.0 - share) / count + 0.25 * (z / count) ** 2)
+    reach *= z / (1.0 + z * z / count)
+    return Interval(share, max(middle - reach, 0.0), min(middle + reach, 1.0))

@@ -1,0 +1,336 @@
+"""Which tolerance of a device matters, how its quantity scatters, and the yield."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from harvester.errors import HarvesterError, OutOfTime
+from harvester.estimates.estimate import Estimate
+from harvester.estimates.units import unit_of
+from harvester.files.serialising import plain
+from harvester.results.result import with_error
+from harvester.running import Request, Runner
+from harvester.scene.model import Scene
+from harvester.studies.answers import (
+    check_quantity,
+    checked_method,
+    first_answer,
+    is_complete,
+    is_noisy,
+    missing_from,
+    told,
+    value_of,
+)
+from harvester.studies.public import ROWS, SENSITIVITY_FILES
+from harvester.studies.sensitivity.devices import devices, parameters
+from harvester.studies.sensitivity.effects import ENDS, effects
+from harvester.studies.sensitivity.population import Population, Yield, population, share_above
+from harvester.studies.sensitivity.sobol import Indices, design, indices
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from harvester.running.folder import StudyFolder
+
+# Rows of a design without which no interval is worth naming, and the most there may be.
+FEWEST_ROWS, MOST_ROWS = 16, 65536
+# Replicates of a device's run, on noise of their own each.
+REPLICATES = 2
+# Share of the rows that may fail before the study does.
+LARGEST_FAILURE = 0.1
+# Share of the noise in the variance of what is measured from which on it is told.
+NOTED_NOISE = 0.2
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """How a quantity depends on what scatters from device to device; in the scene's units.
+
+    Attributes
+    ----------
+    scene : Scene
+    tolerances : list of Tolerance or Direction
+    quantity, unit, method : str
+    nominal : Estimate
+        Of the scene itself.
+    indices : Indices
+    population : Population
+    effects : list of (Interval, Interval)
+        Of each parameter: by how much the quantity is off its mean where the parameter is low and
+        high (at 5 % and 95 % of the devices), the others as they come.
+    yield_above : Yield or None
+    shares : ndarray, shape (rows, parameters + 2, parameters)
+        The design; see `harvester.studies.sensitivity.sobol.design`.
+    values : ndarray, shape (replicates, rows, parameters + 2)
+    rows_asked : int
+    failures : tuple of str
+        Why rows were left out.
+    out_of_time : bool
+    seconds : float
+        Wall-clock, of this call.
+    """
+
+    scene: Scene
+    tolerances: list
+    quantity: str
+    unit: str
+    method: str
+    nominal: Estimate
+    indices: Indices
+    population: Population
+    effects: list
+    yield_above: Yield | None
+    shares: np.ndarray
+    values: np.ndarray
+    rows_asked: int
+    failures: tuple
+    out_of_time: bool
+    seconds: float = 0.0
+
+    @property
+    def devices(self) -> int:
+        """Independent devices among those simulated."""
+        return self.population.values.size
+
+    def table(self) -> tuple:
+        """Header and rows of the table, as text, the parameter that matters most first."""
+        low, high = (f"effect at {end:.0%}" for end in ENDS)
+        header = ["parameter", "values", "first-order index", "total index", low, high]
+        rows = []
+        for k in self.order():
+            found = [each[k] if each else "—" for each in (self.indices.first, self.indices.total)]
+            effects = [_signed(effect, self.population.mean.estimate) for effect in self.effects[k]]
+            each = self.tolerances[k]
+            rows.append([each.key, str(each), *map(str, found), *effects])
+        return header, rows
+
+    def order(self) -> list:
+        """Places of the parameters, that with the largest total index first."""
+        size = [abs(high.estimate - low.estimate) for low, high in self.effects]
+        if self.indices.total is not None:
+            size = [each.estimate for each in self.indices.total]
+        return sorted(range(len(self.tolerances)), key=lambda k: -size[k])
+
+    def sentences(self) -> list:
+        """The distribution, the yield, and what was run."""
+        name, p = self.quantity.replace("_", " "), self.population
+        lines = [
+            f"{name} of the scene itself: {with_error(self.nominal)} {self.unit}; of "
+            f"{self.devices} devices: mean {_spread(p.mean)}, standard deviation "
+            f"{_spread(p.deviation)}",
+            "of the devices "
+            + ", ".join(f"{q:.0%} are below {_spread(each)}" for q, each in p.quantiles.items()),
+        ]
+        if self.yield_above is not None:
+            share = self.yield_above.share
+            lines.append(
+                f"yield: {share.estimate:.1%} ({share.low:.1%} … {share.high:.1%}) of the devices "
+                f"are above {self.yield_above.limit:g} {self.unit}; {self.yield_above.counted:.1%} "
+                "as counted, noise and all"
+            )
+        lines += [*missing_from(self.quantity, self.nominal), *self._on_noise()]
+        replicates, rows, devices = self.values.shape
+        lines.append(
+            f"{self.method}: {rows} rows of {devices} devices × {replicates} "
+            f"{'replicates' if replicates > 1 else 'run'}, seed {self.scene.run.seed}; intervals: "
+            f"95 %, rows resampled; {self.seconds:.1f} s"
+        )
+        return [*lines, *self.failures]
+
+    def _on_noise(self):
+        if self.indices.first is None:
+            return [
+                "the parameters' part of the scatter cannot be told from the runs' noise: no "
+                "indices; raise run.duration, run.realizations or --rows"
+            ]
+        noise, own = self.indices.noise_variance, self.indices.variance.estimate
+        share = noise / (noise + own)
+        if len(self.values) == 1:
+            return []
+        advice = "; longer runs make the intervals narrower" if share > NOTED_NOISE else ""
+        return [f"noise of the runs: {share:.1%} of the variance measured, taken out{advice}"]
+
+    def to_dict(self) -> dict:
+        """Plain values for JSON."""
+        found, limit = self.indices, self.yield_above
+        return plain(
+            {
+                "scene": self.scene,
+                "quantity": self.quantity,
+                "unit": self.unit,
+                "method": self.method,
+                "nominal": {
+                    "estimate": self.nominal.estimate,
+                    "standard_error": self.nominal.standard_error,
+                },
+                "parameters": {
+                    each.key: {
+                        "distribution": each.kind,
+                        "of": [each.first, each.second],
+                        "first_order_index": found.first and found.first[k],
+                        "total_index": found.total and found.total[k],
+                        "effect_low": self.effects[k][0],
+                        "effect_high": self.effects[k][1],
+                    }
+                    for k, each in enumerate(self.tolerances)
+                },
+                "variance": found.variance,
+                "noise_variance": found.noise_variance,
+                "mean": self.population.mean,
+                "standard_deviation": self.population.deviation,
+                "quantiles": self.population.quantiles,
+                "yield": limit
+                and {"above": limit.limit, **limit.share.to_dict(), "counted": limit.counted},
+                "devices": self.devices,
+                "rows": self.values.shape[1],
+                "rows_asked": self.rows_asked,
+                "replicates": len(self.values),
+                "outcome": "out of time" if self.out_of_time else "complete",
+                "notes": [*self._on_noise(), *self.failures],
+                "seconds": self.seconds,
+            }
+        )
+
+    def figure(self) -> Figure:
+        """The tornado and the indices."""
+        from harvester.show import figures
+        from harvester.studies.sensitivity.drawing import draw_tornado
+
+        return figures.drawn(draw_tornado, self)
+
+    def save(self, folder: str | Path | StudyFolder) -> None:
+        """Write JSON, the table of devices and both figures."""
+        from harvester.files.writing import in_folder, write_json, write_text
+        from harvester.show import figures
+        from harvester.studies.sensitivity.drawing import draw_distribution, draw_tornado
+
+        places = [in_folder(Path(folder), file) for file in SENSITIVITY_FILES]
+        content, table, tornado, scatter = places
+        write_json(content, self.to_dict())
+        write_text(table, self.device_table())
+        figures.save(draw_tornado, self, tornado)
+        figures.save(draw_distribution, self, scatter)
+
+    def device_table(self) -> str:
+        """CSV: one line for each device that was simulated, its parameters and its values."""
+        keys = ",".join(parameters(self.tolerances, self.shares[0][0]))
+        replicates = ",".join(f"replicate_{k + 1}" for k in range(len(self.values)))
+        lines = [f"row,device,{keys},{replicates}"]
+        names = ["a", "b", *(f"a with b's {each.key}" for each in self.tolerances)]
+        for row, shares in enumerate(self.shares):
+            for place, name in enumerate(names):
+                own = parameters(self.tolerances, shares[place])
+                numbers = [*own.values(), *self.values[:, row, place]]
+                lines.append(f"{row},{name}," + ",".join(f"{n:.9g}" for n in numbers))
+        return "\n".join(lines) + "\n"
+
+
+def checked(scene: Scene, tolerances: list, method: str | None, rows: int) -> str:
+    """The method of a design that can be run.
+
+    Raises
+    ------
+    HarvesterError
+    """
+    if not tolerances:
+        raise HarvesterError(
+            "--vary: name at least one parameter, TABLE.KEY=±10%, or give --covariance"
+        )
+    if not FEWEST_ROWS <= rows <= MOST_ROWS or rows & (rows - 1):
+        raise HarvesterError(
+            f"--rows {rows}: must be a power of two, {FEWEST_ROWS} to {MOST_ROWS}, such as {ROWS}"
+        )
+    return checked_method(scene, method)
+
+
+def study_of(
+    scene: Scene,
+    tolerances: list,
+    quantity: str,
+    method: str,
+    above: float | None,
+    shape: tuple[int, int],
+    precision: float | None,
+    runner: Runner,
+) -> Sensitivity:
+    """All of a `Sensitivity` but its time: `shape` is that of the design, rows and devices."""
+    nominal = first_answer(runner, Request(scene, method))
+    check_quantity(quantity, nominal)
+    shares = design(shape[0], len(tolerances), scene.run.seed)
+    replicates = REPLICATES if is_noisy(scene, method) else 1
+    scenes = devices(scene, tolerances, shares, replicates)
+    asked: dict[str, Any] = {"precision": precision, "quantities": (quantity,)}
+    answers = runner.answer([Request(each, method, **asked) for row in scenes for each in row])
+    values, failures = _values(answers, quantity, (*shape, replicates))
+    kept = np.isfinite(values).all(axis=(1, 2))
+    _check_rows(kept, failures, runner.out_of_time)
+    values = np.moveaxis(values[kept], 2, 0)
+    found = indices(values, scene.run.seed)
+    return Sensitivity(
+        scene=scene,
+        tolerances=tolerances,
+        quantity=quantity,
+        unit=unit_of(scene, nominal.quantities[quantity].dimension),
+        method=method,
+        nominal=nominal.in_units()[quantity],
+        indices=found,
+        population=population(values[:, :, :2], found.variance, scene.run.seed),
+        effects=effects(shares[kept], values.mean(axis=0), scene.run.seed),
+        yield_above=None if above is None else share_above(values[:, :, :2], above),
+        shares=shares[kept],
+        values=values,
+        rows_asked=shape[0],
+        failures=_told(kept, failures, runner.out_of_time),
+        out_of_time=runner.out_of_time,
+    )
+
+
+def _values(answers, quantity, shape):
+    """Values in the scene's units, shape (rows, devices, replicates), and what failed."""
+    failures = [told(each) for each in answers if each is not None and not is_complete(each)]
+    values = [value_of(each, quantity) for each in answers]
+    return np.array(values).reshape(shape), failures
+
+
+def _check_rows(kept, failures, out_of_time):
+    if kept.sum() >= FEWEST_ROWS and (out_of_time or kept.mean() >= 1.0 - LARGEST_FAILURE):
+        return
+    if failures:
+        raise HarvesterError(
+            f"{len(failures)} devices failed, and {kept.sum()} of {kept.size} rows are whole: "
+            f"{failures[0]}"
+        )
+    raise OutOfTime(
+        f"the time budget was spent after {kept.sum()} of {kept.size} rows, and indices need "
+        f"{FEWEST_ROWS}; run again with the same --output to go on"
+    )
+
+
+def _told(kept, failures, out_of_time):
+    lines = []
+    if failures:
+        lines.append(
+            f"{len(failures)} runs failed; their rows are left out, and the yield does not know "
+            f"of them: {failures[0]}"
+        )
+    if out_of_time:
+        lines.append(
+            f"out of time: {kept.sum()} of {kept.size} rows; the same command with --output goes on"
+        )
+    return tuple(lines)
+
+
+def _spread(each):
+    """An interval in a sentence."""
+    return f"{each.estimate:.4g} ({each.low:.4g} … {each.high:.4g})"
+
+
+def _signed(each, mean):
+    """An effect as a share of the mean, half of its interval's width behind it."""
+    if mean == 0.0:
+        return "—"
+    return f"{each.estimate / mean:+.1%} ± {0.5 * (each.high - each.low) / abs(mean):.1%}"

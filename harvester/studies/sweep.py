@@ -1,0 +1,277 @@
+"""A scene over a grid of values by several methods, as one tidy table."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from harvester.errors import HarvesterError
+from harvester.estimates.estimate import Estimate
+from harvester.estimates.units import unit_of
+from harvester.files.libraries import optional_library
+from harvester.files.plain_text import json_text
+from harvester.files.serialising import plain
+from harvester.files.tables import write_csv, xarray_or_say
+from harvester.results.result import with_error
+from harvester.running import Request
+from harvester.running.request import COMPLETE, OUT_OF_TIME, told
+from harvester.scene.model import Scene
+from harvester.simulation.simulate import check_name
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+    from xarray import Dataset
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What one method says of one place.
+
+    Attributes
+    ----------
+    method : str
+    outcome : str
+        "complete", or what went wrong.
+    estimates : dict of str to Estimate
+        In the scene's units.
+    realizations : int
+    """
+
+    method: str
+    outcome: str
+    estimates: dict[str, Estimate] = field(default_factory=dict)
+    realizations: int = 0
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A scene at every place of a grid by every method.
+
+    Attributes
+    ----------
+    scene : Scene
+        With one spacing of knots for all places.
+    values : dict of str to tuple
+        Keys that were varied, and their values; of a load study also the names of loads.
+    methods, quantities : tuple of str
+        The quantities that the tables show; `cells` hold all there are.
+    cells : ndarray of Cell
+        Of shape (values of each key …, methods).
+    notes : tuple of str
+    out_of_time : bool
+        The time budget ended it: the same call with `output` goes on.
+    seconds : float
+        Wall-clock, of this call.
+    """
+
+    scene: Scene
+    values: Mapping[str, tuple]
+    methods: tuple[str, ...]
+    quantities: tuple[str, ...]
+    cells: np.ndarray = field(repr=False)
+    notes: tuple[str, ...] = ()
+    out_of_time: bool = False
+    seconds: float = 0.0
+
+    def places(self) -> Iterator[tuple[tuple, Cell]]:
+        """(value of each key, cell), the methods fastest."""
+        cells: Any = self.cells
+        for where in np.ndindex(cells.shape):
+            place = tuple(each[k] for each, k in zip(self.values.values(), where, strict=False))
+            yield place, cells[where]
+
+    def data(self) -> tuple[list[str], list[list[Any]]]:
+        """Header and rows of the tidy table: one for each place, method and quantity."""
+        header = [*self.values, "method", "quantity", "estimate", "standard_error", "unit"]
+        rows = []
+        for place, cell in self.places():
+            for name in self.quantities:
+                each = cell.estimates.get(name, _NOTHING)
+                unit = unit_of(self.scene, each.dimension) if name in cell.estimates else ""
+                error = math.nan if each.standard_error is None else each.standard_error
+                row = [*place, cell.method, name, each.estimate, error, unit]
+                rows.append([*row, cell.realizations, cell.outcome])
+        return [*header, "realizations", "outcome"], rows
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write the tidy table.
+
+        Raises
+        ------
+        OutputError
+        """
+        write_csv(path, *self.data())
+
+    def to_pandas(self) -> DataFrame:
+        """The tidy table as a DataFrame.
+
+        Raises
+        ------
+        MissingLibrary
+            pandas, of the extra `study`.
+        """
+        header, rows = self.data()
+        return optional_library("pandas", "Sweep.to_pandas", "study").DataFrame(
+            rows, columns=header
+        )
+
+    def to_xarray(self) -> Dataset:
+        """Every quantity beside its `…_standard_error` over the keys and the method.
+
+        Raises
+        ------
+        MissingLibrary
+            xarray, of the extra `study`.
+        """
+        variables = variables_of(self.scene, self.cells, (*self.values, "method"))
+        coordinates = {name: list(each) for name, each in self.values.items()}
+        coordinates["method"] = list(self.methods)
+        attributes = {"scene": json_text(self.scene.to_dict()), "notes": "\n".join(self.notes)}
+        return xarray_or_say().Dataset(variables, coordinates, attributes)
+
+    def table(self) -> tuple[list[str], list[list[str]]]:
+        """Header and rows as text: one for each place and method."""
+        units = {
+            name: unit_of(self.scene, cell.estimates[name].dimension)
+            for _, cell in self.places()
+            for name in self.quantities
+            if name in cell.estimates
+        }
+        header = ["method", *self.values]
+        header += [f"{each.replace('_', ' ')} [{units.get(each, '')}]" for each in self.quantities]
+        rows = []
+        for place, cell in self.places():
+            estimates = [cell.estimates.get(name, _NOTHING) for name in self.quantities]
+            row = [cell.method, *map(in_words, place), *map(with_error, estimates)]
+            rows.append([*row, str(cell.realizations or ""), cell.outcome])
+        return [*header, "realizations", "outcome"], rows
+
+    def sentences(self) -> list[str]:
+        """How it came about, and what to know before citing a number."""
+        run = self.scene.run
+        ended = ["the time budget was spent: the same call goes on"] if self.out_of_time else []
+        said = f"realizations of {run.duration:g} s after {run.settle:g} s, seed {run.seed}"
+        return [
+            *self.notes,
+            *ended,
+            f"{', '.join(self.methods)}: {said}, the same noise everywhere; {self.seconds:.1f} s",
+        ]
+
+    def figure(self) -> Figure:
+        """Each quantity over the key with most values: engines with error bars, closures lines."""
+        from harvester.show import figures
+        from harvester.studies.sweep_drawing import draw
+
+        return figures.drawn(draw, self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON: of every cell all its quantities."""
+        return plain(
+            {
+                "scene": self.scene,
+                "values": self.values,
+                "methods": self.methods,
+                "cells": [
+                    {
+                        "place": dict(zip(self.values, place, strict=True)),
+                        "method": cell.method,
+                        "outcome": cell.outcome,
+                        "realizations": cell.realizations,
+                        "quantities": {
+                            name: each.to_dict(unit_of(self.scene, each.dimension))
+                            for name, each in cell.estimates.items()
+                        },
+                    }
+                    for place, cell in self.places()
+                ],
+                "seed": self.scene.run.seed,
+                "notes": self.notes,
+                "seconds": self.seconds,
+            }
+        )
+
+
+_NOTHING = Estimate(math.nan, None, None, "1")
+
+
+def cells_of(requests: Sequence[Request], answers: Sequence) -> np.ndarray:
+    """What answers say of the places and methods that were asked for, in their order."""
+    cells = np.empty(len(answers), dtype=object)
+    for k, (request, answer) in enumerate(zip(requests, answers, strict=True)):
+        cells[k] = _cell(request.method, answer)
+    return cells
+
+
+def _cell(method, answer):
+    """An answer, the error that came instead, or None where the time was spent."""
+    if answer is None:
+        return Cell(method, OUT_OF_TIME)
+    if isinstance(answer, HarvesterError):
+        return Cell(method, told(answer))
+    outcome = answer.outcome
+    if outcome == COMPLETE:
+        outcome = "; ".join([COMPLETE, *answer.notes])
+    return Cell(method, outcome, answer.in_units(), answer.realizations)
+
+
+def check_quantities(quantities: Sequence[str], cells: np.ndarray) -> None:
+    """Refuse a quantity that no method gives at any place, with the nearest that there is.
+
+    Raises
+    ------
+    HarvesterError
+    """
+    known = {name: None for cell in cells for name in cell.estimates}
+    for name in quantities if known else ():
+        check_name("quantity", name, tuple(known))
+
+
+def variables_of(scene: Scene, cells: np.ndarray, dimensions: Sequence[str]) -> dict[str, tuple]:
+    """Variables of an xarray Dataset: every quantity, its error, realizations and outcome.
+
+    Parameters
+    ----------
+    scene : Scene
+    cells : ndarray of Cell
+        With as many axes as there are dimensions.
+    dimensions : sequence of str
+    """
+    variables: dict[str, tuple] = {
+        name: (dimensions, values, {"unit": unit}) for name, values, unit in columns(scene, cells)
+    }
+    variables["realizations"] = (dimensions, _each(cells, lambda c: c.realizations, np.int32))
+    variables["outcome"] = (dimensions, _each(cells, lambda c: c.outcome, str))
+    return variables
+
+
+def columns(scene: Scene, cells: np.ndarray) -> Iterator[tuple[str, np.ndarray, str]]:
+    """(name, values, unit) of every quantity that any cell has, and of its standard error."""
+    found: dict[str, str] = {}
+    for cell in cells.ravel():
+        for name, estimate in cell.estimates.items():
+            found.setdefault(name, estimate.dimension)
+    for name in sorted(found):
+        unit = unit_of(scene, found[name])
+        yield name, _each(cells, lambda c, n=name: _value(c, n, "estimate"), float), unit
+        errors = _each(cells, lambda c, n=name: _value(c, n, "standard_error"), float)
+        yield f"{name}_standard_error", errors, unit
+
+
+def in_words(value: float | str) -> str:
+    """A swept value, or the name of a load."""
+    return value if isinstance(value, str) else f"{value:.5g}"
+
+
+def _each(cells, value, kind):
+    return np.array([value(cell) for cell in cells.ravel()], dtype=kind).reshape(cells.shape)
+
+
+def _value(cell, name, attribute):
+    value = getattr(cell.estimates.get(name, _NOTHING), attribute)
+    return math.nan if value is None else value

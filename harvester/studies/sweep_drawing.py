@@ -1,0 +1,70 @@
+"""The figure of a sweep: every quantity over the key with most values, by every method."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.averaging import CLOSURES
+from harvester.estimates.units import unit_of
+from harvester.show.palette import CIRCUIT, LINES, MONTE_CARLO
+from harvester.show.panels import Panel, Series, draw_panels, is_wide
+from harvester.studies.sweep import in_words
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from harvester.studies.sweep import Sweep
+
+# Standard errors that a bar spans to either side.
+BARS = 2.0
+OTHER_CLOSURE = ("0.3", "-.")
+ENGINES = {"circuit": (CIRCUIT, "o"), "monte-carlo": (MONTE_CARLO, "s")}
+
+
+def draw(sweep: Sweep) -> Figure:
+    """A panel for each quantity and each place of the other keys."""
+    lengths = [len(values) for values in sweep.values.values()]
+    along = int(np.argmax(lengths)) if lengths else None
+    others = [range(length) for k, length in enumerate(lengths) if k != along]
+    panels = [
+        _panel(sweep, name, along, other)
+        for name in sweep.quantities
+        for other in itertools.product(*others)
+    ]
+    return draw_panels(panels, f"{sweep.scene.name}: bars of two standard errors")
+
+
+def _panel(sweep, name, along, other):
+    keys = list(sweep.values)
+    if along is None:
+        key, x, rows = "", [0.0], sweep.cells[None]
+    else:
+        key, x = keys[along], sweep.values[keys[along]]
+        rows = np.moveaxis(sweep.cells, along, 0)[(slice(None), *other)]
+    held = [each for each in keys if each != key]
+    words = [
+        f"{each} = {in_words(sweep.values[each][k])}" for each, k in zip(held, other, strict=True)
+    ]
+    found = [each.estimates[name] for each in rows.ravel() if name in each.estimates]
+    unit = unit_of(sweep.scene, found[0].dimension) if found else ""
+    series = [_series(name, method, x, rows[:, k]) for k, method in enumerate(sweep.methods)]
+    label = f"{name.replace('_', ' ')} [{unit}]"
+    return Panel(key, label, series, ", ".join(words), log_x=is_wide(x))
+
+
+def _series(name, method, x, cells):
+    """One method's estimates; those that are missing leave a gap."""
+    estimates = [each.estimates.get(name) for each in cells]
+    y = [math.nan if each is None else each.estimate for each in estimates]
+    if method in CLOSURES:
+        colour, line = LINES.get(method, OTHER_CLOSURE)
+        return Series(x, y, f"averaging, {method}", colour, line)
+    errors = [each and each.standard_error for each in estimates]
+    bars = [0.0 if error is None else BARS * error for error in errors]
+    colour, marker = ENGINES[method]
+    bare = [error is None for error in errors]
+    return Series(x, y, method, colour, "", marker, bars=bars, hollow=bare)

@@ -1,0 +1,108 @@
+"""A grid of values by several methods, against the linear device's closed form."""
+
+import csv
+import math
+
+import numpy as np
+import pytest
+from truths import flat, interpolated_linear_means
+
+import harvester
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing
+from harvester.scene.model import Scene
+
+KEY = "load.decay_rate"
+RATES = (0.5, 2.0)
+METHODS = ("monte-carlo", "consistent")
+
+
+@pytest.fixture(scope="module")
+def swept(pool):
+    scene = Scene.load("linear", ["run.realizations=2", "run.duration=500", "run.settle=50"])
+    quantities = ["mean_power", "mean_square_voltage"]
+    over = {"excitation.intensity": [0.05, 0.1], KEY: list(RATES)}
+    return harvester.sweep(scene, over, methods=METHODS, quantities=quantities, executor=pool)
+
+
+def test_every_place_is_the_closed_form_or_what_averaging_gives(swept):
+    """Monte Carlo within four standard errors: false alarm in 1 of 2000 seeds."""
+    for (intensity, rate), cell in swept.places():
+        place = swept.scene.replace({KEY: rate, "excitation.intensity": intensity})
+        found = cell.estimates["mean_power"]
+        if cell.method == "consistent":
+            alone = harvester.average(place, method="consistent")["mean_power"]
+            assert found.estimate == pytest.approx(alone.estimate, rel=1e-12)
+        else:
+            truth = interpolated_linear_means(flat(place), knot_spacing(prepared(place)))[
+                "mean_power"
+            ]
+            assert abs(found.estimate - truth) < 4.0 * found.standard_error
+
+
+def test_the_noise_is_the_same_everywhere(swept):
+    """Of a linear device the power is in proportion to D, path by path."""
+    low, high = (swept.cells[k, 0, 0].estimates["mean_power"].estimate for k in (0, 1))
+    assert high / low == pytest.approx(2.0, rel=1e-9)
+
+
+def test_a_row_for_each_place_method_and_quantity(swept, tmp_path):
+    swept.to_csv(tmp_path / "sweep.csv")
+    rows = list(csv.DictReader((tmp_path / "sweep.csv").read_text().splitlines()))
+    assert len(rows) == 2 * 2 * 2 * 2
+    assert rows[0]["method"] == "monte-carlo"
+    assert rows[0]["unit"] == "scaled power"
+    first = swept.cells[0, 0, 0].estimates["mean_power"]
+    assert float(rows[0]["estimate"]) == pytest.approx(first.estimate, rel=1e-8)
+    assert float(rows[0]["standard_error"]) == pytest.approx(first.standard_error, rel=1e-8)
+    header, text = swept.table()
+    assert {len(row) for row in text} == {len(header)}
+    assert len(swept.to_dict()["cells"]) == 8
+    assert len(swept.figure().axes) == 2 * 2
+
+
+def test_views_have_the_same_numbers(swept):
+    pytest.importorskip("xarray")
+    data = swept.to_xarray()["mean_power"]
+    assert data.dims == ("excitation.intensity", KEY, "method")
+    table = swept.to_pandas()
+    powers = table[table["quantity"] == "mean_power"]["estimate"].to_numpy()
+    assert np.array_equal(powers, data.values.ravel())
+
+
+def test_a_precision_adds_realizations_and_closures_have_none(pool):
+    scene = Scene.load("linear", ["run.duration=100", "run.settle=50"])
+    found = harvester.sweep(scene, {KEY: [1.0]}, methods=METHODS, precision=0.2, executor=pool)
+    simulated, averaged = found.cells[0]
+    each = simulated.estimates["mean_power"]
+    assert each.standard_error < 0.2 * each.estimate
+    assert simulated.realizations >= 8
+    assert averaged.realizations == 0
+
+
+def test_what_fails_is_the_outcome_of_its_place(pool):
+    scene = Scene.load("device").replace({"load.netlist": "bridge"})
+    found = harvester.sweep(scene, {}, methods=["consistent"], executor=pool)
+    assert found.cells[0].outcome.startswith("LoadError")
+    header, (row,) = found.data()
+    assert math.isnan(row[header.index("estimate")])
+
+
+@pytest.mark.parametrize(
+    ("over", "options", "words"),
+    [
+        ({"load.decay_rat": [1.0]}, {}, "did you mean load.decay_rate"),
+        ({KEY: 1.0}, {}, "over.*is no list"),
+        ({KEY: [1.0, 1.0]}, {}, "each value once"),
+        ({KEY: [1.0]}, {"methods": "circuit"}, "methods = 'circuit': is no list"),
+        ({KEY: [1.0]}, {"methods": ["spice"]}, "unknown method spice"),
+        (
+            {KEY: [1.0]},
+            {"methods": ["consistent"], "quantities": ["mean_powr"]},
+            "did you mean mean_power",
+        ),
+    ],
+)
+def test_mistakes_are_named(over, options, words):
+    with pytest.raises(harvester.HarvesterError, match=words):
+        harvester.sweep("linear", over, workers=1, **options)
