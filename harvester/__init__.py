@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from harvester.errors import FolderInUse as FolderInUse
     from harvester.errors import HarvesterError as HarvesterError
     from harvester.errors import IdentificationError as IdentificationError
+    from harvester.errors import LoadChatters as LoadChatters
     from harvester.errors import LoadError as LoadError
     from harvester.errors import MissingLibrary as MissingLibrary
     from harvester.errors import NetlistError as NetlistError
@@ -100,6 +101,7 @@ _WHERE = {
     "SceneError": "harvester.errors",
     "UnknownOption": "harvester.errors",
     "UnknownQuantity": "harvester.errors",
+    "LoadChatters": "harvester.errors",
     "LoadError": "harvester.errors",
     "NetlistError": "harvester.errors",
     "AveragingError": "harvester.errors",

@@ -105,14 +105,14 @@ def install() -> None:
 
 
 def handed_on(package: str, module: str, name: str) -> object:
-    """What a package that was a module before holds in a module now.
+    """What another module holds now, of a package that was one, or of a module that it left.
 
     Raises
     ------
     AttributeError
     """
-    folder = sys.modules[package].__path__[0]
-    if name.startswith("__") or os.path.exists(os.path.join(folder, f"{name}.py")):
+    folders = getattr(sys.modules[package], "__path__", ())
+    if name.startswith("__") or any(os.path.exists(f"{each}/{name}.py") for each in folders):
         # A module of the package is asked for here before it is imported.
         raise AttributeError(f"module {package!r} has no attribute {name!r}")
     found = getattr(importlib.import_module(module), name)

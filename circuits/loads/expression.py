@@ -81,7 +81,7 @@ class NotConstant(ExpressionError):
     """A value that changes while the circuit runs."""
 
 
-def truth(condition):
+def truth(condition: Tree) -> Tree:
     """LTspice's if() holds above 0.5; of a comparison that is the same."""
     return condition if condition[0] in BOOLEAN else ("<", HALF, condition)
 
@@ -105,20 +105,23 @@ class Parser:
                 write = "!x" if piece == "~" else f"{piece}{piece}"
                 raise ExpressionError(f"{piece!r} is no operator here: write {write}")
 
-    def peek(self):
+    def peek(self) -> str:
+        """The text of the next piece."""
         return self.tokens[self.place][1]
 
-    def take(self):
+    def take(self) -> tuple[str, str]:
+        """The next piece, kind and text; the one behind it is next."""
         self.place += 1
         return self.tokens[self.place - 1]
 
-    def whole(self):
+    def whole(self) -> Tree:
+        """The tree of the text, all of which must belong to it."""
         tree = self.choice()
         if self.peek():
             raise ExpressionError(f"missing operator before {self.peek()[:60]!r}")
         return tree
 
-    def choice(self):
+    def choice(self) -> Tree:
         """A condition with its two values, or a value."""
         self.depth += 1
         if self.depth > DEEPEST:
@@ -133,7 +136,8 @@ class Parser:
         self.depth -= 1
         return tree
 
-    def binary(self, loosest):
+    def binary(self, loosest: int) -> Tree:
+        """Operands joined by operators that bind at least so tightly."""
         tree, before = self.signed(), None
         while (level := self.tightness.get(self.peek(), -1)) >= loosest:
             sign = self.take()[1]
@@ -141,7 +145,7 @@ class Parser:
             tree, before = self.compared(sign, tree, self.binary(level + 1)), sign
         return tree
 
-    def check_order(self, sign, level, loosest, before):
+    def check_order(self, sign: str, level: int, loosest: int, before: str | None) -> None:
         """Refuse an order that is read in two ways."""
         if level == loosest == TIGHTNESS["<"]:
             raise ExpressionError(
@@ -149,7 +153,8 @@ class Parser:
                 "the left one: write parentheses"
             )
 
-    def signed(self):
+    def signed(self) -> Tree:
+        """A power behind signs and negations."""
         signs = []
         while self.peek() in ("-", "+", *self.negations):
             signs.append(self.take()[1])
@@ -161,7 +166,8 @@ class Parser:
                 tree = ("negative", tree)
         return tree
 
-    def power(self):
+    def power(self) -> Tree:
+        """A base and its exponents, from left to right."""
         tree = self.atom()
         while self.peek() in self.powers:
             self.take()
@@ -172,7 +178,8 @@ class Parser:
             tree = self.raised(tree, ("negative", exponent) if minus else exponent)
         return tree
 
-    def atom(self):
+    def atom(self) -> Tree:
+        """A number, a name, a call, a voltage or current, or what stands in parentheses."""
         kind, text = self.take()
         if kind == "number":
             return ("number", _number(text))
@@ -189,7 +196,8 @@ class Parser:
             return ("name", text)
         return self.call(text)
 
-    def call(self, name):
+    def call(self, name: str) -> Tree:
+        """A function's call, from its opening parenthesis on."""
         self.take()
         if self.peek() == ")":
             self.take()
@@ -201,7 +209,8 @@ class Parser:
         self.close()
         return self.called(name, arguments)
 
-    def close(self):
+    def close(self) -> None:
+        """Take a closing parenthesis."""
         if self.peek() != ")":
             raise ExpressionError(f"missing operator before {self.peek()[:60]!r}")
         self.take()

@@ -103,12 +103,12 @@ def _first_of(numbers, model, *names):
 
 
 def _by_model(letter, model, numbers):
-    said = dict(model.numbers)
+    said: dict[str, Any] = dict(model.numbers)
     own = {"r": ("r", "res"), "c": ("cap",), "l": ("ind",)}[letter]
     value = next((said[name] for name in own if name in said), None)
     if value is not None or letter == "l":
         return value
-    width: float = numbers.get("w", said.get("w", said.get("defw", _EDGE)))
+    width = numbers.get("w", said.get("w", said.get("defw", _EDGE)))
     if letter == "r":
         length = numbers.get("l", said.get("l", _EDGE)) - 2.0 * said.get(
             "short", said.get("dlr", 0.0)

@@ -13,10 +13,9 @@ from harvester.record.moments import QUANTITIES
 
 if TYPE_CHECKING:
     from harvester.record.moments import Moments
-    from harvester.results.result import Result
 
 
-def paired_difference(result: Result, reference: Result) -> dict[str, Estimate]:
+def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
     """Relative differences of two results on the same noise paths, with paired errors.
 
     Batch by batch the common noise cancels as far as the two follow the same path, so that the

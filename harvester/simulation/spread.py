@@ -38,10 +38,15 @@ def copies_that_pay(
         return side_by_side.together(count, workers) if scene.load.is_resistor else 1
     if engine != "circuit" or count == 1 or not side_by_side.share_steps(scene, *shared):
         return 1
+    (used,) = pool.map(_device_used, [{"scene": scene, "device": device}])
+    return side_by_side.copies(count, used)
+
+
+def _device_used(scene, device, report):
+    """See `circuits.ngspice.engine.device_used`; called in a worker, as it needs PySpice."""
     from circuits.ngspice.engine import device_used
 
-    (used,) = pool.map(device_used, [{"scene": scene, "device": device}])
-    return side_by_side.copies(count, used)
+    return device_used(scene, device, report)
 
 
 def calls_of(

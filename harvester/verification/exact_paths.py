@@ -8,6 +8,7 @@ engines share shows as their error.
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -119,9 +120,11 @@ class Equations:
             def depth(time, state, *_):
                 return side * state[0] - gap
 
-            depth.terminal = True
-            depth.direction = -1.0 if touching else 1.0
-            return depth
+            # What scipy's `solve_ivp` asks of an event.
+            event: Any = depth
+            event.terminal = True
+            event.direction = -1.0 if touching else 1.0
+            return event
 
         stoppers = zip(self._stoppers, self._touching, strict=True)
         return [change(side, gap, touching) for (side, gap, _), touching in stoppers] or None

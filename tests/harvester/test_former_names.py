@@ -5,6 +5,7 @@ import importlib
 import pytest
 
 from harvester.former_names import FORMER_NAMES
+from harvester.show import figures
 
 
 @pytest.mark.parametrize("former", FORMER_NAMES)
@@ -23,3 +24,9 @@ def test_a_module_that_became_a_package_hands_on_what_it_held():
     with pytest.warns(DeprecationWarning, match=r"harvester\.simulation\.simulate\.check_step"):
         from harvester.simulation import check_step
     assert check_step("fine") == "fine"
+
+
+@pytest.mark.parametrize("name", figures._FORMER)
+def test_drawings_are_handed_on_from_where_they_were(name):
+    with pytest.warns(DeprecationWarning, match=name):
+        assert callable(getattr(figures, name))

@@ -165,8 +165,8 @@ def _draw_strong_errors(axes, diagram, marks):
     axes.grid(alpha=0.2)
     axes.set_xlabel("seconds per simulated second, one core")
     axes.set_ylabel("RMS error of X [scaled]")
-    strong = diagram.strong
-    axes.set_title(f"strong error over {strong.horizon:.3g} s, {strong.paths} paths")
+    found = diagram.measured
+    axes.set_title(f"strong error over {found.horizon:.3g} s, {found.paths} paths")
 
 
 def _draw_biases(axes, diagram, name, marks):

@@ -15,10 +15,12 @@ import numpy as np
 from circuits.kernel.engine import circuit_of
 from harvester.device import timescales
 from harvester.errors import HarvesterError, LoadError, OutOfTime
+from harvester.files.serialising import LEFT_OUT, key
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
+from harvester.results.paired import paired_difference
 from harvester.running import Answer, Request, Runner, Task
-from harvester.running.request import OUT_OF_TIME, good_ones, told
+from harvester.running.request import good_ones, told
 from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor
 from harvester.verification import exact_paths
@@ -41,7 +43,7 @@ from harvester.verification.accuracy.timed import (
     paths_at_knots,
     realizations_task,
 )
-from harvester.verification.quantities import STATES
+from harvester.verification.quantities import MEANS, STATES
 
 # Strong errors: paths, and the length of each in periods of small oscillations, or in knots
 # where these are many.
@@ -67,23 +69,43 @@ BATCHED_AS = 8
 
 
 @dataclass(frozen=True)
-class Strong:
-    """Errors of paths: of each method the mean step (s) and the RMS error of each state.
+class MethodRow:
+    """What was measured of one method.
 
     Attributes
     ----------
-    errors : list of (float, dict of str to float)
-        Scaled, over knots and paths; nan where a path failed.
-    exact : str
-        What the errors are deviations from.
-    horizon : float
-        Length of the paths (s).
+    run : Timed or None
+        Its run for the means; None where it failed.
+    note : str
+        How it failed, or empty.
+    mean_step : float
+        Of the runs for the strong errors (s); nan when they failed.
+    strong : dict of str to float
+        RMS error of each state over knots and paths, scaled; nan when a path failed, empty for
+        runs by time.
+    bias : dict of str to Estimate
+        Of each mean as a share, paired with the reference; empty without a run.
+    sampling : dict of str to float
+        Standard error of each mean itself in a run of this length, as a share: σ/√N.
     """
 
-    errors: list
-    exact: str
-    horizon: float
-    paths: int
+    method: Method = field(metadata=LEFT_OUT)
+    run: Timed | None = field(metadata=LEFT_OUT)
+    note: str = ""
+    mean_step: float = math.nan
+    strong: dict = field(default_factory=dict, metadata=key("strong_error"))
+    bias: dict = field(default_factory=dict, metadata=LEFT_OUT)
+    sampling: dict = field(default_factory=dict, metadata=key("sampling_error"))
+
+    @property
+    def simulated_time(self) -> float:
+        """Time of the run for the means (s)."""
+        return self.run.simulated_time if self.run else math.nan
+
+    @property
+    def seconds_per_unit(self) -> float:
+        """Seconds of one core per simulated second."""
+        return self.run.seconds / self.run.simulated_time if self.run else math.nan
 
 
 @dataclass(frozen=True)
@@ -92,8 +114,6 @@ class Measured:
 
     Attributes
     ----------
-    runs : list of Timed or str
-        Of each method its run for the means; text says why there is none.
     reference : Method
         Its runs are what biases are deviations from.
     references : dict of bool to Timed
@@ -103,23 +123,26 @@ class Measured:
     refused : dict of str to str
         Closures that do not hold, with the reason.
     answer : Answer or None
-        The reference's long run with its evidence; None for runs by time.
-    strong : Strong or None
-        None for runs by time.
+        The reference's long run with its evidence; None for runs by time, as is all that follows.
+    exact_paths : str
+        What strong errors are deviations from.
+    horizon : float
+        Length of the paths (s).
     speeds : dict
         `rows` of Throughput, none where the load is a netlist of more than a resistor, and the
         `machine` of all times.
     """
 
     scene: Scene
-    methods: tuple[Method, ...]
-    runs: list
+    rows: list[MethodRow]
     reference: Method
     references: dict[bool, Timed]
     closures: dict
     refused: dict
     answer: Answer | None = None
-    strong: Strong | None = None
+    exact_paths: str = ""
+    horizon: float = math.nan
+    paths: int = 0
     speeds: dict = field(default_factory=dict)
 
 
@@ -150,7 +173,8 @@ def by_own_length(
         every = THOROUGH_METHODS if thorough else METHODS
         methods = LOAD_METHODS if with_load else with_compiled(every, runner)
     methods = tuple(methods)
-    strong = _strong(scene, methods, PATHS * factor, with_load, runner)
+    short = _short_scene(scene, PATHS * factor)
+    strong = _strong_errors(short, methods, _exact_paths(short, with_load, runner), runner)
     scenes = {
         False: scene.replace({"run.realizations": scene.run.realizations * factor}),
         True: _brief_scene(scene, BRIEF_REALIZATIONS * factor),
@@ -163,18 +187,44 @@ def by_own_length(
     runs = _runs(scenes, methods, runner)
     averaged, refused = closures(scene, runner)
     references = {brief: _timed(scenes[brief], answer) for brief, answer in answers.items()}
+    rows = [
+        _row(method, run, errors, references[method.brief], answers[False])
+        for method, run, errors in zip(methods, runs, strong, strict=True)
+    ]
     return Measured(
-        scene,
-        methods,
-        runs,
-        reference,
-        references,
-        averaged,
-        refused,
-        answers[False],
-        strong,
-        speeds,
+        scene=scene,
+        rows=rows,
+        reference=reference,
+        references=references,
+        closures=averaged,
+        refused=refused,
+        answer=answers[False],
+        exact_paths=LOAD_PATHS.family if with_load else "scipy's DOP853",
+        horizon=short.run.duration,
+        paths=short.run.realizations,
+        speeds=speeds,
     )
+
+
+def _row(method, run, errors, reference, answer):
+    """A method's row; `answer` is the reference's longest run, which knows its means best."""
+    mean_step, strong = errors
+    if not isinstance(run, Timed):
+        return MethodRow(method, None, run, mean_step, strong)
+    differences = paired_difference(run, reference)
+    # The sampling error is the same in every run of this length.
+    shorter = math.sqrt(answer.simulated_time / run.simulated_time)
+    bias = {name: differences[name] for name in MEANS if name in differences}
+    sampling = {name: sampling_error(answer, name) * shorter for name in MEANS}
+    return MethodRow(method, run, "", mean_step, strong, bias, sampling)
+
+
+def sampling_error(reference: Answer, name: str) -> float:
+    """Standard error of a mean as a share of it; nan without an error bar."""
+    estimate = reference.quantities[name]
+    if estimate.standard_error is None or not estimate.estimate:
+        return math.nan
+    return estimate.standard_error / abs(estimate.estimate)
 
 
 def by_time(scene: Scene, runner: Runner, seconds: float) -> Measured:
@@ -197,11 +247,13 @@ def by_time(scene: Scene, runner: Runner, seconds: float) -> Measured:
     averaged, refused = closures(scene, runner)
     if not isinstance(exact, Timed):
         raise exact or _out_of_time()
-    runs = [told(each) if isinstance(each, HarvesterError) else each for each in runs]
-    known = [pair for pair in zip(methods, runs, strict=True) if pair[1]]
-    methods, runs = tuple(method for method, _ in known), [run for _, run in known]
+    rows = [
+        MethodRow(method, run) if isinstance(run, Timed) else MethodRow(method, None, told(run))
+        for method, run in zip(methods, runs, strict=True)
+        if run is not None
+    ]
     references = {False: exact, True: exact}
-    return Measured(scene, methods, runs, reference, references, averaged, refused)
+    return Measured(scene, rows, reference, references, averaged, refused)
 
 
 def _out_of_time():
@@ -247,33 +299,18 @@ def _brief_scene(scene, realizations):
     )
 
 
-def _strong(scene, methods, paths, with_load, runner):
-    """Errors of some periods from rest: short enough that paths do not separate."""
+def _short_scene(scene, paths):
+    """Some periods from rest: short enough that paths do not separate."""
     ready = prepared(scene)
     spacing = knot_spacing(ready)
     period = 2.0 * math.pi / timescales.angular_frequency(ready.system)
-    length = min(math.ceil(PERIODS * period / spacing), MOST_KNOTS) * spacing
     changes = {
-        "run.duration": length,
+        "run.duration": min(math.ceil(PERIODS * period / spacing), MOST_KNOTS) * spacing,
         "run.settle": 0.0,
         "run.realizations": paths,
         "excitation.knot_spacing": spacing,
     }
-    short = scene.replace(changes)
-    exact = _exact_paths(short, with_load, runner)
-    indices = range(paths)
-    split = [[indices] if method.copies is None else [[k] for k in indices] for method in methods]
-    tasks = [
-        realizations_task(short, method, together, runner, paths_at_knots)
-        for method, netlists in zip(methods, split, strict=True)
-        for together in netlists
-    ]
-    outcomes = iter(runner.run(tasks))
-    errors = [
-        _strong_error(spacing, [next(outcomes) for _ in netlists], exact) for netlists in split
-    ]
-    name = LOAD_PATHS.family if with_load else "scipy's DOP853"
-    return Strong(errors, name, length, paths)
+    return scene.replace(changes)
 
 
 def _exact_paths(scene, with_load, runner):
@@ -288,34 +325,50 @@ def _exact_paths(scene, with_load, runner):
     return np.array(_there(runner.run(tasks)))
 
 
+def _strong_errors(scene, methods, exact, runner):
+    """Mean step (s) and RMS error of each state of every method."""
+    together, alone = [range(len(exact))], [[index] for index in range(len(exact))]
+    groups = [
+        [
+            realizations_task(scene, method, indices, runner, paths_at_knots)
+            for indices in (together if method.copies is None else alone)
+        ]
+        for method in methods
+    ]
+    spacing = knot_spacing(prepared(scene))
+    return [_strong_error(spacing, found, exact) for found in _answers(groups, runner)]
+
+
+def _answers(groups, runner):
+    """Answers to groups of tasks, in groups."""
+    outcomes = iter(runner.run([task for tasks in groups for task in tasks]))
+    return [[next(outcomes) for _ in tasks] for tasks in groups]
+
+
 def _strong_error(spacing, outcomes, exact):
-    """Mean step (s) and RMS error of each state of one method."""
     good, ended = good_ones(outcomes)
     if ended:
         return math.nan, dict.fromkeys(STATES, math.nan)
     squares = np.square(np.concatenate([each["states"] for each in good]) - exact)
-    errors = np.sqrt(squares.mean(axis=(0, 1)))
+    errors = np.sqrt(squares.mean(axis=(0, 1))).tolist()
     points = sum(each["points"] for each in good)
     mean_step = exact.shape[1] * spacing * len(exact) / points
-    return mean_step, {name: float(e) for name, e in zip(STATES, errors, strict=True)}
+    return mean_step, dict(zip(STATES, errors, strict=True))
 
 
 def _runs(scenes, methods, runner):
     """Each method's run for the means, or why there is none; `scenes` by `Method.brief`."""
-    split = []
+    groups = []
     for method in methods:
         scene = scenes[method.brief]
         size, count = method.together(scene), scene.run.realizations
         parts = [range(first, min(first + size, count)) for first in range(0, count, size)]
-        split.append([realizations_task(scene, method, part, runner) for part in parts])
-    outcomes = iter(runner.run([task for tasks in split for task in tasks]))
+        groups.append([realizations_task(scene, method, part, runner) for part in parts])
     runs: list[Timed | str] = []
-    for method, tasks in zip(methods, split, strict=True):
-        good, ended = good_ones([next(outcomes) for _ in tasks])
-        if ended:
-            runs.append(ended if ended == OUT_OF_TIME else told(ended))
-        else:
-            runs.append(Timed(scenes[method.brief], good))
+    for method, outcomes in zip(methods, _answers(groups, runner), strict=True):
+        good, ended = good_ones(outcomes)
+        reason = told(ended) if isinstance(ended, HarvesterError) else ended
+        runs.append(reason or Timed(scenes[method.brief], good))
     return runs
 
 
@@ -325,24 +378,27 @@ def _runs_by_time(scene, methods, seconds, runner):
     A first task of each tells how many more there is time for.
     """
     sizes = [_together(scene, method) for method in methods]
-    first = runner.run(_tasks(scene, methods, sizes, [(0, 1)] * len(methods), runner))
-    counts = _counts(sizes, first, seconds)
-    rest = iter(runner.run(_tasks(scene, methods, sizes, [(1, n) for n in counts], runner)))
+
+    def answers(spans):
+        """Of each method the tasks of a span, each of as many realizations as its size."""
+        groups = [
+            [
+                realizations_task(scene, method, range(k * size, (k + 1) * size), runner)
+                for k in span
+            ]
+            for method, size, span in zip(methods, sizes, spans, strict=True)
+        ]
+        return _answers(groups, runner)
+
+    first = answers([range(1)] * len(methods))
+    counts = _counts(sizes, [found for (found,) in first], seconds)
+    rest = answers([range(1, count) for count in counts])
     outcomes: list[Any] = []
-    for found, count in zip(first, counts, strict=True):
-        good, ended = good_ones([found, *(next(rest) for _ in range(1, count))])
+    for found, others in zip(first, rest, strict=True):
+        good, ended = good_ones([*found, *others])
         failed = ended if isinstance(ended, HarvesterError) else None
         outcomes.append(Timed(scene, good) if good else failed)
     return outcomes
-
-
-def _tasks(scene, methods, sizes, spans, runner):
-    """Tasks of each method from the first to before the last of its span."""
-    return [
-        realizations_task(scene, method, range(place * size, (place + 1) * size), runner)
-        for method, size, span in zip(methods, sizes, spans, strict=True)
-        for place in range(*span)
-    ]
 
 
 def _counts(sizes, first, seconds):

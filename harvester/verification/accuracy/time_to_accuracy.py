@@ -15,7 +15,6 @@ from harvester.scene.model import Scene
 from harvester.show.symbols import SYMBOLS
 from harvester.simulation.simulate import require_noise
 from harvester.verification.accuracy.measurement import Measured, by_time
-from harvester.verification.accuracy.timed import Timed
 from harvester.verification.accuracy.total_error import LIMITS, TotalError, bias_of, scatter_of
 from harvester.verification.accuracy.work_precision import share
 from harvester.verification.quantities import EFFICIENCY, OUTPUT_POWER, VOLTAGE
@@ -91,10 +90,8 @@ class TimeToAccuracy:
         scatter = {name: scatter_of(exact, name) for name in quantities}
         none = Estimate(0.0, 0.0, None, "1")
         errors = {name: TotalError(none, each, exact.cost) for name, each in scatter.items()}
-        runs = zip(measured.methods, measured.runs, strict=True)
         lines = [
-            _line(method.family, run, measured.references[method.brief], scatter)
-            for method, run in runs
+            _line(row, measured.references[row.method.brief], scatter) for row in measured.rows
         ]
         points = [
             Point(name, found["seconds"], {n: _deviation(found, whole, n) for n in quantities})
@@ -183,9 +180,10 @@ def time_to_accuracy(
         return TimeToAccuracy.of(by_time(scene, runner, seconds))
 
 
-def _line(name, run, reference, scatter):
-    if not isinstance(run, Timed):
-        return Line(name, note=run)
+def _line(row, reference, scatter):
+    name, run = row.method.family, row.run
+    if run is None:
+        return Line(name, note=row.note)
     errors = {
         quantity: TotalError(bias_of(quantity, run, reference), each, run.cost)
         for quantity, each in scatter.items()

@@ -4,23 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Unpack
 
 import numpy as np
 
 from harvester.calling import takes_scene
 from harvester.estimates.estimate import Estimate
-from harvester.files.serialising import LEFT_OUT, fields_of, key, plain
-from harvester.results.paired import paired_difference
+from harvester.files.serialising import fields_of, plain
 from harvester.running import Answer, RunnerOptions, open_runner
 from harvester.scene.model import Scene
 from harvester.show.symbols import SYMBOLS
 from harvester.simulation.simulate import require_noise
-from harvester.verification.accuracy.measurement import Measured, Strong, by_own_length
+from harvester.verification.accuracy.measurement import (
+    Measured,
+    MethodRow,
+    by_own_length,
+    sampling_error,
+)
 from harvester.verification.accuracy.methods import Method
 from harvester.verification.accuracy.throughput import ratios
-from harvester.verification.accuracy.timed import Timed
 from harvester.verification.quantities import MEANS, SIGNIFICANT_SIGMAS, STATES, VOLTAGE
 
 if TYPE_CHECKING:
@@ -35,44 +38,11 @@ LEAST_RATIO = 2.0
 
 
 @dataclass(frozen=True)
-class MethodErrors:
-    """What was measured of one method.
-
-    Attributes
-    ----------
-    mean_step : float
-        Of the runs for the strong errors (s); nan when they failed.
-    strong : dict of str to float
-        RMS error of each state over knots and paths, scaled; nan when a path failed.
-    bias : dict of str to Estimate
-        Of each mean as a share, paired; empty when the run failed.
-    sampling : dict of str to float
-        Standard error of each mean itself in a run of this length, as a share: σ/√N.
-    simulated_time : float
-        Of the run for the means (s).
-    seconds_per_unit : float
-        Seconds of one core per simulated second.
-    note : str
-        How the run failed, or empty.
-    """
-
-    method: Method = field(metadata=LEFT_OUT)
-    mean_step: float
-    strong: dict = field(metadata=key("strong_error"))
-    bias: dict = field(default_factory=dict, metadata=LEFT_OUT)
-    sampling: dict = field(default_factory=dict, metadata=key("sampling_error"))
-    simulated_time: float = math.nan
-    seconds_per_unit: float = math.nan
-    note: str = ""
-
-
-@dataclass(frozen=True)
 class WorkPrecision:
     """Errors and run times of all methods on one scene.
 
     Attributes
     ----------
-    rows : list of MethodErrors
     orders : dict of str to dict of str to float
         Measured order in each state of each family.
     reference : Answer
@@ -80,25 +50,20 @@ class WorkPrecision:
     """
 
     measured: Measured
-    rows: list[MethodErrors]
-    orders: dict
+    orders: dict[str, dict[str, float]]
     reference: Answer
-    strong: Strong
     means: ClassVar = MEANS
 
     @classmethod
     def of(cls, measured: Measured) -> WorkPrecision:
         """What a measurement by the scene's own run says; see `by_own_length`."""
-        strong, reference = measured.strong, measured.answer
-        assert strong is not None
-        assert reference is not None
-        rows = [
-            _row(measured, method, run, *errors)
-            for method, run, errors in zip(
-                measured.methods, measured.runs, strong.errors, strict=True
-            )
-        ]
-        return cls(measured, rows, _orders(rows), reference, strong)
+        assert measured.answer is not None
+        return cls(measured, _orders(measured.rows), measured.answer)
+
+    @property
+    def rows(self) -> list[MethodRow]:
+        """What was measured of each method."""
+        return self.measured.rows
 
     @property
     def scene(self) -> Scene:
@@ -107,18 +72,18 @@ class WorkPrecision:
 
     def needed_time(self) -> float:
         """Simulated time to a standard error of 1 % of E[V²] (s); nan without an error bar."""
-        share = relative_error(self.reference, VOLTAGE)
+        share = sampling_error(self.reference, VOLTAGE)
         return self.reference.simulated_time * (share / WANTED_ERROR) ** 2
 
     def deviation(self, closure: str, name: str) -> Estimate:
         """A closure's deviation from the reference as a share, with the reference's error."""
         value = self.measured.closures[closure]["quantities"][name].estimate
         mean = self.reference.quantities[name].estimate
-        share = relative_error(self.reference, name)
+        share = sampling_error(self.reference, name)
         error = None if math.isnan(share) else share * value / mean
         return Estimate(value / mean - 1.0, error, None, "1")
 
-    def answer_seconds(self, row: MethodErrors) -> float:
+    def answer_seconds(self, row: MethodRow) -> float:
         """Seconds of one core to a standard error of 1 % of E[V²]."""
         return row.seconds_per_unit * self.needed_time()
 
@@ -148,12 +113,12 @@ class WorkPrecision:
 
     def sentences(self) -> list[str]:
         """What the numbers say, one line each."""
-        reference, strong, method = self.reference, self.strong, self.measured.reference
-        machine, speeds = self.measured.speeds["machine"], self.measured.speeds["rows"]
-        sampling = ", ".join(f"{SYMBOLS[n]} {relative_error(reference, n):.2%}" for n in MEANS)
+        reference, found, method = self.reference, self.measured, self.measured.reference
+        machine, speeds = found.speeds["machine"], found.speeds["rows"]
+        sampling = ", ".join(f"{SYMBOLS[n]} {sampling_error(reference, n):.2%}" for n in MEANS)
         lines = [
-            f"error: root mean square over {strong.paths} paths of {strong.horizon:g} s against "
-            f"{strong.exact}, in scaled units; order: least squares over the mean steps, none "
+            f"error: root mean square over {found.paths} paths of {found.horizon:g} s against "
+            f"{found.exact_paths}, in scaled units; order: least squares over the mean steps, none "
             "where these follow the restarts of a PWL run",
             f"bias: against {method.family} ({method.step(reference.scene):g} s), on the "
             f"same noise, with the error of the paired difference; {reference.realizations} × "
@@ -168,7 +133,7 @@ class WorkPrecision:
             f"{machine['date']}, {machine['cores']} cores, {machine['processor']}",
         ]
         lines += [f"{row.method.family}: {row.note}" for row in self.rows if row.note]
-        refused = self.measured.refused.items()
+        refused = found.refused.items()
         return [*lines, *(f"closure {name} refused: {why}" for name, why in refused)]
 
     def verdicts(self) -> list[str]:
@@ -216,13 +181,13 @@ class WorkPrecision:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON; NaN becomes null."""
-        strong, speeds = self.strong, self.measured.speeds
+        found, speeds = self.measured, self.measured.speeds
         return {
             "scene": self.reference.scene.to_dict(),
             "machine": speeds["machine"],
             "strong": {
-                "paths": strong.paths,
-                "duration": strong.horizon,
+                "paths": found.paths,
+                "duration": found.horizon,
                 "orders": plain(self.orders),
             },
             "reference": self.reference.to_dict(),
@@ -247,6 +212,8 @@ class WorkPrecision:
             "setting": row.method.setting(self.scene),
             "longest_step": row.method.step(self.scene),
             "bias": {name: each.to_dict("1") for name, each in row.bias.items()},
+            "simulated_time": plain(row.simulated_time),
+            "seconds_per_unit": plain(row.seconds_per_unit),
             "seconds_to_one_percent": plain(self.answer_seconds(row)),
         }
 
@@ -284,31 +251,6 @@ def work_precision(
         return WorkPrecision.of(by_own_length(scene, runner, thorough=thorough, methods=methods))
 
 
-def relative_error(reference: Answer, name: str) -> float:
-    """Standard error of a mean as a share of it; nan without an error bar."""
-    estimate = reference.quantities[name]
-    if estimate.standard_error is None or not estimate.estimate:
-        return math.nan
-    return estimate.standard_error / abs(estimate.estimate)
-
-
-def _row(measured, method, run, mean_step, strong):
-    if not isinstance(run, Timed):
-        return MethodErrors(method, mean_step, strong, note=run)
-    differences = paired_difference(run, measured.references[method.brief])
-    # The same in every run of this length; from the longest one, which knows it best.
-    shorter = math.sqrt(measured.answer.simulated_time / run.simulated_time)
-    return MethodErrors(
-        method,
-        mean_step,
-        strong,
-        bias={name: differences[name] for name in MEANS if name in differences},
-        sampling={name: relative_error(measured.answer, name) * shorter for name in MEANS},
-        simulated_time=run.simulated_time,
-        seconds_per_unit=run.seconds / run.simulated_time,
-    )
-
-
 def _orders(rows):
     """Least-squares slope of log error over log mean step, by family and state."""
     orders = {}
@@ -325,7 +267,7 @@ def _orders(rows):
     return orders
 
 
-def judged(row: MethodErrors) -> str:
+def judged(row: MethodRow) -> str:
     """Each bias of a row with its verdict against 1 %, as text."""
     return ", ".join(
         f"{SYMBOLS[name]} {_percent(row.bias[name])} ({verdict})"

@@ -3,6 +3,8 @@
 import math
 
 from harvester.device import timescales
+from harvester.device.piezo import PiezoTable
+from harvester.excitation import OrnsteinUhlenbeck
 from harvester.excitation.base import kernel_loss
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
@@ -97,7 +99,9 @@ def _linear_piezo():
         system = prepared(scene).system
         # The stationary solver refuses a load that decays within a step.
         methods = (*ENGINES, SOLVER) if decay_rate < 10.0 else ENGINES
-        coupling, intensity = system.transducer.coupling, scene.excitation.intensity
+        coupling, noise = system.transducer.coupling, scene.excitation
+        assert isinstance(noise, OrnsteinUhlenbeck)
+        intensity = noise.intensity
         exact = formulas.linear_piezo_power(
             system.damper.damping, 4.0, coupling, decay_rate, intensity, memory
         )
@@ -182,7 +186,9 @@ def _mass_law():
 
 def _loads():
     base = Scene.load("device").replace({"length_scale": None})
-    theta, capacitance = base.transducer.coupling, base.transducer.capacitance
+    piezo = base.transducer
+    assert isinstance(piezo, PiezoTable)
+    theta, capacitance = piezo.coupling, piezo.capacitance
     omega = 2.0 * math.pi * PRESCRIBED["frequency"]
     unit = theta**2 * PRESCRIBED["amplitude"] ** 2 * omega / capacitance
     period = 1.0 / PRESCRIBED["frequency"]
@@ -226,15 +232,14 @@ def _loads():
 
 
 def _unit_device(device, omega, load, settle, duration):
-    """Mass and spring of 1 under F0 sin ωt, in SI with units of 1; `device`: F0, η, θ, Cp."""
-    force, damping, coupling, capacitance = device
+    """The scene of a `Driven` device, in SI with units of 1."""
     frequency = omega / (2.0 * math.pi)
     tables = {
         "units": "SI",
         "length_scale": 1.0,
-        "oscillator": {"mass": 1.0, "damping": damping, "linear_stiffness": 1.0},
-        "piezo": {"coupling": coupling, "capacitance": capacitance},
-        "excitation": {"kind": "sine", "amplitude": force, "frequency": frequency},
+        "oscillator": {"mass": 1.0, "damping": device.damping, "linear_stiffness": 1.0},
+        "piezo": {"coupling": device.coupling, "capacitance": device.capacitance},
+        "excitation": {"kind": "sine", "amplitude": device.force, "frequency": frequency},
         "load": load,
         "run": {"seed": 1, "realizations": 1, "settle": settle, "duration": duration},
     }
@@ -247,10 +252,10 @@ def _ideal_bridge(resistance):
 
 
 def _coupled_bridges():
-    force, damping, coupling = 3.0, 0.08, 1e-3
+    coupling = 1e-3
     for ratio in (0.01, 0.09, 0.3):
-        device = force, damping, coupling, coupling**2 / ratio
-        omega, resistance, exact = formulas.best_coupled_bridge(*device)
+        device = formulas.Driven(3.0, 0.08, coupling, coupling**2 / ratio)
+        omega, resistance, exact = formulas.best_coupled_bridge(device)
         scene = _unit_device(
             device, omega, _ideal_bridge(resistance), 600.0, 200.0 * math.pi / omega
         )
@@ -261,14 +266,14 @@ def _coupled_bridges():
 
 def _flanks_of_a_resistor():
     """On resonance and where the power is about half of that: steps must not shift it."""
-    device = _, damping, _, capacitance = 1e-3, 1e-3, 1e-3, 2e-3
-    resistance = 0.2 / capacitance
+    device = formulas.Driven(force=1e-3, damping=1e-3, coupling=1e-3, capacitance=2e-3)
+    resistance, damping = 0.2 / device.capacitance, device.damping
     for side, words in FLANKS:
         omega = 1.0 + side * 0.5 * damping
         scene = _unit_device(
             device, omega, {"resistance": resistance}, 25.0 / damping, 200.0 * math.pi / omega
         )
-        exact = formulas.resistor_power_at(omega, resistance, *device)
+        exact = formulas.resistor_power_at(omega, resistance, device)
         title = f"resistor at Q = 1000, {words}"
         asked = _by(scene, *ENGINES)
         yield _within(STEPS, title, "linear circuit", exact, asked, "mean_power", "W")
@@ -276,11 +281,11 @@ def _flanks_of_a_resistor():
 
 def _flanks_of_a_bridge():
     ratio, coupling = 0.01, 1e-3
-    device = _, damping, _, capacitance = 3.0, 0.01, coupling, coupling**2 / ratio
-    resistance = 0.5 * math.pi / capacitance
+    device = formulas.Driven(3.0, 0.01, coupling, coupling**2 / ratio)
+    resistance, damping = 0.5 * math.pi / device.capacitance, device.damping
 
     def power(omega):
-        return formulas.coupled_bridge_power(omega, resistance, *device)
+        return formulas.coupled_bridge_power(omega, resistance, device)
 
     peak = max((1.0 + ratio * k / 1000.0 for k in range(1001)), key=power)
     for side, words in FLANKS:
@@ -310,7 +315,8 @@ def _coupled_sece():
     load = {"netlist": "sece", "parameters": values}
     for figure in (0.1, math.pi / 4.0, math.pi):
         quality = figure / share
-        device = force, damping, _, _ = 100.0 / quality, 1.0 / quality, coupling, capacitance
+        force, damping = 100.0 / quality, 1.0 / quality
+        device = formulas.Driven(force, damping, coupling, capacitance)
         omegas = [math.sqrt(1.0 + share * shift) for shift in (0.6, 0.8, 1.0, 1.2, 1.4)]
         scenes = [
             _unit_device(device, omega, load, 10.0 * quality, 100.0 * math.pi) for omega in omegas

@@ -5,7 +5,7 @@ None of them uses a part of the simulated device: a fault there shows as a diffe
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq, minimize
@@ -98,23 +98,26 @@ def rebound_speed(restitution: float) -> float:
     return brentq(lambda r: h * (1 + r) - math.log((1 + h) / (1 - h * r)), 0.0, 1.0, xtol=1e-14)
 
 
+class Driven(NamedTuple):
+    """A mass and spring of 1 under F0 sin ωt: F0, η, θ, Cp."""
+
+    force: float
+    damping: float
+    coupling: float
+    capacitance: float
+
+
 def resistor_power(unit: float, share: float) -> float:
     """Power of a resistor R on a prescribed sine: θ²u²ω/C = `unit` (W), ωCR = `share`."""
     return 0.5 * unit * share / (1.0 + share**2)
 
 
-def resistor_power_at(
-    omega: float,
-    resistance: float,
-    force: float,
-    damping: float,
-    coupling: float,
-    capacitance: float,
-) -> float:
-    """Power of a resistor on a mass and spring of 1 under F0 sin ωt.
+def resistor_power_at(omega: float, resistance: float, device: Driven) -> float:
+    """Power of a resistor on a driven device.
 
     x = F0/[1 − ω² + iω (η + θ²/(1/R + iωCp))], P = |ωθx/(1/R + iωCp)|²/2R.
     """
+    force, damping, coupling, capacitance = device
     admittance = 1.0 / resistance + 1j * omega * capacitance
     x = force / (1.0 - omega**2 + 1j * omega * (damping + coupling**2 / admittance))
     return abs(omega * coupling * x / admittance) ** 2 / (2.0 * resistance)
@@ -155,19 +158,13 @@ def _left_of_inversion(quality):
     return math.exp(-math.pi / (2.0 * quality))
 
 
-def coupled_bridge_power(
-    omega: float,
-    resistance: float,
-    force: float,
-    damping: float,
-    coupling: float,
-    capacitance: float,
-) -> float:
-    """Power of an ideal bridge on a mass and spring of 1 under F0 cos ωt, by Shu and Lien (2006).
+def coupled_bridge_power(omega: float, resistance: float, device: Driven) -> float:
+    """Power of an ideal bridge on a driven device, by Shu and Lien (2006).
 
     The form that balances energy, of one harmonic: a = ωCpR + π/2,
     u0 = F0/√{[ηω + 2ωθ²R/a²]² + [1 − ω² + ωθ²R/a]²}, P = ω²θ²R u0²/a².
     """
+    force, damping, coupling, capacitance = device
     a = omega * capacitance * resistance + 0.5 * math.pi
     back = omega * coupling**2 * resistance
     lossy = damping * omega + 2.0 * back / a**2
@@ -175,13 +172,11 @@ def coupled_bridge_power(
     return (omega * coupling * size / a) ** 2 * resistance
 
 
-def best_coupled_bridge(
-    force: float, damping: float, coupling: float, capacitance: float
-) -> tuple[float, float, float]:
+def best_coupled_bridge(device: Driven) -> tuple[float, float, float]:
     """(ω, R, P) where `coupled_bridge_power` is largest."""
-    given = (force, damping, coupling, capacitance)
+    capacitance = device.capacitance
     found = minimize(
-        lambda z: -coupled_bridge_power(z[0], math.exp(z[1]) / capacitance, *given),
+        lambda z: -coupled_bridge_power(z[0], math.exp(z[1]) / capacitance, device),
         [1.02, 0.5],
         method="Nelder-Mead",
         options={"xatol": 1e-8, "fatol": 1e-16},

@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -103,7 +104,7 @@ def _for_vacask(netlist):
     Taken from it: analysis and options, which are the deck's own; the noise, which that reader
     garbles; initial values, which the analysis has.
     """
-    noise = _NOISE.search(netlist.text)
+    noise: Any = _NOISE.search(netlist.text)
     points = noise[1].replace("+", " ").split()
     text = netlist.text.replace(noise[0], "")
     starts = re.findall(r"^C\w+ (\w+) 0 \S+ ic=(\S+)$", text, re.MULTILINE)

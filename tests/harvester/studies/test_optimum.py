@@ -135,7 +135,7 @@ def test_what_runs_were_too_short_for_is_told_of_what_is_found_from_them(pool):
     scene = Scene.load("device", ["run.realizations=4", "run.duration=8"]).replace(changes)
     found = simulate(scene, method="monte-carlo", runner=pool)["output_voltage"]
     (sentence,) = missing_from("output_voltage", found)
-    assert re.match(r"output voltage: no error bar: run\.settle = 5 s .*R·C of 30", sentence)
+    assert re.match(r"output voltage: no error bar: the store cstorage .* still charges", sentence)
     assert missing_from("output_voltage", Estimate(1.0, 0.1, 4, "voltage")) == []
 
 

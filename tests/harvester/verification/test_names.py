@@ -8,7 +8,6 @@ import pytest
 import harvester.verification
 
 FOLDER = Path(harvester.verification.__file__).parent
-# Each is a way to judge that a private name would have made easier.
 MODULES = sorted(FOLDER.rglob("*.py"))
 
 
