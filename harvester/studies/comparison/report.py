@@ -5,7 +5,9 @@ from __future__ import annotations
 import html
 import json
 import platform
+from collections.abc import Callable
 from importlib import metadata
+from typing import Any
 
 from harvester.errors import MissingLibrary
 from harvester.results import joint_drawing
@@ -71,7 +73,7 @@ def report(comparison: Comparison) -> str:
 
 def _figures(comparison):
     scene = comparison.scene.name
-    drawn = [
+    drawn: list[tuple[Callable, Any, str]] = [
         (draw_comparison, comparison, "Densities by every method; one noise path."),
         (draw_result, comparison.circuit, "Densities by the circuit."),
     ]
