@@ -99,8 +99,6 @@ class Study(Command):
         Whether there is --json.
     page : bool
         Whether there is --report, which gets the result's `page()`.
-    shown : callable or None
-        Of what the function returns: the result that is shown.
     files : tuple of str
         Names of the files that the result's `save(folder)` writes; left out: it has none, and the
         folder gets JSON, figure and tables.
@@ -116,7 +114,6 @@ class Study(Command):
     failed: Callable[[Any], bool] | None = None
     json: bool = True
     page: bool = False
-    shown: Callable[[Any], Any] | None = None
     files: Sequence[str] = ()
     running: Callable[[dict[str, Any]], RunnerOptions] | None = None
     bar: str = ""
@@ -162,7 +159,7 @@ class Study(Command):
             if json and error.partial is not None:
                 write_result(json, None, "", error.partial)
             raise
-        return self.shown(result) if self.shown else result
+        return result
 
     def _deliver(self, result, name, folder, json, output, report):
         """Show the result, and write the files that were asked for."""

@@ -64,7 +64,7 @@ def briefly():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("harvester.workers.pools.Worker", SameWorker)
         patch.setattr("harvester.studies.frequency_response.SETTLED_SHARE", 0.9)
-        patch.setattr("harvester.studies.sensitivity.FEWEST_ROWS", 2)
+        patch.setattr("harvester.studies.sensitivity.study.FEWEST_ROWS", 2)
         patch.setattr(matrix, "default_cases", lambda: FEW_CASES)
         patch.setattr(matrix, "METHODS", ("circuit", "monte-carlo", "consistent"))
         patch.setattr(measurement, "TIMED_METHODS", FEW_METHODS)
