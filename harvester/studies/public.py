@@ -532,16 +532,8 @@ def optimum(
     The places proposed over several follow from the seed and the answers alone: with `output` the
     same call after a kill takes the answers that are there and goes on to the same end.
     """
-    from harvester.averaging import CLOSURES, DEFAULT_CLOSURE
-    from harvester.estimates.output_side import RATIOS
-    from harvester.running import open_runner
-    from harvester.simulation.methods import ENGINES
-    from harvester.studies.answers import checked_method
-    from harvester.studies.optimum.axis import Axis
-    from harvester.studies.optimum.line import MAXIMISED, along
-    from harvester.studies.optimum.several import over_several
+    from harvester.studies.optimum.find import largest
 
-    clock = time.perf_counter()
     ranges = {over: None} if isinstance(over, str) else table(over, "over", OVER)
     if not ranges:
         raise HarvesterError("--over: name at least one parameter, TABLE.KEY")
@@ -552,31 +544,8 @@ def optimum(
                 "--over TABLE.KEY=LOW:HIGH"
             )
         ranges = dict.fromkeys(ranges, (low, high))
-    is_one = len(ranges) == 1
-    for name, value in {"evaluations": evaluations, "precision": precision}.items():
-        if value is not None and is_one:
-            raise HarvesterError(f"--{name}: is for several parameters, a second --over")
-    if closure is not None and not is_one:
-        raise HarvesterError("--closure: is for one parameter; over several use --method")
-    follow = running.pop("progress", None) or (lambda share, words: None)
-    beside = check_name("closure", closure or DEFAULT_CLOSURE, CLOSURES)
-    if is_one:
-        # Averaging stands beside it, and what is compared with it is a simulation.
-        method = check_name("method", method or checked_method(scene, None), ENGINES)
-        ENGINES[method].check(scene)
-        load = scene.load.circuit
-        outputs = RATIOS if load and load.has_output else ()
-        check_name("quantity", maximise, (*MAXIMISED, *outputs))
-    method = checked_method(scene, method)
-    axes = [Axis.of(scene, key, *_ends(key, ends)) for key, ends in ranges.items()]
-    with open_runner(**running) as runner:
-        if is_one:
-            found = along(scene, axes[0], maximise, method, beside, runner, follow)
-        else:
-            found = over_several(
-                scene, axes, maximise, method, runner, follow, evaluations, precision
-            )
-    return replace(found, seconds=time.perf_counter() - clock)
+    ends = {key: _ends(key, each) for key, each in ranges.items()}
+    return largest(scene, ends, maximise, method, closure, evaluations, precision, running)
 
 
 def _ends(key, ends):

@@ -1,0 +1,59 @@
+"""Where one parameter, or several, make a mean largest; Eq. 37 is that of PCE over D."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from harvester.averaging import CLOSURES, DEFAULT_CLOSURE
+from harvester.errors import HarvesterError
+from harvester.estimates.output_side import RATIOS
+from harvester.running import RunnerOptions, open_runner
+from harvester.scene.model import Scene
+from harvester.simulation.methods import ENGINES
+from harvester.simulation.simulate import check_name
+from harvester.studies.answers import checked_method
+from harvester.studies.optimum.axis import Axis
+from harvester.studies.optimum.line import MAXIMISED, along
+from harvester.studies.optimum.result import Optimum
+from harvester.studies.optimum.several import over_several
+
+
+def largest(
+    scene: Scene,
+    over: Mapping[str, Sequence[float | None]],
+    maximise: str,
+    method: str | None,
+    closure: str | None,
+    evaluations: int | None,
+    precision: float | None,
+    running: RunnerOptions,
+) -> Optimum:
+    """Where a mean is largest over one parameter or several: see `harvester.optimum`."""
+    clock = time.perf_counter()
+    is_one = len(over) == 1
+    for name, value in {"evaluations": evaluations, "precision": precision}.items():
+        if value is not None and is_one:
+            raise HarvesterError(f"--{name}: is for several parameters, a second --over")
+    if closure is not None and not is_one:
+        raise HarvesterError("--closure: is for one parameter; over several use --method")
+    follow = running.pop("progress", None) or (lambda share, words: None)
+    beside = check_name("closure", closure or DEFAULT_CLOSURE, CLOSURES)
+    if is_one:
+        # Averaging stands beside it, and what is compared with it is a simulation.
+        method = check_name("method", method or checked_method(scene, None), ENGINES)
+        ENGINES[method].check(scene)
+        load = scene.load.circuit
+        outputs = RATIOS if load and load.has_output else ()
+        check_name("quantity", maximise, (*MAXIMISED, *outputs))
+    method = checked_method(scene, method)
+    axes = [Axis.of(scene, key, *ends) for key, ends in over.items()]
+    with open_runner(**running) as runner:
+        if is_one:
+            found = along(scene, axes[0], maximise, method, beside, runner, follow)
+        else:
+            found = over_several(
+                scene, axes, maximise, method, runner, follow, evaluations, precision
+            )
+    return replace(found, seconds=time.perf_counter() - clock)
