@@ -14,13 +14,6 @@ from circuits.kernel.assembly import build, with_start
 from circuits.kernel.emitter import call_once
 from circuits.kernel.mechanics import device_of
 from circuits.kernel.stage import (
-    DISPLACEMENT,
-    HELD_SPEED,
-    LINE,
-    PROPOSED,
-    STRICTNESS,
-    TIME,
-    ZONE,
     fresh_state,
 )
 from circuits.kernel.stepping import CHATTER, FINE, SOURCE_CHATTER, advance
@@ -195,9 +188,9 @@ def integrate(
     """
     edges = np.array(contact.edges(s.contacts))
     device, state = device_of(s), _beginning(s, circuit, start)
-    state.numbers[STRICTNESS] = min(max(refinement, 1.0), FINEST) ** 4
-    state.numbers[PROPOSED] = stepping.RESTART * path.spacing / steps_per_knot
-    state.numbers[LINE] = line
+    state.scalars[0].strictness = min(max(refinement, 1.0), FINEST) ** 4
+    state.scalars[0].proposed = stepping.RESTART * path.spacing / steps_per_knot
+    state.scalars[0].line = line
     record = empty_record(CHUNK)
     output = np.zeros((1 + len(circuit.measurement.watched), CHUNK))
     spent, reached, plan = time.thread_time(), 0.0, NO_PLAN
@@ -213,7 +206,7 @@ def integrate(
                 device, circuit.tables, circuit.probes, state, edges, block, segment, count, done,
                 path.spacing, steps_per_knot, steps_per_contact, plan, record, output,
             )  # fmt: skip
-            now = state.numbers[TIME]
+            now = state.scalars[0].time
             if now - reached > CRAWL * path.spacing / steps_per_knot:
                 spent, reached = time.thread_time(), now
             elif time.thread_time() - spent > PATIENCE and outcome == FINE:
@@ -225,7 +218,7 @@ def integrate(
 
 def _trouble(circuit, state, outcome, which):
     """The error that says why a run ended early."""
-    stopped = f"Monte Carlo stopped at t = {state.numbers[TIME]:g}: "
+    stopped = f"Monte Carlo stopped at t = {state.scalars[0].time:g}: "
     if circuit.limited and not np.isfinite(state.values).all():
         return SimulatorAborted(
             f"{stopped}an expression has no value there, a root, logarithm, arc or power outside "
@@ -261,14 +254,14 @@ def _slow_or_stuck(circuit, state, outcome):
 def _beginning(s, circuit, start):
     """State of a realization at its beginning."""
     state = fresh_state(circuit)
-    numbers, y, tables = state.numbers, state.y, circuit.tables
+    scalars, y, tables = state.scalars[0], state.y, circuit.tables
     n = y.size
     x, v, electrical = start
-    numbers[DISPLACEMENT] = x
-    numbers[HELD_SPEED] = system.speed_held(s, x, v)
+    scalars.displacement = x
+    scalars.held_speed = system.speed_held(s, x, v)
     inner = contact.edges(s.contacts)[1:-1]
-    numbers[ZONE] = sum(x > edge if edge > 0.0 else x >= edge for edge in inner)
-    numbers[PROPOSED] = 1.0
+    scalars.zone = sum(x > edge if edge > 0.0 else x >= edge for edge in inner)
+    scalars.proposed = 1.0
     y[:] = with_start(circuit, electrical, 1.0 / circuit.probes.units[1])
     y[n - 1] = v
     state.largest[n - 1] = max(abs(v), timescales.angular_frequency(s))

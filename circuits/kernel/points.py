@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from circuits.kernel.mechanics import Device, evaluate
-from circuits.kernel.stage import DISPLACEMENT, HELD_SPEED, MEAN_POWER, PACE
 from harvester.compilation import compiled, merged
 from harvester.device import system as systems
 from harvester.record.record import fill
@@ -13,7 +12,9 @@ from harvester.record.record import fill
 if TYPE_CHECKING:
     import numpy as np
 
-    from circuits.kernel.stage import State
+    from circuits.kernel.stage import (
+        State,
+    )
     from circuits.kernel.tables import Probes
     from harvester.record.record import Record
 
@@ -55,7 +56,7 @@ def given_power(device: Device, probes: Probes, state: State, share: float) -> f
     v = y[y.size - 1] + share * change[y.size - 1]
     electrical = (y[place] + share * change[place]) * units[1]
     own = systems.own_loss(device.transducer, v, electrical, amperes * units[2])
-    pace = state.numbers[PACE]
+    pace = state.scalars[0].pace
     return systems.part_force(device.transducer, v, electrical) * v * pace - own
 
 
@@ -82,7 +83,7 @@ def add_points(
     """
     power, stored = before
     last = load_power(probes, state)
-    mean = state.numbers[MEAN_POWER] - (stored_energy(device, probes, state) - stored) / h
+    mean = state.scalars[0].mean_power - (stored_energy(device, probes, state) - stored) / h
     missing = abs(2.0 * mean - power - last)
     counts = missing * h > LEAST_ENERGY * probes.units[3] * scale
     if points > 0 and counts and missing > POWER_DIFFERENCE * (abs(power) + abs(last)):
@@ -106,14 +107,14 @@ def _again(record, output, point, power):
 @merged
 def _write(device, probes, state, record, output, point, time, noise, free):
     """One point of the record."""
-    numbers, y = state.numbers, state.y
+    scalars, y = state.scalars[0], state.y
     n = y.size
     places, units = probes.places, probes.units
-    x, v = numbers[DISPLACEMENT], y[n - 1]
+    x, v = scalars.displacement, y[n - 1]
     volts, amperes = y[places[0]], y[places[1]]
     electrical = y[places[2]] * units[1] if places[2] >= 0 else 0.0
     touches = 1.0 if x < free[0] or x > free[1] else 0.0
-    loss = evaluate(device.loss_power, device.numbers, (x, v, numbers[HELD_SPEED], touches))
+    loss = evaluate(device.loss_power, device.numbers, (x, v, scalars.held_speed, touches))
     own = systems.own_loss(device.transducer, v, electrical, amperes * units[2])
     power = volts * amperes * units[3]
     fill(record, point, time, x, v, volts * units[0], power, noise * v, loss, own, electrical)

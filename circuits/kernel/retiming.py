@@ -15,7 +15,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from circuits.kernel.stage import CANCELLED, LINE, PACE, TIMED_FOR, State
+from circuits.kernel.stage import (
+    State,
+)
 from circuits.kernel.tables import Tables
 from harvester.compilation import compiled, merged
 
@@ -44,15 +46,15 @@ def pace_of(angle: float) -> tuple[float, float]:
 @merged
 def retime(tables: Tables, state: State, h: float) -> None:
     """Set the pace for a step of length h where a line is to be met; at 0 the usual one."""
-    numbers = state.numbers
-    if numbers[LINE] > 0.0 and numbers[TIMED_FOR] != h:
-        numbers[TIMED_FOR] = h
-        numbers[PACE], numbers[CANCELLED] = 1.0, 0.0
+    scalars = state.scalars[0]
+    if scalars.line > 0.0 and scalars.timed_for != h:
+        scalars.timed_for = h
+        scalars.pace, scalars.cancelled = 1.0, 0.0
         if h > 0.0:
-            numbers[PACE], cancelled = pace_of(numbers[LINE] * h)
-            numbers[CANCELLED] = numbers[LINE] * cancelled
+            scalars.pace, cancelled = pace_of(scalars.line * h)
+            scalars.cancelled = scalars.line * cancelled
         mass = tables.retimed[0]
-        state.capacity[mass] = tables.capacity[mass] / numbers[PACE]
+        state.capacity[mass] = tables.capacity[mass] / scalars.pace
         for k in range(1, tables.retimed.size):
             place = tables.retimed[k]
-            state.conductance[place] = tables.conductance[place] * numbers[PACE]
+            state.conductance[place] = tables.conductance[place] * scalars.pace

@@ -10,6 +10,7 @@ current away.
 
 from __future__ import annotations
 
+import enum
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,13 +32,41 @@ MOST_ITERATIONS = 40
 SMOOTH_STEP, RELATIVE_STEP = 1e-2, 1e-5
 # Of a displacement and a velocity, for slopes of the force.
 DIFFERENCE = 1e-6
-# Places among the numbers of a state, beside its vectors, see `circuits.kernel.stepping`.
-(
-    DISPLACEMENT, HELD_SPEED, ZONE, PHASE, PROPOSED, RATES_KNOWN, LAST_STEP, ENERGY, SWITCHINGS,
-    TIME, MEAN_POWER, STRICTNESS, LINE, TIMED_FOR, PACE, CANCELLED, TURN_TIME, STEPS_TAKEN,
-    COUNTED_FROM,
-) = range(19)  # fmt: skip
-NUMBERS = COUNTED_FROM + 1
+
+
+class Rates(enum.IntEnum):
+    """What is known of the rates of change at a step's beginning."""
+
+    TURNED = -1  # A switch turned: nothing, and the first step is backward Euler's.
+    UNKNOWN = 0
+    KNOWN = 1
+
+
+# What a state holds beside its vectors, one number each.
+SCALARS = np.dtype(
+    [
+        ("displacement", np.float64),  # X, scaled
+        ("held_speed", np.float64),  # impact speed of the contact under way, scaled
+        ("zone", np.int64),  # between which contacts X is
+        ("phase", np.float64),  # time since the last knot of the noise (s)
+        ("proposed", np.float64),  # length of the next step (s)
+        ("rates", np.int64),  # a member of `Rates`
+        ("last_step", np.float64),  # s
+        ("energy", np.float64),  # running mean of the square terminal voltage (V²)
+        ("switchings", np.int64),  # within the present step of the grid
+        ("time", np.float64),  # s
+        ("mean_power", np.float64),  # given to the transducer in the step, scaled
+        ("strictness", np.float64),  # by how much less error is asked for than by default
+        ("line", np.float64),  # frequency at which the motion is to be exact (rad/s), or 0
+        ("timed_for", np.float64),  # length of step (s) for which the next two hold
+        ("pace", np.float64),  # see `circuits.kernel.retiming`
+        ("cancelled", np.float64),  # damping that the method adds by itself (1/s)
+        ("turn_time", np.float64),  # time constant of switches that turn by themselves (s)
+        ("steps_taken", np.int64),  # since chatter was last looked for
+        ("counted_from", np.float64),  # when that was (s)
+    ],
+    align=True,
+)
 
 
 class State(NamedTuple):
@@ -55,7 +84,7 @@ class State(NamedTuple):
     values, shares : (k,) of the tape.
     jumps : (k, 3) of each behavioural source: its value, its greatest size, how often it jumped.
     passing : (k,) what passes 0 where a source jumps, at the step's beginning.
-    numbers : (NUMBERS,)
+    scalars : (1,) of `SCALARS`.
     """
 
     code: Code
@@ -90,7 +119,7 @@ class State(NamedTuple):
     shares: np.ndarray
     jumps: np.ndarray
     passing: np.ndarray
-    numbers: np.ndarray
+    scalars: np.ndarray
 
 
 def fresh_state(circuit: Circuit) -> State:
@@ -125,9 +154,9 @@ def fresh_state(circuit: Circuit) -> State:
         shares=np.zeros(k),
         jumps=np.zeros((len(tables.behavioural), 3)),
         passing=np.zeros(len(tables.turns)),
-        numbers=np.zeros(NUMBERS),
+        scalars=np.zeros(1, SCALARS).view(np.recarray),
     )
-    state.numbers[PACE], state.numbers[TURN_TIME] = 1.0, circuit.own_motion.turn
+    state.scalars[0].pace, state.scalars[0].turn_time = 1.0, circuit.own_motion.turn
     return state
 
 
@@ -249,7 +278,7 @@ def solve_stage(
     code, memory = state.code, state.address
     last = state.y.size - 1
     touching, low, high, held = zone
-    way, cancelled = delta * state.numbers[PACE], state.numbers[CANCELLED]
+    way, cancelled = delta * state.scalars[0].pace, state.scalars[0].cancelled
     v = state.latest[last]
     pull = force(device, touching, low, high, held, x_base + way * v, v) + cancelled * v
     nearby = DIFFERENCE * state.largest[last]

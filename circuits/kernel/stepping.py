@@ -20,22 +20,7 @@ from circuits.kernel.mechanics import Device, evaluate
 from circuits.kernel.points import add_points, given_power, load_power, stored_energy
 from circuits.kernel.retiming import DIAGONAL, retime
 from circuits.kernel.stage import (
-    COUNTED_FROM,
-    DISPLACEMENT,
-    ENERGY,
-    HELD_SPEED,
-    LAST_STEP,
-    MEAN_POWER,
-    PACE,
-    PHASE,
-    PROPOSED,
-    RATES_KNOWN,
-    STEPS_TAKEN,
-    STRICTNESS,
-    SWITCHINGS,
-    TIME,
-    TURN_TIME,
-    ZONE,
+    Rates,
     State,
     add_waves,
     slot_of,
@@ -67,8 +52,6 @@ CAUTION = 0.9
 GROWING = CAUTION**6
 # Weights of power at the step's beginning and its stages in its mean, for either method.
 POWER_WEIGHTS = ((0.25 * ROOT, 0.25 * ROOT, DIAGONAL), (0.0, 1.0 - DIAGONAL, DIAGONAL))
-# What is known of the rates of change at a step's beginning: all, nothing, that a switch turned.
-KNOWN, UNKNOWN, TURNED = 1.0, 0.0, -1.0
 # After a switch, the first step against the usual one, and down to where it follows its error; the
 # shortest; how well its time is known.
 RESTART, LEAST_RESTART, SHORTEST, LOCATED = 2.0**-10, 2.0**-14, 2.0**-34, 1e-4
@@ -89,7 +72,7 @@ MEMORY, SMALL_VOLTAGE = 200.0, 1e-3
 # A source chatters that jumps by half its greatest value in so many of the steps counted while they
 # are shorter on average than this share of the grid's. Smooth sources change by little in a step; a
 # step load without a hysteresis slides at 1e-8 of the grid's step, jumping in every fourth.
-COUNTED, JUMPING_SHARE, SLIDING_STEP = 131072.0, 0.125, 1e-6
+COUNTED, JUMPING_SHARE, SLIDING_STEP = 131072, 0.125, 1e-6
 
 FINE, STUCK, CHATTER, SOURCE_CHATTER = range(4)
 
@@ -120,7 +103,7 @@ def advance(
     Returns the segment reached, the points written, and FINE, STUCK, CHATTER with the switch or
     SOURCE_CHATTER with the behavioural source.
     """
-    numbers = state.numbers
+    scalars = state.scalars[0]
     step = spacing / steps_per_knot
     capacity = record.time.size
     points = planned = 0
@@ -128,15 +111,15 @@ def advance(
     free = (edges[middle - 1], edges[middle])
     while segment < count and points + 1 < capacity:
         slope = (block[segment + 1] - block[segment]) / spacing
-        phase = numbers[PHASE]
+        phase = scalars.phase
         end = (np.floor(phase / step + 1e-9) + 1.0) * step
         noise = block[segment] + slope * phase
         time = (first_knot + segment) * spacing + phase
-        place, bend = int(numbers[ZONE]), _until_corner(tables, time, step)
+        place, bend = scalars.zone, _until_corner(tables, time, step)
         planned, until, allowed, jumps = _planned(plan, planned, time, step)
         remaining = min(end - phase, bend, until)
         low, high = edges[place], edges[place + 1]
-        zone = (not low < 0.0 < high, low, high, numbers[HELD_SPEED])
+        zone = (not low < 0.0 < high, low, high, scalars.held_speed)
         longest = _longest(
             device, tables, state, zone, noise, remaining, step, steps_per_contact, allowed
         )
@@ -157,22 +140,22 @@ def advance(
             if source >= 0:
                 return segment, points, SOURCE_CHATTER, source
         if leaps:
-            _restart(numbers, step)
+            _restart(scalars, step)
         phase += h
         if h >= bend or (jumps and h >= until):
             # What follows is as new as after a switch, but nothing jumps.
-            numbers[PROPOSED] = RESTART * step
+            scalars.proposed = RESTART * step
         if phase >= end * (1.0 - CLOCK_ROUNDING):
             phase = end
-            numbers[SWITCHINGS] = 0.0
+            scalars.switchings = 0
         noise = block[segment] + slope * phase
         if phase > spacing * (1.0 - 1e-9):
             phase = 0.0
             segment += 1
             noise = block[segment]
-        numbers[PHASE] = phase
+        scalars.phase = phase
         time = (first_knot + segment) * spacing + phase
-        numbers[TIME] = time
+        scalars.time = time
         points = add_points(
             device, probes, state, record, output, points, h, before, scale, time, noise, free
         )
@@ -204,11 +187,11 @@ def _planned(plan, place, time, step):
 @merged
 def _longest(device, tables, state, zone, noise, remaining, step, steps_per_contact, allowed):
     """Length of the next step that the last one's error, sources and a contact allow."""
-    longest = min(state.numbers[PROPOSED], step, allowed)
+    longest = min(state.scalars[0].proposed, step, allowed)
     for k in range(tables.sources.shape[0]):
         longest = min(longest, waveform.longest_step(tables.sources[k, 1], tables.waves[k]))
     if zone[0]:
-        x, v = state.numbers[DISPLACEMENT], state.y[state.y.size - 1]
+        x, v = state.scalars[0].displacement, state.y[state.y.size - 1]
         now = (x, v, noise, remaining, longest, float(steps_per_contact))
         longest = evaluate(device.contact_step, device.numbers, now)
     return longest
@@ -222,10 +205,10 @@ def _find_step(device, tables, probes, state, time, longest, remaining, step, no
     transducer's energy that counts, by how many zones it leads, the switch that turns and whether a
     source jumps.
     """
-    numbers, last = state.numbers, state.y.size - 1
-    x, v = numbers[DISPLACEMENT], state.y[last]
+    scalars, last = state.scalars[0], state.y.size - 1
+    x, v = scalars.displacement, state.y[last]
     h, least = _length(longest, remaining, step), SHORTEST * step
-    located = min(LOCATED * step, TURN_LOCATED * numbers[TURN_TIME])
+    located = min(LOCATED * step, TURN_LOCATED * scalars.turn_time)
     found, switch, entered, leaps = -1.0, -1, 0, False
     x1, ratio, scale = x, 0.0, 0.0
     while True:
@@ -237,17 +220,17 @@ def _find_step(device, tables, probes, state, time, longest, remaining, step, no
         )
         if not settled:
             h *= 0.25
-            numbers[PROPOSED] = h
-            numbers[RATES_KNOWN] = UNKNOWN
+            scalars.proposed = h
+            scalars.rates = Rates.UNKNOWN
             continue
-        scale = probes.energy[0] * max(numbers[ENERGY], (SMALL_VOLTAGE * probes.energy[1]) ** 2)
-        if numbers[RATES_KNOWN] == TURNED:
+        scale = probes.energy[0] * max(scalars.energy, (SMALL_VOLTAGE * probes.energy[1]) ** 2)
+        if scalars.rates == Rates.TURNED:
             # Backward Euler's: of a swing, half the square of the angle that a step turns.
             error = 0.25 * carried * carried / scale if h > LEAST_RESTART * step else 0.0
-        ratio = numbers[STRICTNESS] * max(error / scale / TOLERANCE**2, missed * missed)
+        ratio = scalars.strictness * max(error / scale / TOLERANCE**2, missed * missed)
         if ratio > 1.0 and entered == 0:
-            numbers[PROPOSED] = h * max(0.1, _growth(ratio))
-            h = _length(numbers[PROPOSED], remaining, step)
+            scalars.proposed = h * max(0.1, _growth(ratio))
+            h = _length(scalars.proposed, remaining, step)
             continue
         if entered == 0:
             v1 = v + state.change[last]
@@ -258,7 +241,7 @@ def _find_step(device, tables, probes, state, time, longest, remaining, step, no
         switch, share = switched(tables, state)
         leaps, its = passed(tables, state, time + h)
         # A source whose jump turns it back at once is met so often only.
-        leaps = leaps and numbers[SWITCHINGS] < MOST_JUMPS
+        leaps = leaps and scalars.switchings < MOST_JUMPS
         if (switch >= 0 or leaps) and found < 0.0:
             found = max(min(located, LOCATED_SHARE * h), 4.0 * least)
         if leaps and its <= share and h > 2.0 * found:
@@ -277,26 +260,26 @@ def _find_step(device, tables, probes, state, time, longest, remaining, step, no
 @merged
 def _enter(state, place, zone):
     """The state stands in another zone."""
-    numbers = state.numbers
-    numbers[ZONE] = place
-    numbers[RATES_KNOWN] = UNKNOWN
+    scalars = state.scalars[0]
+    scalars.zone = place
+    scalars.rates = Rates.UNKNOWN
     if not zone[0]:
-        numbers[HELD_SPEED] = abs(state.y[state.y.size - 1])
+        scalars.held_speed = abs(state.y[state.y.size - 1])
 
 
 @merged
 def _turn(tables, state, step):
     """Turn the switches that ask for it; whether that is chatter."""
-    numbers = state.numbers
+    scalars = state.scalars[0]
     turn(tables, state)
-    _restart(numbers, step)
-    return numbers[SWITCHINGS] > MOST_SWITCHINGS
+    _restart(scalars, step)
+    return scalars.switchings > MOST_SWITCHINGS
 
 
 @merged
 def _chattering(tables, state, time, step):
     """The behavioural source that jumps to and fro at every few of far too short steps, or −1."""
-    numbers, jumps = state.numbers, state.jumps
+    scalars, jumps = state.scalars[0], state.jumps
     worst = 0
     for k in range(jumps.shape[0]):
         value = state.values[tables.behavioural[k, 3]]
@@ -306,22 +289,22 @@ def _chattering(tables, state, time, step):
         jumps[k, 1] = max(jumps[k, 1], abs(value))
         if jumps[k, 2] > jumps[worst, 2]:
             worst = k
-    numbers[STEPS_TAKEN] += 1.0
-    if numbers[STEPS_TAKEN] < COUNTED:
+    scalars.steps_taken += 1
+    if scalars.steps_taken < COUNTED:
         return -1
-    short = time - numbers[COUNTED_FROM] < COUNTED * SLIDING_STEP * step
+    short = time - scalars.counted_from < COUNTED * SLIDING_STEP * step
     found = worst if short and jumps[worst, 2] > COUNTED * JUMPING_SHARE else -1
-    numbers[STEPS_TAKEN], numbers[COUNTED_FROM] = 0.0, time
+    scalars.steps_taken, scalars.counted_from = 0, time
     jumps[:, 2] = 0.0
     return found
 
 
 @merged
-def _restart(numbers, step):
+def _restart(scalars, step):
     """What follows a turn is new."""
-    numbers[SWITCHINGS] += 1.0
-    numbers[RATES_KNOWN] = TURNED
-    numbers[PROPOSED] = min(RESTART * step, TURN_RESTART * numbers[TURN_TIME])
+    scalars.switchings += 1
+    scalars.rates = Rates.TURNED
+    scalars.proposed = min(RESTART * step, TURN_RESTART * scalars.turn_time)
 
 
 @merged
@@ -368,17 +351,17 @@ def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone, loc
     from part to part, the new X, and the error of the switches' controls against what they may
     have. Its change stands in `state.change`.
     """
-    y, numbers, code, memory = state.y, state.numbers, state.code, state.address
+    y, scalars, code, memory = state.y, state.scalars[0], state.code, state.address
     n, row_unit = y.size, probes.units[4]
-    known, euler = numbers[RATES_KNOWN] == KNOWN, numbers[RATES_KNOWN] == TURNED
+    known, euler = scalars.rates == Rates.KNOWN, scalars.rates == Rates.TURNED
     delta = h if euler else DIAGONAL * h
     retime(tables, state, 0.0 if euler else h)
-    pace = numbers[PACE]
+    pace = scalars.pace
     slot = slot_of(tables, state, delta)
     share, factor = (STAGE, BACKWARD) if known else (DIAGONAL, ALEXANDER)
     if euler:
         share = 1.0
-    last = numbers[LAST_STEP]
+    last = scalars.last_step
     call(code.predict, memory, slot, share * h / last if last > 0.0 else 0.0, 0.0, 0.0)
     _guess(tables, state, 0.0)
     if known:
@@ -408,7 +391,7 @@ def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone, loc
             base = x + factor * moved
             _guess(tables, state, 1.0 / share)
     if settled:
-        numbers[MEAN_POWER] = power if euler else mean + DIAGONAL * power
+        scalars.mean_power = power if euler else mean + DIAGONAL * power
         call(code.conclude, memory, slot, delta, 0.0 if euler else factor, h)
         if known:
             error = call(code.error, memory, slot, 0.0, 0.0, 0.0)
@@ -440,16 +423,16 @@ def _leaves(low, high, x, v, x1, v1, h):
 @merged
 def _accept(probes, state, h, x1, ratio, step):
     """The step's end becomes the state; the next step follows its error."""
-    numbers, y = state.numbers, state.y
+    scalars, y = state.scalars[0], state.y
     call(state.code.accept, state.address, state.slots, 0.0, 0.0, 0.0)
-    numbers[DISPLACEMENT] = x1
-    numbers[LAST_STEP] = h
-    numbers[RATES_KNOWN] = KNOWN
-    if ratio > GROWING or numbers[PROPOSED] < step:
+    scalars.displacement = x1
+    scalars.last_step = h
+    scalars.rates = Rates.KNOWN
+    if ratio > GROWING or scalars.proposed < step:
         growth = min(_growth(ratio), 4.0)
         if growth >= 1.0:
-            numbers[PROPOSED] = min(max(h * growth, numbers[PROPOSED]), step)
+            scalars.proposed = min(max(h * growth, scalars.proposed), step)
         else:
-            numbers[PROPOSED] = h * growth
+            scalars.proposed = h * growth
     square = y[probes.places[0]] ** 2
-    numbers[ENERGY] += (square - numbers[ENERGY]) * min(h / (MEMORY * step), 1.0)
+    scalars.energy += (square - scalars.energy) * min(h / (MEMORY * step), 1.0)

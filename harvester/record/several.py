@@ -28,10 +28,14 @@ TIME, DISPLACEMENT, VELOCITY, VOLTAGE, LOAD_POWER, INPUT_POWER, LOSS_POWER, OWN_
     0, FIELDS * TOGETHER, TOGETHER
 )
 TOTALS = FIELDS * TOGETHER
-SQUARES, POWERS, CROSSINGS, IMPACTS, OWN_LOSSES = (
-    TOTALS + TOGETHER * row for row in (1, 4, 7, 8, 9)
-)
+(
+    INTERVALS, SQUARE_VOLTAGES, SQUARE_DISPLACEMENTS, SQUARE_VELOCITIES, LOADS, INPUTS, LOSSES,
+    CROSSINGS, IMPACTS, OWN_LOSSES,
+) = range(TOTALS, TOTALS + 10 * TOGETHER, TOGETHER)  # fmt: skip
 PRODUCT_SUMS = TOTALS + len(QUANTITIES) * TOGETHER
+(
+    VOLTAGE_4, DISPLACEMENT_4, VELOCITY_4, LOAD_2, INPUT_2, LOSS_2, INPUT_LOAD, LOAD_LOSS,
+) = range(PRODUCT_SUMS, PRODUCT_SUMS + 8 * TOGETHER, TOGETHER)  # fmt: skip
 BEFORE, LASTING, LEFT, RIGHT = range(
     TOTALS + SUMS * TOGETHER, TOTALS + (SUMS + 4) * TOGETHER, TOGETHER
 )
@@ -208,25 +212,24 @@ def add_point(
     loads = (load_power, cells[LOAD_POWER + k])
     inputs = (input_power, cells[INPUT_POWER + k])
     losses = (loss_power, cells[LOSS_POWER + k])
-    cells[TOTALS + k] += interval
-    cells[SQUARES + k] += half * (squares[0] + squares[1])
-    cells[SQUARES + TOGETHER + k] += half * (square + earlier_square)
-    cells[SQUARES + 2 * TOGETHER + k] += half * (speeds[0] + speeds[1])
-    cells[POWERS + k] += half * (loads[0] + loads[1])
-    cells[POWERS + TOGETHER + k] += half * (inputs[0] + inputs[1])
-    cells[POWERS + 2 * TOGETHER + k] += half * (losses[0] + losses[1])
+    cells[INTERVALS + k] += interval
+    cells[SQUARE_VOLTAGES + k] += half * (squares[0] + squares[1])
+    cells[SQUARE_DISPLACEMENTS + k] += half * (square + earlier_square)
+    cells[SQUARE_VELOCITIES + k] += half * (speeds[0] + speeds[1])
+    cells[LOADS + k] += half * (loads[0] + loads[1])
+    cells[INPUTS + k] += half * (inputs[0] + inputs[1])
+    cells[LOSSES + k] += half * (losses[0] + losses[1])
     cells[OWN_LOSSES + k] += half * (own_loss + cells[OWN_LOSS + k])
     entered = ((x > high) | (x < low)) & (low <= before) & (before <= high) & measured
     cells[IMPACTS + k] += 1.0 if entered else 0.0
-    products = PRODUCT_SUMS + k
-    cells[products] += half * (squares[0] * squares[0] + squares[1] * squares[1])
-    cells[products + TOGETHER] += half * (square * square + earlier_square * earlier_square)
-    cells[products + 2 * TOGETHER] += half * (speeds[0] * speeds[0] + speeds[1] * speeds[1])
-    cells[products + 3 * TOGETHER] += half * (loads[0] * loads[0] + loads[1] * loads[1])
-    cells[products + 4 * TOGETHER] += half * (inputs[0] * inputs[0] + inputs[1] * inputs[1])
-    cells[products + 5 * TOGETHER] += half * (losses[0] * losses[0] + losses[1] * losses[1])
-    cells[products + 6 * TOGETHER] += half * (inputs[0] * loads[0] + inputs[1] * loads[1])
-    cells[products + 7 * TOGETHER] += half * (loads[0] * losses[0] + loads[1] * losses[1])
+    cells[VOLTAGE_4 + k] += half * (squares[0] * squares[0] + squares[1] * squares[1])
+    cells[DISPLACEMENT_4 + k] += half * (square * square + earlier_square * earlier_square)
+    cells[VELOCITY_4 + k] += half * (speeds[0] * speeds[0] + speeds[1] * speeds[1])
+    cells[LOAD_2 + k] += half * (loads[0] * loads[0] + loads[1] * loads[1])
+    cells[INPUT_2 + k] += half * (inputs[0] * inputs[0] + inputs[1] * inputs[1])
+    cells[LOSS_2 + k] += half * (losses[0] * losses[0] + losses[1] * losses[1])
+    cells[INPUT_LOAD + k] += half * (inputs[0] * loads[0] + inputs[1] * loads[1])
+    cells[LOAD_LOSS + k] += half * (loads[0] * losses[0] + loads[1] * losses[1])
     cells[BEFORE + k], cells[LASTING + k] = before, interval
     cells[TIME + k], cells[DISPLACEMENT + k], cells[VELOCITY + k] = time, x, v
     cells[VOLTAGE + k], cells[LOAD_POWER + k], cells[INPUT_POWER + k] = voltage, loads[0], inputs[0]
