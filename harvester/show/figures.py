@@ -77,7 +77,7 @@ _FORMER = {
     **dict.fromkeys(
         ("draw_result", "draw_density", "frame", "axis_label"), "harvester.results.drawing"
     ),
-    "draw_comparison": "harvester.studies.comparison_drawing",
+    "draw_comparison": "harvester.studies.comparison.drawing",
     "draw_work_precision": "harvester.verification.accuracy.drawing",
 }
 

@@ -17,6 +17,7 @@ from harvester.estimates.estimate import Estimate
 from harvester.files.serialising import fields_of, plain
 from harvester.files.tables import write_csv, write_netcdf
 from harvester.files.writing import in_folder
+from harvester.former_names import handed_on
 from harvester.results.result import with_error
 from harvester.running import Runner
 from harvester.running.folder import held
@@ -448,3 +449,9 @@ def save(study: Study, folder: str | Path | StudyFolder) -> list[str]:
         for draw, picture in zip(drawing.FIGURES, pictures, strict=True):
             figures.save(draw, study, picture)
     return list(LOAD_STUDY_FILES)
+
+
+def __getattr__(name: str) -> object:
+    if name != "load_study":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return handed_on(__name__, "harvester.studies.public", name)
