@@ -117,6 +117,13 @@ def test_the_circuit_is_the_judge(linear, pool):
     assert np.isfinite(found).sum() == len(study.proofs)
 
 
+def test_steps_that_cost_more_than_the_precision_are_told(linear, pool, monkeypatch):
+    monkeypatch.setattr("harvester.studies.loads.evaluation.step_error", lambda *of: 0.3)
+    options = {"method": "monte-carlo", "precision": 0.2, "executor": pool}
+    (point,) = load_study(linear, loads=["resistor"], **options).evaluations
+    assert "the steps may cost 0.3 of a power" in point.outcome
+
+
 def test_a_difference_is_named_and_red(study, capsys):
     proofs = [Proof(4, True, 0.05, 0.01), Proof(2, False, 0.005, 1e-4), Proof(1, False, 0.05, 0.02)]
     proofs.append(Proof(0, False, 0.05, 0.1, early_difference=-0.02, early_standard_error=0.002))
