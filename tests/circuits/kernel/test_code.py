@@ -51,13 +51,18 @@ def law(row, v):
         slope = junction.LARGEST_CURRENT / width
         return junction.LARGEST_CURRENT + slope * (volts - end), slope
 
-    rise, slope = exponential(row[junction.SATURATION], v, swing)
+    saturation = row[junction.SATURATION]
+    rise, slope = exponential(saturation, v, swing)
+    if v < -3.0 * swing:
+        # A blocked junction has a law of its own there, until it lets nothing more through.
+        cube = (3.0 * swing / (v * np.e)) ** 3 if v > junction.BLOCKED * swing else 0.0
+        rise, slope = -saturation * cube, 3.0 * saturation * cube / v
     lost, steep = 0.0, 0.0
     if np.isfinite(row[junction.BREAKDOWN]):
         width = row[junction.BREAKDOWN_SWING]
         beyond = -(v + row[junction.BREAKDOWN])
         lost, steep = exponential(row[junction.BREAKDOWN_CURRENT], beyond, width)
-    current = rise - row[junction.SATURATION] - lost + 1e-12 * v
+    current = rise - saturation - lost + 1e-12 * v
     slope = slope + steep + 1e-12
     charge, capacitance = row[junction.TRANSIT] * current, row[junction.TRANSIT] * slope
     if size:
