@@ -321,24 +321,26 @@ class _Circuit:
         return -1
 
     def _modes(self, y, closed):
-        """Rates of the modes (1/s) and their shapes, one a column."""
+        """Rates of the modes (1/s), and what each moves: all unknowns, and what stores hold."""
         _, slope = self._currents(y, closed, True)
         moved = np.linalg.solve(slope, self._ends @ self._sizes)
         times, shapes = np.linalg.eig(self._ends.T @ moved)
         finite = np.abs(times) > 1.0 / FASTEST
-        return -1.0 / times[finite], moved @ shapes[:, finite]
+        held = shapes[:, finite]
+        return -1.0 / times[finite], moved @ held / times[finite], held
 
     def grows(self, y: np.ndarray, closed: np.ndarray) -> bool:
         """Whether a mode grows there."""
-        rates, _ = self._modes(y, closed)
+        rates, *_ = self._modes(y, closed)
         return bool(np.any(rates.real > GROWING * np.abs(rates)))
 
     def time_constant(
         self, switch: int, before: np.ndarray, y: np.ndarray, closed: np.ndarray
     ) -> float:
         """The shortest of those with which a switch's control goes from one rest to another (s)."""
-        rates, shapes = self._modes(y, closed)
-        shares = np.linalg.pinv(shapes) @ (before - y) if rates.size else np.zeros(0)
+        rates, shapes, held = self._modes(y, closed)
+        # A turn changes nothing of what stores hold; nodes without one jump.
+        shares = np.linalg.pinv(held) @ (self._ends.T @ (before - y)) if rates.size else rates
         known = np.vstack([shapes * shares, np.zeros(rates.size)])
         one, other = self._switches[switch][2]
         parts = np.abs(known[one] - known[other])

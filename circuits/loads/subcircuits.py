@@ -122,6 +122,12 @@ class LoadCircuit:
         return sources_of(self)
 
     @cached_property
+    def periods(self) -> tuple[float, ...]:
+        """Of its sources that repeat themselves (s), each once."""
+        found = (each.wave.period for each in self.elements if each.wave)
+        return tuple(dict.fromkeys(period for period in found if period is not None))
+
+    @cached_property
     def negative_parts(self) -> tuple[str, ...]:
         """Resistors, capacitors and coils in it whose value is below 0."""
         return negative_parts(self)

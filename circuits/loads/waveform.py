@@ -34,6 +34,15 @@ class Waveform(NamedTuple):
     numbers: tuple[float, ...]
 
     @property
+    def period(self) -> float | None:
+        """Time after which it repeats itself (s); None where it does not, or seldom, as "sffm"."""
+        if self.kind == "pulse" and self.numbers[6] < FOREVER:
+            return self.numbers[6]
+        if self.kind == "sin" and not self.numbers[4]:
+            return 1.0 / self.numbers[2]
+        return None
+
+    @property
     def start(self) -> float:
         """Its value at the beginning."""
         first = self.numbers

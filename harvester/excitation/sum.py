@@ -24,6 +24,18 @@ if TYPE_CHECKING:
 MOST_REPEATS, SAME_RATIO = 1000, 1e-9
 
 
+def common_period(periods: Sequence[float]) -> float | None:
+    """The shortest time of whole periods of each (s), where their ratios are simple; else None."""
+    first = periods[0]
+    ratios = [Fraction(each / first).limit_denominator(MOST_REPEATS) for each in periods]
+    pairs = zip(periods, ratios, strict=True)
+    if any(not r or abs(each / first / r - 1.0) > SAME_RATIO for each, r in pairs):
+        return None
+    # The least common multiple of fractions.
+    upper = math.lcm(*(ratio.numerator for ratio in ratios))
+    return first * upper / math.gcd(*(ratio.denominator for ratio in ratios))
+
+
 @dataclass(frozen=True)
 class Sum(Excitation):
     """Several excitations at once, each with random numbers of its own.
@@ -65,18 +77,7 @@ class Sum(Excitation):
     def period(self) -> float | None:
         """The parts' common one, where their ratios are those of small whole numbers."""
         periods = [part.period for part in self.parts]
-        if None in periods:
-            return None
-        first = periods[0]
-        ratios = [Fraction(each / first).limit_denominator(MOST_REPEATS) for each in periods]
-        if any(
-            abs(each / first / r - 1.0) > SAME_RATIO
-            for each, r in zip(periods, ratios, strict=True)
-        ):
-            return None
-        # The least common multiple of fractions.
-        upper = math.lcm(*(ratio.numerator for ratio in ratios))
-        return first * upper / math.gcd(*(ratio.denominator for ratio in ratios))
+        return None if None in periods else common_period(periods)
 
     @property
     def drifts(self) -> bool:

@@ -12,6 +12,7 @@ import numpy as np
 
 from harvester.device import timescales
 from harvester.estimates.batch_means import KNOTS_PER_SAMPLE, batch_counts
+from harvester.excitation.sum import common_period
 from harvester.prepared.paths import noise_path, start_state
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, stop_time
@@ -205,9 +206,21 @@ def empty_moments(scene: Scene) -> Moments:
     return moments
 
 
+def _period(scene):
+    """What means are over whole numbers of: with the load's sources, where a run holds two (s).
+
+    A comparison of a source of 20 Hz under a sine of 12.5 Hz has 1 % less in 0.96 s than in 0.8 s.
+    """
+    own = scene.excitation.period
+    if own is None or not scene.load.circuit:
+        return own
+    common = common_period([own, *scene.load.circuit.periods])
+    return common if common and 2.0 * common <= scene.run.duration * (1.0 + 1e-9) else own
+
+
 def _measured(scene, spacing):
     """When measuring begins (s), and the numbers of batches and groups: whole periods if it can."""
-    run, period = scene.run, scene.excitation.period
+    run, period = scene.run, _period(scene)
     batches, groups = batch_counts(run.realizations, run.duration / spacing)
     if period is None or period > run.duration:
         return run.settle, batches, groups

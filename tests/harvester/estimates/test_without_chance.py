@@ -10,7 +10,7 @@ from harvester.estimates.batch_means import error_without_chance
 from harvester.estimates.of_run import run_estimates
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import step_error
-from harvester.simulation.realization import run
+from harvester.simulation.realization import empty_moments, run
 
 
 def test_equal_batches_have_no_error():
@@ -97,3 +97,38 @@ def test_what_a_bridge_gets_from_a_sine_has_an_error_without_samples():
 
 def test_one_batch_has_no_error():
     assert error_without_chance(np.ones((1, 1))) is None
+
+
+# Under 12.5 Hz in a run of 1 s. With a period of 0.05 s both repeat after 0.4 s.
+OWN_SOURCES = {
+    "no source": ("Rx out ref 1meg", 0.96),
+    "a sine": ("Vs s ref sin(0 5 20)", 0.8),
+    "pulses": ("Vs s ref pulse(0 1 0 1m 1m 24m 50m)", 0.8),
+    "a faster one": ("Vs s ref sin(0 5 100)", 0.96),
+    "two": ("Vs s ref sin(0 5 20)\nVq q ref sin(0 1 25)", 0.8),
+    "one that decays": ("Vs s ref sin(0 5 20 0 3)", 0.96),
+    "one pulse": ("Vs s ref exp(0 1 0.1 0.1 0.3 0.1)", 0.96),
+    "one that repeats once in the run": ("Vs s ref sin(0 5 1.25)", 0.96),
+    "one without a simple ratio": ("Vs s ref sin(0 5 20.123456789)", 0.96),
+}
+
+
+@pytest.mark.parametrize("name", OWN_SOURCES)
+def test_means_are_over_whole_periods_of_the_loads_sources_too(tmp_path, name):
+    """Of a current that 20 Hz turn on, 0.96 s hold 1 % less than 0.8 s do."""
+    source, measured = OWN_SOURCES[name]
+    load = f".subckt load p n out ref\n{source}\nRo out ref 10k\nRg ref n 1k\nRp p n 306k\n.ends\n"
+    (tmp_path / "load.lib").write_text(load)
+    scene = Scene.load("device").replace(
+        {
+            "excitation": {"kind": "sine", "amplitude": 0.5, "frequency": 12.5},
+            "load": {"netlist": str(tmp_path / "load.lib")},
+            "run.settle": 0.5,
+            "run.duration": 1.0,
+            "run.realizations": 1,
+        }
+    )
+    moments = empty_moments(scene)
+    batches = len(moments.integrals)
+    assert batches * moments.batch_length == pytest.approx(measured, rel=1e-9)
+    assert moments.start + measured == pytest.approx(1.5, rel=1e-9)
