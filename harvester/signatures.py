@@ -128,12 +128,16 @@ def records_of(groups: list[list[str]], option: str) -> list[tuple[str, dict[str
             settings[name] = value
             with contextlib.suppress(ValueError):
                 settings[name] = float(value) if "." in name else value
-    for place, (file, settings) in enumerate(files):
-        if (file, settings) in files[:place]:
+    seen: list[tuple[str, dict[str, Any]]] = []
+    for file, settings in files:
+        # One file has several names: ./shaker.csv, a link.
+        one = (os.path.realpath(file), settings)
+        if one in seen:
             raise HarvesterError(
                 f"{option} {named(file)}: is given twice with the same settings, and each record "
                 "counts once: leave one out"
             )
+        seen.append(one)
     return files
 
 

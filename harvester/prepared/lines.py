@@ -74,11 +74,11 @@ def _linear(system):
 
 
 def _responses(ready):
-    """(size, angular frequency) of the velocity at each line."""
+    """(size, angular frequency) of the velocity at each line that is not silent."""
     scene, system = ready.scene, ready.system
     if scene.excitation.prescribes_displacement:
         return []
-    pairs = [(amplitude, 2.0 * math.pi * f) for f, amplitude in scene.excitation.lines]
+    pairs = [(amplitude, 2.0 * math.pi * f) for f, amplitude in scene.excitation.lines if amplitude]
     return [(amplitude * _mobility(system, omega), omega) for amplitude, omega in pairs]
 
 

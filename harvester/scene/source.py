@@ -38,7 +38,7 @@ def tables_of(source: str | Path, overrides: Iterable[str]) -> tuple[dict[str, A
     try:
         text = read_input(path, "scene", LARGEST_SCENE).decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise SceneError(f"{where}: not a TOML file: {error}") from None
+        raise SceneError(f"{where}: not a TOML file: {error}; save it as UTF-8") from None
     tables = read_toml(text, where)
     _locate_files(tables.get("excitation"), path.parent)
     for override in texts(overrides):

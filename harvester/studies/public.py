@@ -272,6 +272,8 @@ def sweep(
 
     clock = time.perf_counter()
     methods = tuple(listed(methods, "methods", METHODS_WRITTEN))
+    if not methods or len(set(methods)) < len(methods):
+        raise HarvesterError(f"methods = {list(methods)}: give each once, and at least one")
     quantities = tuple(listed(quantities, "quantities", QUANTITIES_WRITTEN))
     grid = make_grid(scene, (), over, "over")
     requests = [

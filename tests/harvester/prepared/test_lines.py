@@ -31,6 +31,13 @@ def test_the_line_nearest_to_the_resonance_counts():
     assert line_frequency(prepared(scene)) == pytest.approx(1.05 * OMEGA)
 
 
+def test_a_silent_sine_is_no_line():
+    # The largest answer of none was asked for, and a run ended in a ValueError.
+    silent = driven(OMEGA / (2.0 * math.pi)).replace({"excitation.amplitude": 0.0})
+    assert spread(prepared(silent)) == 0.0
+    assert line_frequency(prepared(silent)) == 0.0
+
+
 def test_one_sine_on_a_linear_device_leaves_the_steps_and_two_close_ones_do_not():
     near, coil = OMEGA / (2.0 * math.pi), {"oscillator.damping": 1e-3, "load.decay_rate": 1e-3}
     one, two = driven(near, **coil), driven(near, 1.02 * near, **coil)

@@ -96,6 +96,8 @@ def test_what_fails_is_the_outcome_of_its_place(pool):
         ({KEY: [1.0, 1.0]}, {}, "each value once"),
         ({KEY: [1.0]}, {"methods": "circuit"}, "methods = 'circuit': is no list"),
         ({KEY: [1.0]}, {"methods": ["spice"]}, "unknown method spice"),
+        ({KEY: [1.0]}, {"methods": []}, "at least one"),
+        ({KEY: [1.0]}, {"methods": ["circuit", "circuit"]}, "each once"),
         (
             {KEY: [1.0]},
             {"methods": ["consistent"], "quantities": ["mean_powr"]},
