@@ -18,7 +18,11 @@ from harvester.estimates.batch_means import (
 from harvester.estimates.means import estimate_all
 from harvester.estimates.measures import without_value
 from harvester.estimates.output_side import estimate_output
-from harvester.estimates.passivity import efficiency_notes, source_notes
+from harvester.estimates.passivity import (
+    efficiency_notes,
+    faint_output_notes,
+    source_notes,
+)
 from harvester.estimates.settling import Shortfall, shortfalls, slow_exchange, withheld
 from harvester.estimates.units import unit_of
 from harvester.estimates.well_balance import weighted, well_balance
@@ -101,6 +105,7 @@ def run_estimates(
         *_without_value(scene.load.circuit, moments),
         *(scene.load.circuit.reading_notes if scene.load.circuit else ()),
         *efficiency_notes(whole, scales.of("power"), unit_of(scene, "power")),
+        *faint_output_notes(whole),
         *(each.note for each in found),
         *slow_exchange(scene, balance),
     )

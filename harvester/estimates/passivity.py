@@ -12,6 +12,10 @@ if TYPE_CHECKING:
 SMALL_EXCESS = 0.01
 # And up to which it is one: a load that loses next to nothing has such an error either way.
 STEPS_OWN_EXCESS = 5e-4
+# Output power over the power put in below which steps may cost it per cents: a step's error is
+# weighed by the transducer's energy. Of 300 random loads at `fine` the engines differed by 1 to
+# 12 % in four, of 1e-8 to 4e-6, and in none above 6e-5.
+FAINT_OUTPUT = 1e-5
 
 
 def efficiency_notes(
@@ -71,6 +75,25 @@ def efficiency_notes(
             "was used or taken back in it; raise run.settle and run.duration",
         )
     return ()
+
+
+def faint_output_notes(estimates: dict[str, Estimate]) -> tuple[str, ...]:
+    """A note on an output so small that steps may cost it more than `step_error` says.
+
+    Parameters
+    ----------
+    estimates : dict of str to Estimate
+        As of `efficiency_notes`.
+    """
+    if "mean_output_power" not in estimates:
+        return ()
+    given, taken = (estimates[f"mean_{name}_power"].estimate for name in ("output", "input"))
+    if not 0.0 < given < FAINT_OUTPUT * taken:
+        return ()
+    return (
+        f"the output power is {given / taken:.1g} of what the base puts in: steps may cost it per "
+        "cents, compare with --step finest",
+    )
 
 
 def source_notes(load: Any) -> tuple[str, ...]:
