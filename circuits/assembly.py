@@ -22,7 +22,6 @@ from harvester.excitation import PrescribedDisplacement
 from harvester.prepared.paths import start_state
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, steps_per_knot, stop_time
-from harvester.scene.units import setting
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -340,9 +339,9 @@ def _add_mechanics(circuit, system, rate, step, start):
 
 def network(scene: Scene) -> Network:
     """The transducer of a scene as elements: `harvester.device.terminals.Network`."""
-    system = prepared(scene).system
-    rate = timescales.angular_frequency(system)
-    return scene.transducer.network(setting(scene), system.transducer, rate)
+    ready = prepared(scene)
+    rate = timescales.angular_frequency(ready.system)
+    return scene.transducer.network(ready.setting, ready.system.transducer, rate)
 
 
 def _state_vector(electrical):

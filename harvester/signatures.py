@@ -170,7 +170,6 @@ def _share(value: Any) -> bool:
     return isinstance(value, numbers.Real) and 0.0 < float(value) < 1.0
 
 
-GRID_HELP = "FIRST:LAST:log:NUMBER, FIRST:LAST:linear:NUMBER, or numbers between commas"
 Step = Annotated[str | float, Kind("STEP")]
 Seed = Annotated[int, Kind("SEED")]
 Seconds = Annotated[float, Kind("SECONDS", "a number of seconds > 0", _positive)]

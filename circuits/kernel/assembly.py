@@ -21,7 +21,6 @@ from circuits.loads.part_values import capacitance, conductance, jumping_sources
 from harvester.device import timescales
 from harvester.device.terminals import GROUND, LOAD_AMMETER
 from harvester.prepared.prepared import prepared
-from harvester.scene.units import setting
 
 if TYPE_CHECKING:
     from circuits.loads.measurement import Measurement
@@ -54,7 +53,7 @@ def collect(scene: Scene, whole: bool = True) -> tuple[Builder, Measurement, Pro
     system, scales = ready.system, ready.scales
     load = scene.load.circuit
     rate = timescales.angular_frequency(system)
-    network = scene.transducer.network(setting(scene), system.transducer, rate)
+    network = scene.transducer.network(ready.setting, system.transducer, rate)
     b = Builder()
     inside = b.node(DEVICE + network.terminal)
     outside = b.node(circuit_elements.behind_ammeter(network))

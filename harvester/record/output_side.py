@@ -131,11 +131,6 @@ class OutputMoments:
         )
         self.time, self.voltage = float(time[-1]), float(voltage[-1])
 
-    @property
-    def has_started(self) -> bool:
-        """Whether there ever was a voltage."""
-        return bool(np.isfinite(self.passages).any())
-
     def passage(self, voltage: float) -> float:
         """When the output's size first reached a voltage (s); nan: never."""
         reached = np.isfinite(self.passages)

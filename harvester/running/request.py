@@ -207,11 +207,10 @@ def answering(
     """
     if request.is_averaged:
         return (yield from _averaged(request, density or request.density))
-    if request.method == "monte-carlo":
-        try:
-            ENGINES["monte-carlo"].check(request.scene)
-        except HarvesterError as error:
-            return error
+    try:
+        ENGINES[request.method].check(request.scene)
+    except HarvesterError as error:
+        return error
     return (yield from _simulated(request, version, density or request.density))
 
 

@@ -38,9 +38,9 @@ def checked_method(scene: Scene, method: str | None) -> str:
         return "monte-carlo"
     known: ChainMap[str, Any] = ChainMap(ENGINES, CLOSURES)
     check_name("method", method, known)
-    if method == "monte-carlo":
-        ENGINES["monte-carlo"].check(scene)
-    elif method != "circuit":
+    if method in ENGINES:
+        ENGINES[method].check(scene)
+    else:
         require_resistor(scene, method)
     return method
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import ChainMap
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -356,7 +357,8 @@ def load_study(
     from harvester.version import __version__
 
     clock = time.monotonic()
-    check_name("method", method, (JUDGED, *ENGINES, *CLOSURES))
+    known: ChainMap[str, Any] = ChainMap({JUDGED: None}, ENGINES, CLOSURES)
+    check_name("method", method, known)
     step = check_step(step)
     statistical = method not in CLOSURES
     if precision and statistical:
