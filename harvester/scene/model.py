@@ -28,7 +28,7 @@ from harvester.scene.toml import plain_tables
 from harvester.scene.units import scale
 
 # Keys that a scene is written without where they hold what they hold without being given.
-RARE_KEYS = ("quadratic_damping", "side", "exponent", "law")
+RARE_KEYS = ("base_factor", "quadratic_damping", "side", "exponent", "law")
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,7 @@ class Oscillator:
     `restoring_force` holds F0, k1, k2, … of F(x) = F0 + k1 x + k2 x² + …; `linear_stiffness` and
     `cubic_stiffness` are the short form of (0, k1, 0, k3). SI: kg, N s/m, N s²/m² for
     `quadratic_damping`, N, N/m, N/m², …. Scaled: c, −ω0², κ of Eq. 4a and so on, and no mass.
+    `base_factor` is μ: the base's acceleration counts μ times in a lumped mode of a beam.
     """
 
     damping: float
@@ -46,6 +47,7 @@ class Oscillator:
     mass: float | None = None
     restoring_force: tuple | None = None
     quadratic_damping: float = 0.0
+    base_factor: float = 1.0
 
     @property
     def coefficients(self) -> tuple[float | None, ...]:

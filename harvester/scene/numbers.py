@@ -8,7 +8,7 @@ from harvester.device.keys import Key
 from harvester.errors import HarvesterError
 from harvester.excitation import KINDS
 from harvester.files.plain_text import named, nearest
-from harvester.scene.schema import table_keys
+from harvester.scene.schema import OTHER_KEYS, table_keys
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -33,6 +33,9 @@ def numbers(scene: Scene) -> dict[str, Any]:
     for name, keys in {**table_keys(), "excitation": scene.excitation.KEYS}.items():
         if name != "run":
             _collect(found, name, tables.get(name, {}), lambda _, keys=keys: keys)
+    # Every scene has this one, and is written without it where it is 1.
+    factor = scene.oscillator.base_factor, OTHER_KEYS["oscillator"]["base_factor"]
+    found.setdefault("oscillator.base_factor", factor)
     circuit = scene.load.circuit
     if circuit:
         for name, value in {**dict(circuit.defaults), **dict(circuit.parameters)}.items():

@@ -38,6 +38,7 @@ OTHER_KEYS: dict[str, Any] = {
         "linear_stiffness": Key(),
         "cubic_stiffness": not_negative(),
         "restoring_force": Key(each=Key(), count=(2, 8)),
+        "base_factor": positive(),
     },
     "stoppers": {
         "gap": positive(required=True),

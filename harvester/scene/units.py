@@ -80,7 +80,12 @@ def scale(scene: Scene) -> tuple[System, Scales]:
     volts = scene.transducer.voltage_unit(place)
     system = System(**parts, transducer=transducer, noise=Noise(math.nan, math.inf))
     scales = Scales(displacement=length, voltage=volts, power=mass * length**2)
-    return _with_noise(system, scene.excitation, length), scales
+    return _with_noise(system, scene.excitation, excitation_unit(scene, length)), scales
+
+
+def excitation_unit(scene: Scene, length: float) -> float:
+    """The base's acceleration for one unit of η, l/μ: the base's counts μ times on a mode."""
+    return length / scene.oscillator.base_factor
 
 
 def _scaled_force(oscillator, mass, length):
@@ -107,11 +112,11 @@ def _contact(stopper, side, mass, length):
     return Contact(SIDES[side], stopper.gap / length, law)
 
 
-def _with_noise(system, excitation, length):
-    """The system with the D and τ1 of the excitation, or of its equivalent."""
+def _with_noise(system, excitation, unit):
+    """The system with the D and τ1 of the excitation, or of its equivalent, on the mass."""
     longest = longest_spacing(system)
     intensity, time = excitation.equivalent_noise(timescales.relaxation_time(system), longest)
-    return system._replace(noise=Noise(intensity / length**2, time))
+    return system._replace(noise=Noise(intensity / unit**2, time))
 
 
 def longest_spacing(system: System) -> float:
@@ -193,7 +198,8 @@ def length_scale(scene: Scene) -> float:
     relaxation_time = mass / damping if damping else 1.0
     intensity, time = scene.excitation.equivalent_noise(relaxation_time, longest)
     rate = damping / mass or 1.0 / time
-    return math.sqrt(intensity / (rate * (stiffness or rate**2)))
+    factor = scene.oscillator.base_factor
+    return factor * math.sqrt(intensity / (rate * (stiffness or rate**2)))
 
 
 def _farthest_well(oscillator):

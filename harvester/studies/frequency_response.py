@@ -229,7 +229,7 @@ def run(
     chosen = ENGINES[engine]
     excitation: Any = scene.excitation
     ready = prepared(scene)
-    path = excitation.path(knot_spacing(ready), ready.scales.displacement, None)
+    path = excitation.path(knot_spacing(ready), ready.excitation_unit, None)
     windows = []
     for place, frequency in enumerate(excitation.frequencies):
         end = (place + 1) * excitation.dwell
