@@ -11,6 +11,8 @@ import numpy as np
 
 from harvester.device import system as device
 from harvester.device.damper import QuadraticDamper
+from harvester.device.polynomial import Polynomial
+from harvester.device.ranged import Ranged
 from harvester.errors import HarvesterError, IdentificationError
 from harvester.identification.unknowns import BASE_FACTOR, with_values
 from harvester.monte_carlo.sampled import states_at_samples
@@ -266,6 +268,10 @@ def _general(system):
 
 
 def _padded(spring: Spring) -> Spring:
+    if isinstance(spring, Ranged):
+        return spring._replace(spring=_padded(spring.spring))
+    if not isinstance(spring, Polynomial):
+        return spring
     size = 2 if max(len(spring.even), len(spring.odd)) <= 2 else 4
 
     def filled(values, length):

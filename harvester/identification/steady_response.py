@@ -111,8 +111,7 @@ class SteadyResponses(Responses):
 def _taylor(system):
     """Stiffness where the device rests, and its slope over the squared amplitude."""
     rest = timescales.rest(system)
-    force = np.polynomial.Polynomial(system.spring.coefficients)
-    linear, square, cube = (force.deriv(n)(rest) / math.factorial(n) for n in (1, 2, 3))
+    linear, square, cube = system.spring.taylor(rest)
     return linear, 0.75 * cube - (5.0 / 6.0 * square**2 / linear if linear > 0.0 else 0.0)
 
 

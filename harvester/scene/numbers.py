@@ -81,7 +81,11 @@ def _collect(found, name, values, keys_of):
             continue
         if spec.each and spec.each.kind is dict:
             _collect(found, f"{name}.{key}", values[key], lambda part: KINDS[part["kind"]].KEYS)
-        elif spec.each and spec.each.kind is float and name == "oscillator":
+        elif _is_list_of_numbers(spec) and name == "oscillator":
             found |= {f"{name}.{key}[{n}]": (each, spec.each) for n, each in enumerate(values[key])}
         elif spec.kind is float and not spec.words and not spec.each:
             found[f"{name}.{key}"] = values[key], spec
+
+
+def _is_list_of_numbers(spec):
+    return spec.each is not None and spec.each.kind is float and spec.each.each is None

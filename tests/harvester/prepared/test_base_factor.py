@@ -1,6 +1,5 @@
 """[oscillator] base_factor: the base's acceleration counts μ times on a lumped mode."""
 
-
 import numpy as np
 import pytest
 
