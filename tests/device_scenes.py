@@ -60,7 +60,7 @@ DEVICES = {
         },
     },
     "softening in a range": {
-        "excitation": {**SCALED["excitation"], "intensity": 0.01},
+        "excitation": {**SCALED["excitation"], "intensity": 0.04},
         "oscillator": {
             "damping": 0.1,
             "restoring_force": [0.02, 2.0, 0.0, -0.6],
@@ -130,6 +130,8 @@ FOLLOWED = ("uneven stoppers", "leak", "coil with inductance")
 
 # Seeds whose paths keep off the tops of barriers, where any difference doubles in every period.
 SEEDS = {
+    "table": 7,
+    "smoothed table": 18,
     "degree 7": 6,
     "leak, scaled": 2,
     "bias and quadratic term": 1,

@@ -199,7 +199,7 @@ class _Regression:
 
     def _degree(self):
         oscillator = self.scene.oscillator
-        return max(n for n, k in enumerate(oscillator.coefficients) if k or n == 1)
+        return max((n for n, k in enumerate(oscillator.coefficients) if k or n == 1), default=1)
 
     def _columns(self, share):
         """Integrals of what the coefficients multiply, and its names; all over s."""

@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
 
+# Where a scene is computed and where its spring holds is no property of the device.
+NOT_VARIED = ("knot_spacing", "restoring_force_range")
+
+
 def numbers(scene: Scene) -> dict[str, Any]:
     """Those of its device, load and excitation, not those of its run.
 
@@ -77,7 +81,7 @@ def _collect(found, name, values, keys_of):
             _collect(found, f"{name}[{place}]", each, keys_of)
         return
     for key, spec in keys_of(values).items():
-        if key not in values or key == "knot_spacing":
+        if key not in values or key in NOT_VARIED:
             continue
         if spec.each and spec.each.kind is dict:
             _collect(found, f"{name}.{key}", values[key], lambda part: KINDS[part["kind"]].KEYS)
