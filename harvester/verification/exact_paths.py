@@ -166,10 +166,12 @@ def _spring_equations(spring):
         return _spring_equations(spring.spring)
     if isinstance(spring, ForceTable) and not spring.straight:
         return _table_equations(spring)
-    if not isinstance(spring, Polynomial | ForceTable):
+    if isinstance(spring, ForceTable):
+        powers = list(enumerate(spring.core))
+    elif isinstance(spring, Polynomial):
+        powers = list(enumerate(spring.coefficients))
+    else:
         raise _not_written_out(spring)
-    table = isinstance(spring, ForceTable)
-    powers = list(enumerate(spring.core if table else spring.coefficients))
     return (
         lambda x: sum(k * x**n for n, k in powers),
         lambda place, stop: sum(
