@@ -72,3 +72,18 @@ def test_the_bases_factor_is_found_where_the_sensors_scale_is_known():
     assert near(found.fitted, "oscillator.damping", 0.03)
     assert found.values["oscillator.base_factor"] == pytest.approx(1.4, rel=0.02)
     assert "accelerometer's scale" in found.scene_text()
+
+
+@pytest.mark.exhaustive
+def test_a_table_stays_as_it_is_and_the_rest_is_found():
+    force = [0.0, STIFFNESS, 0.0, 0.4 * STIFFNESS / REACH**2]
+    truth = device(force)
+    x = np.linspace(-2.0 * REACH, 2.0 * REACH, 33)
+    table = [[float(each), float(force[1] * each + force[3] * each**3)] for each in x]
+    start = truth.replace({"oscillator.force_table": table, "oscillator.damping": 0.035})
+    found = identify(start, record(truth, 24, samples=6000), compare=False)
+    assert found.scene.oscillator.force_table == start.oscillator.force_table
+    # The interpolation of the table is 3e-3 of the stiffness off, more than the record's noise.
+    assert found.values["oscillator.damping"] == pytest.approx(0.03, rel=0.01)
+    assert found.values["piezo.coupling"] == pytest.approx(1e-3, rel=0.01)
+    assert found.values["piezo.capacitance"] == pytest.approx(5e-8, rel=0.01)
