@@ -129,7 +129,8 @@ def run_realizations(
             if outputs is not None:
                 unit = circuit.probes.units[3]
                 values = circuit.measurement.values(record.time, output[1:], unit)
-                outputs[k].add(record.time, output[0], values)
+                levels = circuit.measurement.levels(output[1:])
+                outputs[k].add(record.time, output[0], values, levels)
         if outputs is not None:
             unit = circuit.probes.units[3] * scales.voltage**2
             outputs[k].conductance = unit * circuit.conductance
