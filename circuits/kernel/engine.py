@@ -193,7 +193,7 @@ def integrate(
     state.scalars[0].proposed = stepping.RESTART * path.spacing / steps_per_knot
     state.scalars[0].line = line
     record = empty_record(CHUNK)
-    output = np.zeros((1 + len(circuit.measurement.watched), CHUNK))
+    output = np.zeros((1 + len(circuit.measurement.watched), CHUNK + 72))
     spent, reached, plan = time.thread_time(), 0.0, NO_PLAN
     moves = circuit.course.steps(path.spacing / steps_per_knot) if circuit.course else None
     most = max(AHEAD // steps_per_knot, 1) if moves else CHUNK
