@@ -12,11 +12,17 @@ from harvester.estimates.estimate import Density
 from harvester.record.moments import HISTOGRAMS
 
 if TYPE_CHECKING:
+    from harvester.estimates.well_balance import WellBalance
     from harvester.record.moments import Moments
 
 
-def densities(moments: list[Moments], symmetric: bool = True) -> dict[str, Density]:
+def densities(
+    moments: list[Moments], symmetric: bool = True, balance: WellBalance | None = None
+) -> dict[str, Density]:
     """Densities of displacement, velocity and voltage, {name: Density}, scaled units.
+
+    `balance` is that of the wells by whose weights the moments are weighted. There are no error
+    bars where it gives none.
 
     `symmetric` says that −η is as likely as η. Eq. 4 is then the same for (−X, −V, −η), so each
     value counts half for its mirror image: a run that spent its time in one well would else give
@@ -29,15 +35,18 @@ def densities(moments: list[Moments], symmetric: bool = True) -> dict[str, Densi
         if symmetric:
             groups = 0.5 * (groups + groups[:, ::-1])
         times = groups.sum(axis=1)
-        groups = groups[times > 0.0]
-        times = times[times > 0.0]
-        if times.size == 0:
+        if not times.any():
             continue
+        if balance is None:
+            groups, times = groups[times > 0.0], times[times > 0.0]
         density = groups.sum(axis=0) / (times.sum() * width)
         error = None
         if len(groups) >= FEWEST_BATCHES:
             each = (groups / width - density * times[:, None]) / times.mean()
-            error = each.std(axis=0, ddof=1) / math.sqrt(len(groups))
+            if balance is None:
+                error = each.std(axis=0, ddof=1) / math.sqrt(len(groups))
+            else:
+                error = _with_rates(each, balance)
         bins = groups.shape[1]
         centre = (np.arange(bins) - bins // 2 + 0.5) * width
         used = np.flatnonzero(density)
@@ -46,6 +55,22 @@ def densities(moments: list[Moments], symmetric: bool = True) -> dict[str, Densi
             centre[inside], density[inside], None if error is None else error[inside], name
         )
     return result
+
+
+def _with_rates(each, balance):
+    """Errors that hold the rates of jumps as well; None where one is not known."""
+    realizations = len(balance.weights)
+    joined = balance.in_groups(len(each) // realizations)
+    if joined is None:
+        return None
+    used = np.flatnonzero(each.any(axis=0))
+    errors = np.zeros(each.shape[1])
+    for place in used:
+        error = joined.error(each[:, place].reshape(realizations, -1))
+        if error is None:
+            return None
+        errors[place] = error
+    return errors
 
 
 def _rebinned(moments, row, width):

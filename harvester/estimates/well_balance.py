@@ -90,8 +90,7 @@ class WellBalance:
         off = self.weights[:, :, None] * (self.features - self.balanced)
         slopes = _slopes(off, series)
         within = series - off @ slopes
-        # A jump out of a well makes the next one out of it wait.
-        error = standard_error(within + self.innovations @ slopes, LEAST_CORRELATION)
+        error = self.error_of_parts(within + self.innovations @ slopes)
         own = standard_error(within)
         if error is None or own is None:
             return None
@@ -103,6 +102,42 @@ class WellBalance:
         if samples < FEWEST_JUMPS * known:
             return None
         return error * math.sqrt(series.size / (series.size - len(slopes)))
+
+    def parts(self, series: np.ndarray) -> np.ndarray:
+        """What each batch adds to a mean's deviation: within the wells, and by its jumps.
+
+        Parameters
+        ----------
+        series : ndarray, shape (realizations, batches)
+            What the weighted batches lie off their mean.
+        """
+        off = self.weights[:, :, None] * (self.features - self.balanced)
+        slopes = _slopes(off, series)
+        return series - off @ slopes + self.innovations @ slopes
+
+    @staticmethod
+    def error_of_parts(parts: np.ndarray) -> float | None:
+        """Standard error of the mean of `parts`, or of a combination of several results'."""
+        # A jump out of a well makes the next one out of it wait.
+        return standard_error(parts, LEAST_CORRELATION)
+
+    def in_groups(self, groups: int) -> WellBalance | None:
+        """The same of batches joined into so many groups a realization; None: they do not fit."""
+        realizations, batches = self.weights.shape
+        if not groups or batches % groups:
+            return None
+
+        def joined(rows):
+            return rows.reshape(realizations, groups, batches // groups, -1).mean(axis=2)
+
+        features = joined(self.weights[:, :, None] * (self.features - self.balanced))
+        weights = joined(self.weights)[:, :, 0]
+        return replace(
+            self,
+            weights=np.ones_like(weights),
+            features=features + self.balanced,
+            innovations=joined(self.innovations),
+        )
 
     def without_wells(self, series: np.ndarray) -> np.ndarray:
         """A series of batches, not weighted, less what the wells do to it; its mean stays."""

@@ -14,6 +14,7 @@ from harvester.estimates.batch_means import measured_time
 from harvester.estimates.densities import densities
 from harvester.estimates.joint_density import joint_density as joint_density_of
 from harvester.estimates.of_run import run_estimates
+from harvester.estimates.settling import slow_exchange
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, step_error, steps_per_knot
 from harvester.results.residual_cause import suspected_cause
@@ -49,11 +50,13 @@ def result_of(
     last = max(realization.ended for realization in realizations)
     cost = step_error(ready, step, engine)
     found = run_estimates(scene, moments, cost)
-    shapes = densities(found.moments, is_symmetric(scene, parameters))
+    shapes = densities(found.moments, is_symmetric(scene, parameters), found.balance)
     joints = [realization.joint for realization in realizations if realization.joint is not None]
     joint = joint_density_of(joints, is_symmetric(scene, parameters)) if joints else None
     if found.shortfalls:
         shapes = {name: replace(shape, standard_error=None) for name, shape in shapes.items()}
+    if found.shortfalls or slow_exchange(scene, found.balance):
+        # Its samples have no weights: their shares of the wells are those of the starts.
         joint = joint and replace(joint, standard_error=None)
     return Result(
         scene=scene,
