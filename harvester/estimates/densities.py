@@ -46,7 +46,7 @@ def densities(
             if balance is None:
                 error = each.std(axis=0, ddof=1) / math.sqrt(len(groups))
             else:
-                error = _with_rates(each, balance)
+                error = balance.errors_of_groups(each)
         bins = groups.shape[1]
         centre = (np.arange(bins) - bins // 2 + 0.5) * width
         used = np.flatnonzero(density)
@@ -55,22 +55,6 @@ def densities(
             centre[inside], density[inside], None if error is None else error[inside], name
         )
     return result
-
-
-def _with_rates(each, balance):
-    """Errors that hold the rates of jumps as well; None where one is not known."""
-    realizations = len(balance.weights)
-    joined = balance.in_groups(len(each) // realizations)
-    if joined is None:
-        return None
-    used = np.flatnonzero(each.any(axis=0))
-    errors = np.zeros(each.shape[1])
-    for place in used:
-        error = joined.error(each[:, place].reshape(realizations, -1))
-        if error is None:
-            return None
-        errors[place] = error
-    return errors
 
 
 def _rebinned(moments, row, width):
