@@ -30,6 +30,7 @@ from harvester.prepared.prepared import prepared
 
 if TYPE_CHECKING:
     from harvester.estimates.estimate import Estimate
+    from harvester.estimates.well_balance import WellBalance
     from harvester.record.moments import Moments
     from harvester.scene.model import Scene
 
@@ -52,6 +53,8 @@ class RunEstimates:
         With the weights of `harvester.estimates.well_balance`, where wells differ.
     error : callable
         The error of a mean from batches of these.
+    balance : WellBalance or None
+        Of the jumps between wells, where these differ.
     """
 
     whole: dict[str, Estimate]
@@ -60,6 +63,7 @@ class RunEstimates:
     notes: tuple[str, ...]
     moments: list[Moments] = field(repr=False)
     error: Callable = field(repr=False)
+    balance: WellBalance | None = field(repr=False)
 
     @property
     def scaled(self) -> dict[str, Estimate]:
@@ -110,7 +114,7 @@ def run_estimates(
         *slow_exchange(scene, balance),
     )
     residual = energy_balance_residual(moments, system)
-    return RunEstimates(whole, found, residual, notes, balanced, error)
+    return RunEstimates(whole, found, residual, notes, balanced, error, balance)
 
 
 def _without_value(load, moments):

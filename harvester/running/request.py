@@ -357,8 +357,10 @@ def _answer(request, good, ended):
     if not abs(found.residual) <= LARGEST_RESIDUAL:
         return not_balanced(found.residual), 0.0
     reached, unseen = _reached(request, scene, parameters, found.whole)
-    shapes = densities(found.moments, is_symmetric(scene, parameters)) if request.density else {}
-    shape = shapes.get("displacement")
+    shape = None
+    if request.density:
+        even = is_symmetric(scene, parameters)
+        shape = densities(found.moments, even, found.balance).get("displacement")
     if found.shortfalls and shape:
         shape = replace(shape, standard_error=None)
     notes = [*notes_on_excitation(scene), *found.notes, *residual_notes(found.residual)]
