@@ -22,7 +22,7 @@ def estimates_at(intensity, **changes):
     scene = Scene.load("asymmetric").replace({"excitation.intensity": intensity, **changes})
     indices = list(range(scene.run.realizations))
     found = run(scene, MonteCarlo(), indices, None, lambda _: None)
-    return run_estimates(scene, [each.moments for each in found])
+    return run_estimates(prepared(scene), [each.moments for each in found])
 
 
 def test_two_wells_exchange_by_the_sum_of_their_rates():
@@ -137,6 +137,6 @@ def test_a_symmetric_device_keeps_its_error_bars_without_jumps_under_a_record(tm
     scene = Scene.load("device").replace({"excitation": record, **length})
     found = run(scene, MonteCarlo(), [0, 1, 2, 3], None, lambda _: None)
     assert not any(each.moments.jumps.counts.any() for each in found)
-    estimates = run_estimates(scene, [each.moments for each in found]).scaled
+    estimates = run_estimates(prepared(scene), [each.moments for each in found]).scaled
     assert estimates[SHARE].standard_error is None
     assert math.isfinite(estimates["mean_power"].standard_error)
