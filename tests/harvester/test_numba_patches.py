@@ -47,10 +47,10 @@ def test_the_tables_of_normal_numbers_are_those_of_the_ziggurat():
 
 @pytest.mark.slow
 def test_a_settings_file_of_the_working_folder_is_not_read(tmp_path):
-    (tmp_path / ".numba_config.yaml").write_text("opt: 0\n")
+    (tmp_path / ".numba_config.yaml").write_text('opt: "0"\n')
     program = (
-        "from harvester.compilation import compiled, numba; "
-        "compiled(lambda x: x)(1.0); print(numba.core.config.OPT)"
+        "from harvester.compilation import numba; "
+        "numba.njit(lambda x: x)(1.0); print(int(numba.core.config.OPT))"
     )
     here = str(Path(__file__).parents[2])
     call = [sys.executable, "-c", program]
