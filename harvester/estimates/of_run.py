@@ -26,11 +26,11 @@ from harvester.estimates.passivity import (
 from harvester.estimates.settling import Shortfall, shortfalls, slow_exchange, withheld
 from harvester.estimates.units import unit_of
 from harvester.estimates.well_balance import weighted, well_balance
-from harvester.prepared.prepared import prepared
 
 if TYPE_CHECKING:
     from harvester.estimates.estimate import Estimate
     from harvester.estimates.well_balance import WellBalance
+    from harvester.prepared.prepared import Prepared
     from harvester.record.moments import Moments
     from harvester.scene.model import Scene
 
@@ -72,13 +72,13 @@ class RunEstimates:
 
 
 def run_estimates(
-    scene: Scene, moments: Sequence[Moments], step_error: float = 0.0
+    ready: Prepared, moments: Sequence[Moments], step_error: float = 0.0
 ) -> RunEstimates:
     """Estimates from the moments of a scene's realizations.
 
     Parameters
     ----------
-    scene : Scene
+    ready : Prepared
     moments : sequence of Moments
     step_error : float
         Share that the steps may cost, see `harvester.prepared.steps.step_error`: where nothing is
@@ -89,8 +89,7 @@ def run_estimates(
     SceneError
         No step of the run lies in its measured time.
     """
-    ready = prepared(scene)
-    system, scales = ready.system, ready.scales
+    scene, system, scales = ready.scene, ready.system, ready.scales
     moments = list(moments)
     if not measured_time(moments) > 0.0:
         raise SceneError(
@@ -102,7 +101,7 @@ def run_estimates(
     error = balance.error if balance else error_of(scene)
     whole = estimate_all(balanced, system, error) | estimate_output(balanced, error)
     whole = {name: with_steps(scene, each, step_error) for name, each in whole.items()}
-    found = shortfalls(scene, system, moments, whole, balance)
+    found = shortfalls(ready, moments, whole, balance)
     notes = (
         *source_notes(scene.load.circuit),
         *_loose_nodes(scene.load.circuit),

@@ -49,7 +49,7 @@ def result_of(
     first = min(realization.started for realization in realizations)
     last = max(realization.ended for realization in realizations)
     cost = step_error(ready, engine.step, engine.name)
-    found = run_estimates(scene, moments, cost)
+    found = run_estimates(ready, moments, cost)
     shapes = densities(found.moments, is_symmetric(scene, parameters), found.balance)
     joints = [realization.joint for realization in realizations if realization.joint is not None]
     joint = joint_density_of(joints, is_symmetric(scene, parameters)) if joints else None

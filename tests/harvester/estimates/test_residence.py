@@ -25,7 +25,7 @@ def estimates_at(intensity, **changes):
     scene = Scene.load("asymmetric").replace({"excitation.intensity": intensity, **changes})
     indices = list(range(scene.run.realizations))
     found = run(scene, MonteCarlo(), indices, None, lambda _: None)
-    return run_estimates(scene, [each.moments for each in found])
+    return run_estimates(prepared(scene), [each.moments for each in found])
 
 
 def test_two_wells_exchange_by_the_sum_of_their_rates():
@@ -97,7 +97,7 @@ def two_wells(seed):
 def test_a_density_has_the_error_of_the_rates_of_jumps():
     """An error bar from 190 jumps is known to a twelfth; the scatter of groups is two thirds."""
     scene, moments, share, error = two_wells(3)
-    found = run_estimates(scene, moments)
+    found = run_estimates(prepared(scene), moments)
     density = densities(found.moments, False, found.balance)["displacement"]
     width = moments[0].bin_widths[0]
     assert abs(density.density[0] * width - share) < 4.0 * error
@@ -107,7 +107,7 @@ def test_a_density_has_the_error_of_the_rates_of_jumps():
 def test_a_density_of_wells_that_are_seldom_left_has_no_error_bar():
     scene = Scene.load("asymmetric")
     moments = telegraph(scene, (1e-3, 1e-3), np.array([3.0, 1.0]), np.random.default_rng(4))
-    found = run_estimates(scene, moments)
+    found = run_estimates(prepared(scene), moments)
     assert densities(found.moments, False, found.balance)["displacement"].standard_error is None
 
 
@@ -186,6 +186,6 @@ def test_a_symmetric_device_keeps_its_error_bars_without_jumps_under_a_record(tm
     scene = Scene.load("device").replace({"excitation": record, **length})
     found = run(scene, MonteCarlo(), [0, 1, 2, 3], None, lambda _: None)
     assert not any(each.moments.jumps.counts.any() for each in found)
-    estimates = run_estimates(scene, [each.moments for each in found]).scaled
+    estimates = run_estimates(prepared(scene), [each.moments for each in found]).scaled
     assert estimates[SHARE].standard_error is None
     assert math.isfinite(estimates["mean_power"].standard_error)
