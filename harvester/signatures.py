@@ -112,6 +112,15 @@ def ranges_of(texts: list[str], option: str) -> dict[str, tuple[float, float] | 
     return found
 
 
+def window_of(text: str, option: str) -> tuple[float, float]:
+    """Two times in seconds from START:END."""
+    try:
+        start, stop = map(float, text.split(":"))
+    except ValueError:
+        raise HarvesterError(f"{option} {named(text)}: write it as START:END, in s") from None
+    return start, stop
+
+
 def records_of(groups: list[list[str]], option: str) -> list[tuple[str, dict[str, Any]]]:
     """Files with their settings: words with = belong to the file before them."""
     files: list[tuple[str, dict[str, Any]]] = []
@@ -189,6 +198,8 @@ Ranges = Annotated[
     str | Mapping[str, tuple | None],
     Kind("TABLE.KEY[=LOW:HIGH]", read=ranges_of, again=True),
 ]
+Window = Annotated[tuple[float, float], Kind("START:END", read=window_of)]
+Nodes = Annotated[Sequence[str], Kind("NAME", option="node", again=True)]
 Loads = Annotated[Sequence[str], Kind("NAME|PATH", option="load", again=True)]
 Overrides = Annotated[Sequence[str], Kind("TABLE.KEY=VALUE", option="set", again=True)]
 

@@ -17,7 +17,7 @@ from circuits.loads.dialects import ambiguity
 from circuits.loads.elements import Element
 from circuits.loads.expansion import Expansion
 from circuits.loads.flattening import calls, elements, outermost
-from circuits.loads.kinds import LEVEL, OUTPUT
+from circuits.loads.kinds import LEVEL, OUTPUT, PROBE
 from circuits.loads.load_checks import check_load, check_needs, loose_nodes
 from circuits.loads.load_watch import Watch, watch_of
 from circuits.loads.measurement import evaluated
@@ -76,6 +76,8 @@ class LoadCircuit:
         Of a load that is one resistor between p and n, in Ω.
     measures : tuple of circuits.loads.measures.Measure
         What its file wants to have measured.
+    probes : tuple of str
+        Nodes, and currents "i(name)", that a waveform is to hold; see `with_probes`.
     file : str
         Name of the file that its sub-circuit stands in.
     ambiguity : str
@@ -92,6 +94,7 @@ class LoadCircuit:
     switches: bool
     resistance: float | None
     measures: tuple = ()
+    probes: tuple[str, ...] = ()
     file: str = field(default="", compare=False)
     elements: tuple[Element, ...] = field(default=(), compare=False, repr=False)
     ambiguity: str = field(default="", compare=False)
@@ -180,8 +183,9 @@ class LoadCircuit:
 
     @property
     def recorded(self) -> tuple[tuple[str, str], ...]:
-        """Kind and name of each value kept of a run: those measured, and its levels."""
-        return self.measured + tuple((LEVEL, name) for name in self.levels)
+        """Kind and name of each value kept of a run: those measured, its levels, its probes."""
+        levels = tuple((LEVEL, name) for name in self.levels)
+        return self.measured + levels + tuple((PROBE, name) for name in self.probes)
 
 
 def load_names() -> list[str]:

@@ -97,6 +97,8 @@ class Study(Command):
         Of the result: whether the exit code is 1.
     json : bool
         Whether there is --json.
+    waveform : bool
+        Whether there is --waveform, which gets the result's `waveform`.
     page : bool
         Whether there is --report, which gets the result's `page()`.
     files : tuple of str
@@ -113,6 +115,7 @@ class Study(Command):
     stem: str = ""
     failed: Callable[[Any], bool] | None = None
     json: bool = True
+    waveform: bool = False
     page: bool = False
     files: Sequence[str] = ()
     running: Callable[[dict[str, Any]], RunnerOptions] | None = None
@@ -125,6 +128,9 @@ class Study(Command):
             add_extra(parser, "json", File, "write JSON; - for standard output")
         if not self._takes_runner():
             add_extra(parser, "output", Folder, "folder for JSON and figure")
+        if self.waveform:
+            text = "write a realization over time (see --window, --node): a .csv, .nc or .png file"
+            add_extra(parser, "waveform", File, text)
         if self.page:
             text = "write one self-contained HTML page with everything"
             add_extra(parser, "report", File, text)
@@ -135,7 +141,8 @@ class Study(Command):
         defaults = {name: option.default for name, option in options_of(self.found).items()}
         stem = (self.stem or self.name).format(**defaults | values)
         name = f"{scene.name}-{stem}" if scene else stem
-        places = {each: getattr(options, each, None) for each in ("json", "output", "report")}
+        kinds = ("json", "output", "report", "waveform")
+        places = {each: getattr(options, each, None) for each in kinds}
         check_places(**places, files=self.files or result_files(name))
         if places["output"] and any(file.endswith(".nc") for file in self.files):
             # Says now, not after a long run, that the library of these files is missing.
@@ -161,7 +168,7 @@ class Study(Command):
             raise
         return result
 
-    def _deliver(self, result, name, folder, json, output, report):
+    def _deliver(self, result, name, folder, json, output, report, waveform):
         """Show the result, and write the files that were asked for."""
         show(result, self.title(result) if callable(self.title) else self.title, json)
         try:
@@ -171,6 +178,9 @@ class Study(Command):
                 result.save(folder)
                 say(f"written to {output}: {', '.join(self.files)}")
         finally:
+            if waveform:
+                result.waveform.save(waveform)
+                say(f"written: {waveform}, {result.waveform.said()}")
             if report:
                 from harvester.files.writing import write_text
 

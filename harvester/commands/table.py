@@ -29,6 +29,7 @@ COMMANDS = (
         "simulate paper --method circuit --set excitation.intensity=0.1 --json -",
         title=_engine,
         stem="{method}",
+        waveform=True,
         failed=lambda result: result.outcome != "complete",
         bar="simulated time",
     ),

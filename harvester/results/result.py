@@ -15,7 +15,7 @@ from harvester.excitation.spectrum_fit import SpectrumFit
 from harvester.files.plain_text import nearest, one_line, shown
 from harvester.files.serialising import NotAValue, plain, read
 from harvester.record.moments import Moments
-from harvester.record.record import Record
+from harvester.results.waveform import Waveform
 from harvester.scene.model import Scene
 from harvester.scene.units import Scales
 
@@ -87,8 +87,8 @@ class Result:
         Of displacement, velocity and voltage.
     joint_density : JointDensity or None
         Of displacement and velocity together: of the stationary solver, or where it was asked for.
-    waveform : Record or None
-        A stretch of the first realization.
+    waveform : Waveform or None
+        A stretch of the first realization, in the scene's units; None of averaging.
     failures : dict of int to str
         Realizations that failed for good, with the reason; left out of the estimates.
     moments : list of harvester.record.moments.Moments
@@ -117,7 +117,7 @@ class Result:
     notes: tuple[str, ...] = ()
     densities: dict[str, Density] = field(default_factory=dict)
     joint_density: JointDensity | None = None
-    waveform: Record | None = None
+    waveform: Waveform | None = None
     failures: dict[int, str] = field(default_factory=dict)
     moments: list[Moments] = field(default_factory=list)
     spectrum_fit: SpectrumFit | None = None

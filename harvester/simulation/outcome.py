@@ -18,6 +18,7 @@ from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, step_error, steps_per_knot
 from harvester.results.residual_cause import suspected_cause
 from harvester.results.result import Result
+from harvester.results.waveform import waveform_of
 from harvester.scene.model import Scene
 from harvester.simulation.realization import Realization
 
@@ -51,13 +52,14 @@ def result_of(
     found = run_estimates(scene, moments, cost)
     shapes = densities(found.moments, is_symmetric(scene, parameters))
     joints = [realization.joint for realization in realizations if realization.joint is not None]
+    name = engine if source == "external" else f"{engine} ({source} source)"
     joint = joint_density_of(joints, is_symmetric(scene, parameters)) if joints else None
     if found.shortfalls:
         shapes = {name: replace(shape, standard_error=None) for name, shape in shapes.items()}
         joint = joint and replace(joint, standard_error=None)
     return Result(
         scene=scene,
-        engine=engine if source == "external" else f"{engine} ({source} source)",
+        engine=name,
         scaled_quantities=found.scaled,
         scales=scales,
         error_kind="statistical",
@@ -75,10 +77,16 @@ def result_of(
         failures={index: f"{type(e).__name__}: {e}" for index, e in failures.items()},
         densities=shapes,
         joint_density=joint,
-        waveform=realizations[0].waveform,
+        waveform=_waveform(scene, name, scales, realizations[0]),
         moments=moments,
         outcome="incomplete" if failures else outcome,
     )
+
+
+def _waveform(scene, engine, scales, realization):
+    if realization.waveform is None:
+        return None
+    return waveform_of(scene, engine, scales, realization.waveform, realization.electrical)
 
 
 def is_symmetric(scene: Scene, parameters: System) -> bool:
@@ -96,6 +104,7 @@ def partial_result(
     nothing: dict[str, Any] = {
         "waveform": None,
         "joint": None,
+        "electrical": {},
         "engine_version": "",
         "netlist_sha256": None,
     }

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from harvester.calling import takes_scene
 from harvester.errors import HarvesterError, SimulationError
 from harvester.files.plain_text import nearest
-from harvester.signatures import Processes, Seconds, Step
+from harvester.signatures import Nodes, Processes, Seconds, Step, Window
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -38,7 +38,8 @@ def simulate(
     keep_going: bool = False,
     scheme: str | None = None,
     tolerance: float | None = None,
-    window: tuple[float, float] | None = None,
+    window: Window | None = None,
+    nodes: Nodes = (),
     joint_density: bool = False,
     executor: Executor | None = None,
     runner: Workers | None = None,
@@ -71,6 +72,11 @@ def simulate(
     keep_going : bool
         Try a realization that crashes or runs out of time once more, and go on without it; the
         result's `failures` name it. Else the first failure ends the run.
+    window : (float, float) or None
+        Stretch of the first realization that `Result.waveform` and --waveform hold: START:END in s
+        from the run's beginning (default: 50 periods of the device's motion after settling).
+    nodes : sequence of str
+        Nodes of the load's netlist, and currents i(NAME), that they hold too; several may be given.
 
     Other Parameters
     ----------------
@@ -80,8 +86,6 @@ def simulate(
     tolerance : float or None
         Circuit only: relative tolerance of ngspice's control by the local error, which shortens
         steps below `step`; None: fixed steps, or ngspice's own tolerance for "pwl".
-    window : (float, float) or None
-        Stretch of the first realization to keep as `Result.waveform` (s).
     joint_density : bool
         Keep p(X, X') as `Result.joint_density`.
     executor : concurrent.futures.Executor or None
@@ -118,13 +122,14 @@ def simulate(
     scheme = check_name("scheme", scheme or ENGINES[engine].schemes[0], ENGINES[engine].schemes)
     device = check_name("device", device, DEVICES)
     copies = check_copies(copies, scene, engine, source)
+    stretch = spread.stretch_of(scene, window, nodes)
     options = {"step": step, "source": source, "scheme": scheme, "tolerance": tolerance}
     follow = spread.Follower(scene, engine, progress) if progress else None
     try:
         with spread.running(runner, executor, scene.run.realizations, workers) as pool:
             together = copies or spread.copies_that_pay(scene, engine, device, options, pool)
             options |= {"device": device, "joint_density": joint_density}
-            calls = spread.calls_of(scene, engine, together, window, options)
+            calls = spread.calls_of(scene, engine, together, stretch, options)
             outcomes = spread.outcomes(pool, calls, time_limit, follow, keep_going)
     except SimulationError as error:
         error.partial = outcome.partial_result(scene, engine, step, source, error)
