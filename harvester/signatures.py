@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple, TypedDict, get_args, get_origin
 
 from harvester.errors import HarvesterError
+from harvester.files.numbers import NotANumber, number
 from harvester.files.plain_text import named, shown
 
 # Longest list that the ends of a grid may ask for.
@@ -70,16 +71,18 @@ def grid_of(text: str, option: str) -> list[float]:
     first, *rest = text.split(":")
     try:
         if not rest:
-            return [float(number) for number in text.split(",")]
-        last, spacing, number = rest
+            return [number(each) for each in text.split(",")]
+        last, spacing, points = rest
         grid: Any = {"log": np.geomspace, "linear": np.linspace}[spacing]
-        low, high, count = float(first), float(last), int(number)
+        low, high, count = number(first), number(last), int(points)
         if 0.0 < low < high < math.inf and 1 < count <= MOST_NUMBERS:
-            return [float(number) for number in grid(low, high, count)]
-    except (ValueError, KeyError):
-        pass
+            return [float(each) for each in grid(low, high, count)]
+    except (ValueError, KeyError) as error:
+        reason = f" ({error})" if isinstance(error, NotANumber) else ""
+    else:
+        reason = ""
     raise HarvesterError(
-        f"{option} {named(text)}: write it as 0.1:2:log:40, 0.1:2:linear:40 or 0.1,0.2,0.5"
+        f"{option} {named(text)}: write it as 0.1:2:log:40, 0.1:2:linear:40 or 0.1,0.2,0.5{reason}"
     )
 
 
@@ -102,11 +105,12 @@ def ranges_of(texts: list[str], option: str) -> dict[str, tuple[float, float] | 
         if key in found:
             raise HarvesterError(f"{option} {named(key)}: is there twice")
         try:
-            low, high = map(float, ends.split(":")) if separator else (math.nan, math.nan)
-        except ValueError:
+            low, high = map(number, ends.split(":")) if separator else (math.nan, math.nan)
+        except ValueError as error:
+            reason = f" ({error})" if isinstance(error, NotANumber) else ""
             raise HarvesterError(
                 f"{option} {named(text)}: write it as TABLE.KEY=LOW:HIGH, such as "
-                "load.resistance=1e4:1e7"
+                f"load.resistance=10k:1meg{reason}"
             ) from None
         found[key] = (low, high) if separator else None
     return found
@@ -136,7 +140,7 @@ def records_of(groups: list[list[str]], option: str) -> list[tuple[str, dict[str
             settings = files[-1][1]
             settings[name] = value
             with contextlib.suppress(ValueError):
-                settings[name] = float(value) if "." in name else value
+                settings[name] = number(value) if "." in name else value
     seen: list[tuple[str, dict[str, Any]]] = []
     for file, settings in files:
         # One file has several names: ./shaker.csv, a link.

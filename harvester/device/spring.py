@@ -160,6 +160,18 @@ def roots(part: Spring) -> np.ndarray:
     return np.unique(real)
 
 
+def rest_stiffness(coefficients: list[float] | tuple[float, ...]) -> float:
+    """F' at the stiffest rest position of F(x) = Σ coefficients[n] x^n; 0 without any.
+
+    Parameters
+    ----------
+    coefficients : sequence of float
+        In any units.
+    """
+    part = spring(coefficients)
+    return max([float(slope(part, float(x))) for x in roots(part)], default=0.0)
+
+
 def nonlinear_formula(part: Spring, x: str, number: Callable) -> str:
     """F(x) − F0 − k1 x as an expression of circuits and Verilog-A; empty where it is zero.
 

@@ -16,6 +16,7 @@ from harvester.files.plain_text import nearest, one_line, shown
 from harvester.files.serialising import NotAValue, plain, read
 from harvester.record.moments import Moments
 from harvester.results.waveform import Waveform
+from harvester.scene.described import device_line
 from harvester.scene.model import Scene
 from harvester.scene.units import Scales
 
@@ -251,7 +252,7 @@ class Result:
 
     def sentences(self) -> list[str]:
         """How the numbers came about, and what to know before citing one."""
-        return [*self.evidence(), *self.notes]
+        return [*self.evidence(), *device_line(self.scene), *self.notes]
 
     def results_by_method(self) -> dict[str, Result]:
         """Itself, by the name of its engine or closure."""

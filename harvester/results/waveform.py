@@ -189,6 +189,9 @@ def waveform_of(
     electrical : dict of str to ndarray
         See `harvester.simulation.realization.Realization`.
     """
+    # A point that stands there once more has the power that makes the step's mean right.
+    once = np.diff(record.time, prepend=-np.inf) > 0.0
+    record = Record(*(column[once] for column in record))
     motion = {name: getattr(record, name) * scales.of(name) for name in _MOTION}
     units = {name: unit_of(scene, name) for name in _MOTION}
     current = _current(record) * (scales.power / scales.voltage)
@@ -196,9 +199,9 @@ def waveform_of(
     units["current"] = "A" if scene.units == "SI" else "scaled power/voltage"
     for name, values in electrical.items():
         if name == "output_voltage":
-            columns[name], units[name] = values * scales.voltage, units["voltage"]
+            columns[name], units[name] = values[once] * scales.voltage, units["voltage"]
         else:
-            columns[name], units[name] = values, "A" if name.startswith("i(") else "V"
+            columns[name], units[name] = values[once], "A" if name.startswith("i(") else "V"
     return Waveform(scene, engine, record.time, columns, units, record)
 
 
@@ -209,8 +212,6 @@ def _current(record: Record) -> np.ndarray:
     """Power into the load over the voltage; straight lines through the voltage's zeros."""
     sizes: Any = np.abs(record.voltage)
     known = sizes > SMALL_VOLTAGE * sizes.max(initial=0.0)
-    # A point that stands there once more has the power that makes the step's mean right.
-    known[1:] &= np.diff(record.time) > 0.0
     if not known.any():
         return np.zeros_like(record.voltage)
     found = record.load_power[known] / record.voltage[known]

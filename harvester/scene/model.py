@@ -38,6 +38,10 @@ class Oscillator:
     `restoring_force` holds F0, k1, k2, … of F(x) = F0 + k1 x + k2 x² + …; `linear_stiffness` and
     `cubic_stiffness` are the short form of (0, k1, 0, k3). SI: kg, N s/m, N s²/m² for
     `quadratic_damping`, N, N/m, N/m², …. Scaled: c, −ω0², κ of Eq. 4a and so on, and no mass.
+
+    In SI `frequency` (Hz), of the mass on the linear spring alone, may stand for
+    `linear_stiffness`, and `quality_factor` or `damping_ratio`, at the stiffest rest position, for
+    `damping`: a scene keeps what it was given, and these two are computed from it.
     """
 
     damping: float
@@ -46,6 +50,16 @@ class Oscillator:
     mass: float | None = None
     restoring_force: tuple | None = None
     quadratic_damping: float = 0.0
+    frequency: float | None = None
+    quality_factor: float | None = None
+    damping_ratio: float | None = None
+
+    @property
+    def computed(self) -> tuple[str, ...]:
+        """Names of the values that others were given for."""
+        spring = ("linear_stiffness",) if self.frequency is not None else ()
+        given = (self.quality_factor, self.damping_ratio)
+        return (*spring, *(() if given == (None, None) else ("damping",)))
 
     @property
     def coefficients(self) -> tuple[float | None, ...]:
@@ -367,7 +381,10 @@ def _read_netlist(load, folders):
 def _plain(part, kept):
     """A dataclass as plain values, without what is left out."""
     values = {}
+    computed = getattr(part, "computed", ())
     for each_field in dataclasses.fields(part):
+        if each_field.name in computed:
+            continue
         value = getattr(part, each_field.name)
         unused = value == each_field.default and each_field.name in RARE_KEYS
         if not unused and value is not None and each_field.name != "circuit" and kept(each_field):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -17,6 +18,7 @@ from harvester.device.keys import (
     not_negative,
     positive,
 )
+from harvester.device.spring import rest_stiffness
 from harvester.device.transducer import TRANSDUCERS
 from harvester.errors import SceneError
 from harvester.files.plain_text import named, nearest, shown
@@ -33,9 +35,12 @@ TOP = {
 OTHER_KEYS: dict[str, Any] = {
     "oscillator": {
         "mass": positive(units=(SI,), required=True),
-        "damping": not_negative(required=True),
+        "damping": not_negative(),
+        "quality_factor": positive(units=(SI,)),
+        "damping_ratio": not_negative(units=(SI,)),
         "quadratic_damping": not_negative(),
         "linear_stiffness": Key(),
+        "frequency": positive(units=(SI,)),
         "cubic_stiffness": not_negative(),
         "restoring_force": Key(each=Key(), count=(2, 8)),
     },
@@ -85,10 +90,17 @@ REPLACED_KEYS = {
     "load.netlist": RESISTOR_KEYS,
     "load.resistance": NETLIST_KEYS,
     "load.decay_rate": NETLIST_KEYS,
-    "oscillator.restoring_force": ("linear_stiffness", "cubic_stiffness"),
-    "oscillator.linear_stiffness": ("restoring_force",),
+    "oscillator.restoring_force": ("linear_stiffness", "cubic_stiffness", "frequency"),
+    "oscillator.linear_stiffness": ("restoring_force", "frequency"),
+    "oscillator.frequency": ("restoring_force", "linear_stiffness"),
     "oscillator.cubic_stiffness": ("restoring_force",),
+    "oscillator.damping": ("quality_factor", "damping_ratio"),
+    "oscillator.quality_factor": ("damping", "damping_ratio"),
+    "oscillator.damping_ratio": ("damping", "quality_factor"),
 }
+# Each of these says what the others of its line say: a scene has one of them.
+STIFFNESS_KEYS = ("linear_stiffness", "frequency", "restoring_force")
+DAMPING_KEYS = ("damping", "quality_factor", "damping_ratio")
 
 
 def table_keys() -> dict[str, Any]:
@@ -149,7 +161,7 @@ def check_tables(
         elif table not in OPTIONAL_TABLES and table not in TRANSDUCERS:
             raise SceneError(f"{origin}: table [{table}] is missing")
     _check_load(checked["load"], units, origin)
-    _check_oscillator(checked["oscillator"], origin)
+    _check_oscillator(checked["oscillator"], units, origin)
     _check_transducer(checked, origin)
     _check_physics(checked, origin)
     return checked
@@ -161,23 +173,53 @@ def _check_several(name, values, origin):
         raise SceneError(f"{origin}: [[{name}]] must be 1 to {most} tables")
 
 
-def _check_oscillator(oscillator, origin):
-    """The restoring force in one of its two forms, and a potential that is bounded below."""
-    force = oscillator.get("restoring_force")
-    if force is None:
-        if "linear_stiffness" not in oscillator:
-            raise SceneError(
-                f"{origin}: oscillator.linear_stiffness is missing; it takes a number, or give "
-                "oscillator.restoring_force = [F0, k1, k2, …]"
-            )
+def _check_oscillator(oscillator, units, origin):
+    """Spring and damper in one of their forms each, and the usual ones of them computed."""
+    mass = oscillator.get("mass", 1.0)
+    stiffness = _only(oscillator, STIFFNESS_KEYS, units, origin)
+    if stiffness == "restoring_force" and "cubic_stiffness" in oscillator:
+        raise _twice(origin, "cubic_stiffness", stiffness)
+    if stiffness == "frequency":
+        oscillator["linear_stiffness"] = mass * (2.0 * math.pi * oscillator["frequency"]) ** 2
+    if stiffness != "restoring_force":
         oscillator.setdefault("cubic_stiffness", 0.0)
-        return
-    for name in ("linear_stiffness", "cubic_stiffness"):
-        if name in oscillator:
+    damping = _only(oscillator, DAMPING_KEYS, units, origin)
+    if damping != "damping":
+        rest = rest_stiffness(spring_coefficients(oscillator))
+        if not rest > 0.0:
             raise SceneError(
-                f"{origin}: oscillator.{name} and oscillator.restoring_force say the same thing "
-                "twice; take one out"
+                f"{origin}: oscillator.{damping} needs a frequency, and the spring has no "
+                "stiffness at rest: give oscillator.damping"
             )
+        ratio = oscillator.get("damping_ratio", 0.5 / oscillator.get("quality_factor", 1.0))
+        oscillator["damping"] = 2.0 * ratio * math.sqrt(rest * mass)
+
+
+def _only(oscillator, names, units, origin):
+    """The one of several keys for the same thing that the oscillator has."""
+    found = [name for name in names if name in oscillator]
+    if len(found) > 1:
+        raise _twice(origin, *found[:2])
+    if not found:
+        first, *others = (n for n in names if units in OTHER_KEYS["oscillator"][n].units)
+        said = "" if not others else f", or give oscillator.{' or oscillator.'.join(others)}"
+        allowed = OTHER_KEYS["oscillator"][first].allowed()
+        raise SceneError(f"{origin}: oscillator.{first} is missing; it takes {allowed}{said}")
+    return found[0]
+
+
+def _twice(origin, first, second):
+    return SceneError(
+        f"{origin}: oscillator.{first} and oscillator.{second} say the same thing twice; take one "
+        "out"
+    )
+
+
+def spring_coefficients(oscillator: Mapping[str, Any]) -> tuple[float, ...]:
+    """(F0, k1, k2, …) of a checked table."""
+    if "restoring_force" in oscillator:
+        return oscillator["restoring_force"]
+    return (0.0, oscillator["linear_stiffness"], 0.0, oscillator["cubic_stiffness"])
 
 
 def _transducer_of(scene):
@@ -299,11 +341,9 @@ def _check_held(stoppers, origin):
 
 def _check_bounded(oscillator, stoppers, origin):
     """The force must lead back far out on both sides: by the spring, or by stoppers there."""
-    force = oscillator.get("restoring_force")
-    key = "oscillator.restoring_force"
-    if force is None:
-        force = (0.0, oscillator["linear_stiffness"], 0.0, oscillator["cubic_stiffness"])
-        key = "oscillator.linear_stiffness"
+    force = spring_coefficients(oscillator)
+    listed = "restoring_force" in oscillator
+    key = f"oscillator.{'restoring_force' if listed else 'linear_stiffness'}"
     order = max((n for n, k in enumerate(force) if k != 0.0), default=0)
     for side, sign in (("right", 1.0), ("left", -1.0)):
         if order and force[order] * sign ** (order + 1) > 0.0:
@@ -315,7 +355,7 @@ def _check_bounded(oscillator, stoppers, origin):
             for each in stoppers
         ):
             continue
-        value = list(force) if key.endswith("force") else f"{force[1]:g}"
+        value = list(force) if listed else f"{force[1]:g}"
         raise SceneError(
             f"{origin}: {key} = {value} leaves the motion unbounded on the {side}: the highest "
             "power must be odd with a coefficient > 0 (cubic_stiffness > 0 in the short form), or "
