@@ -222,13 +222,15 @@ class Scene:
         A load's netlist is looked for in `folder`, then in the current one, and read here: the
         scene holds its content.
         """
-        tables = plain_tables(tables, origin)
+        tables = {"run": {}, **plain_tables(tables, origin)}
         checked = check_tables(tables, origin, {"excitation": KINDS})
         if "netlist" in checked["load"]:
             folder = _folders(folder)
             checked["load"]["circuit"] = _read_netlist(checked["load"], folder)
             if "parameters" in checked["load"]:
                 checked["load"]["parameters"] = NamedValues(checked["load"]["parameters"])
+        if "duration" not in checked["run"]:
+            checked["run"]["duration"] = _own_duration(checked, origin)
         top = {key: checked[key] for key in ("units", "length_scale") if key in checked}
         parts = {
             attribute: _made(make, checked[table])
@@ -329,6 +331,18 @@ class Scene:
             text += self.load.circuit.text
             text += "".join(each.text for each in self.load.circuit.measures)
         return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _own_duration(checked, origin):
+    """Time that is left of a record after settling, where the run has no duration (s)."""
+    length, settle = build(**checked["excitation"]).own_duration, checked["run"].get("settle", 0.0)
+    if length is None:
+        raise SceneError(f"{origin}: run.duration is missing; it takes a number > 0")
+    if not settle < length:
+        raise SceneError(
+            f"{origin}: the record lasts {length:g} s, and run.settle = {settle:g}: must be less"
+        )
+    return length - settle
 
 
 def _check_sampling(scene, origin):

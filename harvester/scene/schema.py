@@ -65,7 +65,7 @@ OTHER_KEYS: dict[str, Any] = {
     # Decided by the table's own `kind`.
     "excitation": None,
     "run": {
-        "duration": positive(required=True),
+        "duration": positive(),
         "settle": not_negative(),
         "seed": Key(kind=int, low=0, high=LARGEST_SEED),
         "realizations": Key(kind=int, low=1, high=1_000_000),

@@ -477,14 +477,14 @@ def optimum(
     *,
     low: Annotated[float, Kind("A", option="from")] | None = None,
     high: Annotated[float, Kind("B", option="to")] | None = None,
-    maximise: Annotated[str, Kind("QUANTITY")] = "power_conversion_efficiency",
+    maximise: Annotated[str, Kind("QUANTITY")] | None = None,
     method: str | None = None,
     closure: str | None = None,
     evaluations: int | None = None,
     precision: Share | None = None,
     **running: Unpack[RunnerOptions],
 ) -> Optimum:
-    """Where one parameter, or several, make the efficiency or the power largest (Eq. 37).
+    """Where one parameter, or several, make the power or the efficiency largest (Eq. 37).
 
     Parameters
     ----------
@@ -497,9 +497,10 @@ def optimum(
         Range of a single parameter.
     high : float or None
         Its upper end.
-    maximise : str
-        power_conversion_efficiency, mean_power or mean_square_voltage; of a load with an output
-        also mean_output_power and the like; over several parameters any.
+    maximise : str or None
+        mean_power, power_conversion_efficiency or mean_square_voltage; of a load with an output
+        also mean_output_power and the like; over several parameters any (default: the power, at
+        the output where the load has one).
     method : str or None
         monte-carlo or circuit, over several parameters also a closure (default: monte-carlo, or
         circuit where the load needs it).
@@ -549,6 +550,9 @@ def optimum(
             )
         ranges = dict.fromkeys(ranges, (low, high))
     ends = {key: _ends(key, each) for key, each in ranges.items()}
+    if maximise is None:
+        load = scene.load.circuit
+        maximise = "mean_output_power" if load and load.has_output else "mean_power"
     return largest(scene, ends, maximise, method, closure, evaluations, precision, running)
 
 

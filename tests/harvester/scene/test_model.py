@@ -65,7 +65,7 @@ def test_the_length_scale_is_the_wells_distance_where_none_is_given():
         ("run.seed=-1", ["run.seed"]),
         ("run.realizations=0", ["run.realizations", "[1, "]),
         ("run.duration=none", ["run.duration", "missing"]),
-        ("run=none", ["[run]", "missing"]),
+        ("run=none", ["run.duration", "missing"]),
         ("units=imperial", ["units", "scaled", "SI"]),
         ("oscillator.cubic_stiffness=-1", ["cubic_stiffness", "≥ 0"]),
         ("load.kind=resitor", ["load.kind", "did you mean resistor"]),
