@@ -92,6 +92,15 @@ def grids_of(texts: list[str], option: str) -> dict[str, list[float]]:
     return {key: grid_of(values, f"{option} {key}") for key, values in pairs.items()}
 
 
+def over_of(texts: list[str], option: str) -> dict[str, list[Any]]:
+    """The same, where a list may also be of words: load.netlist=bridge,sece."""
+    pairs = by_key(texts, option, "table.key=LIST")
+    return {
+        key: values.split(",") if values[:1].isalpha() else grid_of(values, f"{option} {key}")
+        for key, values in pairs.items()
+    }
+
+
 def distributions_of(texts: list[str], option: str) -> dict[str, str]:
     """Keys to distributions, from TABLE.KEY=±10% for each key."""
     return by_key(texts, option, "TABLE.KEY=±10%")
@@ -195,6 +204,12 @@ Grids = Annotated[
     Mapping[str, Sequence[float]],
     Kind("TABLE.KEY=LIST", option="sweep", read=grids_of, again=True),
 ]
+Over = Annotated[
+    Mapping[str, Sequence[float | str]],
+    Kind("TABLE.KEY=LIST", read=over_of, again=True),
+]
+Methods = Annotated[Sequence[str], Kind("NAME", option="method", again=True)]
+Quantities = Annotated[Sequence[str], Kind("NAME", option="quantity", again=True)]
 Distributions = Annotated[
     Mapping[str, str], Kind("TABLE.KEY=DISTRIBUTION", read=distributions_of, again=True)
 ]

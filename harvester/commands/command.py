@@ -99,8 +99,6 @@ class Study(Command):
         Whether there is --json.
     waveform : bool
         Whether there is --waveform, which gets the result's `waveform`.
-    page : bool
-        Whether there is --report, which gets the result's `page()`.
     files : tuple of str
         Names of the files that the result's `save(folder)` writes; left out: it has none, and the
         folder gets JSON, figure and tables.
@@ -116,7 +114,6 @@ class Study(Command):
     failed: Callable[[Any], bool] | None = None
     json: bool = True
     waveform: bool = False
-    page: bool = False
     files: Sequence[str] = ()
     running: Callable[[dict[str, Any]], RunnerOptions] | None = None
     bar: str = ""
@@ -131,9 +128,8 @@ class Study(Command):
         if self.waveform:
             text = "write a realization over time (see --window, --node): a .csv, .nc or .png file"
             add_extra(parser, "waveform", File, text)
-        if self.page:
-            text = "write one self-contained HTML page with everything"
-            add_extra(parser, "report", File, text)
+        text = "write one self-contained HTML page with everything"
+        add_extra(parser, "report", File, text)
 
     def run(self, options: Namespace) -> int:
         """Compute, show and write; returns the exit code."""
@@ -182,9 +178,11 @@ class Study(Command):
                 result.waveform.save(waveform)
                 say(f"written: {waveform}, {result.waveform.said()}")
             if report:
+                from harvester.commands.report import page_of
                 from harvester.files.writing import write_text
 
-                write_text(report, result.page())
+                title = self.title(result) if callable(self.title) else self.title
+                write_text(report, page_of(result, title))
                 say(f"written: {report}")
 
     @contextlib.contextmanager

@@ -22,7 +22,6 @@ COMMANDS = (
         "validate",
         "validate paper --output results --report paper.html",
         title="one scene, the same noise",
-        page=True,
     ),
     Study(
         "simulate",
@@ -60,6 +59,13 @@ COMMANDS = (
         failed=lambda found: found.failed,
     ),
     Study(
+        "sweep",
+        "sweep paper --over excitation.intensity=0.005:0.1:log:7 --method monte-carlo "
+        "--method fokker_planck --quantity mean_square_voltage --output swept",
+        title="sweep",
+        failed=lambda swept: not any(cell.estimates for _, cell in swept.places()),
+    ),
+    Study(
         "optimum",
         "optimum device --maximise mean_power --over load.resistance=1e4:1e7 "
         "--over oscillator.linear_stiffness=-100:-20",
@@ -89,7 +95,6 @@ COMMANDS = (
         "identify device --record shaker.csv load.resistance=1e5 --output identified",
         title=lambda found: f"identified from {', '.join(r.name for r in found.measurements)}",
         stem="identified",
-        page=True,
     ),
     Command(verification.reproduce, "reproduce fig6 fig9 --quick --output results"),
     Study(verification.claims, "claims --output results", title="the paper's statements"),

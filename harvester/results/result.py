@@ -12,6 +12,7 @@ from harvester.estimates.estimate import Density, Estimate
 from harvester.estimates.joint_density import JointDensity
 from harvester.estimates.units import SI_UNITS, unit_of
 from harvester.excitation.spectrum_fit import SpectrumFit
+from harvester.files.numbers import engineering
 from harvester.files.plain_text import nearest, one_line, shown
 from harvester.files.serialising import NotAValue, plain, read
 from harvester.record.moments import Moments
@@ -21,6 +22,7 @@ from harvester.scene.model import Scene
 from harvester.scene.units import Scales
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from xarray import Dataset
 
@@ -253,6 +255,45 @@ class Result:
     def sentences(self) -> list[str]:
         """How the numbers came about, and what to know before citing one."""
         return [*self.evidence(), *device_line(self.scene), *self.notes]
+
+    def headline(self) -> str:
+        """Its power, at the output where the load has one."""
+        known = self.scaled_quantities
+        name = next(n for n in ("mean_output_power", "mean_power", *known) if n in known)
+        found = self.quantity(name)
+        said = f"{name.replace('_', ' ')} {with_error(found)} {self.unit(found.dimension)}"
+        load = self.scene.load
+        ohms = f" into {engineering(load.resistance, 'Ω')}" if load.resistance else ""
+        behind = f" behind {load.netlist}" if load.netlist else ""
+        return f"{said}{ohms}{behind}, by {self.engine}"
+
+    def draw_density(self, axes: Axes, name: str, label: str | None = None, **style: Any) -> None:
+        """Draw one density into axes of a figure of your own, in the scene's units.
+
+        Parameters
+        ----------
+        axes : matplotlib.axes.Axes
+        name : str
+            "displacement", "velocity" or "voltage".
+        label : str or None
+            In the legend (default: the method).
+        **style
+            `colour` and `line`, as matplotlib has them.
+
+        Raises
+        ------
+        UnknownQuantity
+        """
+        from harvester.results.drawing import axis_label, draw_density
+
+        if name not in self.densities:
+            raise UnknownQuantity(
+                f"{self.scene.name}: no density of {shown(name)}{nearest(name, self.densities)}; "
+                f"there are {', '.join(self.densities) or 'none'}"
+            )
+        colour = style.pop("colour", f"C{len(axes.lines)}")
+        draw_density(axes, self, name, colour, style.pop("line", "-"), label or self.engine)
+        axes.set(xlabel=axis_label(self, name), ylabel="probability density")
 
     def results_by_method(self) -> dict[str, Result]:
         """Itself, by the name of its engine or closure."""

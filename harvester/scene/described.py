@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from typing import TYPE_CHECKING, Any
 
@@ -42,3 +43,14 @@ def device_line(scene: Scene) -> tuple[str, ...]:
         said.append(f"k² = {coupling:.3g}")
     matched = transducer.matched_resistance(rate)
     return (f"{', '.join(said)}, matched load about {engineering(matched, 'Ω')}",)
+
+
+def scene_rows(scene: Scene) -> list[tuple[str, str]]:
+    """Every key with its value, as text, for a table."""
+    rows = []
+    for table, values in scene.to_tables().items():
+        pairs = values.items() if isinstance(values, dict) else [(None, values)]
+        for key, value in pairs:
+            text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+            rows.append((f"{table}.{key}" if key else table, text))
+    return rows

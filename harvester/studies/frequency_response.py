@@ -166,6 +166,16 @@ class FrequencyResponse:
                 )
         return lines
 
+    def headline(self) -> str:
+        """The most power, and where it is."""
+        peaks = [(float(np.nanmax(self.values("mean_power", s))), s) for s in self.sweeps]
+        power, sweep = max(peaks, key=lambda each: each[0])
+        place = self.frequencies[int(np.nanargmax(sweep.mean_power))]
+        return (
+            f"most power: {power:.4g} {self.unit('power')} at {place:.4g} Hz, sweep "
+            f"{sweep.direction}, by {self.engine}"
+        )
+
     def figure(self) -> Figure:
         """Amplitude, voltage and power over frequency."""
         from harvester.show import figures

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections import ChainMap
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
@@ -23,7 +23,10 @@ from harvester.signatures import (
     Grids,
     Kind,
     Loads,
+    Methods,
+    Over,
     Processes,
+    Quantities,
     Ranges,
     RunnerOptions,
     Seconds,
@@ -234,10 +237,10 @@ def frequency_response(
 @takes_scene
 def sweep(
     scene: Scene,
-    over: Grids,
+    over: Over,
     *,
-    methods: Sequence[str] = ("monte-carlo",),
-    quantities: Sequence[str] = ("mean_power",),
+    methods: Methods = ("monte-carlo",),
+    quantities: Quantities = ("mean_power",),
     precision: Share | None = None,
     step: Step = "default",
     **running: Unpack[RunnerOptions],
@@ -248,17 +251,21 @@ def sweep(
     ----------
     scene : Scene, str or Path
         Itself, its file or its built-in name.
-    over : dict of str to sequence of float
-        "table.key" to values; several make a grid.
+    over : dict of str to sequence of float or str
+        Any key of the scene and its values, numbers or words: FIRST:LAST:log:NUMBER,
+        FIRST:LAST:linear:NUMBER, or values between commas; several make a grid.
     methods : sequence of str
-        Engines and closures.
+        Engines and closures; several may be given (default: monte-carlo).
     quantities : sequence of str
-        What the tables show and what a precision holds for.
+        What the tables show and what a precision holds for; several may be given (default:
+        mean_power).
     precision : float or None
         Relative standard error that each place is run for by the engines; None: the scene's own
         run.
     step : str or float
-        See `harvester.simulate`.
+        default, fine, finest, or the longest step in seconds.
+    time_limit : float
+        Wall-clock limit of one realization (default: 3600).
     **running
         See `harvester.running.open_runner`.
 

@@ -163,6 +163,21 @@ class Sweep:
             f"{', '.join(self.methods)}: {said}, the same noise everywhere; {self.seconds:.1f} s",
         ]
 
+    def headline(self) -> str:
+        """Where the first quantity is highest, and by which method."""
+        name = self.quantities[0]
+        found = [each for each in self.places() if name in each[1].estimates]
+        if not found:
+            return f"no place has a {name.replace('_', ' ')}"
+        place, cell = max(found, key=lambda each: each[1].estimates[name].estimate)
+        best = cell.estimates[name]
+        pairs = zip(self.values, place, strict=True)
+        where = ", ".join(f"{key} = {in_words(value)}" for key, value in pairs)
+        return (
+            f"highest {name.replace('_', ' ')}: {with_error(best)} "
+            f"{unit_of(self.scene, best.dimension)} at {where}, by {cell.method}"
+        )
+
     def figure(self) -> Figure:
         """Each quantity over the key with most values: engines with error bars, closures lines."""
         from harvester.show import figures

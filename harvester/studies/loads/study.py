@@ -268,6 +268,27 @@ class Study:
         words = [*told, proof.trouble] if proof.trouble else told
         return f"{where}: circuit over Monte Carlo, paired, {', '.join(words)}"
 
+    def headline(self) -> str:
+        """The best load with its power, and where its optimum is."""
+        best = [
+            (where, each) for where in np.ndindex(self.optima.shape) if (each := self.best(where))
+        ]
+        best = [pair for pair in best if "output_power" in pair[1].estimates]
+        if not best:
+            return "no load has a power"
+        where, top = max(best, key=lambda pair: pair[1].power)
+        key, place = self.curve_keys[0], self.optima[where][1]
+        at = f" at {key} = {self.grid.sweeps[key][place]:.4g}" if key else ""
+        power = with_error(top.estimates["output_power"])
+        return f"most power: {power} {self.unit} from {self.grid.loads[where[0]]}{at}"
+
+    def figures(self) -> list[Figure]:
+        """Power, efficiency and waveforms, as `save` draws them."""
+        from harvester.show import figures
+        from harvester.studies.loads import drawing
+
+        return [figures.drawn(draw, self) for draw in drawing.FIGURES]
+
     def figure(self) -> Figure:
         """Output power over the swept value."""
         from harvester.show import figures
