@@ -93,6 +93,9 @@ class Waveform:
 
     def add(self, record: Record) -> None:
         """Keep what lies in the window."""
+        if record.time.size == 0 or record.time[0] > self.stop or record.time[-1] < self.start:
+            self._inside = np.empty(0, dtype=int)
+            return
         found = np.flatnonzero((record.time >= self.start) & (record.time <= self.stop))
         self._inside = found[: int(min(self._left, found.size))]
         self._left -= self._inside.size

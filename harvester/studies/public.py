@@ -156,6 +156,8 @@ def frequency_response(
     *,
     amplitude: Annotated[float, Kind("A")] | None = None,
     down: bool = False,
+    quantities: Quantities = (),
+    per_g: bool = False,
     method: str = "monte-carlo",
     step: Step = "default",
     **running: Unpack[RunnerOptions],
@@ -173,6 +175,14 @@ def frequency_response(
         Of the base acceleration, m/s² in SI (default: that of the scene's own sine).
     down : bool
         Sweep down as well, to show hysteresis: it is where the two differ.
+    quantities : sequence of str
+        What is shown; several may be given: displacement_amplitude (of the tip, relative to the
+        base), absolute_amplitude, rms_voltage, peak_voltage, mean_power, peak_power; of a load with
+        an output mean_output_voltage and mean_output_power (default: the first, rms_voltage,
+        mean_power and what the output has).
+    per_g : bool
+        All for a base acceleration of 1 g: per g, powers per g². A nonlinear device has them at
+        this amplitude alone.
     method : str
         monte-carlo (Runge–Kutta) or circuit (ngspice), on the same path.
     step : str or float
@@ -206,13 +216,16 @@ def frequency_response(
     check_name("method", method, ENGINES)
     step = check_step(step)
     scene = work.with_sine(scene, amplitude)
+    shown = work.shown_of(scene, quantities, per_g)
     rising = work.rising_frequencies(frequencies)
     directions = {"up": rising, "down": rising[::-1]} if down else {"up": rising}
     scenes: list[Any] = [work.stepped(scene, order) for order in directions.values()]
     with open_runner(**running) as runner:
         version = runner.version(method)
         arguments = [{"scene": each, "engine": method, "step": step} for each in scenes]
-        outcomes = runner.run([Task(work.run, each, version, method) for each in arguments])
+        outcomes = runner.run(
+            [Task(work.one_direction, each, version, method) for each in arguments]
+        )
     for outcome in outcomes:
         if isinstance(outcome, HarvesterError):
             raise outcome
@@ -231,6 +244,8 @@ def frequency_response(
         engine_version=outcomes[0][1],
         dwell=scenes[0].excitation.dwell,
         seconds=sum(seconds for _, _, seconds in outcomes),
+        shown=shown,
+        per_g=per_g,
     )
 
 
