@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement as Measurement
     from harvester.identification.measurement import read_measurement as read_measurement
     from harvester.results.result import Result as Result
+    from harvester.running.opening import open_runner as open_runner
     from harvester.scene.model import Scene as Scene
     from harvester.simulation.simulate import simulate as simulate
     from harvester.studies.loads.study import save as save
@@ -81,6 +82,7 @@ _WHERE = {
     "explore": "harvester.explorer.explorer",
     "frequency_response": "harvester.studies.public",
     "sweep": "harvester.studies.public",
+    "open_runner": "harvester.running.opening",
     "load_study": "harvester.studies.public",
     "save": "harvester.studies.loads.study",
     "optimum": "harvester.studies.public",

@@ -149,16 +149,18 @@ class Sweep:
         for place, cell in self.places():
             estimates = [cell.estimates.get(name, _NOTHING) for name in self.quantities]
             row = [cell.method, *map(in_words, place), *map(with_error, estimates)]
-            rows.append([*row, str(cell.realizations or ""), cell.outcome])
+            rows.append([*row, str(cell.realizations or ""), _told(cell)[0]])
         return [*header, "realizations", "outcome"], rows
 
     def sentences(self) -> list[str]:
         """How it came about, and what to know before citing a number."""
         run = self.scene.run
         ended = ["the time budget was spent: the same call goes on"] if self.out_of_time else []
+        notes = dict.fromkeys(note for _, cell in self.places() for note in _told(cell)[1])
         said = f"realizations of {run.duration:g} s after {run.settle:g} s, seed {run.seed}"
         return [
             *self.notes,
+            *notes,
             *ended,
             f"{', '.join(self.methods)}: {said}, the same noise everywhere; {self.seconds:.1f} s",
         ]
@@ -213,6 +215,12 @@ class Sweep:
 
 
 _NOTHING = Estimate(math.nan, None, None, "1")
+
+
+def _told(cell):
+    """The outcome, and the notes that stand behind one that is complete."""
+    first, *notes = cell.outcome.split("; ")
+    return (first, notes) if first == COMPLETE else (cell.outcome, [])
 
 
 def cells_of(requests: Sequence[Request], answers: Sequence) -> np.ndarray:

@@ -14,6 +14,7 @@ import numpy as np
 
 from harvester.errors import LoadError
 from harvester.estimates.estimate import Estimate
+from harvester.files.libraries import optional_library
 from harvester.files.serialising import fields_of, plain
 from harvester.files.tables import write_csv, write_netcdf
 from harvester.files.writing import in_folder
@@ -35,6 +36,7 @@ from harvester.studies.sweep import Sweep, columns
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from pandas import DataFrame
     from xarray import Dataset
 
     from harvester.running.folder import StudyFolder
@@ -300,13 +302,8 @@ class Study:
         """Write NetCDF, CSV and figures: see `harvester.save`."""
         save(self, folder)
 
-    def to_csv(self, path: str | Path) -> None:
-        """Write a row for each point: load, swept values, every quantity with its standard error.
-
-        Raises
-        ------
-        OutputError
-        """
+    def data(self) -> tuple[list[str], list[list[Any]]]:
+        """Header and a row for each point: load, swept values, all quantities with their errors."""
         quantities = list(columns(self.scene, self.cells))
         header = ["load", *self.grid.sweeps, *(f"{name} [{unit}]" for name, _, unit in quantities)]
         rows = [
@@ -321,7 +318,28 @@ class Study:
                 self.grid.points, self.evaluations, np.ndindex(self.cells.shape), strict=True
             )
         ]
-        write_csv(path, [*header, "realizations", "outcome"], rows)
+        return [*header, "realizations", "outcome"], rows
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write the rows of `data`.
+
+        Raises
+        ------
+        OutputError
+        """
+        write_csv(path, *self.data())
+
+    def to_pandas(self) -> DataFrame:
+        """The rows of `data` as a DataFrame; `sweep.to_pandas()` has a row for each quantity.
+
+        Raises
+        ------
+        MissingLibrary
+            pandas, of the extra `study`.
+        """
+        header, rows = self.data()
+        pandas = optional_library("pandas", "Study.to_pandas", "study")
+        return pandas.DataFrame(rows, columns=header)
 
     def to_xarray(self) -> Dataset:
         """The study as an xarray Dataset; see `harvester.studies.loads.dataset`."""

@@ -191,6 +191,7 @@ def test_frequencies_have_a_short_form():
         harvester.frequency_response(sine("linear", 0.3), [0.0, 1.0])
 
 
+@pytest.mark.slow
 def test_tip_voltage_and_output_behind_a_netlist_per_g(tmp_path, pool):
     """A linear piezo on a divider, by its transfer functions; 2 g, shown for 1 g."""
     upper, lower, level = 60e3, 25e3, 2.0
@@ -200,7 +201,7 @@ def test_tip_voltage_and_output_behind_a_netlist_per_g(tmp_path, pool):
     )
     scene = Scene.load("cantilever", [f'load.netlist="{file}"'])
     found = harvester.frequency_response(
-        scene, [44.0, 47.0], amplitude=level * 9.80665, per_g=True, executor=pool, step="fine"
+        scene, [44.0, 47.0], amplitude=level * 9.80665, per_g=True, executor=pool
     )
     assert found.shown == (
         "displacement_amplitude", "rms_voltage", "mean_power", "mean_output_voltage",
