@@ -9,7 +9,6 @@ import sys
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from harvester.commands.quiet import say
-from harvester.device.spring import rest_stiffness
 from harvester.errors import OutputError, SceneError
 from harvester.files.numbers import NotANumber, number
 from harvester.files.plain_text import named, nearest, one_line
@@ -222,9 +221,10 @@ def _read(answer, question, keys, units):
 def _in_scene(key: str, value: float, scene: Scene) -> tuple[str, float]:
     """The scene's own key and value of an answer."""
     if key == "piezo.k2":
-        coefficients: Any = scene.oscillator.coefficients
+        from harvester.scene.units import rest_stiffness
+
         capacitance: Any = getattr(scene.transducer, "capacitance", None)
-        return "piezo.coupling", math.sqrt(value * rest_stiffness(coefficients) * capacitance)
+        return "piezo.coupling", math.sqrt(value * rest_stiffness(scene.oscillator) * capacitance)
     if key == "excitation.rms":
         time = getattr(scene.excitation, "correlation_time", 1.0)
         return "excitation.intensity", value**2 * time

@@ -6,8 +6,8 @@ import json
 import math
 from typing import TYPE_CHECKING, Any
 
-from harvester.device.spring import rest_stiffness
 from harvester.files.numbers import engineering
+from harvester.scene.units import rest_stiffness
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -23,8 +23,7 @@ def device_line(scene: Scene) -> tuple[str, ...]:
         return ()
     oscillator = scene.oscillator
     mass: Any = oscillator.mass
-    coefficients: Any = oscillator.coefficients
-    stiffness = rest_stiffness(coefficients)
+    stiffness = rest_stiffness(oscillator)
     if stiffness <= 0.0:
         return ()
     rate = math.sqrt(stiffness / mass)

@@ -4,9 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any
 
 from harvester.device.contact import LAWS, SIDES
+from harvester.device.force_table import (
+    INTERPOLATIONS,
+    MOST_PIECES,
+    POINTS_PER_PIECE,
+    force_table,
+)
 from harvester.device.keys import (
     BOTH,
     NAMED_VALUES,
@@ -18,11 +25,12 @@ from harvester.device.keys import (
     not_negative,
     positive,
 )
-from harvester.device.spring import rest_stiffness
 from harvester.device.transducer import TRANSDUCERS
 from harvester.errors import SceneError
 from harvester.files.plain_text import named, nearest, shown
 
+# Points of a table of force, most of them to be smoothed.
+MOST_POINTS = 2000
 # As wide as what numpy draws one from.
 LARGEST_SEED = 2**128 - 1
 
@@ -43,6 +51,10 @@ OTHER_KEYS: dict[str, Any] = {
         "frequency": positive(units=(SI,)),
         "cubic_stiffness": not_negative(),
         "restoring_force": Key(each=Key(), count=(2, 8)),
+        "base_factor": positive(),
+        "force_table": Key(each=Key(each=Key(), count=(2, 2)), count=(2, MOST_POINTS)),
+        "force_interpolation": Key(kind=str, words=INTERPOLATIONS),
+        "restoring_force_range": Key(each=Key(), count=(2, 2)),
     },
     "stoppers": {
         "gap": positive(required=True),
@@ -86,20 +98,23 @@ RESISTOR_KEYS, NETLIST_KEYS = (
     ("kind", "resistance", "decay_rate"),
     ("netlist", "subcircuit", "parameters"),
 )
+TABLE_KEYS = ("force_table", "force_interpolation")
+SHORT_KEYS = ("linear_stiffness", "cubic_stiffness", "frequency")
 REPLACED_KEYS = {
     "load.netlist": RESISTOR_KEYS,
     "load.resistance": NETLIST_KEYS,
     "load.decay_rate": NETLIST_KEYS,
-    "oscillator.restoring_force": ("linear_stiffness", "cubic_stiffness", "frequency"),
-    "oscillator.linear_stiffness": ("restoring_force", "frequency"),
-    "oscillator.frequency": ("restoring_force", "linear_stiffness"),
-    "oscillator.cubic_stiffness": ("restoring_force",),
+    "oscillator.restoring_force": (*SHORT_KEYS, *TABLE_KEYS),
+    "oscillator.force_table": (*SHORT_KEYS, "restoring_force"),
+    "oscillator.linear_stiffness": ("restoring_force", "frequency", *TABLE_KEYS),
+    "oscillator.frequency": ("restoring_force", "linear_stiffness", *TABLE_KEYS),
+    "oscillator.cubic_stiffness": ("restoring_force", *TABLE_KEYS),
     "oscillator.damping": ("quality_factor", "damping_ratio"),
     "oscillator.quality_factor": ("damping", "damping_ratio"),
     "oscillator.damping_ratio": ("damping", "quality_factor"),
 }
 # Each of these says what the others of its line say: a scene has one of them.
-STIFFNESS_KEYS = ("linear_stiffness", "frequency", "restoring_force")
+SPRING_KEYS = ("linear_stiffness", "frequency", "restoring_force", "force_table")
 DAMPING_KEYS = ("damping", "quality_factor", "damping_ratio")
 
 
@@ -174,25 +189,26 @@ def _check_several(name, values, origin):
 
 
 def _check_oscillator(oscillator, units, origin):
-    """Spring and damper in one of their forms each, and the usual ones of them computed."""
-    mass = oscillator.get("mass", 1.0)
-    stiffness = _only(oscillator, STIFFNESS_KEYS, units, origin)
-    if stiffness == "restoring_force" and "cubic_stiffness" in oscillator:
-        raise _twice(origin, "cubic_stiffness", stiffness)
-    if stiffness == "frequency":
-        oscillator["linear_stiffness"] = mass * (2.0 * math.pi * oscillator["frequency"]) ** 2
-    if stiffness != "restoring_force":
+    """Spring and damper in one of their forms each, and where the spring is meant."""
+    _only(oscillator, DAMPING_KEYS, units, origin)
+    low, high = oscillator.get("restoring_force_range", (-1.0, 1.0))
+    if not low < 0.0 < high:
+        raise SceneError(
+            f"{origin}: oscillator.restoring_force_range = {[low, high]}: must be a displacement "
+            "below 0 and one above"
+        )
+    if "force_interpolation" in oscillator and "force_table" not in oscillator:
+        raise SceneError(f"{origin}: oscillator.force_interpolation needs oscillator.force_table")
+    form = _only(oscillator, SPRING_KEYS, units, origin)
+    if form in ("linear_stiffness", "frequency"):
         oscillator.setdefault("cubic_stiffness", 0.0)
-    damping = _only(oscillator, DAMPING_KEYS, units, origin)
-    if damping != "damping":
-        rest = rest_stiffness(spring_coefficients(oscillator))
-        if not rest > 0.0:
-            raise SceneError(
-                f"{origin}: oscillator.{damping} needs a frequency, and the spring has no "
-                "stiffness at rest: give oscillator.damping"
-            )
-        ratio = oscillator.get("damping_ratio", 0.5 / oscillator.get("quality_factor", 1.0))
-        oscillator["damping"] = 2.0 * ratio * math.sqrt(rest * mass)
+    elif "cubic_stiffness" in oscillator:
+        raise _twice(origin, "cubic_stiffness", form)
+    if form == "frequency":
+        rate = 2.0 * math.pi * oscillator["frequency"]
+        oscillator["linear_stiffness"] = oscillator["mass"] * rate**2
+    if form == "force_table":
+        _check_force_table(oscillator, origin)
 
 
 def _only(oscillator, names, units, origin):
@@ -215,11 +231,31 @@ def _twice(origin, first, second):
     )
 
 
-def spring_coefficients(oscillator: Mapping[str, Any]) -> tuple[float, ...]:
-    """(F0, k1, k2, …) of a checked table."""
-    if "restoring_force" in oscillator:
-        return oscillator["restoring_force"]
-    return (0.0, oscillator["linear_stiffness"], 0.0, oscillator["cubic_stiffness"])
+def _check_force_table(oscillator, origin):
+    """Displacements that ascend through 0, and as many as the interpolation takes."""
+    points = oscillator["force_table"]
+    where = f"{origin}: oscillator.force_table"
+    for place, (before, after) in enumerate(pairwise(points), start=1):
+        if not after[0] > before[0]:
+            raise SceneError(
+                f"{where}[{place}] = {list(after)}: displacements must ascend, and the one before "
+                f"is {before[0]:g}"
+            )
+    if not points[0][0] < 0.0 < points[-1][0]:
+        raise SceneError(
+            f"{where} goes from {points[0][0]:g} to {points[-1][0]:g}: it must hold displacements "
+            "on both sides of 0, where the other keys begin to count"
+        )
+    smooth = oscillator.get("force_interpolation", INTERPOLATIONS[0]) == "smooth"
+    if not smooth and len(points) > MOST_PIECES + 1:
+        raise SceneError(
+            f"{where} has {len(points)} points: at most {MOST_PIECES + 1} are taken as they are; "
+            'set oscillator.force_interpolation = "smooth", or leave points out'
+        )
+    if smooth and len(points) <= POINTS_PER_PIECE:
+        raise SceneError(
+            f"{where} has {len(points)} points: smoothing takes at least {POINTS_PER_PIECE + 1}"
+        )
 
 
 def _transducer_of(scene):
@@ -315,7 +351,10 @@ def _check_physics(scene, origin):
     _check_held(stoppers, origin)
     name = _transducer_of(scene)
     uncoupled = scene[name].get("coupling") == 0.0
-    damped = oscillator["damping"] > 0.0 or oscillator.get("quadratic_damping", 0.0) > 0.0
+    damped = (
+        any(oscillator.get(key, 0.0) > 0.0 for key in DAMPING_KEYS)
+        or oscillator.get("quadratic_damping", 0.0) > 0.0
+    )
     if not damped and uncoupled:
         raise SceneError(
             f"{origin}: oscillator.damping = 0 with {name}.coupling = 0: nothing takes the energy "
@@ -341,23 +380,49 @@ def _check_held(stoppers, origin):
 
 def _check_bounded(oscillator, stoppers, origin):
     """The force must lead back far out on both sides: by the spring, or by stoppers there."""
-    force = spring_coefficients(oscillator)
-    listed = "restoring_force" in oscillator
-    key = f"oscillator.{'restoring_force' if listed else 'linear_stiffness'}"
+    if "restoring_force_range" in oscillator:
+        return
+    if "force_table" in oscillator:
+        made = force_table(
+            oscillator["force_table"], oscillator.get("force_interpolation", INTERPOLATIONS[0])
+        )
+        ends = made.breaks()[[0, -1]]
+        for side, sign, end in (("left", -1.0, ends[0]), ("right", 1.0, ends[1])):
+            order, slope, force = 1, made.slope(end), sign * made.force(end)
+            if slope > 0.0 or (slope == 0.0 and force > 0.0) or _stopped(stoppers, side, order):
+                continue
+            raise SceneError(
+                f"{origin}: oscillator.force_table ends on the {side} with a slope of {slope:.3g}, "
+                "and so it goes on beyond: the motion is unbounded there; go on until the force "
+                "leads back, put a stopper there, or say by oscillator.restoring_force_range that "
+                "the mass stays within the table"
+            )
+        return
+    force = oscillator.get("restoring_force")
+    key = "oscillator.restoring_force"
+    if force is None:
+        force = (0.0, oscillator["linear_stiffness"], 0.0, oscillator["cubic_stiffness"])
+        key = "oscillator.linear_stiffness"
     order = max((n for n, k in enumerate(force) if k != 0.0), default=0)
     for side, sign in (("right", 1.0), ("left", -1.0)):
         if order and force[order] * sign ** (order + 1) > 0.0:
             continue
-        if any(
-            each["stiffness"] > 0.0
-            and each.get("side", "both") in (side, "both")
-            and each.get("exponent", 1.5) > order
-            for each in stoppers
-        ):
+        if _stopped(stoppers, side, order):
             continue
-        value = list(force) if listed else f"{force[1]:g}"
+        value = list(force) if key.endswith("force") else f"{force[1]:g}"
         raise SceneError(
             f"{origin}: {key} = {value} leaves the motion unbounded on the {side}: the highest "
-            "power must be odd with a coefficient > 0 (cubic_stiffness > 0 in the short form), or "
-            f"a stopper with a greater exponent must stand on the {side}"
+            "power must be odd with a coefficient > 0 (cubic_stiffness > 0 in the short form), "
+            f"a stopper with a greater exponent must stand on the {side}, or "
+            "oscillator.restoring_force_range must say between which displacements it is meant"
         )
+
+
+def _stopped(stoppers, side, order):
+    """Whether a stopper there holds against a force that grows with this power."""
+    return any(
+        each["stiffness"] > 0.0
+        and each.get("side", "both") in (side, "both")
+        and each.get("exponent", 1.5) > order
+        for each in stoppers
+    )

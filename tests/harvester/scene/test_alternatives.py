@@ -22,6 +22,7 @@ def test_frequency_and_quality_factor_are_kept_and_the_others_follow():
         assert scene.oscillator.damping == pytest.approx(mass * rate / 20.0, rel=1e-14)
     assert scene.to_tables()["oscillator"] == {
         "mass": 0.03, "frequency": 45.7, "quality_factor": 20.0, "cubic_stiffness": 0.0,
+        "base_factor": 1.0854,
     }  # fmt: skip
     assert {"oscillator.frequency", "oscillator.quality_factor"} <= {*numbers(scene)}
     assert Scene.from_dict(scene.to_dict()) == scene

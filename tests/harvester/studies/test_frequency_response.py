@@ -212,7 +212,7 @@ def test_tip_voltage_and_output_behind_a_netlist_per_g(tmp_path, pool):
     total = upper + lower
     volts = t.coupling / (t.capacitance + 1.0 / (1j * w * total))
     stiff = o.linear_stiffness - o.mass * w**2 + 1j * w * o.damping + t.coupling * volts
-    tip = o.mass * 9.80665 / stiff
+    tip = o.base_factor * o.mass * 9.80665 / stiff
     v = np.abs(tip * volts)
     (sweep,) = found.sweeps
     for name, truth in (
