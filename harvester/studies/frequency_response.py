@@ -202,7 +202,8 @@ class FrequencyResponse:
             best = int(np.argmax(getattr(sweep, name)))
             lines.append(
                 f"sweep {sweep.direction}: most {name.removeprefix('mean_').replace('_', ' ')}, "
-                f"{self.values(name, sweep)[best]:.4g}, at {self.frequencies[best]:.4g} Hz"
+                f"{self.values(name, sweep)[best]:.4g} {self.unit('power')}, at "
+                f"{self.frequencies[best]:.4g} Hz"
             )
             unsettled = int(np.count_nonzero(~(sweep.residual <= NOTED_RESIDUAL)))
             if unsettled:

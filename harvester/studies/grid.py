@@ -10,11 +10,13 @@ from typing import Any
 
 from harvester.arguments import listed, table
 from harvester.errors import HarvesterError, SceneError
+from harvester.excitation import KINDS
 from harvester.files.plain_text import name, nearest, shown
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
+from harvester.scene.schema import table_keys
 
 # Both name the load's resistor, whether it is the built-in one or a netlist's parameter.
 RESISTANCES = ("load.parameters.resistance", "load.resistance")
@@ -142,14 +144,11 @@ def _with_load(scene, load):
 
 
 def _check_sweep(scene, key, values, any_key):
-    """Refuse what is no list of values, and where not any key will do, what is no number.
-
-    The scenes themselves refuse a key that none has.
-    """
+    """Refuse what is no list of values, and a key that no scene has, or no number of this one."""
     known = [*numbers(scene), RESISTANCES[0]]
     option = "--over" if any_key else "--sweep"
     listed = key in known or key in RESISTANCES or key.startswith("load.parameters.")
-    if not listed and not (any_key and "." in key):
+    if not listed and not (any_key and key in _every_key()):
         raise HarvesterError(
             f"{option} {key}: no number of this scene{nearest(key, known)}; there are "
             f"{', '.join(known)} and what else a load calls its parameters"
@@ -160,6 +159,15 @@ def _check_sweep(scene, key, values, any_key):
             raise HarvesterError(f"{option} {key}: {shown(value)}: must be a number")
     if len(values) == 0 or len(set(values)) < len(values):
         raise HarvesterError(f"{option} {key}: give each value once, and at least one")
+
+
+def _every_key():
+    """Those that a scene may hold, whatever its tables; one of several is a number's name."""
+    kinds = {
+        "excitation.kind",
+        *(f"excitation.{key}" for kind in KINDS.values() for key in kind.KEYS),
+    }
+    return kinds | {f"{table}.{key}" for table, keys in table_keys().items() for key in keys or ()}
 
 
 def _at(scene, values):

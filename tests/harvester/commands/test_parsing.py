@@ -23,7 +23,7 @@ OPTIONS = {
     f"--step --time-limit --waveform --window --workers {SCENE}",
     "average": f"--fit --json --jump-rates --method --output --report --tolerance {SCENE}",
     "frequency-response": "--amplitude --down --frequencies --json --method --output --step "
-    f"--report --time-limit {RUN} {SCENE}",
+    f"--per-g --quantity --report --time-limit {RUN} {SCENE}",
     "accuracy": f"--json --output --thorough {RUN} {SCENE}",
     "work-precision": f"--json --output --report --thorough {RUN} {SCENE}",
     "time-to-accuracy": f"--json --output --seconds {RUN} {SCENE}",
