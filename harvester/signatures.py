@@ -21,6 +21,7 @@ from typing import Annotated, Any, NamedTuple, TypedDict, get_args, get_origin
 from harvester.errors import HarvesterError
 from harvester.files.numbers import NotANumber, number
 from harvester.files.plain_text import named, shown
+from harvester.method import Method
 
 # Longest list that the ends of a grid may ask for.
 MOST_NUMBERS = 100_000
@@ -192,6 +193,8 @@ def _share(value: Any) -> bool:
     return isinstance(value, numbers.Real) and 0.0 < float(value) < 1.0
 
 
+# A name at the command line, in Python also the object.
+MethodOrName = Annotated[str | Method, Kind("NAME")]
 Step = Annotated[str | float, Kind("STEP")]
 Seed = Annotated[int, Kind("SEED")]
 Seconds = Annotated[float, Kind("SECONDS", "a number of seconds > 0", _positive)]
@@ -208,7 +211,7 @@ Over = Annotated[
     Mapping[str, Sequence[float | str]],
     Kind("TABLE.KEY=LIST", read=over_of, again=True),
 ]
-Methods = Annotated[Sequence[str], Kind("NAME", option="method", again=True)]
+Methods = Annotated[Sequence[str | Method], Kind("NAME", option="method", again=True)]
 Quantities = Annotated[Sequence[str], Kind("NAME", option="quantity", again=True)]
 Distributions = Annotated[
     Mapping[str, str], Kind("TABLE.KEY=DISTRIBUTION", read=distributions_of, again=True)

@@ -24,6 +24,7 @@ from harvester.simulation.realization import Realization
 
 if TYPE_CHECKING:
     from harvester.device.system import System
+    from harvester.simulation.methods import Engine
 
 # Largest energy balance residual that is not an error; a result with more than the second carries
 # a note.
@@ -35,9 +36,7 @@ NOTED_RESIDUAL = 0.01
 @np.errstate(over="ignore", invalid="ignore")
 def result_of(
     scene: Scene,
-    engine: str,
-    step: str | float,
-    source: str,
+    engine: Engine,
     realizations: list[Realization],
     failures: dict[int, SimulationError],
     outcome: str = "complete",
@@ -48,18 +47,17 @@ def result_of(
     moments = [realization.moments for realization in realizations]
     first = min(realization.started for realization in realizations)
     last = max(realization.ended for realization in realizations)
-    cost = step_error(ready, step, engine)
+    cost = step_error(ready, engine.step, engine.name)
     found = run_estimates(scene, moments, cost)
     shapes = densities(found.moments, is_symmetric(scene, parameters))
     joints = [realization.joint for realization in realizations if realization.joint is not None]
-    name = engine if source == "external" else f"{engine} ({source} source)"
     joint = joint_density_of(joints, is_symmetric(scene, parameters)) if joints else None
     if found.shortfalls:
         shapes = {name: replace(shape, standard_error=None) for name, shape in shapes.items()}
         joint = joint and replace(joint, standard_error=None)
     return Result(
         scene=scene,
-        engine=name,
+        engine=engine.title,
         scaled_quantities=found.scaled,
         scales=scales,
         error_kind="statistical",
@@ -68,8 +66,8 @@ def result_of(
         engine_seconds=sum(realization.seconds for realization in realizations),
         simulated_time=sum(m.time_reached for m in moments),
         steps=sum(m.points for m in moments),
-        step=knot_spacing(ready) / steps_per_knot(ready, step, engine),
-        step_error=cost if source == "external" else None,
+        step=knot_spacing(ready) / steps_per_knot(ready, engine.step, engine.name),
+        step_error=None if engine.chooses_steps else cost,
         realizations=len(moments),
         engine_version=realizations[0].engine_version,
         netlist_sha256=realizations[0].netlist_sha256,
@@ -77,7 +75,7 @@ def result_of(
         failures={index: f"{type(e).__name__}: {e}" for index, e in failures.items()},
         densities=shapes,
         joint_density=joint,
-        waveform=_waveform(scene, name, scales, realizations[0]),
+        waveform=_waveform(scene, engine.title, scales, realizations[0]),
         moments=moments,
         outcome="incomplete" if failures else outcome,
     )
@@ -94,9 +92,7 @@ def is_symmetric(scene: Scene, parameters: System) -> bool:
     return scene.excitation.symmetric and parameters.symmetric and scene.start is None
 
 
-def partial_result(
-    scene: Scene, engine: str, step: str | float, source: str, error: SimulationError
-) -> Result | None:
+def partial_result(scene: Scene, engine: Engine, error: SimulationError) -> Result | None:
     """A result of the failed realizations' moments, or None when they had none."""
     reached = [m for m in error.partial or () if measured_time([m]) > 0.0]
     if not reached:
@@ -113,7 +109,7 @@ def partial_result(
         for m in reached
     ]
     outcome = type(error).__name__
-    return result_of(scene, engine, step, source, realizations, {}, outcome)
+    return result_of(scene, engine, realizations, {}, outcome)
 
 
 def notes_on_excitation(scene: Scene) -> tuple[str, ...]:

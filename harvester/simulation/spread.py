@@ -16,6 +16,7 @@ from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import stop_time
 from harvester.scene.model import Scene
 from harvester.simulation import side_by_side
+from harvester.simulation.methods import Circuit, Engine, MonteCarlo
 from harvester.simulation.realization import Realization, Stretch, run
 from harvester.workers.pools import Workers, processes
 
@@ -36,18 +37,20 @@ def running(
             yield pool
 
 
-def copies_that_pay(
-    scene: Scene, engine: str, device: str, options: dict[str, Any], pool: Workers
-) -> int:
-    """Realizations in one call of an engine, where the caller leaves their number open."""
-    shared = (options[name] for name in ("step", "source", "tolerance"))
+def copies_that_pay(scene: Scene, engine: Engine, pool: Workers) -> int:
+    """Realizations in one call of an engine: those that it is told, else as many as pay."""
     count = scene.run.realizations
-    if engine == "monte-carlo":
+    if isinstance(engine, MonteCarlo):
         workers = getattr(pool, "size", math.inf)
         return side_by_side.together(count, workers) if scene.load.is_resistor else 1
-    if engine != "circuit" or count == 1 or not side_by_side.share_steps(scene, *shared):
+    if not isinstance(engine, Circuit):
         return 1
-    (used,) = pool.map(_device_used, [{"scene": scene, "device": device}])
+    if engine.copies:
+        return engine.copies
+    shared = engine.step, engine.source, engine.tolerance
+    if count == 1 or not side_by_side.share_steps(scene, *shared):
+        return 1
+    (used,) = pool.map(_device_used, [{"scene": scene, "device": engine.device}])
     return side_by_side.copies(count, used)
 
 
@@ -60,10 +63,10 @@ def _device_used(scene, device, report):
 
 def calls_of(
     scene: Scene,
-    engine: str,
+    engine: Engine,
     copies: int,
     stretch: Stretch | None,
-    options: dict[str, Any],
+    joint_density: bool,
 ) -> list[dict[str, Any]]:
     """Arguments of `harvester.simulation.realization.run`, `copies` realizations in each."""
     indices = range(scene.run.realizations)
@@ -74,7 +77,7 @@ def calls_of(
             "indices": list(indices[start : start + copies]),
             "window": None,
             "stretch": stretch if start == 0 else None,
-            **options,
+            "joint_density": joint_density,
         }
         for start in range(0, len(indices), copies)
     ]

@@ -33,7 +33,7 @@ from harvester.scene.model import Scene
 from harvester.scene.units import Scales
 from harvester.show.palette import CIRCUIT, MONTE_CARLO
 from harvester.show.panels import Panel, Series, draw_panels, is_wide
-from harvester.simulation.methods import ENGINES
+from harvester.simulation.methods import engine_of
 from harvester.simulation.realization import Waveform
 from harvester.simulation.simulate import check_name
 
@@ -291,9 +291,18 @@ class _Outputs:
 
 
 def one_direction(
-    scene: Scene, engine: str, step: str | float, report: Callable
+    scene: Scene,
+    engine: str,
+    step: str | float,
+    report: Callable,
+    settings: dict[str, Any] | None = None,
 ) -> tuple[list[tuple[float, ...]], str, float]:
     """One direction, in a worker process.
+
+    Parameters
+    ----------
+    engine, step, settings
+        The engine's name, its step, and what else of it is not as usual.
 
     Returns
     -------
@@ -301,7 +310,7 @@ def one_direction(
         The quantities of `Sweep` at each frequency, in its order, scaled; the engine's version;
         seconds.
     """
-    chosen = ENGINES[engine]
+    chosen = engine_of(engine, step=step, **settings or {})
     excitation: Any = scene.excitation
     ready = prepared(scene)
     path = excitation.path(knot_spacing(ready), ready.excitation_unit, None)
@@ -312,18 +321,11 @@ def one_direction(
     load, output = scene.load.circuit, None
     if load and load.has_output:
         output = _Outputs(windows, load.recorded)
-    chosen.prepare(scene)
+    chosen.prepare(ready)
     clock = time.perf_counter()
-    outcome = chosen.run_realizations(
-        scene,
-        [path],
-        [start_state(ready, 0)],
-        with_range_watch(ready, [windows]),
-        step,
-        "external",
-        ENGINES[engine].schemes[0],
-        **({"outputs": [output]} if output else {}),
-    )
+    observers = with_range_watch(ready, [windows])
+    outputs = [output] if output else None
+    outcome = chosen.run_realizations(ready, [path], [start_state(ready, 0)], observers, outputs)
     seconds = time.perf_counter() - clock
     rows = []
     for place, (window, frequency) in enumerate(zip(windows, excitation.frequencies, strict=True)):

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections import ChainMap
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -17,12 +16,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Unpack
 from harvester.arguments import listed, table
 from harvester.calling import takes_scene
 from harvester.errors import AveragingError, HarvesterError, LoadError
+from harvester.method import Method
 from harvester.signatures import (
     Distributions,
     Grid,
     Grids,
     Kind,
     Loads,
+    MethodOrName,
     Methods,
     Over,
     Processes,
@@ -33,10 +34,9 @@ from harvester.signatures import (
     Share,
     Step,
 )
+from harvester.simulation.methods import Engine, engine_of, method_of
 from harvester.simulation.simulate import (
     TIME_LIMIT,
-    check_name,
-    check_step,
     require_noise,
     simulate,
 )
@@ -158,7 +158,7 @@ def frequency_response(
     down: bool = False,
     quantities: Quantities = (),
     per_g: bool = False,
-    method: str = "monte-carlo",
+    method: MethodOrName = "monte-carlo",
     step: Step = "default",
     **running: Unpack[RunnerOptions],
 ) -> FrequencyResponse:
@@ -183,7 +183,7 @@ def frequency_response(
     per_g : bool
         All for a base acceleration of 1 g: per g, powers per g². A nonlinear device has them at
         this amplitude alone.
-    method : str
+    method : str or Method
         monte-carlo (Runge–Kutta) or circuit (ngspice), on the same path.
     step : str or float
         default, fine, finest, or the longest step in seconds.
@@ -210,21 +210,19 @@ def frequency_response(
 
     from harvester.prepared.prepared import prepared
     from harvester.running import Task, open_runner
-    from harvester.simulation.methods import ENGINES
     from harvester.studies import frequency_response as work
 
-    check_name("method", method, ENGINES)
-    step = check_step(step)
+    engine = engine_of(method, step=step)
     scene = work.with_sine(scene, amplitude)
     shown = work.shown_of(scene, quantities, per_g)
     rising = work.rising_frequencies(frequencies)
     directions = {"up": rising, "down": rising[::-1]} if down else {"up": rising}
     scenes: list[Any] = [work.stepped(scene, order) for order in directions.values()]
     with open_runner(**running) as runner:
-        version = runner.version(method)
-        arguments = [{"scene": each, "engine": method, "step": step} for each in scenes]
+        version = runner.version(engine.name)
+        arguments = [{"scene": each, **engine.as_arguments("engine")} for each in scenes]
         outcomes = runner.run(
-            [Task(work.one_direction, each, version, method) for each in arguments]
+            [Task(work.one_direction, each, version, engine.name) for each in arguments]
         )
     for outcome in outcomes:
         if isinstance(outcome, HarvesterError):
@@ -237,7 +235,7 @@ def frequency_response(
         sweeps.append(work.Sweep(direction, *np.array(ordered).T))
     return work.FrequencyResponse(
         scene=scene,
-        engine=method,
+        engine=engine.name,
         frequencies=rising,
         sweeps=sweeps,
         scales=prepared(scene).scales,
@@ -269,7 +267,7 @@ def sweep(
     over : dict of str to sequence of float or str
         Any key of the scene and its values, numbers or words: FIRST:LAST:log:NUMBER,
         FIRST:LAST:linear:NUMBER, or values between commas; several make a grid.
-    methods : sequence of str
+    methods : sequence of str or Method
         Engines and closures; several may be given (default: monte-carlo).
     quantities : sequence of str
         What the tables show and what a precision holds for; several may be given (default:
@@ -278,7 +276,8 @@ def sweep(
         Relative standard error that each place is run for by the engines; None: the scene's own
         run.
     step : str or float
-        default, fine, finest, or the longest step in seconds.
+        default, fine, finest, or the longest step in seconds, of the engines that are given by
+        their names.
     time_limit : float
         Wall-clock limit of one realization (default: 3600).
     **running
@@ -295,25 +294,27 @@ def sweep(
 
     clock = time.perf_counter()
     methods = tuple(listed(methods, "methods", METHODS_WRITTEN))
-    if not methods or len(set(methods)) < len(methods):
-        raise HarvesterError(f"methods = {list(methods)}: give each once, and at least one")
+    chosen = [each if isinstance(each, Method) else method_of(each, step=step) for each in methods]
+    labels = work.labels_of(chosen)
+    if not methods or len(set(labels)) < len(methods):
+        raise HarvesterError(f"methods = {list(labels)}: give each once, and at least one")
     quantities = tuple(listed(quantities, "quantities", QUANTITIES_WRITTEN))
     grid = make_grid(scene, (), over, "over")
     requests = [
-        Request(point.scene, each, precision=precision, quantities=quantities, step=step)
+        Request(point.scene, each, precision=precision, quantities=quantities)
         for point in grid.points
-        for each in methods
+        for each in chosen
     ]
     with open_runner(**running) as runner:
         answers = runner.answer(requests)
         out_of_time = runner.out_of_time
     shape = (*(len(values) for values in grid.sweeps.values()), len(methods))
-    cells = work.cells_of(requests, answers)
+    cells = work.cells_of(labels, answers)
     work.check_quantities(quantities, cells)
     return work.Sweep(
         scene=grid.scene,
         values=grid.sweeps,
-        methods=methods,
+        methods=labels,
         quantities=quantities,
         cells=cells.reshape(shape),
         notes=grid.notes,
@@ -328,7 +329,7 @@ def load_study(
     *,
     loads: Loads = (),
     sweeps: Grids | None = None,
-    method: str = JUDGED,
+    method: MethodOrName = JUDGED,
     precision: Share | None = None,
     step: Step = "default",
     **running: Unpack[RunnerOptions],
@@ -346,7 +347,7 @@ def load_study(
     sweeps : dict of str to sequence of float
         FIRST:LAST:log:NUMBER, FIRST:LAST:linear:NUMBER, or numbers between commas; several make a
         grid.
-    method : str
+    method : str or Method
         judged: monte-carlo, with the circuit on the same noise at the optima and at places drawn
         at random (`harvester.studies.loads.proof`; a load that only the circuit takes is run by it
         alone); monte-carlo or circuit alone; for a resistor also a closure.
@@ -370,40 +371,37 @@ def load_study(
     HarvesterError
         A mistake in the call. A simulation that fails is the outcome of its point.
     """
-    from harvester.averaging import CLOSURES
     from harvester.running import open_runner
-    from harvester.simulation.methods import ENGINES
     from harvester.studies.grid import make_grid
     from harvester.studies.loads import study as work
     from harvester.studies.loads.evaluation import evaluating
     from harvester.version import __version__
 
     clock = time.monotonic()
-    known: ChainMap[str, Any] = ChainMap({JUDGED: None}, ENGINES, CLOSURES)
-    check_name("method", method, known)
-    step = check_step(step)
-    statistical = method not in CLOSURES
+    chosen: Any
+    chosen, judge = work.chosen(method, step)
+    statistical = isinstance(chosen, Engine)
     if precision and statistical:
         require_noise(scene, "a study with a precision")
         scene = work.cut(scene)
         if running.get("time_budget") is None:
             running["time_budget"] = TIME_BUDGET
     grid = make_grid(scene, loads, sweeps or {})
-    methods = tuple(work.method_of(point.scene, method) for point in grid.points)
+    methods = tuple(work.method_at(point.scene, chosen, judge) for point in grid.points)
     with open_runner(**running) as runner:
         # Here already, so that a machine without ngspice says so before it has worked.
-        version = runner.version("circuit" if method == JUDGED else method)
+        version = runner.version((judge or chosen).name)
         aim = precision if statistical else None
         plans = [
-            evaluating(each.scene, own, step, runner.version(own), aim)
+            evaluating(each.scene, own, runner.version(own.name), aim)
             for each, own in zip(grid.points, methods, strict=True)
         ]
-        with runner.reserving(work.PROOF_SHARE if method == JUDGED else 0.0):
+        with runner.reserving(work.PROOF_SHARE if judge else 0.0):
             evaluations = runner.follow(plans)
-        proofs = work.proofs(runner, grid, methods, evaluations, step) if method == JUDGED else []
+        proofs = work.proofs(runner, grid, (chosen, judge), evaluations) if judge else []
     return work.Study(
         grid=grid,
-        method=method,
+        method=JUDGED if judge else chosen.name,
         version=", ".join(filter(None, (f"harvester {__version__}", version))),
         precision=precision,
         evaluations=evaluations,
@@ -423,7 +421,7 @@ def sensitivity(
     *,
     covariance: Annotated[Mapping[str, Any] | str | Path, Kind("FILE")] | None = None,
     quantity: str = "mean_power",
-    method: str | None = None,
+    method: MethodOrName | None = None,
     above: Annotated[float, Kind("LIMIT")] | None = None,
     rows: int = ROWS,
     precision: Share | None = None,
@@ -443,7 +441,7 @@ def sensitivity(
         the principal axes (`harvester.studies.sensitivity.joint_tolerance`).
     quantity : str
         mean_power, power_conversion_efficiency, of a load with an output mean_output_power, …
-    method : str or None
+    method : str, Method or None
         An engine or a closure (default: monte-carlo, or circuit where the load needs it).
     above : float or None
         Also the yield: the share of devices above it, in the scene's units.
@@ -485,10 +483,10 @@ def sensitivity(
             if axes and key in axes[0].centre:
                 raise HarvesterError(f"--vary {key}: its scatter is in the covariance already")
         tolerances += axes
-    method = work.checked(scene, tolerances, method, rows)
+    chosen = work.checked(scene, tolerances, method, rows)
     shape = rows, len(tolerances) + 2
     with open_runner(**running) as opened:
-        study = work.study_of(scene, tolerances, quantity, method, above, shape, precision, opened)
+        study = work.study_of(scene, tolerances, quantity, chosen, above, shape, precision, opened)
     return replace(study, seconds=time.perf_counter() - clock)
 
 
@@ -500,7 +498,7 @@ def optimum(
     low: Annotated[float, Kind("A", option="from")] | None = None,
     high: Annotated[float, Kind("B", option="to")] | None = None,
     maximise: Annotated[str, Kind("QUANTITY")] | None = None,
-    method: str | None = None,
+    method: MethodOrName | None = None,
     closure: str | None = None,
     evaluations: int | None = None,
     precision: Share | None = None,
@@ -523,7 +521,7 @@ def optimum(
         mean_power, power_conversion_efficiency or mean_square_voltage; of a load with an output
         also mean_output_power and the like; over several parameters any (default: the power, at
         the output where the load has one).
-    method : str or None
+    method : str, Method or None
         monte-carlo or circuit, over several parameters also a closure (default: monte-carlo, or
         circuit where the load needs it).
     closure : str or None

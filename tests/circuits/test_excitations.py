@@ -38,6 +38,7 @@ def quake(tmp_path):
         "column": "north",
         "time_column": "time",
         "unit": "g",
+        "detrend": "none",
     }
     tables["run"] = {"duration": 290.0, "settle": 5.0}
     return Scene.from_tables(tables, name="quake")
