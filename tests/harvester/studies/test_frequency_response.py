@@ -224,7 +224,7 @@ def test_tip_voltage_and_output_behind_a_netlist_per_g(tmp_path, pool):
         ("peak_power", v**2 / total),
         ("mean_output_power", v**2 * lower / (2.0 * total**2)),
     ):
-        np.testing.assert_allclose(found.values(name, sweep), truth, rtol=2e-3, err_msg=name)
+        np.testing.assert_allclose(found.values(name, sweep), truth, rtol=4e-3, err_msg=name)
     assert np.abs(found.values("mean_output_voltage", sweep)).max() < 1e-3 * v.max()
     assert found.unit("power") == "W/g²"
     assert found.to_dict()["sweeps"]["up"]["peak_voltage"] == pytest.approx(v, rel=2e-3)
