@@ -5,5 +5,3 @@
 OUTPUT, LOSS, STORE, STATE, TAKEN = "output", "loss", "store", "state", "taken"
 # A voltage (V) or a current (A) by which the load's stores are followed; no measure asks for it.
 LEVEL = "level"
-# The same of a node or a current that the caller of a run asks for.
-PROBE = "probe"

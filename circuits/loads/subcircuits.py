@@ -17,7 +17,7 @@ from circuits.loads.dialects import ambiguity
 from circuits.loads.elements import Element
 from circuits.loads.expansion import Expansion
 from circuits.loads.flattening import calls, elements, outermost
-from circuits.loads.kinds import LEVEL, OUTPUT, PROBE
+from circuits.loads.kinds import LEVEL, OUTPUT
 from circuits.loads.load_checks import check_load, check_needs, loose_nodes
 from circuits.loads.load_watch import Watch, watch_of
 from circuits.loads.measurement import evaluated
@@ -184,8 +184,7 @@ class LoadCircuit:
     @property
     def recorded(self) -> tuple[tuple[str, str], ...]:
         """Kind and name of each value kept of a run: those measured, its levels, its probes."""
-        levels = tuple((LEVEL, name) for name in self.levels)
-        return self.measured + levels + tuple((PROBE, name) for name in self.probes)
+        return self.measured + tuple((LEVEL, name) for name in (*self.levels, *self.probes))
 
 
 def load_names() -> list[str]:

@@ -103,10 +103,10 @@ class Waveform:
         if self._inside.size:
             self._parts.append(np.array([column[self._inside] for column in record]))
 
-    def add_output(self, voltage: np.ndarray, values: np.ndarray) -> None:
-        """The output's voltage and other values, shape (k, n), at the points added last."""
+    def add_output(self, *values: np.ndarray) -> None:
+        """The output's voltage and other values, each of shape (n,), at the points added last."""
         if self._inside.size:
-            self._outputs.append(np.vstack([voltage, values])[:, self._inside])
+            self._outputs.append(np.array([each[self._inside] for each in values]))
 
     def record(self) -> Record:
         """The stretch as one record."""
@@ -126,11 +126,18 @@ class _WatchedOutput:
         self._moments, self._waveform = moments, waveform
         self.conductance = self.capacitance = math.nan
 
-    def add(self, time: np.ndarray, voltage: np.ndarray, values: np.ndarray) -> None:
-        """Points with the values of the load's measures, and behind them those of its probes."""
-        own = len(self._moments.rows)
-        self._moments.add(time, voltage, values[:own])
-        self._waveform.add_output(voltage, values[own:])
+    def add(
+        self,
+        time: np.ndarray,
+        voltage: np.ndarray,
+        values: np.ndarray,
+        levels: Sequence[np.ndarray | None],
+    ) -> None:
+        """Points with the load's measures, its levels, and behind these its probes."""
+        own = len(self._moments.rows) - len(values)
+        self._moments.add(time, voltage, values, levels[:own])
+        probes = [np.zeros_like(time) if each is None else each for each in levels[own:]]
+        self._waveform.add_output(voltage, *probes)
 
 
 class Reporter:

@@ -283,9 +283,11 @@ class _Outputs:
         self._powers = [k for k, (kind, _) in enumerate(rows) if kind == OUTPUT]
         self.conductance = self.capacitance = math.nan
 
-    def add(self, time: np.ndarray, voltage: np.ndarray, values: np.ndarray) -> None:
+    def add(
+        self, time: np.ndarray, voltage: np.ndarray, values: np.ndarray, levels: object
+    ) -> None:
         """Points of the voltage, and of what the load's file measures as output power."""
-        used = values[self._powers].sum(axis=0, keepdims=True)
+        used = values[self._powers].sum(axis=0)
         for each in self._windows:
             each.add_output(voltage, used)
 
@@ -397,7 +399,7 @@ def stepped(scene: Scene, frequencies: np.ndarray) -> Scene:
     if scene.load.circuit:
         from circuits.kernel.slow_modes import slowest_time
 
-        slowest = max(slowest, slowest_time(scene))
+        slowest = max(slowest, slowest_time(prepared(scene)))
     motion = 2.0 * math.pi / timescales.fastest_angular_frequency(parameters) / KNOTS_PER_PERIOD
     spacing = min(Sine(1.0, frequencies.max()).spacing(motion), motion)
     dwell = slowest * math.log(1.0 / SETTLED_SHARE) + MEASURED_PERIODS / frequencies.min()

@@ -36,7 +36,10 @@ def test_it_counts_as_a_base_that_moves_as_much_more(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("method", "device"), [("monte-carlo", None), ("circuit", "behavioural")])
+@pytest.mark.parametrize(
+    ("method", "device"),
+    [("monte-carlo", None), pytest.param("circuit", "behavioural", marks=pytest.mark.exhaustive)],
+)
 def test_the_power_of_a_linear_device_goes_with_its_square(method, device):
     omega, amplitude = 1.7, 0.1
     scene = Scene.load("linear").replace(
@@ -63,7 +66,7 @@ def test_the_power_of_a_linear_device_goes_with_its_square(method, device):
     assert taken == pytest.approx(truth / put_in, rel=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("method", ["monte-carlo", "circuit"])
 def test_every_engine_takes_it(method):
     scene = Scene.load("paper_si").replace(BRIEF)
