@@ -56,6 +56,7 @@ if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement as Measurement
     from harvester.identification.measurement import read_measurement as read_measurement
     from harvester.results.result import Result as Result
+    from harvester.running.opening import open_runner as open_runner
     from harvester.scene.model import Scene as Scene
     from harvester.simulation.methods import Circuit as Circuit
     from harvester.simulation.methods import MonteCarlo as MonteCarlo
@@ -90,6 +91,7 @@ _WHERE = {
     "explore": "harvester.explorer.explorer",
     "frequency_response": "harvester.studies.public",
     "sweep": "harvester.studies.public",
+    "open_runner": "harvester.running.opening",
     "load_study": "harvester.studies.public",
     "save": "harvester.studies.loads.study",
     "optimum": "harvester.studies.public",

@@ -22,13 +22,13 @@ COMMANDS = (
         "validate",
         "validate paper --output results --report paper.html",
         title="one scene, the same noise",
-        page=True,
     ),
     Study(
         "simulate",
         "simulate paper --method circuit --set excitation.intensity=0.1 --json -",
         title=_engine,
         stem="{method}",
+        waveform=True,
         failed=lambda result: result.outcome != "complete",
         bar="simulated time",
     ),
@@ -57,6 +57,13 @@ COMMANDS = (
         "verify --output results",
         title="known results",
         failed=lambda found: found.failed,
+    ),
+    Study(
+        "sweep",
+        "sweep paper --over excitation.intensity=0.005:0.1:log:7 --method monte-carlo "
+        "--method fokker_planck --quantity mean_square_voltage --output swept",
+        title="sweep",
+        failed=lambda swept: not any(cell.estimates for _, cell in swept.places()),
     ),
     Study(
         "optimum",
@@ -88,7 +95,6 @@ COMMANDS = (
         "identify device --record shaker.csv load.resistance=1e5 --output identified",
         title=lambda found: f"identified from {', '.join(r.name for r in found.measurements)}",
         stem="identified",
-        page=True,
     ),
     Command(verification.reproduce, "reproduce fig6 fig9 --quick --output results"),
     Study(verification.claims, "claims --output results", title="the paper's statements"),

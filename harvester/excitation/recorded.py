@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -69,7 +69,7 @@ class RecordedMotion(Excitation):
     full_scale : float
         Of a .wav file, in `unit`.
     detrend : str
-        "none", "mean" or "linear".
+        "mean" takes the constant part off, such as gravity; "none" or "linear".
     band : (float, float) or None
         Hz; see `conditioning.conditioned`.
     mend : tuple of str
@@ -95,7 +95,7 @@ class RecordedMotion(Excitation):
     scale: float | None = None
     offset: float | None = None
     full_scale: float = 1.0
-    detrend: str = "none"
+    detrend: str = "mean"
     band: tuple | None = None
     mend: tuple = ()
     repetition: str = "none"
@@ -156,6 +156,10 @@ class RecordedMotion(Excitation):
         return self.samples.size * self.interval if self.repetition == "periodic" else None
 
     @property
+    def own_duration(self) -> float | None:
+        return self.period or (self.samples.size - 1) * self.interval
+
+    @property
     def random(self) -> bool:
         return self.repetition == "periodic"
 
@@ -182,7 +186,7 @@ class RecordedMotion(Excitation):
             )
         if self.repetition == "periodic":
             return
-        length = (self.samples.size - 1) * self.interval
+        length: Any = self.own_duration
         if run.settle + run.duration > length * (1.0 + 1e-9):
             raise SceneError(
                 f"{origin}: the record lasts {length:g} s, and run.settle + run.duration are "
@@ -238,7 +242,7 @@ class RecordedMotion(Excitation):
         if abs(values.mean()) > NOTED_OFFSET * values.std():
             lines.append(
                 f"the record's mean is {values.mean() / values.std():+.2g} of its deviation: "
-                'detrend = "mean" takes it away'
+                'leave detrend = "none" out to take it off'
             )
         return tuple(lines)
 
@@ -331,6 +335,7 @@ def _read_knots(record, name):
     even = conditioning.even_samples(columns, record.mend, name, most_samples())
     rate = even.rate
     values = even.values * factor_of_unit
+    offset = _offset_remark(values, record, unit)
     values = conditioning.conditioned(values, rate, record.detrend, record.band, name)
     knots_per_sample = 1.0 / (rate * (record.knot_spacing or 1.0 / rate))
     if not knots_per_sample * values.size <= most_samples():
@@ -343,8 +348,20 @@ def _read_knots(record, name):
     values = conditioning.refined(values, factor)
     if record.repetition == "periodic":
         values = conditioning.closed(values)
-    remarks = (*columns.remarks, *markers, *even.remarks)
+    remarks = (*columns.remarks, *markers, *even.remarks, *offset)
     return Knots(values, float(1.0 / (rate * factor)), remarks)
+
+
+def _offset_remark(values, record, unit):
+    """A line where a constant part that matters is taken off."""
+    mean = float(values.mean())
+    if record.detrend != "mean" or not abs(mean) > NOTED_OFFSET * values.std():
+        return ()
+    said = f"{mean:.4g} m/s²" if unit != "scaled" else f"{mean:.4g}"
+    return (
+        f'its constant part, {said} (gravity or an offset), was taken off; detrend = "none" '
+        "keeps it",
+    )
 
 
 def _columns(record, name):

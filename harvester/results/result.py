@@ -12,14 +12,17 @@ from harvester.estimates.estimate import Density, Estimate
 from harvester.estimates.joint_density import JointDensity
 from harvester.estimates.units import SI_UNITS, unit_of
 from harvester.excitation.spectrum_fit import SpectrumFit
+from harvester.files.numbers import engineering
 from harvester.files.plain_text import nearest, one_line, shown
 from harvester.files.serialising import NotAValue, plain, read
 from harvester.record.moments import Moments
-from harvester.record.record import Record
+from harvester.results.waveform import Waveform
+from harvester.scene.described import device_line
 from harvester.scene.model import Scene
 from harvester.scene.units import Scales
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from xarray import Dataset
 
@@ -87,8 +90,8 @@ class Result:
         Of displacement, velocity and voltage.
     joint_density : JointDensity or None
         Of displacement and velocity together: of the stationary solver, or where it was asked for.
-    waveform : Record or None
-        A stretch of the first realization.
+    waveform : Waveform or None
+        A stretch of the first realization, in the scene's units; None of averaging.
     failures : dict of int to str
         Realizations that failed for good, with the reason; left out of the estimates.
     moments : list of harvester.record.moments.Moments
@@ -117,7 +120,7 @@ class Result:
     notes: tuple[str, ...] = ()
     densities: dict[str, Density] = field(default_factory=dict)
     joint_density: JointDensity | None = None
-    waveform: Record | None = None
+    waveform: Waveform | None = None
     failures: dict[int, str] = field(default_factory=dict)
     moments: list[Moments] = field(default_factory=list)
     spectrum_fit: SpectrumFit | None = None
@@ -251,7 +254,46 @@ class Result:
 
     def sentences(self) -> list[str]:
         """How the numbers came about, and what to know before citing one."""
-        return [*self.evidence(), *self.notes]
+        return [*self.evidence(), *device_line(self.scene), *self.notes]
+
+    def headline(self) -> str:
+        """Its power, at the output where the load has one."""
+        known = self.scaled_quantities
+        name = next(n for n in ("mean_output_power", "mean_power", *known) if n in known)
+        found = self.quantity(name)
+        said = f"{name.replace('_', ' ')} {with_error(found)} {self.unit(found.dimension)}"
+        load = self.scene.load
+        ohms = f" into {engineering(load.resistance, 'Ω')}" if load.resistance else ""
+        behind = f" behind {load.netlist}" if load.netlist else ""
+        return f"{said}{ohms}{behind}, by {self.engine}"
+
+    def draw_density(self, axes: Axes, name: str, label: str | None = None, **style: Any) -> None:
+        """Draw one density into axes of a figure of your own, in the scene's units.
+
+        Parameters
+        ----------
+        axes : matplotlib.axes.Axes
+        name : str
+            "displacement", "velocity" or "voltage".
+        label : str or None
+            In the legend (default: the method).
+        **style
+            `colour` and `line`, as matplotlib has them.
+
+        Raises
+        ------
+        UnknownQuantity
+        """
+        from harvester.results.drawing import axis_label, draw_density
+
+        if name not in self.densities:
+            raise UnknownQuantity(
+                f"{self.scene.name}: no density of {shown(name)}{nearest(name, self.densities)}; "
+                f"there are {', '.join(self.densities) or 'none'}"
+            )
+        colour = style.pop("colour", f"C{len(axes.lines)}")
+        draw_density(axes, self, name, colour, style.pop("line", "-"), label or self.engine)
+        axes.set(xlabel=axis_label(self, name), ylabel="probability density")
 
     def results_by_method(self) -> dict[str, Result]:
         """Itself, by the name of its engine or closure."""

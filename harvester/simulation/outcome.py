@@ -20,6 +20,7 @@ from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, step_error, steps_per_knot
 from harvester.results.residual_cause import suspected_cause
 from harvester.results.result import Result
+from harvester.results.waveform import waveform_of
 from harvester.scene.model import Scene
 from harvester.simulation.realization import Realization
 
@@ -83,10 +84,16 @@ def result_of(
         failures={index: f"{type(e).__name__}: {e}" for index, e in failures.items()},
         densities=shapes,
         joint_density=joint,
-        waveform=realizations[0].waveform,
+        waveform=_waveform(scene, engine.title, scales, realizations[0]),
         moments=moments,
         outcome="incomplete" if failures else outcome,
     )
+
+
+def _waveform(scene, engine, scales, realization):
+    if realization.waveform is None:
+        return None
+    return waveform_of(scene, engine, scales, realization.waveform, realization.electrical)
 
 
 def _density_notes(found, shapes):
@@ -113,6 +120,7 @@ def partial_result(scene: Scene, engine: Engine, error: SimulationError) -> Resu
     nothing: dict[str, Any] = {
         "waveform": None,
         "joint": None,
+        "electrical": {},
         "engine_version": "",
         "netlist_sha256": None,
     }

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from harvester.arguments import check_name as check_name
 from harvester.calling import takes_scene
 from harvester.errors import HarvesterError, SimulationError
-from harvester.signatures import MethodOrName, Processes, Seconds, Step
+from harvester.signatures import MethodOrName, Nodes, Processes, Seconds, Step, Window
 from harvester.simulation.methods import DEFAULTS, Stationary, engine_of
 from harvester.simulation.methods import check_step as check_step
 
@@ -37,7 +37,8 @@ def simulate(
     keep_going: bool = False,
     scheme: str | None = None,
     tolerance: float | None = None,
-    window: tuple[float, float] | None = None,
+    window: Window | None = None,
+    nodes: Nodes = (),
     joint_density: bool = False,
     executor: Executor | None = None,
     runner: Workers | None = None,
@@ -72,6 +73,11 @@ def simulate(
     keep_going : bool
         Try a realization that crashes or runs out of time once more, and go on without it; the
         result's `failures` name it. Else the first failure ends the run.
+    window : (float, float) or None
+        Stretch of the first realization that `Result.waveform` and --waveform hold: START:END in s
+        from the run's beginning (default: 50 periods of the device's motion after settling).
+    nodes : sequence of str
+        Nodes of the load's netlist, and currents i(NAME), that they hold too; several may be given.
 
     Other Parameters
     ----------------
@@ -81,8 +87,6 @@ def simulate(
     tolerance : float or None
         Circuit only: relative tolerance of ngspice's control by the local error, which shortens
         steps below `step`; None: fixed steps, or ngspice's own tolerance for "pwl".
-    window : (float, float) or None
-        Stretch of the first realization to keep as `Result.waveform` (s).
     joint_density : bool
         Keep p(X, X') as `Result.joint_density`.
     executor : concurrent.futures.Executor or None
@@ -119,11 +123,12 @@ def simulate(
 
     engine = engine_of(method, **given)
     engine.check(scene)
+    stretch = spread.stretch_of(scene, window, nodes)
     follow = spread.Follower(scene, engine.name, progress) if progress else None
     try:
         with spread.running(runner, executor, scene.run.realizations, workers) as pool:
             together = spread.copies_that_pay(scene, engine, pool)
-            calls = spread.calls_of(scene, engine, together, window, joint_density)
+            calls = spread.calls_of(scene, engine, together, stretch, joint_density)
             outcomes = spread.outcomes(pool, calls, time_limit, follow, keep_going)
     except SimulationError as error:
         error.partial = outcome.partial_result(scene, engine, error)

@@ -12,6 +12,7 @@ import numpy as np
 from harvester.estimates.estimate import Estimate
 from harvester.files.serialising import plain
 from harvester.results.result import Result, with_error
+from harvester.scene.described import device_line
 from harvester.scene.model import Scene
 from harvester.show.page import Verdict
 
@@ -163,6 +164,7 @@ class Comparison:
         for name, (apart, chance) in self.joint_distances().items():
             by_chance = "" if math.isnan(chance) else f", {chance:.3f} by chance alone"
             lines.append(f"∬|p(X, X') by {name} − by Monte Carlo| = {apart:.3f}{by_chance}")
+        lines += device_line(self.scene)
         return [*lines, *dict.fromkeys((*self.circuit.notes, *self.monte_carlo.notes))]
 
     def verdict(self) -> Verdict:

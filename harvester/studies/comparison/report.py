@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-import json
 import platform
 from collections.abc import Callable
 from importlib import metadata
@@ -13,6 +12,7 @@ from harvester.errors import MissingLibrary
 from harvester.prepared.prepared import prepared
 from harvester.results import joint_drawing
 from harvester.results.drawing import draw_result
+from harvester.scene.described import scene_rows
 from harvester.show import figures
 from harvester.show.page import (
     NARROWEST_SCHEMATIC,
@@ -65,7 +65,7 @@ def report(comparison: Comparison) -> str:
             "Verdict": verdict_list(verdicts(comparison)),
             "Quantities": wide(table_of(header, rows)) + facts(LEGEND),
             "Figures": _figures(comparison),
-            "Scene": wide(table_of(("key", "value"), _scene_rows(scene), "text")),
+            "Scene": wide(table_of(("key", "value"), scene_rows(scene), "text")),
             "Schematic": _schematic(scene),
             "Netlist": netlist,
             "Evidence": wide(table_of(("what", "fact"), _evidence(comparison), "text")),
@@ -97,20 +97,6 @@ def _schematic(scene):
         return facts(f"Not drawn: {error}")
     caption = "Element names as in the netlist; nodes in blue."
     return figure_of(drawing.image(), f"Schematic of {scene.name}", caption, NARROWEST_SCHEMATIC)
-
-
-def _scene_rows(scene):
-    rows = []
-    for table, values in scene.to_tables().items():
-        if not isinstance(values, dict):
-            rows.append((table, _value(values)))
-            continue
-        rows += [(f"{table}.{key}", _value(value)) for key, value in values.items()]
-    return rows
-
-
-def _value(value):
-    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
 
 
 def _evidence(comparison):

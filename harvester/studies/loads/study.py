@@ -15,6 +15,7 @@ import numpy as np
 from harvester.arguments import check_name
 from harvester.errors import LoadError
 from harvester.estimates.estimate import Estimate
+from harvester.files.libraries import optional_library
 from harvester.files.serialising import fields_of, plain
 from harvester.files.tables import write_csv, write_netcdf
 from harvester.files.writing import in_folder
@@ -37,6 +38,7 @@ from harvester.studies.sweep import Sweep, columns
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from pandas import DataFrame
     from xarray import Dataset
 
     from harvester.running.folder import StudyFolder
@@ -270,6 +272,27 @@ class Study:
         words = [*told, proof.trouble] if proof.trouble else told
         return f"{where}: circuit over Monte Carlo, paired, {', '.join(words)}"
 
+    def headline(self) -> str:
+        """The best load with its power, and where its optimum is."""
+        best = [
+            (where, each) for where in np.ndindex(self.optima.shape) if (each := self.best(where))
+        ]
+        best = [pair for pair in best if "output_power" in pair[1].estimates]
+        if not best:
+            return "no load has a power"
+        where, top = max(best, key=lambda pair: pair[1].power)
+        key, place = self.curve_keys[0], self.optima[where][1]
+        at = f" at {key} = {self.grid.sweeps[key][place]:.4g}" if key else ""
+        power = with_error(top.estimates["output_power"])
+        return f"most power: {power} {self.unit} from {self.grid.loads[where[0]]}{at}"
+
+    def figures(self) -> list[Figure]:
+        """Power, efficiency and waveforms, as `save` draws them."""
+        from harvester.show import figures
+        from harvester.studies.loads import drawing
+
+        return [figures.drawn(draw, self) for draw in drawing.FIGURES]
+
     def figure(self) -> Figure:
         """Output power over the swept value."""
         from harvester.show import figures
@@ -281,13 +304,8 @@ class Study:
         """Write NetCDF, CSV and figures: see `harvester.save`."""
         save(self, folder)
 
-    def to_csv(self, path: str | Path) -> None:
-        """Write a row for each point: load, swept values, every quantity with its standard error.
-
-        Raises
-        ------
-        OutputError
-        """
+    def data(self) -> tuple[list[str], list[list[Any]]]:
+        """Header and a row for each point: load, swept values, all quantities with their errors."""
         quantities = list(columns(self.scene, self.cells))
         header = ["load", *self.grid.sweeps, *(f"{name} [{unit}]" for name, _, unit in quantities)]
         rows = [
@@ -302,7 +320,28 @@ class Study:
                 self.grid.points, self.evaluations, np.ndindex(self.cells.shape), strict=True
             )
         ]
-        write_csv(path, [*header, "realizations", "outcome"], rows)
+        return [*header, "realizations", "outcome"], rows
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write the rows of `data`.
+
+        Raises
+        ------
+        OutputError
+        """
+        write_csv(path, *self.data())
+
+    def to_pandas(self) -> DataFrame:
+        """The rows of `data` as a DataFrame; `sweep.to_pandas()` has a row for each quantity.
+
+        Raises
+        ------
+        MissingLibrary
+            pandas, of the extra `study`.
+        """
+        header, rows = self.data()
+        pandas = optional_library("pandas", "Study.to_pandas", "study")
+        return pandas.DataFrame(rows, columns=header)
 
     def to_xarray(self) -> Dataset:
         """The study as an xarray Dataset; see `harvester.studies.loads.dataset`."""

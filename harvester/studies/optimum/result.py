@@ -156,6 +156,12 @@ class Optimum:
             rows.insert(0, [f"averaging, {averaging.closure}", key, place, "", value])
         return header, rows
 
+    def headline(self) -> str:
+        """The place, its value, and what it was looked for."""
+        places = ", ".join(f"{each.axis.key} = {each.place:.4g}" for each in self.parameters)
+        words = self.quantity.replace("_", " ")
+        return f"most {words}: {with_error(self.value)} {self.unit} at {places}, by {self.method}"
+
     def sentences(self) -> list[str]:
         """What bounds the place and the value, and what was run."""
         if self.averaging is None:
