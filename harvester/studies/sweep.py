@@ -17,10 +17,10 @@ from harvester.files.libraries import optional_library
 from harvester.files.plain_text import json_text
 from harvester.files.serialising import plain
 from harvester.files.tables import write_csv, xarray_or_say
-from harvester.results.result import with_error
 from harvester.running import Request
 from harvester.running.request import COMPLETE, OUT_OF_TIME, told
 from harvester.scene.model import Scene
+from harvester.show.numbers import with_error
 from harvester.simulation.simulate import check_name
 
 if TYPE_CHECKING:
@@ -144,11 +144,15 @@ class Sweep:
             if name in cell.estimates
         }
         header = ["method", *self.values]
-        header += [f"{each.replace('_', ' ')} [{units.get(each, '')}]" for each in self.quantities]
+        header += [each.replace("_", " ") for each in self.quantities]
         rows = []
         for place, cell in self.places():
             estimates = [cell.estimates.get(name, _NOTHING) for name in self.quantities]
-            row = [cell.method, *map(in_words, place), *map(with_error, estimates)]
+            told = [
+                with_error(each, units.get(name, ""))
+                for name, each in zip(self.quantities, estimates, strict=True)
+            ]
+            row = [cell.method, *map(in_words, place), *told]
             rows.append([*row, str(cell.realizations or ""), cell.outcome])
         return [*header, "realizations", "outcome"], rows
 
