@@ -32,8 +32,9 @@ def load(scene: Scene) -> str:
     table = scene.to_tables()["load"]
     values = [*_values("load", table, scene), *_values("load.parameters", table, scene)]
     name = PurePath(str(table.get("netlist", ""))).stem
-    of_netlist = f"the load {table.get('subcircuit') or name}" if name else "a resistor"
-    return ", ".join([of_netlist, *values])
+    if name:
+        return ", ".join([f"the load {table.get('subcircuit') or name}", *values])
+    return f"a resistor ({', '.join(values)})"
 
 
 def conditions(scene: Scene) -> str:

@@ -322,4 +322,5 @@ def _or_infinite(share):
 
 
 def _sigmas(number, places):
-    return "no error bar" if math.isnan(number) else f"{number:+.{places}f} σ"
+    # Rounded first, and without the sign of −0.
+    return "no error bar" if math.isnan(number) else f"{round(number, places) + 0.0:+.{places}f} σ"

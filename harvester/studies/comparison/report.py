@@ -16,7 +16,7 @@ from harvester.results.excitation_drawing import draw_spectrum
 from harvester.results.headline import headline
 from harvester.show import figures
 from harvester.show.page import (
-    NARROWEST_SCHEMATIC,
+    LEAST_SCALE,
     Verdict,
     facts,
     figure_of,
@@ -102,7 +102,7 @@ def _schematic(scene):
     except MissingLibrary as error:
         return facts(f"Not drawn: {error}")
     caption = "Element names as in the netlist; nodes in blue."
-    return figure_of(drawing.image(), f"Schematic of {scene.name}", caption, NARROWEST_SCHEMATIC)
+    return figure_of(drawing.image(), f"Schematic of {scene.name}", caption, LEAST_SCALE)
 
 
 def _scene_rows(scene):
