@@ -19,6 +19,7 @@ import numpy as np
 
 from harvester.device import timescales
 from harvester.identification.reconstruction import Motion, frequencies, motion
+from harvester.identification.unknowns import BASE_FACTOR, BASE_SCALE
 from harvester.scene.numbers import numbers
 
 if TYPE_CHECKING:
@@ -26,13 +27,14 @@ if TYPE_CHECKING:
 
 # Periods of the motion that one test function covers, and how many begin in each.
 COVERED_PERIODS, PER_COVERED = 1.5, 8
+# A regression takes a table of force for a polynomial of this degree.
+TABLE_DEGREE = 5
 ELECTRICAL_FACTORS = np.geomspace(0.2, 5.0, 13)
 SCALE_FACTORS = np.geomspace(0.1, 10.0, 81)
 GAP_SHARES = np.linspace(0.35, 0.95, 13)
 # In rms values: the origin of a motion within one well lies far off.
 ORIGINS = np.sinh(np.linspace(-5.0, 5.0, 1001))
 MOST_ORIGINS = 2
-DRIVE = "sensor.acceleration_scale"
 # Smallest damping ratio that a start has.
 LEAST_DAMPING_RATIO = 0.003
 
@@ -138,6 +140,7 @@ class _Regression:
         self.system, self.scales = system, scales
         experiment = responses.experiments[number]
         self.scene = experiment.scene
+        self.powers = _powers(self.scene.oscillator)
         self.offset = float(np.mean(seen.x))
         self.z, self.w, self.state = seen.x - self.offset, seen.v, seen.state
         self.centred = "displacement" not in experiment.measurement.outputs
@@ -198,8 +201,7 @@ class _Regression:
         return [key for key in numbers(self.scene) if key.startswith("stoppers") and "gap" in key]
 
     def _degree(self):
-        oscillator = self.scene.oscillator
-        return max(n for n, k in enumerate(oscillator.coefficients) if k or n == 1)
+        return max(n for n, k in enumerate(self.powers) if k or n == 1)
 
     def _columns(self, share):
         """Integrals of what the coefficients multiply, and its names; all over s."""
@@ -231,8 +233,9 @@ class _Regression:
         return self.scene.units != "SI" and "piezo.coupling" in self.responses.keys
 
     def _free_drive(self):
-        """Whether the base's sensor has an unknown scale, and the motion a known one."""
-        return DRIVE in self.responses.keys and not self.centred
+        """Whether the drive has an unknown factor, and the motion a known scale."""
+        keys = self.responses.keys
+        return (BASE_SCALE in keys or BASE_FACTOR in keys) and not self.centred
 
     def _contacts(self):
         return [(each.side, each.exponent) for each in self.scene.stoppers if each.stiffness > 0.0]
@@ -273,8 +276,11 @@ class _Regression:
         changes = self._mechanical(found, s, moved)
         changes |= self._transduced(found, s)
         if found.get("drive"):
-            own = _value(self.responses, self.values, DRIVE, self.number)
-            changes[DRIVE] = own / found["drive"]
+            # The drive is the base factor over the sensor's scale, and one of them is free.
+            own = _value(self.responses, self.values, BASE_SCALE, self.number)
+            changes[BASE_SCALE] = own / found["drive"]
+            own = _value(self.responses, self.values, BASE_FACTOR, self.number)
+            changes[BASE_FACTOR] = own * found["drive"]
         if share is not None:
             changes |= self._stops(found, s, share, shift)
         return _with(self.responses, self.values, self._within(changes)), shift
@@ -346,14 +352,14 @@ class _Regression:
     def _kept_coefficients(self):
         """Scaled coefficients of the spring that are not free, by their powers."""
         mass, length = self._mass(), self.scales.displacement
-        coefficients = self.scene.oscillator.coefficients
+        coefficients = self.powers
         fixed = {}
         for n in range(self._degree() + 1):
             short = {1: "linear_stiffness", 3: "cubic_stiffness"}.get(n, "none")
             if self.scene.oscillator.restoring_force is not None:
                 short = f"restoring_force[{n}]"
             if f"oscillator.{short}" not in self.responses.keys:
-                value = coefficients[n] if n < len(coefficients) and coefficients[n] else 0.0
+                value = coefficients[n] if n < len(coefficients) else 0.0
                 fixed[n] = value * length ** (n - 1) / mass
         return fixed
 
@@ -361,14 +367,23 @@ class _Regression:
         """Only what is free, and within its bounds."""
         known = numbers(self.scene)
         kept = {}
-        if DRIVE in changes and DRIVE in self.responses.keys:
-            kept[DRIVE] = changes[DRIVE]
+        if BASE_SCALE in changes and BASE_SCALE in self.responses.keys:
+            kept[BASE_SCALE] = changes[BASE_SCALE]
         for key, value in changes.items():
             if key in known and key in self.responses.keys and np.isfinite(value):
                 low, start = known[key][1].low, abs(known[key][0])
                 least = low if known[key][1].low_allowed or low == -np.inf else low + 1e-2 * start
                 kept[key] = min(max(value, least), known[key][1].high)
         return kept
+
+
+def _powers(oscillator):
+    """(F0, k1, …) in the scene's units; of a table those of a polynomial near it."""
+    if oscillator.force_table is None:
+        return [k or 0.0 for k in oscillator.coefficients]
+    points = np.array(oscillator.force_table)
+    degree = min(TABLE_DEGREE, len(points) - 1)
+    return np.polynomial.Polynomial.fit(*points.T, degree).convert().coef.tolist()
 
 
 def _shifted(coefficients, distance):

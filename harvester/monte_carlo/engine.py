@@ -24,7 +24,7 @@ from harvester.compilation import numba
 from harvester.device import contact
 from harvester.errors import SolutionDiverged
 from harvester.monte_carlo.lockstep import Room, advance
-from harvester.prepared.prepared import prepared
+from harvester.monte_carlo.schemes import Scheme, scheme_of
 from harvester.prepared.steps import (
     EVEN_STEPS_PER_CONTACT,
     steps_per_contact,
@@ -38,45 +38,36 @@ from harvester.record.several import TOGETHER, SeveralMoments
 if TYPE_CHECKING:
     from harvester.device.system import System
     from harvester.excitation.base import ExcitationPath
-    from harvester.scene.model import Scene
+    from harvester.prepared.prepared import Prepared
 
 # Realizations in step with each other: more are hardly faster.
 MOST_TOGETHER = 64
 # Segments between knots worked on at a time, of all realizations together: their noise and,
 # where points are kept, these stay in the processor's cache.
 SEGMENTS, SEGMENTS_KEPT = 262144, 65536
-# Decay of V or X' by load or damper, as an exponent, in a step of an explicit scheme: those are
-# stable up to 2 (Heun) and 2.78 (Runge–Kutta). Beyond it the decay is taken exactly.
-LARGEST_DECAY = 1.0
-SCHEMES = {"runge-kutta": "Runge-Kutta 4", "heun": "Heun 2"}
-EXACT_DECAY = "exact decay, order 3"
 
 
-def prepare(scene: Scene) -> None:
+def prepare(ready: Prepared) -> None:
     """Load the compiled code for a scene's parts, so that it does not count as simulation."""
-    s = prepared(scene).system
+    s = ready.system
     tally = SeveralMoments([_unwanted(0.0, 1.0)], 1.0).tally
     room, place = Room.of(s, [(0.0, 0.0, 0.0)], 0), _beginning()
     noise = np.zeros((1, 1, TOGETHER))
-    advance(None, s, _edges(s), noise, 0, 1.0, 1, 1, room, tally, place)
+    advance(Scheme.RUNGE_KUTTA.argument, s, _edges(s), noise, 0, 1.0, 1, 1, room, tally, place)
 
 
 def run_realizations(
-    scene: Scene,
+    ready: Prepared,
     paths: list[ExcitationPath],
     starts: list[tuple[float, float, float]],
     observers: list[list[Observer]],
-    step: str | float,
-    source: str,
+    step: str | float = "default",
     scheme: str = "runge-kutta",
-    tolerance: float | None = None,
-    device: str | None = None,
     outputs: Any = None,
 ) -> dict[str, str | None]:
     """Integrate realizations side by side; see `circuits.ngspice.engine.run_realizations`.
 
-    `scheme` is "runge-kutta" or "heun". `source`, `tolerance`, `device` and `outputs` are not used:
-    the path is taken as it is, in fixed steps, and a resistor has no output side.
+    `scheme` is "runge-kutta" or "heun". `outputs` is not used: a resistor has no output side.
 
     Returns
     -------
@@ -87,7 +78,6 @@ def run_realizations(
     ------
     SolutionDiverged
     """
-    ready = prepared(scene)
     s = ready.system
     fixed = steps_per_knot(ready, step, "monte-carlo")
     in_contact = steps_per_contact(ready, step, "monte-carlo")
@@ -107,9 +97,9 @@ def run_realizations(
         for columns, points in chunks:
             for k, other in others:
                 other.add(record_of(columns, points, k))
-    exact = scheme_of(s, scheme, paths[0].spacing / fixed) is False
+    used = scheme_of(s, scheme, paths[0].spacing / fixed)
     return {
-        "engine_version": f"{EXACT_DECAY if exact else SCHEMES[scheme]}, numba {numba.__version__}",
+        "engine_version": f"{used.value}, numba {numba.__version__}",
         "netlist_sha256": None,
     }
 
@@ -144,7 +134,7 @@ def integrate(
     steps_per_knot : int
         Steps between two knots where no contact asks for more.
     scheme : str
-        A name in `SCHEMES`.
+        A name in `harvester.monte_carlo.schemes.NAMED`.
     steps_per_contact : int
         Fewest steps from the beginning of a contact to its end.
     moments : sequence of Moments
@@ -165,7 +155,7 @@ def integrate(
     SolutionDiverged
     """
     spacing, edges = paths[0].spacing, _edges(s)
-    heun = scheme_of(s, scheme, spacing / steps_per_knot)
+    used = scheme_of(s, scheme, spacing / steps_per_knot)
     knots = math.ceil(stop / spacing - 1e-9)
     most = (SEGMENTS_KEPT if keep else SEGMENTS) // len(paths)
     room, place = Room.of(s, starts, _points(most) if keep else 0), _beginning()
@@ -181,7 +171,7 @@ def integrate(
         while place[0] < count:
             room.points[:] = 0
             advance(
-                heun, s, edges, noise[: count + 1], first, spacing,
+                used.argument, s, edges, noise[: count + 1], first, spacing,
                 steps_per_knot, steps_per_contact, room, several.tally, place,
             )  # fmt: skip
             several.collect(room.points)
@@ -211,11 +201,3 @@ def _points(segments):
 
 def _edges(s):
     return np.array(contact.edges(s.contacts))
-
-
-def scheme_of(s: System, name: str, step: float) -> bool | None:
-    """None for Runge–Kutta, True for Heun, False for exact decay where it is faster than a step."""
-    damping = s.damper.damping + s.transducer.damping()
-    if max(s.transducer.decay_rate(), damping) * step > LARGEST_DECAY:
-        return False
-    return None if name == "runge-kutta" else True

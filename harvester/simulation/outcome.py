@@ -14,6 +14,8 @@ from harvester.estimates.batch_means import measured_time
 from harvester.estimates.densities import densities
 from harvester.estimates.joint_density import joint_density as joint_density_of
 from harvester.estimates.of_run import run_estimates
+from harvester.estimates.settling import slow_exchange
+from harvester.estimates.well_balance import FEWEST_JUMPS
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, step_error, steps_per_knot
 from harvester.results.residual_cause import suspected_cause
@@ -23,6 +25,7 @@ from harvester.simulation.realization import Realization
 
 if TYPE_CHECKING:
     from harvester.device.system import System
+    from harvester.simulation.methods import Engine
 
 # Largest energy balance residual that is not an error; a result with more than the second carries
 # a note.
@@ -34,9 +37,7 @@ NOTED_RESIDUAL = 0.01
 @np.errstate(over="ignore", invalid="ignore")
 def result_of(
     scene: Scene,
-    engine: str,
-    step: str | float,
-    source: str,
+    engine: Engine,
     realizations: list[Realization],
     failures: dict[int, SimulationError],
     outcome: str = "complete",
@@ -47,17 +48,19 @@ def result_of(
     moments = [realization.moments for realization in realizations]
     first = min(realization.started for realization in realizations)
     last = max(realization.ended for realization in realizations)
-    cost = step_error(ready, step, engine)
-    found = run_estimates(scene, moments, cost)
-    shapes = densities(found.moments, is_symmetric(scene, parameters))
+    cost = step_error(ready, engine.step, engine.name)
+    found = run_estimates(ready, moments, cost)
+    shapes = densities(found.moments, is_symmetric(scene, parameters), found.balance)
     joints = [realization.joint for realization in realizations if realization.joint is not None]
     joint = joint_density_of(joints, is_symmetric(scene, parameters)) if joints else None
     if found.shortfalls:
         shapes = {name: replace(shape, standard_error=None) for name, shape in shapes.items()}
+    if found.shortfalls or slow_exchange(scene, found.balance):
+        # Its samples have no weights: their shares of the wells are those of the starts.
         joint = joint and replace(joint, standard_error=None)
     return Result(
         scene=scene,
-        engine=engine if source == "external" else f"{engine} ({source} source)",
+        engine=engine.title,
         scaled_quantities=found.scaled,
         scales=scales,
         error_kind="statistical",
@@ -66,12 +69,17 @@ def result_of(
         engine_seconds=sum(realization.seconds for realization in realizations),
         simulated_time=sum(m.time_reached for m in moments),
         steps=sum(m.points for m in moments),
-        step=knot_spacing(ready) / steps_per_knot(ready, step, engine),
-        step_error=cost if source == "external" else None,
+        step=knot_spacing(ready) / steps_per_knot(ready, engine.step, engine.name),
+        step_error=None if engine.chooses_steps else cost,
         realizations=len(moments),
         engine_version=realizations[0].engine_version,
         netlist_sha256=realizations[0].netlist_sha256,
-        notes=(*notes_on_excitation(scene), *found.notes, *_failure_notes(failures, scene)),
+        notes=(
+            *notes_on_excitation(scene),
+            *found.notes,
+            *_density_notes(found, shapes),
+            *_failure_notes(failures, scene),
+        ),
         failures={index: f"{type(e).__name__}: {e}" for index, e in failures.items()},
         densities=shapes,
         joint_density=joint,
@@ -81,14 +89,23 @@ def result_of(
     )
 
 
+def _density_notes(found, shapes):
+    """A note where error bars are left out that no shortfall explains."""
+    bare = [name for name, shape in shapes.items() if shape.standard_error is None]
+    if found.balance is None or found.shortfalls or not bare:
+        return ()
+    return (
+        f"the density of {', '.join(bare)} has no error bar: some of it stands on fewer than "
+        f"{FEWEST_JUMPS:.0f} jumps between wells; simulate longer",
+    )
+
+
 def is_symmetric(scene: Scene, parameters: System) -> bool:
     """Whether a motion and its mirror image are equally likely."""
     return scene.excitation.symmetric and parameters.symmetric and scene.start is None
 
 
-def partial_result(
-    scene: Scene, engine: str, step: str | float, source: str, error: SimulationError
-) -> Result | None:
+def partial_result(scene: Scene, engine: Engine, error: SimulationError) -> Result | None:
     """A result of the failed realizations' moments, or None when they had none."""
     reached = [m for m in error.partial or () if measured_time([m]) > 0.0]
     if not reached:
@@ -104,7 +121,7 @@ def partial_result(
         for m in reached
     ]
     outcome = type(error).__name__
-    return result_of(scene, engine, step, source, realizations, {}, outcome)
+    return result_of(scene, engine, realizations, {}, outcome)
 
 
 def notes_on_excitation(scene: Scene) -> tuple[str, ...]:

@@ -220,13 +220,13 @@ class Comparison:
 
     def _greatest(self):
         """The greatest difference that is no chance, between means or on common noise."""
-        paired = next(iter(self.paired_apart.items()), None)
+        found = {name: abs(bias.estimate) for name, bias in self.paired_apart.items()}
         joint = next(iter(self.significant.items()), None)
-        if joint and (not paired or _or_infinite(joint[1]) >= abs(paired[1].estimate)):
+        if joint and _or_infinite(joint[1]) >= max(found.values(), default=0.0):
             name, share = joint
             apart = abs(self.difference(name))
             return f"the {words(name)} differs by {abs(share):.2%}, {apart:.1f} standard errors"
-        name, bias = paired
+        name, bias = next(iter(self.paired_apart.items()))
         return f"on the same noise the {words(name)} differs by {share_with_error(bias)}"
 
     def not_applying(self) -> list[str]:

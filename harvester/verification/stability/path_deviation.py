@@ -19,6 +19,7 @@ from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.running.codec import register
 from harvester.scene.model import Scene
 from harvester.simulation import side_by_side
+from harvester.simulation.methods import MonteCarlo
 from harvester.simulation.realization import Realization, run
 from harvester.verification.paths import ignore, recorded, states_at_knots
 from harvester.verification.quantities import STATES
@@ -111,7 +112,7 @@ def path_deviation(
     times = [
         knot_spacing(ready) * float(each.sum(axis=1).mean()) for each in (compared, comparable)
     ]
-    stiff = side_by_side.contacts_shorten_steps(brief, step)
+    stiff = side_by_side.contacts_shorten_steps(ready, step)
     least = LEAST_OF_STIFF_CONTACTS if stiff else LEAST_DEVIATION
     deviation = PathDeviation(
         reference=reference,
@@ -186,7 +187,7 @@ def _typical_start(scene):
     settling = _from_rest(scene, max(round(SETTLING_STEPS / steps_per_knot(ready)), 1), 1)
     stop = settling.run.duration
     window = (stop - _period(scene), 2.0 * stop)
-    [settled] = run(settling, "monte-carlo", [0], "default", "external", window, ignore)
+    [settled] = run(settling, MonteCarlo(), [0], window, ignore)
     system, scales = ready.system, ready.scales
     last: Any = settled.waveform
     low, high = timescales.free_zone(system)
@@ -206,7 +207,7 @@ def _typical_start(scene):
 def _paths(scene, engine, step):
     """Realizations with their whole waveforms."""
     count = scene.run.realizations
-    shared = engine == "circuit" and side_by_side.share_steps(scene, step)
+    shared = engine == "circuit" and side_by_side.share_steps(prepared(scene), step)
     together = [range(count)] if shared else [[index] for index in range(count)]
     return [path for some in together for path in recorded(scene, engine, some, step)]
 
