@@ -72,6 +72,16 @@ def _named(place):
         raise NetlistError(f"{place}: cannot be read: {reason}") from None
 
 
+def read_text(path: Path) -> str:
+    """Contents of a netlist file in whatever encoding such files come.
+
+    Raises
+    ------
+    NetlistError
+    """
+    return _Reader(path.parent)._text(path, path)
+
+
 class _Reader:
     """Reads one load's files; their number and size count together."""
 

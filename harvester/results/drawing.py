@@ -52,7 +52,8 @@ def _draw_fit(axes, result):
     axes.set_xlabel("frequency [Hz]")
     unit = "(m/s²)²/Hz" if result.scene.units == "SI" else "scaled"
     axes.set_ylabel(f"density [{unit}]")
-    axes.legend(fontsize=6)
+    # Above the data: a spectrum fills its axes.
+    axes.legend(fontsize=6, loc="lower left", bbox_to_anchor=(0.0, 1.0))
 
 
 def draw_density(

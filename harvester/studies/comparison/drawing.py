@@ -57,7 +57,7 @@ def _draw_densities(axes, comparison, name):
 def _draw_waveforms(top, bottom, comparison):
     circuit, reference = comparison.circuit.waveform, comparison.monte_carlo.waveform
     unit = comparison.circuit.scales.displacement
-    top.plot(reference.time, reference.displacement * unit, color=MONTE_CARLO)
+    top.plot(reference.time, reference.displacement * unit, color=MONTE_CARLO, linewidth=2.4)
     top.plot(circuit.time, circuit.displacement * unit, "--", color=CIRCUIT)
     top.set_ylabel(axis_label(comparison.circuit, "displacement"))
     top.set_title("the same noise path")
