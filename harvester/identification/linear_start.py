@@ -381,9 +381,9 @@ def _powers(oscillator):
     """(F0, k1, …) in the scene's units; of a table those of a polynomial near it."""
     if oscillator.force_table is None:
         return [k or 0.0 for k in oscillator.coefficients]
-    points = np.array(oscillator.force_table)
-    degree = min(TABLE_DEGREE, len(points) - 1)
-    return np.polynomial.Polynomial.fit(*points.T, degree).convert().coef.tolist()
+    displacement, force = np.array(oscillator.force_table).T
+    degree = min(TABLE_DEGREE, len(force) - 1)
+    return np.polynomial.Polynomial.fit(displacement, force, degree).convert().coef.tolist()
 
 
 def _shifted(coefficients, distance):

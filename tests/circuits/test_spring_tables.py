@@ -28,7 +28,7 @@ def test_plain_ngspice_follows_scipys_path_on_an_exported_netlist(tmp_path, name
     scene = device(name)
     ready = prepared(scene)
     spacing = knot_spacing(ready)
-    netlist = stand_alone(scene, noise_path(ready, 0), step=spacing / 100.0, tolerance=1e-7)
+    netlist = stand_alone(ready, noise_path(ready, 0), step=spacing / 100.0, tolerance=1e-7)
     (tmp_path / "table.cir").write_text(netlist.text + ".end\n")
     raw = run_raw(tmp_path, "table.cir")
     knots = round(stop_time(ready) / spacing)
@@ -39,7 +39,7 @@ def test_plain_ngspice_follows_scipys_path_on_an_exported_netlist(tmp_path, name
 
 def test_ltspice_reads_nested_conditions():
     scene = device("table, stoppers")
-    text, _ = for_ltspice(scene, noise_path(prepared(scene), 0), "noise.txt")
+    text, _ = for_ltspice(prepared(scene), noise_path(prepared(scene), 0), "noise.txt")
     line = next(each for each in text.splitlines() if each.startswith("Bnonlinear_spring"))
     assert line.count("if(") == 11
 

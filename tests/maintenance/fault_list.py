@@ -265,8 +265,8 @@ FAULTS = [
     Fault(
         "moments: the output's storage is emptied where it is filled",
         OUTPUT_SIDE,
-        "row[3] += square - old",
-        "row[3] += old - square",
+        "row[3] += voltage[end - 1] ** 2 - last**2",
+        "row[3] += last**2 - voltage[end - 1] ** 2",
         ("harvester/record/test_output_side.py",),
     ),
     Fault(
@@ -314,8 +314,8 @@ FAULTS = [
     Fault(
         "error bars: common noise adds up in a difference of efficiencies",
         PAIRED,
-        "standard_error(shares[0][1] - shares[1][1])",
-        "standard_error(shares[0][1] + shares[1][1])",
+        "error(parts[0] - parts[1])",
+        "error(parts[0] + parts[1])",
         (f"{OF_MEANS}::test_what_two_results_have_in_common_cancels_from_their_difference",),
     ),
     Fault(

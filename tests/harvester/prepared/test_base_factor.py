@@ -95,7 +95,7 @@ def test_an_exported_netlist_holds_what_drives_the_mass():
     scene = Scene.load("device").replace({"run.duration": 0.2, "run.settle": 0.0})
     mode = scene.replace({"oscillator.base_factor": 2.0})
     plain, doubled = (
-        stand_alone(each, noise_path(prepared(each), 0)).text for each in (scene, mode)
+        stand_alone(prepared(each), noise_path(prepared(each), 0)).text for each in (scene, mode)
     )
     assert "η, minus 2.0 times the base acceleration" in doubled
 
