@@ -99,6 +99,7 @@ COMMANDS = (
     Command(verification.reproduce, "reproduce fig6 fig9 --quick --output results"),
     Study(verification.claims, "claims --output results", title="the paper's statements"),
     Command(circuit.schematic, "schematic device --set load.netlist=bridge --output bridge.svg"),
+    Command(circuit.load, "load rectifier.net --nodes N001,N002,out,0 --output rectifier.lib"),
     Command(circuit.netlist, "netlist paper --set run.duration=100 --output paper.cir"),
     Command(cite, "cite results/paper-validate.json"),
     Command(circuit.engine, "engine --json -"),

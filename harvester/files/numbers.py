@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 
 POWERS = {"": 0, "k": 3, "meg": 6, "m": -3, "u": -6, "µ": -6, "μ": -6, "n": -9, "p": -12}
@@ -40,21 +39,3 @@ def number(text: str) -> float:
         raise NotANumber(f"no suffix {suffix}: there are {_LISTED}")
     # As text, so that 200k is what 200e3 is to the last digit.
     return float(f"{digits}e{int(exponent or 0) + power}")
-
-
-def engineering(value: float, unit: str, digits: int = 3) -> str:
-    """A number with its unit's prefix.
-
-    Examples
-    --------
-    >>> engineering(84400.0, "Ω"), engineering(4.13e-8, "F"), engineering(0.0, "W")
-    ('84.4 kΩ', '41.3 nF', '0 W')
-    """
-    if not math.isfinite(value) or value == 0.0:
-        return f"{value:g} {unit}"
-    # Rounded first: 999.9 is 1.00 k.
-    size = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
-    power = min(max(3 * (size // 3), min(_PREFIXES)), max(_PREFIXES))
-    shown = value / 10.0**power
-    places = max(digits - 1 - (size - power), 0)
-    return f"{shown:.{places}f} {_PREFIXES[power]}{unit}"

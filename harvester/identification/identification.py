@@ -17,6 +17,7 @@ from harvester.identification.proof import ResponseStretch, sensor_noise
 from harvester.identification.response import FINE_STEPS
 from harvester.identification.scene_file import scene_text
 from harvester.identification.unknowns import BASE_FACTOR
+from harvester.show.numbers import share_with_error, with_error
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -161,14 +162,14 @@ class Identification:
             name, unit = stretch.compared
             lines.append(
                 f"{stretch.name}, {stretch.aside}: {stretch.quantity} NRMSE {stretch.nrmse():.2%}"
-                f"{_windows(stretch)}; {name} measured {_with_error(measured)} {unit}, "
-                f"predicted {_with_error(predicted)} {unit}, difference "
-                f"{difference.estimate:+.2%} ± {difference.standard_error:.2%}"
+                f"{_windows(stretch)}; {name} measured {with_error(measured, unit)}, "
+                f"predicted {with_error(predicted, unit)}, difference "
+                f"{share_with_error(difference)}"
             )
             if stretch.windows > 1:
                 lines.append(
                     f"{stretch.name}: from one start alone, whose path parts from the measured "
-                    f"one, {name} {_with_error(stretch.free_power())} {unit}"
+                    f"one, {name} {with_error(stretch.free_power(), unit)}"
                 )
         lines += [
             f"model {each.name}: {len(each.fitted.keys)} values, NRMSE {each.fitted.nrmse:.2%} on "
@@ -282,10 +283,6 @@ class Identification:
 
 def _windows(stretch):
     return "" if isinstance(stretch, ResponseStretch) else f" in {stretch.windows} windows"
-
-
-def _with_error(each):
-    return f"{each.estimate:.4g} ± {each.standard_error:.2g}"
 
 
 def _record(stretch):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from harvester.identification.candidates import SURE, Candidate, proposed
 from harvester.identification.proof import Whiteness, sensor_noise
+from harvester.show.numbers import share_with_error
 
 if TYPE_CHECKING:
     from harvester.identification.fitted_model import Fitted
@@ -96,7 +97,4 @@ def _power(base):
     """What it predicts of the power, in words."""
     first = base.stretches[0]
     _, _, difference = first.powers()
-    return (
-        f", and the {first.compared[0]} to {difference.estimate:+.2%} ± "
-        f"{difference.standard_error:.2%}"
-    )
+    return f", and the {first.compared[0]} to {share_with_error(difference)}"

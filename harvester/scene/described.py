@@ -6,8 +6,8 @@ import json
 import math
 from typing import TYPE_CHECKING, Any
 
-from harvester.files.numbers import engineering
 from harvester.scene.units import rest_stiffness
+from harvester.show.numbers import quantity
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -29,8 +29,8 @@ def device_line(scene: Scene) -> tuple[str, ...]:
     rate = math.sqrt(stiffness / mass)
     ratio = 0.5 * oscillator.damping / (mass * rate)
     said = [
-        f"device: {engineering(1e3 * mass, 'g')}",
-        f"{engineering(rate / (2.0 * math.pi), 'Hz', 4)} at rest",
+        f"device: {quantity(1e3 * mass, 'g', 3)}",
+        f"{quantity(rate / (2.0 * math.pi), 'Hz')} at rest",
         f"stiffness {stiffness:.4g} N/m",
         f"damping {oscillator.damping:.3g} N s/m",
     ]
@@ -41,7 +41,7 @@ def device_line(scene: Scene) -> tuple[str, ...]:
         coupling = transducer.coupling**2 / (stiffness * transducer.capacitance)
         said.append(f"k² = {coupling:.3g}")
     matched = transducer.matched_resistance(rate)
-    return (f"{', '.join(said)}, matched load about {engineering(matched, 'Ω')}",)
+    return (f"{', '.join(said)}, matched load about {quantity(matched, 'Ω', 3)}",)
 
 
 def scene_rows(scene: Scene) -> list[tuple[str, str]]:

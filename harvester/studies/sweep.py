@@ -18,9 +18,9 @@ from harvester.files.plain_text import json_text
 from harvester.files.serialising import plain
 from harvester.files.tables import write_csv, xarray_or_say
 from harvester.method import Method
-from harvester.results.result import with_error
 from harvester.running.request import COMPLETE, OUT_OF_TIME, told
 from harvester.scene.model import Scene
+from harvester.show.numbers import with_error
 from harvester.simulation.simulate import check_name
 
 if TYPE_CHECKING:
@@ -144,11 +144,15 @@ class Sweep:
             if name in cell.estimates
         }
         header = ["method", *self.values]
-        header += [f"{each.replace('_', ' ')} [{units.get(each, '')}]" for each in self.quantities]
+        header += [each.replace("_", " ") for each in self.quantities]
         rows = []
         for place, cell in self.places():
             estimates = [cell.estimates.get(name, _NOTHING) for name in self.quantities]
-            row = [cell.method, *map(in_words, place), *map(with_error, estimates)]
+            told = [
+                with_error(each, units.get(name, ""))
+                for name, each in zip(self.quantities, estimates, strict=True)
+            ]
+            row = [cell.method, *map(in_words, place), *told]
             rows.append([*row, str(cell.realizations or ""), _told(cell)[0]])
         return [*header, "realizations", "outcome"], rows
 
@@ -176,8 +180,8 @@ class Sweep:
         pairs = zip(self.values, place, strict=True)
         where = ", ".join(f"{key} = {in_words(value)}" for key, value in pairs)
         return (
-            f"highest {name.replace('_', ' ')}: {with_error(best)} "
-            f"{unit_of(self.scene, best.dimension)} at {where}, by {cell.method}"
+            f"highest {name.replace('_', ' ')}: "
+            f"{with_error(best, unit_of(self.scene, best.dimension))} at {where}, by {cell.method}"
         )
 
     def figure(self) -> Figure:

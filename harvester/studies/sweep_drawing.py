@@ -11,8 +11,10 @@ import numpy as np
 
 from harvester.averaging import CLOSURES
 from harvester.estimates.units import unit_of
+from harvester.show.numbers import in_print
 from harvester.show.palette import CIRCUIT, LINES, MONTE_CARLO
 from harvester.show.panels import Panel, Series, draw_panels, is_wide
+from harvester.show.symbols import key_label
 from harvester.studies.sweep import in_words
 
 if TYPE_CHECKING:
@@ -55,8 +57,14 @@ def _panel(sweep, name, along, other):
     found = [each.estimates[name] for each in rows.ravel() if name in each.estimates]
     unit = unit_of(sweep.scene, found[0].dimension) if found else ""
     series = [_series(name, label, x, rows[:, k]) for k, label in enumerate(sweep.methods)]
-    label = f"{name.replace('_', ' ')} [{unit}]"
-    return Panel(key, label, series, ", ".join(words), log_x=not has_words(x) and is_wide(x))
+    label = f"{name.replace('_', ' ')} [{in_print(unit) or '1'}]"
+    return Panel(
+        key_label(key, sweep.scene.units) if key else "",
+        label,
+        series,
+        ", ".join(words),
+        log_x=not has_words(x) and is_wide(x),
+    )
 
 
 def has_words(values: Sequence[object]) -> bool:

@@ -59,7 +59,7 @@ def _draw_densities(axes, comparison, name):
 def _draw_waveforms(top, middle, bottom, comparison):
     circuit, reference = comparison.circuit.waveform, comparison.monte_carlo.waveform
     for axes, name in ((top, "displacement"), (middle, "voltage")):
-        axes.plot(reference.time, reference[name], color=MONTE_CARLO)
+        axes.plot(reference.time, reference[name], color=MONTE_CARLO, linewidth=2.4)
         axes.plot(circuit.time, circuit[name], "--", color=CIRCUIT)
         axes.set_ylabel(axis_label(comparison.circuit, name).replace(" ", "\n"))
         axes.tick_params(labelbottom=False)
