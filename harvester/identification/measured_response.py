@@ -109,7 +109,20 @@ def response_of(columns: dict[str, np.ndarray], changes: dict[str, Any], name: s
         Neither an amplitude nor two parts are there.
     """
     phase = columns.get("phase")
-    if {"real", "imaginary"} <= set(columns):
+    if "frequency" not in columns:
+        raise SceneError(
+            f"{name}: a column of complex numbers is a frequency response, and no column of "
+            "frequencies is named: write frequency [Hz] in its header, or frequency=COLUMN:UNIT "
+            "behind the file"
+        )
+    if "response" in columns:
+        response = columns["response"]
+        if not np.iscomplexobj(response):
+            raise SceneError(
+                f"{name}: the column of the response holds no complex numbers: name it by "
+                "amplitude=COLUMN:UNIT, and its phase by phase=COLUMN:UNIT"
+            )
+    elif {"real", "imaginary"} <= set(columns):
         response = columns["real"] + 1j * columns["imaginary"]
     elif "amplitude" not in columns:
         raise SceneError(

@@ -19,12 +19,14 @@ from harvester.excitation.conditioning import (
     marker_remark,
 )
 from harvester.excitation.motion_file import read_record
-from harvester.excitation.quantities import QUANTITIES, factor_of, unit_named
+from harvester.excitation.quantities import IMPEDANCES, QUANTITIES, factor_of, unit_named
 from harvester.files.plain_text import name as plain_name
 from harvester.files.plain_text import named, nearest, shown
 from harvester.identification.measured_response import MeasuredResponse, response_of
 
 OUTPUTS = ("voltage", "displacement", "velocity")
+# Those of a record's columns.
+COLUMNS = tuple(name for name in QUANTITIES if name not in IMPEDANCES)
 # Settings that turn a raw column into its quantity: scale · column + offset.
 LINE_ENDS = ("scale", "offset")
 LINES = tuple(f"{name}_{end}" for name in ("acceleration", *OUTPUTS) for end in LINE_ENDS)
@@ -139,11 +141,12 @@ def read_measurement(
         CSV or other text, `.npy`, `.wav`, `.mat`.
     settings : dict of str to value, optional
         `acceleration`, `voltage`, `displacement`, `velocity`, `time`, of a response `frequency`,
-        `amplitude` and `phase`, or `real` and `imaginary`: the column's name or number from 0, with
-        its unit behind a colon ("2:mV") where its heading does not say it; `acceleration_scale`,
-        `acceleration_offset` and those of the others: the quantity is scale · column + offset in
-        that unit; `sampling_rate` (Hz); any other key is one of the scene, which had this value
-        while the record was taken. A column whose heading says "voltage [mV]" or the like needs no
+        `amplitude` and `phase`, `real` and `imaginary`, or `response` for a column of complex
+        numbers: the column's name or number from 0, with its unit behind a colon ("2:mV") where its
+        heading does not say it; `acceleration_scale`, `acceleration_offset` and those of the
+        others: the quantity is scale · column + offset in that unit; `sampling_rate` (Hz); any
+        other key is one of the scene, which had this value while the record was taken. A column
+        whose heading says "voltage [mV]" or the like needs no
         setting.
     units : str
         Of the scene: "SI", or "scaled", where no column has a unit.
@@ -155,18 +158,18 @@ def read_measurement(
     """
     path, settings = str(file), dict(settings or {})
     where = named(path)
-    given = {name: str(settings.pop(name)) for name in QUANTITIES if name in settings}
+    given = {name: str(settings.pop(name)) for name in COLUMNS if name in settings}
     lines = {name: _number(where, name, settings.pop(name)) for name in LINES if name in settings}
     rate = _number(where, "sampling_rate", settings.pop("sampling_rate", None))
     for key in settings:
         if "." not in key:
-            known = [*QUANTITIES, *LINES, "sampling_rate"]
+            known = [*COLUMNS, *LINES, "sampling_rate"]
             raise SceneError(f"{where}: unknown setting {named(key)}{nearest(key, known)}")
     content, _ = read_record(path)
     measured = MeasuredFile(path, content)
     rate = measured.table.rate if rate is None else rate
     columns, remarks = _columns(measured, given, lines, units, rate)
-    if "frequency" in columns:
+    if "frequency" in columns or "response" in columns:
         return response_of(columns, settings, plain_name(Path(path).name))
     if "acceleration" not in columns:
         raise SceneError(
@@ -218,7 +221,7 @@ def _columns(measured, given, lines, units, rate):
 def _places(measured, given):
     """Place of each quantity: as given, else by the headings, the plainest title first."""
     places: dict[str, int] = {}
-    for quantity in QUANTITIES:
+    for quantity in COLUMNS:
         if quantity in given:
             continue
         found = measured.times() if quantity == "time" else measured.of(quantity)
