@@ -190,7 +190,7 @@ TITLES = {
     "voltage": re.compile(r"voltage"),
     "displacement": re.compile(r"displacement"),
     "velocity": re.compile(r"velocity"),
-    "frequency": re.compile(r"frequency|f"),
+    "frequency": re.compile(r"freq(uency)?|f"),
     "amplitude": re.compile(r"(voltage )?amplitude"),
     "phase": re.compile(r"(voltage |impedance |z )?phase( angle)?( z)?"),
     "real": re.compile(r"re(al)?( part)?"),

@@ -147,7 +147,7 @@ def fitted_circuit(frequency: np.ndarray, impedance: np.ndarray, where: str) -> 
     Raises
     ------
     IdentificationError
-        It shows no resonance, or too few points lie over one.
+        It shows no resonance.
     """
     parameters, left = _polished(frequency, impedance, _linear(frequency, impedance, []), _EQUAL)
     samples = 2 * frequency.size
@@ -169,9 +169,7 @@ def fitted_circuit(frequency: np.ndarray, impedance: np.ndarray, where: str) -> 
             f"{parameters[1]:.2g}, to {math.sqrt(left / frequency.size):.2g} of itself: measure "
             "where the device resonates, with its base clamped and its electrodes connected"
         )
-    circuit = _concluded(frequency, impedance, parameters)
-    _check_widths(frequency, circuit, where)
-    return circuit
+    return _concluded(frequency, impedance, parameters)
 
 
 _EQUAL = (1.0, 1.0)
@@ -293,19 +291,23 @@ def _correlation(residuals):
     return total
 
 
-def _check_widths(frequency, circuit, where):
-    """Refuse a resonance over which too few points lie."""
-    for mode in range(circuit.modes):
-        known = circuit.numbers(mode)
-        resonance = known["series_resonance"]
-        width = resonance / known["quality"]
-        inside = np.abs(frequency - resonance) <= 0.5 * width
-        # A wide pair of resonances is known from all points between them.
-        between = (frequency >= resonance) & (frequency <= known["parallel_resonance"])
-        points = int(np.count_nonzero(inside | between))
-        if points < FEWEST_OVER_WIDTH:
-            raise IdentificationError(
-                f"{where}: too few points over the resonance at {resonance:.5g} Hz: {points} "
-                f"within its width of {width:.2g} Hz, and {FEWEST_OVER_WIDTH} are the fewest: "
-                f"measure it in steps of {0.2 * width:.2g} Hz or less"
-            )
+def check_width(frequency: np.ndarray, circuit: Circuit, mode: int, where: str) -> None:
+    """Refuse a resonance over which too few points lie.
+
+    Raises
+    ------
+    IdentificationError
+    """
+    known = circuit.numbers(mode)
+    resonance = known["series_resonance"]
+    width = resonance / known["quality"]
+    inside = np.abs(frequency - resonance) <= 0.5 * width
+    # Two resonances apart are known from all points between them.
+    between = (frequency >= resonance) & (frequency <= known["parallel_resonance"])
+    points = int(np.count_nonzero(inside | between))
+    if points < FEWEST_OVER_WIDTH:
+        raise IdentificationError(
+            f"{where}: too few points over the resonance at {resonance:.5g} Hz: {points} within "
+            f"its width of {width:.2g} Hz, and {FEWEST_OVER_WIDTH} are the fewest: measure it in "
+            f"steps of {0.2 * width:.2g} Hz or less"
+        )

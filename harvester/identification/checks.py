@@ -39,19 +39,15 @@ def check_records(scene: Scene, measurements: Sequence[Measurement]) -> None:
     """
     require_resistor(scene, "identify")
     if not measurements:
-        raise IdentificationError("--record: name at least one measured record")
-    shared = set(measurements[0].outputs)
-    kinds = {type(each) for each in measurements}
+        raise IdentificationError(
+            "--record: name at least one measured record, or an impedance by --impedance"
+        )
+    shared = set(measurements[0].sensed)
     for each in measurements:
-        if len(kinds) > 1:
-            raise IdentificationError(
-                f"{each.name}: frequency responses and records in time are not fitted together: "
-                "identify from one kind, and judge it by the other"
-            )
         require_resistor(scene.replace(each.changes), "identify")
-        if not shared & set(each.outputs):
+        if each.sensed and not shared & set(each.sensed):
             raise IdentificationError(
-                f"{each.name}: measures {', '.join(each.outputs)}, and the first record "
+                f"{each.name}: measures {', '.join(each.sensed)}, and the first record "
                 f"{', '.join(sorted(shared))}: records need a quantity in common"
             )
         if isinstance(each, MeasuredResponse):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -61,7 +62,7 @@ class Fitted:
         shooting: Shooting,
         fit: Fit,
         covariance: np.ndarray,
-        stretches: list[Stretch],
+        stretches: Sequence[Stretch],
     ) -> Fitted:
         """The model that a fit has come to; `scene` is the one that it began with.
 
@@ -80,7 +81,7 @@ class Fitted:
             fit.values,
             covariance,
             undetermined(keys, fit.values, shooting.sizes, covariance),
-            stretches,
+            list(stretches),
             shooting.responses.interpolation,
             shooting,
             fit,

@@ -93,6 +93,11 @@ def fitted(
         No start leads to a device that follows the records.
     """
     steady = [each for each in measurements if isinstance(each, MeasuredResponse)]
+    if steady and (len(steady) < len(measurements) or _has_impedance(steady)):
+        # It begins with a fit of one kind by this function.
+        from harvester.identification.joint_fit import fitted_together
+
+        return fitted_together(fitted, scene, measurements, keys, sizes, warm)
     if steady:
         return fitted_responses(scene, steady, keys, sizes, warm)
     length = warm.shooting.responses.length if warm else prepared(scene).scales.displacement
@@ -134,6 +139,12 @@ def fitted(
     ]
     proof = predicted(shooting, fit, stretches)
     return Fitted.concluded(scene, shooting, fit, covariance, proof)
+
+
+def _has_impedance(steady):
+    from harvester.identification.measured_impedance import MeasuredImpedance
+
+    return any(isinstance(each, MeasuredImpedance) for each in steady)
 
 
 def _otherwise(shooting, fit):

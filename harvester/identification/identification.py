@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from harvester.identification.fitted_model import Fitted
+    from harvester.identification.impedance_fit import FromImpedance
     from harvester.identification.intervals import Undetermined
     from harvester.identification.measurement import Measurement
     from harvester.identification.posterior import Posterior
@@ -53,6 +54,8 @@ class Identification:
         Wall-clock.
     posterior : Posterior, optional
         Of the values, where it was asked for.
+    impedance : FromImpedance, optional
+        What the impedance said, where one was given.
     """
 
     scene: Scene
@@ -65,6 +68,7 @@ class Identification:
     verdict: Verdict
     seconds: float
     posterior: Posterior | None = None
+    impedance: FromImpedance | None = None
 
     @property
     def keys(self) -> list[str]:
@@ -148,6 +152,8 @@ class Identification:
     def sentences(self) -> list[str]:
         """The verdict, what is not determined, the proof of each record, and the other models."""
         lines = [self.verdict.sentence]
+        if self.impedance:
+            lines += self.impedance.sentences("oscillator.mass" in self.keys)
         lines += [
             f"{each.name}: {remark}"
             for each in self.measurements
@@ -188,14 +194,16 @@ class Identification:
 
     def _fitted_part(self):
         """What of the records the values come from, in words."""
-        count = len(self.measurements)
-        records = f"{count} {'record' if count == 1 else 'records'}"
-        if isinstance(self.fitted.stretches[0], ResponseStretch):
-            return f"two of every three frequencies of {records}"
-        windows = sum(edges.size - 1 for edges in self.fitted.fit.edges)
+        stretches = self.fitted.stretches
+        steady = sum(isinstance(each, ResponseStretch) for each in stretches)
+        lines = f"two of every three frequencies of {_records(steady)}"
+        if steady == len(stretches):
+            return lines
+        count = len(stretches) - steady
+        windows = sum(edges.size - 1 for edges in self.fitted.fit.edges[:count])
         return (
-            f"the first two thirds of {records} in {windows} windows, acceleration "
-            f"{self.fitted.interpolation} between samples"
+            f"the first two thirds of {_records(count)} in {windows} windows, acceleration "
+            f"{self.fitted.interpolation} between samples{f', and {lines}' if steady else ''}"
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -235,6 +243,7 @@ class Identification:
                 "proposed": self.proposed.name,
                 "interpolation": self.fitted.interpolation,
                 "posterior": self.posterior,
+                **({"impedance": self.impedance.table()} if self.impedance else {}),
                 "seconds": self.seconds,
             }
         )
@@ -275,6 +284,10 @@ class Identification:
         if self.proposed is not self.candidates[0]:
             found["-proposed.toml"] = self.scene_text(self.proposed)
         return found
+
+
+def _records(count):
+    return f"{count} {'record' if count == 1 else 'records'}"
 
 
 def _windows(stretch):

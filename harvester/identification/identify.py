@@ -11,7 +11,7 @@ from harvester.arguments import listed
 from harvester.calling import takes_scene
 from harvester.errors import IdentificationError
 from harvester.files.plain_text import shown
-from harvester.signatures import Kind, records_of
+from harvester.signatures import Kind, one_record_of, records_of
 
 if TYPE_CHECKING:
     from harvester.identification.fitting import Fitted
@@ -24,17 +24,20 @@ Records = Annotated[
     Any, Kind("FILE [SETTING=VALUE]", option="record", read=records_of, again=True, words=True)
 ]
 Keys = Annotated[Sequence[str], Kind("TABLE.KEY", again=True, words=True)]
+Impedance = Annotated[Any, Kind("FILE [SETTING=VALUE]", read=one_record_of, words=True)]
+MASS = "oscillator.mass"
 # Shares of the work: other models begin at the first, the posterior at the second.
 MODELS_BEGIN, POSTERIOR_BEGINS = 0.4, 0.7
 # Of a direction that is not determined, those that are rather kept as in the scene.
-KEPT_FIRST = ("capacitance", "restitution", "stiffness", "quadratic_damping")
+KEPT_FIRST = ("mass", "capacitance", "restitution", "stiffness", "quadratic_damping")
 
 
 @takes_scene
 def identify(
     scene: Scene,
-    records: Records,
+    records: Records = (),
     *,
+    impedance: Impedance = None,
     free: Keys | None = None,
     compare: Annotated[bool, Kind(option="alone")] = True,
     posterior: bool = False,
@@ -52,6 +55,12 @@ def identify(
         with the settings acceleration=COLUMN:UNIT, voltage=COLUMN:UNIT, …, time=COLUMN,
         sampling_rate=HZ, or what differs from the scene (load.resistance=1e5), see
         `harvester.read_measurement`; several may be given.
+    impedance : MeasuredImpedance, file or (file, settings), optional
+        Of the piezo, its base clamped, from an impedance analyser: CSV of |Z| and phase or of
+        resistance and reactance, or .s1p (needs scikit-rf: pip install 'harvester[analyser]'), with
+        the settings frequency=COLUMN:UNIT, impedance=COLUMN:UNIT, phase=COLUMN:UNIT, …; alone it
+        tells stiffness, damping, coupling and capacitance for the scene's mass, beside records the
+        mass too.
     free : sequence of str
         What is fitted: numbers of the scene (oscillator.damping, oscillator.restoring_force[2], …),
         or of sensors (sensor.voltage_offset, _scale, _delay, _filter). By default the device's own
@@ -83,6 +92,7 @@ def identify(
     from harvester.identification.candidates import Candidate, candidates
     from harvester.identification.checks import check_records
     from harvester.identification.identification import Identification
+    from harvester.identification.impedance_fit import from_impedance
     from harvester.identification.posterior import posterior as posterior_of
     from harvester.identification.proof import typical_period, whiteness
     from harvester.identification.sizes import fitted_sizes
@@ -92,15 +102,23 @@ def identify(
     clock = time.perf_counter()
     follow = progress or (lambda share, text: None)
     measurements = _measurements(scene, records)
-    check_records(scene, measurements)
+    analysed, begun = None, scene
+    if impedance is not None:
+        analysed = from_impedance(scene, _measured_impedance(impedance))
+        if not measurements:
+            return _of_impedance(scene, analysed, free, posterior, clock)
+        begun, measurements = analysed.scene, [*measurements, analysed.measured]
+    check_records(begun, measurements)
     outputs = list(measurements[0].sensed)
     named = None if free is None else listed(free, "free", 'free=["oscillator.damping"]')
-    keys = default_keys(scene, outputs) if named is None else checked_keys(scene, named, outputs)
+    keys = default_keys(begun, outputs) if named is None else checked_keys(begun, named, outputs)
+    if analysed and named is None and "voltage" in outputs:
+        keys = [MASS, *keys]
     if not keys:
         raise IdentificationError(f"{scene.name}: nothing is free; name keys with --free")
     follow(0.0, "fit")
     try:
-        base, kept = _determined(scene, measurements, keys, free is None)
+        base, kept = _determined(begun, measurements, keys, free is None)
     except IdentificationError as error:
         remarks = [each for record in measurements for each in getattr(record, "remarks", ())]
         raise IdentificationError("; ".join([str(error), *remarks])) from None
@@ -127,7 +145,52 @@ def identify(
         verdict=verdict(base, found, white),
         seconds=time.perf_counter() - clock,
         posterior=sampled,
+        impedance=analysed,
     )
+
+
+def _of_impedance(scene, analysed, free, posterior, clock):
+    """What an impedance tells without any record."""
+    from harvester.identification.candidates import Candidate
+    from harvester.identification.identification import Identification
+    from harvester.identification.impedance_fit import fitted_impedance, impedance_verdict
+    from harvester.identification.posterior import posterior as posterior_of
+    from harvester.identification.proof import whiteness
+
+    if free is not None:
+        raise IdentificationError(
+            f"--free: an impedance alone tells {', '.join(analysed.keys)}, and no others: leave "
+            "--free out, or give a record too (--record)"
+        )
+    base = fitted_impedance(analysed)
+    period = 1.0 / float(analysed.circuit.resonances[analysed.mode])
+    return Identification(
+        scene=base.scene,
+        start=scene,
+        measurements=[analysed.measured],
+        fitted=base,
+        kept=[],
+        candidates=[Candidate("as given", base, 0.0, 0.0)],
+        whiteness=whiteness(base.stretches[0], 0, period),
+        verdict=impedance_verdict(base),
+        seconds=time.perf_counter() - clock,
+        posterior=posterior_of(base, scene.run.seed) if posterior else None,
+        impedance=analysed,
+    )
+
+
+def _measured_impedance(given):
+    """What was given, as a measured impedance."""
+    from harvester.identification.measured_impedance import MeasuredImpedance, read_impedance
+
+    if isinstance(given, MeasuredImpedance):
+        return given
+    file, settings = given if isinstance(given, tuple) and len(given) == 2 else (given, None)
+    if not isinstance(file, (str, Path)):
+        raise IdentificationError(
+            f"impedance: {shown(given)}: must be a file or what read_impedance returns"
+        )
+    return read_impedance(file, settings)
 
 
 def _later(share):
@@ -152,7 +215,8 @@ def _measurements(scene, records):
                 f"records: {shown(each)}: must be a file or what read_measurement returns"
             )
         found.append(read_measurement(file, settings, scene.units))
-    return found
+    # Records in time first: they show the motion.
+    return sorted(found, key=lambda each: isinstance(each, MeasuredResponse))
 
 
 def _determined(

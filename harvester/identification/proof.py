@@ -134,6 +134,14 @@ class ResponseStretch(Stretch):
         """Root mean square of the residuals over that of the response, both parts together."""
         return float(np.linalg.norm(self.residuals) / np.linalg.norm(self.measured))
 
+    def noise(self, output: int = 0) -> float:
+        """Of an output, as a share of its standard deviation.
+
+        A wrong model misses the few lines of the resonance, which the median does not see.
+        """
+        size = NORMAL_RMS * float(np.median(np.abs(self.residuals[:, output])))
+        return size / float(np.std(self.measured[:, output]))
+
     def explained(self) -> Estimate:
         """Share of the response's square that the model explains, both parts together."""
         return _explained(np.sum(self.measured**2, axis=1), np.sum(self.residuals**2, axis=1))
@@ -209,8 +217,7 @@ def sensor_noise(stretch: Stretch, output: int = 0) -> float:
 
     values, spread = stretch.measured[:, output], float(np.std(stretch.measured[:, output]))
     if isinstance(stretch, ResponseStretch):
-        # A wrong model misses the few lines of the resonance, which the median does not see.
-        return NORMAL_RMS * float(np.median(np.abs(stretch.residuals[:, output]))) / spread
+        return stretch.noise(output)
     f, density = signal.welch(values, stretch.rate, nperseg=max(16, values.size // NOISE_SEGMENTS))
     floor = float(np.median(density[f > (1.0 - NOISE_BAND) * f[-1]]))
     return math.sqrt(floor * 0.5 * stretch.rate) / spread

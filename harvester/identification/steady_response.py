@@ -14,11 +14,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from harvester.device import spring as springs
 from harvester.device import system as device
 from harvester.device import timescales
-from harvester.identification.response import Responses
+from harvester.identification.measured_impedance import impedance_outputs
+from harvester.identification.response import Experiment, Responses
 
 if TYPE_CHECKING:
+    from harvester.identification.measured_impedance import MeasuredImpedance
     from harvester.identification.measured_response import MeasuredResponse
     from harvester.scene.model import Scene
 
@@ -41,12 +44,27 @@ class SteadyExperiment:
     scene: Scene
 
 
+@dataclass(frozen=True)
+class ImpedanceExperiment:
+    """A measured impedance with the scene it belongs to.
+
+    Attributes
+    ----------
+    measurement : MeasuredImpedance
+    scene : Scene
+    """
+
+    measurement: MeasuredImpedance
+    scene: Scene
+
+
 class SteadyResponses(Responses):
     """Responses of several experiments for values of the unknowns; their samples are frequencies.
 
     Parameters
     ----------
-    experiments : sequence of SteadyExperiment
+    experiments : sequence of SteadyExperiment, ImpedanceExperiment or Experiment
+        The last are records in time, whose samples are instants.
     keys : sequence of str
     length : float
     """
@@ -58,11 +76,16 @@ class SteadyResponses(Responses):
         self, number: int, values: np.ndarray, edges: np.ndarray, starts: np.ndarray
     ) -> tuple[Any, Any, Any]:
         """As those of records in time; a steady response has no states."""
+        if isinstance(self.experiments[number], Experiment):
+            return super().states(number, values, edges, starts)
         made = self.device(number, values)
         if made is None:
             return None, None, None
         system, scales = made
         each: Any = self.experiments[number]
+        if isinstance(each, ImpedanceExperiment):
+            outputs = self._impedance(system, each, values)
+            return np.zeros((outputs.shape[0], 3)), starts, outputs
         found = self._gain_of_sensors(each.measurement.frequency, values)
         found = found * self._response(system, scales, each, values)
         if np.iscomplexobj(each.measurement.response):
@@ -70,6 +93,19 @@ class SteadyResponses(Responses):
         else:
             outputs = np.abs(found)[:, None]
         return np.zeros((found.size, 3)), starts, outputs
+
+    def _impedance(self, system, each, values):
+        """ln |Z| and phase with the base clamped."""
+        rate = 2j * math.pi * each.measurement.frequency
+        linear = float(springs.slope(system.spring, timescales.rest(system)))
+        mechanical = linear + system.damper.damping * rate + rate**2
+        of_capacitance = system.transducer.own_rate + rate
+        of_capacitance = of_capacitance + system.transducer.coupling * rate / mechanical
+        key = "piezo.capacitance"
+        own = self._sensor(values, key, each.scene.transducer.capacitance)
+        admittance = own * of_capacitance + each.measurement.background
+        outputs = impedance_outputs(1.0 / admittance)
+        return np.column_stack(list(outputs.values()))
 
     def _response(self, system, scales, each, values):
         """True voltage over true acceleration."""
