@@ -122,6 +122,7 @@ _WHERE = {
     "SimulatorTimeout": "harvester.errors",
     "SimulatorAborted": "harvester.errors",
     "SolutionDiverged": "harvester.errors",
+    "SpringRangeLeft": "harvester.errors",
     "EnergyNotBalanced": "harvester.errors",
     "OutOfTime": "harvester.errors",
 }

@@ -148,6 +148,11 @@ def averaged_device(scene: Scene) -> System:
     refusal = scene.excitation.averaging_refusal()
     if refusal:
         raise AveragingError(f'excitation.kind = "{scene.excitation.kind}": {refusal}')
+    if scene.oscillator.restoring_force_range is not None:
+        raise AveragingError(
+            "oscillator.restoring_force_range: a stationary density reaches beyond any range; take "
+            "a spring that holds everywhere, or simulate"
+        )
     return prepared(scene).system
 
 

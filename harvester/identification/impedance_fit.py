@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from harvester.device import spring as springs
 from harvester.device import timescales
 from harvester.device.piezo import PiezoTable
 from harvester.errors import IdentificationError, SceneError
@@ -176,7 +175,7 @@ def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
     lines = ~kept_aside(measured)
     circuit = fitted_circuit(measured.frequency[lines], measured.response[lines], measured.name)
     system = prepared(scene).system
-    resting = float(springs.slope(system.spring, timescales.rest(system)))
+    resting = float(system.spring.slope(timescales.rest(system)))
     mode = circuit.nearest_mode(math.sqrt(max(resting, 1e-300)) / (2.0 * math.pi))
     known, errors = circuit.numbers(mode), circuit.standard_errors(mode)
     _check_capacitance(scene, known["capacitance"], measured.name)
@@ -248,7 +247,7 @@ def _linear_term(scene, key, stiffness):
             system = prepared(scene.replace({key: float(k1)})).system
         except SceneError:
             return math.nan
-        return mass * float(springs.slope(system.spring, timescales.rest(system))) / stiffness - 1.0
+        return mass * float(system.spring.slope(timescales.rest(system))) / stiffness - 1.0
 
     one = begun or stiffness
     other = one / (1.0 + off(one)) if off(one) > -1.0 else stiffness

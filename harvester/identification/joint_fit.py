@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
 MASS = "oscillator.mass"
+# Values of a device that are in proportion to its mass, the motion being the same.
+IN_PROPORTION = (MASS, "damping", "restoring_force[", "stiffness")
 # Relative noise that an impedance is taken to have at first.
 FIRST_IMPEDANCE_NOISE = 0.005
 # Fits, each with the noise that the one before it left.
@@ -177,6 +179,6 @@ def _of_mass(shooting, values, factor, scene):
     for number, each in enumerate(shooting.unknowns):
         if each.key == "piezo.coupling":
             found[number] = scene.transducer.coupling * factor**0.5
-        elif each.key.startswith("oscillator.") or each.key == "stoppers.stiffness":
+        elif any(word in each.key for word in IN_PROPORTION):
             found[number] *= factor
     return np.clip(found, shooting.low, shooting.high)

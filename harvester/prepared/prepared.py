@@ -6,7 +6,7 @@ import functools
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from harvester.scene.units import Scales, scale, setting
+from harvester.scene.units import Scales, excitation_unit, scale, setting
 
 if TYPE_CHECKING:
     from harvester.device.system import System
@@ -31,12 +31,15 @@ class Prepared:
         What leads back to the scene's units.
     setting : harvester.device.terminals.Setting
         What its transducer is built into.
+    excitation_unit : float
+        The base's acceleration for one unit of η, in the scene's units.
     """
 
     scene: Scene
     system: System = field(compare=False)
     scales: Scales = field(compare=False)
     setting: Setting = field(compare=False)
+    excitation_unit: float = field(compare=False)
 
 
 @functools.lru_cache(maxsize=KEPT)
@@ -48,4 +51,5 @@ def prepared(scene: Scene) -> Prepared:
     scene : harvester.scene.model.Scene
     """
     system, scales = scale(scene)
-    return Prepared(scene, system, scales, setting(scene))
+    unit = excitation_unit(scene, scales.displacement)
+    return Prepared(scene, system, scales, setting(scene), unit)

@@ -22,6 +22,7 @@ from harvester.record.jumps import Jumps
 from harvester.record.moments import Moments
 from harvester.record.moments import prepare as prepare_moments
 from harvester.record.output_side import OutputMoments
+from harvester.record.range_watch import with_range_watch
 from harvester.record.record import Record
 from harvester.simulation.methods import ENGINES
 
@@ -163,6 +164,7 @@ def run(
     clock, processor = time.perf_counter(), time.process_time()
     scheme = scheme or chosen.schemes[0]
     starts = [start_state(ready, index) for index in indices]
+    observers = with_range_watch(ready, observers)
     outcome = chosen.run_realizations(
         scene, paths, starts, observers, step, source, scheme, tolerance, device, **output
     )

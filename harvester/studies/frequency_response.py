@@ -27,6 +27,7 @@ from harvester.former_names import handed_on
 from harvester.prepared.paths import start_state
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
+from harvester.record.range_watch import with_range_watch
 from harvester.scene.model import Scene
 from harvester.scene.units import Scales
 from harvester.show.palette import CIRCUIT, MONTE_CARLO
@@ -229,7 +230,7 @@ def run(
     chosen = ENGINES[engine]
     excitation: Any = scene.excitation
     ready = prepared(scene)
-    path = excitation.path(knot_spacing(ready), ready.scales.displacement, None)
+    path = excitation.path(knot_spacing(ready), ready.excitation_unit, None)
     windows = []
     for place, frequency in enumerate(excitation.frequencies):
         end = (place + 1) * excitation.dwell
@@ -240,7 +241,7 @@ def run(
         scene,
         [path],
         [start_state(ready, 0)],
-        [windows],
+        with_range_watch(ready, [windows]),
         step,
         "external",
         ENGINES[engine].schemes[0],
