@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -38,7 +38,8 @@ OUTER_EXPONENT = 45.0  # ln g falls by this much up to the outer end
 
 def stiffnesses(system: System) -> tuple[float, float]:
     """(−ω0², κ) of a symmetric spring of first and third power."""
-    return system.spring.odd_cubic
+    found: Any = system.spring.odd_cubic
+    return found
 
 
 @dataclass(frozen=True)

@@ -178,8 +178,8 @@ class ForceTable(NamedTuple):
             roots = np.polynomial.Polynomial(np.trim_zeros(polynomial(origin, force), "b")).roots()
             real = origin + roots.real[np.abs(roots.imag) < 1e-7 * (least + np.abs(roots.real))]
             found += [x for x in real if low - least <= x <= high + least]
-        found = np.sort(found)
-        return found[np.diff(found, prepend=-math.inf) > 10.0 * least]
+        places = np.sort(found)
+        return places[np.diff(places, prepend=-math.inf) > 10.0 * least]
 
     def nonlinear_formula(self, x: str, rate: float, number: Callable) -> str:
         """F(x) over rate²."""
@@ -324,7 +324,9 @@ def _sum_of_terms(power):
     """LLVM's own instructions, written out term by term: a loop would hold eight at a time up."""
 
     @intrinsic
-    def summed(typing_context: Any, sides: Any, offsets: Any, firsts: Any, seconds: Any, x: Any):
+    def summed(
+        typing_context: Any, sides: Any, offsets: Any, firsts: Any, seconds: Any, x: Any
+    ) -> Any:
         rows = (sides, offsets, firsts, seconds)
 
         def code(context, builder, signature, arguments):

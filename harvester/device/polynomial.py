@@ -64,12 +64,16 @@ class Polynomial(NamedTuple):
     @property
     def line(self) -> tuple[float, float]:
         """(F0, k1), which elements of a circuit other than `nonlinear_formula` hold."""
-        return (*self.coefficients, 0.0, 0.0)[:2]
+        tilt, linear = (*self.coefficients, 0.0, 0.0)[:2]
+        return tilt, linear
 
     @property
     def odd_cubic(self) -> tuple[float, float] | None:
         """(k1, k3) where there is nothing else; None for other springs."""
-        return (*self.odd, 0.0, 0.0)[:2] if self.symmetric and len(self.odd) <= 2 else None
+        if not self.symmetric or len(self.odd) > 2:
+            return None
+        linear, cubic = (*self.odd, 0.0, 0.0)[:2]
+        return linear, cubic
 
     @property
     def range(self) -> tuple[float, float]:
