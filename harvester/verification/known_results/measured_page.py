@@ -46,7 +46,7 @@ def measured_page(rows: Sequence[TruthRow], date: str) -> str:
         said = [*device.said, f"Scatter: {scatters}.", f"Source: {device.source}."]
         parts += [
             f"## {device.name[0].upper()}{device.name[1:]}",
-            "\n".join(f"- {each}" for each in (*said, summary(own))),
+            "\n".join(f"- {each}" for each in (*said, f"Predicted: {summary(own)}")),
             markdown_table(_lines(own)),
         ]
     downloaded = [row for row in rows if row.truth.device == SILVERBOX]
@@ -87,9 +87,9 @@ def summary(rows: Sequence[TruthRow]) -> str:
     """Mean and range of the deviations of one device, and how many of its points are missed."""
     deviations = [row.value / row.truth.exact - 1.0 for row in rows if not row.reason]
     if not deviations:
-        return "Predicted: nothing yet."
+        return "nothing yet."
     missed = sum(row.verdict == MISSES for row in rows)
     return (
-        f"Predicted: from {min(deviations):+.1%} to {max(deviations):+.1%}, "
+        f"from {min(deviations):+.1%} to {max(deviations):+.1%}, "
         f"{sum(deviations) / len(deviations):+.1%} in the mean; {missed} of {len(rows)} miss."
     )

@@ -164,9 +164,8 @@ class Verification:
         for name in dict.fromkeys(row.truth.device for row in self.measured):
             own = [row for row in self.measured if row.truth.device == name]
             reason = next((row.reason for row in own if row.reason), "")
-            lines.append(
-                f"{name}: {reason or (summary(own) if own[0].truth.exact else own[0].verdict)}"
-            )
+            found = f"predicted {summary(own)}" if own[0].truth.exact else own[0].verdict
+            lines.append(f"{name}: {reason or found}")
         return lines
 
     def _said_of_exact(self):
