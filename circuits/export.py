@@ -12,7 +12,6 @@ from circuits.assembly import (
     LOAD_TOLERANCE,
     OWN_TOLERANCE,
     assemble,
-    network,
     own_steps,
     step_options,
 )
@@ -37,7 +36,7 @@ MOST_KNOTS = 1_000_000
 def saved(scene: Scene) -> tuple[str, ...]:
     """Vectors that an exported netlist keeps: motion, terminal voltage, noise."""
     motion = (f"v({elements.DISPLACEMENT})", f"v({elements.VELOCITY})")
-    return (*motion, f"v({network(scene).terminal})", "@inoise[current]")
+    return (*motion, f"v({prepared(scene).network.terminal})", "@inoise[current]")
 
 
 def stand_alone(

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
+from harvester.device import timescales
 from harvester.scene.units import Scales, excitation_unit, scale, setting
 
 if TYPE_CHECKING:
     from harvester.device.system import System
-    from harvester.device.terminals import Setting
+    from harvester.device.terminals import Network, Setting
     from harvester.scene.model import Scene
 
 # Scenes that are kept ready: a study's workers go from place to place.
@@ -40,6 +42,12 @@ class Prepared:
     scales: Scales = field(compare=False)
     setting: Setting = field(compare=False)
     excitation_unit: float = field(compare=False)
+
+    @cached_property
+    def network(self) -> Network:
+        """The transducer as elements, from its terminal to what moves it."""
+        rate = timescales.angular_frequency(self.system)
+        return self.scene.transducer.network(self.setting, self.system.transducer, rate)
 
 
 @functools.lru_cache(maxsize=KEPT)

@@ -32,7 +32,7 @@ from harvester.scene.model import Scene
 from harvester.scene.units import Scales
 from harvester.show.palette import CIRCUIT, MONTE_CARLO
 from harvester.show.panels import Panel, Series, draw_panels, is_wide
-from harvester.simulation.methods import ENGINES
+from harvester.simulation.methods import engine_of
 from harvester.simulation.realization import Waveform
 
 if TYPE_CHECKING:
@@ -217,9 +217,18 @@ def _draw(response):
 
 
 def run(
-    scene: Scene, engine: str, step: str | float, report: Callable
+    scene: Scene,
+    engine: str,
+    step: str | float,
+    report: Callable,
+    settings: dict[str, Any] | None = None,
 ) -> tuple[list[tuple[float, float, float, float]], str, float]:
     """One direction, in a worker process.
+
+    Parameters
+    ----------
+    engine, step, settings
+        The engine's name, its step, and what else of it is not as usual.
 
     Returns
     -------
@@ -227,7 +236,7 @@ def run(
         (amplitude, rms voltage, mean power, residual) at each frequency, scaled; the engine's
         version; seconds.
     """
-    chosen = ENGINES[engine]
+    chosen = engine_of(engine, step=step, **settings or {})
     excitation: Any = scene.excitation
     ready = prepared(scene)
     path = excitation.path(knot_spacing(ready), ready.excitation_unit, None)
@@ -235,17 +244,10 @@ def run(
     for place, frequency in enumerate(excitation.frequencies):
         end = (place + 1) * excitation.dwell
         windows.append(Waveform(end - _measured(excitation, frequency) - 2.0 * path.spacing, end))
-    chosen.prepare(scene)
+    chosen.prepare(ready)
     clock = time.perf_counter()
-    outcome = chosen.run_realizations(
-        scene,
-        [path],
-        [start_state(ready, 0)],
-        with_range_watch(ready, [windows]),
-        step,
-        "external",
-        ENGINES[engine].schemes[0],
-    )
+    observers = with_range_watch(ready, [windows])
+    outcome = chosen.run_realizations(ready, [path], [start_state(ready, 0)], observers)
     seconds = time.perf_counter() - clock
     rows = [
         _means(window.record(), frequency, window.stop, _measured(excitation, frequency))
