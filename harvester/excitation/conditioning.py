@@ -254,6 +254,12 @@ def refined(values: np.ndarray, factor: int) -> np.ndarray:
     return finer[: (values.size - 1) * factor + 1]
 
 
+def faded_in(values: np.ndarray, samples: float) -> np.ndarray:
+    """A record that rises from nothing within so many samples, by half a cosine."""
+    rise = np.clip(np.arange(values.size) / samples, 0.0, 1.0)
+    return values * 0.5 * (1.0 - np.cos(np.pi * rise))
+
+
 def closed(values: np.ndarray) -> np.ndarray:
     """A record that continues at its beginning: its ends are faded into each other.
 

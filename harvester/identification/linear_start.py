@@ -57,9 +57,9 @@ class Start:
 def as_it_is(responses: Responses, values: np.ndarray, centre: float | None = None) -> Start:
     """The start at given values, with the motions that follow from them, about a place or not."""
     motions = []
-    for number, each in enumerate(responses.experiments):
+    for number in range(len(responses.experiments)):
         system, scales = responses.known_device(number, values)
-        seen = motion(system, scales, each.measurement)
+        seen = motion(system, scales, responses.shown(number, values))
         motions.append(seen if centre is None else seen.centred(centre))
     return Start(values, motions, np.nan)
 
@@ -124,7 +124,7 @@ def _of_electrical(responses, values, number, factor, drifts):
     if made is None:
         return None
     system, scales = made
-    seen = motion(system, scales, responses.experiments[number].measurement)
+    seen = motion(system, scales, responses.shown(number, values))
     if not drifts:
         seen = seen.without_drift(responses.experiments[number].measurement)
     return _Regression(responses, values, number, system, scales, seen)

@@ -23,8 +23,10 @@ from harvester.excitation.quantities import QUANTITIES, factor_of, unit_named
 from harvester.files.plain_text import name as plain_name
 from harvester.files.plain_text import named, nearest, shown
 from harvester.identification.measured_response import MeasuredResponse, response_of
+from harvester.identification.sensors import OUTPUTS, checked_sensors
 
-OUTPUTS = ("voltage", "displacement", "velocity")
+# Behind a velocity's unit: of the room, not relative to the base.
+ABSOLUTE = ":absolute"
 # Settings that turn a raw column into its quantity: scale · column + offset.
 LINE_ENDS = ("scale", "offset")
 LINES = tuple(f"{name}_{end}" for name in ("acceleration", *OUTPUTS) for end in LINE_ENDS)
@@ -47,6 +49,10 @@ class Measurement:
     name : str
     remarks : tuple of str
         On markers among the samples, of what was not measured.
+    sensors : dict of str to float
+        Known effects of sensors: {"sensor.acceleration_highpass": 0.5}.
+    velocity_is_absolute : bool
+        Whether the velocity is that in the room, as a laser beside the shaker measures it.
     """
 
     acceleration: np.ndarray
@@ -57,6 +63,8 @@ class Measurement:
     changes: dict[str, Any] = field(default_factory=dict)
     name: str = "record"
     remarks: tuple[str, ...] = ()
+    sensors: dict[str, float] = field(default_factory=dict)
+    velocity_is_absolute: bool = False
 
     def __post_init__(self) -> None:
         for quantity in ("acceleration", *OUTPUTS):
@@ -73,6 +81,7 @@ class Measurement:
                 f"{self.name}: nothing was measured beside the acceleration: name a column of "
                 f"{', '.join(OUTPUTS)}"
             )
+        checked_sensors(self.sensors, list(self.outputs), self.name)
         if not (np.isfinite(self.sampling_rate) and self.sampling_rate > 0.0):
             raise SceneError(
                 f"{self.name}: sampling_rate = {shown(self.sampling_rate)}: must be a number > 0"
@@ -162,12 +171,20 @@ def read_measurement(
         if "." not in key:
             known = [*QUANTITIES, *LINES, "sampling_rate"]
             raise SceneError(f"{where}: unknown setting {named(key)}{nearest(key, known)}")
+    sensors = checked_sensors(
+        {key: settings.pop(key) for key in list(settings) if key.startswith("sensor.")},
+        OUTPUTS,
+        where,
+    )
+    absolute = given.get("velocity", "").endswith(ABSOLUTE)
+    if absolute:
+        given["velocity"] = given["velocity"].removesuffix(ABSOLUTE)
     content, _ = read_record(path)
     measured = MeasuredFile(path, content)
     rate = measured.table.rate if rate is None else rate
     columns, remarks = _columns(measured, given, lines, units, rate)
     if "frequency" in columns:
-        return response_of(columns, settings, plain_name(Path(path).name))
+        return response_of(columns, settings, plain_name(Path(path).name), sensors)
     if "acceleration" not in columns:
         raise SceneError(
             f"{where}: no column of the base's acceleration: write acceleration [m/s^2] in its "
@@ -178,6 +195,8 @@ def read_measurement(
         changes=settings,
         name=plain_name(Path(path).name),
         remarks=remarks,
+        sensors=sensors,
+        velocity_is_absolute=absolute,
         **columns,
     )
 

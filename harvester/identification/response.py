@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,9 +12,17 @@ import numpy as np
 from harvester.device import system as device
 from harvester.device.damper import QuadraticDamper
 from harvester.errors import HarvesterError, IdentificationError
+from harvester.identification.sensors import (
+    HIGHPASSES,
+    integrals,
+    neutral,
+    parallel,
+    put_right,
+)
 from harvester.identification.unknowns import with_values
 from harvester.monte_carlo.sampled import states_at_samples
 from harvester.prepared.prepared import prepared
+from harvester.scene.numbers import numbers
 from harvester.scene.units import Scales
 
 if TYPE_CHECKING:
@@ -56,6 +64,15 @@ class Experiment:
     def samples(self) -> int:
         """Of the whole record."""
         return self.measurement.acceleration.size
+
+    def integrals(self, quantity: str, steps: int) -> tuple[np.ndarray, np.ndarray]:
+        """First and second integral of a column, at so many places between samples."""
+        kept: dict[Any, Any] = self.__dict__.setdefault("_integrals", {})
+        if (quantity, steps) not in kept:
+            samples = getattr(self.measurement, quantity)
+            places = np.arange(steps * (samples.size - 1) + 1) / steps
+            kept[quantity, steps] = integrals(samples, self.measurement.sampling_rate, places)
+        return kept[quantity, steps]
 
 
 def experiment(
@@ -122,7 +139,11 @@ class Responses:
         made = with_values(scene, self.keys, values, unit)
         if made is None:
             return None
+        probe = self._sensor(number, values, "sensor.voltage_resistance")
         try:
+            if math.isfinite(probe):
+                load = parallel(numbers(made)["load.resistance"][0], probe)
+                made = made.replace({"load.resistance": load})
             ready = prepared(made)
             system, scales = ready.system, ready.scales
         except (HarvesterError, ArithmeticError, ValueError):
@@ -179,20 +200,69 @@ class Responses:
     def excitation(self, number: int, values: np.ndarray) -> np.ndarray:
         """η at the steps of one experiment, scaled."""
         each = self.experiments[number]
-        path = each.acceleration[self.interpolation]
         factor = (-1.0 if each.scene.units == "SI" else 1.0) / self.length
-        gain = self._sensor(values, "sensor.acceleration_scale", 1.0)
-        offset = self._sensor(values, "sensor.acceleration_offset", 0.0)
-        return factor * (path - offset) / gain
+        path = each.acceleration[self.interpolation]
+        return factor * self._base(number, values, path, each.steps)
 
-    def _sensor(self, values, key, neutral):
-        return values[self.keys.index(key)] if key in self.keys else neutral
+    def _base(self, number, values, path, steps):
+        """True acceleration of the base where its sensor showed this path."""
+        each = self.experiments[number]
+        corners = self._corners(number, values, "acceleration")
+        if any(corners):
+            path = put_right(path, each.integrals("acceleration", steps), *corners)
+        gain = self._sensor(number, values, "sensor.acceleration_scale")
+        offset = self._sensor(number, values, "sensor.acceleration_offset")
+        return (path - offset) / gain
+
+    def _base_velocity(self, number, values):
+        """Of the base at the samples, in the scene's units."""
+        each = self.experiments[number]
+        base = self._base(number, values, each.measurement.acceleration, 1)
+        sign = 1.0 if each.scene.units == "SI" else -1.0
+        places = np.arange(each.samples)
+        return sign * integrals(base, each.measurement.sampling_rate, places)[0]
+
+    def _corners(self, number, values, quantity):
+        """Of a sensor's high-passes, of first and of second order (Hz)."""
+        return [
+            self._sensor(number, values, f"sensor.{quantity}_{effect}") for effect in HIGHPASSES
+        ]
+
+    def _sensor(self, number, values, key):
+        """A sensor's effect: free, or as given for this record."""
+        if key in self.keys:
+            return values[self.keys.index(key)]
+        return self.experiments[number].measurement.sensors.get(key, neutral(key))
+
+    def shown(self, number: int, values: np.ndarray) -> Measurement:
+        """A record's outputs as the device had them, but for delays and low-passes."""
+        measurement = self.experiments[number].measurement
+        found = {}
+        for name, values_shown in measurement.outputs.items():
+            true = values_shown + self._taken_away(number, values, name)
+            true = true - self._sensor(number, values, f"sensor.{name}_offset")
+            true = true / self._sensor(number, values, f"sensor.{name}_scale")
+            if name == "velocity" and measurement.velocity_is_absolute:
+                true = true - self._base_velocity(number, values)
+            found[name] = true
+        return replace(measurement, **found)
+
+    def _taken_away(self, number, values, name):
+        """What an AC-coupled input took away from what it shows at the samples."""
+        if name != "voltage":
+            return 0.0
+        corners = self._corners(number, values, name)
+        if not any(corners):
+            return 0.0
+        each = self.experiments[number]
+        seen = each.measurement.voltage
+        return put_right(seen, each.integrals(name, 1), *corners) - seen
 
     def _outputs(self, number, values, system, scales, states, edges):
         """What the sensors show of the states."""
         measurement = self.experiments[number].measurement
         x, v, e = states.T
-        columns = []
+        columns, inside = [], slice(edges[0], edges[-1])
         for name in measurement.outputs:
             true = {
                 "voltage": lambda: (
@@ -201,20 +271,25 @@ class Responses:
                 "displacement": lambda: x * scales.displacement,
                 "velocity": lambda: v * scales.displacement,
             }[name]()
-            columns.append(self._sensed(name, true, values, edges, measurement.sampling_rate))
+            if name == "velocity" and measurement.velocity_is_absolute:
+                true = true + self._base_velocity(number, values)[inside]
+            sensed = self._sensed(number, name, true, values, edges)
+            away = self._taken_away(number, values, name)
+            columns.append(sensed - (away[inside] if np.ndim(away) else 0.0))
         return np.column_stack(columns)
 
-    def _sensed(self, name, true, values, edges, rate):
+    def _sensed(self, number, name, true, values, edges):
         key = f"sensor.{name}_"
-        time_constant = self._sensor(values, key + "filter", 0.0)
-        delay = self._sensor(values, key + "delay", 0.0)
+        rate = self.experiments[number].measurement.sampling_rate
+        time_constant = self._sensor(number, values, key + "filter")
+        delay = self._sensor(number, values, key + "delay")
         if time_constant > 0.0 or delay != 0.0:
             pieces = np.split(true, edges[1:-1] - edges[0])
             true = np.concatenate(
                 [_delayed(_filtered(piece, time_constant * rate), delay * rate) for piece in pieces]
             )
-        gain = self._sensor(values, key + "scale", 1.0)
-        return gain * true + self._sensor(values, key + "offset", 0.0)
+        gain = self._sensor(number, values, key + "scale")
+        return gain * true + self._sensor(number, values, key + "offset")
 
 
 def _filtered(values, samples):

@@ -17,6 +17,7 @@ import numpy as np
 from harvester.device import system as device
 from harvester.device import timescales
 from harvester.identification.response import Responses
+from harvester.identification.sensors import HIGHPASSES
 
 if TYPE_CHECKING:
     from harvester.identification.measured_response import MeasuredResponse
@@ -63,16 +64,17 @@ class SteadyResponses(Responses):
             return None, None, None
         system, scales = made
         each: Any = self.experiments[number]
-        found = self._gain_of_sensors(each.measurement.frequency, values)
-        found = found * self._response(system, scales, each, values)
+        found = self._gain_of_sensors(number, values)
+        found = found * self._response(system, scales, number, values)
         if np.iscomplexobj(each.measurement.response):
             outputs = np.column_stack([found.real, found.imag])
         else:
             outputs = np.abs(found)[:, None]
         return np.zeros((found.size, 3)), starts, outputs
 
-    def _response(self, system, scales, each, values):
+    def _response(self, system, scales, number, values):
         """True voltage over true acceleration."""
+        each: Any = self.experiments[number]
         measured = each.measurement
         rate = 2j * math.pi * measured.frequency
         transducer = system.transducer
@@ -89,21 +91,29 @@ class SteadyResponses(Responses):
 
         amplitude = np.zeros(rate.size)
         if measured.acceleration is not None:
-            gain = self._sensor(values, "sensor.acceleration_scale", 1.0)
+            gain = self._sensor(number, values, "sensor.acceleration_scale")
             drive = measured.acceleration / gain / self.length
             shown = np.abs(measured.response) * measured.acceleration
             amplitude = _amplitude(impedance, drive, shown / np.abs(volts))
         sign = -1.0 if each.scene.units == "SI" else 1.0
         return sign * volts / impedance(amplitude) / self.length
 
-    def _gain_of_sensors(self, frequency, values):
+    def _gain_of_sensors(self, number, values):
         """What the sensors make of it."""
+        frequency = self.experiments[number].measurement.frequency
         rate = 2j * math.pi * frequency
-        key = "sensor.voltage_"
-        gain = self._sensor(values, key + "scale", 1.0)
-        gain /= self._sensor(values, "sensor.acceleration_scale", 1.0)
-        delay = np.exp(-rate * self._sensor(values, key + "delay", 0.0))
-        return gain * delay / (1.0 + rate * self._sensor(values, key + "filter", 0.0))
+
+        def effect(name):
+            return self._sensor(number, values, f"sensor.{name}")
+
+        gain = effect("voltage_scale") / effect("acceleration_scale")
+        gain = (
+            gain * np.exp(-rate * effect("voltage_delay")) / (1.0 + rate * effect("voltage_filter"))
+        )
+        for name, power in (("voltage", 1), ("acceleration", -1)):
+            first, second = (effect(f"{name}_{each}") / (1j * frequency) for each in HIGHPASSES)
+            gain = gain * ((1.0 + first) * (1.0 + math.sqrt(2.0) * second + second**2)) ** -power
+        return gain
 
 
 def _taylor(system):
