@@ -42,6 +42,8 @@ class Fitted:
         Of the acceleration between its samples.
     shooting : Shooting
     fit : Fit
+    settled : Fit or None
+        Windows of the parts kept aside, of records in time.
     """
 
     scene: Scene
@@ -53,6 +55,7 @@ class Fitted:
     interpolation: str
     shooting: Shooting
     fit: Fit
+    settled: Fit | None = None
 
     @classmethod
     def concluded(
@@ -62,6 +65,7 @@ class Fitted:
         fit: Fit,
         covariance: np.ndarray,
         stretches: list[Stretch],
+        settled: Fit | None = None,
     ) -> Fitted:
         """The model that a fit has come to; `scene` is the one that it began with.
 
@@ -84,6 +88,7 @@ class Fitted:
             shooting.responses.interpolation,
             shooting,
             fit,
+            settled,
         )
 
     @property

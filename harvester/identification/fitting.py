@@ -143,8 +143,8 @@ def fitted(
     stretches = [
         (length, each.acceleration.size) for length, each in zip(lengths, measurements, strict=True)
     ]
-    proof = predicted(shooting, fit, stretches)
-    return Fitted.concluded(scene, shooting, fit, covariance, proof)
+    proof, settled = predicted(shooting, fit, stretches)
+    return Fitted.concluded(scene, shooting, fit, covariance, proof, settled)
 
 
 def _otherwise(shooting, fit):

@@ -20,6 +20,7 @@ from harvester.identification.scene_file import scene_text
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from harvester.identification.consistency import Misfit
     from harvester.identification.fitted_model import Fitted
     from harvester.identification.intervals import Undetermined
     from harvester.identification.measurement import Measurement
@@ -53,6 +54,8 @@ class Identification:
         Wall-clock.
     posterior : Posterior, optional
         Of the values, where it was asked for.
+    misfits : list of Misfit
+        What is left of each output of each record beside the sensors' noise.
     """
 
     scene: Scene
@@ -65,6 +68,7 @@ class Identification:
     verdict: Verdict
     seconds: float
     posterior: Posterior | None = None
+    misfits: Sequence[Misfit] = ()
 
     @property
     def keys(self) -> list[str]:
@@ -219,6 +223,7 @@ class Identification:
                 "undetermined": [str(each) for each in self.fitted.undetermined],
                 "kept": {key: str(unclear) for key, unclear in self.kept},
                 "records": [_record(each) for each in self.fitted.stretches],
+                "misfits": list(self.misfits),
                 "residuals_white": self.whiteness.white,
                 "whiteness_probability": self.whiteness.probability,
                 "candidates": [

@@ -82,6 +82,7 @@ def identify(
     """
     from harvester.identification.candidates import Candidate, candidates
     from harvester.identification.checks import check_records
+    from harvester.identification.consistency import misfits, worst
     from harvester.identification.identification import Identification
     from harvester.identification.posterior import posterior as posterior_of
     from harvester.identification.proof import typical_period, whiteness
@@ -106,9 +107,10 @@ def identify(
         raise IdentificationError("; ".join([str(error), *remarks])) from None
     follow(MODELS_BEGIN, "other models")
     sizes = fitted_sizes(base, measurements)
+    left = misfits(base)
     found = [Candidate("as given", base, 0.0, 0.0)]
     if compare and any(each.acceleration is not None for each in measurements):
-        found = candidates(base, measurements, base.keys, sizes)
+        found = candidates(base, measurements, sizes, scene, worst(left) is None)
     sampled = None
     if posterior:
         follow(POSTERIOR_BEGINS, "posterior")
@@ -124,7 +126,8 @@ def identify(
         kept=kept,
         candidates=found,
         whiteness=white,
-        verdict=verdict(base, found, white),
+        verdict=verdict(base, found, white, left),
+        misfits=left,
         seconds=time.perf_counter() - clock,
         posterior=sampled,
     )

@@ -132,6 +132,10 @@ class Responses:
         self.experiments, self.keys = list(experiments), list(keys)
         self.interpolation, self.length = interpolation, length
 
+    def with_keys(self, keys: Sequence[str]) -> Responses:
+        """The same experiments with other unknowns."""
+        return Responses(self.experiments, keys, self.interpolation, self.length)
+
     def device(self, number: int, values: np.ndarray) -> tuple[System, Scales] | None:
         """Scaled equations of one experiment; None where the scene refuses the values."""
         scene = self.experiments[number].scene

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from harvester.identification.candidates import SURE, Candidate, proposed
+from harvester.identification.consistency import Misfit, worst
 from harvester.identification.proof import Whiteness, sensor_noise
 
 if TYPE_CHECKING:
@@ -38,8 +39,13 @@ class Verdict:
         return self.word == "predicts"
 
 
-def verdict(base: Fitted, found: Sequence[Candidate], whiteness: Whiteness) -> Verdict:
-    """Judge a model by what it predicts of the data kept aside.
+def verdict(
+    base: Fitted,
+    found: Sequence[Candidate],
+    whiteness: Whiteness,
+    misfits: Sequence[Misfit] = (),
+) -> Verdict:
+    """Judge a model by what it predicts of the data kept aside: its worst record and channel.
 
     Parameters
     ----------
@@ -48,9 +54,11 @@ def verdict(base: Fitted, found: Sequence[Candidate], whiteness: Whiteness) -> V
         The scene's own first.
     whiteness : Whiteness
         Of the residuals of the first record kept aside.
+    misfits : sequence of Misfit
+        Of each output of each record; none of frequency responses.
     """
-    output = base.stretches[0].quantity
     if all(_is_noise(each, whiteness) for each in base.stretches):
+        output = base.stretches[0].quantity
         return Verdict(
             "nothing",
             f"nothing to judge: the model explains {output} no better than chance "
@@ -58,10 +66,7 @@ def verdict(base: Fitted, found: Sequence[Candidate], whiteness: Whiteness) -> V
             f"(about {base.sensor_noise:.2%} of it); measure with a stronger excitation, and check "
             "that the columns belong together",
         )
-    said = (
-        f"{output} to {base.nrmse:.2%} NRMSE on the data kept aside (about {base.sensor_noise:.2%} "
-        f"is the sensor's noise), residuals {'white' if whiteness.white else 'correlated'}"
-    )
+    said, wrong = _said(base, misfits, whiteness), worst(misfits)
     best = proposed(found)
     if best.is_better:
         return Verdict(
@@ -69,14 +74,45 @@ def verdict(base: Fitted, found: Sequence[Candidate], whiteness: Whiteness) -> V
             f"the model is wrong: {said}; {best.name} leaves {best.fitted.nrmse:.2%} and is "
             "proposed instead",
         )
-    if not base.adequate and not (whiteness.white and base.stretches[0].long):
+    others = ", and none of the other models that were tried does better" if found[1:] else ""
+    if wrong:
         return Verdict(
             "incomplete",
-            f"the model is wrong or incomplete: {said}, and none of the other models that were "
-            "tried does better",
+            f"the model is wrong or incomplete: {said}: {wrong.systematic:.2%} of the "
+            f"{wrong.output} of {wrong.record} follow from its motion and are no noise, so that "
+            f"values may be off by more than their intervals{others}",
         )
+    if not base.adequate and not (whiteness.white and base.stretches[0].long):
+        return Verdict("incomplete", f"the model is wrong or incomplete: {said}{others}")
     simpler = "" if best is found[0] else f"; {best.name} predicts as well and is simpler"
     return Verdict("predicts", f"the model predicts {said}{_power(base)}{simpler}")
+
+
+def _said(base, misfits, whiteness):
+    """What is left of the worst record and channel, and of the worst record of other channels."""
+    if not misfits:
+        return (
+            f"{base.stretches[0].quantity} to {base.nrmse:.2%} NRMSE on the data kept aside (about "
+            f"{base.sensor_noise:.2%} is the sensor's noise), residuals "
+            f"{'white' if whiteness.white else 'correlated'}"
+        )
+    channels = [
+        max((each for each in misfits if each.output == name), key=_beyond)
+        for name in dict.fromkeys(each.output for each in misfits)
+    ]
+    first, *others = sorted(channels, key=_beyond, reverse=True)
+    several = len({each.record for each in misfits}) > 1
+    place = f" of {first.record}, the worst of the records" if several else ""
+    also = "".join(f", {each.output} to {each.left:.2%} ({each.noise:.2%})" for each in others)
+    return (
+        f"{first.output} to {first.left:.2%} NRMSE on the data kept aside{place} (about "
+        f"{first.noise:.2%} is the sensors' noise){also}"
+    )
+
+
+def _beyond(misfit):
+    """What noise does not explain: the first thing to say of a model."""
+    return max(misfit.left**2 - misfit.noise**2, 0.0), misfit.left
 
 
 def _is_noise(stretch, whiteness):
@@ -93,10 +129,10 @@ def _is_noise(stretch, whiteness):
 
 
 def _power(base):
-    """What it predicts of the power, in words."""
-    first = base.stretches[0]
-    _, _, difference = first.powers()
+    """What it predicts of the power, in words: the record with the largest difference."""
+    found = [(each, each.powers()[2]) for each in base.stretches]
+    stretch, difference = max(found, key=lambda each: abs(each[1].estimate))
     return (
-        f", and the {first.compared[0]} to {difference.estimate:+.2%} ± "
+        f", and the {stretch.compared[0]} to {difference.estimate:+.2%} ± "
         f"{difference.standard_error:.2%}"
     )
