@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -90,6 +90,12 @@ class Fitted:
             fit,
             settled,
         )
+
+    def with_covariance(self, covariance: np.ndarray) -> Fitted:
+        """The same with wider intervals."""
+        sizes = self.shooting.sizes
+        unclear = undetermined(self.keys, self.values, sizes, covariance)
+        return replace(self, covariance=covariance, undetermined=unclear)
 
     @property
     def sensor_noise(self) -> float:

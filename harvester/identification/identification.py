@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from harvester.identification.posterior import Posterior
     from harvester.identification.proof import Whiteness
     from harvester.identification.verdict import Verdict
+    from harvester.identification.visited import Visited
     from harvester.scene.model import Scene
 
 
@@ -56,6 +57,8 @@ class Identification:
         Of the values, where it was asked for.
     misfits : list of Misfit
         What is left of each output of each record beside the sensors' noise.
+    visited : Visited or None
+        Where the records took the device; None of frequency responses.
     """
 
     scene: Scene
@@ -69,6 +72,7 @@ class Identification:
     seconds: float
     posterior: Posterior | None = None
     misfits: Sequence[Misfit] = ()
+    visited: Visited | None = None
 
     @property
     def keys(self) -> list[str]:
@@ -141,13 +145,20 @@ class Identification:
             low, high = self.intervals[key]
             half = 0.5 * (high - low)
             share = f"{half / abs(value):.2%}" if value else "—"
-            state = "undetermined" if key in self.undetermined else "identified"
+            state = self._state(key)
             rows.append([key, state, f"{value:.6g}", f"{low:.6g} … {high:.6g}", share])
         if self.posterior:
             header.append("posterior's 95 %")
             for row, (low, high) in zip(rows, self.posterior.intervals.values(), strict=True):
                 row.append(f"{low:.6g} … {high:.6g}")
         return header, rows
+
+    def _state(self, key):
+        """How far the records determine a value."""
+        if key in self.undetermined:
+            return "undetermined"
+        # Coefficients about x = 0, where no record was.
+        return "extrapolated" if self.visited and key in self.visited.values else "identified"
 
     def sentences(self) -> list[str]:
         """The verdict, what is not determined, the proof of each record, and the other models."""
@@ -156,6 +167,15 @@ class Identification:
             f"{each.name}: {remark}"
             for each in self.measurements
             for remark in getattr(each, "remarks", ())
+        ]
+        if self.visited:
+            lines.append(f"visited: {self.visited.ranges}")
+            lines.append(f"extrapolated: {', '.join(self.visited.extrapolated)}")
+        lines += [
+            f"{each.record}: {each.output} NRMSE {each.left:.2%}, {each.noise:.2%} is the sensors' "
+            f"noise, {each.systematic:.2%} follow from the motion"
+            f"{'' if each.is_noise else ', which is no noise'}"
+            for each in self.misfits
         ]
         lines += [str(each) for each in self.fitted.undetermined]
         lines += [f"{unclear}; {key} is kept as in the scene" for key, unclear in self.kept]
@@ -215,6 +235,7 @@ class Identification:
                         "standard_error": self.standard_errors[key],
                         "interval": self.intervals[key],
                         "determined": key not in self.undetermined,
+                        "state": self._state(key),
                     }
                     for key, value in self.values.items()
                 },
@@ -224,6 +245,7 @@ class Identification:
                 "kept": {key: str(unclear) for key, unclear in self.kept},
                 "records": [_record(each) for each in self.fitted.stretches],
                 "misfits": list(self.misfits),
+                "visited": self.visited,
                 "residuals_white": self.whiteness.white,
                 "whiteness_probability": self.whiteness.probability,
                 "candidates": [

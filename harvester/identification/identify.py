@@ -84,11 +84,13 @@ def identify(
     from harvester.identification.checks import check_records
     from harvester.identification.consistency import misfits, worst
     from harvester.identification.identification import Identification
+    from harvester.identification.intervals import moved_by_records
     from harvester.identification.posterior import posterior as posterior_of
     from harvester.identification.proof import typical_period, whiteness
     from harvester.identification.sizes import fitted_sizes
     from harvester.identification.unknowns import checked_keys, default_keys
     from harvester.identification.verdict import verdict
+    from harvester.identification.visited import visited
 
     clock = time.perf_counter()
     follow = progress or (lambda share, text: None)
@@ -108,6 +110,9 @@ def identify(
     follow(MODELS_BEGIN, "other models")
     sizes = fitted_sizes(base, measurements)
     left = misfits(base)
+    if worst(left):
+        moved = moved_by_records(base.shooting, base.fit)
+        base = base.with_covariance(base.covariance + moved)
     found = [Candidate("as given", base, 0.0, 0.0)]
     if compare and any(each.acceleration is not None for each in measurements):
         found = candidates(base, measurements, sizes, scene, worst(left) is None)
@@ -117,6 +122,7 @@ def identify(
         sampled = posterior_of(
             base, scene.run.seed, lambda share: follow(_later(share), "posterior")
         )
+    where = visited(base)
     white = whiteness(base.stretches[0], 0, typical_period(base.shooting.responses))
     return Identification(
         scene=base.scene,
@@ -126,8 +132,9 @@ def identify(
         kept=kept,
         candidates=found,
         whiteness=white,
-        verdict=verdict(base, found, white, left),
+        verdict=verdict(base, found, white, left, where),
         misfits=left,
+        visited=where,
         seconds=time.perf_counter() - clock,
         posterior=sampled,
     )

@@ -12,6 +12,7 @@ from harvester.identification.proof import Whiteness, sensor_noise
 
 if TYPE_CHECKING:
     from harvester.identification.fitted_model import Fitted
+    from harvester.identification.visited import Visited
 
 # Of each window: displacement, velocity and the transducer's state.
 FITTED_STATES = 3
@@ -44,6 +45,7 @@ def verdict(
     found: Sequence[Candidate],
     whiteness: Whiteness,
     misfits: Sequence[Misfit] = (),
+    visited: Visited | None = None,
 ) -> Verdict:
     """Judge a model by what it predicts of the data kept aside: its worst record and channel.
 
@@ -56,6 +58,8 @@ def verdict(
         Of the residuals of the first record kept aside.
     misfits : sequence of Misfit
         Of each output of each record; none of frequency responses.
+    visited : Visited, optional
+        Where the records took the device.
     """
     if all(_is_noise(each, whiteness) for each in base.stretches):
         output = base.stretches[0].quantity
@@ -85,7 +89,17 @@ def verdict(
     if not base.adequate and not (whiteness.white and base.stretches[0].long):
         return Verdict("incomplete", f"the model is wrong or incomplete: {said}{others}")
     simpler = "" if best is found[0] else f"; {best.name} predicts as well and is simpler"
-    return Verdict("predicts", f"the model predicts {said}{_power(base)}{simpler}")
+    return Verdict("predicts", f"the model predicts {said}{_power(base)}{_where(visited)}{simpler}")
+
+
+def _where(visited):
+    """What was visited, and what the model only extrapolates, in words."""
+    if visited is None:
+        return ""
+    return (
+        f"; that holds for what the records visited ({visited.ranges}); extrapolated are "
+        f"{', '.join(visited.extrapolated)}"
+    )
 
 
 def _said(base, misfits, whiteness):
