@@ -81,7 +81,7 @@ def identify(
         The records do not tell what is asked of them.
     """
     from harvester.identification.candidates import Candidate, candidates
-    from harvester.identification.checks import check_records
+    from harvester.identification.checks import check_records, check_volts, scale_is_missing
     from harvester.identification.consistency import misfits, worst
     from harvester.identification.identification import Identification
     from harvester.identification.intervals import moved_by_records
@@ -98,9 +98,13 @@ def identify(
     check_records(scene, measurements)
     outputs = list(measurements[0].sensed)
     named = None if free is None else listed(free, "free", 'free=["oscillator.damping"]')
-    keys = default_keys(scene, outputs) if named is None else checked_keys(scene, named, outputs)
+    volts = any(map(scale_is_missing, measurements))
+    keys = default_keys(scene, outputs, volts)
+    if named is not None:
+        keys = checked_keys(scene, named, outputs)
     if not keys:
         raise IdentificationError(f"{scene.name}: nothing is free; name keys with --free")
+    check_volts(measurements, keys)
     follow(0.0, "fit")
     try:
         base, kept = _determined(scene, measurements, keys, free is None)

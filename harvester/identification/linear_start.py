@@ -12,13 +12,14 @@ looked for on a grid.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from harvester.device import timescales
 from harvester.identification.reconstruction import Motion, frequencies, motion
+from harvester.identification.sensors import VELOCITY_SCALE
 from harvester.scene.numbers import numbers
 
 if TYPE_CHECKING:
@@ -394,7 +395,19 @@ def starts_from(responses: Responses, values: np.ndarray) -> list[Start]:
     wells, saddles = timescales.wells(system), timescales.saddles(system)
     measured = "displacement" in responses.experiments[0].measurement.outputs
     places = [*wells[:1]] if measured else [*wells, *saddles]
-    return [
-        *found,
-        *(as_it_is(responses, values, place) for place in places),
-    ]
+    found += [as_it_is(responses, values, place) for place in places]
+    return [_with_velocity_scale(responses, each) for each in found]
+
+
+def _with_velocity_scale(responses, start):
+    """The start with the free scale of a velocity's sensor as its motion has it."""
+    if VELOCITY_SCALE not in responses.keys:
+        return start
+    for number, motion_there in enumerate(start.motions):
+        velocity = motion_there.v * responses.length
+        scale = responses.velocity_scale(number, velocity, start.values)
+        if scale:
+            return replace(
+                start, values=_with(responses, start.values, {VELOCITY_SCALE: abs(scale)})
+            )
+    return start

@@ -53,6 +53,8 @@ class Measurement:
         Known effects of sensors: {"sensor.acceleration_highpass": 0.5}.
     velocity_is_absolute : bool
         Whether the velocity is that in the room, as a laser beside the shaker measures it.
+    velocity_in_volts : bool
+        Whether the velocity's sensor has a scale in V/(m/s), free or among `sensors`.
     """
 
     acceleration: np.ndarray
@@ -65,6 +67,7 @@ class Measurement:
     remarks: tuple[str, ...] = ()
     sensors: dict[str, float] = field(default_factory=dict)
     velocity_is_absolute: bool = False
+    velocity_in_volts: bool = False
 
     def __post_init__(self) -> None:
         for quantity in ("acceleration", *OUTPUTS):
@@ -182,7 +185,7 @@ def read_measurement(
     content, _ = read_record(path)
     measured = MeasuredFile(path, content)
     rate = measured.table.rate if rate is None else rate
-    columns, remarks = _columns(measured, given, lines, units, rate)
+    columns, remarks, unit_of = _columns(measured, given, lines, units, rate)
     if "frequency" in columns:
         return response_of(columns, settings, plain_name(Path(path).name), sensors)
     if "acceleration" not in columns:
@@ -197,6 +200,7 @@ def read_measurement(
         remarks=remarks,
         sensors=sensors,
         velocity_is_absolute=absolute,
+        velocity_in_volts=unit_of.get("velocity") in QUANTITIES["voltage"],
         **columns,
     )
 
@@ -210,7 +214,7 @@ def _number(where, key, value):
 
 
 def _columns(measured, given, lines, units, rate):
-    """Columns of each quantity in SI, or in the scene's scaled units, and remarks on them."""
+    """Columns of each quantity in SI, or in the scene's scaled units, remarks, and the units."""
     places, unit_of = _places(measured, given), {}
     for quantity, place in places.items():
         unit = _column_and_unit(given.get(quantity, ""), measured.table.names)[1]
@@ -231,7 +235,7 @@ def _columns(measured, given, lines, units, rate):
         scale, offset = (lines.get(f"{quantity}_{end}") for end in LINE_ENDS)
         line = (1.0 if scale is None else scale) * values[quantity] + (offset or 0.0)
         values[quantity] = line * factor
-    return values, remarks
+    return values, remarks, unit_of
 
 
 def _places(measured, given):

@@ -14,6 +14,7 @@ from harvester.device.damper import QuadraticDamper
 from harvester.errors import HarvesterError, IdentificationError
 from harvester.identification.sensors import (
     HIGHPASSES,
+    VELOCITY_SCALE,
     integrals,
     neutral,
     parallel,
@@ -249,7 +250,32 @@ class Responses:
             if name == "velocity" and measurement.velocity_is_absolute:
                 true = true - self._base_velocity(number, values)
             found[name] = true
+        if VELOCITY_SCALE in self.keys and len(found) > 1:
+            # Of an unknown scale, it tells nothing where other channels tell the motion.
+            found["velocity"] = None
         return replace(measurement, **found)
+
+    def velocity_scale(self, number: int, velocity: np.ndarray, values: np.ndarray) -> float | None:
+        """Scale of the velocity's sensor for which it would show a motion.
+
+        None where the record has none.
+
+        Parameters
+        ----------
+        number : int
+            Of the experiment.
+        velocity : ndarray, shape (n,)
+            Relative to the base, in the scene's units.
+        values : ndarray
+            Of the unknowns.
+        """
+        measurement = self.experiments[number].measurement
+        if measurement.velocity is None:
+            return None
+        true = velocity
+        if measurement.velocity_is_absolute:
+            true = true + self._base_velocity(number, values)
+        return float(measurement.velocity @ true) / float(true @ true)
 
     def _taken_away(self, number, values, name):
         """What an AC-coupled input took away from what it shows at the samples."""

@@ -26,6 +26,7 @@ BASE_EFFECTS = {"offset": 0.0, "scale": 1.0, **HIGHPASSES}
 VOLTAGE_EFFECTS = {**HIGHPASSES, "resistance": math.inf}
 # What a probe's input has, from which a free resistance begins (Ω).
 PROBE = 1e7
+VELOCITY_SCALE = "sensor.velocity_scale"
 # Degree of the spline whose integral is taken: as of the smooth path between samples.
 SPLINE_DEGREE = 7
 

@@ -12,7 +12,13 @@ import numpy as np
 
 from harvester.errors import HarvesterError, SceneError
 from harvester.files.plain_text import named, nearest
-from harvester.identification.sensors import HIGHPASSES, PROBE, neutral, sensor_keys
+from harvester.identification.sensors import (
+    HIGHPASSES,
+    PROBE,
+    VELOCITY_SCALE,
+    neutral,
+    sensor_keys,
+)
 from harvester.scene.numbers import numbers
 
 if TYPE_CHECKING:
@@ -56,13 +62,13 @@ class Unknown:
         return replace(self, start=value, size=max(self.size, abs(value)))
 
 
-def default_keys(scene: Scene, outputs: Sequence[str]) -> list[str]:
+def default_keys(scene: Scene, outputs: Sequence[str], volts: bool = False) -> list[str]:
     """What is free where nothing is said: the device's own numbers that a record tells.
 
     Mass, winding, leak and a contact's exponent are taken as known. Without a displacement no
-    record tells where x = 0 is: then the constant force is kept.
+    record tells where x = 0 is: then the constant force is kept. A velocity in `volts` has a scale.
     """
-    keys = []
+    keys = [VELOCITY_SCALE] if volts else []
     for key in numbers(scene):
         table, _, name = key.rpartition(".")
         if table.partition("[")[0] not in DEVICE_TABLES or name in KNOWN:
