@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from harvester.identification.consistency import Misfit
     from harvester.identification.fitted_model import Fitted
     from harvester.identification.intervals import Undetermined
+    from harvester.identification.kept_aside import Kept
     from harvester.identification.measurement import Measurement
     from harvester.identification.posterior import Posterior
     from harvester.identification.proof import Whiteness
@@ -57,6 +58,8 @@ class Identification:
         Of the values, where it was asked for.
     misfits : list of Misfit
         What is left of each output of each record beside the sensors' noise.
+    kept_aside : list of Kept
+        Whole records that were not fitted to.
     visited : Visited or None
         Where the records took the device; None of frequency responses.
     """
@@ -72,6 +75,7 @@ class Identification:
     seconds: float
     posterior: Posterior | None = None
     misfits: Sequence[Misfit] = ()
+    kept_aside: Sequence[Kept] = ()
     visited: Visited | None = None
 
     @property
@@ -193,6 +197,7 @@ class Identification:
                     f"{stretch.name}: from one start alone, whose path parts from the measured "
                     f"one, {name} {_with_error(stretch.free_power())} {unit}"
                 )
+        lines += [str(each) for each in self.kept_aside]
         lines += [
             f"model {each.name}: {len(each.fitted.keys)} values, NRMSE {each.fitted.nrmse:.2%} on "
             "the data kept aside"
@@ -246,6 +251,9 @@ class Identification:
                 "records": [_record(each) for each in self.fitted.stretches],
                 "misfits": list(self.misfits),
                 "visited": self.visited,
+                "kept_aside": [
+                    {**vars(each), "within_interval": each.holds} for each in self.kept_aside
+                ],
                 "residuals_white": self.whiteness.white,
                 "whiteness_probability": self.whiteness.probability,
                 "candidates": [

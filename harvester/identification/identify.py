@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 Records = Annotated[
     Any, Kind("FILE [SETTING=VALUE]", option="record", read=records_of, again=True, words=True)
 ]
+KeptRecords = Annotated[
+    Any, Kind("FILE [SETTING=VALUE]", option="keep-aside", read=records_of, again=True, words=True)
+]
 Keys = Annotated[Sequence[str], Kind("TABLE.KEY", again=True, words=True)]
 # Shares of the work: other models begin at the first, the posterior at the second.
 MODELS_BEGIN, POSTERIOR_BEGINS = 0.4, 0.7
@@ -36,6 +39,7 @@ def identify(
     records: Records,
     *,
     free: Keys | None = None,
+    keep_aside: KeptRecords | None = None,
     compare: Annotated[bool, Kind(option="alone")] = True,
     posterior: bool = False,
     progress: Callable[[float, str], None] | None = None,
@@ -57,6 +61,9 @@ def identify(
         or of sensors (sensor.voltage_offset, _scale, _delay, _filter). By default the device's own
         that are not zero, but mass, winding, leak and, without a displacement, the constant force;
         what the records do not determine then stays as in the scene.
+    keep_aside : as `records`
+        Whole records that are not fitted to: each is run from one start under its acceleration, and
+        its orbit, rms and power are compared.
     compare : bool
         Fit other models to compare the scene's with (symmetric spring or not, cubic or linear,
         drag, stoppers); with --alone none.
@@ -85,6 +92,7 @@ def identify(
     from harvester.identification.consistency import misfits, worst
     from harvester.identification.identification import Identification
     from harvester.identification.intervals import moved_by_records
+    from harvester.identification.kept_aside import kept_aside
     from harvester.identification.posterior import posterior as posterior_of
     from harvester.identification.proof import typical_period, whiteness
     from harvester.identification.sizes import fitted_sizes
@@ -95,7 +103,8 @@ def identify(
     clock = time.perf_counter()
     follow = progress or (lambda share, text: None)
     measurements = _measurements(scene, records)
-    check_records(scene, measurements)
+    aside = [] if keep_aside is None else _measurements(scene, keep_aside)
+    check_records(scene, [*measurements, *aside])
     outputs = list(measurements[0].sensed)
     named = None if free is None else listed(free, "free", 'free=["oscillator.damping"]')
     volts = any(map(scale_is_missing, measurements))
@@ -127,6 +136,7 @@ def identify(
             base, scene.run.seed, lambda share: follow(_later(share), "posterior")
         )
     where = visited(base)
+    unseen = kept_aside(base, aside, where, scene.run.seed) if where else []
     white = whiteness(base.stretches[0], 0, typical_period(base.shooting.responses))
     return Identification(
         scene=base.scene,
@@ -136,8 +146,9 @@ def identify(
         kept=kept,
         candidates=found,
         whiteness=white,
-        verdict=verdict(base, found, white, left, where),
+        verdict=verdict(base, found, white, left, where, unseen),
         misfits=left,
+        kept_aside=unseen,
         visited=where,
         seconds=time.perf_counter() - clock,
         posterior=sampled,

@@ -165,7 +165,10 @@ def _of_blocks(values):
 
 
 def predicted(
-    shooting: Shooting, fit: Fit, stretches: Sequence[tuple[int, int]]
+    shooting: Shooting,
+    fit: Fit,
+    stretches: Sequence[tuple[int, int]],
+    reach: tuple[float, float] | None = None,
 ) -> tuple[list[Stretch], Fit]:
     """What the fitted device does in a stretch of each experiment.
 
@@ -175,6 +178,8 @@ def predicted(
     fit : Fit
     stretches : sequence of (int, int)
         First sample, and that behind the last.
+    reach : (float, float), optional
+        Scaled displacements between which the mass is looked for.
 
     Returns
     -------
@@ -182,7 +187,7 @@ def predicted(
     Fit
         The windows of the stretches with their starts.
     """
-    settled = settle_windows(shooting.frozen(), fit, stretches)
+    settled = settle_windows(shooting.frozen(), fit, stretches, reach)
     responses, found = shooting.responses, []
     for number, edges in enumerate(settled.edges):
         experiment = responses.experiments[number]

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 DEVICE_TABLES = ("oscillator", "stoppers", "piezo", "coil")
 # Known from a scale, a data sheet or an ohmmeter, and hardly to be told from records.
 KNOWN = ("mass", "exponent", "resistance", "inductance", "leakage_resistance", "leakage_rate")
+# Stands for all that is free by default.
+DEVICE = "device"
 ORIGIN = "oscillator.restoring_force[0]"
 # Of its own start, what a number that must be positive keeps at least.
 SMALLEST_SHARE = 1e-3
@@ -99,6 +101,9 @@ def checked_keys(scene: Scene, keys: Sequence[str], outputs: Sequence[str]) -> l
     """
     known = [*numbers(scene), *sensor_keys(outputs)]
     known = [key for key in known if not key.startswith("excitation.")]
+    if DEVICE in keys:
+        own = [key for key in default_keys(scene, outputs) if key not in keys]
+        keys = [*own, *(key for key in keys if key != DEVICE)]
     for place, key in enumerate(keys):
         if key not in known:
             raise HarvesterError(

@@ -12,6 +12,7 @@ from harvester.identification.proof import Whiteness, sensor_noise
 
 if TYPE_CHECKING:
     from harvester.identification.fitted_model import Fitted
+    from harvester.identification.kept_aside import Kept
     from harvester.identification.visited import Visited
 
 # Of each window: displacement, velocity and the transducer's state.
@@ -46,6 +47,7 @@ def verdict(
     whiteness: Whiteness,
     misfits: Sequence[Misfit] = (),
     visited: Visited | None = None,
+    kept: Sequence[Kept] = (),
 ) -> Verdict:
     """Judge a model by what it predicts of the data kept aside: its worst record and channel.
 
@@ -60,6 +62,8 @@ def verdict(
         Of each output of each record; none of frequency responses.
     visited : Visited, optional
         Where the records took the device.
+    kept : sequence of Kept
+        Records kept aside as a whole.
     """
     if all(_is_noise(each, whiteness) for each in base.stretches):
         output = base.stretches[0].quantity
@@ -76,20 +80,48 @@ def verdict(
         return Verdict(
             "wrong",
             f"the model is wrong: {said}; {best.name} leaves {best.fitted.nrmse:.2%} and is "
-            "proposed instead",
+            f"proposed instead{_freed(best, base)}{claims}",
         )
+    claims = _claims(kept)
     others = ", and none of the other models that were tried does better" if found[1:] else ""
     if wrong:
         return Verdict(
             "incomplete",
             f"the model is wrong or incomplete: {said}: {wrong.systematic:.2%} of the "
             f"{wrong.output} of {wrong.record} follow from its motion and are no noise, so that "
-            f"values may be off by more than their intervals{others}",
+            f"values may be off by more than their intervals{others}{claims}",
+        )
+    refuted = [each for each in kept if each.claimed and not each.holds]
+    if refuted:
+        return Verdict(
+            "incomplete",
+            f"the model is wrong or incomplete: {said}{claims}: {refuted[0].name} is not as predicted",
         )
     if not base.adequate and not (whiteness.white and base.stretches[0].long):
-        return Verdict("incomplete", f"the model is wrong or incomplete: {said}{others}")
+        return Verdict("incomplete", f"the model is wrong or incomplete: {said}{others}{claims}")
     simpler = "" if best is found[0] else f"; {best.name} predicts as well and is simpler"
-    return Verdict("predicts", f"the model predicts {said}{_power(base)}{_where(visited)}{simpler}")
+    return Verdict(
+        "predicts", f"the model predicts {said}{_power(base)}{claims}{_where(visited)}{simpler}"
+    )
+
+
+def _freed(best, base):
+    """The sensors' values of another model, in words."""
+    values = dict(zip(best.fitted.keys, best.fitted.values, strict=True))
+    sensors = [key for key in values if key.startswith("sensor.") and key not in base.keys]
+    return "".join(f" ({key} = {values[key]:.4g}, to be freed by --free {key})" for key in sensors)
+
+
+def _claims(kept):
+    """How many of the records kept aside are claimed, and how many of those hold, in words."""
+    if not kept:
+        return ""
+    claimed = [each for each in kept if each.claimed]
+    held = sum(each.holds for each in claimed)
+    return (
+        f"; it claims {len(claimed)} of {len(kept)} records kept aside, and {held} of those lie "
+        "within their intervals"
+    )
 
 
 def _where(visited):

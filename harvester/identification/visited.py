@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,7 @@ from harvester.scene.numbers import numbers
 
 if TYPE_CHECKING:
     from harvester.identification.fitted_model import Fitted
+    from harvester.identification.measurement import Measurement
 
 # Shares of the base's power below and above the frequencies that count as visited.
 BAND = (0.01, 0.99)
@@ -97,7 +99,7 @@ def visited(fitted: Fitted) -> Visited | None:
     return Visited(
         displacement=ranges,
         velocity=tuple(velocity),
-        frequency=_band(each.measurement for each in responses.experiments),
+        frequency=band(each.measurement for each in responses.experiments),
         loads=tuple(sorted(loads)),
         extrapolated=_outside(system, scales.displacement, ranges, si, len(loads) > 1),
         values=() if _inside(ranges, 0.0) else _of_spring(fitted.keys),
@@ -105,7 +107,7 @@ def visited(fitted: Fitted) -> Visited | None:
     )
 
 
-def _band(measurements):
+def band(measurements: Iterable[Measurement]) -> tuple[float, float]:
     """Frequencies between which the base has most of its power, of all records (Hz)."""
     ends = []
     for each in measurements:
