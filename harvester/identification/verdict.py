@@ -66,43 +66,50 @@ def verdict(
         Records kept aside as a whole.
     """
     if all(_is_noise(each, whiteness) for each in base.stretches):
-        output = base.stretches[0].quantity
-        return Verdict(
-            "nothing",
-            f"nothing to judge: the model explains {output} no better than chance "
-            f"({base.nrmse:.2%} NRMSE on the data kept aside), and what was measured is noise "
-            f"(about {base.sensor_noise:.2%} of it); measure with a stronger excitation, and check "
-            "that the columns belong together",
-        )
-    said, wrong = _said(base, misfits, whiteness), worst(misfits)
-    best = proposed(found)
+        return Verdict("nothing", _nothing(base))
+    said, claims, best = _said(base, misfits, whiteness), _claims(kept), proposed(found)
     if best.is_better:
         return Verdict(
             "wrong",
             f"the model is wrong: {said}; {best.name} leaves {best.fitted.nrmse:.2%} and is "
             f"proposed instead{_freed(best, base)}{claims}",
         )
-    claims = _claims(kept)
-    others = ", and none of the other models that were tried does better" if found[1:] else ""
-    if wrong:
+    fault = _fault(base, whiteness, misfits, kept)
+    if fault is not None:
+        others = ", and none of the other models that were tried does better" if found[1:] else ""
         return Verdict(
-            "incomplete",
-            f"the model is wrong or incomplete: {said}: {wrong.systematic:.2%} of the "
-            f"{wrong.output} of {wrong.record} follow from its motion and are no noise, so that "
-            f"values may be off by more than their intervals{others}{claims}",
+            "incomplete", f"the model is wrong or incomplete: {said}{fault}{others}{claims}"
         )
-    refuted = [each for each in kept if each.claimed and not each.holds]
-    if refuted:
-        return Verdict(
-            "incomplete",
-            f"the model is wrong or incomplete: {said}{claims}: {refuted[0].name} is not as predicted",
-        )
-    if not base.adequate and not (whiteness.white and base.stretches[0].long):
-        return Verdict("incomplete", f"the model is wrong or incomplete: {said}{others}{claims}")
     simpler = "" if best is found[0] else f"; {best.name} predicts as well and is simpler"
     return Verdict(
         "predicts", f"the model predicts {said}{_power(base)}{claims}{_where(visited)}{simpler}"
     )
+
+
+def _nothing(base):
+    """That the records hold no motion to judge by, in words."""
+    return (
+        f"nothing to judge: the model explains {base.stretches[0].quantity} no better than chance "
+        f"({base.nrmse:.2%} NRMSE on the data kept aside), and what was measured is noise (about "
+        f"{base.sensor_noise:.2%} of it); measure with a stronger excitation, and check that the "
+        "columns belong together"
+    )
+
+
+def _fault(base, whiteness, misfits, kept):
+    """What speaks against a model that no other is better than, in words; None where nothing."""
+    wrong = worst(misfits)
+    if wrong:
+        return (
+            f": {wrong.systematic:.2%} of the {wrong.output} of {wrong.record} follow from its "
+            "motion and are no noise, so that values may be off by more than their intervals"
+        )
+    refuted = [each for each in kept if each.claimed and not each.holds]
+    if refuted:
+        return f": {refuted[0].name} is not as predicted"
+    if base.adequate or (whiteness.white and base.stretches[0].long):
+        return None
+    return ""
 
 
 def _freed(best, base):
