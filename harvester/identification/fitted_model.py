@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.errors import IdentificationError
+from harvester.excitation.recorded import RecordedMotion
 from harvester.identification.intervals import undetermined
 from harvester.identification.proof import Stretch, sensor_noise
 from harvester.identification.shooting import Fit, Shooting
@@ -78,6 +79,11 @@ class Fitted:
         made = with_values(scene, keys, fit.values)
         if made is None:
             raise IdentificationError(f"{scene.name}: what fits best is no device")
+        path = shooting.responses.interpolation
+        base = made.excitation
+        if isinstance(base, RecordedMotion) and base.knot_spacing is None:
+            # What is simulated on such a record then moves as the fit did.
+            made = made.replace({"excitation.interpolation": path})
         return cls(
             made,
             shooting.unknowns,
@@ -85,7 +91,7 @@ class Fitted:
             covariance,
             undetermined(keys, fit.values, shooting.sizes, covariance),
             stretches,
-            shooting.responses.interpolation,
+            path,
             shooting,
             fit,
             settled,

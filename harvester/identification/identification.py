@@ -200,7 +200,7 @@ class Identification:
         lines += [str(each) for each in self.kept_aside]
         lines += [
             f"model {each.name}: {len(each.fitted.keys)} values, NRMSE {each.fitted.nrmse:.2%} on "
-            "the data kept aside"
+            f"the data kept aside{self._sensors(each.fitted)}"
             for each in self.candidates[1:]
         ]
         if self.posterior:
@@ -214,6 +214,15 @@ class Identification:
             f"{self.seconds:.1f} s"
         )
         return lines
+
+    def _sensors(self, other):
+        """What another model says of the sensors beside this one, in words."""
+        found = zip(other.keys, other.values, other.standard_errors, strict=True)
+        return "".join(
+            f", {key} = {value:.4g} ± {HALF_INTERVAL * error:.2g}"
+            for key, value, error in found
+            if key.startswith("sensor.") and key not in self.keys
+        )
 
     def _fitted_part(self):
         """What of the records the values come from, in words."""
@@ -295,7 +304,8 @@ class Identification:
             for key, value, error in zip(made.keys, made.values, made.standard_errors, strict=True)
             if key.startswith("sensor.")
         ]
-        heading = [f"Identified from {names}.", self.verdict.sentence, *sensors]
+        path = f'Between samples of a record: interpolation = "{made.interpolation}".'
+        heading = [f"Identified from {names}.", self.verdict.sentence, path, *sensors]
         return scene_text(made.scene, comments, heading)
 
     def page(self) -> str:

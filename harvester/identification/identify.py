@@ -58,15 +58,16 @@ def identify(
         `harvester.read_measurement`; several may be given.
     free : sequence of str
         What is fitted: numbers of the scene (oscillator.damping, oscillator.restoring_force[2], …),
-        or of sensors (sensor.voltage_offset, _scale, _delay, _filter). By default the device's own
-        that are not zero, but mass, winding, leak and, without a displacement, the constant force;
-        what the records do not determine then stays as in the scene.
+        or of sensors (sensor.voltage_offset, _scale, _delay, _filter, _highpass, _resistance,
+        sensor.acceleration_highpass, …); `device` stands for what is free by default: the device's
+        own that are not zero, but mass, winding, leak and, without a displacement, the constant
+        force; what the records do not determine then stays as in the scene.
     keep_aside : as `records`
         Whole records that are not fitted to: each is run from one start under its acceleration, and
         its orbit, rms and power are compared.
     compare : bool
         Fit other models to compare the scene's with (symmetric spring or not, cubic or linear,
-        drag, stoppers); with --alone none.
+        drag, stoppers; sensors, where more than their noise is left); with --alone none.
     posterior : bool
         Sample the posterior of the values too, by the scene's seed (needs emcee: pip install
         'harvester[posterior]').

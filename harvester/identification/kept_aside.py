@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -229,7 +229,7 @@ def _shooting(fitted, measurement):
     return shooting, np.array(noise)
 
 
-def _run(shooting: Any, values, start, late) -> tuple[np.ndarray, np.ndarray]:
+def _run(shooting, values, start, late):
     """Displacement and outputs from one start, without their first part."""
     responses = shooting.responses
     edges = np.array([0, responses.experiments[0].samples])

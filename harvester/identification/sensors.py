@@ -27,6 +27,14 @@ VOLTAGE_EFFECTS = {**HIGHPASSES, "resistance": math.inf}
 # What a probe's input has, from which a free resistance begins (Ω).
 PROBE = 1e7
 VELOCITY_SCALE = "sensor.velocity_scale"
+# What the given value of an effect must be.
+REQUIRED = {
+    "scale": ("a number other than 0", lambda value: math.isfinite(value) and value != 0.0),
+    "resistance": ("a number > 0", lambda value: value > 0.0),
+    **dict.fromkeys(
+        ("filter", *HIGHPASSES), ("a number ≥ 0", lambda value: 0.0 <= value < math.inf)
+    ),
+}
 # Degree of the spline whose integral is taken: as of the smooth path between samples.
 SPLINE_DEGREE = 7
 
@@ -61,16 +69,9 @@ def checked_sensors(
             raise SceneError(f"{where}: unknown setting {named(key)}{nearest(key, known)}")
         number = float(value) if isinstance(value, (int, float)) else math.nan
         effect = key.rpartition("_")[2]
-        least = 0.0 if effect in ("filter", "resistance", *HIGHPASSES) else -math.inf
-        if (
-            math.isnan(number)
-            or number < least
-            or (effect in ("scale", "resistance") and not number)
-        ):
-            raise SceneError(
-                f"{where}: {key} = {shown(value)}: must be a number"
-                f"{' ≥ 0' if least == 0.0 else ''}{' other than 0' if effect == 'scale' else ''}"
-            )
+        wanted, holds = REQUIRED.get(effect, ("a number", math.isfinite))
+        if math.isnan(number) or not holds(number):
+            raise SceneError(f"{where}: {key} = {shown(value)}: must be {wanted}")
         found[key] = number
     return found
 

@@ -79,7 +79,9 @@ def visited(fitted: Fitted) -> Visited | None:
     """What the records of a fit visited; None of frequency responses."""
     if fitted.settled is None:
         return None
-    responses, displacement, velocity = fitted.shooting.responses, [], []
+    responses = fitted.shooting.responses
+    displacement: list[tuple[float, float]] = []
+    velocity: list[tuple[float, float]] = []
     for number in range(len(responses.experiments)):
         states = [
             responses.states(number, fitted.values, fit.edges[number], fit.starts[number])[0]
