@@ -367,7 +367,8 @@ def _read_knots(record, name):
             f"allows {most_samples()}"
         )
     factor = max(1, math.ceil(knots_per_sample - 1e-9))
-    values = conditioning.refined(values, factor)
+    refined = conditioning.smoothed if smooth > 1 else conditioning.refined
+    values = refined(values, factor)
     if record.repetition == "periodic":
         values = conditioning.closed(values)
     remarks = (*columns.remarks, *markers, *even.remarks)

@@ -12,6 +12,7 @@ import numpy as np
 from harvester.device import system as device
 from harvester.device.damper import QuadraticDamper
 from harvester.errors import HarvesterError, IdentificationError
+from harvester.excitation.conditioning import smoothed
 from harvester.identification.sensors import (
     HIGHPASSES,
     VELOCITY_SCALE,
@@ -35,10 +36,8 @@ if TYPE_CHECKING:
 # Steps in a period of the fastest motion seen, while values are looked for and in the end:
 # Runge–Kutta's phase is right to 1e-4 and to 1e-6.
 COARSE_STEPS, FINE_STEPS = 24, 80
-# How acceleration goes on between two samples: in a straight line, or by a spline of this degree,
-# which follows five samples a period to 1e-5, and to the record's ends.
+# How acceleration goes on between two samples: in a straight line, or by a spline.
 INTERPOLATIONS = ("linear", "smooth")
-SPLINE_DEGREE = 7
 
 
 @dataclass(frozen=True)
@@ -90,20 +89,15 @@ def experiment(
     per_period : int
         Steps in a period of it.
     """
-    from scipy.interpolate import make_interp_spline
-
     rate = measurement.sampling_rate
     # At least two: between samples a smooth path needs points of its own.
     steps = max(2, math.ceil(per_period * frequency / rate - 1e-9))
     samples = measurement.acceleration
     known = np.arange(samples.size)
     places = np.arange(steps * (samples.size - 1) + 1) / steps
-    spline = make_interp_spline(known, samples, SPLINE_DEGREE)
-    # A step's straight line weakens a sine by 1 − (ω h)²/12, h = 1/steps: that is given back.
-    given_back = spline.derivative(2)(places) / (12.0 * steps**2)
     paths = {
         "linear": np.interp(places, known, samples),
-        "smooth": spline(places) - given_back,
+        "smooth": smoothed(samples, steps),
     }
     changed = scene.replace(measurement.changes)
     return Experiment(measurement, changed, steps, paths)

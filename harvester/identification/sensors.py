@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from harvester.errors import SceneError
+from harvester.excitation.conditioning import SPLINE_DEGREE
 from harvester.files.plain_text import named, nearest, shown
 
 OUTPUTS = ("voltage", "displacement", "velocity")
@@ -35,8 +36,6 @@ REQUIRED = {
         ("filter", *HIGHPASSES), ("a number ≥ 0", lambda value: 0.0 <= value < math.inf)
     ),
 }
-# Degree of the spline whose integral is taken: as of the smooth path between samples.
-SPLINE_DEGREE = 7
 
 
 def sensor_keys(outputs: Sequence[str]) -> dict[str, float]:
