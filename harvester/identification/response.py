@@ -11,6 +11,8 @@ import numpy as np
 
 from harvester.device import system as device
 from harvester.device.damper import QuadraticDamper
+from harvester.device.polynomial import Polynomial
+from harvester.device.ranged import Ranged
 from harvester.errors import HarvesterError, IdentificationError
 from harvester.excitation.conditioning import smoothed
 from harvester.identification.sensors import (
@@ -21,7 +23,7 @@ from harvester.identification.sensors import (
     parallel,
     put_right,
 )
-from harvester.identification.unknowns import with_values
+from harvester.identification.unknowns import BASE_FACTOR, with_values
 from harvester.monte_carlo.sampled import states_at_samples
 from harvester.prepared.prepared import prepared
 from harvester.scene.numbers import numbers
@@ -201,7 +203,14 @@ class Responses:
         each = self.experiments[number]
         factor = (-1.0 if each.scene.units == "SI" else 1.0) / self.length
         path = each.acceleration[self.interpolation]
+        factor *= self.base_factor(number, values)
         return factor * self._base(number, values, path, each.steps)
+
+    def base_factor(self, number: int, values: np.ndarray) -> float:
+        """By how much the base's acceleration counts in one experiment's device."""
+        if BASE_FACTOR in self.keys:
+            return float(values[self.keys.index(BASE_FACTOR)])
+        return self.experiments[number].scene.oscillator.base_factor
 
     def _base(self, number, values, path, steps):
         """True acceleration of the base where its sensor showed this path."""
@@ -359,6 +368,10 @@ def _general(system):
 
 
 def _padded(spring: Spring) -> Spring:
+    if isinstance(spring, Ranged):
+        return spring._replace(spring=_padded(spring.spring))
+    if not isinstance(spring, Polynomial):
+        return spring
     size = 2 if max(len(spring.even), len(spring.odd)) <= 2 else 4
 
     def filled(values, length):

@@ -89,14 +89,15 @@ class SteadyResponses(Responses):
             damping = system.damper.damping + drag * amplitude
             return rate**2 + damping * rate + stiffness + slope * amplitude**2 + force
 
+        factor = self.base_factor(number, values)
         amplitude = np.zeros(rate.size)
         if measured.acceleration is not None:
             gain = self._sensor(number, values, "sensor.acceleration_scale")
-            drive = measured.acceleration / gain / self.length
+            drive = factor * measured.acceleration / gain / self.length
             shown = np.abs(measured.response) * measured.acceleration
             amplitude = _amplitude(impedance, drive, shown / np.abs(volts))
         sign = -1.0 if each.scene.units == "SI" else 1.0
-        return sign * volts / impedance(amplitude) / self.length
+        return factor * sign * volts / impedance(amplitude) / self.length
 
     def _gain_of_sensors(self, number, values):
         """What the sensors make of it."""
@@ -119,8 +120,7 @@ class SteadyResponses(Responses):
 def _taylor(system):
     """Stiffness where the device rests, and its slope over the squared amplitude."""
     rest = timescales.rest(system)
-    force = np.polynomial.Polynomial(system.spring.coefficients)
-    linear, square, cube = (force.deriv(n)(rest) / math.factorial(n) for n in (1, 2, 3))
+    linear, square, cube = system.spring.taylor(rest)
     return linear, 0.75 * cube - (5.0 / 6.0 * square**2 / linear if linear > 0.0 else 0.0)
 
 
