@@ -33,7 +33,8 @@ QUANTITIES: dict[str, dict[str, float]] = {
     "acceleration": ACCELERATION,
     "voltage": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "kV": 1e3},
     "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254},
-    "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "in/s": 0.0254},
+    # In volts, a laser's output: its scale is free or given.
+    "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "in/s": 0.0254, "V": 1.0, "mV": 1e-3},
     "frequency": {"Hz": 1.0, "kHz": 1e3, "rad/s": 0.5 / math.pi},
     "phase": {"rad": 1.0, "deg": math.pi / 180.0},
 }

@@ -10,6 +10,7 @@ import numpy as np
 from harvester.errors import IdentificationError
 from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.reconstruction import frequencies
+from harvester.identification.sensors import VELOCITY_SCALE
 from harvester.scene.units import require_resistor
 
 if TYPE_CHECKING:
@@ -54,6 +55,31 @@ def check_records(scene: Scene, measurements: Sequence[Measurement]) -> None:
             each.check()
         else:
             _check_record(each)
+
+
+def scale_is_missing(record: Measurement | MeasuredResponse) -> bool:
+    """Whether a velocity is in volts whose scale is not given."""
+    return getattr(record, "velocity_in_volts", False) and VELOCITY_SCALE not in record.sensors
+
+
+def check_volts(measurements: Sequence[Measurement], keys: Sequence[str]) -> None:
+    """Refuse a velocity in volts whose scale is neither given nor to be found.
+
+    Raises
+    ------
+    IdentificationError
+    """
+    for each in filter(scale_is_missing, measurements):
+        if VELOCITY_SCALE not in keys:
+            raise IdentificationError(
+                f"{each.name}: the velocity is in volts: name its scale with --free "
+                f"{VELOCITY_SCALE}, or give it behind the file as {VELOCITY_SCALE}=VOLTS_PER_M/S"
+            )
+        if len(each.outputs) == 1:
+            raise IdentificationError(
+                f"{each.name}: a velocity in volts alone does not tell its scale: give it behind "
+                f"the file as {VELOCITY_SCALE}=VOLTS_PER_M/S, or name a voltage or a displacement"
+            )
 
 
 def _check_record(record):

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 Records = Annotated[
     Any, Kind("FILE [SETTING=VALUE]", option="record", read=records_of, again=True, words=True)
 ]
+KeptRecords = Annotated[
+    Any, Kind("FILE [SETTING=VALUE]", option="keep-aside", read=records_of, again=True, words=True)
+]
 Keys = Annotated[Sequence[str], Kind("TABLE.KEY", again=True, words=True)]
 Impedance = Annotated[Any, Kind("FILE [SETTING=VALUE]", read=one_record_of, words=True)]
 MASS = "oscillator.mass"
@@ -39,6 +42,7 @@ def identify(
     *,
     impedance: Impedance = None,
     free: Keys | None = None,
+    keep_aside: KeptRecords | None = None,
     compare: Annotated[bool, Kind(option="alone")] = True,
     posterior: bool = False,
     progress: Callable[[float, str], None] | None = None,
@@ -63,12 +67,16 @@ def identify(
         mass too.
     free : sequence of str
         What is fitted: numbers of the scene (oscillator.damping, oscillator.restoring_force[2], …),
-        or of sensors (sensor.voltage_offset, _scale, _delay, _filter). By default the device's own
-        that are not zero, but mass, winding, leak and, without a displacement, the constant force;
-        what the records do not determine then stays as in the scene.
+        or of sensors (sensor.voltage_offset, _scale, _delay, _filter, _highpass, _resistance,
+        sensor.acceleration_highpass, …); `device` stands for what is free by default: the device's
+        own that are not zero, but mass, winding, leak and, without a displacement, the constant
+        force; what the records do not determine then stays as in the scene.
+    keep_aside : as `records`
+        Whole records that are not fitted to: each is run from one start under its acceleration, and
+        its orbit, rms and power are compared.
     compare : bool
         Fit other models to compare the scene's with (symmetric spring or not, cubic or linear,
-        drag, stoppers); with --alone none.
+        drag, stoppers; sensors, where more than their noise is left); with --alone none.
     posterior : bool
         Sample the posterior of the values too, by the scene's seed (needs emcee: pip install
         'harvester[posterior]').
@@ -90,14 +98,18 @@ def identify(
         The records do not tell what is asked of them.
     """
     from harvester.identification.candidates import Candidate, candidates
-    from harvester.identification.checks import check_records
+    from harvester.identification.checks import check_records, check_volts, scale_is_missing
+    from harvester.identification.consistency import misfits, worst
     from harvester.identification.identification import Identification
     from harvester.identification.impedance_fit import from_impedance
+    from harvester.identification.intervals import moved_by_records
+    from harvester.identification.kept_aside import kept_aside
     from harvester.identification.posterior import posterior as posterior_of
     from harvester.identification.proof import typical_period, whiteness
     from harvester.identification.sizes import fitted_sizes
     from harvester.identification.unknowns import checked_keys, default_keys
     from harvester.identification.verdict import verdict
+    from harvester.identification.visited import visited
 
     clock = time.perf_counter()
     follow = progress or (lambda share, text: None)
@@ -106,16 +118,26 @@ def identify(
     if impedance is not None:
         analysed = from_impedance(scene, _measured_impedance(impedance))
         if not measurements:
+            if keep_aside is not None:
+                raise IdentificationError(
+                    "--keep-aside: an impedance alone predicts no record: give one to fit to, too "
+                    "(--record)"
+                )
             return _of_impedance(scene, analysed, free, posterior, clock)
         begun, measurements = analysed.scene, [*measurements, analysed.measured]
-    check_records(begun, measurements)
+    aside = [] if keep_aside is None else _measurements(scene, keep_aside)
+    check_records(begun, [*measurements, *aside])
     outputs = list(measurements[0].sensed)
     named = None if free is None else listed(free, "free", 'free=["oscillator.damping"]')
-    keys = default_keys(begun, outputs) if named is None else checked_keys(begun, named, outputs)
-    if analysed and named is None and "voltage" in outputs:
+    volts = any(map(scale_is_missing, measurements))
+    keys = default_keys(begun, outputs, volts)
+    if analysed and "voltage" in outputs:
         keys = [MASS, *keys]
+    if named is not None:
+        keys = checked_keys(begun, named, outputs)
     if not keys:
         raise IdentificationError(f"{scene.name}: nothing is free; name keys with --free")
+    check_volts(measurements, keys)
     follow(0.0, "fit")
     try:
         base, kept = _determined(begun, measurements, keys, free is None)
@@ -124,15 +146,21 @@ def identify(
         raise IdentificationError("; ".join([str(error), *remarks])) from None
     follow(MODELS_BEGIN, "other models")
     sizes = fitted_sizes(base, measurements)
+    left = misfits(base)
+    if worst(left):
+        moved = moved_by_records(base.shooting, base.fit)
+        base = base.with_covariance(base.covariance + moved)
     found = [Candidate("as given", base, 0.0, 0.0)]
     if compare and any(each.acceleration is not None for each in measurements):
-        found = candidates(base, measurements, base.keys, sizes)
+        found = candidates(base, measurements, sizes, scene, worst(left) is None)
     sampled = None
     if posterior:
         follow(POSTERIOR_BEGINS, "posterior")
         sampled = posterior_of(
             base, scene.run.seed, lambda share: follow(_later(share), "posterior")
         )
+    where = visited(base)
+    unseen = kept_aside(base, aside, where, scene.run.seed) if where else []
     white = whiteness(base.stretches[0], 0, typical_period(base.shooting.responses))
     return Identification(
         scene=base.scene,
@@ -142,7 +170,10 @@ def identify(
         kept=kept,
         candidates=found,
         whiteness=white,
-        verdict=verdict(base, found, white),
+        verdict=verdict(base, found, white, left, where, unseen),
+        misfits=left,
+        kept_aside=unseen,
+        visited=where,
         seconds=time.perf_counter() - clock,
         posterior=sampled,
         impedance=analysed,

@@ -99,6 +99,7 @@ def fitted_together(
         fit = shooting.minimized(shooting.reweighted(fit), LAST, FINE)
     covariance = intervals.covariance(shooting, fit)
     stretches: list[Any] = []
+    settled: Fit | None = None
     if in_time is not None:
         own = _shooting(in_time, free, first, len(times))
         part = replace(
@@ -111,11 +112,12 @@ def fitted_together(
             (length, each.acceleration.size)
             for length, each in zip(lengths_of(times), times, strict=True)
         ]
-        stretches += predicted(own, part, ends)
+        proof, settled = predicted(own, part, ends)
+        stretches += proof
     for number, each in enumerate(steady, len(times)):
         of = impedance_stretch if isinstance(each, MeasuredImpedance) else stretch_of
         stretches.append(of(kept, fit.values, number))
-    return Fitted.concluded(scene, shooting, fit, covariance, stretches)
+    return Fitted.concluded(scene, shooting, fit, covariance, stretches, settled)
 
 
 def _first(alone, scene, times, steady, keys, sizes):

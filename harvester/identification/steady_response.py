@@ -18,6 +18,7 @@ from harvester.device import system as device
 from harvester.device import timescales
 from harvester.identification.measured_impedance import impedance_outputs
 from harvester.identification.response import Experiment, Responses
+from harvester.identification.sensors import HIGHPASSES
 
 if TYPE_CHECKING:
     from harvester.identification.measured_impedance import MeasuredImpedance
@@ -83,9 +84,9 @@ class SteadyResponses(Responses):
         system, scales = made
         each: Any = self.experiments[number]
         if isinstance(each, ImpedanceExperiment):
-            outputs = self._impedance(system, each, values)
+            outputs = self._impedance(system, number, values)
             return np.zeros((outputs.shape[0], 3)), starts, outputs
-        found = self._gain_of_sensors(each.measurement.frequency, values)
+        found = self._gain_of_sensors(number, values)
         found = found * self._response(system, scales, number, values)
         if np.iscomplexobj(each.measurement.response):
             outputs = np.column_stack([found.real, found.imag])
@@ -93,15 +94,18 @@ class SteadyResponses(Responses):
             outputs = np.abs(found)[:, None]
         return np.zeros((found.size, 3)), starts, outputs
 
-    def _impedance(self, system, each, values):
+    def _impedance(self, system, number, values):
         """ln |Z| and phase with the base clamped."""
+        each: Any = self.experiments[number]
         rate = 2j * math.pi * each.measurement.frequency
         linear = float(system.spring.slope(timescales.rest(system)))
         mechanical = linear + system.damper.damping * rate + rate**2
         of_capacitance = system.transducer.own_rate + rate
         of_capacitance = of_capacitance + system.transducer.coupling * rate / mechanical
         key = "piezo.capacitance"
-        own = self._sensor(values, key, each.scene.transducer.capacitance)
+        own = each.scene.transducer.capacitance
+        if key in self.keys:
+            own = values[self.keys.index(key)]
         admittance = own * of_capacitance + each.measurement.background
         outputs = impedance_outputs(1.0 / admittance)
         return np.column_stack(list(outputs.values()))
@@ -126,21 +130,29 @@ class SteadyResponses(Responses):
         factor = self.base_factor(number, values)
         amplitude = np.zeros(rate.size)
         if measured.acceleration is not None:
-            gain = self._sensor(values, "sensor.acceleration_scale", 1.0)
+            gain = self._sensor(number, values, "sensor.acceleration_scale")
             drive = factor * measured.acceleration / gain / self.length
             shown = np.abs(measured.response) * measured.acceleration
             amplitude = _amplitude(impedance, drive, shown / np.abs(volts))
         sign = -1.0 if each.scene.units == "SI" else 1.0
         return factor * sign * volts / impedance(amplitude) / self.length
 
-    def _gain_of_sensors(self, frequency, values):
+    def _gain_of_sensors(self, number, values):
         """What the sensors make of it."""
+        frequency = self.experiments[number].measurement.frequency
         rate = 2j * math.pi * frequency
-        key = "sensor.voltage_"
-        gain = self._sensor(values, key + "scale", 1.0)
-        gain /= self._sensor(values, "sensor.acceleration_scale", 1.0)
-        delay = np.exp(-rate * self._sensor(values, key + "delay", 0.0))
-        return gain * delay / (1.0 + rate * self._sensor(values, key + "filter", 0.0))
+
+        def effect(name):
+            return self._sensor(number, values, f"sensor.{name}")
+
+        gain = effect("voltage_scale") / effect("acceleration_scale")
+        gain = (
+            gain * np.exp(-rate * effect("voltage_delay")) / (1.0 + rate * effect("voltage_filter"))
+        )
+        for name, power in (("voltage", 1), ("acceleration", -1)):
+            first, second = (effect(f"{name}_{each}") / (1j * frequency) for each in HIGHPASSES)
+            gain = gain * ((1.0 + first) * (1.0 + math.sqrt(2.0) * second + second**2)) ** -power
+        return gain
 
 
 def _taylor(system):
