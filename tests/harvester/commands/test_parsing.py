@@ -35,7 +35,7 @@ OPTIONS = {
     f"{RUN} {SCENE}",
     "load-study": f"--load --method --output --precision --step --sweep --time-limit {RUN} {SCENE}",
     "identify": (
-        f"--alone --free --impedance --json --output --posterior --record --report {SCENE}"
+        f"--alone --free --impedance --json --keep-aside --output --posterior --record --report {SCENE}"
     ),
     "reproduce": f"--output --precision --quick --seed {RUN} FIGURE",
     "claims": f"--json --output --seed --thorough {RUN}",
