@@ -35,7 +35,8 @@ OPTIONS = {
     f"{RUN} {SCENE}",
     "load-study": f"--load --method --output --precision --step --sweep --time-limit {RUN} {SCENE}",
     "identify": (
-        f"--alone --free --impedance --json --keep-aside --output --posterior --record --report {SCENE}"
+        "--alone --free --impedance --json --keep-aside --output --posterior --record --report "
+        f"{SCENE}"
     ),
     "reproduce": f"--output --precision --quick --seed {RUN} FIGURE",
     "claims": f"--json --output --seed --thorough {RUN}",
