@@ -170,8 +170,8 @@ def test_records_in_time_responses_and_an_impedance_are_fitted_together(with_imp
     piezo = {"coupling": coupling, "capacitance": capacitance}
     truth = scene_of(mass, damping, [0.0, stiffness, 0.0, cubic], {"piezo": piezo}, load)
     rng = np.random.default_rng(3)
-    base = band_noise(rng, 6000, 600.0, 10.0, 60.0, 3.0)
-    voltage = states(truth, base, 600.0)[2]
+    base = band_noise(rng, 6000, 1000.0, 10.0, 60.0, 3.0)
+    voltage = states(truth, base, 1000.0)[2]
     voltage = voltage + NOISE * voltage.std() * rng.standard_normal(voltage.size)
     frequency = np.linspace(18.0, 48.0, 120)
     rate = 2j * np.pi * frequency
@@ -180,7 +180,7 @@ def test_records_in_time_responses_and_an_impedance_are_fitted_together(with_imp
     answer = -mass * volts / (mechanical + coupling * volts)
     parts = rng.standard_normal((2, answer.size))
     answer = answer + NOISE * np.abs(answer).max() * (parts[0] + 1j * parts[1])
-    records = [MeasuredResponse(frequency, answer), Measurement(base, 600.0, voltage=voltage)]
+    records = [MeasuredResponse(frequency, answer), Measurement(base, 1000.0, voltage=voltage)]
     known = rate * capacitance + rate * coupling**2 / mechanical
     analysed = MeasuredImpedance(frequency, noisy(rng, 1.0 / known)) if with_impedance else None
     begun = {
