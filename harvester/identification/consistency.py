@@ -105,7 +105,7 @@ class _Residuals:
             signals = self._signals(output, simulated[:, output])
             spectrum = _smooth(np.mean(np.abs(np.fft.rfft(drawn[:, output], axis=0)) ** 2, axis=1))
             systematic, ratio = _regressed(left[:, output], signals, spectrum)
-            unit = self.noise[output] / float(np.std(self.measured[:, output]))
+            unit = float(self.noise[output] / np.std(self.measured[:, output]))
             found.append(
                 Misfit(
                     self.experiment.measurement.name,
