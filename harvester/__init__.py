@@ -52,6 +52,8 @@ if TYPE_CHECKING:
     from harvester.errors import UnknownQuantity as UnknownQuantity
     from harvester.explorer.explorer import explore as explore
     from harvester.identification.identify import identify as identify
+    from harvester.identification.measured_impedance import MeasuredImpedance as MeasuredImpedance
+    from harvester.identification.measured_impedance import read_impedance as read_impedance
     from harvester.identification.measured_response import MeasuredResponse as MeasuredResponse
     from harvester.identification.measurement import Measurement as Measurement
     from harvester.identification.measurement import read_measurement as read_measurement
@@ -98,8 +100,10 @@ _WHERE = {
     "sensitivity": "harvester.studies.public",
     "identify": "harvester.identification.identify",
     "Measurement": "harvester.identification.measurement",
+    "MeasuredImpedance": "harvester.identification.measured_impedance",
     "MeasuredResponse": "harvester.identification.measured_response",
     "read_measurement": "harvester.identification.measurement",
+    "read_impedance": "harvester.identification.measured_impedance",
     "accuracy": "harvester.verification.accuracy.both",
     "work_precision": "harvester.verification.accuracy.work_precision",
     "time_to_accuracy": "harvester.verification.accuracy.time_to_accuracy",

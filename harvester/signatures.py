@@ -164,6 +164,14 @@ def records_of(groups: list[list[str]], option: str) -> list[tuple[str, dict[str
     return files
 
 
+def one_record_of(words: list[str], option: str) -> tuple[str, dict[str, Any]]:
+    """One file with its settings."""
+    found = records_of([words], option)
+    if len(found) > 1:
+        raise HarvesterError(f"{option} {named(found[1][0])}: one file is read, with NAME=VALUE")
+    return found[0]
+
+
 def by_key(texts: list[str], option: str, example: str) -> dict[str, str]:
     """Keys to what stands behind the equals sign.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import inspect
+import re
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -79,6 +80,20 @@ class Command:
         return self.found(*([] if scene is None else [scene]), *words, **values)
 
 
+def named_after(scene: str, stem: str) -> str:
+    """Name of a result's files; a scene that is such a result itself is counted on.
+
+    Examples
+    --------
+    >>> named_after("beam", "identified"), named_after("beam-identified", "identified")
+    ('beam-identified', 'beam-identified-2')
+    """
+    again = re.fullmatch(rf"(.+-{re.escape(stem)})(-\d+)?(-proposed)?", scene)
+    if not again:
+        return f"{scene}-{stem}"
+    return f"{again[1]}-{int((again[2] or '-1')[1:]) + 1}"
+
+
 @dataclass(frozen=True)
 class Study(Command):
     """A command that computes a result, shows it and writes its files.
@@ -136,7 +151,7 @@ class Study(Command):
         scene, values = self._scene(options), values_of(options, self.found)
         defaults = {name: option.default for name, option in options_of(self.found).items()}
         stem = (self.stem or self.name).format(**defaults | values)
-        name = f"{scene.name}-{stem}" if scene else stem
+        name = named_after(scene.name, stem) if scene else stem
         kinds = ("json", "output", "report", "waveform")
         places = {each: getattr(options, each, None) for each in kinds}
         check_places(**places, files=self.files or result_files(name))

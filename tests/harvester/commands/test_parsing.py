@@ -37,7 +37,8 @@ OPTIONS = {
     f"--report {RUN} {SCENE}",
     "load-study": "--load --method --output --precision --report --step --sweep --time-limit "
     f"{RUN} {SCENE}",
-    "identify": f"--alone --free --json --output --posterior --record --report {SCENE}",
+    "identify": "--alone --free --impedance --json --keep-aside --output --posterior --record "
+    f"--report {SCENE}",
     "reproduce": f"--output --precision --quick --seed {RUN} FIGURE",
     "claims": f"--json --output --report --seed --thorough {RUN}",
     "schematic": f"--output {SCENE}",

@@ -115,6 +115,29 @@ def test_closer_knots_follow_the_band_limited_signal(tmp_path):
     np.testing.assert_allclose(scene.excitation.samples[fine], expected, atol=1e-3)
 
 
+def test_a_smooth_record_of_seven_samples_a_period_is_the_sine(tmp_path):
+    time = np.arange(3000) / RATE
+    path = saved(tmp_path, np.sin(2 * np.pi * 14.0 * time))
+    scene = recorded(path, interpolation="smooth", run={"duration": 25.0})
+    interval = scene.excitation.interval
+    assert interval == pytest.approx(0.01 / 8)
+    fine = np.arange(2000, 20000)
+    expected = np.sin(2 * np.pi * 14.0 * interval * fine)
+    # The lines between knots take 1 − (ω h)²/12 of a sine.
+    taken = 1.0 - (2 * np.pi * 14.0 * interval) ** 2 / 12.0
+    found = taken * scene.excitation.samples[fine]
+    np.testing.assert_allclose(found, expected, atol=1e-4)
+
+
+def test_a_record_faded_in_begins_at_nothing_and_is_itself_afterwards(tmp_path):
+    samples = motion()
+    found = recorded(saved(tmp_path, samples), fade_in=2.0).excitation.samples
+    assert found[0] == 0.0
+    assert found[100] == pytest.approx(0.5 * samples[100])
+    assert found[200:] == pytest.approx(samples[200:])
+    assert np.abs(found[:200]).max() <= np.abs(samples[:200]).max()
+
+
 def test_a_repeated_record_has_no_seam_and_keeps_its_power(tmp_path):
     samples = motion(200.0)
     scene = recorded(
@@ -200,6 +223,9 @@ def test_what_cannot_be_mended_says_so_at_once(tmp_path):
         ({"band": [1.0, 60.0]}, ["excitation.band", "50 Hz"]),
         ({"mend": ["nann"]}, ["mend[0]", "did you mean nan"]),
         ({"knot_spacing": 0.02}, ["knot_spacing", "0.01"]),
+        ({"knot_spacing": 0.005, "interpolation": "smooth"}, ["knot_spacing", "leave one out"]),
+        ({"interpolation": "smoth"}, ["did you mean smooth"]),
+        ({"fade_in": 1.0, "repetition": "periodic"}, ["fade_in", "periodic"]),
         ({"run": {"duration": 41.0}}, ["lasts 40 s", "periodic"]),
         ({"run": {"realizations": 2}}, ["run.realizations = 2", "periodic"]),
         ({"full_scale": 2.0}, ["full_scale", ".wav"]),
