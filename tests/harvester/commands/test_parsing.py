@@ -34,7 +34,9 @@ OPTIONS = {
     "sensitivity": "--above --covariance --method --output --precision --quantity --rows --vary "
     f"{RUN} {SCENE}",
     "load-study": f"--load --method --output --precision --step --sweep --time-limit {RUN} {SCENE}",
-    "identify": f"--alone --free --json --keep-aside --output --posterior --record --report {SCENE}",
+    "identify": (
+        f"--alone --free --json --keep-aside --output --posterior --record --report {SCENE}"
+    ),
     "reproduce": f"--output --precision --quick --seed {RUN} FIGURE",
     "claims": f"--json --output --seed --thorough {RUN}",
     "schematic": f"--output {SCENE}",
