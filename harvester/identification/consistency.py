@@ -27,8 +27,9 @@ if TYPE_CHECKING:
 DRAWS, LINES = 6, 9
 # Of the base's rms: a floor above that is no noise but motion up to half the sampling rate.
 MOST_BASE_NOISE = 0.05
-# F of the regression from which on residuals are not noise. 30 sets of records with right models
-# had up to 4, the values' own errors included; sensors and springs that were wrong, 20 and more.
+# F of the regression from which on residuals are not noise. Fourteen sets of three records with
+# right models had up to 4.2, the values' own errors included; sets with wrong sensors, springs or
+# loads had 32 and more in their worst record.
 SYSTEMATIC = 12.0
 # Share of an output's deviation that nobody would notice.
 UNNOTICED = 2e-3
