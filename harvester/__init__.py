@@ -55,6 +55,9 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene as Scene
     from harvester.simulation.simulate import simulate as simulate
     from harvester.studies.loads.study import save as save
+    from harvester.studies.orbits.public import basins as basins
+    from harvester.studies.orbits.public import bifurcation as bifurcation
+    from harvester.studies.orbits.public import residence as residence
     from harvester.studies.public import frequency_response as frequency_response
     from harvester.studies.public import load_study as load_study
     from harvester.studies.public import optimum as optimum
@@ -80,6 +83,9 @@ _WHERE = {
     "validate": "harvester.studies.public",
     "explore": "harvester.explorer.explorer",
     "frequency_response": "harvester.studies.public",
+    "basins": "harvester.studies.orbits.public",
+    "bifurcation": "harvester.studies.orbits.public",
+    "residence": "harvester.studies.orbits.public",
     "sweep": "harvester.studies.public",
     "load_study": "harvester.studies.public",
     "save": "harvester.studies.loads.study",

@@ -59,6 +59,24 @@ COMMANDS = (
         failed=lambda found: found.failed,
     ),
     Study(
+        "basins",
+        "basins device --set excitation.kind=sine --set excitation.frequency=8 "
+        "--set excitation.amplitude=6 --points 60 --output basins",
+        title=lambda found: f"orbits of {found.scene.name}",
+    ),
+    Study(
+        "bifurcation",
+        "bifurcation device --set excitation.kind=sine --set excitation.frequency=8 "
+        "--set excitation.amplitude=6 --over excitation.amplitude --values 1:12:linear:100",
+        title="bifurcation",
+        failed=lambda found: len(found.failures) == len(found.values) * len(found.branches),
+    ),
+    Study(
+        "residence",
+        "residence duffing --over excitation.intensity --values 0.02:0.06:log:5 --precision 0.05",
+        title="residence times",
+    ),
+    Study(
         "optimum",
         "optimum device --maximise mean_power --over load.resistance=1e4:1e7 "
         "--over oscillator.linear_stiffness=-100:-20",
