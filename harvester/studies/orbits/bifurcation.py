@@ -38,9 +38,10 @@ if TYPE_CHECKING:
 
 # Places in one task: what a killed run loses at most.
 PLACES_TOGETHER = 25
-# A jump between neighbouring places: change of the rms displacement, as a share of its greatest,
-# and in units of the median change of the places nearby.
-JUMP_SHARE, JUMP_MEDIANS, NEARBY = 0.1, 4.0, 3
+# A jump between neighbouring places: change of the section's mean or of its deviation, as a share
+# of its greatest displacement, and in units of the two changes before or behind it, whichever are
+# less: chaos changes everywhere.
+JUMP_SHARE, JUMP_RATIO, NEARBY = 0.1, 4.0, 2
 COLOURS = {"up": CIRCUIT, "down": MONTE_CARLO}
 QUANTITIES = {"mean_power": "power", "rms_voltage": "voltage", "rms_displacement": "displacement"}
 
@@ -335,13 +336,18 @@ def _period_at(scene, key, value):
 
 
 def jumps_of(values: np.ndarray, branch: Branch) -> list[Jump]:
-    """Where the rms displacement changes between neighbouring values as nowhere nearby."""
-    size = branch.rms_displacement
-    change = np.abs(np.diff(size))
+    """Where the section changes between neighbouring values as nowhere on one side of it."""
+    section = branch.displacement
+    size = float(np.nanmax(np.abs(section), initial=0.0))
+    shape = np.stack([section.mean(axis=1), section.std(axis=1)])
+    change = np.abs(np.diff(shape, axis=1)).max(axis=0)
     found = []
-    for k in np.flatnonzero(change > JUMP_SHARE * np.nanmax(size, initial=0.0)):
-        near = np.delete(change[max(k - NEARBY, 0) : k + NEARBY + 1], min(k, NEARBY))
-        if near.size and change[k] < JUMP_MEDIANS * np.nanmedian(near):
+    for k in np.flatnonzero(change > JUMP_SHARE * size):
+        sides = change[max(k - NEARBY, 0) : k], change[k + 1 : k + 1 + NEARBY]
+        nearby = [float(each.max()) for each in sides if each.size]
+        # A section without a period changes from place to place by what of it was sampled.
+        wandering = branch.period[k] == 0 and branch.period[k + 1] == 0
+        if wandering or (nearby and change[k] < JUMP_RATIO * np.nanmin(nearby)):
             continue
         ends = (k, k + 1) if branch.direction == "up" else (k + 1, k)
         before, after = (float(values[each]) for each in ends)
