@@ -26,7 +26,6 @@ from harvester.prepared.steps import knot_spacing, steps_per_knot, stop_time
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from harvester.device.terminals import Network
     from harvester.scene.model import Scene
 
 # Steps set from outside: a tight tolerance for Newton, none for the local error (trtol).
@@ -96,7 +95,7 @@ def step_options(
 
 def _switched_newton(scene):
     """Newton's tolerance for a load whose switches and coils set the steps."""
-    stray = elements.STRAY_SHARE * network(scene).reference_capacitance
+    stray = elements.STRAY_SHARE * prepared(scene).network.reference_capacitance
     largest = max((size for size, coil in scene.load.circuit.watch.stores if not coil), default=0.0)
     rounding = ROUNDING_MARGIN * sys.float_info.epsilon * largest / stray
     return min(max(rounding, RECTIFIER_NEWTON), GREATEST_NEWTON)
@@ -221,7 +220,7 @@ def assemble(
     system, scales = ready.system, ready.scales
     rate = timescales.angular_frequency(system)
     length = knot_spacing(ready) / steps_per_knot(ready, step)
-    electrical = network(scene)
+    electrical = ready.network
     circuit = Circuit(f"harvester scene {scene.name}")
     starts = [
         _start(system, start, rate, electrical) for start in starts or [start_state(ready, 0)]
@@ -335,13 +334,6 @@ def _add_mechanics(circuit, system, rate, step, start):
     elements.add_contacts(circuit, system, rate)
     if elements.holding(system):
         elements.add_speed_hold(circuit, system, rate, step, start[3])
-
-
-def network(scene: Scene) -> Network:
-    """The transducer of a scene as elements: `harvester.device.terminals.Network`."""
-    ready = prepared(scene)
-    rate = timescales.angular_frequency(ready.system)
-    return scene.transducer.network(ready.setting, ready.system.transducer, rate)
 
 
 def _state_vector(electrical):

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 
 from circuits.loads.project import library_text
 from harvester.device import contact as contacts
-from harvester.device import spring as springs
 from harvester.device.damper import drag_formula
 from harvester.device.system import System
 from harvester.device.terminals import GROUND, LOAD_AMMETER, Element, Network
@@ -61,7 +60,7 @@ def add_oscillator(circuit: Circuit, s: System, rate: float, start: tuple[str, .
     circuit.C("displacement", DISPLACEMENT, gnd, number(1 / rate), ic=start[0])
     source("velocity", gnd, DISPLACEMENT, VELOCITY, gnd, number(1.0))
     circuit.C("mass", VELOCITY, gnd, number(1 / rate), ic=start[1])
-    tilt, linear = (*s.spring.coefficients, 0.0, 0.0)[:2]
+    tilt, linear = s.spring.line
     if tilt != 0.0:
         circuit.I("tilt", VELOCITY, gnd, number(tilt / rate**2))
     if linear != 0.0:
@@ -125,15 +124,10 @@ def add_prescribed_displacement(
 
 
 def add_nonlinear_spring(circuit: Circuit, s: System, rate: float) -> None:
-    """The powers of the restoring force beyond the first, where there are any."""
-
-    def over_rate(name, value, meaning):
-        return number(value / rate**2)
-
-    expression = springs.nonlinear_formula(s.spring, X, over_rate)
+    """The restoring force beyond its first power, where there is any."""
+    expression = s.spring.nonlinear_formula(X, rate, literal)
     if expression:
-        cubic_only = s.spring.symmetric and len(s.spring.odd) == 2
-        name = "cubic" if cubic_only else "nonlinear_spring"
+        name = "cubic" if s.spring.odd_cubic else "nonlinear_spring"
         circuit.BehavioralSource(name, VELOCITY, circuit.gnd, current_expression=expression)
 
 

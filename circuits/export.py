@@ -12,7 +12,6 @@ from circuits.assembly import (
     LOAD_TOLERANCE,
     OWN_TOLERANCE,
     assemble,
-    network,
     own_steps,
     step_options,
 )
@@ -37,7 +36,7 @@ MOST_KNOTS = 1_000_000
 def saved(scene: Scene) -> tuple[str, ...]:
     """Vectors that an exported netlist keeps: motion, terminal voltage, noise."""
     motion = (f"v({elements.DISPLACEMENT})", f"v({elements.VELOCITY})")
-    return (*motion, f"v({network(scene).terminal})", "@inoise[current]")
+    return (*motion, f"v({prepared(scene).network.terminal})", "@inoise[current]")
 
 
 def stand_alone(
@@ -134,7 +133,7 @@ def for_ltspice(
     header = [
         f"harvester scene {scene.name}, for LTspice: harvester netlist writes it for ngspice",
         *_reading(scene, netlist, scales),
-        f"I(Inoise): {_noise_unit(netlist)}",
+        f"I(Inoise): {_noise_unit(scene, netlist)}",
         "Other than in ngspice:",
         *DIFFERENCES,
     ]
@@ -196,7 +195,7 @@ def _header(before, scene, netlist, scales):
     lines = [
         f"Run it with: ngspice -b -r {quote(scene.name + '.raw')} {quote(scene.name + '.cir')}",
         *_reading(scene, netlist, scales),
-        f"i(@inoise[current]): {_noise_unit(netlist)}",
+        f"i(@inoise[current]): {_noise_unit(scene, netlist)}",
     ]
     return f"{title}\n" + "".join(f"* {line}\n" for line in lines) + rest
 
@@ -211,5 +210,7 @@ def _reading(scene, netlist, scales):
     ]
 
 
-def _noise_unit(netlist):
-    return f"η, minus the base acceleration, over {netlist.rate**2!r} per second squared"
+def _noise_unit(scene, netlist):
+    factor = scene.oscillator.base_factor
+    times = "" if factor == 1.0 else f"{factor!r} times "
+    return f"η, minus {times}the base acceleration, over {netlist.rate**2!r} per second squared"

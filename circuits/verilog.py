@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from circuits import elements
 from circuits.elements import DISPLACEMENT, VELOCITY, holding, number
 from harvester.device import contact as contacts
-from harvester.device import spring as springs
 from harvester.device.damper import drag_formula
 from harvester.device.piezo import TERMINAL, Piezo
 from harvester.device.system import System
@@ -131,13 +130,13 @@ def _mechanics(system, rate, parameter):
     def over_square(key, value, meaning):
         return parameter(key, value / rate**2, meaning)
 
-    tilt, linear = (*system.spring.coefficients, 0.0, 0.0)[:2]
+    tilt, linear = system.spring.line
     damping = parameter("damping", system.damper.damping / rate, "c/rate", "[0:inf)")
     terms = [
         f"{damping}*u",
         over_square("tilt", tilt, "F(0)/rate^2") if tilt != 0.0 else "",
         f"{over_square('linear_stiffness', linear, 'k1/rate^2')}*x" if linear != 0.0 else "",
-        springs.nonlinear_formula(system.spring, "x", over_square),
+        system.spring.nonlinear_formula("x", rate, parameter),
         drag_formula(system.damper, "u", parameter),
     ]
     lines = _wrapped(f"push = {' + '.join(filter(None, terms))};")

@@ -7,7 +7,9 @@
 
 Functions take a scene, its file or its built-in name, and everything else by keyword:
 `harvester.simulate("paper", method="circuit")`, `harvester.average("paper")`,
-`harvester.validate("paper")`. They return results with error bars; see their help.
+`harvester.validate("paper")`. A method is a name or an object with its settings:
+`harvester.Circuit(step="fine")`, `MonteCarlo(…)`, `Stationary(…)`. They return results with error
+bars; see their help.
 """
 
 import importlib
@@ -22,6 +24,7 @@ install()
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from circuits.schematic.drawing import schematic as schematic
+    from harvester.averaging.method import Stationary as Stationary
     from harvester.averaging.of_scene import average as average
     from harvester.errors import AveragingError as AveragingError
     from harvester.errors import CompiledDeviceUnavailable as CompiledDeviceUnavailable
@@ -53,6 +56,8 @@ if TYPE_CHECKING:
     from harvester.identification.measurement import read_measurement as read_measurement
     from harvester.results.result import Result as Result
     from harvester.scene.model import Scene as Scene
+    from harvester.simulation.methods import Circuit as Circuit
+    from harvester.simulation.methods import MonteCarlo as MonteCarlo
     from harvester.simulation.simulate import simulate as simulate
     from harvester.studies.loads.study import save as save
     from harvester.studies.orbits.public import basins as basins
@@ -80,6 +85,9 @@ _WHERE = {
     "Result": "harvester.results.result",
     "simulate": "harvester.simulation.simulate",
     "average": "harvester.averaging.of_scene",
+    "Circuit": "harvester.simulation.methods",
+    "MonteCarlo": "harvester.simulation.methods",
+    "Stationary": "harvester.averaging.method",
     "validate": "harvester.studies.public",
     "explore": "harvester.explorer.explorer",
     "frequency_response": "harvester.studies.public",
@@ -124,6 +132,7 @@ _WHERE = {
     "SimulatorTimeout": "harvester.errors",
     "SimulatorAborted": "harvester.errors",
     "SolutionDiverged": "harvester.errors",
+    "SpringRangeLeft": "harvester.errors",
     "EnergyNotBalanced": "harvester.errors",
     "OutOfTime": "harvester.errors",
 }

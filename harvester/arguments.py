@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from harvester.errors import HarvesterError
-from harvester.files.plain_text import shown
+from harvester.files.plain_text import nearest, shown
 
 if TYPE_CHECKING:
     import numpy as np
@@ -70,6 +70,15 @@ def table(values: Any, where: str, example: str) -> dict[Any, Any]:
     if not isinstance(values, Mapping):
         raise HarvesterError(f"{where} = {shown(values)}: is no dictionary; write {example}")
     return dict(values)
+
+
+def check_name(what: str, name: str, known: Collection[str]) -> str:
+    """The name, or HarvesterError with the nearest valid one."""
+    if name not in known:
+        raise HarvesterError(
+            f"unknown {what} {name}{nearest(name, known)}; there are {', '.join(known)}"
+        )
+    return name
 
 
 def checked_options(options: dict[str, Any]) -> dict[str, Any]:

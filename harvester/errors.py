@@ -97,6 +97,10 @@ class SolutionDiverged(SimulationError):
     """The solution holds values that are not finite, or ends before the end time."""
 
 
+class SpringRangeLeft(SimulationError):
+    """The mass left the range in which the scene's spring is known."""
+
+
 class EnergyNotBalanced(SimulationError):
     """The energy balance does not close: the step is too long for this scene."""
 

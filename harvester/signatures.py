@@ -20,6 +20,7 @@ from typing import Annotated, Any, NamedTuple, TypedDict, get_args, get_origin
 
 from harvester.errors import HarvesterError
 from harvester.files.plain_text import named, shown
+from harvester.method import Method
 
 # Longest list that the ends of a grid may ask for.
 MOST_NUMBERS = 100_000
@@ -199,6 +200,8 @@ def _share(value: Any) -> bool:
     return isinstance(value, numbers.Real) and 0.0 < float(value) < 1.0
 
 
+# A name at the command line, in Python also the object.
+MethodOrName = Annotated[str | Method, Kind("NAME")]
 Step = Annotated[str | float, Kind("STEP")]
 Seed = Annotated[int, Kind("SEED")]
 Seconds = Annotated[float, Kind("SECONDS", "a number of seconds > 0", _positive)]

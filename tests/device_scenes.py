@@ -41,7 +41,32 @@ LEAKY = {
     "excitation": {"kind": "ornstein-uhlenbeck", "intensity": 0.4, "correlation_time": 0.01},
     "run": {"duration": 2.5, "seed": 6},
 }
+# As of magnets: wells that differ, walls that steepen, points that stand unevenly.
+MAGNETS = [
+    [-1.5, -9.0], [-1.2, -2.4], [-1.0, -0.2], [-0.7, 1.0], [-0.3, 0.9], [0.0, 0.1],
+    [0.4, -1.1], [0.8, -0.8], [1.0, 0.3], [1.3, 3.2], [1.5, 8.0],
+]  # fmt: skip
 DEVICES = {
+    "table": {"oscillator": {"damping": 0.1, "force_table": MAGNETS}},
+    "table, stoppers": {
+        "oscillator": {"damping": 0.1, "force_table": MAGNETS},
+        "stoppers": [stopper(side="right", gap=1.0), stopper(side="left", gap=1.05)],
+    },
+    "smoothed table": {
+        "oscillator": {
+            "damping": 0.1,
+            "force_table": MAGNETS,
+            "force_interpolation": "smooth",
+        },
+    },
+    "softening in a range": {
+        "excitation": {**SCALED["excitation"], "intensity": 0.04},
+        "oscillator": {
+            "damping": 0.1,
+            "restoring_force": [0.02, 2.0, 0.0, -0.6],
+            "restoring_force_range": [-1.0, 1.0],
+        },
+    },
     "bias and quadratic term": {"oscillator": SKEW},
     "tristable, degree 5": {
         "oscillator": {"damping": 0.1, "restoring_force": [0.05, 2.0, 0.0, -4.9, 0.1, 2.2]}
@@ -105,6 +130,8 @@ FOLLOWED = ("uneven stoppers", "leak", "coil with inductance")
 
 # Seeds whose paths keep off the tops of barriers, where any difference doubles in every period.
 SEEDS = {
+    "table": 7,
+    "smoothed table": 18,
     "degree 7": 6,
     "leak, scaled": 2,
     "bias and quadratic term": 1,

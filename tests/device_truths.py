@@ -5,12 +5,37 @@ import math
 
 import numpy as np
 from kept import kept
+from scipy import interpolate
 from scipy.integrate import DOP853, quad
 from scipy.optimize import brentq
 
 from harvester.prepared.paths import noise_path, start_state
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
+
+
+class Tabulated:
+    """A table of force by scipy's own interpolation, in straight lines beyond its ends."""
+
+    def __init__(self, x, force, smooth=False):
+        made = interpolate.PchipInterpolator(x, force)
+        if smooth:
+            count = min(32, (x.size - 1) // 3)
+            inner = np.interp(np.arange(1, count) / count, np.linspace(0, 1, x.size), x)
+            knots = np.concatenate([[x[0]] * 4, inner, [x[-1]] * 4])
+            made = interpolate.make_lsq_spline(x, force, knots, 3)
+        self.low, self.high = float(x[0]), float(x[-1])
+        self.made, self.slope, self.integral = made, made.derivative(), made.antiderivative()
+
+    def force(self, x):
+        end = min(max(x, self.low), self.high)
+        return float(self.made(end) + self.slope(end) * (x - end))
+
+    def energy(self, x):
+        end = min(max(x, self.low), self.high)
+        beyond = x - end
+        line = float(self.made(end)) * beyond + 0.5 * float(self.slope(end)) * beyond**2
+        return float(self.integral(end) - self.integral(0.0)) + line
 
 
 class Written:
@@ -24,6 +49,11 @@ class Written:
         self.drag = oscillator.get("quadratic_damping", 0.0)
         short = (0.0, oscillator.get("linear_stiffness"), 0.0, oscillator.get("cubic_stiffness"))
         self.force_of = list(oscillator.get("restoring_force", short))
+        self.table = None
+        if "force_table" in oscillator:
+            points = np.array(oscillator["force_table"])
+            kind = oscillator.get("force_interpolation", "monotone")
+            self.table = Tabulated(*points.T, smooth=kind == "smooth")
         stoppers = tables.get("stoppers", [])
         stoppers = [stoppers] if isinstance(stoppers, dict) else stoppers
         self.contacts = [
@@ -37,9 +67,13 @@ class Written:
         self.start = tables.get("start", {})
 
     def spring(self, x):
+        if self.table:
+            return self.table.force(x)
         return sum(k * x**n for n, k in enumerate(self.force_of))
 
     def spring_energy(self, x):
+        if self.table:
+            return self.table.energy(x)
         return sum(k * x ** (n + 1) / (n + 1) for n, k in enumerate(self.force_of))
 
     def contact(self, s, stopper, x, v, held):

@@ -14,7 +14,7 @@ from harvester.device.contact import Contact
 from harvester.device.damper import damper
 from harvester.device.hertz import hertz_damp
 from harvester.device.piezo import piezo
-from harvester.device.spring import spring
+from harvester.device.polynomial import polynomial
 from harvester.device.system import Noise, System
 from harvester.monte_carlo.engine import integrate, record_of
 from harvester.prepared.paths import noise_path, start_state
@@ -66,7 +66,7 @@ class Coefficients(NamedTuple):
         law = hertz_damp(self.contact_stiffness, self.restitution, event=self.held_impact_velocity)
         touches = math.isfinite(self.gap) and self.contact_stiffness > 0.0
         return System(
-            spring=spring((0.0, self.linear_stiffness, 0.0, self.cubic_stiffness)),
+            spring=polynomial((0.0, self.linear_stiffness, 0.0, self.cubic_stiffness)),
             damper=damper(self.damping),
             contacts=(Contact(0.0, self.gap, law),) if touches else (),
             transducer=piezo(self.coupling, self.decay_rate),

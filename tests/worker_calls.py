@@ -12,7 +12,7 @@ from harvester.prepared.paths import noise_path, start_state
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import steps_per_knot
 from harvester.scene.model import Scene
-from harvester.simulation.methods import ENGINES
+from harvester.simulation.methods import engine_of
 from harvester.verification.accuracy import throughput
 
 
@@ -107,7 +107,7 @@ def run_many(report, scene, times):
     ready = prepared(scene)
     for index in range(times):
         starts = [start_state(ready, 0)]
-        run_realizations(scene, [noise_path(ready, 0)], starts, [[Keep()]], "default", "external")
+        run_realizations(ready, [noise_path(ready, 0)], starts, [[Keep()]], "default", "external")
         if index in (times // 4, times - 1):
             sizes.append(resident_megabytes())
     return sizes
@@ -127,7 +127,7 @@ def run_long(report, scene):
     watch = Watch()
     ready = prepared(scene)
     starts = [start_state(ready, 0)]
-    run_realizations(scene, [noise_path(ready, 0)], starts, [[watch]], "default", "external")
+    run_realizations(ready, [noise_path(ready, 0)], starts, [[watch]], "default", "external")
     return watch.sizes[-1] - watch.sizes[len(watch.sizes) // 2]
 
 
@@ -181,14 +181,7 @@ def run_with_law(report, tables, engine, step):
     scene = Scene.from_tables(tables)
     ready = prepared(scene)
     keep = Keep()
-    module = ENGINES[engine]
-    module.prepare(scene)
-    arguments = (
-        [noise_path(ready, 0)],
-        [start_state(ready, 0)],
-        [[keep]],
-        step,
-        "external",
-    )
-    module.run_realizations(scene, *arguments, device="behavioural")
+    chosen = engine_of(engine, step=step, device="behavioural")
+    chosen.prepare(ready)
+    chosen.run_realizations(ready, [noise_path(ready, 0)], [start_state(ready, 0)], [[keep]])
     return keep.at_knots(knot_spacing(ready))

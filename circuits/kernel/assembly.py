@@ -18,25 +18,23 @@ from circuits.loads.expression import leaves
 from circuits.loads.functions import LIMITED
 from circuits.loads.measurement import measurement_of
 from circuits.loads.part_values import capacitance, conductance, jumping_sources, suspicion
-from harvester.device import timescales
 from harvester.device.terminals import GROUND, LOAD_AMMETER
-from harvester.prepared.prepared import prepared
 
 if TYPE_CHECKING:
     from circuits.loads.measurement import Measurement
-    from harvester.scene.model import Scene
+    from harvester.prepared.prepared import Prepared
 
 # In front of the names of the device's nodes, so that none of a load's is one of them.
 DEVICE = "device:"
 
 
-def collect(scene: Scene, whole: bool = True) -> tuple[Builder, Measurement, Probes, int]:
+def collect(ready: Prepared, whole: bool = True) -> tuple[Builder, Measurement, Probes, int]:
     """Elements of a scene's transducer and its load, what is watched, and the velocity's place.
 
     Parameters
     ----------
-    scene : Scene
-        Whose load is a netlist.
+    ready : Prepared
+        A scene whose load is a netlist.
     whole : bool
         Whether every element of the load is needed: else those not taken are left out.
 
@@ -49,11 +47,7 @@ def collect(scene: Scene, whole: bool = True) -> tuple[Builder, Measurement, Pro
     LoadError
         The load holds what the compiled engine does not take; the message says where.
     """
-    ready = prepared(scene)
-    system, scales = ready.system, ready.scales
-    load = scene.load.circuit
-    rate = timescales.angular_frequency(system)
-    network = scene.transducer.network(ready.setting, system.transducer, rate)
+    scales, load, network = ready.scales, ready.scene.load.circuit, ready.network
     b = Builder()
     inside = b.node(DEVICE + network.terminal)
     outside = b.node(circuit_elements.behind_ammeter(network))
@@ -84,7 +78,7 @@ def collect(scene: Scene, whole: bool = True) -> tuple[Builder, Measurement, Pro
     return b, measurement, probes, velocity
 
 
-def build(scene: Scene) -> Circuit:
+def build(ready: Prepared) -> Circuit:
     """The tables of a scene's transducer with its load, and the code for them.
 
     Raises
@@ -92,8 +86,8 @@ def build(scene: Scene) -> Circuit:
     LoadError
         See `collect`.
     """
-    load = scene.load.circuit
-    b, measurement, probes, velocity = collect(scene)
+    load = ready.scene.load.circuit
+    b, measurement, probes, velocity = collect(ready)
     tables = tables_of(b, velocity)
     if load.own_motion.oscillates:
         stray = circuit_elements.STRAY_SHARE * probes.energy[0]

@@ -25,7 +25,6 @@ from harvester.compilation import numba
 from harvester.device import contact, system, timescales
 from harvester.errors import LoadChatters, LoadError, SimulatorAborted, SolutionDiverged
 from harvester.prepared.lines import line_frequency
-from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import (
     CRAWL,
     GETS_NOWHERE,
@@ -43,7 +42,7 @@ from harvester.record.record import Record, empty_record, part
 if TYPE_CHECKING:
     from harvester.device.system import System
     from harvester.excitation.base import ExcitationPath
-    from harvester.scene.model import Scene
+    from harvester.prepared.prepared import Prepared
 
 CHUNK = 16384
 # Refinement beyond which no less error is asked of a step.
@@ -53,10 +52,10 @@ CRAWLING = -1
 SCHEME = "TR-BDF2"
 
 
-def prepare(scene: Scene) -> None:
+def prepare(ready: Prepared) -> None:
     """Load the compiled code for a scene's parts, so that it does not count as simulation."""
-    s = prepared(scene).system
-    circuit = circuit_of(scene)
+    s = ready.system
+    circuit = circuit_of(ready)
     state = _beginning(s, circuit, (0.0, 0.0, 0.0))
     edges = np.array(contact.edges(s.contacts))
     advance(
@@ -66,26 +65,23 @@ def prepare(scene: Scene) -> None:
 
 
 @functools.lru_cache(maxsize=16)
-def circuit_of(scene: Scene) -> Circuit:
+def circuit_of(ready: Prepared) -> Circuit:
     """The tables of a scene's load, see `circuits.kernel.assembly.build`."""
-    return build(scene)
+    return build(ready)
 
 
 def run_realizations(
-    scene: Scene,
+    ready: Prepared,
     paths: list[ExcitationPath],
     starts: list[tuple[float, float, float]],
     observers: list[Any],
-    step: str | float,
-    source: str,
+    step: str | float = "default",
     scheme: str = "runge-kutta",
-    tolerance: float | None = None,
-    device: str | None = None,
     outputs: Any = None,
 ) -> dict[str, str | None]:
     """Integrate realizations one by one; see `circuits.ngspice.engine.run_realizations`.
 
-    `source`, `tolerance` and `device` are not used. There is one scheme for netlists.
+    There is one scheme for netlists.
 
     Returns
     -------
@@ -98,11 +94,10 @@ def run_realizations(
         The load holds what is not taken, or another scheme is asked for.
     SimulatorAborted, SolutionDiverged
     """
+    scene, s, scales = ready.scene, ready.system, ready.scales
     if scheme != "runge-kutta":
         raise LoadError(f"{scene.name}: --scheme {scheme} is for a resistor as load; leave it out")
-    ready = prepared(scene)
-    s, scales = ready.system, ready.scales
-    circuit = circuit_of(scene)
+    circuit = circuit_of(ready)
     fixed = steps_per_knot(ready, step, "monte-carlo")
     check_turn(scene.load.circuit, knot_spacing(ready) / fixed)
     in_contact = steps_per_contact(ready, step, "monte-carlo")

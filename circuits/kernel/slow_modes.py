@@ -14,6 +14,7 @@ from circuits.loads.part_values import capacitance, conductance
 from circuits.loads.stores import times_of, weights
 from circuits.loads.tape import evaluate, slopes
 from harvester.device.terminals import GROUND
+from harvester.prepared.prepared import prepared
 
 if TYPE_CHECKING:
     from circuits.kernel.tables import Tables
@@ -47,7 +48,7 @@ def relaxation(scene: Scene, levels: Mapping[str, float], blocking: bool = True)
 
     Elements that the compiled engine does not take count as blocking.
     """
-    b, measurement, _, velocity = collect(scene, whole=False)
+    b, measurement, _, velocity = collect(prepared(scene), whole=False)
     # Ground stands behind the velocity, which is no part of the load.
     ground = velocity + 1
     places = np.array([_place(tree, b, ground) for tree in measurement.trees[-len(levels) :]])

@@ -14,7 +14,7 @@ from circuits.ngspice import compiled_device
 from circuits.ngspice.session import session
 from harvester.errors import CompiledDeviceUnavailable
 from harvester.prepared.lines import line_frequency
-from harvester.prepared.prepared import prepared
+from harvester.prepared.prepared import Prepared, prepared
 from harvester.prepared.steps import knot_spacing, steps_per_contact, steps_per_knot
 from harvester.scene.model import Scene
 
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
     from harvester.excitation.base import ExcitationPath
 
 
-def prepare(scene: Scene) -> None:
+def prepare(ready: Prepared) -> None:
     """Load libraries and compiled code, so that they do not count as simulation."""
     importlib.import_module("PySpice.Spice.Netlist")
-    session().prepare(prepared(scene).system)
+    session().prepare(ready.system)
 
 
 def run_realizations(
-    scene: Scene,
+    ready: Prepared,
     paths: list[ExcitationPath],
     starts: list[tuple[float, float, float]],
     observers: list[Any],
@@ -45,7 +45,7 @@ def run_realizations(
 
     Parameters
     ----------
-    scene : Scene
+    ready : Prepared
     paths : sequence of ExcitationPath
         One for each realization.
     starts : sequence of (float, float, float)
@@ -77,8 +77,7 @@ def run_realizations(
     ------
     SimulationError, NetlistError, EngineNotFound
     """
-    ready = prepared(scene)
-    system = ready.system
+    scene, system = ready.scene, ready.system
     engine = session()
     engine.circuit_load = scene.load.circuit
     if source == "pwl":
@@ -89,8 +88,8 @@ def run_realizations(
         engine.run(netlist, system, paths, observers, 0, outputs=outputs)
     else:
         options, by_error = step_options(scene, step, tolerance)
-        compiled = _compiled(engine, scene, system, device)
-        pace = _pace(scene, step) if scheme == "trapezoidal" and tolerance is None else 1.0
+        compiled = _compiled(engine, ready, device)
+        pace = _pace(ready, step) if scheme == "trapezoidal" and tolerance is None else 1.0
         netlist = assemble(
             scene, step, starts, options=options, integrator=scheme, compiled=compiled, pace=pace
         )
@@ -103,20 +102,19 @@ def run_realizations(
     }
 
 
-def _pace(scene, step):
+def _pace(ready, step):
     """That at which steps of the grid are exact for the excitation's line."""
-    ready = prepared(scene)
     length = knot_spacing(ready) / steps_per_knot(ready, step)
     return pace_of(line_frequency(ready) * length)
 
 
 def device_used(scene: Scene, device: str, report: Callable) -> str:
     """What a device asked for comes to: "compiled" or "behavioural" (in a worker)."""
-    compiled = _compiled(session(), scene, prepared(scene).system, device)
+    compiled = _compiled(session(), prepared(scene), device)
     return "compiled" if compiled else "behavioural"
 
 
-def _compiled(engine, scene, system, device):
+def _compiled(engine, ready, device):
     """Whether the compiled device is used.
 
     Raises
@@ -124,9 +122,9 @@ def _compiled(engine, scene, system, device):
     CompiledDeviceUnavailable
         It was asked for and is off, or does not hold what the scene needs.
     """
-    if device == "behavioural" or scene.excitation.prescribes_displacement:
+    if device == "behavioural" or ready.scene.excitation.prescribes_displacement:
         return False
-    reason = engine.compiled_device_is_off(system)
+    reason = engine.compiled_device_is_off(ready.system)
     if reason and device == "compiled":
         raise CompiledDeviceUnavailable(f"{reason}; or choose device automatic")
     return not reason

@@ -25,6 +25,7 @@ from circuits.schematic.symbols import (
 from harvester.calling import scene_of
 from harvester.errors import OutputError
 from harvester.files.writing import whole_file
+from harvester.prepared.prepared import prepared
 
 if TYPE_CHECKING:
     from harvester.calling import SceneOrName
@@ -95,11 +96,11 @@ def schematic(scene: SceneOrName) -> Schematic:
     """
     schemdraw_library()
     scene = scene_of(scene)
-    from circuits.assembly import assemble, network
+    from circuits.assembly import assemble
 
     circuit = read_topology(assemble(scene, named=True).text)
     pen = Pen()
-    transducer = network(scene)
+    transducer = prepared(scene).network
     electrical = {*transducer.nodes, elements.behind_ammeter(transducer), *LOAD_SIDE}
     right, low = _mechanics(pen, circuit, scene.name, electrical)
     call, end, strays = _electronics(pen, circuit, right + GAP, transducer, electrical)

@@ -16,6 +16,7 @@ from harvester.device import timescales
 from harvester.device.damper import Damper
 from harvester.device.hertz import HERTZ_EXPONENT, HertzDamp
 from harvester.device.piezo import Piezo
+from harvester.device.polynomial import Polynomial
 from harvester.errors import AveragingError
 from harvester.files.plain_text import nearest
 from harvester.registry import Registry
@@ -117,7 +118,8 @@ def _check(s):
     piezo = isinstance(s.transducer, Piezo)
     refusals = {
         "the spring is not symmetric": not s.spring.symmetric,
-        "the spring has powers above the third": len(s.spring.odd) > 2,
+        "the spring has a table or a range": not isinstance(s.spring, Polynomial),
+        "the spring has powers above the third": s.spring.odd_cubic is None,
         "the damper has a quadratic part": not isinstance(s.damper, Damper),
         "the stoppers are not one pair of equal ones": len(laws) > 1
         or any(each.side != 0.0 for each in s.contacts),

@@ -8,9 +8,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from harvester.averaging import DEFAULT_CLOSURE
+from harvester.averaging.method import Stationary
 from harvester.calling import takes_scene
-from harvester.errors import AveragingError
-from harvester.signatures import Share
+from harvester.errors import AveragingError, HarvesterError
+from harvester.method import Method
+from harvester.signatures import MethodOrName, Share
 
 if TYPE_CHECKING:
     from harvester.device.system import System
@@ -37,7 +39,7 @@ SHARE = "share_of_time"
 def average(
     scene: Scene,
     *,
-    method: str = DEFAULT_CLOSURE,
+    method: MethodOrName = DEFAULT_CLOSURE,
     tolerance: Share | None = None,
     fit: bool = False,
     jump_rates: bool = False,
@@ -48,9 +50,10 @@ def average(
     ----------
     scene : Scene, str or Path
         Itself, its file or its built-in name.
-    method : str
+    method : str or Stationary
         fokker_planck (the stationary density, nothing averaged), paper (Eqs. 10–37 as printed,
         slips corrected) or consistent (the constant force of the piezo kept in the potential).
+        In Python also `Stationary(…)`, which holds the settings below itself.
     tolerance : float or None
         Largest numerical error that is an answer, as a share of it (default: 1e-2; paper,
         consistent 1e-3).
@@ -81,6 +84,11 @@ def average(
     from harvester.results.result import Result
     from harvester.scene.units import require_resistor
 
+    if isinstance(method, Method):
+        given = {"tolerance": tolerance, "fit": fit, "jump_rates": jump_rates}
+        chosen = _closure_alone(method).beside_options(given, {"fit": False, "jump_rates": False})
+        method, tolerance = chosen.closure, chosen.tolerance
+        fit, jump_rates = chosen.fit, chosen.jump_rates
     require_resistor(scene, "stochastic averaging")
     clock = time.perf_counter()
     spectrum_fit: Any = None
@@ -127,6 +135,18 @@ def average(
     )
 
 
+def _closure_alone(method: Method) -> Stationary:
+    """A method that is given as an object, which is a closure.
+
+    Raises
+    ------
+    HarvesterError
+    """
+    if not isinstance(method, Stationary):
+        raise HarvesterError(f"average: {method} is no closure; give Stationary(…)")
+    return method
+
+
 def averaged_device(scene: Scene) -> System:
     """A scene's device and noise in scaled form.
 
@@ -148,6 +168,11 @@ def averaged_device(scene: Scene) -> System:
     refusal = scene.excitation.averaging_refusal()
     if refusal:
         raise AveragingError(f'excitation.kind = "{scene.excitation.kind}": {refusal}')
+    if scene.oscillator.restoring_force_range is not None:
+        raise AveragingError(
+            "oscillator.restoring_force_range: a stationary density reaches beyond any range; take "
+            "a spring that holds everywhere, or simulate"
+        )
     return prepared(scene).system
 
 

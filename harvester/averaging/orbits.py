@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -38,8 +38,8 @@ OUTER_EXPONENT = 45.0  # ln g falls by this much up to the outer end
 
 def stiffnesses(system: System) -> tuple[float, float]:
     """(−ω0², κ) of a symmetric spring of first and third power."""
-    linear, cubic = (*system.spring.odd, 0.0, 0.0)[:2]
-    return linear, cubic
+    found: Any = system.spring.odd_cubic
+    return found
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Edge:
 
         def curvature(x):
             contact = sum(law.elastic_stiffness(np.maximum(x - gap, 0.0)) for law, gap in laws)
-            return springs.slope(self.system.spring, x) + added + contact
+            return self.system.spring.slope(x) + added + contact
 
         return _root_of_convex(lambda x: self.slope(x, added), curvature, rest)
 

@@ -229,8 +229,8 @@ def pulled_back(contact: Contact, spring: Spring) -> bool:
     """
     sides = (1.0, -1.0) if contact.side == 0.0 else (contact.side,)
     for s in sides:
-        beyond = [root for root in springs.roots(spring) if s * root > contact.gap]
-        if beyond or s * springs.force(spring, s * contact.gap) < 0.0:
+        beyond = [root for root in spring.roots() if s * root > contact.gap]
+        if beyond or s * spring.force(s * contact.gap) < 0.0:
             return False
     return True
 
@@ -239,7 +239,7 @@ def arrival_formula(
     each: Contact, s: float, spring: Spring, x: str, rate: float, number: Callable
 ) -> str:
     """2 [U(x) − U(s gap)]/rate² as an expression: what brings the mass to one stopper or back."""
-    return springs.gain_formula(spring, x, s * each.gap, rate, number)
+    return spring.gain_formula(x, s * each.gap, rate, number)
 
 
 def formulas(
@@ -258,6 +258,6 @@ def formulas(
     }
     condition, depth, sign = sides[each.side]
     gain = arrival_formula(each, each.side or 1.0, spring, x, rate, number)
-    if not (pulled_back(each, spring) and springs.gain_is_product(spring)):
+    if not (pulled_back(each, spring) and spring.gain_is_product):
         gain = f"((({gain})>0) ? ({gain}) : 0)"
     return condition, each.law.force_formula(depth, sign, u, gain, number, held, rate)

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from harvester.device import contact as contacts
-from harvester.device import spring as springs
 from harvester.device.system import elastic_force, potential
 
 if TYPE_CHECKING:
@@ -42,8 +41,10 @@ def equilibria(system: System) -> tuple[tuple[float, bool], ...]:
     reach = _reach(system)
     # The spring's own roots are known to the last digit where no contact acts.
     free = free_zone(system)
-    exact = [float(x) for x in springs.roots(system.spring) if free[0] <= x <= free[1]]
+    exact = [float(x) for x in system.spring.roots() if free[0] <= x <= free[1]]
     points = np.unique(np.concatenate([np.linspace(-reach, reach, SEARCH_POINTS), _finite(free)]))
+    low, high = system.spring.range
+    points = points[(points >= low) & (points <= high)]
     values = elastic_force(system, points)
     found = []
     for k in np.flatnonzero(values[:-1] * values[1:] <= 0.0):
@@ -90,10 +91,10 @@ def _double_well(system):
 
     Its closed form is √(ω0²/κ); with a gap before it, the mass is pressed against the stopper.
     """
-    odd = system.spring.odd
-    if not system.symmetric or len(odd) > 2:
+    stiffnesses = system.spring.odd_cubic
+    if stiffnesses is None or not system.symmetric:
         return None
-    linear, cubic = (*odd, 0.0, 0.0)[:2]
+    linear, cubic = stiffnesses
     if linear >= 0.0:
         return 0.0
     well = math.sqrt(-linear / cubic) if cubic > 0.0 else math.inf
@@ -133,7 +134,7 @@ def _finite(values):
 
 def _reach(system):
     """A distance beyond all equilibria: there the force leads back on either side."""
-    places = [abs(x) for x in springs.roots(system.spring)]
+    places = [abs(x) for x in system.spring.roots()]
     places += [abs(edge) for edge in _finite(contacts.edges(system.contacts))]
     reach = 1.25 * max(places, default=1.0) or 1.0
     for _ in range(60):
@@ -148,16 +149,16 @@ def _polished(system, x):
     low, high = free_zone(system)
     if low < x < high:
         for _ in range(2):
-            slope = float(springs.slope(system.spring, x))
+            slope = float(system.spring.slope(x))
             if slope != 0.0:
-                x -= float(springs.force(system.spring, x)) / slope
+                x -= float(system.spring.force(x)) / slope
     return x
 
 
 @kept
 def stiffness(system: System, x: float) -> float:
     """U''(x) of spring and contacts (1/s²); of a contact on the side into which it is pressed."""
-    total = float(springs.slope(system.spring, x))
+    total = float(system.spring.slope(x))
     for each in system.contacts:
         s = math.copysign(1.0, x) if each.side == 0.0 else each.side
         depth = s * x - each.gap
@@ -239,9 +240,8 @@ def fastest_angular_frequency(system: System) -> float:
 def _driven_stiffness(system, frequency):
     """Square of the frequency at the amplitude that noise at this frequency drives."""
     energy = RESOLVED_ENERGY * driven_square_velocity(system, frequency)
-    coefficients = system.spring.coefficients
-    if len(coefficients) <= 2 or energy == math.inf:
-        linear = coefficients[1] if len(coefficients) > 1 else 0.0
+    if system.spring.straight or energy == math.inf:
+        linear = system.spring.linear
         return linear + system.transducer.stiffness(linear)
     low, high = _turning_points(system, energy)
     balance = _harmonic_stiffness(system.spring, 0.5 * (low + high), 0.5 * (high - low))
@@ -250,14 +250,7 @@ def _driven_stiffness(system, frequency):
 
 def _turning_points(system, energy):
     """The outermost displacements that this energy above the deepest well reaches."""
-    spring = system.spring
-    bottom = min((float(springs.energy(spring, x)) for x in springs.roots(spring)), default=0.0)
-    coefficients = np.zeros(len(spring.coefficients) + 1)
-    coefficients[1:] = [k / (n + 1) for n, k in enumerate(spring.coefficients)]
-    coefficients[0] = -(bottom + energy)
-    roots = np.polynomial.Polynomial(coefficients).roots()
-    real = roots.real[np.abs(roots.imag) < 1e-6 * (1.0 + np.abs(roots.real))]
-    low, high = float(real.min()), float(real.max())
+    low, high = system.spring.turning_points(energy)
     for each in system.contacts:
         stop = each.gap + each.law.greatest_depth(energy)
         if each.side >= 0.0:
@@ -270,7 +263,7 @@ def _turning_points(system, energy):
 def _harmonic_stiffness(spring, centre, amplitude):
     """Stiffness of harmonic balance, ∮ F(centre + a cos θ) cos θ dθ/(π a)."""
     angle = (np.arange(HARMONIC_NODES) + 0.5) * np.pi / HARMONIC_NODES
-    forces = springs.force(spring, centre + amplitude * np.cos(angle))
+    forces = spring.force(centre + amplitude * np.cos(angle))
     return 2.0 * float(np.mean(forces * np.cos(angle))) / amplitude
 
 

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.device import spring as springs
 from harvester.device import timescales
 from harvester.estimates.batch_means import FEWEST_BATCHES, complete_batches, standard_error
 from harvester.estimates.estimate import NO_VALUE, TOO_SHORT
@@ -241,7 +240,7 @@ def _linear(p, square):
     stiffness = timescales.stiffness(p, rest)
     if not timescales.bistable(p):
         spread = math.sqrt(max(square - rest**2, 0.0))
-        stiffness = sum(float(springs.slope(p.spring, rest + s * spread)) for s in (1, -1)) / 2.0
+        stiffness = sum(float(p.spring.slope(rest + s * spread)) for s in (1, -1)) / 2.0
     memory = 1.0 / p.noise.correlation_time
     decay, damping = p.transducer.decay_rate(), p.damper.damping + p.transducer.damping()
     if decay == 0.0:

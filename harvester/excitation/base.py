@@ -160,7 +160,8 @@ class Excitation(ABC):
         spacing : float
             Time between knots (s).
         length : float
-            The length unit, which turns accelerations into η (1 in scaled scenes).
+            What turns accelerations into η: the length unit (1 in scaled scenes) over the scene's
+            `oscillator.base_factor`.
         seed : numpy.random.SeedSequence
             Of this realization.
         """

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.errors import HarvesterError
+from harvester.errors import HarvesterError, SceneError
 from harvester.identification.fitted_model import NOTED, Fitted
 from harvester.identification.fitting import fitted
 from harvester.identification.proof import blocks_of
@@ -24,6 +24,12 @@ STOPPER_PLACE, STOPPER_STIFFNESS = 0.9, 1e-2
 # What any other part that it lacks begins with, of its size: so little that no path is disturbed.
 LITTLE = 1e-6
 FORCE = "oscillator.restoring_force[{}]"
+# What a spring is tried with only where the scene's own model does not explain the records, by the
+# beginning of its name.
+RICHER = ("spring up to power", "softening spring")
+HIGHEST_POWER = 7
+# A spring that may soften holds as far as this share of the greatest displacement.
+SOFT_RANGE = 1.25
 # A model predicts better if its mean square error is lower by so many standard errors of the
 # ratio, and its root by what would be noticed.
 SURE = 3.0
@@ -69,6 +75,8 @@ def candidates(
     for name, scene, free in variants(base.scene, keys, sizes):
         # A stopper that a wrong model lacks does not grow out of that model: all begins anew.
         anew = scene.stoppers and not base.scene.stoppers and not base.adequate
+        if base.adequate and name.startswith(RICHER):
+            continue
         try:
             other = fitted(scene, measurements, free, sizes, warm=None if anew else base)
         except HarvesterError:
@@ -107,7 +115,7 @@ def proposed(found: Sequence[Candidate]) -> Candidate:
 def variants(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list:
     """(name, scene, keys) of the models that differ by one part."""
     found = []
-    for make in (_symmetry, _cubic, _drag, _stoppers):
+    for make in (_symmetry, _cubic, _richer, _plainer, _softening, _drag, _stoppers):
         try:
             made = make(scene, list(keys), sizes)
         except HarvesterError:
@@ -118,6 +126,8 @@ def variants(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list
 
 
 def _force(scene):
+    if scene.oscillator.force_table is not None:
+        raise SceneError(f"{scene.name}: the spring is a table, which stays as it is")
     return [k or 0.0 for k in scene.oscillator.coefficients]
 
 
@@ -162,6 +172,59 @@ def _cubic(scene, keys, sizes):
     force = [*force[:2], 0.0, LITTLE * sizes[FORCE.format(3)]]
     cubic = scene.replace({"oscillator.restoring_force": force})
     return "cubic spring", cubic, [*_spring_keys(keys, force), FORCE.format(3)]
+
+
+def _degree(force):
+    return max((n for n, k in enumerate(force) if k != 0.0), default=0)
+
+
+def _richer(scene, keys, sizes):
+    """With the spring's next odd power, and the even one before it where there are even ones."""
+    force = _force(scene)
+    degree = _degree(force)
+    if not 3 <= degree <= HIGHEST_POWER - 2:
+        return None
+    uneven = any(k != 0.0 for k in force[2::2])
+    added = [n for n in (degree + 1, degree + 2) if n % 2 or uneven]
+    force = [*force[: degree + 1], 0.0, 0.0]
+    for n in added:
+        force[n] = LITTLE * sizes[FORCE.format(n)]
+    higher = scene.replace({"oscillator.restoring_force": force})
+    free = [*_spring_keys(keys, force), *(FORCE.format(n) for n in added)]
+    return f"spring up to power {degree + 2}", higher, free
+
+
+def _plainer(scene, keys, sizes):
+    """Without the spring's powers above the third or fifth."""
+    force = _force(scene)
+    degree = _degree(force)
+    if degree <= 3:
+        return None
+    kept = 3 + 2 * ((degree - 4) // 2)
+    lower = scene.replace({"oscillator.restoring_force": force[: kept + 1]})
+    left_out = {FORCE.format(n) for n in range(kept + 1, len(force))}
+    free = [key for key in _spring_keys(keys, force) if key not in left_out]
+    return f"spring only up to power {kept}", lower, free
+
+
+def _softening(scene, keys, sizes):
+    """With a cubic term of either sign: where it softens the spring holds in a range only."""
+    force = _force(scene)
+    if scene.oscillator.restoring_force_range is not None or _degree(force) > 3:
+        return None
+    force = [*force, 0.0, 0.0][:4]
+    if force[1] <= 0.0:
+        return None
+    force[3] = -LITTLE * sizes[FORCE.format(3)]
+    reach = SOFT_RANGE * sizes["stoppers.gap"]
+    soft = scene.replace(
+        {
+            "oscillator.restoring_force": force,
+            "oscillator.restoring_force_range": [-reach, reach],
+        }
+    )
+    free = [key for key in _spring_keys(keys, force) if key != FORCE.format(3)]
+    return "softening spring", soft, [*free, FORCE.format(3)]
 
 
 def _drag(scene, keys, sizes):

@@ -16,6 +16,7 @@ from harvester.identification.intervals import HALF_INTERVAL
 from harvester.identification.proof import ResponseStretch, sensor_noise
 from harvester.identification.response import FINE_STEPS
 from harvester.identification.scene_file import scene_text
+from harvester.identification.unknowns import BASE_FACTOR
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -252,6 +253,8 @@ class Identification:
             key: f"identified, ± {HALF_INTERVAL * error:.2g} (95 %)"
             for key, error in zip(made.keys, made.standard_errors, strict=True)
         }
+        if BASE_FACTOR in comments:
+            comments[BASE_FACTOR] += "; as much as the accelerometer's scale is right"
         for each in made.undetermined:
             comments |= {key: "not determined by the records" for key in each.keys}
         names = ", ".join(each.name for each in self.measurements)

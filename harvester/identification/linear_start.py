@@ -19,6 +19,7 @@ import numpy as np
 
 from harvester.device import timescales
 from harvester.identification.reconstruction import Motion, frequencies, motion
+from harvester.identification.unknowns import BASE_FACTOR, BASE_SCALE
 from harvester.scene.numbers import numbers
 
 if TYPE_CHECKING:
@@ -32,7 +33,6 @@ GAP_SHARES = np.linspace(0.35, 0.95, 13)
 # In rms values: the origin of a motion within one well lies far off.
 ORIGINS = np.sinh(np.linspace(-5.0, 5.0, 1001))
 MOST_ORIGINS = 2
-DRIVE = "sensor.acceleration_scale"
 # Smallest damping ratio that a start has.
 LEAST_DAMPING_RATIO = 0.003
 
@@ -199,7 +199,7 @@ class _Regression:
 
     def _degree(self):
         oscillator = self.scene.oscillator
-        return max(n for n, k in enumerate(oscillator.coefficients) if k or n == 1)
+        return max((n for n, k in enumerate(oscillator.coefficients) if k or n == 1), default=1)
 
     def _columns(self, share):
         """Integrals of what the coefficients multiply, and its names; all over s."""
@@ -231,8 +231,9 @@ class _Regression:
         return self.scene.units != "SI" and "piezo.coupling" in self.responses.keys
 
     def _free_drive(self):
-        """Whether the base's sensor has an unknown scale, and the motion a known one."""
-        return DRIVE in self.responses.keys and not self.centred
+        """Whether the drive has an unknown factor, and the motion a known scale."""
+        keys = self.responses.keys
+        return (BASE_SCALE in keys or BASE_FACTOR in keys) and not self.centred
 
     def _contacts(self):
         return [(each.side, each.exponent) for each in self.scene.stoppers if each.stiffness > 0.0]
@@ -273,8 +274,11 @@ class _Regression:
         changes = self._mechanical(found, s, moved)
         changes |= self._transduced(found, s)
         if found.get("drive"):
-            own = _value(self.responses, self.values, DRIVE, self.number)
-            changes[DRIVE] = own / found["drive"]
+            # The drive is the base factor over the sensor's scale, and one of them is free.
+            own = _value(self.responses, self.values, BASE_SCALE, self.number)
+            changes[BASE_SCALE] = own / found["drive"]
+            own = _value(self.responses, self.values, BASE_FACTOR, self.number)
+            changes[BASE_FACTOR] = own * found["drive"]
         if share is not None:
             changes |= self._stops(found, s, share, shift)
         return _with(self.responses, self.values, self._within(changes)), shift
@@ -361,8 +365,8 @@ class _Regression:
         """Only what is free, and within its bounds."""
         known = numbers(self.scene)
         kept = {}
-        if DRIVE in changes and DRIVE in self.responses.keys:
-            kept[DRIVE] = changes[DRIVE]
+        if BASE_SCALE in changes and BASE_SCALE in self.responses.keys:
+            kept[BASE_SCALE] = changes[BASE_SCALE]
         for key, value in changes.items():
             if key in known and key in self.responses.keys and np.isfinite(value):
                 low, start = known[key][1].low, abs(known[key][0])

@@ -11,8 +11,10 @@ import numpy as np
 
 from harvester.device import system as device
 from harvester.device.damper import QuadraticDamper
+from harvester.device.polynomial import Polynomial
+from harvester.device.ranged import Ranged
 from harvester.errors import HarvesterError, IdentificationError
-from harvester.identification.unknowns import with_values
+from harvester.identification.unknowns import BASE_FACTOR, with_values
 from harvester.monte_carlo.sampled import states_at_samples
 from harvester.prepared.prepared import prepared
 from harvester.scene.units import Scales
@@ -181,9 +183,15 @@ class Responses:
         each = self.experiments[number]
         path = each.acceleration[self.interpolation]
         factor = (-1.0 if each.scene.units == "SI" else 1.0) / self.length
+        factor *= self.base_factor(number, values)
         gain = self._sensor(values, "sensor.acceleration_scale", 1.0)
         offset = self._sensor(values, "sensor.acceleration_offset", 0.0)
         return factor * (path - offset) / gain
+
+    def base_factor(self, number: int, values: np.ndarray) -> float:
+        """By how much the base's acceleration counts in one experiment's device."""
+        given = self.experiments[number].scene.oscillator.base_factor
+        return self._sensor(values, BASE_FACTOR, given)
 
     def _sensor(self, values, key, neutral):
         return values[self.keys.index(key)] if key in self.keys else neutral
@@ -260,6 +268,10 @@ def _general(system):
 
 
 def _padded(spring: Spring) -> Spring:
+    if isinstance(spring, Ranged):
+        return spring._replace(spring=_padded(spring.spring))
+    if not isinstance(spring, Polynomial):
+        return spring
     size = 2 if max(len(spring.even), len(spring.odd)) <= 2 else 4
 
     def filled(values, length):

@@ -10,6 +10,7 @@ import numpy as np
 from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.reconstruction import frequencies
 from harvester.prepared.prepared import prepared
+from harvester.scene.units import restoring_spring
 
 if TYPE_CHECKING:
     from harvester.identification.fitted_model import Fitted
@@ -34,7 +35,10 @@ def sizes_of(
     """
     force = [k or 0.0 for k in scene.oscillator.coefficients]
     # The force at the greatest displacement, each power by itself.
-    greatest = max(abs(k) * reach**n for n, k in enumerate(force)) or 1.0
+    greatest = max((abs(k) * reach**n for n, k in enumerate(force)), default=0.0)
+    if scene.oscillator.force_table is not None:
+        greatest = float(np.abs(restoring_spring(scene.oscillator).force(reach)))
+    greatest = greatest or 1.0
     found = {f"oscillator.restoring_force[{n}]": greatest / reach**n for n in range(POWERS)}
     found["oscillator.linear_stiffness"] = greatest / reach
     found["oscillator.cubic_stiffness"] = greatest / reach**3

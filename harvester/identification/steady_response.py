@@ -64,15 +64,16 @@ class SteadyResponses(Responses):
         system, scales = made
         each: Any = self.experiments[number]
         found = self._gain_of_sensors(each.measurement.frequency, values)
-        found = found * self._response(system, scales, each, values)
+        found = found * self._response(system, scales, number, values)
         if np.iscomplexobj(each.measurement.response):
             outputs = np.column_stack([found.real, found.imag])
         else:
             outputs = np.abs(found)[:, None]
         return np.zeros((found.size, 3)), starts, outputs
 
-    def _response(self, system, scales, each, values):
+    def _response(self, system, scales, number, values):
         """True voltage over true acceleration."""
+        each: Any = self.experiments[number]
         measured = each.measurement
         rate = 2j * math.pi * measured.frequency
         transducer = system.transducer
@@ -87,14 +88,15 @@ class SteadyResponses(Responses):
             damping = system.damper.damping + drag * amplitude
             return rate**2 + damping * rate + stiffness + slope * amplitude**2 + force
 
+        factor = self.base_factor(number, values)
         amplitude = np.zeros(rate.size)
         if measured.acceleration is not None:
             gain = self._sensor(values, "sensor.acceleration_scale", 1.0)
-            drive = measured.acceleration / gain / self.length
+            drive = factor * measured.acceleration / gain / self.length
             shown = np.abs(measured.response) * measured.acceleration
             amplitude = _amplitude(impedance, drive, shown / np.abs(volts))
         sign = -1.0 if each.scene.units == "SI" else 1.0
-        return sign * volts / impedance(amplitude) / self.length
+        return factor * sign * volts / impedance(amplitude) / self.length
 
     def _gain_of_sensors(self, frequency, values):
         """What the sensors make of it."""
@@ -109,8 +111,7 @@ class SteadyResponses(Responses):
 def _taylor(system):
     """Stiffness where the device rests, and its slope over the squared amplitude."""
     rest = timescales.rest(system)
-    force = np.polynomial.Polynomial(system.spring.coefficients)
-    linear, square, cube = (force.deriv(n)(rest) / math.factorial(n) for n in (1, 2, 3))
+    linear, square, cube = system.spring.taylor(rest)
     return linear, 0.75 * cube - (5.0 / 6.0 * square**2 / linear if linear > 0.0 else 0.0)
 
 

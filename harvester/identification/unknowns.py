@@ -25,7 +25,11 @@ BASE_EFFECTS = ("offset", "scale")
 # Tables whose numbers describe the device; a load's are known.
 DEVICE_TABLES = ("oscillator", "stoppers", "piezo", "coil")
 # Known from a scale, a data sheet or an ohmmeter, and hardly to be told from records.
-KNOWN = ("mass", "exponent", "resistance", "inductance", "leakage_resistance", "leakage_rate")
+KNOWN = (
+    "mass", "base_factor", "exponent", "resistance", "inductance", "leakage_resistance",
+    "leakage_rate",
+)  # fmt: skip
+BASE_FACTOR, BASE_SCALE = "oscillator.base_factor", "sensor.acceleration_scale"
 ORIGIN = "oscillator.restoring_force[0]"
 # Of its own start, what a number that must be positive keeps at least.
 SMALLEST_SHARE = 1e-3
@@ -113,6 +117,11 @@ def checked_keys(scene: Scene, keys: Sequence[str], outputs: Sequence[str]) -> l
             )
         if key in keys[:place]:
             raise HarvesterError(f"--free {named(key)}: is there twice")
+    if BASE_FACTOR in keys and BASE_SCALE in keys:
+        raise HarvesterError(
+            f"--free {BASE_FACTOR} {BASE_SCALE}: records tell only the ratio of the two; give one "
+            "of them, the factor by the beam's drawing or the scale by the sensor's data sheet"
+        )
     return list(keys)
 
 

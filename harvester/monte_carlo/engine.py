@@ -24,7 +24,6 @@ from harvester.compilation import numba
 from harvester.device import contact
 from harvester.errors import SolutionDiverged
 from harvester.monte_carlo.lockstep import Room, advance
-from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import (
     EVEN_STEPS_PER_CONTACT,
     steps_per_contact,
@@ -38,7 +37,7 @@ from harvester.record.several import TOGETHER, SeveralMoments
 if TYPE_CHECKING:
     from harvester.device.system import System
     from harvester.excitation.base import ExcitationPath
-    from harvester.scene.model import Scene
+    from harvester.prepared.prepared import Prepared
 
 # Realizations in step with each other: more are hardly faster.
 MOST_TOGETHER = 64
@@ -52,9 +51,9 @@ SCHEMES = {"runge-kutta": "Runge-Kutta 4", "heun": "Heun 2"}
 EXACT_DECAY = "exact decay, order 3"
 
 
-def prepare(scene: Scene) -> None:
+def prepare(ready: Prepared) -> None:
     """Load the compiled code for a scene's parts, so that it does not count as simulation."""
-    s = prepared(scene).system
+    s = ready.system
     tally = SeveralMoments([_unwanted(0.0, 1.0)], 1.0).tally
     room, place = Room.of(s, [(0.0, 0.0, 0.0)], 0), _beginning()
     noise = np.zeros((1, 1, TOGETHER))
@@ -62,21 +61,17 @@ def prepare(scene: Scene) -> None:
 
 
 def run_realizations(
-    scene: Scene,
+    ready: Prepared,
     paths: list[ExcitationPath],
     starts: list[tuple[float, float, float]],
     observers: list[list[Observer]],
-    step: str | float,
-    source: str,
+    step: str | float = "default",
     scheme: str = "runge-kutta",
-    tolerance: float | None = None,
-    device: str | None = None,
     outputs: Any = None,
 ) -> dict[str, str | None]:
     """Integrate realizations side by side; see `circuits.ngspice.engine.run_realizations`.
 
-    `scheme` is "runge-kutta" or "heun". `source`, `tolerance`, `device` and `outputs` are not used:
-    the path is taken as it is, in fixed steps, and a resistor has no output side.
+    `scheme` is "runge-kutta" or "heun". `outputs` is not used: a resistor has no output side.
 
     Returns
     -------
@@ -87,7 +82,6 @@ def run_realizations(
     ------
     SolutionDiverged
     """
-    ready = prepared(scene)
     s = ready.system
     fixed = steps_per_knot(ready, step, "monte-carlo")
     in_contact = steps_per_contact(ready, step, "monte-carlo")

@@ -70,7 +70,7 @@ def _half_width(system, omega):
 
 
 def _linear(system):
-    return len(system.spring.coefficients) <= 2 and not system.contacts
+    return system.spring.straight and not system.contacts
 
 
 def _responses(ready):

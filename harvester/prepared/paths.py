@@ -32,4 +32,4 @@ def start_state(ready: Prepared, index: int) -> tuple[float, float, float]:
 def noise_path(ready: Prepared, index: int) -> ExcitationPath:
     """The excitation of one realization, at its beginning; the same for every engine."""
     seed = realization_seed(ready.scene.run.seed, index)
-    return ready.scene.excitation.path(knot_spacing(ready), ready.scales.displacement, seed)
+    return ready.scene.excitation.path(knot_spacing(ready), ready.excitation_unit, seed)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
-from harvester.scene.units import Scales, scale, setting
+from harvester.device import timescales
+from harvester.scene.units import Scales, excitation_unit, scale, setting
 
 if TYPE_CHECKING:
     from harvester.device.system import System
-    from harvester.device.terminals import Setting
+    from harvester.device.terminals import Network, Setting
     from harvester.scene.model import Scene
 
 # Scenes that are kept ready: a study's workers go from place to place.
@@ -31,12 +33,21 @@ class Prepared:
         What leads back to the scene's units.
     setting : harvester.device.terminals.Setting
         What its transducer is built into.
+    excitation_unit : float
+        The base's acceleration for one unit of η, in the scene's units.
     """
 
     scene: Scene
     system: System = field(compare=False)
     scales: Scales = field(compare=False)
     setting: Setting = field(compare=False)
+    excitation_unit: float = field(compare=False)
+
+    @cached_property
+    def network(self) -> Network:
+        """The transducer as elements, from its terminal to what moves it."""
+        rate = timescales.angular_frequency(self.system)
+        return self.scene.transducer.network(self.setting, self.system.transducer, rate)
 
 
 @functools.lru_cache(maxsize=KEPT)
@@ -48,4 +59,5 @@ def prepared(scene: Scene) -> Prepared:
     scene : harvester.scene.model.Scene
     """
     system, scales = scale(scene)
-    return Prepared(scene, system, scales, setting(scene))
+    unit = excitation_unit(scene, scales.displacement)
+    return Prepared(scene, system, scales, setting(scene), unit)

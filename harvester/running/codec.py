@@ -36,6 +36,7 @@ LASTING = {
         errors.LoadError,
         errors.SimulatorAborted,
         errors.SolutionDiverged,
+        errors.SpringRangeLeft,
     )
 }
 # Reasons that ngspice names and another hour or machine may not have.

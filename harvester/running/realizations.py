@@ -10,7 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from harvester.averaging.method import Stationary
 from harvester.device import timescales
+from harvester.errors import HarvesterError
 from harvester.estimates.batch_means import FEWEST_TO_DRIFT, TOTAL_BATCHES
 from harvester.estimates.estimate import Estimate
 from harvester.prepared.prepared import prepared
@@ -21,7 +23,7 @@ from harvester.running.task import Task
 from harvester.scene.model import Scene
 from harvester.scene.units import Scales
 from harvester.simulation import side_by_side
-from harvester.simulation.methods import ENGINES
+from harvester.simulation.methods import Circuit, Engine, engine_of
 from harvester.simulation.realization import empty_moments, run
 
 # Realizations in one task where they run side by side or fast.
@@ -41,8 +43,14 @@ def realizations(
     density: bool,
     waveform: bool,
     report: Callable,
+    settings: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
     """A few realizations, in a worker process.
+
+    Parameters
+    ----------
+    method, step, settings
+        The engine's name, its step, and what else of it is not as usual.
 
     Returns
     -------
@@ -52,7 +60,7 @@ def realizations(
     """
     clock = time.process_time()
     window = _window(scene) if waveform else None
-    found = run(scene, method, indices, step, "external", window, report)
+    found = run(scene, engine_of(method, step=step, **settings or {}), indices, window, report)
     moments = [each.moments for each in found]
     if not density:
         # By far the largest part.
@@ -98,9 +106,7 @@ class Realizations:
     ----------
     scene : Scene
         Its number of realizations decides the batches of each, and no more.
-    method : str
-    step : str or float
-        As `harvester.simulate` takes it.
+    method : Engine
     size : int
         Of a task.
     version : str
@@ -110,8 +116,7 @@ class Realizations:
     """
 
     scene: Scene
-    method: str
-    step: str | float
+    method: Engine
     size: int
     version: str = ""
     density: bool = False
@@ -121,16 +126,15 @@ class Realizations:
     def of(
         cls,
         scene: Scene,
-        method: str,
-        step: str | float = "default",
+        method: Engine,
         version: str = "",
         density: bool = False,
         waveform: bool = False,
     ) -> "Realizations":
         """Those of a scene, several in a task where they cost less so."""
-        size = min(_together(scene, method, step), scene.run.realizations)
+        size = min(_together(scene, method), scene.run.realizations)
         many = scene.replace({"run.realizations": min(scene.run.realizations, MANY_REALIZATIONS)})
-        return cls(many, method, step, size, version, density, waveform)
+        return cls(many, method, size, version, density, waveform)
 
     def tasks(self, start: int, stop: int, most: float = math.inf) -> list[Task]:
         """Of the realizations from one to before another; none from `most` on.
@@ -167,41 +171,37 @@ class Realizations:
 
         arguments = {
             "scene": self.scene,
-            "method": self.method,
             "indices": list(indices),
-            "step": self.step,
             "density": self.density,
             "waveform": waveform,
+            **self.method.as_arguments("method"),
         }
-        return Task(realizations, arguments, self.version, self.method, len(indices), misfit)
+        return Task(realizations, arguments, self.version, self.method.name, len(indices), misfit)
 
     @cached_property
     def _template(self):
-        return empty_moments(self.scene)
+        return empty_moments(prepared(self.scene))
 
 
-def averaging(
-    scene: Scene, closure: str, tolerance: float | None = None, density: bool = True
-) -> Task:
-    """The task of a scene by a closure; `tolerance` as in `harvester.average`."""
+def averaging(scene: Scene, method: Stationary, density: bool = True) -> Task:
+    """The task of a scene by a closure.
+
+    Raises
+    ------
+    HarvesterError
+        It asks for what only `harvester.average` gives.
+    """
+    for name in method.settings.keys() & {"fit", "jump_rates"}:
+        raise HarvesterError(f"{method}: {name} is for harvester.average alone; leave it out")
     # A closure's answer does not depend on the run: scenes that differ in it alone are one.
     run = dataclasses.replace(scene.run, seed=1, realizations=1)
     arguments = {
         "scene": dataclasses.replace(scene, run=run),
-        "closure": closure,
-        "tolerance": tolerance,
+        "closure": method.closure,
+        "tolerance": method.tolerance,
         "density": density,
     }
-    return Task(averages, arguments, label=closure, misfit=_misfit_of_averages)
-
-
-def is_closure(method: str) -> bool:
-    """Whether a method is a closure, and no engine."""
-    if method in ENGINES:
-        return False
-    from harvester.averaging import CLOSURES
-
-    return method in CLOSURES
+    return Task(averages, arguments, label=method.closure, misfit=_misfit_of_averages)
 
 
 def _misfit_of_averages(found):
@@ -213,11 +213,14 @@ def _misfit_of_averages(found):
     return ""
 
 
-def _together(scene, method, step):
+def _together(scene, method):
     """Realizations in one task: several only where they cost less so."""
-    if method != "circuit":
+    if not isinstance(method, Circuit):
         return REALIZATIONS_TOGETHER
-    return REALIZATIONS_TOGETHER if side_by_side.share_steps(scene, step) else 1
+    shared = method.step, method.source, method.tolerance
+    return method.copies or (
+        REALIZATIONS_TOGETHER if side_by_side.share_steps(scene, *shared) else 1
+    )
 
 
 def _window(scene):

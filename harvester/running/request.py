@@ -2,9 +2,10 @@
 
 import math
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import KW_ONLY, dataclass, field, replace
-from typing import TypeVar
+from dataclasses import KW_ONLY, InitVar, dataclass, field, replace
+from typing import Any, TypeVar
 
+from harvester.averaging.method import Stationary
 from harvester.errors import EnergyNotBalanced, HarvesterError
 from harvester.estimates.densities import densities
 from harvester.estimates.estimate import Density, Estimate
@@ -14,18 +15,18 @@ from harvester.files.plain_text import nearest
 from harvester.files.serialising import plain
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, step_error
-from harvester.running.realizations import MANY_REALIZATIONS, Realizations, averaging, is_closure
+from harvester.running.realizations import MANY_REALIZATIONS, Realizations, averaging
 from harvester.running.task import Wanted
 from harvester.scene.model import Scene
 from harvester.scene.units import Scales
-from harvester.simulation.methods import ENGINES
+from harvester.simulation.methods import method_of
 from harvester.simulation.outcome import (
     LARGEST_RESIDUAL,
     NOTED_RESIDUAL,
     is_symmetric,
     notes_on_excitation,
 )
-from harvester.simulation.simulate import check_name, check_step, require_noise
+from harvester.simulation.simulate import require_noise
 
 Found = TypeVar("Found")
 
@@ -47,44 +48,39 @@ class Request:
     ----------
     scene : Scene
         The length of each realization, their seed and, unless told otherwise, their number.
-    method : str
-        An engine or a closure.
+    method : Method
+        An engine or a closure; its name is taken too.
     precision : float or None
         Relative error of each of the quantities that realizations are added for: the standard
         error, and what the steps may cost.
     quantities : tuple of str
         Those that decide; names that this scene does not have do not.
-    step : str or float
-        As `harvester.simulate` takes it.
+    step, tolerance : str or float, float or None
+        Of the method where it is given by its name.
     realizations : int or None
         At first, and in all without a precision; None: `FIRST_REALIZATIONS` with one, else the
         scene's own.
     most : int
         Most realizations that a precision is worth.
-    tolerance : float or None
-        Of a closure, as in `harvester.average`.
     density, moments : bool
         Whether the answer is to hold them.
     """
 
     scene: Scene
-    method: str
+    method: Any
     _: KW_ONLY
     precision: float | None = None
     quantities: tuple[str, ...] = JUDGED
-    step: str | float = "default"
+    step: InitVar[str | float] = "default"
     realizations: int | None = None
     most: int = MOST_REALIZATIONS
-    tolerance: float | None = None
+    tolerance: InitVar[float | None] = None
     density: bool = False
     moments: bool = False
 
-    def __post_init__(self):
-        if self.method not in ENGINES and not self.is_averaged:
-            from harvester.averaging import CLOSURES
-
-            check_name("method", self.method, {**ENGINES, **CLOSURES})
-        check_step(self.step)
+    def __post_init__(self, step, tolerance):
+        method = method_of(self.method, step=step, tolerance=tolerance)
+        object.__setattr__(self, "method", method)
         if self.precision is not None and not 0.0 < self.precision < 1.0:
             raise HarvesterError(f"precision {self.precision}: must be a number in (0, 1)")
         if self.precision and not self.is_averaged:
@@ -93,7 +89,7 @@ class Request:
     @property
     def is_averaged(self) -> bool:
         """Whether a closure answers it, and no engine."""
-        return is_closure(self.method)
+        return isinstance(self.method, Stationary)
 
     @property
     def cut_from(self) -> Scene:
@@ -208,7 +204,7 @@ def answering(
     if request.is_averaged:
         return (yield from _averaged(request, density or request.density))
     try:
-        ENGINES[request.method].check(request.scene)
+        request.method.check(request.scene)
     except HarvesterError as error:
         return error
     return (yield from _simulated(request, version, density or request.density))
@@ -321,13 +317,13 @@ def good_ones(found: Sequence) -> tuple[list, HarvesterError | str]:
 
 
 def _averaged(request, density):
-    task = averaging(request.scene, request.method, request.tolerance, density)
+    task = averaging(request.scene, request.method, density)
     (found,) = yield Wanted([task])
     if found is None or isinstance(found, HarvesterError):
         return found
     return Answer(
         scene=request.scene,
-        method=request.method,
+        method=request.method.name,
         quantities=found["quantities"],
         seconds=found["seconds"],
         density=found["density"] if request.density else None,
@@ -336,10 +332,10 @@ def _averaged(request, density):
 
 def _simulated(request, version, density):
     """The realizations that the request needs, by an engine."""
-    cut = Realizations.of(request.cut_from, request.method, request.step, version, density)
+    cut = Realizations.of(request.cut_from, request.method, version, density)
     most = cut.whole(request.most) if request.precision else request.first
     first = min(cut.whole(request.first), most)
-    cost = step_error(prepared(request.scene), request.step, request.method)
+    cost = step_error(prepared(request.scene), request.method.step, request.method.name)
     aim = aim_beside_steps(request.precision, cost) if request.precision else None
 
     def judge(good, ended):
@@ -356,7 +352,7 @@ def _answer(request, good, ended):
     scene = replace(request.scene, run=replace(request.scene.run, realizations=len(moments)))
     ready = prepared(scene)
     parameters = ready.system
-    cost = step_error(ready, request.step, request.method)
+    cost = step_error(ready, request.method.step, request.method.name)
     found = run_estimates(scene, moments, cost)
     if not abs(found.residual) <= LARGEST_RESIDUAL:
         return not_balanced(found.residual), 0.0
@@ -375,7 +371,7 @@ def _answer(request, good, ended):
         ended = told(ended)
     answer = Answer(
         scene=scene,
-        method=request.method,
+        method=request.method.name,
         quantities=found.scaled,
         seconds=sum(part["seconds"] for part in good),
         outcome=f"ended after {len(moments)} realizations: {ended}" if ended else COMPLETE,

@@ -125,7 +125,7 @@ class Runner:
         # What is kept for one of them is computed for all: their tasks are the same.
         shapes = {_cut(request) for request in requests if request.density}
         plans = [
-            answering(request, self.version(request.method), _cut(request) in shapes)
+            answering(request, self.version(request.method.name), _cut(request) in shapes)
             for request in requests
         ]
         return self.follow(plans, on_answer, in_turn)
@@ -304,7 +304,7 @@ def _outcome(future):
 
 def _cut(request):
     """What decides the realizations of a request."""
-    return request.cut_from, request.method, request.step
+    return request.cut_from, request.method
 
 
 def _alone(task):

@@ -20,6 +20,7 @@ from harvester.excitation import KINDS, Excitation, build
 from harvester.excitation.run import Run
 from harvester.files import plain_text
 from harvester.files.plain_text import named, shown
+from harvester.scene.force_file import with_force_table
 from harvester.scene.named_values import NamedValues
 from harvester.scene.overrides import put
 from harvester.scene.schema import check_tables
@@ -28,7 +29,9 @@ from harvester.scene.toml import plain_tables
 from harvester.scene.units import scale
 
 # Keys that a scene is written without where they hold what they hold without being given.
-RARE_KEYS = ("quadratic_damping", "side", "exponent", "law")
+RARE_KEYS = (
+    "base_factor", "force_interpolation", "quadratic_damping", "side", "exponent", "law",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -36,8 +39,11 @@ class Oscillator:
     """Mass, spring and damper.
 
     `restoring_force` holds F0, k1, k2, … of F(x) = F0 + k1 x + k2 x² + …; `linear_stiffness` and
-    `cubic_stiffness` are the short form of (0, k1, 0, k3). SI: kg, N s/m, N s²/m² for
-    `quadratic_damping`, N, N/m, N/m², …. Scaled: c, −ω0², κ of Eq. 4a and so on, and no mass.
+    `cubic_stiffness` are the short form of (0, k1, 0, k3); `force_table` holds points (x, F), and
+    `restoring_force_range` the displacements between which any of these is meant. SI: kg, N s/m,
+    N s²/m² for `quadratic_damping`, N, N/m, N/m², …. Scaled: c, −ω0², κ of Eq. 4a and so on, and
+    no mass.
+    `base_factor` is μ: the base's acceleration counts μ times in a lumped mode of a beam.
     """
 
     damping: float
@@ -46,10 +52,22 @@ class Oscillator:
     mass: float | None = None
     restoring_force: tuple | None = None
     quadratic_damping: float = 0.0
+    base_factor: float = 1.0
+    force_table: tuple | None = None
+    force_interpolation: str = "monotone"
+    restoring_force_range: tuple | None = None
+
+    @property
+    def is_short_form(self) -> bool:
+        """Whether the spring is one of `linear_stiffness` and `cubic_stiffness` alone."""
+        given = (self.restoring_force, self.force_table, self.restoring_force_range)
+        return all(each is None for each in given)
 
     @property
     def coefficients(self) -> tuple[float | None, ...]:
-        """(F0, k1, k2, …) whichever form the scene has."""
+        """(F0, k1, k2, …) whichever form the scene has; empty of a table."""
+        if self.force_table is not None:
+            return ()
         if self.restoring_force is not None:
             return self.restoring_force
         return (0.0, self.linear_stiffness, 0.0, self.cubic_stiffness)
@@ -208,7 +226,7 @@ class Scene:
         A load's netlist is looked for in `folder`, then in the current one, and read here: the
         scene holds its content.
         """
-        tables = plain_tables(tables, origin)
+        tables = with_force_table(plain_tables(tables, origin), origin)
         checked = check_tables(tables, origin, {"excitation": KINDS})
         if "netlist" in checked["load"]:
             folder = _folders(folder)
@@ -225,6 +243,7 @@ class Scene:
             parts["stoppers"] = (parts["stoppers"],)
         scene = cls(name=plain_text.name(name), folder=folder, **top, **parts)
         scene.excitation.check(scene.units, scene.run, origin)
+        _check_range(scene, origin)
         _check_sampling(scene, origin)
         return scene
 
@@ -315,6 +334,20 @@ class Scene:
             text += self.load.circuit.text
             text += "".join(each.text for each in self.load.circuit.measures)
         return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _check_range(scene, origin):
+    """Refuse a range without a rest position, and a start outside."""
+    known = scene.oscillator.restoring_force_range
+    if known is None:
+        return
+    scale(scene)
+    start = scene.start.displacement if scene.start else None
+    if start is not None and not known[0] <= start <= known[1]:
+        raise SceneError(
+            f"{origin}: start.displacement = {start:g}: must lie within "
+            f"oscillator.restoring_force_range = {list(known)}"
+        )
 
 
 def _check_sampling(scene, origin):

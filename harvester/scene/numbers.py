@@ -8,10 +8,14 @@ from harvester.device.keys import Key
 from harvester.errors import HarvesterError
 from harvester.excitation import KINDS
 from harvester.files.plain_text import named, nearest
-from harvester.scene.schema import table_keys
+from harvester.scene.schema import OTHER_KEYS, table_keys
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
+
+
+# Where a scene is computed and where its spring holds is no property of the device.
+NOT_VARIED = ("knot_spacing", "restoring_force_range")
 
 
 def numbers(scene: Scene) -> dict[str, Any]:
@@ -33,6 +37,9 @@ def numbers(scene: Scene) -> dict[str, Any]:
     for name, keys in {**table_keys(), "excitation": scene.excitation.KEYS}.items():
         if name != "run":
             _collect(found, name, tables.get(name, {}), lambda _, keys=keys: keys)
+    # Every scene has this one, and is written without it where it is 1.
+    factor = scene.oscillator.base_factor, OTHER_KEYS["oscillator"]["base_factor"]
+    found.setdefault("oscillator.base_factor", factor)
     circuit = scene.load.circuit
     if circuit:
         for name, value in {**dict(circuit.defaults), **dict(circuit.parameters)}.items():
@@ -74,11 +81,15 @@ def _collect(found, name, values, keys_of):
             _collect(found, f"{name}[{place}]", each, keys_of)
         return
     for key, spec in keys_of(values).items():
-        if key not in values or key == "knot_spacing":
+        if key not in values or key in NOT_VARIED:
             continue
         if spec.each and spec.each.kind is dict:
             _collect(found, f"{name}.{key}", values[key], lambda part: KINDS[part["kind"]].KEYS)
-        elif spec.each and spec.each.kind is float and name == "oscillator":
+        elif _is_list_of_numbers(spec) and name == "oscillator":
             found |= {f"{name}.{key}[{n}]": (each, spec.each) for n, each in enumerate(values[key])}
         elif spec.kind is float and not spec.words and not spec.each:
             found[f"{name}.{key}"] = values[key], spec
+
+
+def _is_list_of_numbers(spec):
+    return spec.each is not None and spec.each.kind is float and spec.each.each is None

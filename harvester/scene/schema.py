@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any
 
 from harvester.device.contact import LAWS, SIDES
+from harvester.device.force_table import (
+    INTERPOLATIONS,
+    MOST_PIECES,
+    POINTS_PER_PIECE,
+    force_table,
+)
 from harvester.device.keys import (
     BOTH,
     NAMED_VALUES,
@@ -21,6 +28,8 @@ from harvester.device.transducer import TRANSDUCERS
 from harvester.errors import SceneError
 from harvester.files.plain_text import named, nearest, shown
 
+# Points of a table of force, most of them to be smoothed.
+MOST_POINTS = 2000
 # As wide as what numpy draws one from.
 LARGEST_SEED = 2**128 - 1
 
@@ -38,6 +47,10 @@ OTHER_KEYS: dict[str, Any] = {
         "linear_stiffness": Key(),
         "cubic_stiffness": not_negative(),
         "restoring_force": Key(each=Key(), count=(2, 8)),
+        "base_factor": positive(),
+        "force_table": Key(each=Key(each=Key(), count=(2, 2)), count=(2, MOST_POINTS)),
+        "force_interpolation": Key(kind=str, words=INTERPOLATIONS),
+        "restoring_force_range": Key(each=Key(), count=(2, 2)),
     },
     "stoppers": {
         "gap": positive(required=True),
@@ -81,13 +94,15 @@ RESISTOR_KEYS, NETLIST_KEYS = (
     ("kind", "resistance", "decay_rate"),
     ("netlist", "subcircuit", "parameters"),
 )
+TABLE_KEYS = ("force_table", "force_interpolation")
 REPLACED_KEYS = {
     "load.netlist": RESISTOR_KEYS,
     "load.resistance": NETLIST_KEYS,
     "load.decay_rate": NETLIST_KEYS,
-    "oscillator.restoring_force": ("linear_stiffness", "cubic_stiffness"),
-    "oscillator.linear_stiffness": ("restoring_force",),
-    "oscillator.cubic_stiffness": ("restoring_force",),
+    "oscillator.restoring_force": ("linear_stiffness", "cubic_stiffness", *TABLE_KEYS),
+    "oscillator.force_table": ("linear_stiffness", "cubic_stiffness", "restoring_force"),
+    "oscillator.linear_stiffness": ("restoring_force", *TABLE_KEYS),
+    "oscillator.cubic_stiffness": ("restoring_force", *TABLE_KEYS),
 }
 
 
@@ -162,9 +177,17 @@ def _check_several(name, values, origin):
 
 
 def _check_oscillator(oscillator, origin):
-    """The restoring force in one of its two forms, and a potential that is bounded below."""
-    force = oscillator.get("restoring_force")
-    if force is None:
+    """The restoring force in one of its three forms, and where it is meant."""
+    low, high = oscillator.get("restoring_force_range", (-1.0, 1.0))
+    if not low < 0.0 < high:
+        raise SceneError(
+            f"{origin}: oscillator.restoring_force_range = {[low, high]}: must be a displacement "
+            "below 0 and one above"
+        )
+    if "force_interpolation" in oscillator and "force_table" not in oscillator:
+        raise SceneError(f"{origin}: oscillator.force_interpolation needs oscillator.force_table")
+    forms = [key for key in ("restoring_force", "force_table") if key in oscillator]
+    if not forms:
         if "linear_stiffness" not in oscillator:
             raise SceneError(
                 f"{origin}: oscillator.linear_stiffness is missing; it takes a number, or give "
@@ -172,12 +195,41 @@ def _check_oscillator(oscillator, origin):
             )
         oscillator.setdefault("cubic_stiffness", 0.0)
         return
-    for name in ("linear_stiffness", "cubic_stiffness"):
-        if name in oscillator:
+    forms += [key for key in ("linear_stiffness", "cubic_stiffness") if key in oscillator]
+    if len(forms) > 1:
+        raise SceneError(
+            f"{origin}: oscillator.{forms[-1]} and oscillator.{forms[0]} say the same thing "
+            "twice; take one out"
+        )
+    if forms == ["force_table"]:
+        _check_force_table(oscillator, origin)
+
+
+def _check_force_table(oscillator, origin):
+    """Displacements that ascend through 0, and as many as the interpolation takes."""
+    points = oscillator["force_table"]
+    where = f"{origin}: oscillator.force_table"
+    for place, (before, after) in enumerate(pairwise(points), start=1):
+        if not after[0] > before[0]:
             raise SceneError(
-                f"{origin}: oscillator.{name} and oscillator.restoring_force say the same thing "
-                "twice; take one out"
+                f"{where}[{place}] = {list(after)}: displacements must ascend, and the one before "
+                f"is {before[0]:g}"
             )
+    if not points[0][0] < 0.0 < points[-1][0]:
+        raise SceneError(
+            f"{where} goes from {points[0][0]:g} to {points[-1][0]:g}: it must hold displacements "
+            "on both sides of 0, where the other keys begin to count"
+        )
+    smooth = oscillator.get("force_interpolation", INTERPOLATIONS[0]) == "smooth"
+    if not smooth and len(points) > MOST_PIECES + 1:
+        raise SceneError(
+            f"{where} has {len(points)} points: at most {MOST_PIECES + 1} are taken as they are; "
+            'set oscillator.force_interpolation = "smooth", or leave points out'
+        )
+    if smooth and len(points) <= POINTS_PER_PIECE:
+        raise SceneError(
+            f"{where} has {len(points)} points: smoothing takes at least {POINTS_PER_PIECE + 1}"
+        )
 
 
 def _transducer_of(scene):
@@ -299,6 +351,24 @@ def _check_held(stoppers, origin):
 
 def _check_bounded(oscillator, stoppers, origin):
     """The force must lead back far out on both sides: by the spring, or by stoppers there."""
+    if "restoring_force_range" in oscillator:
+        return
+    if "force_table" in oscillator:
+        made = force_table(
+            oscillator["force_table"], oscillator.get("force_interpolation", INTERPOLATIONS[0])
+        )
+        ends = made.breaks()[[0, -1]]
+        for side, sign, end in (("left", -1.0, ends[0]), ("right", 1.0, ends[1])):
+            order, slope, force = 1, made.slope(end), sign * made.force(end)
+            if slope > 0.0 or (slope == 0.0 and force > 0.0) or _stopped(stoppers, side, order):
+                continue
+            raise SceneError(
+                f"{origin}: oscillator.force_table ends on the {side} with a slope of {slope:.3g}, "
+                "and so it goes on beyond: the motion is unbounded there; go on until the force "
+                "leads back, put a stopper there, or say by oscillator.restoring_force_range that "
+                "the mass stays within the table"
+            )
+        return
     force = oscillator.get("restoring_force")
     key = "oscillator.restoring_force"
     if force is None:
@@ -308,16 +378,22 @@ def _check_bounded(oscillator, stoppers, origin):
     for side, sign in (("right", 1.0), ("left", -1.0)):
         if order and force[order] * sign ** (order + 1) > 0.0:
             continue
-        if any(
-            each["stiffness"] > 0.0
-            and each.get("side", "both") in (side, "both")
-            and each.get("exponent", 1.5) > order
-            for each in stoppers
-        ):
+        if _stopped(stoppers, side, order):
             continue
         value = list(force) if key.endswith("force") else f"{force[1]:g}"
         raise SceneError(
             f"{origin}: {key} = {value} leaves the motion unbounded on the {side}: the highest "
-            "power must be odd with a coefficient > 0 (cubic_stiffness > 0 in the short form), or "
-            f"a stopper with a greater exponent must stand on the {side}"
+            "power must be odd with a coefficient > 0 (cubic_stiffness > 0 in the short form), "
+            f"a stopper with a greater exponent must stand on the {side}, or "
+            "oscillator.restoring_force_range must say between which displacements it is meant"
         )
+
+
+def _stopped(stoppers, side, order):
+    """Whether a stopper there holds against a force that grows with this power."""
+    return any(
+        each["stiffness"] > 0.0
+        and each.get("side", "both") in (side, "both")
+        and each.get("exponent", 1.5) > order
+        for each in stoppers
+    )

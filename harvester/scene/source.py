@@ -41,6 +41,7 @@ def tables_of(source: str | Path, overrides: Iterable[str]) -> tuple[dict[str, A
         raise SceneError(f"{where}: not a TOML file: {error}; save it as UTF-8") from None
     tables = read_toml(text, where)
     _locate_files(tables.get("excitation"), path.parent)
+    _locate_files(tables.get("oscillator"), path.parent)
     for override in texts(overrides):
         key, value = parsed(override)
         put(tables, key, value, "--set")
@@ -51,8 +52,9 @@ def _locate_files(table, folder):
     """Make the files that a scene names relative to its own folder; faults are left alone."""
     if not isinstance(table, dict):
         return
-    if isinstance(table.get("file"), str):
-        table["file"] = str(folder / table["file"])
+    for key in ("file", "force_table"):
+        if isinstance(table.get(key), str):
+            table[key] = str(folder / table[key])
     parts = table.get("parts")
     for part in parts if isinstance(parts, list) else ():
         _locate_files(part, folder)

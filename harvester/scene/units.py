@@ -9,14 +9,17 @@ from typing import TYPE_CHECKING, Any
 from harvester.device import timescales
 from harvester.device.contact import LAWS, SIDES, Contact
 from harvester.device.damper import damper
+from harvester.device.force_table import force_table
 from harvester.device.hertz import HERTZ_EXPONENT
-from harvester.device.spring import roots, slope, spring
+from harvester.device.polynomial import polynomial
+from harvester.device.ranged import ranged
 from harvester.device.system import Noise, System
 from harvester.device.terminals import Setting
-from harvester.errors import LoadError
+from harvester.errors import LoadError, SceneError
 
 if TYPE_CHECKING:
-    from harvester.scene.model import Scene
+    from harvester.device.spring import Spring
+    from harvester.scene.model import Oscillator, Scene
 
 # Knots per period of small oscillations.
 KNOTS_PER_PERIOD = 40
@@ -60,9 +63,9 @@ def scale(scene: Scene) -> tuple[System, Scales]:
     mass, length = place.mass, place.length
     if scene.excitation.prescribes_displacement:
         # Only the transducer is left: what drives a mass without spring and damper is its η.
-        parts: dict[str, Any] = {"spring": spring(()), "damper": damper(0.0), "contacts": ()}
+        parts: dict[str, Any] = {"spring": polynomial(()), "damper": damper(0.0), "contacts": ()}
     else:
-        made = spring(_scaled_force(scene.oscillator, mass, length))
+        made = restoring_spring(scene.oscillator, mass, length)
         parts = {
             "spring": made,
             "damper": damper(
@@ -79,13 +82,34 @@ def scale(scene: Scene) -> tuple[System, Scales]:
     transducer = scene.transducer.equations(place)
     volts = scene.transducer.voltage_unit(place)
     system = System(**parts, transducer=transducer, noise=Noise(math.nan, math.inf))
+    if not math.isinf(system.spring.range[0]) and not timescales.wells(system):
+        raise SceneError(
+            f"{scene.name}: oscillator.restoring_force_range = "
+            f"{list(scene.oscillator.restoring_force_range or ())}: the mass has no stable rest "
+            "position in it"
+        )
     scales = Scales(displacement=length, voltage=volts, power=mass * length**2)
-    return _with_noise(system, scene.excitation, length), scales
+    return _with_noise(system, scene.excitation, excitation_unit(scene, length)), scales
 
 
-def _scaled_force(oscillator, mass, length):
-    """Coefficients of the restoring force per mass and length unit."""
-    return [k * length ** (n - 1) / mass for n, k in enumerate(oscillator.coefficients)]
+def excitation_unit(scene: Scene, length: float) -> float:
+    """The base's acceleration for one unit of η, l/μ: the base's counts μ times on a mode."""
+    return length / scene.oscillator.base_factor
+
+
+def restoring_spring(oscillator: Oscillator, mass: float = 1.0, length: float = 1.0) -> Spring:
+    """The spring of a scene per mass and length unit; by itself in the scene's own units."""
+    made: Any
+    if oscillator.force_table is not None:
+        points = [(x / length, force / (mass * length)) for x, force in oscillator.force_table]
+        made = force_table(points, oscillator.force_interpolation)
+    else:
+        coefficients: Any = oscillator.coefficients
+        made = polynomial([k * length ** (n - 1) / mass for n, k in enumerate(coefficients)])
+    if oscillator.restoring_force_range is not None:
+        low, high = oscillator.restoring_force_range
+        made = ranged(made, low / length, high / length)
+    return made
 
 
 def _sides(stopper, made):
@@ -107,11 +131,11 @@ def _contact(stopper, side, mass, length):
     return Contact(SIDES[side], stopper.gap / length, law)
 
 
-def _with_noise(system, excitation, length):
-    """The system with the D and τ1 of the excitation, or of its equivalent."""
+def _with_noise(system, excitation, unit):
+    """The system with the D and τ1 of the excitation, or of its equivalent, on the mass."""
     longest = longest_spacing(system)
     intensity, time = excitation.equivalent_noise(timescales.relaxation_time(system), longest)
-    return system._replace(noise=Noise(intensity / length**2, time))
+    return system._replace(noise=Noise(intensity / unit**2, time))
 
 
 def longest_spacing(system: System) -> float:
@@ -187,20 +211,20 @@ def length_scale(scene: Scene) -> float:
         return min(each.gap for each in scene.stoppers)
     damping = scene.oscillator.damping
     mass: Any = scene.oscillator.mass
-    stiffness: Any = scene.oscillator.coefficients[1]
-    stiffness /= mass
+    stiffness: Any = abs(restoring_spring(scene.oscillator, mass).linear)
     longest = 2.0 * math.pi / math.sqrt(stiffness) / KNOTS_PER_PERIOD if stiffness else math.inf
     relaxation_time = mass / damping if damping else 1.0
     intensity, time = scene.excitation.equivalent_noise(relaxation_time, longest)
     rate = damping / mass or 1.0 / time
-    return math.sqrt(intensity / (rate * (stiffness or rate**2)))
+    factor = scene.oscillator.base_factor
+    return factor * math.sqrt(intensity / (rate * (stiffness or rate**2)))
 
 
 def _farthest_well(oscillator):
     """Distance of the farthest rest position of the bare spring (m); 0 when that is x = 0."""
-    if oscillator.restoring_force is None:
+    if oscillator.is_short_form:
         linear, cubic = oscillator.linear_stiffness, oscillator.cubic_stiffness
         return math.sqrt(-linear / cubic) if linear < 0.0 < cubic else 0.0
-    bare = spring(oscillator.restoring_force)
-    places = [abs(float(x)) for x in roots(bare) if slope(bare, float(x)) > 0.0]
+    bare = restoring_spring(oscillator)
+    places = [abs(float(x)) for x in bare.roots() if bare.slope(float(x)) > 0.0]
     return max(places, default=0.0)

@@ -1,52 +1,222 @@
-"""The engines that simulate a scene, behind one protocol."""
+"""The engines that simulate a scene: a class each, whose objects hold the settings of a run."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+import math
+from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
 
+from harvester.arguments import check_name
+from harvester.averaging.method import Stationary
+from harvester.errors import HarvesterError
+from harvester.method import Method
 from harvester.registry import Registry
-from harvester.scene.units import require_mass
 
 if TYPE_CHECKING:
+    from harvester.prepared.prepared import Prepared
     from harvester.scene.model import Scene
 
+SOURCES = ("external", "pwl")
+DEVICES = ("automatic", "behavioural", "compiled")
 
-class Engine(NamedTuple):
+
+@dataclass(frozen=True)
+class Engine(Method):
     """One way to simulate realizations of a scene, in a worker process.
 
-    Each function imports its engine when it is called: what needs no SPICE loads none.
+    Each method imports its engine when it is called: what needs no SPICE loads none.
 
     Attributes
     ----------
-    check : callable
-        Of a scene: refuses what the engine does not take, before anything runs.
-    prepare : callable
-        Of a scene: loads libraries and compiled code, so that they do not count as simulation.
-    run_realizations : callable
-        Of scene, paths, starts, observers, step, source, scheme, tolerance, device and, for a load
-        with an output side in the circuit, outputs; see `circuits.ngspice.engine`. It hands every
-        record to the observers and returns engine_version and netlist_sha256 as a dictionary.
+    step : str or float
+        default, fine, finest, or the longest step in seconds.
     schemes : tuple of str
-        Integration schemes, the default first.
+        Integration schemes that `scheme` may name, the default first.
     """
 
-    check: Callable
-    prepare: Callable
-    run_realizations: Callable
-    schemes: tuple[str, ...]
+    step: str | float = "default"
+    scheme: str = ""
+    schemes: ClassVar[tuple[str, ...]]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "step", check_step(self.step))
+        check_name("scheme", self.scheme, self.schemes)
+
+    @property
+    def name(self) -> str:
+        """That of its class in `ENGINES`."""
+        return ENGINES.name_of(type(self))
+
+    @property
+    def title(self) -> str:
+        """What results call it."""
+        return self.name
+
+    @property
+    def chooses_steps(self) -> bool:
+        """Whether the simulator chooses every step itself: their error is then not known."""
+        return False
+
+    @abstractmethod
+    def check(self, scene: Scene) -> None:
+        """Refuse a scene that the engine does not take, before anything runs."""
+
+    @abstractmethod
+    def prepare(self, ready: Prepared) -> None:
+        """Load libraries and compiled code, so that they do not count as simulation."""
+
+    @abstractmethod
+    def run_realizations(
+        self,
+        ready: Prepared,
+        paths: list,
+        starts: list[tuple[float, float, float]],
+        observers: list,
+        outputs: list | None = None,
+    ) -> dict[str, Any]:
+        """Run realizations and hand every record to their observers.
+
+        Parameters
+        ----------
+        ready : Prepared
+        paths : list of ExcitationPath
+            One for each realization.
+        starts : list of (float, float, float)
+            X, X' and transducer's state of each realization at the beginning, scaled.
+        observers : list of lists of objects with `add(record)`
+            Those of each realization.
+        outputs : list of harvester.record.output_side.OutputMoments or None
+            For a load that has an output side, one for each realization.
+
+        Returns
+        -------
+        dict
+            engine_version, netlist_sha256.
+        """
 
 
-def _prepare_circuit(scene: Scene) -> None:
-    from circuits.ngspice import engine
+@dataclass(frozen=True)
+class Circuit(Engine):
+    """The circuit, by ngspice.
 
-    engine.prepare(scene)
+    Attributes
+    ----------
+    step : str or float
+        default, fine, finest, or the longest step in seconds. It is rounded down to a whole
+        division of the knot spacing, and shorter in contact.
+    scheme : str
+        trapezoidal or gear.
+    source : str
+        external, the path through compiled callbacks, or pwl, a source in the netlist with
+        ngspice's own steps, for comparison.
+    device : str
+        behavioural elements, one compiled device for mechanics and piezo (the extra `fast`), or
+        automatic, compiled where it is found. The same numbers to 1e-9.
+    copies : int or None
+        Realizations side by side in one netlist, which share their steps; None: as many as pay.
+    tolerance : float or None
+        Relative tolerance of ngspice's control by the local error, which shortens steps below
+        `step`; None: fixed steps, or ngspice's own tolerance for "pwl".
+    """
+
+    scheme: str = "trapezoidal"
+    source: str = "external"
+    device: str = "automatic"
+    copies: int | None = None
+    tolerance: float | None = None
+    schemes: ClassVar[tuple[str, ...]] = ("trapezoidal", "gear")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_name("source", self.source, SOURCES)
+        check_name("device", self.device, DEVICES)
+        _check_number_of_copies(self.copies)
+
+    @property
+    def title(self) -> str:
+        """Its name, with the source where it is not the usual one."""
+        return self.name if self.source == "external" else f"{self.name} ({self.source} source)"
+
+    @property
+    def chooses_steps(self) -> bool:
+        """With a source in the netlist ngspice takes its own steps."""
+        return self.source == "pwl"
+
+    def check(self, scene: Scene) -> None:
+        """Refuse copies that cannot share a netlist; loads are refused where they are read."""
+        if (self.copies or 1) > 1 and not (scene.load.is_resistor and self.source == "external"):
+            raise _no_copies(self.copies)
+
+    def prepare(self, ready: Prepared) -> None:
+        """See `Engine`."""
+        from circuits.ngspice import engine
+
+        engine.prepare(ready)
+
+    def run_realizations(
+        self,
+        ready: Prepared,
+        paths: list,
+        starts: list[tuple[float, float, float]],
+        observers: list,
+        outputs: list | None = None,
+    ) -> dict[str, Any]:
+        """See `Engine`."""
+        from circuits.ngspice import engine
+
+        return engine.run_realizations(
+            ready, paths, starts, observers, self.step, self.source, self.scheme, self.tolerance,
+            self.device, outputs,
+        )  # fmt: skip
 
 
-def _run_circuit(*arguments: Any, **options: Any) -> dict[str, str]:
-    from circuits.ngspice import engine
+@dataclass(frozen=True)
+class MonteCarlo(Engine):
+    """The equations themselves, integrated without ngspice.
 
-    return engine.run_realizations(*arguments, **options)
+    Attributes
+    ----------
+    step : str or float
+        default, fine, finest, or the longest step in seconds; shorter in contact.
+    scheme : str
+        runge-kutta, or for a resistor heun, for comparison.
+    """
+
+    scheme: str = "runge-kutta"
+    schemes: ClassVar[tuple[str, ...]] = ("runge-kutta", "heun")
+
+    def check(self, scene: Scene) -> None:
+        """Refuse what Monte Carlo does not take: a motion prescribed, some elements of a load.
+
+        Raises
+        ------
+        LoadError
+        """
+        from harvester.prepared.prepared import prepared
+        from harvester.scene.units import require_mass
+
+        require_mass(scene, "Monte Carlo")
+        if not scene.load.is_resistor:
+            _integrator(scene).circuit_of(prepared(scene))
+
+    def prepare(self, ready: Prepared) -> None:
+        """See `Engine`."""
+        _integrator(ready.scene).prepare(ready)
+
+    def run_realizations(
+        self,
+        ready: Prepared,
+        paths: list,
+        starts: list[tuple[float, float, float]],
+        observers: list,
+        outputs: list | None = None,
+    ) -> dict[str, Any]:
+        """See `Engine`."""
+        return _integrator(ready.scene).run_realizations(
+            ready, paths, starts, observers, self.step, self.scheme, outputs
+        )
 
 
 def _integrator(scene: Scene) -> Any:
@@ -60,41 +230,89 @@ def _integrator(scene: Scene) -> Any:
     return netlist
 
 
-def _check_monte_carlo(scene: Scene) -> None:
-    """Refuse what Monte Carlo does not take: a motion prescribed, some elements of a load.
+ENGINES: Registry[type[Engine]] = Registry(
+    "harvester.engines", {"circuit": Circuit, "monte-carlo": MonteCarlo}
+)
+# Options of `simulate` where they are left out; those of a method that is given as an object stand
+# in the object.
+DEFAULTS = {"step": "default", "source": "external", "device": "automatic"}
+
+
+def engine_of(method: str | Method, **options: Any) -> Engine:
+    """The engine that a call asks for, by its name and options or as an object.
 
     Raises
     ------
-    LoadError
+    HarvesterError
+        An unknown name, a closure, or an option that is none.
     """
-    require_mass(scene, "Monte Carlo")
-    if not scene.load.is_resistor:
-        _integrator(scene).circuit_of(scene)
+    if isinstance(method, Engine):
+        return method.beside_options(options, DEFAULTS)
+    _check_options(options)
+    made: Engine = ENGINES[check_name("method", _written(method), ENGINES)]()
+    if (options.get("copies") or 1) > 1 and not hasattr(made, "copies"):
+        raise _no_copies(options["copies"])
+    return made.with_options(options)
 
 
-def _prepare_monte_carlo(scene: Scene) -> None:
-    _integrator(scene).prepare(scene)
+def method_of(method: str | Method, **options: Any) -> Method:
+    """The engine or the closure that a call asks for; see `engine_of`.
+
+    Raises
+    ------
+    HarvesterError
+    """
+    if isinstance(method, Engine) or method in ENGINES:
+        return engine_of(method, **options)
+    from harvester.averaging import CLOSURES
+
+    if isinstance(method, Stationary):
+        check_name("method", method.closure, CLOSURES)
+        return method.beside_options(options, DEFAULTS)
+    check_name("method", _written(method), {**ENGINES, **CLOSURES})
+    _check_options(options)
+    return Stationary(str(method)).with_options(options)
 
 
-def _run_monte_carlo(scene: Scene, *arguments: Any, **options: Any) -> dict[str, str | None]:
-    return _integrator(scene).run_realizations(scene, *arguments, **options)
+def check_step(step: str | float) -> str | float:
+    """A level's name or a positive number of seconds.
+
+    Raises
+    ------
+    HarvesterError
+    """
+    from harvester.prepared.steps import STEP_LEVELS
+
+    if isinstance(step, str) and step not in STEP_LEVELS:
+        try:
+            step = float(step)
+        except ValueError:
+            return check_name("step", str(step), STEP_LEVELS)
+    if not isinstance(step, str) and not (math.isfinite(step) and step > 0.0):
+        raise HarvesterError(f"step {step}: must be one of {', '.join(STEP_LEVELS)} or seconds > 0")
+    return step
 
 
-def _takes_everything(scene: Scene) -> None:
-    """The circuit refuses while it reads a load."""
+def _check_options(options: Mapping[str, Any]) -> None:
+    """Refuse what is no option of any engine, whichever is named."""
+    check_step(options.get("step", "default"))
+    check_name("source", options.get("source", "external"), SOURCES)
+    check_name("device", options.get("device", "automatic"), DEVICES)
+    _check_number_of_copies(options.get("copies"))
 
 
-ENGINES: Registry[Engine] = Registry(
-    "harvester.engines",
-    {
-        "circuit": Engine(
-            _takes_everything, _prepare_circuit, _run_circuit, schemes=("trapezoidal", "gear")
-        ),
-        "monte-carlo": Engine(
-            _check_monte_carlo,
-            _prepare_monte_carlo,
-            _run_monte_carlo,
-            schemes=("runge-kutta", "heun"),
-        ),
-    },
-)
+def _check_number_of_copies(copies: int | None) -> None:
+    if copies is not None and (not isinstance(copies, int) or copies < 1):
+        raise HarvesterError(f"copies {copies}: must be a whole number ≥ 1")
+
+
+def _no_copies(copies: int | None) -> HarvesterError:
+    return HarvesterError(
+        f"copies {copies}: only the circuit with its external source and a resistor as load "
+        "takes more than one"
+    )
+
+
+def _written(method: str | Method) -> str:
+    """A name as it is, an object as text, for what is refused."""
+    return method if isinstance(method, str) else str(method)

@@ -23,6 +23,7 @@ from harvester.simulation.realization import Realization
 
 if TYPE_CHECKING:
     from harvester.device.system import System
+    from harvester.simulation.methods import Engine
 
 # Largest energy balance residual that is not an error; a result with more than the second carries
 # a note.
@@ -34,9 +35,7 @@ NOTED_RESIDUAL = 0.01
 @np.errstate(over="ignore", invalid="ignore")
 def result_of(
     scene: Scene,
-    engine: str,
-    step: str | float,
-    source: str,
+    engine: Engine,
     realizations: list[Realization],
     failures: dict[int, SimulationError],
     outcome: str = "complete",
@@ -47,7 +46,7 @@ def result_of(
     moments = [realization.moments for realization in realizations]
     first = min(realization.started for realization in realizations)
     last = max(realization.ended for realization in realizations)
-    cost = step_error(ready, step, engine)
+    cost = step_error(ready, engine.step, engine.name)
     found = run_estimates(scene, moments, cost)
     shapes = densities(found.moments, is_symmetric(scene, parameters))
     joints = [realization.joint for realization in realizations if realization.joint is not None]
@@ -57,7 +56,7 @@ def result_of(
         joint = joint and replace(joint, standard_error=None)
     return Result(
         scene=scene,
-        engine=engine if source == "external" else f"{engine} ({source} source)",
+        engine=engine.title,
         scaled_quantities=found.scaled,
         scales=scales,
         error_kind="statistical",
@@ -66,8 +65,8 @@ def result_of(
         engine_seconds=sum(realization.seconds for realization in realizations),
         simulated_time=sum(m.time_reached for m in moments),
         steps=sum(m.points for m in moments),
-        step=knot_spacing(ready) / steps_per_knot(ready, step, engine),
-        step_error=cost if source == "external" else None,
+        step=knot_spacing(ready) / steps_per_knot(ready, engine.step, engine.name),
+        step_error=None if engine.chooses_steps else cost,
         realizations=len(moments),
         engine_version=realizations[0].engine_version,
         netlist_sha256=realizations[0].netlist_sha256,
@@ -86,9 +85,7 @@ def is_symmetric(scene: Scene, parameters: System) -> bool:
     return scene.excitation.symmetric and parameters.symmetric and scene.start is None
 
 
-def partial_result(
-    scene: Scene, engine: str, step: str | float, source: str, error: SimulationError
-) -> Result | None:
+def partial_result(scene: Scene, engine: Engine, error: SimulationError) -> Result | None:
     """A result of the failed realizations' moments, or None when they had none."""
     reached = [m for m in error.partial or () if measured_time([m]) > 0.0]
     if not reached:
@@ -104,7 +101,7 @@ def partial_result(
         for m in reached
     ]
     outcome = type(error).__name__
-    return result_of(scene, engine, step, source, realizations, {}, outcome)
+    return result_of(scene, engine, realizations, {}, outcome)
 
 
 def notes_on_excitation(scene: Scene) -> tuple[str, ...]:

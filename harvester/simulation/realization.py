@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -14,7 +14,7 @@ from harvester.device import timescales
 from harvester.estimates.batch_means import KNOTS_PER_SAMPLE, batch_counts
 from harvester.excitation.sum import common_period
 from harvester.prepared.paths import noise_path, start_state
-from harvester.prepared.prepared import prepared
+from harvester.prepared.prepared import Prepared, prepared
 from harvester.prepared.steps import knot_spacing, stop_time
 from harvester.record.joint import JointHistogram
 from harvester.record.joint import prepare as prepare_joint
@@ -22,8 +22,9 @@ from harvester.record.jumps import Jumps
 from harvester.record.moments import Moments
 from harvester.record.moments import prepare as prepare_moments
 from harvester.record.output_side import OutputMoments
+from harvester.record.range_watch import with_range_watch
 from harvester.record.record import Record
-from harvester.simulation.methods import ENGINES
+from harvester.simulation.methods import Engine
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -102,15 +103,10 @@ class Reporter:
 
 def run(
     scene: Scene,
-    engine: str,
-    indices: list[int],
-    step: str | float,
-    source: str,
+    engine: Engine,
+    indices: Sequence[int],
     window: tuple[float, float] | None,
     report: Callable,
-    scheme: str | None = None,
-    tolerance: float | None = None,
-    device: str = "automatic",
     joint_density: bool = False,
 ) -> list[Realization]:
     """Simulate realizations of a scene; the circuit engine takes them side by side.
@@ -118,35 +114,29 @@ def run(
     Parameters
     ----------
     scene : Scene
-    engine : str
-        A name in `harvester.simulation.methods.ENGINES`.
+    engine : Engine
     indices : sequence of int
         Of the realizations: each picks its seed and its starting well.
-    step, source : str or float, str
-        See `harvester.simulate`.
     window : (float, float) or None
         Stretch of each one's waveform to keep (s).
     report : callable
         Given the list of moments so far.
-    scheme, tolerance, device, joint_density : str or None, float or None, str, bool
+    joint_density : bool
         See `harvester.simulate`.
 
     Returns
     -------
     list of Realization
     """
-    chosen = ENGINES[engine]
     ready = prepared(scene)
     paths = [noise_path(ready, index) for index in indices]
-    moments = [empty_moments(scene) for _ in indices]
+    moments = [empty_moments(ready) for _ in indices]
     # Only a netlist has an output side or stores.
-    output = {}
+    outputs = None
     load = scene.load.circuit
     if load and (load.has_output or load.recorded):
-        output["outputs"] = [
-            OutputMoments.beside(each, load.recorded, load.has_output) for each in moments
-        ]
-        for each, its_output in zip(moments, output["outputs"], strict=True):
+        outputs = [OutputMoments.beside(each, load.recorded, load.has_output) for each in moments]
+        for each, its_output in zip(moments, outputs, strict=True):
             each.output = its_output
     observers: list[list] = [[each] for each in moments]
     observers[-1].append(Reporter(moments, report))
@@ -155,19 +145,17 @@ def run(
     joints = [JointHistogram.empty(*sampled) if joint_density else None for _ in indices]
     for watching, *others in zip(observers, waveforms, joints, strict=True):
         watching[:0] = [each for each in others if each is not None]
-    chosen.prepare(scene)
+    engine.prepare(ready)
     prepare_moments()
     if joint_density:
         prepare_joint()
     started = time.time()
     clock, processor = time.perf_counter(), time.process_time()
-    scheme = scheme or chosen.schemes[0]
     starts = [start_state(ready, index) for index in indices]
-    outcome = chosen.run_realizations(
-        scene, paths, starts, observers, step, source, scheme, tolerance, device, **output
-    )
+    observers = with_range_watch(ready, observers)
+    outcome = engine.run_realizations(ready, paths, starts, observers, outputs)
     elapsed, seconds = time.perf_counter() - clock, time.process_time() - processor
-    # The last word of those that end before their first report.
+    # Realizations that finish before their first progress report still report once.
     report(moments)
     return [
         Realization(
@@ -183,12 +171,11 @@ def run(
     ]
 
 
-def empty_moments(scene: Scene) -> Moments:
+def empty_moments(ready: Prepared) -> Moments:
     """Nothing accumulated yet, in the batches that the scene's run is cut into."""
-    ready = prepared(scene)
-    parameters = ready.system
+    scene, parameters = ready.scene, ready.system
     spacing = knot_spacing(ready)
-    start, batches, groups = _measured(scene, spacing)
+    start, batches, groups = _measured(ready, spacing)
     saddles = timescales.saddles(parameters)
     even = len(saddles) == 1 and parameters.symmetric and scene.excitation.symmetric
     moments = Moments.empty(
@@ -218,13 +205,13 @@ def _period(scene):
     return common if common and 2.0 * common <= scene.run.duration * (1.0 + 1e-9) else own
 
 
-def _measured(scene, spacing):
+def _measured(ready, spacing):
     """When measuring begins (s), and the numbers of batches and groups: whole periods if it can."""
-    run, period = scene.run, _period(scene)
+    run, period = ready.scene.run, _period(ready.scene)
     batches, groups = batch_counts(run.realizations, run.duration / spacing)
     if period is None or period > run.duration:
         return run.settle, batches, groups
     periods = math.floor(run.duration / period + 1e-9)
     batches = min(batches, periods)
-    start = stop_time(prepared(scene)) - periods // batches * batches * period
+    start = stop_time(ready) - periods // batches * batches * period
     return max(start, run.settle), batches, min(groups, batches)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from harvester.arguments import check_name as check_name
 from harvester.calling import takes_scene
 from harvester.errors import HarvesterError, SimulationError
-from harvester.files.plain_text import nearest
-from harvester.signatures import Processes, Seconds, Step
+from harvester.signatures import MethodOrName, Processes, Seconds, Step
+from harvester.simulation.methods import DEFAULTS, Stationary, engine_of
+from harvester.simulation.methods import check_step as check_step
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
     from harvester.scene.model import Scene
     from harvester.workers.pools import Workers
 
-SOURCES = ("external", "pwl")
-DEVICES = ("automatic", "behavioural", "compiled")
 # Wall-clock limit of one realization (s) where the user sets none.
 TIME_LIMIT = 3600.0
 
@@ -28,7 +27,7 @@ TIME_LIMIT = 3600.0
 def simulate(
     scene: Scene,
     *,
-    method: str = "circuit",
+    method: MethodOrName = "circuit",
     source: str = "external",
     device: str = "automatic",
     copies: int | None = None,
@@ -50,8 +49,10 @@ def simulate(
     ----------
     scene : Scene, str or Path
         Itself, its file or its built-in name.
-    method : str
+    method : str or Method
         circuit (ngspice) or monte-carlo (the equations themselves, no ngspice).
+        In Python also `Circuit(…)`, `MonteCarlo(…)` or `Stationary(…)`, which hold the settings
+        below themselves; a name stands for the object with its defaults.
     source : str
         Circuit only: external, the path through compiled callbacks, or pwl, a source in the
         netlist with ngspice's own steps, for comparison.
@@ -108,78 +109,35 @@ def simulate(
     The same seed gives the same noise to every engine and the same numbers whatever the
     number of workers.
     """
+    given = {
+        "step": step, "source": source, "device": device, "copies": copies, "scheme": scheme,
+        "tolerance": tolerance,
+    }  # fmt: skip
+    if isinstance(method, Stationary):
+        return _averaged(scene, method.beside_options(given, DEFAULTS))
     from harvester.simulation import outcome, spread
-    from harvester.simulation.methods import ENGINES
 
-    step = check_step(step)
-    engine = check_name("method", method, ENGINES)
-    source = check_name("source", source, SOURCES)
-    ENGINES[engine].check(scene)
-    scheme = check_name("scheme", scheme or ENGINES[engine].schemes[0], ENGINES[engine].schemes)
-    device = check_name("device", device, DEVICES)
-    copies = check_copies(copies, scene, engine, source)
-    options = {"step": step, "source": source, "scheme": scheme, "tolerance": tolerance}
-    follow = spread.Follower(scene, engine, progress) if progress else None
+    engine = engine_of(method, **given)
+    engine.check(scene)
+    follow = spread.Follower(scene, engine.name, progress) if progress else None
     try:
         with spread.running(runner, executor, scene.run.realizations, workers) as pool:
-            together = copies or spread.copies_that_pay(scene, engine, device, options, pool)
-            options |= {"device": device, "joint_density": joint_density}
-            calls = spread.calls_of(scene, engine, together, window, options)
+            together = spread.copies_that_pay(scene, engine, pool)
+            calls = spread.calls_of(scene, engine, together, window, joint_density)
             outcomes = spread.outcomes(pool, calls, time_limit, follow, keep_going)
     except SimulationError as error:
-        error.partial = outcome.partial_result(scene, engine, step, source, error)
+        error.partial = outcome.partial_result(scene, engine, error)
         raise
     failures = {k: o for k, o in enumerate(outcomes) if isinstance(o, SimulationError)}
     realizations = [each for each in outcomes if not isinstance(each, SimulationError)]
-    return outcome.checked(outcome.result_of(scene, engine, step, source, realizations, failures))
+    return outcome.checked(outcome.result_of(scene, engine, realizations, failures))
 
 
-def check_step(step: str | float) -> str | float:
-    """A level's name or a positive number of seconds.
+def _averaged(scene: Scene, method: Stationary) -> Result:
+    """The scene by a closure, which needs no realizations."""
+    from harvester.averaging.of_scene import average
 
-    Raises
-    ------
-    HarvesterError
-    """
-    from harvester.prepared.steps import STEP_LEVELS
-
-    if isinstance(step, str) and step not in STEP_LEVELS:
-        try:
-            step = float(step)
-        except ValueError:
-            return check_name("step", str(step), STEP_LEVELS)
-    if not isinstance(step, str) and not (math.isfinite(step) and step > 0.0):
-        raise HarvesterError(f"step {step}: must be one of {', '.join(STEP_LEVELS)} or seconds > 0")
-    return step
-
-
-def check_copies(copies: int | None, scene: Scene, engine: str, source: str) -> int | None:
-    """None, or a whole number ≥ 1 that this load, engine and source can take.
-
-    Raises
-    ------
-    HarvesterError
-    """
-    if copies is None:
-        return None
-    if not isinstance(copies, int) or copies < 1:
-        raise HarvesterError(f"copies {copies}: must be a whole number ≥ 1")
-    simple = scene.load.is_resistor and source == "external"
-    if copies > 1 and not (engine == "circuit" and simple):
-        raise HarvesterError(
-            f"copies {copies}: only the circuit with its external source and a resistor as load "
-            "takes more than one"
-        )
-    return copies
-
-
-def check_name(what: str, name: str, known: Collection[str]) -> str:
-    """The name, or HarvesterError with the nearest valid one."""
-    if name not in known:
-        raise HarvesterError(
-            f"unknown {what} {name}{nearest(name, known)}; there are {', '.join(known)}"
-        )
-    return name
+    return average(scene, method=method)
 
 
 def require_noise(scene: Scene, command: str) -> None:

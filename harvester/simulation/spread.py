@@ -11,6 +11,7 @@ from typing import Any
 from harvester.errors import SimulationError
 from harvester.scene.model import Scene
 from harvester.simulation import side_by_side
+from harvester.simulation.methods import Circuit, Engine, MonteCarlo
 from harvester.simulation.realization import Realization, run
 from harvester.workers.pools import Workers, processes
 
@@ -27,18 +28,20 @@ def running(
             yield pool
 
 
-def copies_that_pay(
-    scene: Scene, engine: str, device: str, options: dict[str, Any], pool: Workers
-) -> int:
-    """Realizations in one call of an engine, where the caller leaves their number open."""
-    shared = (options[name] for name in ("step", "source", "tolerance"))
+def copies_that_pay(scene: Scene, engine: Engine, pool: Workers) -> int:
+    """Realizations in one call of an engine: those that it is told, else as many as pay."""
     count = scene.run.realizations
-    if engine == "monte-carlo":
+    if isinstance(engine, MonteCarlo):
         workers = getattr(pool, "size", math.inf)
         return side_by_side.together(count, workers) if scene.load.is_resistor else 1
-    if engine != "circuit" or count == 1 or not side_by_side.share_steps(scene, *shared):
+    if not isinstance(engine, Circuit):
         return 1
-    (used,) = pool.map(_device_used, [{"scene": scene, "device": device}])
+    if engine.copies:
+        return engine.copies
+    shared = engine.step, engine.source, engine.tolerance
+    if count == 1 or not side_by_side.share_steps(scene, *shared):
+        return 1
+    (used,) = pool.map(_device_used, [{"scene": scene, "device": engine.device}])
     return side_by_side.copies(count, used)
 
 
@@ -51,10 +54,10 @@ def _device_used(scene, device, report):
 
 def calls_of(
     scene: Scene,
-    engine: str,
+    engine: Engine,
     copies: int,
     window: tuple[float, float] | None,
-    options: dict[str, Any],
+    joint_density: bool,
 ) -> list[dict[str, Any]]:
     """Arguments of `harvester.simulation.realization.run`, `copies` realizations in each."""
     indices = range(scene.run.realizations)
@@ -64,7 +67,7 @@ def calls_of(
             "engine": engine,
             "indices": list(indices[start : start + copies]),
             "window": window if start == 0 else None,
-            **options,
+            "joint_density": joint_density,
         }
         for start in range(0, len(indices), copies)
     ]

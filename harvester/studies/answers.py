@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections import ChainMap
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from harvester.averaging import CLOSURES
+from harvester.arguments import check_name
 from harvester.errors import HarvesterError, LoadError, OutOfTime
 from harvester.estimates.estimate import Estimate
+from harvester.method import Method
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, resolving
 from harvester.running import Request
 from harvester.running.request import COMPLETE
 from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor
-from harvester.simulation.methods import ENGINES
-from harvester.simulation.simulate import check_name
+from harvester.simulation.methods import Circuit, Engine, MonteCarlo, method_of
 
 
-def checked_method(scene: Scene, method: str | None) -> str:
+def checked_method(scene: Scene, method: str | Method | None) -> Method:
     """An engine or a closure that takes the scene's load.
 
     None stands for Monte Carlo, and for the circuit where only that takes load and excitation.
@@ -32,22 +31,21 @@ def checked_method(scene: Scene, method: str | None) -> str:
     """
     if method is None:
         try:
-            ENGINES["monte-carlo"].check(scene)
+            MonteCarlo().check(scene)
         except LoadError:
-            return "circuit"
-        return "monte-carlo"
-    known: ChainMap[str, Any] = ChainMap(ENGINES, CLOSURES)
-    check_name("method", method, known)
-    if method in ENGINES:
-        ENGINES[method].check(scene)
+            return Circuit()
+        return MonteCarlo()
+    chosen = method_of(method)
+    if isinstance(chosen, Engine):
+        chosen.check(scene)
     else:
-        require_resistor(scene, method)
-    return method
+        require_resistor(scene, chosen.name)
+    return chosen
 
 
-def is_noisy(scene: Scene, method: str) -> bool:
+def is_noisy(scene: Scene, method: Method) -> bool:
     """Whether another seed gives another value."""
-    return method in ENGINES and scene.excitation.random
+    return isinstance(method, Engine) and scene.excitation.random
 
 
 def check_quantity(quantity: str, answer: Any) -> None:

@@ -27,11 +27,12 @@ from harvester.former_names import handed_on
 from harvester.prepared.paths import start_state
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
+from harvester.record.range_watch import with_range_watch
 from harvester.scene.model import Scene
 from harvester.scene.units import Scales
 from harvester.show.palette import CIRCUIT, MONTE_CARLO
 from harvester.show.panels import Panel, Series, draw_panels, is_wide
-from harvester.simulation.methods import ENGINES
+from harvester.simulation.methods import engine_of
 from harvester.simulation.realization import Waveform
 
 if TYPE_CHECKING:
@@ -216,9 +217,18 @@ def _draw(response):
 
 
 def run(
-    scene: Scene, engine: str, step: str | float, report: Callable
+    scene: Scene,
+    engine: str,
+    step: str | float,
+    report: Callable,
+    settings: dict[str, Any] | None = None,
 ) -> tuple[list[tuple[float, float, float, float]], str, float]:
     """One direction, in a worker process.
+
+    Parameters
+    ----------
+    engine, step, settings
+        The engine's name, its step, and what else of it is not as usual.
 
     Returns
     -------
@@ -226,25 +236,18 @@ def run(
         (amplitude, rms voltage, mean power, residual) at each frequency, scaled; the engine's
         version; seconds.
     """
-    chosen = ENGINES[engine]
+    chosen = engine_of(engine, step=step, **settings or {})
     excitation: Any = scene.excitation
     ready = prepared(scene)
-    path = excitation.path(knot_spacing(ready), ready.scales.displacement, None)
+    path = excitation.path(knot_spacing(ready), ready.excitation_unit, None)
     windows = []
     for place, frequency in enumerate(excitation.frequencies):
         end = (place + 1) * excitation.dwell
         windows.append(Waveform(end - _measured(excitation, frequency) - 2.0 * path.spacing, end))
-    chosen.prepare(scene)
+    chosen.prepare(ready)
     clock = time.perf_counter()
-    outcome = chosen.run_realizations(
-        scene,
-        [path],
-        [start_state(ready, 0)],
-        [windows],
-        step,
-        "external",
-        ENGINES[engine].schemes[0],
-    )
+    observers = with_range_watch(ready, [windows])
+    outcome = chosen.run_realizations(ready, [path], [start_state(ready, 0)], observers)
     seconds = time.perf_counter() - clock
     rows = [
         _means(window.record(), frequency, window.stop, _measured(excitation, frequency))

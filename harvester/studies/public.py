@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections import ChainMap
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -17,12 +16,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Unpack
 from harvester.arguments import listed, table
 from harvester.calling import takes_scene
 from harvester.errors import AveragingError, HarvesterError, LoadError
+from harvester.method import Method
 from harvester.signatures import (
     Distributions,
     Grid,
     Grids,
     Kind,
     Loads,
+    MethodOrName,
     Processes,
     Ranges,
     RunnerOptions,
@@ -30,10 +31,9 @@ from harvester.signatures import (
     Share,
     Step,
 )
+from harvester.simulation.methods import Engine, engine_of, method_of
 from harvester.simulation.simulate import (
     TIME_LIMIT,
-    check_name,
-    check_step,
     require_noise,
     simulate,
 )
@@ -153,7 +153,7 @@ def frequency_response(
     *,
     amplitude: Annotated[float, Kind("A")] | None = None,
     down: bool = False,
-    method: str = "monte-carlo",
+    method: MethodOrName = "monte-carlo",
     step: Step = "default",
     **running: Unpack[RunnerOptions],
 ) -> FrequencyResponse:
@@ -170,7 +170,7 @@ def frequency_response(
         Of the base acceleration, m/s² in SI (default: that of the scene's own sine).
     down : bool
         Sweep down as well, to show hysteresis: it is where the two differ.
-    method : str
+    method : str or Method
         monte-carlo (Runge–Kutta) or circuit (ngspice), on the same path.
     step : str or float
         default, fine, finest, or the longest step in seconds.
@@ -197,19 +197,17 @@ def frequency_response(
 
     from harvester.prepared.prepared import prepared
     from harvester.running import Task, open_runner
-    from harvester.simulation.methods import ENGINES
     from harvester.studies import frequency_response as work
 
-    check_name("method", method, ENGINES)
-    step = check_step(step)
+    engine = engine_of(method, step=step)
     scene = work.with_sine(scene, amplitude)
     rising = work.rising_frequencies(frequencies)
     directions = {"up": rising, "down": rising[::-1]} if down else {"up": rising}
     scenes: list[Any] = [work.stepped(scene, order) for order in directions.values()]
     with open_runner(**running) as runner:
-        version = runner.version(method)
-        arguments = [{"scene": each, "engine": method, "step": step} for each in scenes]
-        outcomes = runner.run([Task(work.run, each, version, method) for each in arguments])
+        version = runner.version(engine.name)
+        arguments = [{"scene": each, **engine.as_arguments("engine")} for each in scenes]
+        outcomes = runner.run([Task(work.run, each, version, engine.name) for each in arguments])
     for outcome in outcomes:
         if isinstance(outcome, HarvesterError):
             raise outcome
@@ -221,7 +219,7 @@ def frequency_response(
         sweeps.append(work.Sweep(direction, *np.array(ordered).T))
     return work.FrequencyResponse(
         scene=scene,
-        engine=method,
+        engine=engine.name,
         frequencies=rising,
         sweeps=sweeps,
         scales=prepared(scene).scales,
@@ -236,7 +234,7 @@ def sweep(
     scene: Scene,
     over: Grids,
     *,
-    methods: Sequence[str] = ("monte-carlo",),
+    methods: Sequence[str | Method] = ("monte-carlo",),
     quantities: Sequence[str] = ("mean_power",),
     precision: Share | None = None,
     step: Step = "default",
@@ -250,7 +248,7 @@ def sweep(
         Itself, its file or its built-in name.
     over : dict of str to sequence of float
         "table.key" to values; several make a grid.
-    methods : sequence of str
+    methods : sequence of str or Method
         Engines and closures.
     quantities : sequence of str
         What the tables show and what a precision holds for.
@@ -258,7 +256,7 @@ def sweep(
         Relative standard error that each place is run for by the engines; None: the scene's own
         run.
     step : str or float
-        See `harvester.simulate`.
+        See `harvester.simulate`; of the engines that are given by their names.
     **running
         See `harvester.running.open_runner`.
 
@@ -273,25 +271,27 @@ def sweep(
 
     clock = time.perf_counter()
     methods = tuple(listed(methods, "methods", METHODS_WRITTEN))
-    if not methods or len(set(methods)) < len(methods):
-        raise HarvesterError(f"methods = {list(methods)}: give each once, and at least one")
+    chosen = [each if isinstance(each, Method) else method_of(each, step=step) for each in methods]
+    labels = work.labels_of(chosen)
+    if not methods or len(set(labels)) < len(methods):
+        raise HarvesterError(f"methods = {list(labels)}: give each once, and at least one")
     quantities = tuple(listed(quantities, "quantities", QUANTITIES_WRITTEN))
     grid = make_grid(scene, (), over, "over")
     requests = [
-        Request(point.scene, each, precision=precision, quantities=quantities, step=step)
+        Request(point.scene, each, precision=precision, quantities=quantities)
         for point in grid.points
-        for each in methods
+        for each in chosen
     ]
     with open_runner(**running) as runner:
         answers = runner.answer(requests)
         out_of_time = runner.out_of_time
     shape = (*(len(values) for values in grid.sweeps.values()), len(methods))
-    cells = work.cells_of(requests, answers)
+    cells = work.cells_of(labels, answers)
     work.check_quantities(quantities, cells)
     return work.Sweep(
         scene=grid.scene,
         values=grid.sweeps,
-        methods=methods,
+        methods=labels,
         quantities=quantities,
         cells=cells.reshape(shape),
         notes=grid.notes,
@@ -306,7 +306,7 @@ def load_study(
     *,
     loads: Loads = (),
     sweeps: Grids | None = None,
-    method: str = JUDGED,
+    method: MethodOrName = JUDGED,
     precision: Share | None = None,
     step: Step = "default",
     **running: Unpack[RunnerOptions],
@@ -324,7 +324,7 @@ def load_study(
     sweeps : dict of str to sequence of float
         FIRST:LAST:log:NUMBER, FIRST:LAST:linear:NUMBER, or numbers between commas; several make a
         grid.
-    method : str
+    method : str or Method
         judged: monte-carlo, with the circuit on the same noise at the optima and at places drawn
         at random (`harvester.studies.loads.proof`; a load that only the circuit takes is run by it
         alone); monte-carlo or circuit alone; for a resistor also a closure.
@@ -348,40 +348,37 @@ def load_study(
     HarvesterError
         A mistake in the call. A simulation that fails is the outcome of its point.
     """
-    from harvester.averaging import CLOSURES
     from harvester.running import open_runner
-    from harvester.simulation.methods import ENGINES
     from harvester.studies.grid import make_grid
     from harvester.studies.loads import study as work
     from harvester.studies.loads.evaluation import evaluating
     from harvester.version import __version__
 
     clock = time.monotonic()
-    known: ChainMap[str, Any] = ChainMap({JUDGED: None}, ENGINES, CLOSURES)
-    check_name("method", method, known)
-    step = check_step(step)
-    statistical = method not in CLOSURES
+    chosen: Any
+    chosen, judge = work.chosen(method, step)
+    statistical = isinstance(chosen, Engine)
     if precision and statistical:
         require_noise(scene, "a study with a precision")
         scene = work.cut(scene)
         if running.get("time_budget") is None:
             running["time_budget"] = TIME_BUDGET
     grid = make_grid(scene, loads, sweeps or {})
-    methods = tuple(work.method_of(point.scene, method) for point in grid.points)
+    methods = tuple(work.method_at(point.scene, chosen, judge) for point in grid.points)
     with open_runner(**running) as runner:
         # Here already, so that a machine without ngspice says so before it has worked.
-        version = runner.version("circuit" if method == JUDGED else method)
+        version = runner.version((judge or chosen).name)
         aim = precision if statistical else None
         plans = [
-            evaluating(each.scene, own, step, runner.version(own), aim)
+            evaluating(each.scene, own, runner.version(own.name), aim)
             for each, own in zip(grid.points, methods, strict=True)
         ]
-        with runner.reserving(work.PROOF_SHARE if method == JUDGED else 0.0):
+        with runner.reserving(work.PROOF_SHARE if judge else 0.0):
             evaluations = runner.follow(plans)
-        proofs = work.proofs(runner, grid, methods, evaluations, step) if method == JUDGED else []
+        proofs = work.proofs(runner, grid, (chosen, judge), evaluations) if judge else []
     return work.Study(
         grid=grid,
-        method=method,
+        method=JUDGED if judge else chosen.name,
         version=", ".join(filter(None, (f"harvester {__version__}", version))),
         precision=precision,
         evaluations=evaluations,
@@ -401,7 +398,7 @@ def sensitivity(
     *,
     covariance: Annotated[Mapping[str, Any] | str | Path, Kind("FILE")] | None = None,
     quantity: str = "mean_power",
-    method: str | None = None,
+    method: MethodOrName | None = None,
     above: Annotated[float, Kind("LIMIT")] | None = None,
     rows: int = ROWS,
     precision: Share | None = None,
@@ -421,7 +418,7 @@ def sensitivity(
         the principal axes (`harvester.studies.sensitivity.joint_tolerance`).
     quantity : str
         mean_power, power_conversion_efficiency, of a load with an output mean_output_power, …
-    method : str or None
+    method : str, Method or None
         An engine or a closure (default: monte-carlo, or circuit where the load needs it).
     above : float or None
         Also the yield: the share of devices above it, in the scene's units.
@@ -463,10 +460,10 @@ def sensitivity(
             if axes and key in axes[0].centre:
                 raise HarvesterError(f"--vary {key}: its scatter is in the covariance already")
         tolerances += axes
-    method = work.checked(scene, tolerances, method, rows)
+    chosen = work.checked(scene, tolerances, method, rows)
     shape = rows, len(tolerances) + 2
     with open_runner(**running) as opened:
-        study = work.study_of(scene, tolerances, quantity, method, above, shape, precision, opened)
+        study = work.study_of(scene, tolerances, quantity, chosen, above, shape, precision, opened)
     return replace(study, seconds=time.perf_counter() - clock)
 
 
@@ -478,7 +475,7 @@ def optimum(
     low: Annotated[float, Kind("A", option="from")] | None = None,
     high: Annotated[float, Kind("B", option="to")] | None = None,
     maximise: Annotated[str, Kind("QUANTITY")] = "power_conversion_efficiency",
-    method: str | None = None,
+    method: MethodOrName | None = None,
     closure: str | None = None,
     evaluations: int | None = None,
     precision: Share | None = None,
@@ -500,7 +497,7 @@ def optimum(
     maximise : str
         power_conversion_efficiency, mean_power or mean_square_voltage; of a load with an output
         also mean_output_power and the like; over several parameters any.
-    method : str or None
+    method : str, Method or None
         monte-carlo or circuit, over several parameters also a closure (default: monte-carlo, or
         circuit where the load needs it).
     closure : str or None

@@ -17,8 +17,8 @@ from harvester.files.libraries import optional_library
 from harvester.files.plain_text import json_text
 from harvester.files.serialising import plain
 from harvester.files.tables import write_csv, xarray_or_say
+from harvester.method import Method
 from harvester.results.result import with_error
-from harvester.running import Request
 from harvester.running.request import COMPLETE, OUT_OF_TIME, told
 from harvester.scene.model import Scene
 from harvester.simulation.simulate import check_name
@@ -200,11 +200,17 @@ class Sweep:
 _NOTHING = Estimate(math.nan, None, None, "1")
 
 
-def cells_of(requests: Sequence[Request], answers: Sequence) -> np.ndarray:
-    """What answers say of the places and methods that were asked for, in their order."""
+def labels_of(methods: Sequence[Method]) -> tuple[str, ...]:
+    """What tables call methods: their names, with settings where two have one name."""
+    names = [each.name for each in methods]
+    return tuple(each.label if names.count(each.name) > 1 else each.name for each in methods)
+
+
+def cells_of(labels: Sequence[str], answers: Sequence) -> np.ndarray:
+    """What answers say of every place by every method, in their order."""
     cells = np.empty(len(answers), dtype=object)
-    for k, (request, answer) in enumerate(zip(requests, answers, strict=True)):
-        cells[k] = _cell(request.method, answer)
+    for k, answer in enumerate(answers):
+        cells[k] = _cell(labels[k % len(labels)], answer)
     return cells
 
 

@@ -51,20 +51,22 @@ def _panel(sweep, name, along, other):
     ]
     found = [each.estimates[name] for each in rows.ravel() if name in each.estimates]
     unit = unit_of(sweep.scene, found[0].dimension) if found else ""
-    series = [_series(name, method, x, rows[:, k]) for k, method in enumerate(sweep.methods)]
+    series = [_series(name, label, x, rows[:, k]) for k, label in enumerate(sweep.methods)]
     label = f"{name.replace('_', ' ')} [{unit}]"
     return Panel(key, label, series, ", ".join(words), log_x=is_wide(x))
 
 
-def _series(name, method, x, cells):
+def _series(name, label, x, cells):
     """One method's estimates; those that are missing leave a gap."""
+    # Settings stand behind the name where two methods have one name.
+    method = label.partition(" (")[0]
     estimates = [each.estimates.get(name) for each in cells]
     y = [math.nan if each is None else each.estimate for each in estimates]
     if method in CLOSURES:
         colour, line = LINES.get(method, OTHER_CLOSURE)
-        return Series(x, y, f"averaging, {method}", colour, line)
+        return Series(x, y, f"averaging, {label}", colour, line)
     errors = [each and each.standard_error for each in estimates]
     bars = [0.0 if error is None else BARS * error for error in errors]
     colour, marker = ENGINES[method]
     bare = [error is None for error in errors]
-    return Series(x, y, method, colour, "", marker, bars=bars, hollow=bare)
+    return Series(x, y, label, colour, "", marker, bars=bars, hollow=bare)

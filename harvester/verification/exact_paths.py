@@ -16,6 +16,7 @@ from scipy.integrate import solve_ivp
 from harvester.device.coil import Coil, ResistiveCoil
 from harvester.device.hertz import HertzDamp
 from harvester.device.piezo import Piezo
+from harvester.device.polynomial import Polynomial
 from harvester.errors import SceneError
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
@@ -57,6 +58,8 @@ class Equations:
     """
 
     def __init__(self, system):
+        if not isinstance(system.spring, Polynomial):
+            raise _not_written_out(system.spring)
         self._spring = system.spring.coefficients
         self._damping = system.damper.damping
         self._drag = getattr(system.damper, "quadratic_damping", 0.0)

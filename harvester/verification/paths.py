@@ -8,6 +8,7 @@ import numpy as np
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
+from harvester.simulation.methods import engine_of
 from harvester.simulation.realization import Realization, noise_path, run
 from harvester.verification.quantities import STATES
 
@@ -31,11 +32,10 @@ def recorded(
     Parameters
     ----------
     **options
-        Of `harvester.simulation.realization.run`.
+        Of `harvester.simulate` that make up the engine.
     """
     window = (0.0, 2.0 * scene.run.duration)
-    options = {"source": "external", **options}
-    return run(scene, engine, list(indices), step, window=window, report=ignore, **options)
+    return run(scene, engine_of(engine, step=step, **options), indices, window, ignore)
 
 
 def states_at_knots(scene: Scene, realizations: Sequence[Realization]) -> np.ndarray:

@@ -22,7 +22,7 @@ def by_monte_carlo(scene, displaced=0.0):
     ready = prepared(scene)
     x, v, state = start_state(ready, 0)
     starts = [(x + displaced, v, state)]
-    run_realizations(scene, [noise_path(ready, 0)], starts, [[keep]], "finest", "external")
+    run_realizations(ready, [noise_path(ready, 0)], starts, [[keep]], "finest")
     return keep.at_knots(knot_spacing(ready))[:, 0]
 
 

@@ -70,13 +70,14 @@ class Names(event.Listener):
 compiled = []
 event.register("numba:compile", Names())
 from harvester import average
+from harvester.simulation.methods import engine_of
 from harvester.simulation.realization import run
 from harvester.scene.model import Scene
 brief = {"run.duration": 1.0, "run.settle": 0.0, "run.realizations": 1}
 for name, load in (("linear", {}), ("device", {"load.netlist": "bridge"})):
     scene = Scene.load(name).replace(brief | load)
     for engine in ("circuit", "monte-carlo"):
-        run(scene, engine, [0], "default", "external", None, lambda *_: None)
+        run(scene, engine_of(engine), [0], None, lambda *_: None)
 average("linear")
 print(compiled)
 """

@@ -6,17 +6,19 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from harvester.averaging.method import Stationary
 from harvester.errors import HarvesterError
 from harvester.estimates.batch_means import complete_batches
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.of_run import run_estimates, with_steps
 from harvester.estimates.settling import withheld
+from harvester.method import Method
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import step_error
 from harvester.record.moments import Moments
 from harvester.record.record import Record
 from harvester.results.paired import sums
-from harvester.running.realizations import Realizations, averaging, is_closure
+from harvester.running.realizations import Realizations, averaging
 from harvester.running.request import (
     COMPLETE,
     FIRST_REALIZATIONS,
@@ -31,6 +33,7 @@ from harvester.running.request import (
 )
 from harvester.running.task import Wanted
 from harvester.scene.model import Scene
+from harvester.simulation.methods import Engine
 from harvester.simulation.outcome import LARGEST_RESIDUAL
 from harvester.studies.sweep import Cell
 
@@ -84,30 +87,31 @@ class Evaluation(Cell):
 
 
 def evaluating(
-    scene: Scene, method: str, step: str | float, version: str, precision: float | None
+    scene: Scene, method: Method, version: str, precision: float | None
 ) -> Generator[Wanted, list, Evaluation]:
     """A plan for `Runner.follow` that returns the evaluation of one point.
 
     Parameters
     ----------
     scene : Scene
-    method : str
+    method : Method
         Engine or closure.
-    step : str or float
     version : str
         See `harvester.running.runner.Runner.version`.
     precision : float or None
         Relative error of the output power, what the steps may cost included; None: the scene's own
         run.
     """
-    if is_closure(method):
+    if isinstance(method, Stationary):
         answers = yield Wanted([averaging(scene, method)])
-        return _evaluate(scene, method, *good_ones(answers))
-    cut = Realizations.of(scene, method, step, version, waveform=True)
-    cost = step_error(prepared(scene), step, method)
+        return _evaluate(scene, method.name, *good_ones(answers))
+    if not isinstance(method, Engine):
+        raise TypeError(f"{method} is neither an engine nor a closure")
+    cut = Realizations.of(scene, method, version, waveform=True)
+    cost = step_error(prepared(scene), method.step, method.name)
 
     def judge(good, ended):
-        found = _evaluate(scene, method, good, ended, cost)
+        found = _evaluate(scene, method.name, good, ended, cost)
         return found, found.relative_error if found.realizations else 0.0
 
     most = MOST_REALIZATIONS if precision else scene.run.realizations

@@ -20,6 +20,7 @@ from harvester.running.realizations import Realizations, periods_of
 from harvester.running.request import good_ones, told
 from harvester.running.task import Wanted
 from harvester.scene.model import Scene
+from harvester.simulation.methods import Engine
 from harvester.studies.grid import Grid
 from harvester.studies.loads.evaluation import Evaluation, series_of
 
@@ -104,7 +105,11 @@ def places_to_prove(
 
 
 def proving(
-    place: int, highest: bool, scene: Scene, step: str | float, versions: tuple[str, str]
+    place: int,
+    highest: bool,
+    scene: Scene,
+    first: tuple[Engine, str],
+    judge: tuple[Engine, str],
 ) -> Generator[Wanted, list, Proof]:
     """A plan for `Runner.follow` that returns the Proof of one place.
 
@@ -114,14 +119,13 @@ def proving(
         As in `Proof`.
     scene : Scene
         Of the point.
-    step : str or float
-    versions : (str, str)
-        Of Monte Carlo and of the circuit, see `Runner.version`.
+    first, judge : (Engine, str)
+        Monte Carlo and the circuit, each with its version, see `Runner.version`.
     """
     settled, early = [], []
-    for method, version in zip(("monte-carlo", "circuit"), versions, strict=True):
-        settled.append(_tasks(scene, PROOF_REALIZATIONS, method, step, version))
-        early.append(_tasks(early_part(scene), EARLY_REALIZATIONS, method, step, version))
+    for method, version in (first, judge):
+        settled.append(_tasks(scene, PROOF_REALIZATIONS, method, version))
+        early.append(_tasks(early_part(scene), EARLY_REALIZATIONS, method, version))
     parts = [*settled, *early]
     answers = iter((yield Wanted([task for tasks in parts for task in tasks])))
     found = [[next(answers) for _ in tasks] for tasks in parts]
@@ -144,8 +148,8 @@ def early_part(scene: Scene) -> Scene:
     return scene.replace({"run.settle": 0.0, "run.duration": duration})
 
 
-def _tasks(scene, most, method, step, version):
-    cut = Realizations.of(scene, method, step, version, waveform=True)
+def _tasks(scene, most, method, version):
+    cut = Realizations.of(scene, method, version, waveform=True)
     return cut.tasks(0, min(most, scene.run.realizations), scene.run.realizations)
 
 

@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from harvester.arguments import check_name
 from harvester.errors import LoadError
 from harvester.estimates.estimate import Estimate
 from harvester.files.serialising import fields_of, plain
 from harvester.files.tables import write_csv, write_netcdf
 from harvester.files.writing import in_folder
 from harvester.former_names import handed_on
+from harvester.method import Method
 from harvester.results.result import with_error
 from harvester.running import Runner
 from harvester.running.folder import held
@@ -25,7 +27,7 @@ from harvester.running.realizations import PERIODS
 from harvester.running.request import COMPLETE
 from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor
-from harvester.simulation.methods import ENGINES
+from harvester.simulation.methods import ENGINES, Circuit, Engine, engine_of, method_of
 from harvester.studies.grid import Grid
 from harvester.studies.loads.curves import Difference, optimum_of, rank
 from harvester.studies.loads.evaluation import MOST_REALIZATIONS, Evaluation
@@ -381,35 +383,49 @@ class Study:
                 yield f"{point.load} at {place}: {evaluation.outcome}"
 
 
-def method_of(scene: Scene, method: str) -> str:
+def chosen(method: str | Method, step: str | float) -> tuple[Method, Engine | None]:
+    """What runs the points, and the circuit that judges it, or None.
+
+    Raises
+    ------
+    HarvesterError
+    """
+    if method == JUDGED:
+        return engine_of("monte-carlo", step=step), engine_of("circuit", step=step)
+    if isinstance(method, str) and method not in ENGINES:
+        from harvester.averaging import CLOSURES
+
+        check_name("method", method, {JUDGED: None, **ENGINES, **CLOSURES})
+    return method_of(method, step=step), None
+
+
+def method_at(scene: Scene, method: Method, judge: Engine | None) -> Method:
     """What runs a point: a load that Monte Carlo does not take is run by its judge, the circuit."""
-    if method in (JUDGED, "monte-carlo"):
+    if not isinstance(method, Engine):
+        require_resistor(scene, method.name)
+    elif not isinstance(method, Circuit):
         try:
-            ENGINES["monte-carlo"].check(scene)
+            method.check(scene)
         except LoadError:
-            if method != JUDGED:
+            if judge is None:
                 raise
-            return "circuit"
-        return "monte-carlo"
-    if method != "circuit":
-        require_resistor(scene, method)
+            return judge
     return method
 
 
 def proofs(
     runner: Runner,
     grid: Grid,
-    methods: tuple[str, ...],
+    engines: tuple[Engine, Engine],
     evaluations: list[Evaluation],
-    step: str | float,
 ) -> list[Proof]:
     """The circuit beside Monte Carlo, on the same noise, at chosen points that Monte Carlo ran."""
-    versions = runner.version("monte-carlo"), runner.version("circuit")
+    first, judge = ((each, runner.version(each.name)) for each in engines)
     return runner.follow(
         [
-            proving(place, highest, grid.points[place].scene, step, versions)
+            proving(place, highest, grid.points[place].scene, first, judge)
             for place, highest in places_to_prove(grid, evaluations, grid.scene.run.seed)
-            if methods[place] == "monte-carlo"
+            if evaluations[place].method == engines[0].name
         ]
     )
 

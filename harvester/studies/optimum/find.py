@@ -6,13 +6,14 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from harvester.arguments import check_name
 from harvester.averaging import CLOSURES, DEFAULT_CLOSURE
 from harvester.errors import HarvesterError
 from harvester.estimates.output_side import RATIOS
+from harvester.method import Method
 from harvester.running import RunnerOptions, open_runner
 from harvester.scene.model import Scene
-from harvester.simulation.methods import ENGINES
-from harvester.simulation.simulate import check_name
+from harvester.simulation.methods import engine_of
 from harvester.studies.answers import checked_method
 from harvester.studies.optimum.axis import Axis
 from harvester.studies.optimum.line import MAXIMISED, along
@@ -24,7 +25,7 @@ def largest(
     scene: Scene,
     over: Mapping[str, Sequence[float | None]],
     maximise: str,
-    method: str | None,
+    method: str | Method | None,
     closure: str | None,
     evaluations: int | None,
     precision: float | None,
@@ -42,18 +43,17 @@ def largest(
     beside = check_name("closure", closure or DEFAULT_CLOSURE, CLOSURES)
     if is_one:
         # Averaging stands beside it, and what is compared with it is a simulation.
-        method = check_name("method", method or checked_method(scene, None), ENGINES)
-        ENGINES[method].check(scene)
+        method = engine_of(method or checked_method(scene, None))
         load = scene.load.circuit
         outputs = RATIOS if load and load.has_output else ()
         check_name("quantity", maximise, (*MAXIMISED, *outputs))
-    method = checked_method(scene, method)
+    chosen = checked_method(scene, method)
     axes = [Axis.of(scene, key, *ends) for key, ends in over.items()]
     with open_runner(**running) as runner:
         if is_one:
-            found = along(scene, axes[0], maximise, method, beside, runner, follow)
+            found = along(scene, axes[0], maximise, chosen, beside, runner, follow)
         else:
             found = over_several(
-                scene, axes, maximise, method, runner, follow, evaluations, precision
+                scene, axes, maximise, chosen, runner, follow, evaluations, precision
             )
     return replace(found, seconds=time.perf_counter() - clock)

@@ -15,6 +15,7 @@ from harvester.errors import HarvesterError, OptimumError
 from harvester.estimates.batch_means import standard_error
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.units import unit_of
+from harvester.method import Method
 from harvester.running import Answer, Request, Runner
 from harvester.scene.model import Scene
 from harvester.studies.answers import answers_in_time, on_common_knots
@@ -50,7 +51,7 @@ def along(
     scene: Scene,
     axis: Axis,
     quantity: str,
-    method: str,
+    method: Method,
     closure: str,
     runner: Runner,
     follow: Callable[[float, str], object],
@@ -80,7 +81,7 @@ def along(
         scene=scene,
         quantity=quantity,
         unit=unit_of(scene, simulated.quantities[quantity].dimension),
-        method=method,
+        method=method.name,
         parameters=[Parameter(axis, found.estimate, found.standard_error)],
         value=simulated.in_units()[quantity],
         searched=[({axis.key: each}, estimate) for each, estimate in fitted],
@@ -147,11 +148,12 @@ class Search:
     scene : Scene
         With one spacing of knots for all places.
     axis : Axis
-    quantity, method : str
+    quantity : str
+    method : Method
     runner : harvester.running.Runner
     """
 
-    def __init__(self, scene: Scene, axis: Axis, quantity: str, method: str, runner: Runner):
+    def __init__(self, scene: Scene, axis: Axis, quantity: str, method: Method, runner: Runner):
         self.scene, self.axis, self.quantity = scene, axis, quantity
         self.method, self._runner = method, runner
         self._more = 1
@@ -239,12 +241,13 @@ class Search:
         end = self.axis.value(centre + half * fit.flat_to)
         raise OptimumError(
             f"{self.axis.key}: {self._name()} is flat from {place:.4g} to {end:.4g} by "
-            f"{self.method}, within errors or {STANDS_OUT:.1%}: a plateau, or a range too narrow"
+            f"{self.method.name}, within errors or {STANDS_OUT:.1%}: a plateau, or a range too "
+            "narrow"
         )
 
     def _lengthen(self):
         """Whether there could be more realizations."""
-        if self._more * TIMES_REALIZATIONS > MOST_TIMES_REALIZATIONS[self.method]:
+        if self._more * TIMES_REALIZATIONS > MOST_TIMES_REALIZATIONS[self.method.name]:
             return False
         self._more *= TIMES_REALIZATIONS
         return True
@@ -265,8 +268,8 @@ class Search:
     def _refuse_end(self, coordinate):
         raise OptimumError(
             f"{self.axis.key}: {self._name()} is largest at the end of the range, "
-            f"{self.axis.value(coordinate):.4g}, by {self.method}: no optimum inside; widen it "
-            "with --from and --to"
+            f"{self.axis.value(coordinate):.4g}, by {self.method.name}: no optimum inside; "
+            "widen it with --from and --to"
         )
 
     def _name(self):

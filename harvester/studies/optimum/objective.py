@@ -9,6 +9,7 @@ import numpy as np
 
 from harvester.errors import SceneError
 from harvester.estimates.batch_means import standard_error
+from harvester.method import Method
 from harvester.prepared.prepared import prepared
 from harvester.results.paired import deviations, has_deviations
 from harvester.running import Request
@@ -42,7 +43,8 @@ class Objective:
     ----------
     scene : Scene
     axes : sequence of Axis
-    quantity, method : str
+    quantity : str
+    method : Method
     runner : harvester.running.Runner
     follow : callable
         Given the number of places evaluated.
@@ -53,7 +55,7 @@ class Objective:
         scene: Scene,
         axes: Sequence[Axis],
         quantity: str,
-        method: str,
+        method: Method,
         runner: Any,
         follow: Callable[[int], None],
     ):

@@ -14,6 +14,7 @@ from harvester.estimates.estimate import Estimate
 from harvester.files.serialising import fields_of, plain
 from harvester.results.result import with_error
 from harvester.scene.model import Scene
+from harvester.simulation.methods import method_of
 from harvester.studies.answers import is_noisy, missing_from
 from harvester.studies.optimum.axis import INTERVAL, NARROW, Parameter
 from harvester.studies.optimum.flat_region import FLAT_SHARE
@@ -242,7 +243,8 @@ class Optimum:
 
     def _on_runs(self):
         """What was run, over several parameters."""
-        own_noise = "; value on noise of its own" if is_noisy(self.scene, self.method) else ""
+        noisy = is_noisy(self.scene, method_of(self.method))
+        own_noise = "; value on noise of its own" if noisy else ""
         return (
             f"{self.method}: {self.evaluations} evaluations, {len(self.searched)} of them proposed"
             f"{own_noise}; interval: two standard errors; seed {self.scene.run.seed}, "

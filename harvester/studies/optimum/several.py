@@ -17,9 +17,10 @@ from harvester.errors import HarvesterError, OptimumError
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.units import unit_of
 from harvester.files.writing import finite
+from harvester.method import Method
 from harvester.running import Request, Runner
 from harvester.scene.model import Scene
-from harvester.simulation.methods import ENGINES
+from harvester.simulation.methods import Engine
 from harvester.studies.answers import check_quantity, first_answer
 from harvester.studies.optimum.axis import Axis
 from harvester.studies.optimum.flat_region import climb, ranges
@@ -45,7 +46,7 @@ def over_several(
     scene: Scene,
     axes: Sequence[Axis],
     quantity: str,
-    method: str,
+    method: Method,
     runner: Runner,
     follow: Callable[[float, str], object],
     evaluations: int | None = None,
@@ -87,7 +88,7 @@ def over_several(
         scene=scene,
         quantity=quantity,
         unit=unit_of(scene, dimension),
-        method=method,
+        method=method.name,
         parameters=ranges(objective.axes, place, sides),
         value=answer.in_units()[quantity],
         own=own.in_units()[quantity],
@@ -136,7 +137,7 @@ def _chosen(objective, searched):
 
 def _other_starts(objective, place, answer):
     """Values from states drawn over what the motion at the maximum spans, and half as far again."""
-    if objective.noisy or objective.method not in ENGINES:
+    if objective.noisy or not isinstance(objective.method, Engine):
         return ()
     if objective.scene.excitation.prescribes_displacement:
         return ()

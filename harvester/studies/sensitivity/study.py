@@ -12,6 +12,7 @@ from harvester.errors import HarvesterError, OutOfTime
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.units import unit_of
 from harvester.files.serialising import plain
+from harvester.method import Method
 from harvester.results.result import with_error
 from harvester.running import Request, Runner
 from harvester.scene.model import Scene
@@ -229,7 +230,7 @@ class Sensitivity:
         return "\n".join(lines) + "\n"
 
 
-def checked(scene: Scene, tolerances: list, method: str | None, rows: int) -> str:
+def checked(scene: Scene, tolerances: list, method: str | Method | None, rows: int) -> Method:
     """The method of a design that can be run.
 
     Raises
@@ -251,7 +252,7 @@ def study_of(
     scene: Scene,
     tolerances: list,
     quantity: str,
-    method: str,
+    method: Method,
     above: float | None,
     shape: tuple[int, int],
     precision: float | None,
@@ -275,7 +276,7 @@ def study_of(
         tolerances=tolerances,
         quantity=quantity,
         unit=unit_of(scene, nominal.quantities[quantity].dimension),
-        method=method,
+        method=method.name,
         nominal=nominal.in_units()[quantity],
         indices=found,
         population=population(values[:, :, :2], found.variance, scene.run.seed),

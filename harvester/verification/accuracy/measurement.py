@@ -276,7 +276,7 @@ def _has_load(scene):
     """Whether the load is a netlist that is more than a resistor; LoadError if it is not taken."""
     if scene.load.is_resistor:
         return False
-    circuit_of(scene)
+    circuit_of(prepared(scene))
     return True
 
 

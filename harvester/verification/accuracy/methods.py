@@ -63,7 +63,7 @@ class Method:
         return f"step {self.step(scene):.4g}"
 
     def options(self, scene: Scene) -> dict[str, Any]:
-        """Arguments that `harvester.simulation.realization.run` and `harvester.simulate` share."""
+        """The engine's name and what it is set to, as `harvester.simulate` takes them."""
         return {
             "engine": self.engine,
             "step": self.step(scene),

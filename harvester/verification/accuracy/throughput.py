@@ -13,6 +13,7 @@ from harvester.prepared.steps import knot_spacing
 from harvester.running.codec import register
 from harvester.running.task import Task
 from harvester.scene.model import Scene
+from harvester.simulation.methods import Circuit
 from harvester.simulation.realization import run
 from harvester.simulation.side_by_side import MOST_COPIES
 from harvester.workers.pools import WorkerPool, Workers
@@ -135,8 +136,8 @@ def _measured(scene, pool, knots, name, copies, processes, options):
         run={"duration": knots * spacing, "settle": 0.0, "realizations": copies * processes},
         excitation={"knot_spacing": spacing},
     )
-    usual = {"step": "default", "source": "external", "device": "behavioural", "window": None}
-    call = {"scene": brief, "engine": "circuit", **usual, **options}
+    engine = Circuit(**{"device": "behavioural", **options})
+    call = {"scene": brief, "engine": engine, "window": None}
     firsts = range(0, copies * processes, copies)
     calls = [{**call, "indices": list(range(first, first + copies))} for first in firsts]
     done = [realization for netlist in pool.map(run, calls) for realization in netlist]

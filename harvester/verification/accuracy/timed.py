@@ -15,6 +15,7 @@ from harvester.record.moments import Moments
 from harvester.running import Runner, Task
 from harvester.running.realizations import averages
 from harvester.scene.model import Scene
+from harvester.simulation.methods import engine_of
 from harvester.simulation.realization import run
 from harvester.verification.accuracy.methods import Method
 from harvester.verification.paths import recorded, states_at_knots
@@ -27,14 +28,16 @@ def timed(
 ) -> dict[str, Any]:
     """Moments of a few realizations, and the seconds of this core that they took.
 
-    In a worker process; `method` holds options of `harvester.simulation.realization.run`.
+    In a worker process; `method` holds what `Method.options` gives.
     """
     # What is compiled or loaded first takes its time before the clock runs.
     brief = scene.replace(
         {"run.settle": 0.0, "run.duration": WARM_UP_KNOTS * knot_spacing(prepared(scene))}
     )
-    run(brief, indices=indices[:1], window=None, report=report, **method)
-    found = run(scene, indices=indices, window=None, report=report, **method)
+    settings = dict(method)
+    engine = engine_of(settings.pop("engine"), **settings)
+    run(brief, engine, indices[:1], None, report)
+    found = run(scene, engine, indices, None, report)
     return {
         "moments": [each.moments for each in found],
         "seconds": sum(each.seconds for each in found),

@@ -4,6 +4,8 @@ M x'' = …, Cp p' = θ x' − i1 + i3, and with the diodes' currents i and s th
 C (o' − r') = i1 + i2 − (o − r)/R,  (C + s) r' − C o' = −i3 − i4 + (o − r)/R.
 """
 
+from typing import Any
+
 import numpy as np
 from scipy.integrate import solve_ivp
 
@@ -53,7 +55,8 @@ def _equations(scene):
     ready = prepared(scene)
     system, scales = ready.system, ready.scales
     damping, coupling = system.damper.damping, system.transducer.coupling / scales.voltage
-    spring = system.spring.coefficients
+    polynomial: Any = system.spring
+    spring = polynomial.coefficients
     charge = scene.transducer.coupling * scales.displacement
     capacitance = scene.transducer.capacitance
     given = scene.load.parameters

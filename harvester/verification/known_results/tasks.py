@@ -6,6 +6,7 @@ import numpy as np
 
 from harvester.estimates.of_run import run_estimates
 from harvester.scene.model import Scene
+from harvester.simulation.methods import engine_of
 from harvester.simulation.realization import run
 from harvester.verification import exact_paths
 from harvester.verification.known_results import radau, simulators
@@ -47,6 +48,6 @@ def highest(
     """The largest of a quantity (scaled) among some scenes that no noise moves."""
     values = []
     for scene in scenes:
-        [found] = run(scene, engine, [0], "default", "external", None, report)
+        [found] = run(scene, engine_of(engine), [0], None, report)
         values.append(run_estimates(scene, [found.moments]).whole[quantity].estimate)
     return float(max(values)), 0.0

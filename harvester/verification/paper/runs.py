@@ -47,4 +47,4 @@ def costly_first(requests: Iterable[Request]) -> list[Request]:
 
 
 def _cost(one):
-    return COSTS.get(one.method, 1.0) + 2.0 * (one.density and one.is_averaged)
+    return COSTS.get(one.method.name, 1.0) + 2.0 * (one.density and one.is_averaged)

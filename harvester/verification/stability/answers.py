@@ -17,7 +17,7 @@ from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.running.codec import register
 from harvester.scene.model import Scene
-from harvester.simulation.methods import ENGINES
+from harvester.simulation.methods import ENGINES, MonteCarlo, engine_of
 from harvester.simulation.realization import run
 from harvester.verification.paths import ignore
 from harvester.verification.stability.cases import SETTLED_TIMES, STEP_BUDGET, slowest_time
@@ -81,7 +81,7 @@ def answer(scene: Scene, method: str, step: str | float, report: Callable) -> Ca
 
 
 def _simulated(scene, engine, step):
-    ENGINES[engine].check(scene)
+    engine_of(engine).check(scene)
     path, realizations = path_deviation(scene, engine, step)
     system = prepared(scene).system
     estimates, settled = {}, True
@@ -108,8 +108,7 @@ def _simulated(scene, engine, step):
 
 def _run(scene, step):
     """All of Monte Carlo's realizations."""
-    indices = list(range(scene.run.realizations))
-    return run(scene, "monte-carlo", indices, step, "external", None, ignore)
+    return run(scene, MonteCarlo(step), range(scene.run.realizations), None, ignore)
 
 
 def _affordable(scene, step):

@@ -7,7 +7,6 @@ one matrix serves scaled and SI scenes.
 import math
 from dataclasses import dataclass, field
 
-from harvester.device import spring as springs
 from harvester.device import timescales
 from harvester.device.hertz import HERTZ_EXPONENT
 from harvester.device.piezo import PiezoTable
@@ -173,7 +172,7 @@ def _reference_length(scene):
     """The farthest well's distance in scaled units; without wells the gap, or one unit."""
     system = prepared(scene).system
     bare = system.spring
-    wells = [abs(x) for x in springs.roots(bare) if springs.slope(bare, x) > 0.0]
+    wells = [abs(x) for x in bare.roots() if bare.slope(x) > 0.0]
     if any(wells):
         return float(max(wells))
     return min((each.gap for each in system.contacts), default=1.0)

@@ -19,6 +19,7 @@ from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.running.codec import register
 from harvester.scene.model import Scene
 from harvester.simulation import side_by_side
+from harvester.simulation.methods import MonteCarlo
 from harvester.simulation.realization import Realization, run
 from harvester.verification.paths import ignore, recorded, states_at_knots
 from harvester.verification.quantities import STATES
@@ -186,7 +187,7 @@ def _typical_start(scene):
     settling = _from_rest(scene, max(round(SETTLING_STEPS / steps_per_knot(ready)), 1), 1)
     stop = settling.run.duration
     window = (stop - _period(scene), 2.0 * stop)
-    [settled] = run(settling, "monte-carlo", [0], "default", "external", window, ignore)
+    [settled] = run(settling, MonteCarlo(), [0], window, ignore)
     system, scales = ready.system, ready.scales
     last: Any = settled.waveform
     low, high = timescales.free_zone(system)

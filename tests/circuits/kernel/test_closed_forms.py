@@ -40,7 +40,7 @@ def powers(scene):
     """(into the load, into its output's resistors, W; rms displacement, m) in the measured time."""
     ready = prepared(scene)
     s, scales = ready.system, ready.scales
-    circuit = circuit_of(scene)
+    circuit = circuit_of(prepared(scene))
     fixed = steps_per_knot(ready, "default", "monte-carlo")
     path, stop, start = (
         noise_path(ready, 0),

@@ -9,6 +9,7 @@ from circuits.kernel import junction
 from circuits.kernel.assembly import build
 from circuits.kernel.emitter import call_once
 from circuits.kernel.stage import fresh_state
+from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
 
 LOADS = ("bridge", "doubler", "sshi_parallel", "sshi_series", "sece", "bridge_buck")
@@ -114,7 +115,7 @@ def test_an_iteration_is_numpys(tmp_path, load, voltage):
     path = tmp_path / "own.lib"
     path.write_text(FILES.get(load, ""))
     name = str(path) if load in FILES else load
-    circuit = build(Scene.load("device", [f"load.netlist={name}"]))
+    circuit = build(prepared(Scene.load("device", [f"load.netlist={name}"])))
     tables, code = circuit.tables, circuit.code
     n = tables.steady.size
     random = np.random.default_rng(3)
@@ -172,7 +173,7 @@ def assert_solves(matrix, found, right):
 def test_newton_ends_on_the_junctions_law(tmp_path):
     """From either side, and what is stored is its charge."""
     (tmp_path / "one.lib").write_text(DIODE)
-    circuit = build(Scene.load("device", [f"load.netlist={tmp_path / 'one.lib'}"]))
+    circuit = build(prepared(Scene.load("device", [f"load.netlist={tmp_path / 'one.lib'}"])))
     tables, code = circuit.tables, circuit.code
     row, (a, z) = tables.junction_values[0], tables.junctions[0]
     for begin in (-20.0, -6.2, 0.0, 0.4, 2.0, 40.0):

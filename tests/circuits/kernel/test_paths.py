@@ -19,7 +19,7 @@ def ours(scene):
     """(E[V²] of the piezo, power in the output's resistors, energy into the load), SI."""
     ready = prepared(scene)
     s, scales = ready.system, ready.scales
-    circuit = circuit_of(scene)
+    circuit = circuit_of(prepared(scene))
     fixed = steps_per_knot(ready, "finest", "monte-carlo")
     path, stop = noise_path(ready, 0), stop_time(ready)
     chunks = [
@@ -251,7 +251,7 @@ def test_what_a_diode_lets_out_at_once_is_no_more_than_its_law_allows(tmp_path):
         stop_time(ready),
         start_state(ready, 0),
     )
-    *_, (_, (volts, *_)) = integrate(s, circuit_of(scene), path, start, stop)
+    *_, (_, (volts, *_)) = integrate(s, circuit_of(prepared(scene)), path, start, stop)
     # Long after, C dV/dt is ibv exp((V - 6 V)/Vt): V = 6 V - Vt ln(ibv t/(C Vt)).
     thermal = 1.380649e-23 * 300.15 / 1.602176634e-19
     left = 6.0 - thermal * np.log(1e-3 * (stop - 5e-3) / (1e-8 * thermal))
@@ -312,7 +312,7 @@ def test_a_control_known_no_better_than_newton_leaves_it_stops_nothing():
         record.time[-1]
         for record, _ in integrate(
             s,
-            circuit_of(scene),
+            circuit_of(prepared(scene)),
             noise_path(ready, 105),
             start_state(ready, 105),
             stop_time(ready),

@@ -32,7 +32,7 @@ def with_load(tmp_path, text, *overrides):
 def test_with_file_line_and_reason(tmp_path, text, line, reason):
     scene = with_load(tmp_path, text)
     with pytest.raises(LoadError, match=rf"mine\.lib:{line}: .*{reason}.*circuit engine"):
-        build(scene)
+        build(prepared(scene))
 
 
 @pytest.mark.parametrize(
@@ -67,7 +67,9 @@ def test_a_run_that_gets_nowhere_is_given_up(tmp_path, monkeypatch):
     start = start_state(ready, 0)
     s = ready.system
     with pytest.raises(SimulatorAborted, match=r"gets nowhere.*value below 0.*cbuffer"):
-        for _ in engine.integrate(s, engine.circuit_of(scene), noise_path(ready, 0), start, 1e3):
+        for _ in engine.integrate(
+            s, engine.circuit_of(prepared(scene)), noise_path(ready, 0), start, 1e3
+        ):
             pass
 
 
@@ -81,7 +83,7 @@ def test_parameters_have_ngspices_precedence(tmp_path):
         ".subckt mine p n c=5\nX1 p n inner\nX2 p n inner a={c*2} b=6\n.ends\n"
     )
     scene = Scene.load("device", [f"load.netlist={path}", "load.parameters.c=7"])
-    circuit = build(scene)
+    circuit = build(prepared(scene))
     siemens = dict(zip(map(tuple, circuit.tables.entries), circuit.tables.conductance, strict=True))
     node = circuit.names.index("load_piezo")
     wanted = sum(1e-3 / value for value in (2, 30, 4, 14, 6, 4))

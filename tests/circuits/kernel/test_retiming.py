@@ -8,6 +8,7 @@ import pytest
 from circuits.kernel.retiming import DIAGONAL, pace_of
 from harvester import Scene
 from harvester.estimates.of_run import run_estimates
+from harvester.simulation.methods import engine_of
 from harvester.simulation.realization import run
 
 MASS, QUALITY, HERTZ, COUPLING, CAPACITANCE = 0.02, 1000.0, 12.0, 2e-5, 4e-8
@@ -58,7 +59,7 @@ def power_of(scene):
 def mean_power(scene, engine):
     from harvester.prepared.prepared import prepared
 
-    [found] = run(scene, engine, [0], "default", "external", None, lambda moments: None)
+    [found] = run(scene, engine_of(engine), [0], None, lambda moments: None)
     return run_estimates(scene, [found.moments]).scaled["mean_power"].estimate * prepared(
         scene
     ).scales.of("power")

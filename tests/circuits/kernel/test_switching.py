@@ -91,7 +91,7 @@ def test_a_ringing_turns_a_switch_where_it_passes_its_threshold(step, known, tmp
         chunks = [
             np.array([record.time, volts])
             for record, (volts, *_) in integrate(
-                s, circuit_of(scene), path, start, STOP, fixed, refinement=refinement
+                s, circuit_of(prepared(scene)), path, start, STOP, fixed, refinement=refinement
             )
         ]
         time, volts = np.concatenate(chunks, axis=1)

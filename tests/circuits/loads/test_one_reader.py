@@ -27,6 +27,7 @@ from circuits.loads.tape import Values
 from circuits.loads.tree import parse as parse_tree
 from circuits.loads.vetting import Card
 from harvester.errors import NetlistError
+from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
 from harvester.verification.known_results.simulators import read_raw
 
@@ -232,7 +233,7 @@ def test_a_text_is_read_once_for_all_that_asks(monkeypatch):
     real = subcircuits.parse
     monkeypatch.setattr(subcircuits, "parse", lambda *given: texts.append(1) or real(*given))
     scene = Scene.load("device", ["load.netlist=node_buck"])
-    build(scene)
+    build(prepared(scene))
     assemble(scene)
     circuit = scene.load.circuit
     assert circuit.watch.switches

@@ -6,6 +6,7 @@ import pytest
 from circuits.loads.subcircuits import read_load
 from harvester.errors import NetlistError
 from harvester.scene.model import Scene
+from harvester.simulation.methods import Circuit
 from harvester.simulation.realization import run as realization_run
 from harvester.simulation.simulate import simulate
 
@@ -150,8 +151,7 @@ def test_every_copy_of_the_device_has_its_own_output(pool, tmp_path):
     path = tmp_path / "load.lib"
     path.write_text(DIRECT.format(before="", body="R1 out ref 300k\nC1 out ref 10n"))
     scene = Scene.load("device", [*SHORT[:2], "run.realizations=2", f"load.netlist={path}"])
-    call = {"scene": scene, "engine": "circuit", "indices": [0, 1], "step": "default"}
-    call |= {"source": "external", "window": None}
+    call = {"scene": scene, "engine": Circuit(), "indices": [0, 1], "window": None}
     both = pool.map(realization_run, [call])[0]
     assert np.isfinite([each.moments.output.conductance for each in both]).all()
     first, second = (each.moments.output.conductance for each in both)

@@ -8,6 +8,7 @@ from circuits.ngspice import messages
 from harvester.errors import SimulationError
 from harvester.scene.model import Scene
 from harvester.scene.source import BUILT_IN
+from harvester.simulation.methods import Circuit
 from harvester.simulation.realization import run as realization_run
 from harvester.workers.process import Worker
 
@@ -18,7 +19,7 @@ Rload out ref 100k
 {body}
 .ends
 """
-RUN = {"engine": "circuit", "indices": [0], "step": "default", "source": "external"}
+RUN = {"engine": Circuit(), "indices": [0]}
 SHORT = ["run.duration=0.2", "run.settle=0", "run.realizations=1"]
 
 

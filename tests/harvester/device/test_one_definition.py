@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+from device_scenes import MAGNETS
 from device_truths import Written
 from scipy.integrate import quad
 
@@ -83,6 +84,12 @@ FORCES = {
     "tiny": [1e-9, -1e-12, 0.0, 1e-3],
     "bias alone": [0.3, 2.0],
     "gaps": [0.0, -1.0, 0.0, 0.0, 0.0, 1.0],
+    "table": {"force_table": MAGNETS},
+    "smoothed table": {"force_table": MAGNETS, "force_interpolation": "smooth"},
+    "softening in a range": {
+        "restoring_force": [0.1, 2.0, 0.0, -0.4],
+        "restoring_force_range": [-1.6, 1.6],
+    },
     # Between equal stoppers, whose speed is then a product of its own.
     "cubic": [0.0, -4.0, 0.0, 3.9],
 }
@@ -106,7 +113,8 @@ STOPPERS = {
 
 def scene_of(force, stoppers, **oscillator):
     base = Scene.load("linear").to_tables()
-    base["oscillator"] = {"damping": 0.1, "restoring_force": force, **oscillator}
+    force = force if isinstance(force, dict) else {"restoring_force": force}
+    base["oscillator"] = {"damping": 0.1, **force, **oscillator}
     return Scene.from_tables({**base, **({"stoppers": stoppers} if stoppers else {})})
 
 

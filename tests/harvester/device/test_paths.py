@@ -23,7 +23,7 @@ def states_of(scene, step):
     keep = Keep()
     ready = prepared(scene)
     paths, starts = [noise_path(ready, 0)], [start_state(ready, 0)]
-    run_realizations(scene, paths, starts, [[keep]], step, "external")
+    run_realizations(prepared(scene), paths, starts, [[keep]], step)
     return keep.at_knots(knot_spacing(ready))
 
 

@@ -95,7 +95,7 @@ def moments_of(scene, chunk=None):
     stop = scene.run.settle + scene.run.duration
     found = []
     for index in range(scene.run.realizations):
-        m = empty_moments(scene)
+        m = empty_moments(prepared(scene))
         for record in records_of(scene, stop, index):
             for part in _split(record, chunk):
                 m.add(part)

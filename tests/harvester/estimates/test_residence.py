@@ -12,6 +12,7 @@ from harvester.estimates.of_run import run_estimates
 from harvester.estimates.well_balance import _changes, _stationary, weighted, well_balance
 from harvester.prepared.prepared import prepared
 from harvester.record.moments import QUANTITIES, WELLS
+from harvester.simulation.methods import MonteCarlo
 from harvester.simulation.realization import empty_moments, run
 
 SHARE = "share_of_time_in_well_1"
@@ -20,7 +21,7 @@ SHARE = "share_of_time_in_well_1"
 def estimates_at(intensity, **changes):
     scene = Scene.load("asymmetric").replace({"excitation.intensity": intensity, **changes})
     indices = list(range(scene.run.realizations))
-    found = run(scene, "monte-carlo", indices, "default", "external", None, lambda _: None)
+    found = run(scene, MonteCarlo(), indices, None, lambda _: None)
     return run_estimates(scene, [each.moments for each in found])
 
 
@@ -47,7 +48,7 @@ def telegraph(scene, rates, powers, generator):
     """Moments of a device that knows two wells alone, left at these rates, and noise in each."""
     moments = []
     for index in range(scene.run.realizations):
-        one = empty_moments(scene)
+        one = empty_moments(prepared(scene))
         batches, length = len(one.integrals), one.batch_length
         stop, time, well = one.start + batches * length, 0.0, 1 - index % 2
         stays = np.zeros((batches, 2))
@@ -134,7 +135,7 @@ def test_a_symmetric_device_keeps_its_error_bars_without_jumps_under_a_record(tm
     }
     length = {"run.settle": 2.0, "run.duration": 8.0, "run.realizations": 4}
     scene = Scene.load("device").replace({"excitation": record, **length})
-    found = run(scene, "monte-carlo", [0, 1, 2, 3], "default", "external", None, lambda _: None)
+    found = run(scene, MonteCarlo(), [0, 1, 2, 3], None, lambda _: None)
     assert not any(each.moments.jumps.counts.any() for each in found)
     estimates = run_estimates(scene, [each.moments for each in found]).scaled
     assert estimates[SHARE].standard_error is None

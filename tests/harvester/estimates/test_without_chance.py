@@ -10,6 +10,7 @@ from harvester.estimates.batch_means import error_without_chance
 from harvester.estimates.of_run import run_estimates
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import step_error
+from harvester.simulation.methods import MonteCarlo
 from harvester.simulation.realization import empty_moments, run
 
 
@@ -35,7 +36,7 @@ def test_a_resistor_after_two_seconds_is_known_to_its_steps():
             **length,
         }
     )
-    [found] = run(scene, "monte-carlo", [0], "default", "external", None, lambda _: None)
+    [found] = run(scene, MonteCarlo(), [0], None, lambda _: None)
     power = run_estimates(
         scene, [found.moments], step_error(prepared(scene), engine="monte-carlo")
     ).scaled["mean_power"]
@@ -70,7 +71,7 @@ def test_the_mean_does_not_depend_on_where_a_period_is_cut(duration):
             "run.realizations": 1,
         }
     )
-    [found] = run(scene, "monte-carlo", [0], "default", "external", None, lambda _: None)
+    [found] = run(scene, MonteCarlo(), [0], None, lambda _: None)
     power = run_estimates(scene, [found.moments]).scaled["mean_power"]
     assert power.estimate == pytest.approx(linear_power(scene), rel=1e-3)
 
@@ -88,7 +89,7 @@ def test_what_a_bridge_gets_from_a_sine_has_an_error_without_samples():
             "run.realizations": 1,
         }
     )
-    [found] = run(scene, "monte-carlo", [0], "default", "external", None, lambda _: None)
+    [found] = run(scene, MonteCarlo(), [0], None, lambda _: None)
     cost = step_error(prepared(scene), engine="monte-carlo")
     power = run_estimates(scene, [found.moments], cost).scaled["mean_output_power"]
     assert cost * power.estimate <= power.standard_error < 0.01 * power.estimate
@@ -128,7 +129,7 @@ def test_means_are_over_whole_periods_of_the_loads_sources_too(tmp_path, name):
             "run.realizations": 1,
         }
     )
-    moments = empty_moments(scene)
+    moments = empty_moments(prepared(scene))
     batches = len(moments.integrals)
     assert batches * moments.batch_length == pytest.approx(measured, rel=1e-9)
     assert moments.start + measured == pytest.approx(1.5, rel=1e-9)

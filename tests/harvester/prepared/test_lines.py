@@ -87,7 +87,7 @@ def test_sines_repeat_together(ratios, repeats):
 
 def test_measured_time_is_whole_periods():
     scene = driven(0.3, **{"run.settle": 10.0, "run.duration": 50.0, "run.realizations": 1})
-    moments = empty_moments(scene)
+    moments = empty_moments(prepared(scene))
     periods = moments.batch_length * 0.3
     assert periods == pytest.approx(round(periods))
     assert moments.start >= 10.0

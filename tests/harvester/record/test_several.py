@@ -21,8 +21,8 @@ KNOTS = 6144  # 24 batches of whole knots: a contact's points then lie in one of
 def test_moments_are_those_of_the_records(name, settle):
     """With one well, two alike, and three and two uneven ones with shares of time of their own."""
     scene = scene_of(name, settle)
-    own = [empty_moments(scene) for _ in range(REALIZATIONS)]
-    of_records = [empty_moments(scene) for _ in range(REALIZATIONS)]
+    own = [empty_moments(prepared(scene)) for _ in range(REALIZATIONS)]
+    of_records = [empty_moments(prepared(scene)) for _ in range(REALIZATIONS)]
     for columns, points in run(scene, own, True):
         for k, each in enumerate(of_records):
             each.add(record_of(columns, points, k))
@@ -36,7 +36,7 @@ def test_moments_are_those_of_the_records(name, settle):
 
 def test_moments_are_the_same_where_no_point_is_kept():
     scene = scene_of("paper", 100)
-    kept, others = ([empty_moments(scene) for _ in range(REALIZATIONS)] for _ in range(2))
+    kept, others = ([empty_moments(prepared(scene)) for _ in range(REALIZATIONS)] for _ in range(2))
     for columns, _ in run(scene, kept, True):
         assert columns.shape[2] > 0
     for columns, _ in run(scene, others, False):

@@ -16,6 +16,7 @@ from harvester.running import Request, open_runner
 from harvester.running.realizations import Realizations
 from harvester.running.request import aim_beside_steps, in_rounds, note_on_steps, relative_error
 from harvester.scene.model import Scene
+from harvester.simulation.methods import MonteCarlo
 from harvester.simulation.simulate import simulate
 
 LINEAR = Scene.load("linear", ["run.realizations=2", "run.duration=500", "run.settle=50"])
@@ -135,7 +136,7 @@ def test_mistakes_are_named(options, said):
 
 @pytest.mark.parametrize("precision", [1e-300, 5e-324])
 def test_a_precision_that_no_run_reaches_doubles_the_realizations(precision):
-    cut = Realizations.of(LINEAR, "monte-carlo")
+    cut = Realizations.of(LINEAR, MonteCarlo())
 
     def counts(most):
         plan = in_rounds(cut, 64, most, precision, lambda good, ended: (len(good), 0.1))

@@ -8,6 +8,7 @@ import zipfile
 import numpy as np
 import pytest
 
+from harvester.averaging.method import Stationary
 from harvester.errors import (
     AveragingError,
     SimulationError,
@@ -34,6 +35,7 @@ from harvester.running.realizations import Realizations, averaging
 from harvester.running.store import MISSING, Store
 from harvester.running.task import Task, compute
 from harvester.scene.model import Scene
+from harvester.simulation.methods import Circuit, MonteCarlo, engine_of
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +48,7 @@ def bridge():
 @pytest.fixture(scope="module")
 def task(bridge):
     """The first two realizations, of which a circuit with a bridge takes one at a time."""
-    cut = Realizations.of(bridge, "circuit", waveform=True)
+    cut = Realizations.of(bridge, Circuit(), waveform=True)
     return dataclasses.replace(cut, size=2).tasks(0, 2)[0]
 
 
@@ -301,14 +303,14 @@ def test_an_answer_too_large_is_not_kept_and_that_is_said(tmp_path):
 
 def test_a_closure_that_refuses_says_so():
     scene = Scene.load("device").replace({"excitation.correlation_time": 100.0})
-    task = averaging(scene, "consistent")
+    task = averaging(scene, Stationary("consistent"))
     found, _ = compute(task.function, task.arguments, None)
     assert isinstance(found, AveragingError)
 
 
 def test_the_key_follows_all_that_decides_the_numbers(bridge):
     def key(scene=bridge, method="circuit", start=0, step="default", version="1", **kept):
-        cut = Realizations(scene, method, step, 1, version, **kept)
+        cut = Realizations(scene, engine_of(method, step=step), 1, version, **kept)
         return cut.tasks(start, start + 1)[0].key
 
     others = [
@@ -328,7 +330,7 @@ def test_the_key_follows_all_that_decides_the_numbers(bridge):
 def test_the_key_does_not_follow_how_many_are_wanted(bridge):
     def keys(realizations):
         scene = bridge.replace({"run.realizations": realizations})
-        return [task.key for task in Realizations.of(scene, "monte-carlo").tasks(0, 16)]
+        return [task.key for task in Realizations.of(scene, MonteCarlo()).tasks(0, 16)]
 
     assert keys(80) == keys(64) == keys(1000)
     assert keys(32) != keys(64)  # more batches in each

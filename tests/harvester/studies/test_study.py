@@ -19,6 +19,7 @@ from harvester.errors import HarvesterError
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
+from harvester.simulation.methods import Circuit, MonteCarlo
 from harvester.studies import load_study, save
 from harvester.studies.loads import proof as proof_module
 from harvester.studies.loads.proof import Proof, proving
@@ -158,7 +159,7 @@ def test_a_part_that_fails_is_told_and_the_other_judges(linear, monkeypatch, fai
         proof_module, "good_ones", lambda found: (found, HarvesterError("it stopped"))
     )
     monkeypatch.setattr(proof_module, "series_of", lambda _, good: good[0])
-    plan = proving(0, True, scene, "default", ("", ""))
+    plan = proving(0, True, scene, (MonteCarlo(), ""), (Circuit(), ""))
     assert len(next(plan).tasks) == 4
     power = np.random.default_rng(1).uniform(1.0, 2.0, (1, 64))
     answers = [None if part == failing else power for part in range(4)]

@@ -7,6 +7,7 @@ import pytest
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
+from harvester.simulation.methods import MonteCarlo
 from harvester.simulation.realization import run
 from harvester.verification import exact_paths
 
@@ -39,7 +40,7 @@ def test_monte_carlo_follows_the_independent_path(device):
     )
     reference = exact_paths.run(scene, 0, None)
     window = (0.0, 2.0 * scene.run.duration)
-    [realization] = run(scene, "monte-carlo", [0], "finest", "external", window, lambda _: None)
+    [realization] = run(scene, MonteCarlo("finest"), [0], window, lambda _: None)
     record = realization.waveform
     times = spacing * np.arange(1, KNOTS + 1)
     for column, quantity in enumerate(("displacement", "velocity", "voltage")):

@@ -13,11 +13,10 @@ from harvester.errors import (
     SimulatorTimeout,
 )
 from harvester.estimates.estimate import Estimate
-from harvester.monte_carlo import engine as monte_carlo
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, steps_per_knot
 from harvester.scene.model import Scene
-from harvester.simulation.methods import ENGINES
+from harvester.simulation.methods import ENGINES, Circuit, MonteCarlo
 from harvester.verification.quantities import MEANS
 from harvester.verification.stability.answers import CaseAnswer
 from harvester.verification.stability.cases import Case
@@ -113,18 +112,24 @@ def test_closures_are_judged_by_their_own_grids():
     assert verdicts(paper=closure(math.nan, math.nan))["paper"].word == "wrong"
 
 
-def engine_of(run_realizations, change, longer=1):
+def broken_engine(engine, change, longer=1, scheme=None):
     """An engine that runs another scene than it is told to, or with a longer step."""
 
-    def run(scene, paths, starts, observers, step, *others, **named):
-        ready = prepared(scene)
-        if step == "default":
-            step = knot_spacing(ready) / steps_per_knot(ready)
-        step = step if isinstance(step, str) else longer * step
-        other = scene.replace(change(scene))
-        return run_realizations(other, paths, starts, observers, step, *others, **named)
+    @dataclasses.dataclass(frozen=True)
+    class Broken(Circuit):
+        def prepare(self, ready):
+            engine().prepare(ready)
 
-    return run
+        def run_realizations(self, ready, paths, starts, observers, outputs=None):
+            step = self.step
+            if step == "default":
+                step = knot_spacing(ready) / steps_per_knot(ready)
+            step = step if isinstance(step, str) else longer * step
+            other = prepared(ready.scene.replace(change(ready.scene)))
+            used = engine(step=step, **({"scheme": scheme} if scheme else {}))
+            return used.run_realizations(other, paths, starts, observers, outputs)
+
+    return Broken
 
 
 BROKEN = {
@@ -140,14 +145,7 @@ INTACT = {}
 
 def word_of(scene, monkeypatch, change, longer=1):
     """Verdict on an engine that stands in the circuit's place, of second order as it is."""
-    run = engine_of(monte_carlo.run_realizations, change, longer)
-
-    def heun(*arguments, **options):
-        return run(*arguments[:6], "heun", **options)
-
-    schemes = ENGINES["circuit"].schemes
-    broken = ENGINES["monte-carlo"]._replace(run_realizations=heun, schemes=schemes)
-    monkeypatch.setitem(ENGINES, "circuit", broken)
+    monkeypatch.setitem(ENGINES, "circuit", broken_engine(MonteCarlo, change, longer, "heun"))
     path, _ = path_deviation(scene, "circuit", "default")
     return verdicts(circuit=said(path=path))["circuit"].word
 
@@ -176,8 +174,7 @@ def test_a_step_four_times_too_long_is_called_wrong(monkeypatch):
 def test_the_mass_is_judged_whatever_the_load(monkeypatch, share, word):
     scene = Scene.load("device", ["load.netlist=bridge", "excitation.intensity=0.01"])
     damping = share * scene.oscillator.damping
-    run = engine_of(ENGINES["circuit"].run_realizations, lambda s: {"oscillator.damping": damping})
-    broken = ENGINES["circuit"]._replace(run_realizations=run)
+    broken = broken_engine(Circuit, lambda s: {"oscillator.damping": damping})
     monkeypatch.setitem(ENGINES, "circuit", broken)
     path, _ = path_deviation(scene, "circuit", "default")
     assert verdicts(circuit=said(path=path))["circuit"].word == word

@@ -1,0 +1,37 @@
+"""A closure with its settings, as an object."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from harvester.averaging import DEFAULT_CLOSURE
+from harvester.method import Method
+
+
+@dataclass(frozen=True)
+class Stationary(Method):
+    """Stationary means and densities by a closure, without simulation.
+
+    Attributes
+    ----------
+    closure : str
+        fokker_planck, paper or consistent; see `harvester.average`.
+    tolerance, fit, jump_rates
+        See `harvester.average`.
+    """
+
+    closure: str = DEFAULT_CLOSURE
+    tolerance: float | None = None
+    fit: bool = False
+    jump_rates: bool = False
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Those beside the closure, which is the name."""
+        return {name: value for name, value in super().settings.items() if name != "closure"}
+
+    @property
+    def name(self) -> str:
+        """That of the closure."""
+        return self.closure

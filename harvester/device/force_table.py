@@ -1,0 +1,360 @@
+"""A spring by a table of force over displacement: a piecewise cubic, its energy by its integral.
+
+Between two points F is a cubic; beyond the first and the last it goes on in a straight line. F and
+F' are continuous. The pieces are written from the one about x = 0 outwards,
+
+    F(x) = k0 + k1 x + k2 x² + k3 x³ + Σ (square + cube·d) d²,   d = max(side·x − offset, 0),
+
+one term where a piece gives way to the next: without a search or a branch, so that compiled code
+works on several realizations at a time. A wall far out adds nothing nearer to x = 0.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from harvester.compilation import intrinsic, overload, types
+from harvester.device.values import Values
+
+MOST_PIECES = 32
+# Every table has as many terms, those that it lacks being zero: one compiled code serves all.
+TERMS = MOST_PIECES + 1
+# A smoothed table has so many points for each of its pieces.
+POINTS_PER_PIECE = 3
+# Of the greatest force: a table is symmetric whose force differs by less from its mirrored one.
+SYMMETRY = 1e-9
+CHECKED_POINTS = 201
+INTERPOLATIONS = ("monotone", "smooth")
+
+
+class ForceTable(NamedTuple):
+    """A piecewise cubic restoring force; the equations are those of `harvester.device.spring`.
+
+    Attributes
+    ----------
+    core : tuple of float
+        (k0, k1, k2, k3) of the piece about x = 0.
+    sides, offsets : tuple of float
+        ±1, and the distance of each change to another piece.
+    squares, cubes : tuple of float
+        Of the force.
+    energy_cubes, energy_fourths : tuple of float
+        The same of the energy, U = … + Σ (energy_cube + energy_fourth·d) d³.
+    steepest : float
+        Greatest |F'|.
+    """
+
+    core: tuple
+    sides: tuple
+    offsets: tuple
+    squares: tuple
+    cubes: tuple
+    energy_cubes: tuple
+    energy_fourths: tuple
+    steepest: float
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether F(−x) = −F(x), but for rounding."""
+        x = np.linspace(0.0, 1.05 * max(map(abs, self.offsets)), CHECKED_POINTS)
+        right, left = self.force(x), self.force(-x)
+        return bool(np.all(np.abs(right + left) <= SYMMETRY * np.abs(right).max()))
+
+    @property
+    def straight(self) -> bool:
+        """Whether F is a line."""
+        bends = (*self.core[2:], *self.squares, *self.cubes)
+        return not any(bends)
+
+    @property
+    def linear(self) -> float:
+        """The stiffness at x = 0."""
+        return self.core[1]
+
+    @property
+    def line(self) -> tuple[float, float]:
+        """Nothing: `nonlinear_formula` is the whole force."""
+        return 0.0, 0.0
+
+    @property
+    def odd_cubic(self) -> None:
+        """None: it has no closed form."""
+        return
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Displacements between which it holds: all, in straight lines beyond the table."""
+        return -math.inf, math.inf
+
+    def force(self, x: Values) -> Values:
+        """F(x)."""
+        k0, k1, k2, k3 = self.core
+        bent = bends_squared(self.sides, self.offsets, self.squares, self.cubes, x)
+        return k0 + x * (k1 + x * (k2 + x * k3)) + bent
+
+    def energy(self, x: Values) -> Values:
+        """U(x) = ∫F dx from 0."""
+        k0, k1, k2, k3 = self.core
+        bent = bends_cubed(self.sides, self.offsets, self.energy_cubes, self.energy_fourths, x)
+        return x * (k0 + x * (k1 / 2.0 + x * (k2 / 3.0 + x * k3 / 4.0))) + bent
+
+    def greatest_stiffness(self, x: Values) -> Values:
+        """A bound of |F'| at all displacements."""
+        return self.steepest + 0.0 * x
+
+    def slope(self, x: Values) -> Values:
+        """F'(x)."""
+        return self.taylor(x)[0]
+
+    def taylor(self, x: Values) -> tuple[Values, Values, Values]:
+        """Coefficients of the first three powers of F about a displacement."""
+        k1, k2, k3 = self.core[1:]
+        rows = (self.sides, self.offsets, self.squares, self.cubes)
+        s, offsets, a, b = (np.reshape(row, (-1,) + (1,) * np.ndim(x)) for row in rows)
+        inside = s * x - offsets > 0.0
+        d = np.where(inside, s * x - offsets, 0.0)
+        linear = np.sum(s * (2.0 * a + 3.0 * b * d) * d, axis=0)
+        square, cube = np.sum(np.where(inside, a + 3.0 * b * d, 0.0), 0), np.sum(s * b * inside, 0)
+        return (
+            k1 + x * (2.0 * k2 + x * 3.0 * k3) + linear,
+            k2 + 3.0 * k3 * x + square,
+            k3 + cube,
+        )
+
+    def breaks(self) -> np.ndarray:
+        """Displacements where one piece gives way to the next, ascending, both ends with them."""
+        bent = [
+            side * offset
+            for side, offset, a, b in zip(
+                self.sides, self.offsets, self.squares, self.cubes, strict=True
+            )
+            if a or b
+        ]
+        return np.unique(bent) if bent else np.array([0.0])
+
+    def pieces(self) -> Iterator[tuple[float, np.ndarray]]:
+        """(origin, coefficients by powers of x − origin) of each piece, from the left."""
+        breaks = self.breaks()
+        middles = 0.5 * (breaks[1:] + breaks[:-1])
+        # The lines beyond both ends have their origins there.
+        for origin, inside in zip(
+            [breaks[0], *breaks], [breaks[0] - 1.0, *middles, breaks[-1] + 1.0], strict=True
+        ):
+            linear, square, cube = (float(each) for each in self.taylor(inside))
+            # The same cubic about the origin: from where it is known to be smooth.
+            about = np.polynomial.Polynomial([float(self.force(inside)), linear, square, cube])
+            moved = about(np.polynomial.Polynomial([origin - inside, 1.0]))
+            cubic = np.append(moved.coef, np.zeros(4))[:4]
+            if not breaks[0] < inside < breaks[-1]:
+                cubic[2:] = 0.0
+            yield float(origin), cubic
+
+    def roots(self) -> np.ndarray:
+        """Displacements without a force, ascending."""
+        return self._levels(self.force, lambda origin, force: force)
+
+    def turning_points(self, energy: float) -> tuple[float, float]:
+        """The outermost displacements that this energy above the deepest well reaches."""
+        level = energy + min((float(self.energy(x)) for x in self.roots()), default=0.0)
+
+        def excess(origin, force):
+            rising = force / np.arange(1, 5)
+            return np.concatenate([[float(self.energy(origin)) - level], rising])
+
+        found = self._levels(lambda x: self.energy(x) - level, excess)
+        return float(found.min()), float(found.max())
+
+    def _levels(self, value, polynomial):
+        """Where a function made of one polynomial on each piece is zero."""
+        breaks = self.breaks()
+        ends = [-math.inf, *breaks, math.inf]
+        least = 1e-12 * (abs(breaks[0]) + abs(breaks[-1]) or 1.0)
+        found = [x for x in breaks if value(x) == 0.0]
+        for (origin, force), low, high in zip(self.pieces(), ends[:-1], ends[1:], strict=True):
+            roots = np.polynomial.Polynomial(np.trim_zeros(polynomial(origin, force), "b")).roots()
+            real = origin + roots.real[np.abs(roots.imag) < 1e-7 * (least + np.abs(roots.real))]
+            found += [x for x in real if low - least <= x <= high + least]
+        places = np.sort(found)
+        return places[np.diff(places, prepend=-math.inf) > 10.0 * least]
+
+    def nonlinear_formula(self, x: str, rate: float, number: Callable) -> str:
+        """F(x) over rate²."""
+        pieces = [(origin, force / rate**2) for origin, force in self.pieces()]
+        return self._chosen(x, "force", pieces, "F/rate^2", number)
+
+    @property
+    def gain_is_product(self) -> bool:
+        """Whether rounding leaves `gain_formula` its sign."""
+        return False
+
+    def gain_formula(self, x: str, place: float, rate: float, number: Callable) -> str:
+        """2 [U(x) − U(place)]/rate²."""
+        pieces = []
+        for origin, force in self.pieces():
+            below = float(self.energy(origin)) - float(self.energy(place))
+            rising = np.concatenate([[below], force / np.arange(1, 5)])
+            pieces.append((origin, 2.0 * rising / rate**2))
+        return self._chosen(x, "gain", pieces, "2 [U - U(gap)]/rate^2", number)
+
+    def _chosen(self, x, name, pieces, meaning, number):
+        """The polynomial of the piece in which x lies, by halving."""
+        breaks = self.breaks()
+        ends = [number(f"{name}_end{k}", end, "end of a piece") for k, end in enumerate(breaks)]
+
+        def leaf(k):
+            coefficients = pieces[k][1]
+            way = f"({x}-{ends[max(k - 1, 0)]})"
+            kept = [
+                number(f"{name}{k}_{n}", float(each), f"{meaning}, power {n}")
+                for n, each in enumerate(coefficients)
+                if n < 2 or np.any(coefficients[n:])
+            ]
+            inner = kept.pop()
+            for text in reversed(kept):
+                inner = f"({text}+{way}*{inner})"
+            return inner
+
+        def half(low, high):
+            if low == high:
+                return leaf(low)
+            middle = (low + high) // 2
+            return f"(({x}<{ends[middle]}) ? {half(low, middle)} : {half(middle + 1, high)})"
+
+        return half(0, len(pieces) - 1)
+
+
+def force_table(
+    points: Sequence[tuple[float, float]], interpolation: str = INTERPOLATIONS[0]
+) -> ForceTable:
+    """The spring through a table's points, or nearly through them.
+
+    Parameters
+    ----------
+    points : sequence of (float, float)
+        Displacement and force, the displacements ascending, the first below 0 and the last above.
+    interpolation : str
+        "monotone": through every point, nowhere beyond the two beside it (scipy's PCHIP), of which
+        there are at most `MOST_PIECES` + 1. "smooth": a cubic spline by least squares, which has
+        F'' continuous and, for each of its pieces, at least three points.
+    """
+    from scipy.interpolate import PchipInterpolator, PPoly, make_lsq_spline
+
+    x, force = np.array(points, dtype=float).T
+    if interpolation == "monotone":
+        made = PchipInterpolator(x, force)
+        breaks, coefficients = made.x, made.c
+    else:
+        count = min(MOST_PIECES, (x.size - 1) // POINTS_PER_PIECE)
+        inner = np.interp(np.arange(1, count) / count, np.linspace(0.0, 1.0, x.size), x)
+        knots = np.concatenate([[x[0]] * 4, inner, [x[-1]] * 4])
+        piecewise = PPoly.from_spline(make_lsq_spline(x, force, knots, 3))
+        whole = np.diff(piecewise.x) > 0.0
+        breaks, coefficients = np.append(piecewise.x[:-1][whole], x[-1]), piecewise.c[:, whole]
+    return _of_pieces(breaks, coefficients[::-1].T)
+
+
+def _of_pieces(breaks, rising):
+    """The table of pieces that begin at breaks; their coefficients by rising powers."""
+    middle = int(np.clip(np.searchsorted(breaks, 0.0, side="right") - 1, 0, len(rising) - 1))
+    lengths = np.diff(breaks)
+    ends = rising[:, 2] + 3.0 * rising[:, 3] * lengths
+    terms = []
+    for k in range(middle + 1, len(rising) + 1):
+        square, cube = rising[k][2:] if k < len(rising) else (0.0, 0.0)
+        terms.append((1.0, breaks[k], square - ends[k - 1], cube - rising[k - 1][3]))
+    for k in range(middle, -1, -1):
+        square, cube = (ends[k - 1], rising[k - 1][3]) if k > 0 else (0.0, 0.0)
+        terms.append((-1.0, -breaks[k], square - rising[k][2], rising[k][3] - cube))
+    terms += [(1.0, 0.0, 0.0, 0.0)] * (TERMS - len(terms))
+    sides, offsets, squares, cubes = (tuple(map(float, row)) for row in zip(*terms, strict=True))
+    core = np.polynomial.Polynomial(rising[middle])(
+        np.polynomial.Polynomial([-breaks[middle], 1.0])
+    )
+    made = ForceTable(
+        core=tuple(map(float, np.append(core.coef, np.zeros(4))[:4])),
+        sides=sides,
+        offsets=offsets,
+        squares=squares,
+        cubes=cubes,
+        energy_cubes=tuple(s * a / 3.0 for s, a in zip(sides, squares, strict=True)),
+        energy_fourths=tuple(s * b / 4.0 for s, b in zip(sides, cubes, strict=True)),
+        steepest=0.0,
+    )
+    return made._replace(steepest=_steepest(breaks, rising))
+
+
+def _steepest(breaks, rising):
+    """Greatest |F'|: at an end of a piece or where F'' vanishes within it."""
+    found = []
+    for (_, k1, k2, k3), length in zip(rising, np.diff(breaks), strict=True):
+        places = [0.0, length]
+        if k3 != 0.0:
+            places.append(float(np.clip(-k2 / (3.0 * k3), 0.0, length)))
+        found += [abs(k1 + d * (2.0 * k2 + 3.0 * k3 * d)) for d in places]
+    return float(max(found))
+
+
+def _bent(sides, offsets, firsts, seconds, x, power):
+    """The sum as Python calls it, without the terms that are zero."""
+    x = float(x) if np.ndim(x) == 0 else np.asarray(x, dtype=float)
+    total = 0.0 * x
+    for s, offset, first, second in zip(sides, offsets, firsts, seconds, strict=True):
+        if first or second:
+            way = s * x - offset
+            d = max(way, 0.0) if isinstance(way, float) else np.maximum(way, 0.0)
+            total = total + (first + second * d) * d**power
+    return total
+
+
+def bends_squared(sides: tuple, offsets: tuple, squares: tuple, cubes: tuple, x: Values) -> Values:
+    """Σ (square + cube·d) d² of the terms, d = max(side·x − offset, 0)."""
+    return _bent(sides, offsets, squares, cubes, x, 2)
+
+
+def bends_cubed(sides: tuple, offsets: tuple, cubes: tuple, fourths: tuple, x: Values) -> Values:
+    """Σ (cube + fourth·d) d³ of the terms."""
+    return _bent(sides, offsets, cubes, fourths, x, 3)
+
+
+def _sum_of_terms(power):
+    """LLVM's own instructions, written out term by term: a loop would hold eight at a time up."""
+
+    @intrinsic
+    def summed(
+        typing_context: Any, sides: Any, offsets: Any, firsts: Any, seconds: Any, x: Any
+    ) -> Any:
+        rows = (sides, offsets, firsts, seconds)
+
+        def code(context, builder, signature, arguments):
+            *tuples, place = arguments
+            zero, total = place.type(0.0), place.type(0.0)
+            for k in range(rows[0].count):
+                s, offset, first, second = (builder.extract_value(row, k) for row in tuples)
+                way = builder.fsub(builder.fmul(s, place), offset)
+                d = builder.select(builder.fcmp_ordered(">", way, zero), way, zero)
+                term = builder.fadd(first, builder.fmul(second, d))
+                for _ in range(power):
+                    term = builder.fmul(term, d)
+                total = builder.fadd(total, term)
+            return total
+
+        return types.float64(*rows, types.float64), code
+
+    return summed
+
+
+_squared, _cubed = _sum_of_terms(2), _sum_of_terms(3)
+
+
+@overload(bends_squared)
+def _bends_squared(sides, offsets, squares, cubes, x):
+    return lambda sides, offsets, squares, cubes, x: _squared(sides, offsets, squares, cubes, x)
+
+
+@overload(bends_cubed)
+def _bends_cubed(sides, offsets, cubes, fourths, x):
+    return lambda sides, offsets, cubes, fourths, x: _cubed(sides, offsets, cubes, fourths, x)

@@ -1,0 +1,162 @@
+"""A spring that is known between two displacements only, such as one that softens.
+
+Beyond its range it goes on in a straight line that leads back, so that what leaves the range is
+seen there and is not lost in numbers that overflow; every engine ends the run with an error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from harvester.device.dispatch import equation
+from harvester.device.values import Values
+
+inner_force, inner_energy, inner_bound = map(equation, ("force", "energy", "greatest_stiffness"))
+# Of the range: points among which the greatest stiffness is looked for.
+STIFFNESS_POINTS = 201
+
+
+class Ranged(NamedTuple):
+    """Another spring within a range; the equations are those of `harvester.device.spring`.
+
+    Attributes
+    ----------
+    spring : the spring within it.
+    low, high : float
+        Ends of the range.
+    stiffness : float
+        Of the straight lines beyond.
+    """
+
+    spring: Any
+    low: float
+    high: float
+    stiffness: float
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether F(−x) = −F(x)."""
+        return self.spring.symmetric and self.low == -self.high
+
+    @property
+    def straight(self) -> bool:
+        """No: it bends at both ends."""
+        return False
+
+    @property
+    def linear(self) -> float:
+        """The stiffness at x = 0."""
+        return self.spring.linear
+
+    @property
+    def line(self) -> tuple[float, float]:
+        """Nothing: `nonlinear_formula` is the whole force."""
+        return 0.0, 0.0
+
+    @property
+    def odd_cubic(self) -> None:
+        """None: it has no closed form."""
+        return
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Displacements between which it holds."""
+        return self.low, self.high
+
+    def force(self, x: Values) -> Values:
+        """F(x)."""
+        inside = np.minimum(np.maximum(x, self.low), self.high)
+        return inner_force(self.spring, inside) + self.stiffness * (x - inside)
+
+    def energy(self, x: Values) -> Values:
+        """U(x) = ∫F dx from 0."""
+        inside = np.minimum(np.maximum(x, self.low), self.high)
+        beyond = x - inside
+        rise = inner_force(self.spring, inside) + 0.5 * self.stiffness * beyond
+        return inner_energy(self.spring, inside) + rise * beyond
+
+    def greatest_stiffness(self, x: Values) -> Values:
+        """A bound of |F'| at all displacements up to |x|."""
+        return inner_bound(self.spring, x) + self.stiffness
+
+    def slope(self, x: Values) -> Values:
+        """F'(x)."""
+        inside = (self.low <= np.asarray(x)) & (np.asarray(x) <= self.high)
+        return np.where(inside, self.spring.slope(x), self.stiffness)[()]
+
+    def taylor(self, x: float) -> tuple[float, float, float]:
+        """Coefficients of the first three powers of F about a displacement in the range."""
+        return self.spring.taylor(x)
+
+    def roots(self) -> np.ndarray:
+        """Displacements without a force in the range, ascending."""
+        found = self.spring.roots()
+        return found[(self.low <= found) & (found <= self.high)]
+
+    def turning_points(self, energy: float) -> tuple[float, float]:
+        """The outermost displacements of the range that this energy reaches."""
+        x = np.linspace(self.low, self.high, STIFFNESS_POINTS)
+        bottom = min((float(self.energy(root)) for root in self.roots()), default=0.0)
+        reached = x[self.energy(x) <= bottom + energy]
+        return (float(reached.min()), float(reached.max())) if reached.size > 1 else self.range
+
+    def nonlinear_formula(self, x: str, rate: float, number: Callable) -> str:
+        """F(x) over rate²."""
+        tilt, linear = self.spring.line
+        parts = [
+            number("tilt", tilt / rate**2, "F(0)/rate^2") if tilt else "",
+            f"{number('linear_stiffness', linear / rate**2, 'k1/rate^2')}*{x}" if linear else "",
+            self.spring.nonlinear_formula(x, rate, number),
+        ]
+        inside = "+".join(filter(None, parts)) or "0"
+
+        def line(place):
+            return [float(self.spring.force(place)) / rate**2, self.stiffness / rate**2]
+
+        return self._chosen(x, "force", f"({inside})", line, number)
+
+    @property
+    def gain_is_product(self) -> bool:
+        """Whether rounding leaves `gain_formula` its sign."""
+        return False
+
+    def gain_formula(self, x: str, place: float, rate: float, number: Callable) -> str:
+        """2 [U(x) − U(place)]/rate²."""
+        inside = self.spring.gain_formula(x, place, rate, number)
+
+        def parabola(end):
+            rise = float(self.spring.energy(end)) - float(self.energy(place))
+            rising = rise, float(self.spring.force(end)), 0.5 * self.stiffness
+            return [2.0 * each / rate**2 for each in rising]
+
+        return self._chosen(x, "gain", f"({inside})", parabola, number)
+
+    def _chosen(self, x, name, inside, beyond, number):
+        """The formula within the range, and the polynomials of the way beyond either end."""
+
+        def outside(side, end, place):
+            texts = [
+                number(f"{name}_{side}{n}", value, f"beyond the range, power {n}")
+                for n, value in enumerate(beyond(place))
+            ]
+            inner = texts.pop()
+            for text in reversed(texts):
+                inner = f"({text}+({x}-{end})*{inner})"
+            return inner
+
+        low = number(f"{name}_lowest", self.low, "end of the range")
+        high = number(f"{name}_highest", self.high, "end of the range")
+        above = f"(({x}>{high}) ? {outside('above', high, self.high)} : {inside})"
+        return f"(({x}<{low}) ? {outside('below', low, self.low)} : {above})"
+
+
+def ranged(spring: Any, low: float, high: float) -> Ranged:
+    """A spring within a range; the lines beyond are as stiff as its stiffest place."""
+    x = np.linspace(low, high, STIFFNESS_POINTS)
+    stiffness = float(np.abs(spring.slope(x)).max())
+    # What begins outwards at the end must come back within a length like the range.
+    pull = max(abs(float(spring.force(low))), abs(float(spring.force(high))))
+    return Ranged(spring, float(low), float(high), max(stiffness, pull / (high - low)) or 1.0)

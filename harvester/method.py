@@ -1,0 +1,86 @@
+"""What every way to an answer is: an object whose fields are its settings."""
+
+from __future__ import annotations
+
+import warnings
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any, Self
+
+from harvester.errors import HarvesterError
+from harvester.files.plain_text import shown
+
+
+@dataclass(frozen=True)
+class Method(ABC):
+    """A way to an answer: an engine that simulates, or a closure.
+
+    Every field is a setting with a default. A name, such as "circuit", stands for the object with
+    its defaults.
+    """
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """The name that it has in calls, results and files."""
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The fields that differ from their defaults."""
+        values = {each.name: (getattr(self, each.name), each.default) for each in fields(self)}
+        return {name: value for name, (value, default) in values.items() if value != default}
+
+    @property
+    def label(self) -> str:
+        """Its name, and the settings that tell it from another of that name."""
+        settings = ", ".join(f"{name} {value}" for name, value in self.settings.items())
+        return f"{self.name} ({settings})" if settings else self.name
+
+    def __str__(self) -> str:
+        return self.label
+
+    def as_arguments(self, key: str) -> dict[str, Any]:
+        """An engine as plain arguments of a task, which name the task's answer.
+
+        Parameters
+        ----------
+        key : str
+            That of its name; `step` has its own, and other settings are there where they differ
+            from their defaults.
+        """
+        settings = self.settings
+        step = settings.pop("step", "default")
+        return {key: self.name, "step": step, **({"settings": settings} if settings else {})}
+
+    def with_options(self, options: Mapping[str, Any]) -> Self:
+        """This method with options of a call that names it; those that it does not have are left.
+
+        Parameters
+        ----------
+        options : mapping of str to object
+            None stands for an option that is left out.
+        """
+        own = {each.name for each in fields(self)}
+        given = {name: value for name, value in options.items() if value is not None}
+        return replace(self, **{name: value for name, value in given.items() if name in own})
+
+    def beside_options(self, options: Mapping[str, Any], defaults: Mapping[str, Any]) -> Self:
+        """This method, where a call gives it as an object and perhaps options beside it.
+
+        Raises
+        ------
+        HarvesterError
+            An option says something else than the object.
+        """
+        for name, value in options.items():
+            if value is None or value == defaults.get(name):
+                continue
+            if not hasattr(self, name) or getattr(self, name) != value:
+                raise HarvesterError(
+                    f"{name} = {shown(value)}: stands beside a method that is given as an object; "
+                    f"write {type(self).__name__}({name}=…), where it has such a setting"
+                )
+            message = f"{name}= is given twice, by itself and in {type(self).__name__}"
+            warnings.warn(message, DeprecationWarning, stacklevel=5)
+        return self

@@ -1,0 +1,67 @@
+"""Ends a run whose mass leaves the range in which its spring is known."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.errors import SpringRangeLeft
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from harvester.prepared.prepared import Prepared
+    from harvester.record.record import Observer, Record
+
+
+class RangeWatch:
+    """Looks at every accepted point of one realization.
+
+    Parameters
+    ----------
+    low, high : float
+        Ends of the range, scaled.
+    length : float
+        The length unit, in the scene's units.
+    unit : str
+        Its name, for the message.
+    """
+
+    def __init__(self, low: float, high: float, length: float, unit: str) -> None:
+        self._low, self._high = low, high
+        self._length, self._unit = length, unit
+
+    def add(self, record: Record) -> None:
+        """Take the points in.
+
+        Raises
+        ------
+        SpringRangeLeft
+            The mass is outside at one of them.
+        """
+        outside = (record.displacement < self._low) | (record.displacement > self._high)
+        if outside.any():
+            first = int(np.argmax(outside))
+            low, high, x = (
+                self._length * each
+                for each in (self._low, self._high, float(record.displacement[first]))
+            )
+            raise SpringRangeLeft(
+                f"the mass left oscillator.restoring_force_range = [{low:.6g}, {high:.6g}] at "
+                f"t = {record.time[first]:.6g} s, x = {x:.6g}{self._unit}: the spring is not known "
+                "there; widen the range by a force that holds farther out, or drive it less"
+            )
+
+
+def with_range_watch(
+    ready: Prepared, observers: Sequence[Sequence[Observer]]
+) -> list[list[Observer]]:
+    """Observers of some realizations, with one more each where the spring has a range."""
+    low, high = ready.system.spring.range
+    if math.isinf(high - low):
+        return [list(each) for each in observers]
+    unit = " m" if ready.scene.units == "SI" else ""
+    length = ready.scales.displacement
+    return [[RangeWatch(low, high, length, unit), *each] for each in observers]
