@@ -100,7 +100,9 @@ def line_of(text: str, option: str) -> list[float]:
             return [float(number) for number in np.linspace(float(low), float(high), int(count))]
     except ValueError:
         pass
-    raise HarvesterError(f"{option} {named(text)}: write it as LOW:HIGH:NUMBER, such as -0.02:0.02:60")
+    raise HarvesterError(
+        f"{option} {named(text)}: write it as LOW:HIGH:NUMBER, such as -0.02:0.02:60"
+    )
 
 
 def values_of_key(text: str, option: str) -> list[float]:

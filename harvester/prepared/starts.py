@@ -85,10 +85,10 @@ def _highest_branch(ready, lines, size):
     The describing function of a cubic force is three quarters of the force at the amplitude; no
     steady motion is larger than the drive over damping times frequency.
     """
-    system, length = ready.system, ready.scales.displacement
+    system = ready.system
     highest = 0.0
     for frequency, amplitude in lines:
-        omega, drive = 2.0 * math.pi * frequency, amplitude / length
+        omega, drive = 2.0 * math.pi * frequency, amplitude / ready.excitation_unit
         amplitudes = size * AMPLITUDES
         inertia = (4.0 / 3.0) * (omega**2 * amplitudes + drive)
         force = np.minimum(

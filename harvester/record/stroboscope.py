@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+import math
+from typing import TYPE_CHECKING
+
 import numpy as np
 
+from harvester.device import timescales
+from harvester.prepared.steps import stop_time
 from harvester.record.record import Record
+
+if TYPE_CHECKING:
+    from harvester.prepared.prepared import Prepared
 
 # Columns of `Stroboscope.samples`. The last three are time integrals from the record's beginning, so
 # that their differences over a period are its means.
@@ -78,3 +86,21 @@ def _motion(record):
 def _rates(record):
     """What the integrals are of."""
     return record.load_power, record.voltage**2, record.displacement**2
+
+
+def strobe_period(ready: Prepared) -> float:
+    """Time between samples (s): the excitation's period, of its lowest line, else the device's."""
+    excitation = ready.scene.excitation
+    if excitation.period is not None and not excitation.random:
+        return excitation.period
+    if excitation.lines and not excitation.drifts:
+        return 1.0 / min(frequency for frequency, _ in excitation.lines)
+    return 2.0 * math.pi / timescales.angular_frequency(ready.system)
+
+
+def strobe_times(ready: Prepared) -> tuple[float, float, int]:
+    """First time (s), time between samples (s) and number of samples of a run, after settling."""
+    period = strobe_period(ready)
+    first = max(math.ceil(ready.scene.run.settle / period - 1e-9), 1) * period
+    count = math.floor((stop_time(ready) - first) / period + 1e-6) + 1
+    return first, period, max(count, 0)

@@ -14,11 +14,13 @@ from harvester.estimates.batch_means import measured_time
 from harvester.estimates.densities import densities
 from harvester.estimates.joint_density import joint_density as joint_density_of
 from harvester.estimates.of_run import run_estimates
+from harvester.estimates.units import unit_of
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, step_error, steps_per_knot
 from harvester.results.residual_cause import suspected_cause
 from harvester.results.result import Result
 from harvester.scene.model import Scene
+from harvester.simulation.orbits import attractors, several_starts
 from harvester.simulation.realization import Realization
 
 if TYPE_CHECKING:
@@ -51,6 +53,11 @@ def result_of(
     shapes = densities(found.moments, is_symmetric(scene, parameters))
     joints = [realization.joint for realization in realizations if realization.joint is not None]
     joint = joint_density_of(joints, is_symmetric(scene, parameters)) if joints else None
+    kept = [each.stroboscope for each in realizations if each.stroboscope is not None]
+    samples = np.array(kept) if kept else None
+    motions = ()
+    if samples is not None and several_starts(scene):
+        motions = attractors(scene, samples, moments, cost)
     if found.shortfalls:
         shapes = {name: replace(shape, standard_error=None) for name, shape in shapes.items()}
         joint = joint and replace(joint, standard_error=None)
@@ -70,12 +77,19 @@ def result_of(
         realizations=len(moments),
         engine_version=realizations[0].engine_version,
         netlist_sha256=realizations[0].netlist_sha256,
-        notes=(*notes_on_excitation(scene), *found.notes, *_failure_notes(failures, scene)),
+        notes=(
+            *notes_on_excitation(scene),
+            *_notes_on_starts(scene, motions),
+            *found.notes,
+            *_failure_notes(failures, scene),
+        ),
         failures={index: f"{type(e).__name__}: {e}" for index, e in failures.items()},
         densities=shapes,
         joint_density=joint,
         waveform=realizations[0].waveform,
         moments=moments,
+        stroboscope=samples,
+        attractors=motions,
         outcome="incomplete" if failures else outcome,
     )
 
@@ -109,6 +123,25 @@ def notes_on_excitation(scene: Scene) -> tuple[str, ...]:
     ready = prepared(scene)
     frequency = timescales.angular_frequency(ready.system)
     return scene.excitation.notes(knot_spacing(ready), frequency, scene.run)
+
+
+def _notes_on_starts(scene, motions):
+    """How many motions a run without chance tells of."""
+    if scene.excitation.random or scene.excitation.prescribes_displacement:
+        return ()
+    if scene.run.realizations == 1:
+        system = prepared(scene).system
+        if system.spring.straight and not system.contacts and scene.load.is_resistor:
+            return ()
+        return (
+            "one start: a driven device that is not linear may have other motions with other "
+            "powers: set run.starts = 100, or ask harvester basins",
+        )
+    unit = unit_of(scene, "power")
+    lines = tuple(each.sentence(unit) for each in motions)
+    if len(motions) > 1:
+        lines += ("the quantities above are means over all starts",)
+    return lines
 
 
 def _failure_notes(failures, scene):

@@ -58,6 +58,7 @@ def calls_of(
     copies: int,
     window: tuple[float, float] | None,
     joint_density: bool,
+    stroboscope: bool = False,
 ) -> list[dict[str, Any]]:
     """Arguments of `harvester.simulation.realization.run`, `copies` realizations in each."""
     indices = range(scene.run.realizations)
@@ -68,6 +69,7 @@ def calls_of(
             "indices": list(indices[start : start + copies]),
             "window": window if start == 0 else None,
             "joint_density": joint_density,
+            "stroboscope": stroboscope,
         }
         for start in range(0, len(indices), copies)
     ]

@@ -132,9 +132,7 @@ class Basins:
         )
 
 
-def orbit_table(
-    orbits: Sequence[Orbit], unit: Any
-) -> tuple[list[str], list[list[str]]]:
+def orbit_table(orbits: Sequence[Orbit], unit: Any) -> tuple[list[str], list[list[str]]]:
     """Header and rows of the orbits, as text."""
     header = [
         "orbit",

@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from xarray import Dataset
 
+    from harvester.simulation.methods import Engine
+
 # Places in one task: what a killed run loses at most.
 PLACES_TOGETHER = 25
 # A jump between neighbouring places: change of the section's mean or of its deviation, as a share
@@ -145,7 +147,12 @@ class Bifurcation:
                 numbers = [getattr(branch, name)[k] for name in QUANTITIES]
                 numbers += [section.min(), section.max()]
                 rows.append(
-                    [branch.direction, float(value), _motion(branch.period[k]), *map(float, numbers)]
+                    [
+                        branch.direction,
+                        float(value),
+                        _motion(branch.period[k]),
+                        *map(float, numbers),
+                    ]
                 )
         return header, rows
 
@@ -217,6 +224,7 @@ def climb(
     start: list | None,
     periods: int,
     report: Callable,
+    settings: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Values one after another, each from where the last ended; in a worker process.
 
@@ -225,8 +233,8 @@ def climb(
     scene : Scene
     key : str
     values : list of float
-    engine : str
-    step : str or float
+    engine, step, settings
+        The engine's name, its step, and what else of it is not as usual.
     start : list or None
         Displacement, velocity and the transducer's state in the scene's units; None: the scene's.
     periods : int
@@ -246,7 +254,7 @@ def climb(
         begin = start_state(prepared(scene), 0) if start is None else np.array(start) / units
         try:
             samples = follow(
-                place, engine, step, [list(begin)], periods + SAMPLES, SAMPLES, report
+                place, engine, step, [list(begin)], periods + SAMPLES, SAMPLES, report, settings
             )[0]
         except SimulationError as error:
             failures[str(number)] = str(error)
@@ -269,9 +277,8 @@ def climbing(
     scene: Scene,
     key: str,
     values: np.ndarray,
-    engine: str,
+    engine: Engine,
     version: str,
-    step: str | float,
     periods: int,
     direction: str,
 ) -> Generator[Wanted, list, Any]:
@@ -287,12 +294,11 @@ def climbing(
             "scene": scene,
             "key": key,
             "values": some.tolist(),
-            "engine": engine,
-            "step": step,
+            **engine.as_arguments("engine"),
             "start": start,
             "periods": periods,
         }
-        task = Task(climb, arguments, version, f"{engine} {direction}", some.size)
+        task = Task(climb, arguments, version, f"{engine.name} {direction}", some.size)
         (answer,) = yield Wanted([task], (ordered.size - first) / PLACES_TOGETHER)
         if answer is None or isinstance(answer, HarvesterError):
             return answer
@@ -315,7 +321,10 @@ def _branch(scene, key, values, direction, samples):
         periods[k] = int(repetition(found[k : k + 1])[0])
     whole = np.array([SAMPLES // max(p, 1) * max(p, 1) for p in periods])
     lasting = np.array(
-        [float(_period_at(scene, key, value)) * count for value, count in zip(values, whole)]
+        [
+            float(_period_at(scene, key, value)) * count
+            for value, count in zip(values, whole, strict=True)
+        ]
     )
     ends = samples[:, -1, STATE:]
     begins = samples[np.arange(len(samples)), SAMPLES - whole, STATE:]
@@ -385,4 +394,3 @@ def scenes_over(scene: Scene, key: str, values: np.ndarray) -> list[Scene]:
     HarvesterError
     """
     return [forced(scene.replace({key: float(each)}), "bifurcation") for each in values]
-

@@ -16,9 +16,11 @@ from harvester.excitation.base import ExcitationPath
 from harvester.prepared.paths import noise_path
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
+from harvester.record.range_watch import with_range_watch
 from harvester.record.stroboscope import COLUMNS, STATE, Stroboscope
+from harvester.results.orbit import orbit_name, share_error
 from harvester.running.task import Task, Wanted
-from harvester.simulation.methods import ENGINES
+from harvester.simulation.methods import Engine, engine_of
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -145,7 +147,7 @@ def periods_of(scene: Scene) -> int:
 
 
 def _lasting(scene, seconds):
-    run = replace(scene.run, settle=0.0, duration=seconds, realizations=1)
+    run = replace(scene.run, settle=0.0, duration=seconds, realizations=1, starts=None)
     return replace(scene, run=run)
 
 
@@ -157,6 +159,7 @@ def follow(
     periods: int,
     kept: int,
     report: Callable,
+    settings: dict[str, Any] | None = None,
 ) -> np.ndarray:
     """Follow starts for some forcing periods, in a worker process.
 
@@ -164,8 +167,8 @@ def follow(
     ----------
     scene : Scene
         As `forced` gives it.
-    engine : str
-    step : str or float
+    engine, step, settings
+        The engine's name, its step, and what else of it is not as usual.
     starts : list of [float, float, float]
         X, X' and the transducer's state, scaled.
     periods, kept : int
@@ -178,25 +181,21 @@ def follow(
     """
     period = float(scene.excitation.period)  # type: ignore[arg-type]
     lasting = _lasting(scene, periods * period)
-    ready, chosen = prepared(lasting), ENGINES[engine]
+    ready = prepared(lasting)
+    chosen = engine_of(engine, step=step, **settings or {})
     spacing = knot_spacing(ready)
     samples = noise_path(ready, 0).read(round(periods * period / spacing) + 2)
-    watching = [
-        Stroboscope((periods - kept) * period, period, kept + 1) for _ in starts
-    ]
-    chosen.prepare(lasting)
+    watching = [Stroboscope((periods - kept) * period, period, kept + 1) for _ in starts]
+    chosen.prepare(ready)
     # One netlist of the circuit for each: side by side they would share their steps.
     together = 1 if engine == "circuit" else len(starts)
     for first in range(0, len(starts), together):
         some = slice(first, first + together)
         chosen.run_realizations(
-            lasting,
+            ready,
             [Replayed(samples, spacing) for _ in starts[some]],
             [tuple(each) for each in starts[some]],
-            [[each] for each in watching[some]],
-            step,
-            "external",
-            chosen.schemes[0],
+            with_range_watch(ready, [[each] for each in watching[some]]),
         )
         report([])
     return np.array([each.samples for each in watching])
@@ -211,9 +210,8 @@ def together(scene: Scene, engine: str) -> int:
 
 def following(
     scene: Scene,
-    engine: str,
+    engine: Engine,
     version: str,
-    step: str | float,
     starts: np.ndarray,
     periods: int | None,
 ) -> Generator[Wanted, list, Any]:
@@ -229,7 +227,7 @@ def following(
     """
     first = periods or max(periods_of(scene), SAMPLES + 1)
     kept = min(SAMPLES, first - 1)
-    samples = yield from _pieces(scene, engine, version, step, starts, first, kept)
+    samples = yield from _pieces(scene, engine, version, starts, first, kept)
     if periods is not None or np.isnan(samples).any():
         return samples
     (again,) = np.nonzero(repetition(samples[:, :, :STATE]) == 0)
@@ -239,17 +237,17 @@ def following(
             begin, lasting = samples[again, -1, :STATE], (LONGER - 1) * first
         else:
             begin, lasting = starts[again], LONGER * first
-        later = yield from _pieces(scene, engine, version, step, begin, lasting, kept)
+        later = yield from _pieces(scene, engine, version, begin, lasting, kept)
         samples[again] = np.where(np.isnan(later), samples[again], later)
     return samples
 
 
-def _pieces(scene, engine, version, step, starts, periods, kept):
+def _pieces(scene, engine, version, starts, periods, kept):
     """Samples of all starts, some in a task."""
-    size = together(scene, engine)
+    size = together(scene, engine.name)
     pieces = [starts[first : first + size] for first in range(0, len(starts), size)]
-    label = f"{engine} {periods}"
-    arguments = {"scene": scene, "engine": engine, "step": step, "periods": periods, "kept": kept}
+    label = f"{engine.name} {periods}"
+    arguments = {"scene": scene, **engine.as_arguments("engine"), "periods": periods, "kept": kept}
     answers = yield Wanted(
         [
             Task(follow, {**arguments, "starts": each.tolist()}, version, label, len(each))
@@ -267,9 +265,8 @@ def _pieces(scene, engine, version, step, starts, periods, kept):
 
 def exponents(
     scene: Scene,
-    engine: str,
+    engine: Engine,
     version: str,
-    step: str | float,
     samples: np.ndarray,
     starts: np.ndarray,
     members: np.ndarray,
@@ -288,7 +285,7 @@ def exponents(
     near[:, 0] += apart * scale[0]
     kept = PARTING_PERIODS
     followed = yield from _pieces(
-        scene, engine, version, step, np.concatenate([begin, near]), kept + 1, kept
+        scene, engine, version, np.concatenate([begin, near]), kept + 1, kept
     )
     pairs = followed[:, :, :STATE].reshape(2, PAIRS, kept + 1, STATE).swapaxes(0, 1)
     if np.isnan(pairs).any():
@@ -298,14 +295,13 @@ def exponents(
 
 def orbits_of(
     scene: Scene,
-    engine: str,
+    engine: Engine,
     version: str,
-    step: str | float,
     starts: np.ndarray,
     periods: int | None,
 ) -> Generator[Wanted, list, tuple[list[Orbit], np.ndarray]]:
     """A plan: the orbits that starts come to, and to which each came (−1: not followed)."""
-    samples = yield from following(scene, engine, version, step, starts, periods)
+    samples = yield from following(scene, engine, version, starts, periods)
     which = np.full(len(starts), -1)
     (done,) = np.nonzero(~np.isnan(samples).any(axis=(1, 2)))
     found = []
@@ -314,7 +310,7 @@ def orbits_of(
         which[members] = number
         exponent = None
         if group.period is None:
-            exponent = yield from exponents(scene, engine, version, step, samples, starts, members)
+            exponent = yield from exponents(scene, engine, version, samples, starts, members)
         found.append(_orbit(scene, number, group, samples[members], exponent, done.size))
     return found, which
 
@@ -342,20 +338,3 @@ def _orbit(scene, number, group, samples, exponent, count):
         rms_displacement=math.sqrt(square_displacement) * size,
         points=group.points[:, :2] * np.array([size, speed]),
     )
-
-
-def share_error(part: int, count: int) -> float:
-    """Standard error of a share of starts drawn evenly; none and all count half a start less."""
-    share = (part + 0.5) / (count + 1.0)
-    return math.sqrt(share * (1.0 - share) / count)
-
-
-def orbit_name(number: int) -> str:
-    """A … Z, then A1, ….
-
-    >>> orbit_name(0), orbit_name(27)
-    ('A', 'B1')
-    """
-    letter, again = chr(ord("A") + number % 26), number // 26
-    return f"{letter}{again}" if again else letter
-

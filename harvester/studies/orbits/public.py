@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Unpack
 
 from harvester.arguments import listed
 from harvester.calling import takes_scene
 from harvester.errors import HarvesterError
-from harvester.signatures import Count, Line, RunnerOptions, Share, Step, Values
-from harvester.simulation.simulate import check_name, check_step
+from harvester.signatures import (
+    Count,
+    Line,
+    MethodOrName,
+    RunnerOptions,
+    Share,
+    Step,
+    Values,
+)
+from harvester.simulation.methods import engine_of
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -30,7 +37,7 @@ def basins(
     velocity: Line | None = None,
     points: Count = POINTS,
     periods: Count | None = None,
-    method: str = "monte-carlo",
+    method: MethodOrName = "monte-carlo",
     step: Step = "default",
     **running: Unpack[RunnerOptions],
 ) -> Basins:
@@ -48,7 +55,7 @@ def basins(
     periods : int or None
         Of the excitation, that each start is followed for (default: as many as the device needs to
         forget its start, and three times as many for those without a period by then).
-    method : str
+    method : str or Method
         monte-carlo (the equations themselves) or circuit (ngspice).
     step : str or float
         default, fine, finest, or the longest step in seconds.
@@ -76,8 +83,8 @@ def basins(
     from harvester.studies.orbits.following import SAMPLES, forced, orbits_of, periods_of
 
     clock = time.perf_counter()
-    step = check_step(step)
-    _check_engine(scene, method)
+    engine = engine_of(method, step=step)
+    engine.check(scene)
     if periods is not None and periods < 2:
         raise HarvesterError(f"--periods {periods}: must be at least 2")
     forced_scene = forced(scene, "basins")
@@ -86,12 +93,12 @@ def basins(
     starts = np.zeros((v.size, x.size, 3))
     starts[:, :, 0], starts[:, :, 1] = x / scales.displacement, v[:, None] / scales.of("velocity")
     with open_runner(**running) as runner:
-        version = runner.version(method)
-        plan = orbits_of(forced_scene, method, version, step, starts.reshape(-1, 3), periods)
+        version = runner.version(engine.name)
+        plan = orbits_of(forced_scene, engine, version, starts.reshape(-1, 3), periods)
         ((orbits, which),) = runner.follow([plan])
     return work.Basins(
         scene=scene,
-        method=method,
+        method=engine.name,
         engine_version=version or "compiled equations",
         displacements=x,
         velocities=v,
@@ -110,7 +117,7 @@ def bifurcation(
     values: Values,
     down: bool = True,
     periods: Count | None = None,
-    method: str = "monte-carlo",
+    method: MethodOrName = "monte-carlo",
     step: Step = "default",
     **running: Unpack[RunnerOptions],
 ) -> Bifurcation:
@@ -130,7 +137,7 @@ def bifurcation(
     periods : int or None
         Of the excitation, at each value before the samples (default: as many as the device needs to
         forget the value before).
-    method : str
+    method : str or Method
         monte-carlo (the equations themselves) or circuit (ngspice).
     step : str or float
         default, fine, finest, or the longest step in seconds.
@@ -156,8 +163,8 @@ def bifurcation(
     from harvester.studies.orbits import bifurcation as work
 
     clock = time.perf_counter()
-    step = check_step(step)
-    _check_engine(scene, method)
+    engine = engine_of(method, step=step)
+    engine.check(scene)
     try:
         rising = np.unique(np.array(listed(values, "values", "[0.1, 0.2]"), dtype=float))
     except (TypeError, ValueError):
@@ -168,10 +175,10 @@ def bifurcation(
     settling = periods or work.settling_periods(scenes)
     directions = ("up", "down") if down else ("up",)
     with open_runner(**running) as runner:
-        version = runner.version(method)
+        version = runner.version(engine.name)
         found: list[Any] = runner.follow(
             [
-                work.climbing(scene, over, rising, method, version, step, settling, each)
+                work.climbing(scene, over, rising, engine, version, settling, each)
                 for each in directions
             ]
         )
@@ -187,7 +194,7 @@ def bifurcation(
         values=rising,
         branches=branches,
         jumps=[jump for each in branches for jump in work.jumps_of(rising, each)],
-        method=method,
+        method=engine.name,
         engine_version=version or "compiled equations",
         periods=settling,
         failures={place: why for _, failures in found for place, why in failures.items()},
@@ -202,7 +209,7 @@ def residence(
     over: str | None = None,
     values: Values | None = None,
     precision: Share | None = None,
-    method: str = "monte-carlo",
+    method: MethodOrName = "monte-carlo",
     step: Step = "default",
     **running: Unpack[RunnerOptions],
 ) -> Residence:
@@ -219,7 +226,7 @@ def residence(
     precision : float or None
         Relative standard error, for which realizations are doubled up to 64 times the scene's;
         None: the scene's own run.
-    method : str
+    method : str or Method
         monte-carlo (the equations themselves) or circuit (ngspice).
     step : str or float
         default, fine, finest, or the longest step in seconds.
@@ -239,8 +246,8 @@ def residence(
     from harvester.studies.orbits import residence as work
 
     clock = time.perf_counter()
-    step = check_step(step)
-    _check_engine(scene, method)
+    engine = engine_of(method, step=step)
+    engine.check(scene)
     if (over is None) != (values is None):
         raise HarvesterError("--over and --values: give both or neither")
     places: list[Any] = [None]
@@ -250,10 +257,10 @@ def residence(
     for each in scenes:
         work.require_wells(each)
     with open_runner(**running) as runner:
-        version = runner.version(method)
+        version = runner.version(engine.name)
         found: list[Any] = runner.follow(
             [
-                work.staying(each, value, method, version, step, precision)
+                work.staying(each, value, engine, version, precision)
                 for each, value in zip(scenes, places, strict=True)
             ]
         )
@@ -261,15 +268,7 @@ def residence(
         scene=scene,
         key=over,
         stays=[stay for stays, _ in found for stay in stays],
-        method=method,
+        method=engine.name,
         engine_version=next((each for _, each in found if each), ""),
         seconds=time.perf_counter() - clock,
     )
-
-
-def _check_engine(scene, method):
-    """Refuse an engine that there is not, or that does not take the scene."""
-    from harvester.simulation.methods import ENGINES
-
-    check_name("method", method, ENGINES)
-    ENGINES[method].check(scene)

@@ -20,6 +20,7 @@ from harvester.running.task import Task, Wanted
 from harvester.scene.model import Scene
 from harvester.show.palette import CIRCUIT, MONTE_CARLO
 from harvester.show.panels import Panel, Series, draw_panels, is_wide
+from harvester.simulation.methods import Engine, engine_of
 from harvester.simulation.realization import run
 from harvester.studies.orbits.kramers import kramers_time
 
@@ -168,7 +169,12 @@ def _time_text(stay):
 
 
 def stays(
-    scene: Scene, engine: str, indices: list, step: str | float, report: Callable
+    scene: Scene,
+    engine: str,
+    indices: list,
+    step: str | float,
+    report: Callable,
+    settings: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Times in the wells and jumps out of them, in a worker process.
 
@@ -177,7 +183,7 @@ def stays(
     dict
         `times`, `exits`, shape (realizations, batches, wells), wells from the left; `version`.
     """
-    found = run(scene, engine, indices, step, "external", None, report)
+    found = run(scene, engine_of(engine, step=step, **settings or {}), indices, None, report)
     jumps: Any = [each.moments.jumps for each in found]
     # The last row is what lies before `run.settle`: a start at rest is like an arrival by a jump.
     return {
@@ -190,9 +196,8 @@ def stays(
 def staying(
     scene: Scene,
     value: float | None,
-    engine: str,
+    engine: Engine,
     version: str,
-    step: str | float,
     precision: float | None,
 ) -> Generator[Wanted, list, tuple[list[Stay], str]]:
     """A plan for `Runner.follow`: the stays at one value, and the engine's version."""
@@ -206,9 +211,9 @@ def staying(
         tasks = [
             Task(
                 stays,
-                {"scene": scene, "engine": engine, "indices": each, "step": step},
+                {"scene": scene, **engine.as_arguments("engine"), "indices": each},
                 version,
-                f"{engine} {value}",
+                f"{engine.name} {value}",
                 len(each),
             )
             for each in pieces
@@ -225,7 +230,9 @@ def staying(
             break
         found = stays_of(scene, value, np.concatenate(times), np.concatenate(exits))
         done, count = count, 2 * count
-        errors = [each.standard_error / each.time if each.standard_error else math.inf for each in found]
+        errors = [
+            each.standard_error / each.time if each.standard_error else math.inf for each in found
+        ]
         if precision is None or outcome != "complete" or max(errors) <= precision:
             break
     if not times:
@@ -235,15 +242,17 @@ def staying(
     return [replace(each, outcome=outcome) for each in found], engine_version
 
 
-def stays_of(
-    scene: Scene, value: float | None, times: np.ndarray, exits: np.ndarray
-) -> list[Stay]:
+def stays_of(scene: Scene, value: float | None, times: np.ndarray, exits: np.ndarray) -> list[Stay]:
     """Mean residence times from times in wells and exits, shape (realizations, batches, wells)."""
     ready = prepared(scene)
     system = ready.system
     wells = sorted(timescales.wells(system))
     if len(wells) == 2 and system.symmetric:
-        times, exits, wells = times.sum(axis=2)[:, :, None], exits.sum(axis=2)[:, :, None], wells[1:]
+        times, exits, wells = (
+            times.sum(axis=2)[:, :, None],
+            exits.sum(axis=2)[:, :, None],
+            wells[1:],
+        )
     found = []
     for number, well in enumerate(wells):
         spent, left = times[:, :, number].ravel(), exits[:, :, number].ravel()
@@ -256,9 +265,7 @@ def stays_of(
             error = math.sqrt(blocks / max(blocks - 1, 1) * float((off**2).sum())) / count
         formula, reason = kramers_time(ready, well)
         place = well * ready.scales.displacement
-        found.append(
-            Stay(value, place, time, error, int(count), watched, formula, reason)
-        )
+        found.append(Stay(value, place, time, error, int(count), watched, formula, reason))
     return found
 
 
