@@ -60,14 +60,14 @@ COMMANDS = (
     ),
     Study(
         "basins",
-        "basins device --set excitation.kind=sine --set excitation.frequency=8 "
-        "--set excitation.amplitude=6 --points 60 --output basins",
+        """basins device --set 'excitation={kind="sine", amplitude=6.0, frequency=8.0}' """
+        "--points 60 --output basins",
         title=lambda found: f"orbits of {found.scene.name}",
     ),
     Study(
         "bifurcation",
-        "bifurcation device --set excitation.kind=sine --set excitation.frequency=8 "
-        "--set excitation.amplitude=6 --over excitation.amplitude --values 1:12:linear:100",
+        """bifurcation device --set 'excitation={kind="sine", amplitude=6.0, frequency=8.0}' """
+        "--over excitation.amplitude --values 1:12:linear:100",
         title="bifurcation",
         failed=lambda found: len(found.failures) == len(found.values) * len(found.branches),
     ),

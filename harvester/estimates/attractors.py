@@ -17,8 +17,8 @@ import numpy as np
 # Longest period looked for, in forcing periods, and how often it must be seen.
 LONGEST_PERIOD, SEEN = 24, 2.0
 # Difference of samples, as a share of their greatest, at which a motion repeats itself; and within
-# which cycles are the same. Starts on one orbit that still settle lie apart by several times of what
-# they change in a period.
+# which cycles are the same: starts that still settle lie apart by several times what they change in
+# a period.
 REPEATS, SAME_CYCLE = 1e-4, 1e-2
 # Largest difference of a shorter repetition that counts as what is left of settling: a spiral that
 # turns by a third of a circle a period is nearly the same after three.
