@@ -14,8 +14,8 @@ from harvester.record.record import Record
 if TYPE_CHECKING:
     from harvester.prepared.prepared import Prepared
 
-# Columns of `Stroboscope.samples`. The last three are time integrals, so that their differences over
-# a period are its means.
+# Columns of `Stroboscope.samples`. The last three are time integrals, so that their differences
+# over a period are its means.
 COLUMNS = (
     "displacement", "velocity", "state", "load_energy", "square_voltage", "square_displacement",
 )  # fmt: skip

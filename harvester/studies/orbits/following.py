@@ -33,6 +33,10 @@ FEWEST_PERIODS, MOST_PERIODS = 100, 2000
 SAMPLES = 64
 # How much longer those are followed that have no period by then: chaos may be a transient.
 LONGER = 3
+# Knots for each one that a scene has: between them a sine is a straight line, which decides for
+# starts next to a fractal border. Of 225 starts of a Duffing oscillator 88, 94, 95.6 and 96 %
+# came to the well that scipy found, with 1, 2, 4 and 8; four take 1.4 times as long as one.
+FINER_KNOTS = 4
 # Starts in one task of a resistor's engine, of a netlist's, and of the circuit.
 TOGETHER, TOGETHER_NETLIST, TOGETHER_CIRCUIT = 512, 64, 8
 # Pairs of neighbours that a Lyapunov exponent is taken from, and their distance at first, as a
@@ -127,7 +131,7 @@ def forced(scene: Scene, command: str) -> Scene:
             f'start to forget: {command} needs excitation.kind = "sine"'
         )
     ready = prepared(_lasting(scene, excitation.period))
-    knots = math.ceil(excitation.period / knot_spacing(ready) - 1e-9)
+    knots = FINER_KNOTS * math.ceil(excitation.period / knot_spacing(ready) - 1e-9)
     excitation = replace(excitation, knot_spacing=excitation.period / knots)
     return replace(scene, excitation=excitation, start=None)
 
