@@ -159,13 +159,16 @@ def _wanderers(samples, members):
     low, high = section.min(axis=(0, 1)), section.max(axis=(0, 1))
     span = np.where(high > low, high - low, 1.0)
     cells = np.minimum(((section - low) / span * CELLS).astype(int), CELLS - 1)
-    filled, groups = [], []
+    # Of each group the cells that it fills, and these with those beside them.
+    filled: list[tuple[np.ndarray, np.ndarray]] = []
+    groups: list[list[int]] = []
     for place in range(members.size):
         x, v = cells[place].T
         shares = [float(near[x, v].mean()) for _, near in filled]
         best = int(np.argmax(shares)) if shares else -1
         if best < 0 or shares[best] < SAME_CELLS:
-            filled.append((np.zeros((CELLS, CELLS), dtype=bool), None))
+            nothing = np.zeros((CELLS, CELLS), dtype=bool)
+            filled.append((nothing, nothing))
             groups.append([])
             best = len(filled) - 1
         own = filled[best][0]

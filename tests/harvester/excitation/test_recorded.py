@@ -199,7 +199,6 @@ def test_what_cannot_be_mended_says_so_at_once(tmp_path):
         ({"mend": ["nann"]}, ["mend[0]", "did you mean nan"]),
         ({"knot_spacing": 0.02}, ["knot_spacing", "0.01"]),
         ({"run": {"duration": 41.0}}, ["lasts 40 s", "periodic"]),
-        ({"run": {"realizations": 2}}, ["run.realizations = 2", "periodic"]),
         ({"full_scale": 2.0}, ["full_scale", ".wav"]),
         ({"file": "nowhere.csv"}, ["nowhere.csv", "cannot be read"]),
         ({"file": 3}, ["excitation.file", "a text"]),
