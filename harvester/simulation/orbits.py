@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from harvester.estimates.attractors import Group, groups_of, groups_that_meet
+from harvester.estimates.attractors import groups_of, groups_that_meet
 from harvester.estimates.of_run import run_estimates
 from harvester.prepared.prepared import prepared
 from harvester.record.stroboscope import STATE
@@ -54,7 +54,7 @@ def attractors(
     )
 
 
-def _attractor(scene, number, group: Group, moments, cost, units):
+def _attractor(scene, number, group, moments, cost, units):
     """One motion with its own means: those of a run of its starts alone."""
     own = [moments[k] for k in group.members]
     alone = replace(scene, run=replace(scene.run, realizations=len(own), starts=None))

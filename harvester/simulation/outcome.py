@@ -17,6 +17,7 @@ from harvester.estimates.of_run import run_estimates
 from harvester.estimates.units import unit_of
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, step_error, steps_per_knot
+from harvester.results.orbit import Attractor
 from harvester.results.residual_cause import suspected_cause
 from harvester.results.result import Result
 from harvester.scene.model import Scene
@@ -55,7 +56,7 @@ def result_of(
     joint = joint_density_of(joints, is_symmetric(scene, parameters)) if joints else None
     kept = [each.stroboscope for each in realizations if each.stroboscope is not None]
     samples = np.array(kept) if kept else None
-    motions = ()
+    motions: tuple[Attractor, ...] = ()
     if samples is not None and several_starts(scene):
         motions = attractors(scene, samples, moments, cost)
     if found.shortfalls:

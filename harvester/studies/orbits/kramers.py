@@ -61,7 +61,8 @@ def _refusal(ready, well):
         return "it is for two wells"
     if excitation.kind not in ("white", "ornstein-uhlenbeck"):
         return f'it is for white noise, and excitation.kind = "{excitation.kind}"'
-    if not system.damper.damping > 0.0 or getattr(system.damper, "quadratic_damping", 0.0):
+    drag = ready.scene.oscillator.quadratic_damping
+    if not system.damper.damping > 0.0 or drag > 0.0:
         return "it is for a linear damper"
     if any(each.restitution < 1.0 for each in ready.scene.stoppers):
         return "stoppers take energy"

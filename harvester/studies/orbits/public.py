@@ -253,7 +253,7 @@ def residence(
     places: list[Any] = [None]
     if values is not None:
         places = [float(each) for each in listed(values, "values", "[0.1, 0.2]")]
-    scenes = [scene if each is None else scene.replace({over: each}) for each in places]
+    scenes = [scene if over is None else scene.replace({over: each}) for each in places]
     for each in scenes:
         work.require_wells(each)
     with open_runner(**running) as runner:

@@ -261,8 +261,8 @@ def stays_of(scene: Scene, value: float | None, times: np.ndarray, exits: np.nda
         error = None
         if count >= FEWEST_STAYS:
             off = spent - time * left
-            blocks = np.count_nonzero(spent > 0.0)
-            error = math.sqrt(blocks / max(blocks - 1, 1) * float((off**2).sum())) / count
+            blocks = int(np.count_nonzero(spent > 0.0))
+            error = math.sqrt(blocks / max(blocks - 1.0, 1.0) * float((off**2).sum())) / count
         formula, reason = kramers_time(ready, well)
         place = well * ready.scales.displacement
         found.append(Stay(value, place, time, error, int(count), watched, formula, reason))
