@@ -47,14 +47,18 @@ if TYPE_CHECKING:
     from harvester.errors import SimulatorCrashed as SimulatorCrashed
     from harvester.errors import SimulatorTimeout as SimulatorTimeout
     from harvester.errors import SolutionDiverged as SolutionDiverged
+    from harvester.errors import SpringRangeLeft as SpringRangeLeft
     from harvester.errors import UnknownOption as UnknownOption
     from harvester.errors import UnknownQuantity as UnknownQuantity
     from harvester.explorer.explorer import explore as explore
     from harvester.identification.identify import identify as identify
+    from harvester.identification.measured_impedance import MeasuredImpedance as MeasuredImpedance
+    from harvester.identification.measured_impedance import read_impedance as read_impedance
     from harvester.identification.measured_response import MeasuredResponse as MeasuredResponse
     from harvester.identification.measurement import Measurement as Measurement
     from harvester.identification.measurement import read_measurement as read_measurement
     from harvester.results.result import Result as Result
+    from harvester.running.opening import open_runner as open_runner
     from harvester.scene.model import Scene as Scene
     from harvester.simulation.methods import Circuit as Circuit
     from harvester.simulation.methods import MonteCarlo as MonteCarlo
@@ -95,14 +99,17 @@ _WHERE = {
     "bifurcation": "harvester.studies.orbits.public",
     "residence": "harvester.studies.orbits.public",
     "sweep": "harvester.studies.public",
+    "open_runner": "harvester.running.opening",
     "load_study": "harvester.studies.public",
     "save": "harvester.studies.loads.study",
     "optimum": "harvester.studies.public",
     "sensitivity": "harvester.studies.public",
     "identify": "harvester.identification.identify",
     "Measurement": "harvester.identification.measurement",
+    "MeasuredImpedance": "harvester.identification.measured_impedance",
     "MeasuredResponse": "harvester.identification.measured_response",
     "read_measurement": "harvester.identification.measurement",
+    "read_impedance": "harvester.identification.measured_impedance",
     "accuracy": "harvester.verification.accuracy.both",
     "work_precision": "harvester.verification.accuracy.work_precision",
     "time_to_accuracy": "harvester.verification.accuracy.time_to_accuracy",

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -12,7 +14,7 @@ from circuits.loads.expression import CIRCUIT_ONLY, ExpressionError, Tree, leave
 from circuits.loads.kinds import LEVEL, STATE
 from harvester.device.terminals import GROUND
 from harvester.errors import NetlistError
-from harvester.files.plain_text import nearest
+from harvester.files.plain_text import named, nearest
 
 if TYPE_CHECKING:
     from circuits.loads.elements import Element
@@ -38,7 +40,7 @@ class Measurement(_Rows):
     Attributes
     ----------
     rows : tuple of (str, str)
-        Kind and name of each value; what a state takes is a row of the kind `TAKEN`.
+        Kind and name of each value; what a state takes is a row of the kind `TAKEN`. Levels last.
     trees : tuple
         Their expressions, see `circuits.loads.expression`.
     watched : tuple of str
@@ -52,10 +54,24 @@ class Measurement(_Rows):
         # Compiled code: reading a load does without.
         from circuits.loads.tape import Values
 
-        return Values(self.trees, self.watched)
+        return Values(self.trees[: self._measures], self.watched)
+
+    @cached_property
+    def _measures(self) -> int:
+        return sum(kind != LEVEL for kind, _ in self.rows)
+
+    @cached_property
+    def _level_places(self) -> tuple[int | None, ...]:
+        places: dict[str, int] = {name: place for place, name in enumerate(self.watched)}
+        own = self.trees[self._measures :]
+        return tuple(places.get(next(_unknowns(tree), GROUND)) for tree in own)
+
+    def levels(self, unknowns: np.ndarray) -> list[np.ndarray | None]:
+        """The levels, in V and A, of unknowns (len(watched), n) in V and A; None: of ground."""
+        return [None if place is None else unknowns[place] for place in self._level_places]
 
     def values(self, time: np.ndarray, unknowns: np.ndarray, unit: float) -> np.ndarray:
-        """Values of all rows at consecutive points.
+        """Values of all rows but the levels at consecutive points.
 
         Parameters
         ----------
@@ -67,17 +83,17 @@ class Measurement(_Rows):
 
         Returns
         -------
-        ndarray, shape (len(rows), n)
-            Powers and energies in that unit, levels in V and A; of states 1 where they hold, else
-            0. nan where an expression has no value.
+        ndarray, shape (measures, n)
+            Powers and energies in that unit; of states 1 where they hold, else 0. nan where an
+            expression has no value.
         """
-        if not self.rows:
+        if not self._measures:
             return np.empty((0, time.size))
         found = self._values(time, unknowns)
-        for row, (kind, _) in zip(found, self.rows, strict=True):
+        for row, (kind, _) in zip(found, self.rows, strict=False):
             if kind == STATE:
                 row[:] = np.where(np.isnan(row), np.nan, row > 0.0)
-            elif kind != LEVEL:
+            else:
                 row *= unit
         return found
 
@@ -100,7 +116,7 @@ def measurement_of(load: LoadCircuit, pins: Mapping[str, str]) -> Measurement:
         trees.append(held)
         if taken:
             trees.append(("if", ("<", ("number", 0.0), held), taken, ("number", 0.0)))
-    trees += [_level(name, pins) for name in load.levels]
+    trees += [_level(name, pins) for name in (*load.levels, *load.probes)]
     watched = tuple(dict.fromkeys(name for tree in trees for name in _unknowns(tree)))
     outside = tuple(name for name in watched if name in pins.values())
     return Measurement(load.recorded, tuple(trees), watched, outside)
@@ -110,6 +126,26 @@ def _level(name, pins):
     if name.startswith("i("):
         return ("i", name[2:-1])
     return ("v", pins.get(name, name), GROUND)
+
+
+def with_probes(load: LoadCircuit, names: Iterable[str]) -> LoadCircuit:
+    """The load with these nodes, and currents "i(name)", among what is kept of a run.
+
+    Raises
+    ------
+    NetlistError
+        The load has no such node or current.
+    """
+    known = {*load.pins, *(node for part in load.elements for node in part.nodes)} - {GROUND}
+    known |= {f"i({part.name})" for part in load.elements if _has_current(part)}
+    plain = tuple(dict.fromkeys(re.sub(r"^v\((.*)\)$", r"\1", name.lower()) for name in names))
+    for name in plain:
+        if name not in known:
+            raise NetlistError(
+                f"{load.file or load.name}: no node or current {named(name)}"
+                f"{nearest(name, known)}; there are {', '.join(sorted(known))}"
+            )
+    return replace(load, probes=plain)
 
 
 def evaluated(

@@ -11,6 +11,7 @@ import numpy as np
 from harvester.errors import AveragingError
 from harvester.excitation.recorded import one_pass
 from harvester.files.serialising import plain, read
+from harvester.show.numbers import value_and_error
 
 if TYPE_CHECKING:
     from harvester.excitation.recorded import RecordedMotion
@@ -260,6 +261,6 @@ def _unexplained(frequency, density, fitted):
 
 
 def _with_error(value, error):
-    return (
-        f"{value:.4g} ± {error:.2g}" if math.isfinite(error) else f"{value:.2g} (too short to show)"
-    )
+    if math.isfinite(error):
+        return value_and_error(value, error)
+    return f"{value:.2g} (too short to show)"

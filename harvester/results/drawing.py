@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from harvester.estimates.estimate import Density
 from harvester.show.palette import CIRCUIT
 from harvester.show.panels import entitle
 
@@ -20,6 +24,8 @@ WORTH_DRAWING = 1e-3
 MOST_TICKS = 5
 # Bins a side of the density in a section.
 SECTION_BINS = 60
+# Of a density from chance, however few its effective samples: its shape is still to be seen.
+FEWEST_BINS = 40
 
 
 def draw_result(result: Result) -> Figure | None:
@@ -75,20 +81,42 @@ def _draw_fit(axes, result):
     axes.set_xlabel("frequency [Hz]")
     unit = "(m/s²)²/Hz" if result.scene.units == "SI" else "scaled"
     axes.set_ylabel(f"density [{unit}]")
-    axes.legend(fontsize=6)
+    # Above the data: a spectrum fills its axes.
+    axes.legend(fontsize=6, loc="lower left", bbox_to_anchor=(0.0, 1.0))
 
 
 def draw_density(
     axes: Axes, result: Result, name: str, colour: str, style: str, label: str | None
 ) -> None:
     """One density in the scene's units, with a band of two standard errors."""
-    density = result.densities[name]
+    density = _merged(result, name)
     unit = result.scales.of(density.dimension)
     centre, values = density.centre * unit, density.density / unit
     if density.standard_error is not None:
         band = 2.0 * density.standard_error / unit
         axes.fill_between(centre, values - band, values + band, color=colour, alpha=0.25, lw=0)
     axes.plot(centre, values, style, color=colour, label=label)
+
+
+def _merged(result, name):
+    """A density of so few bins as its effective samples fill: Rice's 2 n^⅓ of them, or more."""
+    density = result.densities[name]
+    about = result.scaled_quantities.get(f"mean_square_{name}")
+    samples = about.effective_sample_size if about else None
+    if density.standard_error is None or not samples:
+        return density
+    held = int(np.count_nonzero(density.density > WORTH_DRAWING * density.density.max()))
+    size = held // max(FEWEST_BINS, math.ceil(2.0 * samples ** (1.0 / 3.0)))
+    if size < 2:
+        return density
+    bins = density.centre.size // size
+
+    def means(values):
+        return values[: bins * size].reshape(bins, size).mean(axis=1)
+
+    # Neighbours err together: the mean of their errors is what is left at most.
+    centre, value, error = map(means, (density.centre, density.density, density.standard_error))
+    return Density(centre, value, error, density.dimension)
 
 
 def frame(axes: Axes, results: Sequence[Result], name: str) -> None:

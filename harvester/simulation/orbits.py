@@ -58,7 +58,7 @@ def _attractor(scene, number, group, moments, cost, units):
     """One motion with its own means: those of a run of its starts alone."""
     own = [moments[k] for k in group.members]
     alone = replace(scene, run=replace(scene.run, realizations=len(own), starts=None))
-    scaled, scales = run_estimates(alone, own, cost).scaled, prepared(scene).scales
+    scaled, scales = run_estimates(prepared(alone), own, cost).scaled, prepared(scene).scales
     return Attractor(
         name=orbit_name(number),
         period=group.period,

@@ -38,6 +38,7 @@ def quake(tmp_path):
         "column": "north",
         "time_column": "time",
         "unit": "g",
+        "detrend": "none",
     }
     tables["run"] = {"duration": 290.0, "settle": 5.0}
     return Scene.from_tables(tables, name="quake")
@@ -62,10 +63,12 @@ def test_circuit_and_monte_carlo_follow_the_record_point_by_point(pool, quake):
     """Until the two steps let the paths separate: the first seconds, from rest."""
     short = quake.replace({"run.duration": 3.0, "run.settle": 0.0})
     window = (0.0, 3.0)
-    circuit = simulate(short, method="circuit", step="finest", window=window, runner=pool).waveform
+    circuit = simulate(
+        short, method="circuit", step="finest", window=window, runner=pool
+    ).waveform.record
     reference = simulate(
         short, method="monte-carlo", step="fine", window=window, runner=pool
-    ).waveform
+    ).waveform.record
     at = np.interp(circuit.time, reference.time, reference.displacement)
     np.testing.assert_allclose(circuit.displacement, at, atol=2e-3)
     assert np.ptp(at) > 0.1
@@ -74,7 +77,7 @@ def test_circuit_and_monte_carlo_follow_the_record_point_by_point(pool, quake):
 def test_the_exported_netlist_holds_the_same_knots(quake, tmp_path):
     short = quake.replace({"run.duration": 2.0, "run.settle": 0.0})
     ready = prepared(short)
-    netlist = stand_alone(short, noise_path(ready, 0))
+    netlist = stand_alone(prepared(short), noise_path(ready, 0))
     source = re.search(r"Inoise 0 velocity PWL\((.*?)\)", netlist.text, re.DOTALL).group(1)
     numbers = np.array(source.replace("+", " ").split(), dtype=float).reshape(-1, 2)
     path = noise_path(ready, 0).read(len(numbers))
