@@ -64,6 +64,9 @@ if TYPE_CHECKING:
     from harvester.simulation.methods import MonteCarlo as MonteCarlo
     from harvester.simulation.simulate import simulate as simulate
     from harvester.studies.loads.study import save as save
+    from harvester.studies.orbits.public import basins as basins
+    from harvester.studies.orbits.public import bifurcation as bifurcation
+    from harvester.studies.orbits.public import residence as residence
     from harvester.studies.public import frequency_response as frequency_response
     from harvester.studies.public import load_study as load_study
     from harvester.studies.public import optimum as optimum
@@ -92,6 +95,9 @@ _WHERE = {
     "validate": "harvester.studies.public",
     "explore": "harvester.explorer.explorer",
     "frequency_response": "harvester.studies.public",
+    "basins": "harvester.studies.orbits.public",
+    "bifurcation": "harvester.studies.orbits.public",
+    "residence": "harvester.studies.orbits.public",
     "sweep": "harvester.studies.public",
     "open_runner": "harvester.running.opening",
     "load_study": "harvester.studies.public",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 import warnings
 from typing import Any, NoReturn
@@ -109,6 +110,11 @@ def _parsed(arguments):
 
 class Parser(argparse.ArgumentParser):
     """Says what is wrong with a call in printable text."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        # A range such as -0.02:0.02:60 is a value, no option.
+        self._negative_number_matcher = re.compile(r"^-\.?\d")
 
     def error(self, message: str) -> NoReturn:
         """End with the usage and the mistake."""

@@ -87,6 +87,37 @@ def grid_of(text: str, option: str) -> list[float]:
     )
 
 
+def line_of(text: str, option: str) -> list[float]:
+    """Evenly spaced numbers of either sign, from LOW:HIGH:NUMBER.
+
+    Raises
+    ------
+    HarvesterError
+        Names the option.
+    """
+    import numpy as np
+
+    try:
+        low, high, count = text.split(":")
+        if -math.inf < float(low) < float(high) < math.inf and 1 < int(count) <= MOST_NUMBERS:
+            return [float(number) for number in np.linspace(float(low), float(high), int(count))]
+    except ValueError:
+        pass
+    raise HarvesterError(
+        f"{option} {named(text)}: write it as LOW:HIGH:NUMBER, such as -0.02:0.02:60"
+    )
+
+
+def values_of_key(text: str, option: str) -> list[float]:
+    """Numbers from FIRST:LAST:log:NUMBER and the like, or from LOW:HIGH:NUMBER.
+
+    Raises
+    ------
+    HarvesterError
+    """
+    return line_of(text, option) if text.count(":") == 2 else grid_of(text, option)
+
+
 def grids_of(texts: list[str], option: str) -> dict[str, list[float]]:
     """Keys to numbers, from table.key=0.1:2:log:40 for each key."""
     pairs = by_key(texts, option, "table.key=LIST")
@@ -211,6 +242,9 @@ Processes = Annotated[int, Kind("N", "a whole number ≥ 1", _counts)]
 File = Annotated[str, Kind("FILE")]
 Folder = Annotated[str | os.PathLike, Kind("DIR")]
 Grid = Annotated[Sequence[float], Kind("LIST", read=grid_of)]
+Line = Annotated[Sequence[float], Kind("LOW:HIGH:NUMBER", read=line_of)]
+Values = Annotated[Sequence[float], Kind("LIST", read=values_of_key)]
+Count = Annotated[int, Kind("N", "a whole number ≥ 1", _counts)]
 Grids = Annotated[
     Mapping[str, Sequence[float]],
     Kind("TABLE.KEY=LIST", option="sweep", read=grids_of, again=True),

@@ -59,6 +59,24 @@ COMMANDS = (
         failed=lambda found: found.failed,
     ),
     Study(
+        "basins",
+        """basins device --set 'excitation={kind="sine", amplitude=6.0, frequency=8.0}' """
+        "--points 60 --output basins",
+        title=lambda found: f"orbits of {found.scene.name}",
+    ),
+    Study(
+        "bifurcation",
+        """bifurcation device --set 'excitation={kind="sine", amplitude=6.0, frequency=8.0}' """
+        "--over excitation.amplitude --values 1:12:linear:100",
+        title="bifurcation",
+        failed=lambda found: len(found.failures) == len(found.values) * len(found.branches),
+    ),
+    Study(
+        "residence",
+        "residence duffing --over excitation.intensity --values 0.02:0.06:log:5 --precision 0.05",
+        title="residence times",
+    ),
+    Study(
         "sweep",
         "sweep paper --over excitation.intensity=0.005:0.1:log:7 --method monte-carlo "
         "--method fokker_planck --quantity mean_square_voltage --output swept",

@@ -213,11 +213,6 @@ class RecordedMotion(Excitation):
                 f"{origin}: the record lasts {length:g} s, and run.settle + run.duration are "
                 f'{run.settle + run.duration:g} s; shorten the run or set repetition = "periodic"'
             )
-        if run.realizations > 1:
-            raise SceneError(
-                f"{origin}: run.realizations = {run.realizations}: one record is one path; set 1, "
-                'or repetition = "periodic" for starts at other offsets'
-            )
 
     def spacing(self, longest: float) -> float:
         return self.interval

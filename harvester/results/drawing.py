@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 WORTH_DRAWING = 1e-3
 # Intervals between ticks on a density's axis: the labels of an SI scene are long.
 MOST_TICKS = 5
+# Bins a side of the density in a section.
+SECTION_BINS = 60
 # Of a density from chance, however few its effective samples: its shape is still to be seen.
 FEWEST_BINS = 40
 
@@ -31,7 +33,8 @@ def draw_result(result: Result) -> Figure | None:
     from matplotlib.figure import Figure
 
     fitted = result.spectrum_fit is not None and result.spectrum_fit.frequency.size > 0
-    panels = len(result.densities) + fitted
+    strobed = result.stroboscope is not None and result.stroboscope.shape[1] > 0
+    panels = len(result.densities) + fitted + strobed
     if not panels:
         return None
     figure = Figure(figsize=(3.0 * panels, 2.6))
@@ -43,9 +46,29 @@ def draw_result(result: Result) -> Figure | None:
         axes.set_ylim(bottom=0.0)
         frame(axes, [result], name)
     if fitted:
-        _draw_fit(figure.add_subplot(1, panels, panels), result)
+        _draw_fit(figure.add_subplot(1, panels, panels - strobed), result)
+    if strobed:
+        _draw_section(figure.add_subplot(1, panels, panels), result)
     entitle(figure, f"{result.scene.name}: {result.engine}")
     return figure
+
+
+def _draw_section(axes, result):
+    """The stroboscopic section: its points, of each orbit in a colour; under noise its density."""
+    x, v = result.section().reshape(-1, 2).T
+    if result.scene.excitation.random:
+        axes.hist2d(x, v, bins=SECTION_BINS, density=True, cmin=1e-300, cmap="viridis")
+    elif result.attractors:
+        for each in result.attractors:
+            label = f"{each.name}: {each.share:.1%}"
+            axes.plot(*each.points.T, "o" if each.period else ".", markersize=3.0, label=label)
+        axes.legend(fontsize=6)
+    else:
+        axes.plot(x, v, ".", color=CIRCUIT, markersize=2.0)
+    axes.set_xlabel(axis_label(result, "displacement"))
+    axes.set_ylabel(axis_label(result, "velocity"))
+    axes.set_title("stroboscopic section", fontsize=8)
+    axes.locator_params(axis="x", nbins=MOST_TICKS)
 
 
 def _draw_fit(axes, result):

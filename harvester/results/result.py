@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, get_type_hints
 
+import numpy as np
+
 from harvester.errors import HarvesterError, UnknownQuantity
 from harvester.estimates.estimate import Density, Estimate, root
 from harvester.estimates.joint_density import JointDensity
@@ -15,6 +17,7 @@ from harvester.excitation.spectrum_fit import SpectrumFit
 from harvester.files.plain_text import nearest, one_line, shown
 from harvester.files.serialising import NotAValue, plain, read
 from harvester.record.moments import Moments
+from harvester.results.orbit import Attractor
 from harvester.results.waveform import Waveform
 from harvester.scene.described import device_line
 from harvester.scene.model import Scene
@@ -99,6 +102,11 @@ class Result:
         One per realization, for paired differences; empty for averaging.
     spectrum_fit : SpectrumFit or None
         Of averaging over a record.
+    stroboscope : ndarray or None, shape (realizations, samples, columns)
+        Where it was asked for: the state at the beginnings of the excitation's periods, scaled, in
+        the columns of `harvester.record.stroboscope.COLUMNS`; see `section`.
+    attractors : tuple of Attractor
+        Of a run without chance from several starts: the motions that they come to.
     outcome : str
         "complete", "incomplete" where realizations failed, or the name of the error that ended
         the run early.
@@ -127,6 +135,8 @@ class Result:
     spectrum_fit: SpectrumFit | None = None
     outcome: str = "complete"
     step_error: float | None = None
+    stroboscope: np.ndarray | None = None
+    attractors: tuple[Attractor, ...] = ()
 
     def quantity(self, name: str) -> Estimate:
         """One estimate in the scene's units, as `result[name]`.
@@ -184,6 +194,11 @@ class Result:
                     name: {**each.to_dict("scaled"), "dimension": each.dimension}
                     for name, each in self.scaled_quantities.items()
                 },
+                **(
+                    {"attractors": [each.to_dict(self.unit) for each in self.attractors]}
+                    if self.attractors
+                    else {}
+                ),
                 **({"spectrum_fit": self.spectrum_fit} if self.spectrum_fit else {}),
                 "scene": self.scene,
             }
@@ -326,6 +341,23 @@ class Result:
         from harvester.show import figures
 
         return figures.drawn(joint_drawing.draw, [self])
+
+    def section(self) -> np.ndarray:
+        """Displacement and velocity of all stroboscopic samples, in the scene's units.
+
+        Returns
+        -------
+        ndarray, shape (realizations, samples, 2)
+
+        Raises
+        ------
+        HarvesterError
+            None were kept.
+        """
+        if self.stroboscope is None:
+            raise HarvesterError(f"{self.scene.name}: no samples were kept: ask for stroboscope")
+        units = [self.scales.of("displacement"), self.scales.of("velocity")]
+        return self.stroboscope[:, :, :2] * units
 
     def __repr__(self) -> str:
         first = next(iter(self.quantities.items()), None)

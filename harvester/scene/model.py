@@ -261,6 +261,11 @@ class Scene:
             parts["stoppers"] = (parts["stoppers"],)
         scene = cls(name=plain_text.name(name), folder=folder, **top, **parts)
         scene.excitation.check(scene.units, scene.run, origin)
+        if scene.run.starts is not None and scene.excitation.random:
+            raise SceneError(
+                f"{origin}: run.starts = {scene.run.starts}: starts are for an excitation without "
+                "chance, a sine or one pass of a record; under noise set run.realizations"
+            )
         _check_range(scene, origin)
         _check_sampling(scene, origin)
         return scene

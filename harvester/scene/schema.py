@@ -81,6 +81,7 @@ OTHER_KEYS: dict[str, Any] = {
         "settle": not_negative(),
         "seed": Key(kind=int, low=0, high=LARGEST_SEED),
         "realizations": Key(kind=int, low=1, high=1_000_000),
+        "starts": Key(kind=int, low=1, high=1_000_000),
     },
 }
 

@@ -24,6 +24,7 @@ from harvester.record.moments import prepare as prepare_moments
 from harvester.record.output_side import OutputMoments
 from harvester.record.range_watch import with_range_watch
 from harvester.record.record import Record
+from harvester.record.stroboscope import Stroboscope, strobe_times
 from harvester.simulation.methods import Engine
 
 if TYPE_CHECKING:
@@ -53,6 +54,9 @@ class Realization:
         The system's clock (s).
     engine_version : str
     netlist_sha256 : str or None
+    stroboscope : ndarray or None
+        Samples at the beginnings of the excitation's periods, as
+        `harvester.record.stroboscope.Stroboscope` has them; where they were asked for.
     """
 
     moments: Moments
@@ -64,6 +68,7 @@ class Realization:
     engine_version: str
     netlist_sha256: str | None
     electrical: dict[str, np.ndarray]
+    stroboscope: np.ndarray | None = None
 
 
 class Stretch(NamedTuple):
@@ -166,6 +171,7 @@ def run(
     report: Callable,
     joint_density: bool = False,
     stretch: Stretch | None = None,
+    stroboscope: bool = False,
 ) -> list[Realization]:
     """Simulate realizations of a scene; the circuit engine takes them side by side.
 
@@ -179,7 +185,7 @@ def run(
         Stretch of each one's waveform to keep (s).
     report : callable
         Given the list of moments so far.
-    joint_density : bool
+    joint_density, stroboscope : bool
         See `harvester.simulate`.
 
     Returns
@@ -206,7 +212,8 @@ def run(
             outputs[0] = _WatchedOutput(outputs[0], first)
     sampled = (scene.run.settle, knot_spacing(ready))
     joints = [JointHistogram.empty(*sampled) if joint_density else None for _ in indices]
-    for watching, *others in zip(observers, waveforms, joints, strict=True):
+    strobes = [Stroboscope(*strobe_times(ready)) if stroboscope else None for _ in indices]
+    for watching, *others in zip(observers, waveforms, joints, strobes, strict=True):
         watching[:0] = [each for each in others if each is not None]
     engine.prepare(ready)
     prepare_moments()
@@ -232,9 +239,10 @@ def run(
             seconds=seconds / len(moments),
             started=started,
             ended=started + elapsed,
+            stroboscope=strobe.samples if strobe else None,
             **outcome,
         )
-        for each, waveform, joint in zip(moments, waveforms, joints, strict=True)
+        for each, waveform, joint, strobe in zip(moments, waveforms, joints, strobes, strict=True)
     ]
 
 

@@ -67,6 +67,7 @@ def calls_of(
     copies: int,
     stretch: Stretch | None,
     joint_density: bool,
+    stroboscope: bool = False,
 ) -> list[dict[str, Any]]:
     """Arguments of `harvester.simulation.realization.run`, `copies` realizations in each."""
     indices = range(scene.run.realizations)
@@ -78,6 +79,7 @@ def calls_of(
             "window": None,
             "stretch": stretch if start == 0 else None,
             "joint_density": joint_density,
+            "stroboscope": stroboscope,
         }
         for start in range(0, len(indices), copies)
     ]

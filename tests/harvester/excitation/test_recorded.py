@@ -227,7 +227,6 @@ def test_what_cannot_be_mended_says_so_at_once(tmp_path):
         ({"interpolation": "smoth"}, ["did you mean smooth"]),
         ({"fade_in": 1.0, "repetition": "periodic"}, ["fade_in", "periodic"]),
         ({"run": {"duration": 41.0}}, ["lasts 40 s", "periodic"]),
-        ({"run": {"realizations": 2}}, ["run.realizations = 2", "periodic"]),
         ({"full_scale": 2.0}, ["full_scale", ".wav"]),
         ({"file": "nowhere.csv"}, ["nowhere.csv", "cannot be read"]),
         ({"file": 3}, ["excitation.file", "a text"]),
