@@ -11,7 +11,6 @@ import numpy as np
 from harvester.errors import AveragingError
 from harvester.excitation.recorded import one_pass
 from harvester.files.serialising import plain, read
-from harvester.show.numbers import value_and_error
 
 if TYPE_CHECKING:
     from harvester.excitation.recorded import RecordedMotion
@@ -262,5 +261,7 @@ def _unexplained(frequency, density, fitted):
 
 def _with_error(value, error):
     if math.isfinite(error):
+        from harvester.show.numbers import value_and_error
+
         return value_and_error(value, error)
     return f"{value:.2g} (too short to show)"

@@ -7,7 +7,6 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from harvester.scene.units import rest_stiffness
-from harvester.show.numbers import quantity
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -19,6 +18,8 @@ def device_line(scene: Scene) -> tuple[str, ...]:
     Frequency and quality factor are those of mass, spring and damper alone (a shorted piezo);
     k² = θ²/(K Cp) raises the frequency of the open piezo by √(1 + k²).
     """
+    from harvester.show.numbers import quantity
+
     if scene.units != "SI" or scene.excitation.prescribes_displacement:
         return ()
     oscillator = scene.oscillator

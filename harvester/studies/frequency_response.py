@@ -36,6 +36,7 @@ from harvester.show.panels import Panel, Series, draw_panels, is_wide
 from harvester.simulation.methods import engine_of
 from harvester.simulation.realization import Waveform
 from harvester.simulation.simulate import check_name
+from harvester.studies.transient import transient_time
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -392,17 +393,10 @@ def shown_of(scene: Scene, quantities: Sequence[str], per_g: bool) -> tuple[str,
 
 def stepped(scene: Scene, frequencies: np.ndarray) -> Scene:
     """The scene with a sine that dwells at each frequency until the transient is gone."""
-    parameters = prepared(scene).system
-    decay = parameters.transducer.decay_rate()
-    slowest = 2.0 * timescales.relaxation_time(parameters)
-    slowest = max(slowest, 1.0 / decay) if decay > 0.0 else slowest
-    if scene.load.circuit:
-        from circuits.kernel.slow_modes import slowest_time
-
-        slowest = max(slowest, slowest_time(prepared(scene)))
-    motion = 2.0 * math.pi / timescales.fastest_angular_frequency(parameters) / KNOTS_PER_PERIOD
+    ready = prepared(scene)
+    motion = 2.0 * math.pi / timescales.fastest_angular_frequency(ready.system) / KNOTS_PER_PERIOD
     spacing = min(Sine(1.0, frequencies.max()).spacing(motion), motion)
-    dwell = slowest * math.log(1.0 / SETTLED_SHARE) + MEASURED_PERIODS / frequencies.min()
+    dwell = transient_time(ready, SETTLED_SHARE) + MEASURED_PERIODS / frequencies.min()
     if not dwell < MOST_KNOTS * spacing:
         raise HarvesterError(
             f"frequencies {frequencies.min():g} … {frequencies.max():g} Hz: {dwell:.3g} s at each, "

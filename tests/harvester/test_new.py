@@ -119,7 +119,7 @@ def test_no_answer_is_taken_for_another_question(answers, capsys):
     assert scene.transducer.coupling == pytest.approx(math.sqrt(0.2 * stiffness * 60e-9))
     assert scene.load.resistance == 200e3
     assert scene.excitation.intensity == pytest.approx((0.5 * 9.80665) ** 2 * 2e-3)
-    assert "120.0 Hz at rest" in said
+    assert "120 Hz at rest" in said
     assert "Q = 25" in said
     assert f"matched load about {1e-3 / (2 * math.pi * 120 * 60e-9):.1f} kΩ" in said
 
@@ -128,5 +128,7 @@ def test_the_bare_command_says_what_to_try(capsys):
     assert main([]) == 0
     shown = capsys.readouterr().out
     commands = re.findall(r"^  harvester (\S+) ", shown, re.MULTILINE)
-    assert commands == ["average", "validate", "new", "--help"]
-    assert len(shown.splitlines()) < 10
+    assert commands == [
+        "average", "validate", "new", "simulate", "load-study", "optimum", "schematic", "identify",
+    ]  # fmt: skip
+    assert len(shown.splitlines()) < 15

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.device import timescales
 from harvester.errors import HarvesterError
 from harvester.estimates.attractors import Divergence, divergence, groups_of, repetition, sizes_of
 from harvester.excitation.base import ExcitationPath
@@ -21,6 +20,7 @@ from harvester.record.stroboscope import COLUMNS, STATE, Stroboscope
 from harvester.results.orbit import orbit_name, share_error
 from harvester.running.task import Task, Wanted
 from harvester.simulation.methods import Engine, engine_of
+from harvester.studies.transient import transient_time
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
@@ -138,15 +138,8 @@ def forced(scene: Scene, command: str) -> Scene:
 
 def periods_of(scene: Scene) -> int:
     """Forcing periods in which the device and its load forget where they began."""
-    system = prepared(scene).system
-    decay = system.transducer.decay_rate()
-    slowest = 2.0 * timescales.relaxation_time(system)
-    slowest = max(slowest, 1.0 / decay) if decay > 0.0 else slowest
-    if scene.load.circuit:
-        from circuits.kernel.slow_modes import slowest_time
-
-        slowest = max(slowest, slowest_time(scene))
-    wanted = slowest * math.log(1.0 / SETTLED_SHARE) / float(scene.excitation.period or 1.0)
+    transient = transient_time(prepared(scene), SETTLED_SHARE)
+    wanted = transient / float(scene.excitation.period or 1.0)
     return int(min(max(wanted, FEWEST_PERIODS), MOST_PERIODS)) + 1
 
 

@@ -20,7 +20,14 @@ OPTIONS = {
     "new": "--from FILE",
     "validate": f"--json --output --report --step --time-limit --workers {SCENE}",
     "simulate": "--copies --device --json --keep-going --method --node --output --report --source "
-    f"--step --time-limit --waveform --window --workers {SCENE}",
+    f"--step --stroboscope --time-limit --waveform --window --workers {SCENE}",
+    "basins": "--displacement --json --method --output --periods --points --report --step "
+    f"--velocity {RUN} {SCENE}",
+    "bifurcation": "--down --json --method --output --over --periods --report --step --values "
+    f"{RUN} {SCENE}",
+    "residence": "--json --method --output --over --precision --report --step --values "
+    f"{RUN} {SCENE}",
+    "load": "FILE --nodes --output --remove",
     "average": f"--fit --json --jump-rates --method --output --report --tolerance {SCENE}",
     "frequency-response": "--amplitude --down --frequencies --json --method --output --step "
     f"--per-g --quantity --report --time-limit {RUN} {SCENE}",

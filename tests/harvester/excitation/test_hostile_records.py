@@ -28,7 +28,8 @@ FIELDS["a"] = SAMPLES
 
 def read(path, **keys):
     """The samples of a record in a scene."""
-    table = {"kind": "record", "file": str(path), "unit": "scaled", "sampling_rate": 100.0, **keys}
+    table = {"kind": "record", "file": str(path), "unit": "scaled", "sampling_rate": 100.0}
+    table |= {"detrend": "none", **keys}
     table = {key: value for key, value in table.items() if value is not None}
     scene = Scene.load("linear").replace({"excitation": table, "run": {"duration": 0.5}})
     return scene.excitation.samples
@@ -288,6 +289,7 @@ def test_a_record_that_is_quiet_at_first_has_notes(tmp_path):
     path = tmp_path / "motion.npy"
     np.save(path, np.where(np.arange(400) < 150, 0.0, np.sin(np.arange(400))))
     table = {"kind": "record", "file": str(path), "unit": "scaled", "sampling_rate": 100.0}
+    table["detrend"] = "none"
     scene = Scene.load("linear").replace({"excitation": table, "run": {"duration": 0.5}})
     assert "factor of inf" in scene.excitation.notes(0.01, 100.0, scene.run)[1]
 

@@ -116,7 +116,7 @@ def test_any_key_and_words_make_a_grid_on_the_command_line(tmp_path, capsys):
     command = ["sweep", "linear", "--over", "excitation.intensity=0.1,200m", "--over"]
     command += ["run.seed=1,2", "--method", "consistent", "--quantity", "mean_square_voltage"]
     assert main([*command, "--output", str(tmp_path), "--report", str(tmp_path / "page.html")]) == 0
-    assert "mean square voltage [scaled voltage^2]" in capsys.readouterr().out
+    assert "scaled voltage²" in capsys.readouterr().out
     with open(tmp_path / "linear-sweep.csv", newline="") as file:
         header, *rows = csv.reader(file)
     assert header[:5] == ["excitation.intensity", "run.seed", "method", "quantity", "estimate"]
