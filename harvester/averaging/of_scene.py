@@ -52,11 +52,12 @@ def average(
         Itself, its file or its built-in name.
     method : str or Stationary
         fokker_planck (the stationary density, nothing averaged), paper (Eqs. 10–37 as printed,
-        slips corrected) or consistent (the constant force of the piezo kept in the potential).
+        slips corrected), consistent (the constant force of the piezo kept in the potential) or
+        spectral (of a linear device, exact from the spectrum of its excitation alone).
         In Python also `Stationary(…)`, which holds the settings below itself.
     tolerance : float or None
         Largest numerical error that is an answer, as a share of it (default: 1e-2; paper,
-        consistent 1e-3).
+        consistent 1e-3, spectral 1e-6).
     fit : bool
         Of a recorded excitation: take the Ornstein–Uhlenbeck noise whose D and τ1 fit its
         spectrum, and say how far it is from it.
@@ -76,6 +77,7 @@ def average(
     LoadError
         The load is no resistor.
     """
+    from harvester.averaging import CLOSURES
     from harvester.averaging import average as average_parameters
     from harvester.device import timescales
     from harvester.estimates.estimate import Density, root
@@ -95,9 +97,14 @@ def average(
     noise = scene
     if fit:
         spectrum_fit, noise = _fitted(scene)
-    parameters = averaged_device(noise)
+    chosen = CLOSURES.get(method)
+    if chosen is not None and chosen.of_spectrum:
+        parameters = prepared(noise).system
+        averages = chosen.average(prepared(noise), tolerance or chosen.tolerance)
+    else:
+        parameters = averaged_device(noise)
+        averages = average_parameters(parameters, method, tolerance, memory=jump_rates)
     scales = prepared(noise).scales
-    averages = average_parameters(parameters, method, tolerance, memory=jump_rates)
     quantities = estimates_of(averages)
     quantities["rms_voltage"] = root(quantities["mean_square_voltage"])
     if not timescales.bistable(parameters):

@@ -14,6 +14,7 @@ from harvester.excitation.ornstein_uhlenbeck import (
 from harvester.excitation.prescribed import PrescribedDisplacement
 from harvester.excitation.recorded import RecordedMotion
 from harvester.excitation.sine import Sine
+from harvester.excitation.spectrum import Spectrum
 from harvester.excitation.sum import Sum
 from harvester.excitation.white import White
 from harvester.registry import Registry
@@ -26,6 +27,7 @@ KINDS: Registry[type[Excitation]] = Registry(
         "record": RecordedMotion,
         "sine": Sine,
         "white": White,
+        "spectrum": Spectrum,
         "sum": Sum,
         "prescribed_displacement": PrescribedDisplacement,
     },
@@ -39,6 +41,7 @@ __all__ = [
     "PrescribedDisplacement",
     "RecordedMotion",
     "Sine",
+    "Spectrum",
     "Sum",
     "White",
     "build",

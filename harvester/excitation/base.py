@@ -104,6 +104,26 @@ class Excitation(ABC):
         return 0
 
     @property
+    def corners(self) -> tuple[float, ...]:
+        """Frequencies at which `density` bends or jumps (Hz)."""
+        return ()
+
+    def density(self, frequencies: np.ndarray) -> np.ndarray | None:
+        """One-sided density of the base's acceleration, without `lines`; None where no one knows.
+
+        Parameters
+        ----------
+        frequencies : ndarray of any shape
+            Hz.
+
+        Returns
+        -------
+        ndarray or None
+            In (m/s²)²/Hz, or that of η in a scaled scene.
+        """
+        return None
+
+    @property
     def highest_frequency(self) -> float:
         """Above it a measured path holds nothing (Hz); infinite where it is not measured."""
         return math.inf

@@ -57,6 +57,11 @@ class OrnsteinUhlenbeck(Excitation):
     def equivalent_noise(self, relaxation_time: float, longest: float) -> tuple[float, float]:
         return self.intensity, self.correlation_time
 
+    def density(self, frequencies: np.ndarray) -> np.ndarray:
+        """4 D/(1 + ω²τ1²), Eq. 6 one-sided in f."""
+        omega = 2.0 * math.pi * frequencies
+        return 4.0 * self.intensity / (1.0 + (omega * self.correlation_time) ** 2)
+
     def path(self, spacing: float, length: float, seed: SeedSequence) -> ExcitationPath:
         return NoisePath(self.intensity / length**2, self.correlation_time, spacing, seed)
 

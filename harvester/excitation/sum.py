@@ -80,6 +80,15 @@ class Sum(Excitation):
         return None if None in periods else common_period(periods)
 
     @property
+    def corners(self) -> tuple[float, ...]:
+        return tuple(corner for part in self.parts for corner in part.corners)
+
+    def density(self, frequencies: np.ndarray) -> np.ndarray | None:
+        """The sum of the parts' densities, which are independent."""
+        each = [part.density(frequencies) for part in self.parts]
+        return None if any(part is None for part in each) else np.sum(each, axis=0)
+
+    @property
     def drifts(self) -> bool:
         return any(part.drifts for part in self.parts)
 

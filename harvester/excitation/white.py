@@ -51,6 +51,10 @@ class White(Excitation):
         # 1/(1 + ω²τ1²) and sinc⁴(ω spacing/2) agree to second order for this τ1.
         return self.intensity, self.spacing(longest) / math.sqrt(6.0)
 
+    def density(self, frequencies: np.ndarray) -> np.ndarray:
+        """4 D at all frequencies, without the knots' own limit."""
+        return np.full(np.shape(frequencies), 4.0 * self.intensity)
+
     def path(self, spacing: float, length: float, seed: SeedSequence) -> ExcitationPath:
         return WhitePath(self.intensity / length**2, spacing, seed)
 
