@@ -20,13 +20,12 @@ from harvester.device.system import speed_held
 from harvester.errors import NetlistError
 from harvester.excitation import PrescribedDisplacement
 from harvester.prepared.paths import start_state
-from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, steps_per_knot, stop_time
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from harvester.scene.model import Scene
+    from harvester.prepared.prepared import Prepared
 
 # Steps set from outside: a tight tolerance for Newton, none for the local error (trtol).
 FIXED_STEP = "reltol=1e-10 vntol=1e-11 trtol=1e9"
@@ -62,13 +61,13 @@ def own_steps(tolerance: float) -> str:
 
 
 def step_options(
-    scene: Scene, step: str | float = "default", tolerance: float | None = None
+    ready: Prepared, step: str | float = "default", tolerance: float | None = None
 ) -> tuple[str, bool]:
     """Options for steps on a grid, and whether the local error shortens them.
 
     Parameters
     ----------
-    scene : Scene
+    ready : Prepared
     step : str or float
         See `harvester.prepared.steps.steps_per_knot`.
     tolerance : float or None
@@ -79,24 +78,25 @@ def step_options(
     -------
     str, bool
     """
-    load = scene.load.circuit
+    load = ready.scene.load.circuit
     if load is None or load.linear:
         return (own_steps(tolerance), True) if tolerance else (FIXED_STEP, False)
     if not load.switches and not tolerance:
         return RECTIFIER_STEP, False
     if not load.may_jump and not tolerance:
-        return f"reltol={_switched_newton(scene)!r} trtol=1e9 itl4=100", False
-    ready = prepared(scene)
+        return f"reltol={_switched_newton(ready)!r} trtol=1e9 itl4=100", False
     refinement = steps_per_knot(ready, step) / steps_per_knot(ready)
     tolerance = tolerance or LOAD_TOLERANCE / refinement**2
     trust = 7.0 * tolerance / GREATEST_NEWTON
     return f"reltol={GREATEST_NEWTON!r} trtol={trust!r} itl4=100", True
 
 
-def _switched_newton(scene):
+def _switched_newton(ready):
     """Newton's tolerance for a load whose switches and coils set the steps."""
-    stray = elements.STRAY_SHARE * prepared(scene).network.reference_capacitance
-    largest = max((size for size, coil in scene.load.circuit.watch.stores if not coil), default=0.0)
+    stray = elements.STRAY_SHARE * ready.network.reference_capacitance
+    largest = max(
+        (size for size, coil in ready.scene.load.circuit.watch.stores if not coil), default=0.0
+    )
     rounding = ROUNDING_MARGIN * sys.float_info.epsilon * largest / stray
     return min(max(rounding, RECTIFIER_NEWTON), GREATEST_NEWTON)
 
@@ -172,7 +172,7 @@ class Netlist:
 
 
 def assemble(
-    scene: Scene,
+    ready: Prepared,
     step: str | float = "default",
     starts: Sequence[tuple[float, float, float]] | None = None,
     waveform: str = "external",
@@ -187,7 +187,7 @@ def assemble(
 
     Parameters
     ----------
-    scene : Scene
+    ready : Prepared
     step : str or float
         See `harvester.prepared.steps.steps_per_knot`.
     starts : sequence of (float, float, float) or None
@@ -216,8 +216,7 @@ def assemble(
     """
     from PySpice.Spice.Netlist import Circuit, SubCircuit
 
-    ready = prepared(scene)
-    system, scales = ready.system, ready.scales
+    scene, system, scales = ready.scene, ready.system, ready.scales
     rate = timescales.angular_frequency(system)
     length = knot_spacing(ready) / steps_per_knot(ready, step)
     electrical = ready.network

@@ -18,13 +18,12 @@ from circuits.assembly import (
 from circuits.ltspice import DIFFERENCES, to_ltspice
 from harvester.device import timescales
 from harvester.errors import NetlistError
-from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import REJECTING_STEPS, knot_spacing, steps_per_knot
 
 if TYPE_CHECKING:
     from circuits.assembly import Netlist
     from harvester.excitation.base import ExcitationPath
-    from harvester.scene.model import Scene
+    from harvester.prepared.prepared import Prepared
 
 POINTS_PER_LINE = 4
 FEWEST_STEPS_PER_CONTACT = 10
@@ -33,14 +32,14 @@ FEWEST_STEPS_PER_CONTACT = 10
 MOST_KNOTS = 1_000_000
 
 
-def saved(scene: Scene) -> tuple[str, ...]:
+def saved(ready: Prepared) -> tuple[str, ...]:
     """Vectors that an exported netlist keeps: motion, terminal voltage, noise."""
     motion = (f"v({elements.DISPLACEMENT})", f"v({elements.VELOCITY})")
-    return (*motion, f"v({prepared(scene).network.terminal})", "@inoise[current]")
+    return (*motion, f"v({ready.network.terminal})", "@inoise[current]")
 
 
 def stand_alone(
-    scene: Scene,
+    ready: Prepared,
     path: ExcitationPath,
     start: tuple[float, float, float] | None = None,
     step: str | float = "default",
@@ -52,7 +51,7 @@ def stand_alone(
 
     Parameters
     ----------
-    scene : Scene
+    ready : Prepared
     path : ExcitationPath
         At its beginning; its knots are written out.
     start : (float, float, float) or None
@@ -77,7 +76,8 @@ def stand_alone(
     NetlistError
         The longest step does not resolve the contact: ngspice's own control passes over it.
     """
-    netlist, scales, points = _assembled(scene, path, start, step, tolerance, integrator, save)
+    netlist, scales, points = _assembled(ready, path, start, step, tolerance, integrator, save)
+    scene = ready.scene
     if points is None:
         return dataclasses.replace(netlist, text=_header(netlist.text, scene, netlist, scales))
     lines = [
@@ -99,7 +99,7 @@ def stand_alone(
 
 
 def for_ltspice(
-    scene: Scene,
+    ready: Prepared,
     path: ExcitationPath,
     noise_file: str,
     start: Any = None,
@@ -109,7 +109,7 @@ def for_ltspice(
 
     Parameters
     ----------
-    scene, path, start, step
+    ready, path, start, step
         See `stand_alone`.
     noise_file : str
         Name of the file of the noise, as the netlist is to call it.
@@ -125,8 +125,8 @@ def for_ltspice(
     NetlistError
         As `stand_alone`; or an expression that LTspice has no words for.
     """
-    netlist, scales, points = _assembled(scene, path, start, step)
-    text = netlist.text
+    netlist, scales, points = _assembled(ready, path, start, step)
+    scene, text = ready.scene, netlist.text
     if points is not None:
         source = f"Inoise 0 {elements.VELOCITY} PWL"
         text = text.replace(source, f'{source} file="{noise_file}"', 1)
@@ -143,22 +143,21 @@ def for_ltspice(
     return said + to_ltspice(text) + ".end\n", noise
 
 
-def _assembled(scene, path, start, step, tolerance=None, integrator="trapezoidal", save=None):
+def _assembled(ready, path, start, step, tolerance=None, integrator="trapezoidal", save=None):
     """Netlist without the noise's points, scales, and the points "time value"; or None for them."""
-    ready = prepared(scene)
-    system, scales = ready.system, ready.scales
+    scene, system, scales = ready.scene, ready.system, ready.scales
     load = scene.load.circuit
     if load is None or load.linear:
         options = own_steps(tolerance or OWN_TOLERANCE)
     else:
-        options, _ = step_options(scene, step, tolerance or LOAD_TOLERANCE)
+        options, _ = step_options(ready, step, tolerance or LOAD_TOLERANCE)
         if load.switches and not load.may_jump:
             step = knot_spacing(ready) / steps_per_knot(ready, step) / REJECTING_STEPS
-    save = saved(scene) if save is None else save
+    save = saved(ready) if save is None else save
     if save and load and load.has_output:
         save = (*save, f"v({elements.OUTPUT})", f"v({elements.REFERENCE})")
     netlist = assemble(
-        scene, step, [start] if start else None, "PWL", options, integrator, save, named=True
+        ready, step, [start] if start else None, "PWL", options, integrator, save, named=True
     )
     if scene.excitation.prescribes_displacement:
         return netlist, scales, None

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from harvester.errors import SimulatorCrashed as SimulatorCrashed
     from harvester.errors import SimulatorTimeout as SimulatorTimeout
     from harvester.errors import SolutionDiverged as SolutionDiverged
+    from harvester.errors import SpringRangeLeft as SpringRangeLeft
     from harvester.errors import UnknownOption as UnknownOption
     from harvester.errors import UnknownQuantity as UnknownQuantity
     from harvester.explorer.explorer import explore as explore

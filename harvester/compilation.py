@@ -18,7 +18,8 @@ intrinsic     LLVM's own instructions                calls by address, numbers s
 
 numba is imported here, and by other modules from here: it reads a file `.numba_config.yaml` of the
 working folder when it is imported and whenever it compiles, which may name a folder of code.
-What is changed in numba itself stands in `harvester.numba_cache`.
+What is changed in numba itself, and which version that was tried with, stands in
+`harvester.numba_patches`.
 """
 
 from __future__ import annotations
@@ -42,7 +43,9 @@ with away_from_working_folder():
     from numba import carray, cfunc, extending, njit, types
     from numba.core import cgutils
     from numba.extending import intrinsic
-    from numba.np.random import _constants as ziggurat
+
+    from harvester import numba_patches
+    from harvester.numba_patches import INLINE, UNCOUNTED, WITHIN, ziggurat
 
 __all__ = [
     "CACHED",
@@ -60,24 +63,21 @@ __all__ = [
 ]
 __all__ += ["overload", "register_jitable", "summing", "types", "uncounted", "ziggurat"]
 
-# No name: no file.
-numba.core.config._config_fname = ""
+numba_patches.read_no_settings_file()
 # Eight numbers at a time where the processor can: LLVM else keeps to four on some that can.
 if not numba.core.config.CPU_FEATURES:
     features = llvmlite.binding.get_host_cpu_features()
     if features.get("avx512f"):
         numba.core.config.CPU_FEATURES = features.flatten() + ",-prefer-256-bit"
 
-numba_cache.keep_own_index()
-numba_cache.wait_for_other_processes()
+numba_patches.keep_own_index()
+numba_patches.wait_for_other_processes()
 # Without it everything is compiled at every start: slower by some seconds, and the same.
 CACHED = numba_cache.is_safe()
 compiled = partial(njit, cache=CACHED, error_model="numpy")
-uncounted = partial(njit, cache=CACHED, error_model="numpy", _nrt=False)
+uncounted = partial(njit, cache=CACHED, error_model="numpy", **UNCOUNTED)
 inlined = partial(njit, error_model="numpy", inline="always")
-merged_once = partial(uncounted, forceinline=True)
-# Only compiled code calls what these compile: an entry for C as well takes a third as long again.
-WITHIN = {"no_cfunc_wrapper": True}
+merged_once = partial(uncounted, **INLINE)
 overload = partial(extending.overload, jit_options=WITHIN)
 register_jitable = extending.register_jitable(**WITHIN)
 summing = partial(njit, cache=CACHED, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
@@ -95,7 +95,7 @@ def merged(function: Callable) -> Callable:
     Uncounted as well. Where a caller knows beforehand that an argument is True or None, the code
     is without what is then not chosen. Python calls the function as it stands.
     """
-    options = {"error_model": "numpy", "_nrt": False, "forceinline": True, **WITHIN}
+    options = {"error_model": "numpy", **UNCOUNTED, **INLINE, **WITHIN}
 
     @extending.overload(function, jit_options=options, strict=False, prefer_literal=True)
     def choose(*arguments):

@@ -1,4 +1,7 @@
-"""Where numba keeps what it has compiled, and whether to believe it: it is pickled machine code."""
+"""Where numba keeps what it has compiled, and whether to believe it: it is pickled machine code.
+
+Nothing of numba is changed here: `harvester.numba_patches` does that.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,7 @@ import stat
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 from harvester.files.surroundings import PACKAGE, who_else_writes
 
@@ -33,50 +37,7 @@ def keep_environment_usable() -> None:
             del os.environ["NUMBA_NUM_THREADS"]
 
 
-def keep_own_index() -> None:
-    """Make numba's cache hold types of this program only, and take no file that is damaged.
-
-    An index is read whole: with a type whose module is gone numba would stop there. A file whose
-    digest does not match is compiled anew, which is said; one that cannot be written is left out.
-    """
-    from numba.core import caching
-
-    class OwnIndex(caching.IndexDataCacheFile):
-        def __init__(self, *arguments, **options):
-            super().__init__(*arguments, **options)
-            # Files without digests are those of another version.
-            self._version += ", with digests"
-
-        def save(self, key, data):
-            if not _foreign(key[0]):
-                with contextlib.suppress(OSError):
-                    super().save(key, data)
-
-        def _dump(self, obj):
-            content = super()._dump(obj)
-            return hashlib.sha256(content).digest() + content
-
-        def _load_index(self):
-            content = _plain_file(self._index_path)
-            if content is None:
-                return {}
-            version = pickle.dumps(self._version, protocol=-1)
-            if not content.startswith(version):
-                if not _begins_with_text(content):
-                    on_damage(self._index_path)
-                return {}
-            found = _unpickled(content[len(version) :], self._index_path)
-            stamp, overloads = (None, None) if found is None else found
-            return overloads if stamp == self._source_stamp else {}
-
-        def _load_data(self, name):
-            content = _plain_file(self._data_path(name))
-            return None if content is None else _unpickled(content, self._data_path(name))
-
-    caching.IndexDataCacheFile = OwnIndex
-
-
-def _plain_file(path):
+def plain_file(path: str) -> bytes | None:
     """The bytes of a file; None where there is none, or something that is no file."""
     try:
         # A pipe that lies there does not block.
@@ -92,7 +53,7 @@ def _plain_file(path):
     return None
 
 
-def _begins_with_text(content):
+def begins_with_text(content: bytes) -> bool:
     """Whether a pickled text stands in front, as the version does in an index of any release."""
     try:
         return isinstance(pickle.loads(content), str)
@@ -101,7 +62,7 @@ def _begins_with_text(content):
         return False
 
 
-def _unpickled(content, path):
+def unpickled(content: bytes, path: str) -> Any:
     """What was written behind a digest; None where that does not match or a class is gone."""
     digest, content = content[:DIGEST_BYTES], content[DIGEST_BYTES:]
     if hashlib.sha256(content).digest() != digest:
@@ -128,30 +89,8 @@ _said: list[str] = []
 on_damage: Callable[[str], None] = _say_damage
 
 
-def wait_for_other_processes() -> None:
-    """Let a process that needs code which another is just compiling wait and take that one's.
-
-    Workers that begin together would all compile the same for seconds.
-    """
-    from numba.core import caching, dispatcher
-    from numba.core.compiler_lock import global_compiler_lock
-
-    compile_now = dispatcher.Dispatcher.compile
-
-    @functools.wraps(compile_now)
-    def compile_once(self, signature):
-        if isinstance(self._cache, caching.NullCache):
-            return compile_now(self, signature)
-        name = f"{self.py_func.__module__}.{self.py_func.__qualname__}{signature}"
-        # The process's own lock first: of its threads only one then waits for other processes.
-        with global_compiler_lock, _alone(Path(self._cache.cache_path), name):
-            return compile_now(self, signature)
-
-    dispatcher.Dispatcher.compile = compile_once  # type: ignore[method-assign, assignment]
-
-
 @contextlib.contextmanager
-def _alone(folder: Path, name: str) -> Iterator[None]:
+def alone(folder: Path, name: str) -> Iterator[None]:
     """The only process of this machine that compiles this; with others where it cannot be had.
 
     A byte of one file is locked, which the system gives back when the process ends and refuses
@@ -183,7 +122,7 @@ def _lock_file(folder):
         return None, None
 
 
-def _foreign(kind):
+def is_foreign(kind: Any) -> bool:
     """Whether a numba type, or one within it, belongs to a class of another program."""
     made = getattr(kind, "instance_class", None)
     if made is not None and made.__module__.partition(".")[0] not in OWN:
@@ -192,7 +131,7 @@ def _foreign(kind):
     # An array, or a pointer.
     if hasattr(kind, "dtype"):
         inner = (*inner, kind.dtype)
-    return any(_foreign(each) for each in inner)
+    return any(is_foreign(each) for each in inner)
 
 
 def is_safe() -> bool:

@@ -23,6 +23,7 @@ import matplotlib.pyplot as plt
 
 import harvester
 from circuits.assembly import assemble
+from harvester.prepared.prepared import prepared
 from harvester.show import figures
 from harvester.studies.comparison import COMPARED
 
@@ -47,7 +48,7 @@ scene.to_tables()
 # for an acceleration. A scene without stoppers or cubic spring has a netlist without them.
 
 # %%
-print(assemble(scene).text)
+print(assemble(prepared(scene)).text)
 
 # %% [markdown]
 # ## Three ways

@@ -85,7 +85,7 @@ def run_device(report, scene, compiled, copies=1):
         compiled_device.load(session(), text)
         compiled_device.load(session(), text)  # a second time does no harm
     starts = [start_state(ready, index) for index in range(copies)]
-    netlist = assemble(scene, starts=starts, compiled=compiled)
+    netlist = assemble(prepared(scene), starts=starts, compiled=compiled)
     keep = [Keep() for _ in starts]
     paths = [noise_path(ready, index) for index in range(copies)]
     session().run(netlist, parameters, paths, [[each] for each in keep], steps_per_knot(ready))
@@ -143,7 +143,7 @@ def drop(report, scene, speed, step):
 
     ready = prepared(scene)
     parameters = ready.system
-    netlist = assemble(scene, step)
+    netlist = assemble(prepared(scene), step)
     start = repr(speed / netlist.rate)
     text, found = re.subn(r"(?m)^(Cmass .*ic=)0\.0$", rf"\g<1>{start}", netlist.text)
     assert found == 1
@@ -161,7 +161,7 @@ def stick(report, scene):
 
     ready = prepared(scene)
     parameters = ready.system
-    netlist = assemble(scene)
+    netlist = assemble(prepared(scene))
     text, found = re.subn(r"(?m)^(Cheld_speed .*ic=).*$", r"\g<1>0.0", netlist.text)
     assert found == 1
     netlist = dataclasses.replace(netlist, text=text)

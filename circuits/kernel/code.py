@@ -33,10 +33,12 @@ from circuits.kernel.linear import Order
 from circuits.kernel.memory import Layout, layout_of
 from circuits.kernel.tables import Tables
 
-# The third-order formula on TR-BDF2's rates, less the second-order one.
+# Weights of the rates at the step's beginning, in its first stage and at its end in the estimate of
+# its error: of the formula of third order on these rates, less TR-BDF2's own of second order.
 ERROR = ((1.0 - 2.0**0.5) / 3.0, 1.0 / 3.0, (2.0**0.5 - 2.0) / 3.0)
 
-# Junctions that stand side by side, at most: as many numbers as a processor takes at once.
+# Junctions of one kind are computed side by side, at most so many: a processor's widest registers
+# hold eight numbers.
 MOST_BESIDE = 8
 
 
@@ -68,7 +70,7 @@ class Shape(NamedTuple):
 
 
 class Code(NamedTuple):
-    """Addresses of a circuit's functions."""
+    """Addresses of a circuit's compiled functions; the module's head says what each does."""
 
     factor: int
     predict: int
@@ -118,6 +120,7 @@ def _compiled(shape: Shape) -> tuple[Any, Code]:
 
 
 def _factor(e: Emitter, shape: Shape) -> None:
+    """Write `factor`: the matrix C + δ G of the elements, eliminated up to the core."""
     delta, at = e.numbers[0], shape.layout
     matrix: Matrix = {}
     position = _positions(shape)
@@ -134,6 +137,7 @@ def _factor(e: Emitter, shape: Shape) -> None:
 
 
 def _predict(e: Emitter, shape: Shape) -> None:
+    """Write `predict`: where Newton's iterations begin, on the line through two accepted points."""
     at = shape.layout
     for group in _groups(shape):
         v = e.load(at.voltages + group.first, count=group.width)
@@ -143,17 +147,23 @@ def _predict(e: Emitter, shape: Shape) -> None:
 
 
 def _ahead(e, shape, group, v, change):
-    """Junctions' voltages further on, but not up the exponential."""
+    """Guesses of the junctions' voltages after a change.
+
+    Upwards a guess goes to the junction's swing above 0 V, or above the present voltage, at most:
+    its current grows exponentially.
+    """
     place = shape.layout.junctions + junction.SWING * len(shape.junctions) + group.first
     return v + change.lesser((-v).greater(0.0) + e.load(place, count=group.width))
 
 
 def _begin(e: Emitter, shape: Shape) -> None:
+    """Write `begin`: the first stage's right-hand side, from the rates at the step's beginning."""
     rates = [e.load(shape.layout.rates + i) for i in range(len(shape.rows))]
     _begin_with(e, shape, rates)
 
 
 def _again(e: Emitter, shape: Shape) -> None:
+    """Write `again`: the second stage's right-hand side, from what the first stage has stored."""
     at, n = shape.layout, len(shape.rows)
     stored = [e.load(at.stored + i) for i in range(n)]
     for i in range(n):
@@ -162,7 +172,7 @@ def _again(e: Emitter, shape: Shape) -> None:
 
 
 def _begin_with(e, shape, known):
-    """Begin a stage with a weight times what is known."""
+    """Write a stage's right-hand side, `known` times the weight in it, and eliminate forward."""
     delta, weight, push = e.numbers
     at, n = shape.layout, len(shape.rows)
     y = [e.load(at.y + i) for i in range(n)]
@@ -183,6 +193,7 @@ def _begin_with(e, shape, known):
 
 
 def _iterate(e: Emitter, shape: Shape) -> None:
+    """Write `iterate`: the core's linear equations about the junctions' latest voltages, solved."""
     _, push, slope = e.numbers
     at, n, first = shape.layout, len(shape.rows), shape.linear
     matrix = {key: v for key, v in _loaded(e, shape).items() if min(key) >= first}
@@ -250,6 +261,7 @@ def _add_behavioural(e, shape, matrix, right):
 
 
 def _finish(e: Emitter, shape: Shape) -> None:
+    """Write `finish`: all unknowns from the core's, and the charges that they have moved."""
     at, n, first = shape.layout, len(shape.rows), shape.linear
     values = [
         e.load(at.ordered + i) if i < first else e.load(at.solution + i - first) for i in range(n)
@@ -276,6 +288,7 @@ def _finish(e: Emitter, shape: Shape) -> None:
 
 
 def _conclude(e: Emitter, shape: Shape) -> None:
+    """Write `conclude`: rates at the step's end, and the error that `ERROR` makes of the rates."""
     delta, factor, h = e.numbers
     at, per_delta = shape.layout, 1.0 / delta
     for i in range(len(shape.rows)):
@@ -288,6 +301,7 @@ def _conclude(e: Emitter, shape: Shape) -> None:
 
 
 def _accept(e: Emitter, shape: Shape) -> None:
+    """Write `accept`: unknowns, rates, voltages and charges at the step's end become the state."""
     at = shape.layout
     for i in range(len(shape.rows)):
         y = e.load(at.y + i) + e.load(at.change + i)
@@ -304,6 +318,11 @@ def _accept(e: Emitter, shape: Shape) -> None:
 
 
 def _error(e: Emitter, shape: Shape) -> None:
+    """Write `error`: the error of charges, divided by the matrix, and the energy of both.
+
+    The division keeps the estimate from growing with a stiff network's rates (Hosea and Shampine
+    1996).
+    """
     at, n, first = shape.layout, len(shape.rows), shape.linear
     matrix = _loaded(e, shape)
     for where, place in shape.places:
@@ -323,7 +342,13 @@ def _error(e: Emitter, shape: Shape) -> None:
 
 
 class _Group(NamedTuple):
-    """Junctions of the same traits, one after another."""
+    """Junctions of the same traits, one after another, which are computed side by side.
+
+    Attributes
+    ----------
+    first, width : the first of them, and how many they are.
+    traits : what all of them have.
+    """
 
     first: int
     width: int
@@ -334,7 +359,7 @@ class _Group(NamedTuple):
 
 
 def _groups(shape):
-    """Junctions that stand side by side."""
+    """The circuit's junctions in groups of like ones, at most `MOST_BESIDE` in each."""
     first = 0
     for traits, alike in itertools.groupby(shape.traits):
         left = len(list(alike))
@@ -345,18 +370,20 @@ def _groups(shape):
 
 
 def _law(e, shape, group):
+    """The current and charge of a group's junctions, their numbers read from the memory."""
     place = shape.layout.junctions + group.first
     return junction.Law(e, place, len(shape.junctions), group.width, group.traits)
 
 
 def _positions(shape):
+    """A function that gives where an element of the matrix stands in the order of elimination."""
     rows = {row: i for i, row in enumerate(shape.rows)}
     columns = {column: i for i, column in enumerate(shape.columns)}
     return lambda row, column: (rows[row], columns[column])
 
 
 def _loaded(e, shape):
-    """The slot's matrix."""
+    """The factors that `factor` has put into the slot, by their places."""
     return {where: e.load(place, in_slot=True) for where, place in shape.places}
 
 

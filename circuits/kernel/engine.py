@@ -124,7 +124,8 @@ def run_realizations(
             if outputs is not None:
                 unit = circuit.probes.units[3]
                 values = circuit.measurement.values(record.time, output[1:], unit)
-                outputs[k].add(record.time, output[0], values)
+                levels = circuit.measurement.levels(output[1:])
+                outputs[k].add(record.time, output[0], values, levels)
         if outputs is not None:
             unit = circuit.probes.units[3] * scales.voltage**2
             outputs[k].conductance = unit * circuit.conductance
@@ -187,7 +188,7 @@ def integrate(
     state.scalars[0].proposed = stepping.RESTART * path.spacing / steps_per_knot
     state.scalars[0].line = line
     record = empty_record(CHUNK)
-    output = np.zeros((1 + len(circuit.measurement.watched), CHUNK))
+    output = np.zeros((1 + len(circuit.measurement.watched), CHUNK + 72))
     spent, reached, plan = time.thread_time(), 0.0, NO_PLAN
     moves = circuit.course.steps(path.spacing / steps_per_knot) if circuit.course else None
     most = max(AHEAD // steps_per_knot, 1) if moves else CHUNK

@@ -10,7 +10,8 @@ from circuits.kernel import junction
 from circuits.kernel.linear import Order
 from circuits.kernel.tables import Tables
 
-# Factors kept at a time.
+# Factored matrices kept at a time, one for each length of step and each state of the switches:
+# steps are the grid's divided by powers of 2 (`stepping._length`), so that few lengths come back.
 SLOTS = 24
 
 

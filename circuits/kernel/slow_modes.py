@@ -14,11 +14,10 @@ from circuits.loads.part_values import capacitance, conductance
 from circuits.loads.stores import times_of, weights
 from circuits.loads.tape import evaluate, slopes
 from harvester.device.terminals import GROUND
-from harvester.prepared.prepared import prepared
 
 if TYPE_CHECKING:
     from circuits.kernel.tables import Tables
-    from harvester.scene.model import Scene
+    from harvester.prepared.prepared import Prepared
 
 # S: what leads from every node, so that one that nothing else leads from has a place. A hundredth
 # of what ngspice has beside a junction.
@@ -28,13 +27,13 @@ LEAKS_SHARE = 0.1
 _ACTIVE = "swqjmb"
 
 
-def relaxation(scene: Scene, levels: Mapping[str, float], blocking: bool = True) -> np.ndarray:
+def relaxation(ready: Prepared, levels: Mapping[str, float], blocking: bool = True) -> np.ndarray:
     """How far levels lie from where they will settle, for each rate at which they still move.
 
     Parameters
     ----------
-    scene : Scene
-        Whose load is a netlist.
+    ready : Prepared
+        A scene whose load is a netlist.
     levels : mapping of str to float
         Mean voltages (V) and currents (A) by the load's own names.
     blocking : bool
@@ -48,7 +47,7 @@ def relaxation(scene: Scene, levels: Mapping[str, float], blocking: bool = True)
 
     Elements that the compiled engine does not take count as blocking.
     """
-    b, measurement, _, velocity = collect(prepared(scene), whole=False)
+    b, measurement, _, velocity = collect(ready, whole=False)
     # Ground stands behind the velocity, which is no part of the load.
     ground = velocity + 1
     places = np.array([_place(tree, b, ground) for tree in measurement.trees[-len(levels) :]])
@@ -63,20 +62,20 @@ def relaxation(scene: Scene, levels: Mapping[str, float], blocking: bool = True)
     return answer[np.ix_(places, places)]
 
 
-def slowest_time(scene: Scene) -> float:
+def slowest_time(ready: Prepared) -> float:
     """The longest time (s) in which a load's resistors charge or discharge its stores; 0 without.
 
     What only a diode leads to has none. Of a load with switches, transistors or expressions only
     what lies across its output counts: they carry charge at rates of their own.
     """
-    load = scene.load.circuit
+    load = ready.scene.load.circuit
     if any(each.letter in _ACTIVE or each.expression is not None for each in load.elements):
         siemens = conductance(load.across_output)
         return capacitance(load.across_output) / siemens if siemens else 0.0
     levels = dict.fromkeys(load.levels, 0.0)
     if not levels:
         return 0.0
-    matrix = relaxation(scene, levels, blocking=False)
+    matrix = relaxation(ready, levels, blocking=False)
     sizes = {each.name: each.size or 0.0 for each in load.elements if each.letter in "cl"}
     return max(
         time

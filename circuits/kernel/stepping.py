@@ -39,34 +39,42 @@ from harvester.compilation import compiled, merged, uncounted
 from harvester.device.zones import crossing, overshoots
 
 ROOT = np.sqrt(2.0)
-# The first stages' place in a step.
+# Where TR-BDF2's first stage ends, as a share of the step: only there have both of its stages one
+# matrix (Hosea and Shampine 1996).
 STAGE = 2.0 - ROOT
-# Of the first stage's change in the second, for either method.
+# Weight that the change in the first stage has in the second one: of TR-BDF2's backward
+# difference, and of Alexander's SDIRK.
 BACKWARD, ALEXANDER = 0.5 * (1.0 + ROOT), 1.0 + ROOT
-# A step's error against the transducer's energy, both as roots; it and the switches' controls are
-# known the better the finer the grid of steps is chosen (STRICTNESS).
+# Largest error of a step: the root of the error's energy over the root of the transducer's energy.
+# `State.strictness` makes it smaller on a finer grid of steps.
 TOLERANCE = 1e-3
-# Share of the length that the error would allow; the square of a step's error against what it may
-# be up to which the next is no shorter.
+# A new step is this share of the one whose error would just be allowed, so that it is seldom
+# rejected. The error's square grows as the sixth power of the step: below GROWING the next step is
+# no shorter than this one.
 CAUTION = 0.9
 GROWING = CAUTION**6
-# Weights of power at the step's beginning and its stages in its mean, for either method.
+# A step's mean power is the methods' own quadrature: weights of the power at the step's beginning,
+# in its first stage and at its end, of TR-BDF2 and of Alexander's SDIRK.
 POWER_WEIGHTS = ((0.25 * ROOT, 0.25 * ROOT, DIAGONAL), (0.0, 1.0 - DIAGONAL, DIAGONAL))
-# After a switch, the first step against the usual one, and down to where it follows its error; the
-# shortest; how well its time is known.
+# These are shares of a step of the grid. RESTART: the first step after a switch has turned.
+# LEAST_RESTART: a step after a turn that is as short is accepted whatever its error. SHORTEST: a
+# run that needs a shorter step ends as STUCK. LOCATED: how well the time of a turn is found.
 RESTART, LEAST_RESTART, SHORTEST, LOCATED = 2.0**-10, 2.0**-14, 2.0**-34, 1e-4
-# The same two of a switch that turns by itself, in time constants of what controls it.
+# RESTART and LOCATED of a switch that turns by itself, in time constants of what controls it.
 TURN_RESTART, TURN_LOCATED = 0.05, 0.01
-# Share of the step that led across within which the time is known, too.
+# The time of a turn is also found to this share of the step that led across it.
 LOCATED_SHARE = 0.02
-# Of a step of the grid, and of the time: nearer than that a source's corner is reached.
+# A corner of a source counts as reached when it is nearer than this share of a step of the grid and
+# this share of the time, its rounding.
 LEAST_TO_CORNER, CLOCK_ROUNDING = 1e-9, 1e-15
-# Switchings within one step of the grid that are no chatter.
+# A switch that turns more often than this within one step of the grid chatters.
 MOST_SWITCHINGS = 400
-# Jumps of sources within one step of the grid whose times are located.
+# Times of so many jumps of sources are located within one step of the grid; a source whose jump
+# turns it back at once would ask for ever more.
 MOST_JUMPS = 20
-# Time over which the transducer's energy is averaged, in steps of the grid, and the share of one
-# scaled volt below which a voltage does not count.
+# The transducer's energy, against which errors are judged, is averaged over so many steps of the
+# grid. A voltage below this share of one scaled volt counts as that, else errors of a device at
+# rest would be judged against nothing.
 MEMORY, SMALL_VOLTAGE = 200.0, 1e-3
 
 # A source chatters that jumps by half its greatest value in so many of the steps counted while they
@@ -74,6 +82,7 @@ MEMORY, SMALL_VOLTAGE = 200.0, 1e-3
 # step load without a hysteresis slides at 1e-8 of the grid's step, jumping in every fourth.
 COUNTED, JUMPING_SHARE, SLIDING_STEP = 131072, 0.125, 1e-6
 
+# How `advance` ends: with its work done, or why it cannot go on.
 FINE, STUCK, CHATTER, SOURCE_CHATTER = range(4)
 
 
@@ -95,13 +104,40 @@ def advance(
     record: Any,
     output: np.ndarray,
 ) -> Any:
-    """Fill record and output from a segment of the noise on.
+    """Integrate until the block of noise ends or the record is full.
 
-    The output's rows are its voltage (scaled) and the unknowns watched (V and A). `plan` is that of
-    what the load does by itself, see `circuits.loads.course.Plan`.
+    Parameters
+    ----------
+    device : Device
+        The mechanics, as compiled functions and numbers.
+    tables, probes : Tables, Probes
+        The load's network, and where the record's numbers stand in it.
+    state : State
+        Changed.
+    edges : ndarray
+        Of the contact zones (scaled displacement).
+    block : ndarray
+        The excitation at its knots.
+    segment, count : int
+        Segment of the block to begin with, and how many it has.
+    first_knot : int
+        Number of the block's first knot in the run.
+    spacing : float
+        Between two knots (s).
+    steps_per_knot, steps_per_contact : int
+        Steps of the grid between two knots, and fewest in a contact.
+    plan : circuits.loads.course.Plan
+        What the load does by itself.
+    record : Record
+        Filled with the accepted points.
+    output : ndarray, shape (1 + watched, points)
+        Filled with the output's voltage (scaled) and the unknowns that are watched (V and A).
 
-    Returns the segment reached, the points written, and FINE, STUCK, CHATTER with the switch or
-    SOURCE_CHATTER with the behavioural source.
+    Returns
+    -------
+    int, int, int, int
+        The segment reached, the points written, how it ended (FINE, STUCK, CHATTER,
+        SOURCE_CHATTER), and which switch or behavioural source chatters.
     """
     scalars = state.scalars[0]
     step = spacing / steps_per_knot
@@ -164,7 +200,7 @@ def advance(
 
 @merged
 def _until_corner(tables, time, step):
-    """Time until a source bends; what is nearer than times are told apart is past."""
+    """Time until the next corner of a source; one that is nearer than rounding is past."""
     past = time + LEAST_TO_CORNER * step + CLOCK_ROUNDING * abs(time)
     found = np.inf
     for k in range(tables.sources.shape[0]):
@@ -175,7 +211,11 @@ def _until_corner(tables, time, step):
 
 @merged
 def _planned(plan, place, time, step):
-    """Of the load's own plan: the place, the time left to its end, the step, whether it jumps."""
+    """Where the load's own plan stands.
+
+    Returns the place in it, the time left to the end of that place, the longest step that it
+    allows, and whether the load jumps at that end.
+    """
     past = time + LEAST_TO_CORNER * step + CLOCK_ROUNDING * abs(time)
     while place < plan.ends.size and plan.ends[place] <= past:
         place += 1
@@ -259,7 +299,7 @@ def _find_step(device, tables, probes, state, time, longest, remaining, step, no
 
 @merged
 def _enter(state, place, zone):
-    """The state stands in another zone."""
+    """Put the state into another contact zone; one that flew freely holds its impact speed."""
     scalars = state.scalars[0]
     scalars.zone = place
     scalars.rates = Rates.UNKNOWN
@@ -301,7 +341,7 @@ def _chattering(tables, state, time, step):
 
 @merged
 def _restart(scalars, step):
-    """What follows a turn is new."""
+    """Begin anew after a turn: with a short step, and rates that nobody knows yet."""
     scalars.switchings += 1
     scalars.rates = Rates.TURNED
     scalars.proposed = min(RESTART * step, TURN_RESTART * scalars.turn_time)
@@ -315,7 +355,10 @@ def _growth(ratio):
 
 @compiled
 def _length(longest, remaining, step):
-    """A whole division of the grid's step by a power of 2, or what remains of it."""
+    """The longest step that is allowed: the grid's, divided by a power of 2, or what remains.
+
+    Matrices are factored for each length: few different ones are kept (`memory.SLOTS`).
+    """
     if longest >= remaining * (1.0 - 1e-9):
         return remaining
     h = step
@@ -337,7 +380,7 @@ def _guess(tables, state, share):
 
 @merged
 def _set_sources(tables, state, time, delta):
-    """The right-hand side of a stage's sources that change."""
+    """Set the right-hand side to what the sources that change in time add in a stage."""
     if tables.sources.shape[0] > 0:
         state.right[:] = 0.0
         add_waves(tables.sources, tables.waves, tables.corners, state.right, time, delta)
@@ -345,11 +388,14 @@ def _set_sources(tables, state, time, delta):
 
 @merged
 def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone, located):
-    """A step of length h from the state.
+    """Try a step of length h from the state; its change stands in `state.change`.
 
-    Returns whether Newton settled, its error's energy, after a switch the energy that it carries
-    from part to part, the new X, and the error of the switches' controls against what they may
-    have. Its change stands in `state.change`.
+    Returns
+    -------
+    bool, float, float, float, float
+        Whether Newton's iterations converged, the energy of the step's error, the energy that a
+        step of backward Euler moves from part to part (0 for other steps), the new X, and the error
+        of what controls the switches over what it may be.
     """
     y, scalars, code, memory = state.y, state.scalars[0], state.code, state.address
     n, row_unit = y.size, probes.units[4]
@@ -408,7 +454,7 @@ def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone, loc
 
 @compiled
 def _leaves(low, high, x, v, x1, v1, h):
-    """By how many zones a step leads, −1, 0 or 1, and the share of it at which it does."""
+    """Into which neighbouring zone a step leads (−1, 0, 1), and after which share of its length."""
     entered = 0
     if x1 > high or x1 < low:
         entered = 1 if x1 > high else -1

@@ -38,7 +38,7 @@ class Measurement(_Rows):
     Attributes
     ----------
     rows : tuple of (str, str)
-        Kind and name of each value; what a state takes is a row of the kind `TAKEN`.
+        Kind and name of each value; what a state takes is a row of the kind `TAKEN`. Levels last.
     trees : tuple
         Their expressions, see `circuits.loads.expression`.
     watched : tuple of str
@@ -52,10 +52,24 @@ class Measurement(_Rows):
         # Compiled code: reading a load does without.
         from circuits.loads.tape import Values
 
-        return Values(self.trees, self.watched)
+        return Values(self.trees[: self._measures], self.watched)
+
+    @cached_property
+    def _measures(self) -> int:
+        return sum(kind != LEVEL for kind, _ in self.rows)
+
+    @cached_property
+    def _level_places(self) -> tuple[int | None, ...]:
+        places: dict[str, int] = {name: place for place, name in enumerate(self.watched)}
+        own = self.trees[self._measures :]
+        return tuple(places.get(next(_unknowns(tree), GROUND)) for tree in own)
+
+    def levels(self, unknowns: np.ndarray) -> list[np.ndarray | None]:
+        """The levels, in V and A, of unknowns (len(watched), n) in V and A; None: of ground."""
+        return [None if place is None else unknowns[place] for place in self._level_places]
 
     def values(self, time: np.ndarray, unknowns: np.ndarray, unit: float) -> np.ndarray:
-        """Values of all rows at consecutive points.
+        """Values of all rows but the levels at consecutive points.
 
         Parameters
         ----------
@@ -67,17 +81,17 @@ class Measurement(_Rows):
 
         Returns
         -------
-        ndarray, shape (len(rows), n)
-            Powers and energies in that unit, levels in V and A; of states 1 where they hold, else
-            0. nan where an expression has no value.
+        ndarray, shape (measures, n)
+            Powers and energies in that unit; of states 1 where they hold, else 0. nan where an
+            expression has no value.
         """
-        if not self.rows:
+        if not self._measures:
             return np.empty((0, time.size))
         found = self._values(time, unknowns)
-        for row, (kind, _) in zip(found, self.rows, strict=True):
+        for row, (kind, _) in zip(found, self.rows, strict=False):
             if kind == STATE:
                 row[:] = np.where(np.isnan(row), np.nan, row > 0.0)
-            elif kind != LEVEL:
+            else:
                 row *= unit
         return found
 

@@ -33,14 +33,16 @@ from harvester.device import system as systems
 if TYPE_CHECKING:
     from harvester.device.system import System
 
-# Points held before they are handed on, and knots of the noise held ahead, over all copies.
+# Points that are collected before Python is called with them, and knots of the noise that are held
+# ahead of the time, over all copies together: calls into Python are then some thousand steps apart.
 BUFFERED_POINTS = 4096
 BUFFERED_KNOTS = 65_536
-# Fewest of either for each copy, and the knots kept behind the latest accepted time when the
-# window moves.
+# Fewest points and knots for each copy, where there are many copies.
 FEWEST_POINTS, FEWEST_KNOTS = 512, 1024
+# Knots that stay in the window behind the latest accepted time when it moves on.
 KNOTS_KEPT_BEHIND = 8
-# Longest name of an element that is looked at, ngspice's prefix included.
+# Letters of a source's name that are read for the number of its copy, ngspice's prefix included;
+# the names are made in `circuits.elements` and are shorter.
 LONGEST_NAME = 64
 # Columns of the buffer, of each copy, in front of the unknowns that its load's measures are made
 # of and those that are watched; what is not there is 0.
@@ -54,15 +56,17 @@ LOAD_CURRENT, OUTPUT, REFERENCE, TRANSDUCER = range(5, COLUMNS)
 FIRST_ORDER_STEPS = 2
 LENGTHENED_STEPS = FIRST_ORDER_STEPS + math.ceil(-math.log2(FIRST_ORDER_SHARE))
 
-# Of its own steps, ngspice takes one as it is where more than so many remain to the grid's next
-# point: it may end where a source bends, and shorter ones would end ever closer before that.
+# A step that ngspice proposes is taken unchanged if more than so many of them are left to the next
+# point of the grid. It may end where a source bends: dividing what is left would end ever closer
+# before that point. With fewer left, the rest is divided into equal steps.
 STEPS_TO_DIVIDE = 1.8
-# Of a step of the grid: bends that lie nearer to a point of it are reached with it, as ngspice does
-# where two sources bend.
+# A bend of a source that is nearer than this share of a grid's step to a point of the grid is
+# reached together with it; ngspice itself merges two sources' bends at this distance.
 MERGED = 5e-5
-# The same of the ends that a load's own plan has, a jump's among them.
+# An end in a load's own plan, such as a jump, counts as reached at this share of a grid's step.
 LEAST_TO_END = 1e-9
 
+# Why `service` is called.
 BUFFER_FULL, WINDOW_ENDS, PLAN_ENDS = 0, 1, 2
 
 STATE = np.dtype(
@@ -233,7 +237,10 @@ def _device(typingctx, user, address):
 
 @inlined
 def _resolved(state, s, row, ahead, step):
-    """Longest step from an accepted point that resolves the contact; `ahead`: the next knot."""
+    """Longest step from an accepted point of one copy that resolves the contacts.
+
+    `row` is the point's row of the buffer, `ahead` the noise at the next knot, `step` the grid's.
+    """
     x, v = row[DISPLACEMENT], row[VELOCITY] * state.rate
     electrical = row[TRANSDUCER] * state.state_scale
     noise, change = row[NOISE] * state.rate**2, (ahead - row[NOISE]) * state.rate**2
@@ -272,7 +279,10 @@ def _load_step(state, copy, points, step, longest):
 
 @inlined
 def _shortest(state, s, ahead, step):
-    """Longest step that resolves every copy; `ahead`: place of the next knot."""
+    """Longest step that resolves contacts and loads of all copies.
+
+    `ahead` is the next knot's place in the window, `step` the grid's.
+    """
     shape = (state.copies, state.points, state.columns)
     buffer = carray(_pointer(state.buffer), shape, np.float64)
     window = carray(_pointer(state.window), (state.copies, state.knots), np.float64)

@@ -84,14 +84,14 @@ def run_realizations(
         from circuits.export import stand_alone
 
         written = copy.deepcopy(paths[0])
-        netlist = stand_alone(scene, written, starts[0], step, tolerance, scheme, save=())
+        netlist = stand_alone(ready, written, starts[0], step, tolerance, scheme, save=())
         engine.run(netlist, system, paths, observers, 0, outputs=outputs)
     else:
-        options, by_error = step_options(scene, step, tolerance)
+        options, by_error = step_options(ready, step, tolerance)
         compiled = _compiled(engine, ready, device)
         pace = _pace(ready, step) if scheme == "trapezoidal" and tolerance is None else 1.0
         netlist = assemble(
-            scene, step, starts, options=options, integrator=scheme, compiled=compiled, pace=pace
+            ready, step, starts, options=options, integrator=scheme, compiled=compiled, pace=pace
         )
         steps = steps_per_knot(ready, step), steps_per_contact(ready, step)
         refinement = steps[0] / steps_per_knot(ready)
@@ -108,9 +108,9 @@ def _pace(ready, step):
     return pace_of(line_frequency(ready) * length)
 
 
-def device_used(scene: Scene, device: str, report: Callable) -> str:
+def device_used(ready: Prepared, device: str, report: Callable) -> str:
     """What a device asked for comes to: "compiled" or "behavioural" (in a worker)."""
-    compiled = _compiled(session(), prepared(scene), device)
+    compiled = _compiled(session(), ready, device)
     return "compiled" if compiled else "behavioural"
 
 

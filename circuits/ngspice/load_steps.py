@@ -15,18 +15,19 @@ import numpy as np
 
 from harvester.compilation import uncounted
 
-# A step's error in a capacitor or a coil, against the energy that counts, both as roots.
+# Largest error of a step in a capacitor or a coil: the root of the error's energy over the root of
+# the greatest energy of late.
 TOLERANCE = 5e-5
-# Shortest step that the load asks for, against the longest of the grid, and the first one after a
-# switch's turn where no local error finds that.
+# Shortest step that the load may ask for, and the first one after a switch has turned where ngspice
+# does not control the local error, both as shares of the grid's step.
 SHORTEST, RESTART = 2.0**-10, 2.0**-13
-# Step against the next one at most.
+# A step is at most so many times as long as the one before.
 GROWTH = 2.0
-# Share of the time left to a switch's turn that a step takes: where it ends less than 1.2 of the
-# control's change from the threshold, ngspice takes it back.
+# A step takes this share of the time left to a switch's turn. ngspice takes a step back that ends
+# less than 1.2 of the control's last change from the threshold: 0.45 leaves 0.55/0.45 = 1.22.
 APPROACH = 0.45
-# The same for a coil's current that comes to zero, where a diode in series ends it, while it is
-# more than so many times what a step's error may be.
+# The same share for a coil whose current comes to zero, where a diode in series ends it. A current
+# below IDLE times the error that is allowed is not watched so.
 COIL_APPROACH, IDLE = 0.5, 10.0
 # A turn is known to this share of the switch's hysteresis, as a control that overshoots it may turn
 # another switch; but not better than this share of the shortest step, or than that step of the
@@ -36,9 +37,10 @@ LOCATED, LEAST_LOCATED = 0.2, 1.0 / 64.0
 TURN_STEPS = 0.1, 0.01, 0.05
 # Radians of the device's natural frequency after which the greatest energy of late is forgotten.
 MEMORY = 15.0
-# Points that the third derivative is taken of, and as many steps from the beginning on.
+# Accepted points that the third derivative is made of; before so many steps there is none.
 POINTS = 4
-# What is known of a switch.
+# What `memory` says of a switch. The order counts: a switch that may still close is below CLOSED,
+# one that may still open is above OPEN.
 OPEN, UNKNOWN, CLOSED = 0.0, 0.5, 1.0
 
 

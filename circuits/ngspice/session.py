@@ -320,7 +320,8 @@ class Session(NgSpiceShared):
                 measured = copy[start:, callbacks.COLUMNS :][:, : len(measurement.watched)].T
                 values = measurement.values(times[start:], measured, self._netlist.per_power)
                 scaled = volts / self._netlist.voltage_scale
-                self._outputs[place].add(times[start:], scaled, values)
+                levels = measurement.levels(measured)
+                self._outputs[place].add(times[start:], scaled, values, levels)
 
     @contextlib.contextmanager
     def _watched(self):

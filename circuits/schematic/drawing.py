@@ -98,7 +98,7 @@ def schematic(scene: SceneOrName) -> Schematic:
     scene = scene_of(scene)
     from circuits.assembly import assemble
 
-    circuit = read_topology(assemble(scene, named=True).text)
+    circuit = read_topology(assemble(prepared(scene), named=True).text)
     pen = Pen()
     transducer = prepared(scene).network
     electrical = {*transducer.nodes, elements.behind_ammeter(transducer), *LOAD_SIDE}

@@ -65,7 +65,7 @@ def netlist(
             f"[0, {scene.run.realizations - 1}]"
         )
     ready = prepared(scene)
-    call = (scene, noise_path(ready, realization))
+    call = (ready, noise_path(ready, realization))
     start, longest = start_state(ready, realization), check_step(step)
     if dialect == "ngspice":
         write_text(target, stand_alone(*call, start, longest).text + ".end\n")

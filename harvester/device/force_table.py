@@ -179,6 +179,8 @@ class ForceTable(NamedTuple):
             real = origin + roots.real[np.abs(roots.imag) < 1e-7 * (least + np.abs(roots.real))]
             found += [x for x in real if low - least <= x <= high + least]
         places = np.sort(found)
+        # A rest position off zero by rounding would be taken for a length of the device.
+        places[np.abs(places) < 10.0 * least] = 0.0
         return places[np.diff(places, prepend=-math.inf) > 10.0 * least]
 
     def nonlinear_formula(self, x: str, rate: float, number: Callable) -> str:

@@ -12,11 +12,17 @@ from harvester.estimates.estimate import Density
 from harvester.record.moments import HISTOGRAMS
 
 if TYPE_CHECKING:
+    from harvester.estimates.well_balance import WellBalance
     from harvester.record.moments import Moments
 
 
-def densities(moments: list[Moments], symmetric: bool = True) -> dict[str, Density]:
+def densities(
+    moments: list[Moments], symmetric: bool = True, balance: WellBalance | None = None
+) -> dict[str, Density]:
     """Densities of displacement, velocity and voltage, {name: Density}, scaled units.
+
+    `balance` is that of the wells by whose weights the moments are weighted. There are no error
+    bars where it gives none.
 
     `symmetric` says that −η is as likely as η. Eq. 4 is then the same for (−X, −V, −η), so each
     value counts half for its mirror image: a run that spent its time in one well would else give
@@ -29,15 +35,18 @@ def densities(moments: list[Moments], symmetric: bool = True) -> dict[str, Densi
         if symmetric:
             groups = 0.5 * (groups + groups[:, ::-1])
         times = groups.sum(axis=1)
-        groups = groups[times > 0.0]
-        times = times[times > 0.0]
-        if times.size == 0:
+        if not times.any():
             continue
+        if balance is None:
+            groups, times = groups[times > 0.0], times[times > 0.0]
         density = groups.sum(axis=0) / (times.sum() * width)
         error = None
         if len(groups) >= FEWEST_BATCHES:
             each = (groups / width - density * times[:, None]) / times.mean()
-            error = each.std(axis=0, ddof=1) / math.sqrt(len(groups))
+            if balance is None:
+                error = each.std(axis=0, ddof=1) / math.sqrt(len(groups))
+            else:
+                error = balance.errors_of_groups(each)
         bins = groups.shape[1]
         centre = (np.arange(bins) - bins // 2 + 0.5) * width
         used = np.flatnonzero(density)

@@ -26,10 +26,11 @@ from harvester.estimates.passivity import (
 from harvester.estimates.settling import Shortfall, shortfalls, slow_exchange, withheld
 from harvester.estimates.units import unit_of
 from harvester.estimates.well_balance import weighted, well_balance
-from harvester.prepared.prepared import prepared
 
 if TYPE_CHECKING:
     from harvester.estimates.estimate import Estimate
+    from harvester.estimates.well_balance import WellBalance
+    from harvester.prepared.prepared import Prepared
     from harvester.record.moments import Moments
     from harvester.scene.model import Scene
 
@@ -52,6 +53,8 @@ class RunEstimates:
         With the weights of `harvester.estimates.well_balance`, where wells differ.
     error : callable
         The error of a mean from batches of these.
+    balance : WellBalance or None
+        Of the jumps between wells, where these differ.
     """
 
     whole: dict[str, Estimate]
@@ -60,6 +63,7 @@ class RunEstimates:
     notes: tuple[str, ...]
     moments: list[Moments] = field(repr=False)
     error: Callable = field(repr=False)
+    balance: WellBalance | None = field(repr=False)
 
     @property
     def scaled(self) -> dict[str, Estimate]:
@@ -68,13 +72,13 @@ class RunEstimates:
 
 
 def run_estimates(
-    scene: Scene, moments: Sequence[Moments], step_error: float = 0.0
+    ready: Prepared, moments: Sequence[Moments], step_error: float = 0.0
 ) -> RunEstimates:
     """Estimates from the moments of a scene's realizations.
 
     Parameters
     ----------
-    scene : Scene
+    ready : Prepared
     moments : sequence of Moments
     step_error : float
         Share that the steps may cost, see `harvester.prepared.steps.step_error`: where nothing is
@@ -85,8 +89,7 @@ def run_estimates(
     SceneError
         No step of the run lies in its measured time.
     """
-    ready = prepared(scene)
-    system, scales = ready.system, ready.scales
+    scene, system, scales = ready.scene, ready.system, ready.scales
     moments = list(moments)
     if not measured_time(moments) > 0.0:
         raise SceneError(
@@ -98,7 +101,7 @@ def run_estimates(
     error = balance.error if balance else error_of(scene)
     whole = estimate_all(balanced, system, error) | estimate_output(balanced, error)
     whole = {name: with_steps(scene, each, step_error) for name, each in whole.items()}
-    found = shortfalls(scene, system, moments, whole, balance)
+    found = shortfalls(ready, moments, whole, balance)
     notes = (
         *source_notes(scene.load.circuit),
         *_loose_nodes(scene.load.circuit),
@@ -110,7 +113,7 @@ def run_estimates(
         *slow_exchange(scene, balance),
     )
     residual = energy_balance_residual(moments, system)
-    return RunEstimates(whole, found, residual, notes, balanced, error)
+    return RunEstimates(whole, found, residual, notes, balanced, error, balance)
 
 
 def _without_value(load, moments):

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from harvester.device.system import System
     from harvester.estimates.estimate import Estimate
     from harvester.estimates.well_balance import WellBalance
+    from harvester.prepared.prepared import Prepared
     from harvester.record.moments import Moments
     from harvester.scene.model import Scene
 
@@ -79,8 +80,7 @@ class Shortfall:
 
 
 def shortfalls(
-    scene: Scene,
-    p: System,
+    ready: Prepared,
     moments: list[Moments],
     estimates: dict[str, Estimate],
     balance: WellBalance | None = None,
@@ -89,8 +89,7 @@ def shortfalls(
 
     Parameters
     ----------
-    scene : harvester.scene.model.Scene
-    p : harvester.device.system.System
+    ready : Prepared
     moments : sequence of harvester.record.moments.Moments
     estimates : dict of str to Estimate
     balance : WellBalance or None
@@ -101,12 +100,13 @@ def shortfalls(
     list of Shortfall
         Empty for one pass of a record: its means are those of that event.
     """
+    scene, p = ready.scene, ready.system
     if scene.excitation.drifts or "mean_square_voltage" not in estimates:
         return []
     found = [
         _motion(p, scene.run, estimates),
         _charge(scene, p, moments, estimates),
-        _storage(scene, moments, estimates),
+        _storage(ready, moments, estimates),
         _jumps(p, moments, estimates),
         _residence(moments, estimates, balance),
     ]
@@ -288,12 +288,13 @@ def _charge(scene, p, moments, estimates):
     return _slow(scene, 1.0 / decay, "the load's 1/λ", error, QUANTITIES_OF_THE_CHARGE)
 
 
-def _storage(scene, moments, estimates):
+def _storage(ready, moments, estimates):
     """A store of the load that still charges, or that is slow against the run."""
+    scene = ready.scene
     run = scene.run
     measured = "output_voltage" if "output_voltage" in estimates else "mean_power"
     bound = max(_relative_error(estimates.get(measured)), SMALLEST_DRIFT)
-    found = store_states(scene, moments)
+    found = store_states(ready, moments)
     if not found:
         return None
     worst = max(found, key=lambda each: abs(each.missing) - DRIFT_IN_STANDARD_ERRORS * each.error)

@@ -19,12 +19,11 @@ from circuits.loads.kinds import LEVEL
 from circuits.loads.stores import times_of, weights
 from harvester.estimates.batch_means import FEWEST_BATCHES, complete_batches
 from harvester.estimates.measures import CHANGE, INTEGRAL, SQUARE, measured_series
-from harvester.prepared.prepared import prepared
 from harvester.record.moments import QUANTITIES
 
 if TYPE_CHECKING:
+    from harvester.prepared.prepared import Prepared
     from harvester.record.moments import Moments
-    from harvester.scene.model import Scene
 
 # A store that holds less than this share of the terminal's rms voltage counts by that share of it.
 LEAST_HELD = 0.01
@@ -58,15 +57,15 @@ class StoreState:
     memory: float
 
 
-def store_states(scene: Scene, moments: Sequence[Moments]) -> list[StoreState]:
+def store_states(ready: Prepared, moments: Sequence[Moments]) -> list[StoreState]:
     """The stores of a scene's load as a run left them; empty without any.
 
     Parameters
     ----------
-    scene : Scene
+    ready : Prepared
     moments : sequence of Moments
     """
-    batches, load = complete_batches(moments), scene.load.circuit
+    batches, load = complete_batches(moments), ready.scene.load.circuit
     output = moments[0].output
     if batches is None or load is None or output is None:
         return []
@@ -79,11 +78,11 @@ def store_states(scene: Scene, moments: Sequence[Moments]) -> list[StoreState]:
     )
     time = batches[:, :, QUANTITIES.index("time")]
     mean = series[..., INTEGRAL].sum(axis=(0, 1)) / time.sum()
-    matrix = _matrix(scene, dict(zip(names, mean, strict=True)))
+    matrix = _matrix(ready, dict(zip(names, mean, strict=True)))
     square = batches[:, :, QUANTITIES.index("square_voltage")].sum() / time.sum()
     # In volts, as the levels are.
-    volts = prepared(scene).scales.voltage * math.sqrt(max(float(square), 0.0))
-    levels = _Levels(names, series, time, mean, LEAST_HELD * volts, scene.excitation.random)
+    volts = ready.scales.voltage * math.sqrt(max(float(square), 0.0))
+    levels = _Levels(names, series, time, mean, LEAST_HELD * volts, ready.scene.excitation.random)
     return [_state(each, levels, matrix) for each in load.stores]
 
 
@@ -98,11 +97,11 @@ class _Levels(NamedTuple):
     random: bool
 
 
-def _matrix(scene, levels):
+def _matrix(ready, levels):
     """G⁻¹ C about the means, or None where a slope there is no number."""
     from circuits.kernel.slow_modes import relaxation
 
-    matrix = relaxation(scene, levels)
+    matrix = relaxation(ready, levels)
     return matrix if np.isfinite(matrix).all() else None
 
 

@@ -90,19 +90,73 @@ class WellBalance:
         off = self.weights[:, :, None] * (self.features - self.balanced)
         slopes = _slopes(off, series)
         within = series - off @ slopes
-        # A jump out of a well makes the next one out of it wait.
-        error = standard_error(within + self.innovations @ slopes, LEAST_CORRELATION)
+        error = self.error_of_parts(within + self.innovations @ slopes)
         own = standard_error(within)
         if error is None or own is None:
             return None
-        # Satterthwaite, Biometrics Bull. 2, 110 (1946). A jump that was not seen counts as one.
-        seen = self.counts + 1.0
-        jumps = (self.changes @ slopes) ** 2 * seen
-        samples = (own**2 + jumps.sum()) ** 2
-        known = own**4 / series.size + float((jumps**2 / seen).sum())
-        if samples < FEWEST_JUMPS * known:
+        if not self._stand_on_enough(np.array([own]), slopes[:, None], series.size):
             return None
         return error * math.sqrt(series.size / (series.size - len(slopes)))
+
+    def parts(self, series: np.ndarray) -> np.ndarray:
+        """What each batch adds to a mean's deviation: within the wells, and by its jumps.
+
+        Parameters
+        ----------
+        series : ndarray, shape (realizations, batches)
+            What the weighted batches lie off their mean.
+        """
+        off = self.weights[:, :, None] * (self.features - self.balanced)
+        slopes = _slopes(off, series)
+        return series - off @ slopes + self.innovations @ slopes
+
+    @staticmethod
+    def error_of_parts(parts: np.ndarray) -> float | None:
+        """Standard error of the mean of `parts`, or of a combination of several results'."""
+        # A jump out of a well makes the next one out of it wait.
+        return standard_error(parts, LEAST_CORRELATION)
+
+    def errors_of_groups(self, series: np.ndarray) -> np.ndarray | None:
+        """Standard errors of many means from groups of batches that are independent.
+
+        Parameters
+        ----------
+        series : ndarray, shape (realizations × groups, means)
+            What the groups of the realizations, weighted, lie off their means.
+
+        Returns
+        -------
+        ndarray, shape (means,), or None
+            None where one of them stands on fewer than `FEWEST_JUMPS` jumps.
+        """
+        if self.shares is None:
+            return None
+        count, (realizations, batches) = len(series), self.weights.shape
+        places = _group_of(batches, count // realizations)
+
+        def joined(rows):
+            groups = [rows[:, places == k].mean(axis=1) for k in range(count // realizations)]
+            return np.stack(groups, axis=1).reshape(count, -1)
+
+        off = joined(self.weights[:, :, None] * (self.features - self.balanced))
+        slopes = np.linalg.lstsq(off, series, rcond=None)[0]
+        within = series - off @ slopes
+        own = within.std(axis=0, ddof=1) / math.sqrt(count)
+        if not self._stand_on_enough(own, slopes, count):
+            return None
+        parts = within + joined(self.innovations) @ slopes
+        return parts.std(axis=0, ddof=1) / math.sqrt(count - len(slopes))
+
+    def _stand_on_enough(self, own, slopes, count):
+        """Whether means with these errors within the wells and slopes stand on enough jumps.
+
+        By Satterthwaite, Biometrics Bull. 2, 110 (1946). A jump that was not seen counts as one.
+        """
+        seen = self.counts[:, :, None] + 1.0
+        jumps = (self.changes @ slopes) ** 2 * seen
+        samples = (own**2 + jumps.sum(axis=(0, 1))) ** 2
+        known = own**4 / count + (jumps**2 / seen).sum(axis=(0, 1))
+        return bool(np.all(samples >= FEWEST_JUMPS * known))
 
     def without_wells(self, series: np.ndarray) -> np.ndarray:
         """A series of batches, not weighted, less what the wells do to it; its mean stays."""
@@ -233,11 +287,16 @@ def _weights(features, balanced):
     return 1.0 + off @ (np.linalg.pinv(scatter, rcond=1e-10, hermitian=True) @ missing)
 
 
+def _group_of(batches, groups):
+    """The group of a realization's histograms in which the middle of each batch lies."""
+    return ((np.arange(batches) + 0.5) * groups / batches).astype(int)
+
+
 def _weighted(moments, weights):
     """One realization's; what lies behind the last complete batch has no weight of its own."""
     whole = np.append(weights, np.ones(len(moments.integrals) - len(weights)))
     groups = len(moments.histograms)
-    places = ((np.arange(len(whole)) + 0.5) * groups / len(whole)).astype(int)
+    places = _group_of(len(whole), groups)
     of_groups = np.bincount(places, whole, groups) / np.bincount(places, minlength=groups)
     output = moments.output
     if output is not None:

@@ -75,8 +75,11 @@ def candidates(
     for name, scene, free in variants(base.scene, keys, sizes):
         # A stopper that a wrong model lacks does not grow out of that model: all begins anew.
         anew = scene.stoppers and not base.scene.stoppers and not base.adequate
-        if base.adequate and name.startswith(RICHER):
-            continue
+        if name.startswith(RICHER):
+            # Nor do powers, which would have to take the others' share.
+            if base.adequate:
+                continue
+            anew = True
         try:
             other = fitted(scene, measurements, free, sizes, warm=None if anew else base)
         except HarvesterError:

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 # Periods of the motion that one test function covers, and how many begin in each.
 COVERED_PERIODS, PER_COVERED = 1.5, 8
+# A regression takes a table of force for a polynomial of this degree.
+TABLE_DEGREE = 5
 ELECTRICAL_FACTORS = np.geomspace(0.2, 5.0, 13)
 SCALE_FACTORS = np.geomspace(0.1, 10.0, 81)
 GAP_SHARES = np.linspace(0.35, 0.95, 13)
@@ -138,6 +140,7 @@ class _Regression:
         self.system, self.scales = system, scales
         experiment = responses.experiments[number]
         self.scene = experiment.scene
+        self.powers = _powers(self.scene.oscillator)
         self.offset = float(np.mean(seen.x))
         self.z, self.w, self.state = seen.x - self.offset, seen.v, seen.state
         self.centred = "displacement" not in experiment.measurement.outputs
@@ -198,8 +201,7 @@ class _Regression:
         return [key for key in numbers(self.scene) if key.startswith("stoppers") and "gap" in key]
 
     def _degree(self):
-        oscillator = self.scene.oscillator
-        return max((n for n, k in enumerate(oscillator.coefficients) if k or n == 1), default=1)
+        return max(n for n, k in enumerate(self.powers) if k or n == 1)
 
     def _columns(self, share):
         """Integrals of what the coefficients multiply, and its names; all over s."""
@@ -350,14 +352,14 @@ class _Regression:
     def _kept_coefficients(self):
         """Scaled coefficients of the spring that are not free, by their powers."""
         mass, length = self._mass(), self.scales.displacement
-        coefficients = self.scene.oscillator.coefficients
+        coefficients = self.powers
         fixed = {}
         for n in range(self._degree() + 1):
             short = {1: "linear_stiffness", 3: "cubic_stiffness"}.get(n, "none")
             if self.scene.oscillator.restoring_force is not None:
                 short = f"restoring_force[{n}]"
             if f"oscillator.{short}" not in self.responses.keys:
-                value = coefficients[n] if n < len(coefficients) and coefficients[n] else 0.0
+                value = coefficients[n] if n < len(coefficients) else 0.0
                 fixed[n] = value * length ** (n - 1) / mass
         return fixed
 
@@ -373,6 +375,15 @@ class _Regression:
                 least = low if known[key][1].low_allowed or low == -np.inf else low + 1e-2 * start
                 kept[key] = min(max(value, least), known[key][1].high)
         return kept
+
+
+def _powers(oscillator):
+    """(F0, k1, …) in the scene's units; of a table those of a polynomial near it."""
+    if oscillator.force_table is None:
+        return [k or 0.0 for k in oscillator.coefficients]
+    displacement, force = np.array(oscillator.force_table).T
+    degree = min(TABLE_DEGREE, len(force) - 1)
+    return np.polynomial.Polynomial.fit(displacement, force, degree).convert().coef.tolist()
 
 
 def _shifted(coefficients, distance):

@@ -24,6 +24,7 @@ from harvester.compilation import numba
 from harvester.device import contact
 from harvester.errors import SolutionDiverged
 from harvester.monte_carlo.lockstep import Room, advance
+from harvester.monte_carlo.schemes import Scheme, scheme_of
 from harvester.prepared.steps import (
     EVEN_STEPS_PER_CONTACT,
     steps_per_contact,
@@ -44,11 +45,6 @@ MOST_TOGETHER = 64
 # Segments between knots worked on at a time, of all realizations together: their noise and,
 # where points are kept, these stay in the processor's cache.
 SEGMENTS, SEGMENTS_KEPT = 262144, 65536
-# Decay of V or X' by load or damper, as an exponent, in a step of an explicit scheme: those are
-# stable up to 2 (Heun) and 2.78 (Runge–Kutta). Beyond it the decay is taken exactly.
-LARGEST_DECAY = 1.0
-SCHEMES = {"runge-kutta": "Runge-Kutta 4", "heun": "Heun 2"}
-EXACT_DECAY = "exact decay, order 3"
 
 
 def prepare(ready: Prepared) -> None:
@@ -57,7 +53,7 @@ def prepare(ready: Prepared) -> None:
     tally = SeveralMoments([_unwanted(0.0, 1.0)], 1.0).tally
     room, place = Room.of(s, [(0.0, 0.0, 0.0)], 0), _beginning()
     noise = np.zeros((1, 1, TOGETHER))
-    advance(None, s, _edges(s), noise, 0, 1.0, 1, 1, room, tally, place)
+    advance(Scheme.RUNGE_KUTTA.argument, s, _edges(s), noise, 0, 1.0, 1, 1, room, tally, place)
 
 
 def run_realizations(
@@ -101,9 +97,9 @@ def run_realizations(
         for columns, points in chunks:
             for k, other in others:
                 other.add(record_of(columns, points, k))
-    exact = scheme_of(s, scheme, paths[0].spacing / fixed) is False
+    used = scheme_of(s, scheme, paths[0].spacing / fixed)
     return {
-        "engine_version": f"{EXACT_DECAY if exact else SCHEMES[scheme]}, numba {numba.__version__}",
+        "engine_version": f"{used.value}, numba {numba.__version__}",
         "netlist_sha256": None,
     }
 
@@ -138,7 +134,7 @@ def integrate(
     steps_per_knot : int
         Steps between two knots where no contact asks for more.
     scheme : str
-        A name in `SCHEMES`.
+        A name in `harvester.monte_carlo.schemes.NAMED`.
     steps_per_contact : int
         Fewest steps from the beginning of a contact to its end.
     moments : sequence of Moments
@@ -159,7 +155,7 @@ def integrate(
     SolutionDiverged
     """
     spacing, edges = paths[0].spacing, _edges(s)
-    heun = scheme_of(s, scheme, spacing / steps_per_knot)
+    used = scheme_of(s, scheme, spacing / steps_per_knot)
     knots = math.ceil(stop / spacing - 1e-9)
     most = (SEGMENTS_KEPT if keep else SEGMENTS) // len(paths)
     room, place = Room.of(s, starts, _points(most) if keep else 0), _beginning()
@@ -175,7 +171,7 @@ def integrate(
         while place[0] < count:
             room.points[:] = 0
             advance(
-                heun, s, edges, noise[: count + 1], first, spacing,
+                used.argument, s, edges, noise[: count + 1], first, spacing,
                 steps_per_knot, steps_per_contact, room, several.tally, place,
             )  # fmt: skip
             several.collect(room.points)
@@ -205,11 +201,3 @@ def _points(segments):
 
 def _edges(s):
     return np.array(contact.edges(s.contacts))
-
-
-def scheme_of(s: System, name: str, step: float) -> bool | None:
-    """None for Runge–Kutta, True for Heun, False for exact decay where it is faster than a step."""
-    damping = s.damper.damping + s.transducer.damping()
-    if max(s.transducer.decay_rate(), damping) * step > LARGEST_DECAY:
-        return False
-    return None if name == "runge-kutta" else True

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from harvester.device.system import System
     from harvester.record.several import Tally
 
-# Where none are kept.
+# Room for points where none are kept: no run reaches it.
 MOST_POINTS = 2**62
 # Where a block's rows of eight begin: the state at a step's beginning, with the zone's number, its
 # ends and the contacts' force, and for those stepped apart the excitation and its slope, the time
@@ -103,7 +103,7 @@ class Room(NamedTuple):
 
 @uncounted
 def advance(
-    heun: bool | None,
+    scheme: bool | None,
     s: System,
     edges: np.ndarray,
     noise: np.ndarray,
@@ -117,9 +117,27 @@ def advance(
 ) -> None:
     """Integrate until the noise is at its end or a realization has no room for points.
 
-    `heun` as in `harvester.monte_carlo.schemes.one_step`; `edges` are those of the zones; `noise`
-    has shape (knots, blocks, 8). `place`, changed, is the segment between knots, the step in it,
-    how many realizations are stepped apart in it, and the batch under way.
+    Parameters
+    ----------
+    scheme
+        `argument` of a `harvester.monte_carlo.schemes.Scheme`.
+    s : harvester.device.system.System
+    edges : ndarray
+        Of the zones, from minus to plus infinity (scaled displacement).
+    noise : ndarray, shape (knots, blocks, 8)
+        The excitation of all realizations at its knots.
+    first_knot : int
+        Number of the first of these knots in the run.
+    spacing : float
+        Between two knots (s).
+    steps_per_knot, steps_per_contact : int
+        Steps between two knots, and fewest from the beginning of a contact to its end.
+    room : Room
+    tally : Tally
+        Sums of the moments, added to.
+    place : ndarray of int, changed
+        The segment between knots, the step in it, how many realizations are stepped apart in it,
+        and the batch under way.
     """
     free = 1
     while edges[free] < 0.0:
@@ -142,10 +160,10 @@ def advance(
             if now != batch:
                 several.end_batch(tally, batch)
                 batch = now
-            _fly(heun, s, left, right, knots, start, end, at_knot, lanes, room.states)
+            _fly(scheme, s, left, right, knots, start, end, at_knot, lanes, room.states)
             waiting = _gather(s, start, end, steps_per_contact, room)
         while waiting > 0 and fullest < full:
-            _try(heun, s, waiting, lanes, room.apart)
+            _try(scheme, s, waiting, lanes, room.apart)
             waiting, fullest = _go_on(
                 s, edges, knots, begin, end, steps_per_contact, waiting, batch, room, tally
             )
@@ -172,10 +190,10 @@ def _excitation(knots, block, k, phase):
 
 
 @merged
-def _fly(heun, s, left, right, knots, start, end, at_knot, lanes, states):
+def _fly(scheme, s, left, right, knots, start, end, at_knot, lanes, states):
     """Step all realizations as if all flew freely between `left` and `right`.
 
-    Here and in `_try` no condition ends a turn early: LLVM asks for it.
+    Here and in `_try` the loop's body has no branch, so that LLVM takes eight realizations at once.
     """
     length = end - start
     for block in range(states.shape[0]):
@@ -185,7 +203,7 @@ def _fly(heun, s, left, right, knots, start, end, at_knot, lanes, states):
             noise, slope = _excitation(knots, block, k, start)
             cells[NOISE + k], cells[SLOPE + k] = noise, slope
             x1, v1, state1 = one_step(
-                heun, s, False, left, right, 0.0, x, v, state, noise, slope, length, 0.0
+                scheme, s, False, left, right, 0.0, x, v, state, noise, slope, length, 0.0
             )
             turned = (v * v1 < 0.0) & overshoots(left, right, x, v, x1, v1, length)
             touches = (cells[LOW + k] >= 0.0) | (cells[HIGH + k] <= 0.0)
@@ -197,8 +215,11 @@ def _fly(heun, s, left, right, knots, start, end, at_knot, lanes, states):
 
 
 @merged
-def _try(heun, s, count, lanes, apart):
-    """Step those apart as if none left its zone, and some places more that stand for nothing."""
+def _try(scheme, s, count, lanes, apart):
+    """Step those set apart as if none left its zone.
+
+    Blocks are stepped whole: results in places that hold no realization are not used.
+    """
     for block in range((count + TOGETHER - 1) // TOGETHER):
         cells = apart[block]
         for k in range(lanes if count > 1 else 1):
@@ -206,7 +227,7 @@ def _try(heun, s, count, lanes, apart):
             low, high, held = cells[LOW + k], cells[HIGH + k], cells[HELD_SPEED + k]
             noise, slope, length = cells[NOISE + k], cells[SLOPE + k], cells[LENGTH + k]
             x1, v1, state1 = one_step(
-                heun, s, True, low, high, held, x, v, state, noise, slope, length,
+                scheme, s, True, low, high, held, x, v, state, noise, slope, length,
                 cells[REACTION + k],
             )  # fmt: skip
             turned = (v * v1 < 0.0) & overshoots(low, high, x, v, x1, v1, length)
@@ -219,7 +240,10 @@ def _try(heun, s, count, lanes, apart):
 
 @merged
 def _gather(s, start, end, steps_per_contact, room):
-    """Put those for which the flight does not hold apart; returns how many."""
+    """Set apart the realizations that the step of free flight does not hold for; returns how many.
+
+    These are in contact, or would leave the free zone in this step.
+    """
     count = 0
     for realization in range(room.points.size):
         block, k = realization // TOGETHER, realization % TOGETHER
@@ -241,9 +265,10 @@ def _gather(s, start, end, steps_per_contact, room):
 
 @merged
 def _go_on(s, edges, knots, begin, end, steps_per_contact, count, batch, room, tally):
-    """Take the steps tried apart, those that leave their zone again and shorter.
+    """Accept the steps tried in `_try`, but shorten those that leave their zone, to be tried again.
 
-    Returns how many are not at the end yet, and the points of the realization with most.
+    Returns how many realizations are not at the end of the grid's step yet, and the largest number
+    of points that any of them has.
     """
     rest, fullest = 0, 0
     for place in range(count):

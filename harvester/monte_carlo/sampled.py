@@ -13,8 +13,7 @@ import numpy as np
 from harvester.compilation import compiled
 from harvester.device import contact, system
 from harvester.device.zones import crossing, overshoots
-from harvester.monte_carlo.engine import scheme_of
-from harvester.monte_carlo.schemes import one_step
+from harvester.monte_carlo.schemes import one_step, scheme_of
 
 if TYPE_CHECKING:
     from harvester.device.system import System
@@ -62,13 +61,13 @@ def states_at_samples(
     ends = np.full((edges.size - 1, 3), np.nan)
     zones = np.array(contact.edges(s.contacts))
     scheme = scheme_of(s, "runge-kutta", spacing)
-    _run(scheme, s, zones, eta, spacing, every, edges, starts, states, ends)
+    _run(scheme.argument, s, zones, eta, spacing, every, edges, starts, states, ends)
     return states, ends
 
 
 # Free of Python's lock: columns of a Jacobian are integrated side by side.
 @compiled(nogil=True)
-def _run(heun, s, zones, eta, spacing, every, edges, starts, states, ends):
+def _run(scheme, s, zones, eta, spacing, every, edges, starts, states, ends):
     """Fill `states` and `ends`."""
     final = eta.size - 1
     for window in range(edges.size - 1):
@@ -93,7 +92,7 @@ def _run(heun, s, zones, eta, spacing, every, edges, starts, states, ends):
             smooth = not touching
             if smooth:
                 x1, v1, voltage1 = one_step(
-                    heun, s, False, low, high, 0.0, x, v, voltage, noise, slope, length, 0.0
+                    scheme, s, False, low, high, 0.0, x, v, voltage, noise, slope, length, 0.0
                 )
                 smooth = low <= x1 <= high and not (
                     v * v1 < 0.0 and overshoots(low, high, x, v, x1, v1, length)
@@ -102,7 +101,7 @@ def _run(heun, s, zones, eta, spacing, every, edges, starts, states, ends):
                 x, v, voltage, phase = x1, v1, voltage1, spacing
             else:
                 piece, entered, held, x, v, voltage = _contact_piece(
-                    heun,
+                    scheme,
                     s,
                     touching,
                     low,
@@ -135,7 +134,7 @@ def _run(heun, s, zones, eta, spacing, every, edges, starts, states, ends):
 
 @compiled
 def _contact_piece(
-    heun, s, touching, low, high, held, x, v, voltage, noise, slope, longest, steps_per_contact
+    scheme, s, touching, low, high, held, x, v, voltage, noise, slope, longest, steps_per_contact
 ):
     """A step within a zone, or up to its edge, `low` or `high`.
 
@@ -149,7 +148,7 @@ def _contact_piece(
         length = contact.step(s.contacts, x, speed * speed, longest, steps_per_contact)
     reaction = system.contact_force(s, x, v, held, low, high) if touching else 0.0
     x1, v1, voltage1 = one_step(
-        heun, s, touching, low, high, held, x, v, voltage, noise, slope, length, reaction
+        scheme, s, touching, low, high, held, x, v, voltage, noise, slope, length, reaction
     )
     entered = 0
     if x1 > high or x1 < low:
@@ -160,7 +159,7 @@ def _contact_piece(
         edge = high if entered == 1 else low
         length = crossing(edge, entered, x, v, x1, v1, length)
         x1, v1, voltage1 = one_step(
-            heun, s, touching, low, high, held, x, v, voltage, noise, slope, length, reaction
+            scheme, s, touching, low, high, held, x, v, voltage, noise, slope, length, reaction
         )
         if not touching:
             held = abs(v1)

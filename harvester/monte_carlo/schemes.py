@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 from typing import TYPE_CHECKING
 
 from harvester.compilation import compiled, merged
@@ -10,6 +11,41 @@ from harvester.device.decay import decayed
 
 if TYPE_CHECKING:
     from harvester.device.system import System
+
+
+# Decay of V or X' by load or damper, as an exponent, in a step of an explicit scheme: those are
+# stable up to 2 (Heun) and 2.78 (Runge–Kutta). Beyond it the decay is taken exactly.
+LARGEST_DECAY = 1.0
+
+
+class Scheme(enum.Enum):
+    """How a step of Eq. 4 is taken; the value is what results call it."""
+
+    RUNGE_KUTTA = "Runge-Kutta 4"
+    HEUN = "Heun 2"
+    EXACT_DECAY = "exact decay, order 3"
+
+    @property
+    def argument(self) -> bool | None:
+        """What compiled code is given for it.
+
+        None has a type of its own: the code for Runge–Kutta, which nearly all runs take, is
+        compiled without the other two, and LLVM can take eight realizations at a time. A value of
+        an enumeration would leave the choice to every step.
+        """
+        return {Scheme.RUNGE_KUTTA: None, Scheme.HEUN: True, Scheme.EXACT_DECAY: False}[self]
+
+
+# By the names that `harvester.MonteCarlo` takes.
+NAMED = {"runge-kutta": Scheme.RUNGE_KUTTA, "heun": Scheme.HEUN}
+
+
+def scheme_of(s: System, name: str, step: float) -> Scheme:
+    """The scheme of this name, or that with the decay exact where it is faster than a step (s)."""
+    damping = s.damper.damping + s.transducer.damping()
+    if max(s.transducer.decay_rate(), damping) * step > LARGEST_DECAY:
+        return Scheme.EXACT_DECAY
+    return NAMED[name]
 
 
 @merged
@@ -22,7 +58,7 @@ def _acceleration(s, touching, low, high, held, x, v, voltage, noise):
 
 @merged
 def one_step(
-    heun: bool | None,
+    scheme: bool | None,
     s: System,
     touching: bool,
     low: float,
@@ -36,14 +72,35 @@ def one_step(
     h: float,
     reaction: float,
 ) -> tuple[float, float, float]:
-    """One step of Eq. 4 as `harvester.monte_carlo.engine.scheme_of` chose.
+    """One step of Eq. 4.
 
-    `heun` is None for Runge–Kutta: a type of its own, so that no choice is left at run time.
-    `reaction` is the contacts' force at the step's beginning, which the step before has told.
+    Parameters
+    ----------
+    scheme
+        `Scheme.argument` of the scheme to take.
+    touching : bool
+        Whether the mass is in contact throughout the step.
+    low, high : float
+        Ends of its zone.
+    held : float
+        Impact speed that the contact's law holds.
+    x, v, voltage : float
+        X, X' and the transducer's state at the step's beginning.
+    noise, slope : float
+        The excitation there, and its rate of change.
+    h : float
+        Length of the step.
+    reaction : float
+        The contacts' force at the step's beginning, which the step before has found.
+
+    Returns
+    -------
+    float, float, float
+        X, X' and the transducer's state at the step's end.
     """
-    if heun is None:
+    if scheme is None:
         return _runge_kutta(s, touching, low, high, held, x, v, voltage, noise, slope, h, reaction)
-    if heun:
+    if scheme:
         return _heun(s, touching, low, high, held, x, v, voltage, noise, slope, h, reaction)
     return _exponential(s, touching, low, high, held, x, v, voltage, noise, slope, h, reaction)
 

@@ -66,10 +66,12 @@ def half_width(ready: Prepared) -> float:
 
 
 def _half_width(system, omega):
+    """Half width of the resonance at a frequency (rad/s), over that frequency."""
     return 0.5 * timescales.loss_rate(system, omega) / omega
 
 
 def _linear(system):
+    """Whether the spring has no power above the first and there are no stoppers."""
     return system.spring.straight and not system.contacts
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from circuits.loads.kinds import STATE
+from circuits.loads.kinds import LEVEL, STATE
 from harvester.compilation import compiled, merged, summing, uncounted
 from harvester.record.jumps import Jumps
 from harvester.record.output_side import OutputMoments
@@ -169,8 +169,8 @@ def prepare() -> None:
     moments.jumps = Jumps(0.0, 1.0, nothing, points, ends, points, ones, np.ones((2, 2, 2)))
     time = np.array([0.0, 1.0])
     moments.add(Record(time, *[points] * (len(Record._fields) - 1)))
-    output = OutputMoments.beside(moments, ((STATE, ""),))
-    output.add(time, points, points[None])
+    output = OutputMoments.beside(moments, ((STATE, ""), (LEVEL, "")))
+    output.add(time, points, points[None], [points])
 
 
 @compiled

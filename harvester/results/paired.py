@@ -9,6 +9,8 @@ from harvester.estimates.batch_means import complete_batches, ratio_of_sums, sta
 from harvester.estimates.estimate import Estimate, why_no_error
 from harvester.estimates.means import MEANS
 from harvester.estimates.output_side import RATIOS, output_ratio
+from harvester.estimates.well_balance import WellBalance, weighted, well_balance
+from harvester.prepared.prepared import prepared
 from harvester.record.moments import QUANTITIES
 
 if TYPE_CHECKING:
@@ -20,13 +22,14 @@ def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
 
     Batch by batch the common noise cancels as far as the two follow the same path, so that the
     error is often far below that of either mean. Where paths part, nothing cancels and the error
-    is that of independent means: it is the scatter of the difference itself.
+    is that of independent means: it is the scatter of the difference itself. Where wells differ,
+    the means are those that the rates of jumps keep in balance, and the error holds the rates'.
 
     Parameters
     ----------
     result, reference : harvester.results.result.Result or harvester.running.Answer
-        Each with its moments; of the same scene, or of scenes with the same seed, knots and
-        length of run.
+        Each with its scene and moments; of the same scene, or of scenes with the same seed, knots
+        and length of run.
 
     Returns
     -------
@@ -34,7 +37,14 @@ def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
         (result − reference)/reference of every mean over time, and of the power conversion
         efficiency.
     """
-    ours, theirs = complete_batches(result.moments), complete_batches(reference.moments)
+    balances = [
+        well_balance(each.scene, prepared(each.scene).system, each.moments)
+        for each in (result, reference)
+    ]
+    ours, theirs = (
+        complete_batches(weighted(each.moments, balance))
+        for each, balance in zip((result, reference), balances, strict=True)
+    )
     if ours is None or theirs is None or ours.shape != theirs.shape:
         return {}
     differences = {}
@@ -43,13 +53,34 @@ def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
         if not theirs[:, :, row].any():
             continue
         ratio, error = ratio_of_sums(ours[:, :, row], theirs[:, :, row])
+        if any(balances) and ratio:
+            shares = [_share(batches, row) for batches in (ours, theirs)]
+            error = _relative_error(shares, balances)
+            error = None if error is None else abs(ratio) * error
         note = why_no_error(ratio, error)
         differences[name] = Estimate(ratio - 1.0, error, None, "1", note)
-    efficiency = _paired_efficiency(ours, theirs)
+    efficiency = _paired_efficiency(ours, theirs, balances)
     return differences | ({"power_conversion_efficiency": efficiency} if efficiency else {})
 
 
-def _paired_efficiency(ours, theirs):
+def _share(batches, row):
+    """How far a mean over time lies off in each batch, as a share of it."""
+    sums, time = batches[:, :, row], batches[:, :, QUANTITIES.index("time")]
+    return sums / sums.mean() - time / time.mean()
+
+
+def _relative_error(shares, balances):
+    """Standard error of the difference of two results' shares, with what jumps add to each."""
+    parts = []
+    for share, balance in zip(shares, balances, strict=True):
+        if balance is not None and balance.error(share) is None:
+            return None
+        parts.append(share if balance is None else balance.parts(share))
+    error = WellBalance.error_of_parts if any(balances) else standard_error
+    return error(parts[0] - parts[1])
+
+
+def _paired_efficiency(ours, theirs, balances):
     """Relative difference of Eq. 35, both ratios linearised batch by batch; None without power."""
     load, loss = QUANTITIES.index("load_power"), QUANTITIES.index("loss_power")
     shares = []
@@ -61,7 +92,7 @@ def _paired_efficiency(ours, theirs):
         share = batches[:, :, load] / batches[:, :, load].mean() - used / used.mean()
         shares.append((batches[:, :, load].sum() / used.sum(), share))
     ratio = float(shares[0][0] / shares[1][0])
-    error = standard_error(shares[0][1] - shares[1][1])
+    error = _relative_error([share for _, share in shares], balances)
     note = why_no_error(ratio, error)
     return Estimate(ratio - 1.0, None if error is None else ratio * error, None, "1", note)
 

@@ -55,6 +55,7 @@ def _energies(moments, p):
 
 
 def _diverged(result, p, totals, stored):
+    """Whether energies are not finite."""
     if np.isfinite(result.energy_balance_residual) and np.all(np.isfinite(stored)):
         return ""
     return (
@@ -64,6 +65,7 @@ def _diverged(result, p, totals, stored):
 
 
 def _active_load(result, p, totals, stored):
+    """Whether the load gives energy instead of taking it."""
     delivered = -totals["load_power"].sum()
     converter = result.scaled_quantities.get("mean_converter_loss")
     if delivered > 0.0:
@@ -81,6 +83,7 @@ def _active_load(result, p, totals, stored):
 
 
 def _short_run(result, p, totals, stored):
+    """Whether what the device stores changes by about as much as flows through it."""
     flow = max(abs(totals["input_power"].sum()), totals["load_power"].sum())
     share = np.abs(stored).sum() / flow if flow > 0.0 else np.inf
     if share < STORED_SHARE_OF_SHORT_RUNS:
@@ -122,6 +125,7 @@ def _together(left, taken):
 
 
 def _switching(result, p, totals, stored):
+    """Whether the load switches, and the step alone does not explain the residual."""
     load = result.scene.load.circuit
     if not (load and load.switches) or abs(result.energy_balance_residual) < _of_the_step(result):
         return ""
@@ -132,6 +136,7 @@ def _switching(result, p, totals, stored):
 
 
 def _contacts(result, p, totals, stored):
+    """Whether there were contacts that the steps do not resolve."""
     impacts = totals["impacts"].sum()
     resolving = steps_per_contact(prepared(result.scene), result.step, result.engine)
     if not impacts or timescales.contact_time(p) > resolving * result.step:
@@ -143,6 +148,7 @@ def _contacts(result, p, totals, stored):
 
 
 def _step(result, p, totals, stored):
+    """Whether the residual is as large as the step's own error may be."""
     if abs(result.energy_balance_residual) > _of_the_step(result):
         return ""
     steps = 2.0 * np.pi / timescales.fastest_angular_frequency(p) / result.step
@@ -153,5 +159,6 @@ def _step(result, p, totals, stored):
 
 
 def _of_the_step(result):
+    """The largest residual that the step explains, see `STEP_ERROR_FACTOR`."""
     p = prepared(result.scene).system
     return STEP_ERROR_FACTOR * (timescales.fastest_angular_frequency(p) * result.step) ** 2 / 12.0

@@ -219,7 +219,7 @@ def _together(scene, method):
         return REALIZATIONS_TOGETHER
     shared = method.step, method.source, method.tolerance
     return method.copies or (
-        REALIZATIONS_TOGETHER if side_by_side.share_steps(scene, *shared) else 1
+        REALIZATIONS_TOGETHER if side_by_side.share_steps(prepared(scene), *shared) else 1
     )
 
 

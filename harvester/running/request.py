@@ -30,13 +30,14 @@ from harvester.simulation.simulate import require_noise
 
 Found = TypeVar("Found")
 
+# Quantities that a precision holds for where a request names none.
 JUDGED = ("mean_square_voltage", "power_conversion_efficiency")
 COMPLETE = "complete"
 OUT_OF_TIME = "the time budget was spent"
-# With a precision: realizations of the first round, and most of all.
+# With a precision: realizations of the first round, and the most of all rounds together.
 FIRST_REALIZATIONS, MOST_REALIZATIONS = 8, 80
-# A round asks for what the error bar needs and a little more, at most this many times what there
-# is: the first error bars are rough.
+# The next round brings the realizations to MARGIN times the number that the latest error bar calls
+# for, and to GROWTH times what there is at most: the first error bars are rough.
 MARGIN, GROWTH = 1.1, 2.0
 
 
@@ -95,7 +96,8 @@ class Request:
     def cut_from(self) -> Scene:
         """The scene of its tasks: alike for all requests that share their realizations.
 
-        Only where the scene's own number of them is asked for do few have more batches each.
+        Each realization has as many batches as in a long run. Only where a request runs the scene's
+        own number of realizations, and that is small, has each of them more.
         """
         own = self.realizations is None and self.precision is None
         count = min(self.scene.run.realizations, MANY_REALIZATIONS) if own else MANY_REALIZATIONS
@@ -299,13 +301,13 @@ def in_units(quantities: dict[str, Estimate], scales: Scales) -> dict[str, Estim
 
 
 def told(error: HarvesterError) -> str:
-    """An error's kind and reason in one line."""
+    """The name of an error's class and its message, in one line of printable characters."""
     text = f"{type(error).__name__}: {error}"
     return "".join(each if each.isprintable() else " " for each in text)
 
 
 def good_ones(found: Sequence) -> tuple[list, HarvesterError | str]:
-    """Answers of tasks up to the first that failed or is not there, and what ended them."""
+    """The answers before the first that is missing, and why it is: an error, or the time."""
     good: list = []
     for each in found:
         if each is None:
@@ -353,12 +355,14 @@ def _answer(request, good, ended):
     ready = prepared(scene)
     parameters = ready.system
     cost = step_error(ready, request.method.step, request.method.name)
-    found = run_estimates(scene, moments, cost)
+    found = run_estimates(ready, moments, cost)
     if not abs(found.residual) <= LARGEST_RESIDUAL:
         return not_balanced(found.residual), 0.0
     reached, unseen = _reached(request, scene, parameters, found.whole)
-    shapes = densities(found.moments, is_symmetric(scene, parameters)) if request.density else {}
-    shape = shapes.get("displacement")
+    shape = None
+    if request.density:
+        even = is_symmetric(scene, parameters)
+        shape = densities(found.moments, even, found.balance).get("displacement")
     if found.shortfalls and shape:
         shape = replace(shape, standard_error=None)
     notes = [*notes_on_excitation(scene), *found.notes, *residual_notes(found.residual)]
@@ -387,7 +391,11 @@ def _answer(request, good, ended):
 
 
 def _reached(request, scene, parameters, scaled):
-    """Largest relative error of what decides, and what one jump more would add to E[V²]."""
+    """The largest relative error of the quantities that decide, and the share of an unseen jump.
+
+    The latter is by which share of itself a single further jump between the wells would raise
+    E[V²]; where it exceeds the precision, it counts as an error.
+    """
     unknown = [name for name in request.quantities if name not in scaled]
     if len(unknown) == len(request.quantities):
         known = ", ".join(scaled)

@@ -14,6 +14,8 @@ from harvester.estimates.batch_means import measured_time
 from harvester.estimates.densities import densities
 from harvester.estimates.joint_density import joint_density as joint_density_of
 from harvester.estimates.of_run import run_estimates
+from harvester.estimates.settling import slow_exchange
+from harvester.estimates.well_balance import FEWEST_JUMPS
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, step_error, steps_per_knot
 from harvester.results.residual_cause import suspected_cause
@@ -47,12 +49,14 @@ def result_of(
     first = min(realization.started for realization in realizations)
     last = max(realization.ended for realization in realizations)
     cost = step_error(ready, engine.step, engine.name)
-    found = run_estimates(scene, moments, cost)
-    shapes = densities(found.moments, is_symmetric(scene, parameters))
+    found = run_estimates(ready, moments, cost)
+    shapes = densities(found.moments, is_symmetric(scene, parameters), found.balance)
     joints = [realization.joint for realization in realizations if realization.joint is not None]
     joint = joint_density_of(joints, is_symmetric(scene, parameters)) if joints else None
     if found.shortfalls:
         shapes = {name: replace(shape, standard_error=None) for name, shape in shapes.items()}
+    if found.shortfalls or slow_exchange(scene, found.balance):
+        # Its samples have no weights: their shares of the wells are those of the starts.
         joint = joint and replace(joint, standard_error=None)
     return Result(
         scene=scene,
@@ -70,13 +74,29 @@ def result_of(
         realizations=len(moments),
         engine_version=realizations[0].engine_version,
         netlist_sha256=realizations[0].netlist_sha256,
-        notes=(*notes_on_excitation(scene), *found.notes, *_failure_notes(failures, scene)),
+        notes=(
+            *notes_on_excitation(scene),
+            *found.notes,
+            *_density_notes(found, shapes),
+            *_failure_notes(failures, scene),
+        ),
         failures={index: f"{type(e).__name__}: {e}" for index, e in failures.items()},
         densities=shapes,
         joint_density=joint,
         waveform=realizations[0].waveform,
         moments=moments,
         outcome="incomplete" if failures else outcome,
+    )
+
+
+def _density_notes(found, shapes):
+    """A note where error bars are left out that no shortfall explains."""
+    bare = [name for name, shape in shapes.items() if shape.standard_error is None]
+    if found.balance is None or found.shortfalls or not bare:
+        return ()
+    return (
+        f"the density of {', '.join(bare)} has no error bar: some of it stands on fewer than "
+        f"{FEWEST_JUMPS:.0f} jumps between wells; simulate longer",
     )
 
 

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 
 from harvester.device import timescales
 from harvester.monte_carlo.engine import MOST_TOGETHER
-from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, steps_per_contact, steps_per_knot
 
 if TYPE_CHECKING:
-    from harvester.scene.model import Scene
+    from harvester.prepared.prepared import Prepared
 
 # More copies in one netlist are no faster, as `work-precision` measures: behavioural elements soon
 # fill the processor's cache.
@@ -60,7 +59,7 @@ def together(realizations: int, workers: float) -> int:
 
 
 def share_steps(
-    scene: Scene,
+    ready: Prepared,
     step: str | float = "default",
     source: str = "external",
     tolerance: float | None = None,
@@ -72,21 +71,20 @@ def share_steps(
 
     Parameters
     ----------
-    scene : Scene
+    ready : Prepared
     step, source, tolerance
         See `harvester.simulate`.
     """
     return (
-        scene.load.is_resistor
+        ready.scene.load.is_resistor
         and source == "external"
         and tolerance is None
-        and not contacts_shorten_steps(scene, step)
+        and not contacts_shorten_steps(ready, step)
     )
 
 
-def contacts_shorten_steps(scene: Scene, step: str | float) -> bool:
+def contacts_shorten_steps(ready: Prepared, step: str | float) -> bool:
     """Whether the longest step does not resolve a contact at the rms speed."""
-    ready = prepared(scene)
     system = ready.system
     longest = knot_spacing(ready) / steps_per_knot(ready, step)
     return timescales.contact_time(system) < steps_per_contact(ready, step) * longest

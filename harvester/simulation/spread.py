@@ -9,6 +9,7 @@ from concurrent.futures import Executor
 from typing import Any
 
 from harvester.errors import SimulationError
+from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
 from harvester.simulation import side_by_side
 from harvester.simulation.methods import Circuit, Engine, MonteCarlo
@@ -39,17 +40,17 @@ def copies_that_pay(scene: Scene, engine: Engine, pool: Workers) -> int:
     if engine.copies:
         return engine.copies
     shared = engine.step, engine.source, engine.tolerance
-    if count == 1 or not side_by_side.share_steps(scene, *shared):
+    if count == 1 or not side_by_side.share_steps(prepared(scene), *shared):
         return 1
-    (used,) = pool.map(_device_used, [{"scene": scene, "device": engine.device}])
+    (used,) = pool.map(_device_used, [{"ready": prepared(scene), "device": engine.device}])
     return side_by_side.copies(count, used)
 
 
-def _device_used(scene, device, report):
+def _device_used(ready, device, report):
     """See `circuits.ngspice.engine.device_used`; called in a worker, as it needs PySpice."""
     from circuits.ngspice.engine import device_used
 
-    return device_used(scene, device, report)
+    return device_used(ready, device, report)
 
 
 def calls_of(

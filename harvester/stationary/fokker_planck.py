@@ -31,38 +31,56 @@ if TYPE_CHECKING:
     from harvester.device.system import System
     from harvester.stationary.grid_density import GridDensity
 
-REGION_LEVEL = Level(5.0, 2.2, 1.7, 3, 3, 50.0)  # on which the region is found
+# The coarse grid on which the region is found, and the first one for the answer; see `Level`.
+REGION_LEVEL = Level(5.0, 2.2, 1.7, 3, 3, 50.0)
 FIRST_LEVEL = Level(6.0, 3.0, 2.3, 4, 3)
-# Nodes of Z that are kept, for each decade of the tolerance: their error falls exponentially.
+# The error of the nodes of Z falls exponentially with their number: so many are taken for each
+# decade of the tolerance.
 NODES_PER_DECADE = 3.0
-# Error, in tolerances, of nodes of Z, the range and what is left of the stationary state's rest.
+# No pair of grids shows the errors of the range, of the nodes of Z and of the iteration's end:
+# together they are stated as this share of the tolerance.
 UNSEEN_ERROR = 0.2
-# λ, in units of the period, below which nodes of Z are no part of it where motion leaves its well
-# less often than the charge does: jumps are much more frequent at some of the nodes than at others.
+# If λ times the period is below this, and motion leaves its well less often than the charge decays,
+# the error of the nodes of Z is not small: jumps are much more frequent at some nodes than at
+# others. A grid with more of them then shows it.
 SLOW_CHARGE = 0.1
-# Change of the nodes, in tolerances, below which the step's error is told on the sparser grid; that
-# of the crossings of a saddle, as a share, where a charge outlasts the period (more steps lead more
-# of a density over it that few nodes smear, and their charges stay).
+# If refining the nodes changes every mean by less than SPARSE_GRID_CHANGE of the tolerance, the
+# time-step error is estimated on the coarser grid, which is cheaper. Not where a charge outlasts
+# the period and the rate of crossings of a saddle changes by more than SPARSE_GRID_CROSSINGS of
+# itself: on few nodes each further step smears more density over the saddle.
 SPARSE_GRID_CHANGE, SPARSE_GRID_CROSSINGS = 0.2, 0.2
-REGION_ATTEMPTS = 8  # at the region
-SHORTEST_CONTACT = 2e-2  # in periods of small oscillations
-FASTEST_DECAY = 60.0  # λ, in units of the period, beyond which that takes too many steps
-SLOWEST_DECAY = 2e-3  # λ, in units of the period, below which it takes too many vectors
-FARTHER = 2.0  # of two rates through which a line is drawn, in units of the nearer one
-LINE_TOLERANCE_SHARE = 0.3  # share of the tolerance left to means from which a line is drawn
-CONTINUED_WORK = 2.0  # of the usual work, for a tolerance so much smaller
-UNTOLD_FACTOR = 2.0  # factor in E[X'²] that the first grid of all may leave in doubt
-# Share of Richardson's correction for the step that is made: where steps are long, errors are of
-# higher order than the second. Share of it, and of the last change by nodes, stated as error.
+# Coarse grids tried until one covers the density that it gives.
+REGION_ATTEMPTS = 8
+# Devices with shorter contacts, in periods of small oscillations, are refused.
+SHORTEST_CONTACT = 2e-2
+# λ times the period beyond which a step would have to be too short, and below which so many vectors
+# would be needed for the stationary state that means are continued from faster rates instead.
+FASTEST_DECAY = 60.0
+SLOWEST_DECAY = 2e-3
+# Means at slower rates lie on the line through those at the slowest rate and at FARTHER times it.
+# Such a line enlarges errors: both means are found to LINE_TOLERANCE_SHARE of the tolerance, with
+# CONTINUED_WORK times the work that is usually allowed.
+FARTHER = 2.0
+LINE_TOLERANCE_SHARE = 0.3
+CONTINUED_WORK = 2.0
+# The first coarse grid may give an E[X'²] that is wrong by this factor.
+UNTOLD_FACTOR = 2.0
+# Two grids that differ in their steps give Richardson's correction for an error of second order.
+# Where steps are long the error is of higher order: CORRECTION_TAKEN of it is added. The stated
+# error is these shares of the correction and of what the last refinement of nodes and charges
+# changed.
 CORRECTION_TAKEN, STATED_ERROR = 0.6, {"steps": 0.7, "nodes": 0.75, "charges": 0.75}
-# Doubt in nodes between which a contact goes and comes back: of first order.
+# Nodes too coarse for a contact have an error of first order: with 4/3 times the nodes a quarter of
+# it goes, so that three times the change is left.
 UNRESOLVED = 1.0 / (NODE_REFINEMENT - 1.0)
+# The means that must meet the tolerance.
 JUDGED = (
     "mean_square_voltage",
     "power_conversion_efficiency",
     "mean_square_velocity",
     "mean_square_displacement",
 )
+# A negative one is the small difference of large numbers: refused.
 NEVER_NEGATIVE = ("mean_square_voltage", "power_in")
 # An efficiency's error beyond the second is judged as a share of the first at most: where 1 % of a
 # high one would be more, 0.3 points are asked for.
@@ -212,7 +230,7 @@ def _refined(task, share=1.0):
 
 
 def _first(task, tolerance):
-    """The answer on the first grid where the density is."""
+    """The solution on the first grid for the answer, after the region has been found."""
     region, rough = _found(task)
     region.check(task.device)
     asked, taken = (each.decay_rate() for each in (task.transducer, task.device.transducer))

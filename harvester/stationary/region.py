@@ -17,30 +17,57 @@ if TYPE_CHECKING:
     from harvester.device.system import System
     from harvester.stationary.solution import Solution
 
-FEWEST_CORES = 20  # cores that the range of X and of X' has at least
-# More nodes of Z for each half width of the density by which the greatest Z displaces it.
+# A density's core is its half width about the narrowest peak; ranges are counted in cores. However
+# narrow a range is, its grid has nodes as if it held so many.
+FEWEST_CORES = 20
+# The load's charge displaces the mass; where the greatest charge does so by one half width of the
+# density, so many nodes of Z are added.
 NODES_PER_WIDTH = 4.0
-# More nodes of Z where none stands for another one on the other side.
+# Nodes of Z added where the device is not symmetric: else each node also stands for its mirror
+# image.
 NODES_WITHOUT_MIRROR = 1
-GREATEST_DISPLACEMENT = 2.0  # in half widths: the charge decides there whether there is a well
-HOPELESS_DISPLACEMENT = 4.0  # the same of a region that is not yet known well
-GIBBS_REACH = 5.3  # standard deviations of a Gibbs density at 1e-6 of its peak
-SEEN, BEYOND = 1e-3, 1.42  # share of the peak that a coarse grid tells; from there to 1e-6
-GATHERED = 1e-4  # share of the peak at an end of the range, beyond which there is more
-SECOND_PEAK = 0.2  # share of the greatest one from which a peak counts
-EDGE_ENERGY_IN_BARRIERS = 1.44  # of the highest saddle: least energy of the grid's edge
-HELD_DEVIATIONS = 4.0  # standard deviations of what the noise holds
+# Devices whose charge displaces the mass by more half widths are refused: there the charge decides
+# whether the potential has a well at all.
+GREATEST_DISPLACEMENT = 2.0
+# The same limit while the region is still being looked for: its width is not yet known well.
+HOPELESS_DISPLACEMENT = 4.0
+# A normal density falls to 1e-6 of its peak at √(2 ln 1e6) = 5.26 standard deviations.
+GIBBS_REACH = 5.3
+# A coarse grid shows a density down to SEEN of its peak. A normal one falls to 1e-6 at
+# √(ln 1e6 / ln 1e3) = 1.414 times that distance.
+SEEN, BEYOND = 1e-3, 1.42
+# More than this share of the peak at an end of the range: the density goes on beyond it.
+GATHERED = 1e-4
+# Peaks lower than this share of the highest one do not decide how fine the grid is.
+SECOND_PEAK = 0.2
+# The grid's edge lies at least at 1.2² = 1.44 times the energy of the highest saddle: 1.2 times its
+# speed.
+EDGE_ENERGY_IN_BARRIERS = 1.44
+# The part of the motion that noise with a memory displaces counts up to so many standard
+# deviations.
+HELD_DEVIATIONS = 4.0
+# The range is by this factor wider than the motion that was found.
 REGION_MARGIN = 1.05
-NODE_REFINEMENT = 4.0 / 3.0  # from level to level
-STEP_REFINEMENT = 1.5  # so many times the steps
-CHARGES_ADDED = 3  # nodes of Z, of those that are kept
-LARGEST_WEIGHT = 1e2  # by which nodes of Z share what is beyond the last of them
-# Of the nodes, by which their error, of order six in a step, stays.
+# From one level to the next there are so many times the nodes, or so many times the steps.
+NODE_REFINEMENT = 4.0 / 3.0
+STEP_REFINEMENT = 1.5
+# Nodes of Z that the next level has more.
+CHARGES_ADDED = 3
+# Mass beyond the last node of Z is shared among the nodes by a polynomial, whose weights grow with
+# the distance; the nodes reach so far that none exceeds this.
+LARGEST_WEIGHT = 1e2
+# Each step shares mass anew among the nodes, with an error of order six in their distance: with
+# STEP_REFINEMENT times the steps, so many times the nodes keep that error as it was.
 STEADY = STEP_REFINEMENT ** (1.0 / 6.0)
-STRONGEST_SHRINKING = 0.4  # ratio by which a region shrinks at most from one attempt to the next
-SAME_REGION_RATIOS = (0.7, 1.25)  # ratios of what describes two regions that are alike
-SAME_MEAN = 0.05  # of the range of X, between their means
-WHITE_MEMORY = 1e-4  # τ1, in steps, below which noise is white
+# From one attempt to the next a region shrinks to this share at most: a grid that is much too wide
+# shows little but that.
+STRONGEST_SHRINKING = 0.4
+# Two regions are alike, and the search ends, if their speeds, cores and ranges have ratios between
+# these, and their means differ by less than SAME_MEAN of the range.
+SAME_REGION_RATIOS = (0.7, 1.25)
+SAME_MEAN = 0.05
+# Noise with a correlation time below this share of a step is white.
+WHITE_MEMORY = 1e-4
 
 
 class Level(NamedTuple):
@@ -244,6 +271,7 @@ class Region(NamedTuple):
 
 
 def _nodes(low, high, core, fine, most):
+    """An even number of nodes over a range, `fine` of them in a core, for `most` cores at most."""
     halves = min(max((high - low) / core, FEWEST_CORES), most) * fine / 2.0
     return np.linspace(low, high, 2 * int(np.ceil(halves)))
 

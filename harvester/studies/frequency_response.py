@@ -298,7 +298,7 @@ def stepped(scene: Scene, frequencies: np.ndarray) -> Scene:
     if scene.load.circuit:
         from circuits.kernel.slow_modes import slowest_time
 
-        slowest = max(slowest, slowest_time(scene))
+        slowest = max(slowest, slowest_time(prepared(scene)))
     motion = 2.0 * math.pi / timescales.fastest_angular_frequency(parameters) / KNOTS_PER_PERIOD
     spacing = min(Sine(1.0, frequencies.max()).spacing(motion), motion)
     dwell = slowest * math.log(1.0 / SETTLED_SHARE) + MEASURED_PERIODS / frequencies.min()

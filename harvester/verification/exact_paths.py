@@ -12,11 +12,14 @@ from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.interpolate import PPoly
 
 from harvester.device.coil import Coil, ResistiveCoil
+from harvester.device.force_table import ForceTable
 from harvester.device.hertz import HertzDamp
 from harvester.device.piezo import Piezo
 from harvester.device.polynomial import Polynomial
+from harvester.device.ranged import Ranged
 from harvester.errors import SceneError
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
@@ -58,9 +61,7 @@ class Equations:
     """
 
     def __init__(self, system):
-        if not isinstance(system.spring, Polynomial):
-            raise _not_written_out(system.spring)
-        self._spring = system.spring.coefficients
+        self._force, self._gain = _spring_equations(system.spring)
         self._damping = system.damper.damping
         self._drag = getattr(system.damper, "quadratic_damping", 0.0)
         self._electrical, self.voltage = _electrical_equations(system.transducer)
@@ -137,7 +138,7 @@ class Equations:
         x, v, charge = state
         pull, rate = self._electrical(v, charge)
         force = noise + slope * time - (self._damping + self._drag * abs(v)) * v - pull
-        force -= sum(k * x**n for n, k in enumerate(self._spring))
+        force -= self._force(x)
         for (side, gap, law), held in zip(self._stoppers, self._held, strict=True):
             depth = side * x - gap
             if depth > 0.0:
@@ -153,12 +154,52 @@ class Equations:
         speed = max(held, abs(v), 1e-300)
         if not law.holds:
             place, stop = side * (gap + depth), side * gap
-            gain = sum(
-                k * (place ** (n + 1) - stop ** (n + 1)) / (n + 1)
-                for n, k in enumerate(self._spring)
-            )
+            gain = self._gain(place, stop)
             speed = math.sqrt(v * v + 2.0 * (max(gain, 0.0) + _stored(law, depth)))
         return push * (side + law.damping_factor / speed * v)
+
+
+def _spring_equations(spring):
+    """F(x), and the energy gained from one displacement to another, of a spring's numbers alone."""
+    if isinstance(spring, Ranged):
+        # No run goes on beyond the range.
+        return _spring_equations(spring.spring)
+    if isinstance(spring, ForceTable) and not spring.straight:
+        return _table_equations(spring)
+    if isinstance(spring, ForceTable):
+        powers = list(enumerate(spring.core))
+    elif isinstance(spring, Polynomial):
+        powers = list(enumerate(spring.coefficients))
+    else:
+        raise _not_written_out(spring)
+    return (
+        lambda x: sum(k * x**n for n, k in powers),
+        lambda place, stop: sum(
+            k * (place ** (n + 1) - stop ** (n + 1)) / (n + 1) for n, k in powers
+        ),
+    )
+
+
+def _table_equations(table):
+    breaks = table.breaks()
+    rows = np.array([each for _, each in list(table.pieces())[1:-1]])[:, ::-1].T
+    made = PPoly(rows, breaks)
+    slope, integral = made.derivative(), made.antiderivative()
+
+    def line(x):
+        """The end of the table that is nearest, or x within it, and force and slope there."""
+        end = min(max(x, breaks[0]), breaks[-1])
+        return end, float(made(end)), float(slope(end))
+
+    def force(x):
+        end, there, steep = line(x)
+        return there + steep * (x - end)
+
+    def energy(x):
+        end, there, steep = line(x)
+        return float(integral(end)) + (there + 0.5 * steep * (x - end)) * (x - end)
+
+    return force, lambda place, stop: energy(place) - energy(stop)
 
 
 def _stored(law, depth):

@@ -74,7 +74,7 @@ def test_circuit_and_monte_carlo_follow_the_record_point_by_point(pool, quake):
 def test_the_exported_netlist_holds_the_same_knots(quake, tmp_path):
     short = quake.replace({"run.duration": 2.0, "run.settle": 0.0})
     ready = prepared(short)
-    netlist = stand_alone(short, noise_path(ready, 0))
+    netlist = stand_alone(prepared(short), noise_path(ready, 0))
     source = re.search(r"Inoise 0 velocity PWL\((.*?)\)", netlist.text, re.DOTALL).group(1)
     numbers = np.array(source.replace("+", " ").split(), dtype=float).reshape(-1, 2)
     path = noise_path(ready, 0).read(len(numbers))

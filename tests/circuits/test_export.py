@@ -49,7 +49,7 @@ def test_plain_ngspice_runs_the_export_and_agrees_with_the_process(tmp_path, pla
     ready = prepared(scene)
     # Its contact is too short for the default step.
     step = spacing / 4 if name == "one_sided" else "default"
-    netlist = stand_alone(scene, noise_path(ready, 0), step=step)
+    netlist = stand_alone(prepared(scene), noise_path(ready, 0), step=step)
     (tmp_path / "scene.cir").write_text(netlist.text + ".end\n")
     raw = run_raw(tmp_path, "scene.cir")
     result = simulate(
@@ -79,13 +79,13 @@ def test_a_step_that_passes_over_the_contact_is_refused():
     )
     ready = prepared(scene)
     with pytest.raises(NetlistError, match=r"choose --step 0\.0014 or less"):
-        stand_alone(scene, noise_path(ready, 0))
-    assert stand_alone(scene, noise_path(ready, 0), step=0.0014).step <= 0.0014
+        stand_alone(prepared(scene), noise_path(ready, 0))
+    assert stand_alone(prepared(scene), noise_path(ready, 0), step=0.0014).step <= 0.0014
 
 
 def test_the_export_tells_how_to_run_and_read_it():
     text = stand_alone(
-        Scene.load("paper_si", ["run.realizations=2", "run.duration=1", "run.settle=0"]),
+        prepared(Scene.load("paper_si", ["run.realizations=2", "run.duration=1", "run.settle=0"])),
         noise_path(prepared(Scene.load("paper_si")), 0),
     ).text
     assert "ngspice -b -r paper_si.raw paper_si.cir" in text
@@ -130,4 +130,4 @@ def test_the_netlist_for_reading_runs_by_hand_and_solves_the_papers_equations(tm
 def test_a_netlist_of_too_many_points_is_refused_before_any_work():
     scene = Scene.load("paper", ["run.duration=1e9"])
     with pytest.raises(NetlistError, match=r"2e\+10 points .* at most 1000000"):
-        stand_alone(scene, noise_path(prepared(scene), 0))
+        stand_alone(prepared(scene), noise_path(prepared(scene), 0))

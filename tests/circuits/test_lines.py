@@ -7,6 +7,7 @@ import pytest
 
 from harvester import Scene
 from harvester.estimates.of_run import run_estimates
+from harvester.prepared.prepared import prepared
 from harvester.simulation.methods import engine_of
 from harvester.simulation.realization import run
 
@@ -88,7 +89,7 @@ def _excitation(kind, amplitude, line, length, folder):
 def means(scene, engine, step):
     """Scaled means of a run."""
     [found] = run(scene, engine_of(engine, step=step), [0], None, lambda _: None)
-    estimates = run_estimates(scene, [found.moments]).scaled
+    estimates = run_estimates(prepared(scene), [found.moments]).scaled
     return np.array([estimates[name].estimate for name in QUANTITIES if name in estimates])
 
 

@@ -110,7 +110,9 @@ def test_every_word_is_ltspices(case):
     name, overrides = SCENES[case]
     scene = Scene.load(name, [*overrides, *BRIEF, "run.duration=1"])
     text = to_ltspice(
-        stand_alone(scene, noise_path(prepared(scene), 0), step=STEPS.get(case, "default")).text
+        stand_alone(
+            prepared(scene), noise_path(prepared(scene), 0), step=STEPS.get(case, "default")
+        ).text
     )
     expressions = re.findall(r"\{([^{}]*)\}|\b[iv]=(.*)$", text, re.MULTILINE | re.IGNORECASE)
     assert expressions

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from device_scenes import device
+from device_scenes import MAGNETS, device
 from device_truths import written_path
 from raw_files import run_raw
 
@@ -28,7 +28,7 @@ def test_plain_ngspice_follows_scipys_path_on_an_exported_netlist(tmp_path, name
     scene = device(name)
     ready = prepared(scene)
     spacing = knot_spacing(ready)
-    netlist = stand_alone(scene, noise_path(ready, 0), step=spacing / 100.0, tolerance=1e-7)
+    netlist = stand_alone(ready, noise_path(ready, 0), step=spacing / 100.0, tolerance=1e-7)
     (tmp_path / "table.cir").write_text(netlist.text + ".end\n")
     raw = run_raw(tmp_path, "table.cir")
     knots = round(stop_time(ready) / spacing)
@@ -39,7 +39,7 @@ def test_plain_ngspice_follows_scipys_path_on_an_exported_netlist(tmp_path, name
 
 def test_ltspice_reads_nested_conditions():
     scene = device("table, stoppers")
-    text, _ = for_ltspice(scene, noise_path(prepared(scene), 0), "noise.txt")
+    text, _ = for_ltspice(prepared(scene), noise_path(prepared(scene), 0), "noise.txt")
     line = next(each for each in text.splitlines() if each.startswith("Bnonlinear_spring"))
     assert line.count("if(") == 11
 
@@ -77,15 +77,26 @@ def test_a_cubic_sampled_finely_gives_the_cubics_path(pool, method):
 
 
 @pytest.mark.exhaustive
-def test_the_energy_balance_closes_and_engines_agree_on_a_table(pool):
-    scene = device("table, stoppers").replace(
-        {"run.duration": 60.0, "run.settle": 10.0, "run.realizations": 16}
-    )
+@pytest.mark.parametrize("load", [None, "bridge"])
+def test_the_energy_balance_closes_and_engines_agree_on_a_table(pool, load):
+    if load:
+        scene = Scene.load("device").replace(
+            {
+                "oscillator.force_table": [[0.01 * x, 0.1 * force] for x, force in MAGNETS],
+                "oscillator.damping": 0.2,
+                "load": {"netlist": load},
+                "run.duration": 8.0,
+                "run.settle": 2.0,
+            }
+        )
+    else:
+        scene = device("table, stoppers").replace({"run.duration": 60.0, "run.settle": 10.0})
+    scene = scene.replace({"run.realizations": 16})
     results = [
         simulate(scene, method=method, step="fine", runner=pool)
         for method in ("circuit", "monte-carlo")
     ]
-    assert all(abs(each.energy_balance_residual) < 2e-3 for each in results)
+    assert all(abs(each.energy_balance_residual) < 5e-3 for each in results)
     differences = paired_difference(*results)
     for name in ("mean_power", "mean_square_displacement", "mean_loss_power"):
         each = differences[name]

@@ -68,7 +68,7 @@ def test_both_engines_follow_scipys_path(scene, worker, monkeypatch, engine, lar
 
 def test_netlist_and_verilog_hold_its_formula(scene):
     s = prepared(scene).system
-    assert "Bstopper_right velocity" in assemble(scene).text
+    assert "Bstopper_right velocity" in assemble(prepared(scene)).text
     _, text, values = module(s, 2.0)
     assert "stopper_right_dashpot*u" in text
     assert values["stopper_right_stiffness"] == 60.0 / 2.0**2

@@ -156,14 +156,14 @@ def test_a_bridge_on_it_closes_its_balance(scene, pool):
 def test_its_netlist_runs_by_itself(scene, tmp_path):
     short = scene.replace({"run.duration": 0.1, "run.settle": 0.0})
     ready = prepared(short)
-    netlist = stand_alone(short, noise_path(ready, 0))
+    netlist = stand_alone(prepared(short), noise_path(ready, 0))
     (tmp_path / "toy.cir").write_text(netlist.text + ".end\n")
     assert "Relectrode electrode terminal 150000.0" in netlist.text
     assert re.search(r"Vload terminal load_terminal", netlist.text)
     raw = run_raw(tmp_path, "toy.cir")
     assert raw["time"][-1] >= 0.1
     assert np.abs(raw["v(terminal)"]).max() > 0.0
-    text, _ = for_ltspice(short, noise_path(ready, 0), "noise.txt")
+    text, _ = for_ltspice(prepared(short), noise_path(ready, 0), "noise.txt")
     assert "Relectrode electrode terminal" in text
     names = {name.lower() for name in schematic(scene).names}
     assert {"cown", "gcharge", "relectrode", "gback_action", "vload"} <= names

@@ -30,8 +30,9 @@ class Fault(NamedTuple):
 
 SPRING, DAMPER, CONTACT, HERTZ, PIEZO, COIL, SYSTEM = (
     f"harvester/device/{name}.py"
-    for name in ("spring", "damper", "contact", "hertz", "piezo", "coil", "system")
+    for name in ("polynomial", "damper", "contact", "hertz", "piezo", "coil", "system")
 )
+FORCE_TABLE, UNITS = "harvester/device/force_table.py", "harvester/scene/units.py"
 MOMENTS, SEVERAL, OUTPUT_SIDE, JUMPS = (
     f"harvester/record/{name}.py" for name in ("moments", "several", "output_side", "jumps")
 )
@@ -93,6 +94,23 @@ FAULTS = [
         "constant = linear / rate**2 + half * place**2",
         "constant = linear / rate**2 - half * place**2",
         ALL_FORMS,
+    ),
+    Fault(
+        "table: the energy of a bend is divided by another number",
+        FORCE_TABLE,
+        "energy_cubes=tuple(s * a / 3.0 for",
+        "energy_cubes=tuple(s * a / 2.0 for",
+        ("harvester/device/test_springs.py::test_a_table_is_scipys_and_its_energy_the_integral",),
+    ),
+    Fault(
+        "base: its factor divides what drives the mass",
+        UNITS,
+        "return length / scene.oscillator.base_factor",
+        "return length * scene.oscillator.base_factor",
+        (
+            "harvester/prepared/test_base_factor.py"
+            "::test_it_counts_as_a_base_that_moves_as_much_more",
+        ),
     ),
     Fault(
         "damper: drag pushes a mass that moves to the left",
@@ -247,8 +265,8 @@ FAULTS = [
     Fault(
         "moments: the output's storage is emptied where it is filled",
         OUTPUT_SIDE,
-        "row[3] += square - old",
-        "row[3] += old - square",
+        "row[3] += voltage[end - 1] ** 2 - last**2",
+        "row[3] += last**2 - voltage[end - 1] ** 2",
         ("harvester/record/test_output_side.py",),
     ),
     Fault(
@@ -296,8 +314,8 @@ FAULTS = [
     Fault(
         "error bars: common noise adds up in a difference of efficiencies",
         PAIRED,
-        "standard_error(shares[0][1] - shares[1][1])",
-        "standard_error(shares[0][1] + shares[1][1])",
+        "error(parts[0] - parts[1])",
+        "error(parts[0] + parts[1])",
         (f"{OF_MEANS}::test_what_two_results_have_in_common_cancels_from_their_difference",),
     ),
     Fault(

@@ -10,6 +10,7 @@ from importlib import metadata
 from typing import Any
 
 from harvester.errors import MissingLibrary
+from harvester.prepared.prepared import prepared
 from harvester.results import joint_drawing
 from harvester.results.drawing import draw_result
 from harvester.show import figures
@@ -51,9 +52,10 @@ def report(comparison: Comparison) -> str:
     scene = comparison.scene
     header, rows = comparison.table()
     rows = [[name, unit.replace("^2", "²"), *values] for name, unit, *values in rows]
+    text = html.escape(assemble(prepared(scene)).text)
     netlist = (
         "<details><summary>the elements as ngspice reads them, the noise fed in from outside"
-        f'</summary>\n<div class="wide" tabindex="0"><pre>{html.escape(assemble(scene).text)}'
+        f'</summary>\n<div class="wide" tabindex="0"><pre>{text}'
         "</pre></div></details>"
     )
     return page(

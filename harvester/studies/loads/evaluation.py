@@ -136,7 +136,8 @@ def _evaluate(scene, method, good, ended, cost=0.0):
     cost : float
         Share of a power that the steps may cost; see `harvester.prepared.steps.step_error`.
     """
-    scales = prepared(scene).scales
+    ready = prepared(scene)
+    scales = ready.scales
     if not good:
         words = told(ended) if isinstance(ended, HarvesterError) else f"nothing was run: {ended}"
         return Evaluation(method, words)
@@ -146,7 +147,7 @@ def _evaluate(scene, method, good, ended, cost=0.0):
         error = _or_nan(mean.standard_error)
         return Evaluation(method, COMPLETE, {**estimates, POWER: mean}, power_error=error)
     moments = [each for part in good for each in part["moments"]]
-    found = run_estimates(scene, moments, cost)
+    found = run_estimates(ready, moments, cost)
     if not abs(found.residual) <= LARGEST_RESIDUAL:
         return Evaluation(method, told(not_balanced(found.residual)))
     outcome = "; ".join([COMPLETE, *found.notes, *residual_notes(found.residual)])

@@ -52,7 +52,9 @@ class Method:
         """Realizations in one netlist: as many as pay where `copies` is None."""
         if self.copies is not None:
             return self.copies
-        if not side_by_side.share_steps(scene, self.step(scene), self.source, self.tolerance):
+        if not side_by_side.share_steps(
+            prepared(scene), self.step(scene), self.source, self.tolerance
+        ):
             return 1
         return side_by_side.copies(scene.run.realizations, self.device)
 

@@ -71,6 +71,7 @@ class Timed:
 
     Attributes
     ----------
+    scene : Scene
     moments : list of Moments
     measured_time, simulated_time : float
         Summed over realizations, without and with settling (s).
@@ -87,7 +88,7 @@ class Timed:
         self.simulated_time = sum(each.time_reached for each in self.moments)
         self.seconds = sum(found["seconds"] for found in answers)
         self.cost = min(found["seconds"] / _measured_time(found["moments"]) for found in answers)
-        self._scene = scene
+        self.scene = scene
         self._estimates: dict[int, dict[str, Estimate]] = {}
 
     def quantities(self, count: int | None = None) -> dict[str, Estimate]:
@@ -100,7 +101,7 @@ class Timed:
 
     @cached_property
     def _system(self):
-        return prepared(self._scene).system
+        return prepared(self.scene).system
 
 
 def _measured_time(moments):

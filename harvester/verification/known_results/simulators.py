@@ -95,7 +95,7 @@ def read_raw(path: Path) -> dict[str, np.ndarray]:
 def _exported(scene):
     ready = prepared(scene)
     start = start_state(ready, 0)
-    return stand_alone(scene, noise_path(ready, 0), start, "finest", TOLERANCE)
+    return stand_alone(ready, noise_path(ready, 0), start, "finest", TOLERANCE)
 
 
 def _for_vacask(netlist):

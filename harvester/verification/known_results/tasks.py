@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from harvester.estimates.of_run import run_estimates
+from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
 from harvester.simulation.methods import engine_of
 from harvester.simulation.realization import run
@@ -49,5 +50,5 @@ def highest(
     values = []
     for scene in scenes:
         [found] = run(scene, engine_of(engine), [0], None, report)
-        values.append(run_estimates(scene, [found.moments]).whole[quantity].estimate)
+        values.append(run_estimates(prepared(scene), [found.moments]).whole[quantity].estimate)
     return float(max(values)), 0.0

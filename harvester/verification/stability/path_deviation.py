@@ -112,7 +112,7 @@ def path_deviation(
     times = [
         knot_spacing(ready) * float(each.sum(axis=1).mean()) for each in (compared, comparable)
     ]
-    stiff = side_by_side.contacts_shorten_steps(brief, step)
+    stiff = side_by_side.contacts_shorten_steps(ready, step)
     least = LEAST_OF_STIFF_CONTACTS if stiff else LEAST_DEVIATION
     deviation = PathDeviation(
         reference=reference,
@@ -207,7 +207,7 @@ def _typical_start(scene):
 def _paths(scene, engine, step):
     """Realizations with their whole waveforms."""
     count = scene.run.realizations
-    shared = engine == "circuit" and side_by_side.share_steps(scene, step)
+    shared = engine == "circuit" and side_by_side.share_steps(prepared(scene), step)
     together = [range(count)] if shared else [[index] for index in range(count)]
     return [path for some in together for path in recorded(scene, engine, some, step)]
 

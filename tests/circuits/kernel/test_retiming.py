@@ -60,7 +60,7 @@ def mean_power(scene, engine):
     from harvester.prepared.prepared import prepared
 
     [found] = run(scene, engine_of(engine), [0], None, lambda moments: None)
-    return run_estimates(scene, [found.moments]).scaled["mean_power"].estimate * prepared(
+    return run_estimates(prepared(scene), [found.moments]).scaled["mean_power"].estimate * prepared(
         scene
     ).scales.of("power")
 

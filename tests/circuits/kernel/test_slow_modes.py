@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from circuits.kernel.slow_modes import relaxation, slowest_time
+from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
 
 BRIDGE = """.model sch d(is=200n n=1.05 rs=10 cjo=5p)
@@ -32,7 +33,7 @@ def scene(tmp_path, cards, bridge=BRIDGE):
     ],
 )
 def test_a_store_behind_anything_in_series_has_its_time(tmp_path, cards, seconds):
-    assert slowest_time(scene(tmp_path, cards)) == pytest.approx(seconds, rel=1e-3)
+    assert slowest_time(prepared(scene(tmp_path, cards))) == pytest.approx(seconds, rel=1e-3)
 
 
 def test_a_diode_that_conducts_on_average_is_part_of_it(tmp_path):
@@ -44,7 +45,7 @@ def test_a_diode_that_conducts_on_average_is_part_of_it(tmp_path):
     for volts in (4.0, 8.0):
         levels.update(out=0.5 * volts, ref=-0.5 * volts)
         ends = np.array([{"out": 1.0, "ref": -1.0}.get(name, 0.0) for name in levels])
-        times[volts] = ends @ relaxation(made, levels) @ ends / 2.0
+        times[volts] = ends @ relaxation(prepared(made), levels) @ ends / 2.0
     thermal = 1.380649e-23 * 300.15 / 1.602176634e-19
     assert times[8.0] == pytest.approx(8e-6 * (thermal / 1e-3 + 5.0), rel=0.01)
     assert times[4.0] > 1e3
@@ -56,7 +57,7 @@ def test_what_is_missing_follows_from_the_rates(tmp_path):
     made = scene(tmp_path, cards)
     levels = dict.fromkeys(made.load.circuit.levels, 0.0) | {"out": 5.0, "ref": -5.0, "s": 5.0}
     rates = np.array([{"out": 0.5, "ref": -0.5, "s": 0.0}.get(name, 0.0) for name in levels])
-    shift = dict(zip(levels, relaxation(made, levels) @ rates, strict=True))
+    shift = dict(zip(levels, relaxation(prepared(made), levels) @ rates, strict=True))
     # C1 takes 1 V/s · 1 µF and C2 0.5 V/s · 2 µF, both through R1, C2's through R2 as well.
     assert shift["out"] - shift["ref"] == pytest.approx(2.0, rel=1e-3)
     assert shift["s"] - shift["ref"] == pytest.approx(2.0 + 3.0, rel=1e-3)

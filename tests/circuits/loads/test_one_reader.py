@@ -234,7 +234,7 @@ def test_a_text_is_read_once_for_all_that_asks(monkeypatch):
     monkeypatch.setattr(subcircuits, "parse", lambda *given: texts.append(1) or real(*given))
     scene = Scene.load("device", ["load.netlist=node_buck"])
     build(prepared(scene))
-    assemble(scene)
+    assemble(prepared(scene))
     circuit = scene.load.circuit
     assert circuit.watch.switches
     assert circuit.sources

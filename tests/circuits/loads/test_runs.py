@@ -303,7 +303,7 @@ def test_averaging_refuses_a_load_that_is_no_resistor(tmp_path):
 def test_plain_ngspice_runs_an_exported_load(tmp_path, pool):
     scene = with_load(tmp_path, SWITCH, "run.duration=0.5")
     (tmp_path / "scene.cir").write_text(
-        stand_alone(scene, noise_path(prepared(scene), 0)).text + ".end\n"
+        stand_alone(prepared(scene), noise_path(prepared(scene), 0)).text + ".end\n"
     )
     raw = run_raw(tmp_path, "scene.cir")
     result = simulate(scene, method="circuit", runner=pool)
@@ -316,8 +316,8 @@ def test_plain_ngspice_runs_an_exported_load(tmp_path, pool):
 def test_the_netlist_holds_the_load_and_its_digest_tells_loads_apart(tmp_path):
     one, other = with_load(tmp_path, BRIDGE), with_load(tmp_path, BRIDGE.replace("0.5", "0.6"))
     assert one.digest() != other.digest()
-    assert assemble(one).sha256 != assemble(other).sha256
-    text = assemble(one).text
+    assert assemble(prepared(one)).sha256 != assemble(prepared(other)).sha256
+    text = assemble(prepared(one)).text
     assert "Vload piezo load_piezo 0.0" in text
     assert text.count(".subckt") == 1
-    assert "Vload" not in assemble(Scene.load("device")).text
+    assert "Vload" not in assemble(prepared(Scene.load("device"))).text

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import worker_calls
+from device_scenes import MAGNETS
 
 from circuits import verilog
 from circuits.ngspice import compiled_device
@@ -175,6 +176,8 @@ def loaded(worker):
     return worker
 
 
+# Uneven, with walls; its wells are near those of `paper`.
+TABLE = f"oscillator.force_table={MAGNETS}"
 FOLLOWED = [
     ("paper", ["excitation.intensity=0.1"]),
     ("device", []),
@@ -184,6 +187,9 @@ FOLLOWED = [
     ("paper", ["excitation.intensity=0.1", "stoppers.exponent=2.3"]),
 ]
 OTHERS = [
+    ("duffing", [TABLE]),
+    ("paper", ["excitation.intensity=0.1", TABLE]),
+    ("duffing", [TABLE, "oscillator.restoring_force_range=[-3,3]"]),
     ("paper", ["excitation.intensity=0.1", "stoppers.restitution=0"]),
     ("paper", ["stoppers.gap=0.95"]),
     ("paper_si", []),

@@ -10,6 +10,7 @@ from circuits.schematic.drawing import BOX_TITLE_SIZE, schematic
 from circuits.schematic.symbols import NAME_SIZE
 from harvester.command_line import main
 from harvester.errors import OutputError
+from harvester.prepared.prepared import prepared
 from harvester.scene.model import Scene
 
 SCENES = {
@@ -50,7 +51,7 @@ def drawn_names(drawing):
 @pytest.mark.parametrize("case", SCENES)
 def test_the_drawing_holds_the_netlists_elements_and_no_others(case):
     scene = Scene.load(*SCENES[case])
-    expected = element_names(assemble(scene, named=True).text)
+    expected = element_names(assemble(prepared(scene), named=True).text)
     drawing = schematic(scene)
     assert sorted(drawing.names) == expected
     assert drawn_names(drawing) == expected
@@ -69,7 +70,9 @@ def test_coupled_coils_and_transistors_of_a_users_load_are_drawn(tmp_path):
         "R1 out ref 1k\nR2 ref n 1k\n.model tr npn()\n.ends\n"
     )
     scene = Scene.load("device", [f"load.netlist={tmp_path}/pump.lib"])
-    assert sorted(schematic(scene).names) == element_names(assemble(scene, named=True).text)
+    assert sorted(schematic(scene).names) == element_names(
+        assemble(prepared(scene), named=True).text
+    )
     assert b"k1: l1, l2" in schematic(scene).image()
 
 

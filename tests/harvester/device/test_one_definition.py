@@ -177,7 +177,7 @@ def test_all_forms_of_a_device_agree_at_random_states(force, stoppers):
 
 def netlist_force(scene):
     """Force over rate² as a function of x, v and held speed, from the netlist's own lines."""
-    text = assemble(scene).text
+    text = assemble(prepared(scene)).text
 
     def last_of(element):
         found = re.search(rf"^{element} .*?(\S+)(?: ic=.*)?$", text, re.M)

@@ -82,6 +82,13 @@ def test_a_sampled_cubic_has_the_cubics_wells_barrier_and_frequency():
         assert square == pytest.approx(-2.0 * linear, rel=20.0 * share)
 
 
+def test_a_root_at_zero_is_zero():
+    """Else a monostable device would have its rest position's rounding as length unit."""
+    x = np.linspace(-4e-3, 4e-3, 33)
+    made = force_table([[float(each), float(157.9 * each + 1.6e7 * each**3)] for each in x])
+    assert made.roots().tolist() == [0.0]
+
+
 def test_a_straight_table_is_a_linear_spring():
     made = force_table([[-1.0, -3.0], [2.0, 6.0]])
     assert made.straight

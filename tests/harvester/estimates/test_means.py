@@ -192,10 +192,11 @@ def test_effective_samples_are_the_points_where_each_is_drawn_anew():
 
 def test_what_two_results_have_in_common_cancels_from_their_difference():
     one, same, other = ([powers(seed)] for seed in (1, 1, 2))
-    system = prepared(Scene.load("linear")).system
+    scene = Scene.load("linear")
+    system = prepared(scene).system
 
     def difference(name, left, right):
-        results = (SimpleNamespace(moments=each) for each in (left, right))
+        results = (SimpleNamespace(scene=scene, moments=each) for each in (left, right))
         return paired_difference(*results)[name]
 
     for name in ("mean_power", "power_conversion_efficiency"):

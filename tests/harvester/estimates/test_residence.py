@@ -2,16 +2,19 @@
 
 import itertools
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from harvester import Scene
+from harvester.estimates.densities import densities
 from harvester.estimates.means import estimate_all
 from harvester.estimates.of_run import run_estimates
 from harvester.estimates.well_balance import _changes, _stationary, weighted, well_balance
 from harvester.prepared.prepared import prepared
 from harvester.record.moments import QUANTITIES, WELLS
+from harvester.results.paired import paired_difference
 from harvester.simulation.methods import MonteCarlo
 from harvester.simulation.realization import empty_moments, run
 
@@ -22,7 +25,7 @@ def estimates_at(intensity, **changes):
     scene = Scene.load("asymmetric").replace({"excitation.intensity": intensity, **changes})
     indices = list(range(scene.run.realizations))
     found = run(scene, MonteCarlo(), indices, None, lambda _: None)
-    return run_estimates(scene, [each.moments for each in found])
+    return run_estimates(prepared(scene), [each.moments for each in found])
 
 
 def test_two_wells_exchange_by_the_sum_of_their_rates():
@@ -69,9 +72,55 @@ def telegraph(scene, rates, powers, generator):
         one.integrals[:, 0] = length
         one.integrals[:, QUANTITIES.index("load_power")] = stays @ powers + noise
         one.integrals[:, WELLS:] = stays
+        middle = one.histograms.shape[2] // 2
+        one.histograms[:, :, middle - 1 : middle + 1] = stays.sum(axis=0)
         one.last[0] = stop
         moments.append(one)
     return moments
+
+
+def two_wells(seed):
+    """Moments, their share of the first well, and its error by what is seen of both jumps.
+
+    Of a telegraph s = b/(a + b) varies by s² (1 − s)² (1/n + 1/m), n and m the jumps of each kind.
+    Wells are left once in a run or less: the shares of realizations scatter by their starts.
+    """
+    scene, leaving = Scene.load("asymmetric").replace({"run.realizations": 256}), (0.02, 0.02)
+    generator = np.random.default_rng(seed)
+    moments = telegraph(scene, leaving, np.array([3.0, 1.0]), generator)
+    time = sum(each.jumps.times.sum() for each in moments)
+    jumps = leaving[0] * leaving[1] / sum(leaving) * time
+    share = leaving[1] / sum(leaving)
+    return scene, moments, share, share * (1.0 - share) * math.sqrt(2.0 / jumps)
+
+
+def test_a_density_has_the_error_of_the_rates_of_jumps():
+    """An error bar from 190 jumps is known to a twelfth; the scatter of groups is two thirds."""
+    scene, moments, share, error = two_wells(3)
+    found = run_estimates(prepared(scene), moments)
+    density = densities(found.moments, False, found.balance)["displacement"]
+    width = moments[0].bin_widths[0]
+    assert abs(density.density[0] * width - share) < 4.0 * error
+    assert density.standard_error * width == pytest.approx([error, error], rel=0.2)
+
+
+def test_a_density_of_wells_that_are_seldom_left_has_no_error_bar():
+    scene = Scene.load("asymmetric")
+    moments = telegraph(scene, (1e-3, 1e-3), np.array([3.0, 1.0]), np.random.default_rng(4))
+    found = run_estimates(prepared(scene), moments)
+    assert densities(found.moments, False, found.balance)["displacement"].standard_error is None
+
+
+def test_a_paired_difference_has_the_error_of_the_rates_of_jumps():
+    """Two runs without a jump in common: their shares' errors add up."""
+    scene, one, share, error = two_wells(5)
+    _, other, _, _ = two_wells(6)
+    results = [SimpleNamespace(scene=scene, moments=each) for each in (one, other)]
+    found = paired_difference(*results)["mean_power"]
+    mean, noise = 1.0 + 2.0 * share, 0.3 / math.sqrt(len(one) * len(one[0].integrals))
+    wanted = math.sqrt(2.0) * math.hypot(2.0 * error, noise) / mean
+    assert found.standard_error == pytest.approx(wanted, rel=0.2)
+    assert abs(found.estimate) < 4.0 * wanted
 
 
 @pytest.mark.exhaustive
@@ -137,6 +186,6 @@ def test_a_symmetric_device_keeps_its_error_bars_without_jumps_under_a_record(tm
     scene = Scene.load("device").replace({"excitation": record, **length})
     found = run(scene, MonteCarlo(), [0, 1, 2, 3], None, lambda _: None)
     assert not any(each.moments.jumps.counts.any() for each in found)
-    estimates = run_estimates(scene, [each.moments for each in found]).scaled
+    estimates = run_estimates(prepared(scene), [each.moments for each in found]).scaled
     assert estimates[SHARE].standard_error is None
     assert math.isfinite(estimates["mean_power"].standard_error)

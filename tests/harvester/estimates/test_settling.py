@@ -104,10 +104,10 @@ def judged(values):
     from harvester.estimates.means import estimate_all
 
     scene = Scene.load("linear", ["run.settle=1000", f"run.realizations={len(values)}"])
-    p = prepared(scene).system
+    ready = prepared(scene)
     moments = series(scene, values)
-    estimates = estimate_all(moments, p)
-    found = shortfalls(scene, p, moments, estimates)
+    estimates = estimate_all(moments, ready.system)
+    found = shortfalls(ready, moments, estimates)
     return found, withheld(estimates, found)["mean_square_voltage"]
 
 

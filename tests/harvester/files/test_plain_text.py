@@ -58,19 +58,24 @@ def test_a_scene_name_adds_nothing_to_netlists(tmp_path, hostile):
     scene = Scene.load("linear", ["run.duration=0.1", "run.settle=0"])
     other = Scene.from_tables(scene.to_tables(), name=hostile)
     path = [noise_path(prepared(scene), 0) for _ in range(4)]
-    plain, evil = stand_alone(scene, path[0]).text, stand_alone(other, path[1]).text
+    plain, evil = (
+        stand_alone(prepared(scene), path[0]).text,
+        stand_alone(prepared(other), path[1]).text,
+    )
     assert evil.split("\n")[2:] == plain.split("\n")[2:]
     (tmp_path / "a.cir").write_text(evil + ".end\n")
     subprocess.run([ngspice_program(), "-b", "a.cir"], cwd=tmp_path, capture_output=True)
     assert not (tmp_path / "OWNED").exists()
-    plain, evil = (for_ltspice(s, p, "n.txt")[0] for s, p in ((scene, path[2]), (other, path[3])))
+    plain, evil = (
+        for_ltspice(prepared(s), p, "n.txt")[0] for s, p in ((scene, path[2]), (other, path[3]))
+    )
     assert evil.split("\n")[1:] == plain.split("\n")[1:]
 
 
 def test_the_call_that_a_netlist_names_is_quoted():
     scene = Scene.load("linear", ["run.duration=0.1", "run.settle=0"])
     scene = Scene.from_tables(scene.to_tables(), name="two words & more")
-    text = stand_alone(scene, noise_path(prepared(scene), 0)).text
+    text = stand_alone(prepared(scene), noise_path(prepared(scene), 0)).text
     assert "-r 'two words & more.raw' 'two words & more.cir'\n" in text
 
 

@@ -36,7 +36,10 @@ def test_it_counts_as_a_base_that_moves_as_much_more(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("method", "device"), [("monte-carlo", None), ("circuit", "behavioural")])
+@pytest.mark.parametrize(
+    ("method", "device"),
+    [("monte-carlo", None), pytest.param("circuit", "behavioural", marks=pytest.mark.exhaustive)],
+)
 def test_the_power_of_a_linear_device_goes_with_its_square(method, device):
     omega, amplitude = 1.7, 0.1
     scene = Scene.load("linear").replace(
@@ -63,7 +66,7 @@ def test_the_power_of_a_linear_device_goes_with_its_square(method, device):
     assert taken == pytest.approx(truth / put_in, rel=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("method", ["monte-carlo", "circuit"])
 def test_every_engine_takes_it(method):
     scene = Scene.load("paper_si").replace(BRIEF)
@@ -92,7 +95,7 @@ def test_an_exported_netlist_holds_what_drives_the_mass():
     scene = Scene.load("device").replace({"run.duration": 0.2, "run.settle": 0.0})
     mode = scene.replace({"oscillator.base_factor": 2.0})
     plain, doubled = (
-        stand_alone(each, noise_path(prepared(each), 0)).text for each in (scene, mode)
+        stand_alone(prepared(each), noise_path(prepared(each), 0)).text for each in (scene, mode)
     )
     assert "η, minus 2.0 times the base acceleration" in doubled
 

@@ -134,9 +134,9 @@ def test_averaging_over_orbits_refuses_a_table_by_its_name():
 @pytest.mark.parametrize(
     ("method", "load"),
     [
-        ("monte-carlo", {}),
+        pytest.param("monte-carlo", {}, marks=pytest.mark.exhaustive),
         ("circuit", {}),
-        pytest.param("monte-carlo", {"netlist": "rectifier"}, marks=pytest.mark.exhaustive),
+        pytest.param("monte-carlo", {"netlist": "bridge"}, marks=pytest.mark.exhaustive),
     ],
 )
 def test_leaving_the_range_ends_the_run_with_time_and_place(pool, method, load):

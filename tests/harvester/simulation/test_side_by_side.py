@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from harvester.errors import HarvesterError, SimulatorCrashed
+from harvester.prepared.prepared import prepared
 from harvester.results.paired import paired_difference
 from harvester.scene.model import Scene
 from harvester.simulation.side_by_side import copies, share_steps, together
@@ -24,7 +25,7 @@ def test_the_number_of_copies_follows_from_the_scene():
 
 def test_what_leaves_each_realization_its_own_netlist():
     def share(*overrides, **options):
-        return share_steps(Scene.load("paper", overrides), **options)
+        return share_steps(prepared(Scene.load("paper", overrides)), **options)
 
     assert share()
     assert not share(tolerance=1e-4)

@@ -7,6 +7,7 @@ import pytest
 from circuits.assembly import assemble
 from harvester.averaging.of_scene import average
 from harvester.command_line import main
+from harvester.prepared.prepared import prepared
 from harvester.results.paired import paired_difference
 from harvester.results.result import with_error
 from harvester.scene.model import Scene
@@ -60,7 +61,7 @@ def test_the_page_is_whole_and_loads_nothing(comparison):
     assert not re.search(r"@import|url\(|\$\w", text)
     words = "".join(page.words)
     assert "noise <script>that</script> outlasts" in words
-    assert assemble(comparison.scene).text in words
+    assert assemble(prepared(comparison.scene)).text in words
     assert with_error(comparison.circuit.quantity("mean_power")) in words
     assert comparison.scene.digest() in words
     for fact in ("seed", "harvester 0", "ngspice-", "numpy", "oscillator.damping"):

@@ -16,6 +16,7 @@ from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.running import open_runner
 from harvester.scene.model import Scene
+from harvester.simulation.methods import MonteCarlo
 from harvester.simulation.simulate import simulate
 from harvester.studies.answers import missing_from
 from harvester.studies.optimum import line as optimum_search
@@ -42,7 +43,7 @@ def best_load(power):
 def test_simulation_finds_the_load_of_a_linear_harvester(runner):
     """Within four standard errors of the closed form: one false alarm in 16 000."""
     axis = Axis("load.decay_rate", 0.5, 10.0)
-    search = Search(LINEAR, axis, "mean_power", "monte-carlo", runner)
+    search = Search(LINEAR, axis, "mean_power", MonteCarlo(), runner)
     place, fitted = search.find(None)
     closed = best_load(oscillator_power)
     exact = best_load(
@@ -94,7 +95,7 @@ def test_an_edge_is_no_optimum(runner, start):
     scene = Scene.load("linear", ["run.realizations=2", "run.duration=1000"])
     axis = Axis("excitation.intensity", 0.01, 0.04)
     with pytest.raises(OptimumError, match=r"largest at the end of the range, 0\.04"):
-        Search(scene, axis, "mean_power", "monte-carlo", runner).find(start)
+        Search(scene, axis, "mean_power", MonteCarlo(), runner).find(start)
 
 
 def test_averaging_gives_a_reason_instead_of_an_edge(runner, monkeypatch):
@@ -198,7 +199,7 @@ def searched(function, own_noise, monkeypatch):
         def in_units(self):
             return {"mean_power": Estimate(self.value, None, None, "power")}
 
-    search = Search(LINEAR, Axis("load.decay_rate", 0.0, 1.0), "mean_power", "monte-carlo", None)
+    search = Search(LINEAR, Axis("load.decay_rate", 0.0, 1.0), "mean_power", MonteCarlo(), None)
     monkeypatch.setattr(search, "_answers", lambda places: [Synthetic(c) for c in places])
     return search
 

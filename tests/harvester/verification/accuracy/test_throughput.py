@@ -37,5 +37,6 @@ def test_every_way_is_measured_at_its_own_step(pool):
     rows = measure(scene, Watching(), compiled=False, knots=200, repeats=1)
     assert [row.copies for row in rows] == [1, 1, 1, 16, 1]
     assert all(row.rate > 0.0 for row in rows)
-    assert [call["step"] for call in asked] == [knot_spacing(prepared(scene))] * 2 + ["default"] * 4
-    assert len({(call["source"], len(call["indices"])) for call in asked}) == 3
+    steps = [call["engine"].step for call in asked]
+    assert steps == [knot_spacing(prepared(scene))] * 2 + ["default"] * 4
+    assert len({(call["engine"].source, len(call["indices"])) for call in asked}) == 3
