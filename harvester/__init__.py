@@ -66,6 +66,7 @@ if TYPE_CHECKING:
     from harvester.studies.public import optimum as optimum
     from harvester.studies.public import sensitivity as sensitivity
     from harvester.studies.public import sweep as sweep
+    from harvester.studies.spectrum import spectrum as spectrum
     from harvester.studies.public import validate as validate
     from harvester.verification.accuracy.both import accuracy as accuracy
     from harvester.verification.accuracy.time_to_accuracy import (
@@ -89,6 +90,7 @@ _WHERE = {
     "validate": "harvester.studies.public",
     "explore": "harvester.explorer.explorer",
     "frequency_response": "harvester.studies.public",
+    "spectrum": "harvester.studies.spectrum",
     "sweep": "harvester.studies.public",
     "load_study": "harvester.studies.public",
     "save": "harvester.studies.loads.study",
