@@ -66,8 +66,8 @@ if TYPE_CHECKING:
     from harvester.studies.public import optimum as optimum
     from harvester.studies.public import sensitivity as sensitivity
     from harvester.studies.public import sweep as sweep
-    from harvester.studies.spectrum import spectrum as spectrum
     from harvester.studies.public import validate as validate
+    from harvester.studies.spectrum import spectrum as spectrum
     from harvester.verification.accuracy.both import accuracy as accuracy
     from harvester.verification.accuracy.time_to_accuracy import (
         time_to_accuracy as time_to_accuracy,

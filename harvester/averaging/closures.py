@@ -38,6 +38,7 @@ class Closure(NamedTuple):
     ----------
     average : callable
         Of a device, a tolerance and whether the memory between wells is wanted; gives `Averages`.
+        With `of_spectrum` of the prepared scene and a tolerance.
     tolerance : float
         Largest numerical error that is an answer, as a share of it, unless another is asked for.
     of_spectrum : bool

@@ -77,8 +77,6 @@ def average(
     LoadError
         The load is no resistor.
     """
-    from harvester.averaging import CLOSURES
-    from harvester.averaging import average as average_parameters
     from harvester.device import timescales
     from harvester.estimates.estimate import Density, root
     from harvester.estimates.joint_density import JointDensity
@@ -97,14 +95,8 @@ def average(
     noise = scene
     if fit:
         spectrum_fit, noise = _fitted(scene)
-    chosen = CLOSURES.get(method)
-    if chosen is not None and chosen.of_spectrum:
-        parameters = prepared(noise).system
-        averages = chosen.average(prepared(noise), tolerance or chosen.tolerance)
-    else:
-        parameters = averaged_device(noise)
-        averages = average_parameters(parameters, method, tolerance, memory=jump_rates)
-    scales = prepared(noise).scales
+    averages = averages_of(noise, method, tolerance, memory=jump_rates)
+    parameters, scales = prepared(noise).system, prepared(noise).scales
     quantities = estimates_of(averages)
     quantities["rms_voltage"] = root(quantities["mean_square_voltage"])
     if not timescales.bistable(parameters):
@@ -154,6 +146,29 @@ def _closure_alone(method: Method) -> Stationary:
     return method
 
 
+def averages_of(
+    scene: Scene, closure: str, tolerance: float | None = None, memory: bool = False
+) -> Averages:
+    """What a closure gives of a scene, scaled; see `harvester.averaging.average`.
+
+    Raises
+    ------
+    LoadError, AveragingError
+    """
+    from harvester.averaging import CLOSURES
+    from harvester.averaging import average as average_parameters
+    from harvester.prepared.prepared import prepared
+    from harvester.scene.units import require_resistor
+
+    chosen = CLOSURES.get(closure)
+    if chosen is None or not chosen.of_spectrum:
+        return average_parameters(averaged_device(scene), closure, tolerance, memory)
+    require_resistor(scene, closure)
+    _refuse_range(scene)
+    found: Averages = chosen.average(prepared(scene), tolerance or chosen.tolerance)
+    return found
+
+
 def averaged_device(scene: Scene) -> System:
     """A scene's device and noise in scaled form.
 
@@ -175,12 +190,17 @@ def averaged_device(scene: Scene) -> System:
     refusal = scene.excitation.averaging_refusal()
     if refusal:
         raise AveragingError(f'excitation.kind = "{scene.excitation.kind}": {refusal}')
+    _refuse_range(scene)
+    return prepared(scene).system
+
+
+def _refuse_range(scene):
+    """Refuse a spring that does not hold everywhere."""
     if scene.oscillator.restoring_force_range is not None:
         raise AveragingError(
             "oscillator.restoring_force_range: a stationary density reaches beyond any range; take "
             "a spring that holds everywhere, or simulate"
         )
-    return prepared(scene).system
 
 
 def estimates_of(averages: Averages) -> dict[str, Estimate]:

@@ -22,11 +22,13 @@ NODES, COARSE_NODES = 20, 12
 # Pieces begin at this share of the lowest scale of frequency and end at this multiple of the
 # highest: of E[X'²] under white noise a part in 10^10 lies beyond.
 LOWEST, HIGHEST = 2.0**-10, 2.0**34
+# No mean is claimed to be better known than to this share of it.
+LEAST_ERROR = 1e-8
 # A Gaussian density is tabulated as far as this many deviations, at so many places.
 DEVIATIONS, PLACES = 6.0, 241
 
 
-def spectral(ready: Prepared, tolerance: float, memory: bool = False) -> Averages:
+def spectral(ready: Prepared, tolerance: float) -> Averages:
     """Means of a linear device with a resistor, exact for any excitation whose density is known.
 
     Parameters
@@ -34,8 +36,6 @@ def spectral(ready: Prepared, tolerance: float, memory: bool = False) -> Average
     ready : Prepared
     tolerance : float
         Largest numerical error that is an answer, as a share of it.
-    memory : bool
-        Without meaning: a linear device has one well.
 
     Returns
     -------
@@ -49,8 +49,8 @@ def spectral(ready: Prepared, tolerance: float, memory: bool = False) -> Average
     Notes
     -----
     With the state z = (X, X', e), z' = A z + b η, its covariance is
-    ∫ Re[h h*] G df, h = (iω − A)⁻¹ b, and each sine of amplitude a adds Re[h h*] a²/2. Pieces of the
-    quadrature end where G bends and at each resonance, and double away from it.
+    ∫ Re[h h*] G df, h = (iω − A)⁻¹ b, and each sine of amplitude a adds Re[h h*] a²/2. Pieces of
+    the quadrature end where G bends and at each resonance, and double away from it.
     """
     system = ready.system
     refusal = spectral_refusal(system, ready.scene.excitation)
@@ -63,7 +63,9 @@ def spectral(ready: Prepared, tolerance: float, memory: bool = False) -> Average
     excitation, unit = ready.scene.excitation, ready.excitation_unit
     fine, coarse = (_covariance(matrix, excitation, unit, n) for n in (NODES, COARSE_NODES))
     means, rough = _means(system, fine), _means(system, coarse)
-    error = {name: abs(means[name] - rough[name]) + 1e-12 * abs(means[name]) for name in means}
+    error = {
+        name: abs(means[name] - rough[name]) + LEAST_ERROR * abs(means[name]) for name in means
+    }
     for name, mean in means.items():
         if not error[name] <= tolerance * abs(mean):
             raise AveragingError(

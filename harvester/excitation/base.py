@@ -80,6 +80,11 @@ class Excitation(ABC):
         return True
 
     @property
+    def endless(self) -> bool:
+        """Whether there are as many independent paths as one likes."""
+        return False
+
+    @property
     def lines(self) -> tuple[tuple[float, float], ...]:
         """Frequency (Hz) and amplitude of each sine in it, at the same time or one after another.
 

@@ -42,6 +42,10 @@ class OrnsteinUhlenbeck(Excitation):
         "knot_spacing": positive(),
     }
 
+    @property
+    def endless(self) -> bool:
+        return True
+
     def spacing(self, longest: float) -> float:
         if self.knot_spacing is None:
             return min(self.correlation_time / KNOTS_PER_CORRELATION_TIME, longest)

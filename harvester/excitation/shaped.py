@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -56,7 +57,7 @@ def density_between(points: tuple, frequencies: np.ndarray) -> np.ndarray:
 def mean_square(points: tuple) -> float:
     """∫ G df of straight lines on log–log axes, exactly."""
     total = 0.0
-    for (low, first), (high, last) in zip(points, points[1:], strict=False):
+    for (low, first), (high, last) in itertools.pairwise(points):
         slope = math.log(last / first) / math.log(high / low) + 1.0
         # (high^slope − low^slope)/slope, which is ln(high/low) at slope 0.
         octave = slope * math.log(high / low)

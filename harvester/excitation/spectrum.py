@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
@@ -64,7 +65,9 @@ class Spectrum(Excitation):
     knot_spacing: float | None = None
 
     KEYS: ClassVar[dict] = {
-        "breakpoints": Key(each=Key(each=positive(), count=(2, 2)), count=(2, 10000), required=True),
+        "breakpoints": Key(
+            each=Key(each=positive(), count=(2, 2)), count=(2, 10000), required=True
+        ),
         "unit": Key(kind=str, words=tuple(UNITS)),
         "kurtosis": Key(low=3.0, high=30.0),
         "burst_time": positive(),
@@ -107,7 +110,7 @@ class Spectrum(Excitation):
                 f'{origin}: excitation.unit{given}: a scene with units = "{units}" takes {known}'
             )
         frequencies = [frequency for frequency, _ in self.breakpoints]
-        for place, (low, high) in enumerate(zip(frequencies, frequencies[1:], strict=False), 1):
+        for place, (low, high) in enumerate(itertools.pairwise(frequencies), 1):
             if not low < high:
                 raise SceneError(
                     f"{origin}: excitation.breakpoints[{place}] = {high:g} Hz after {low:g} Hz: "
@@ -119,6 +122,10 @@ class Spectrum(Excitation):
                 f"{origin}: excitation.knot_spacing = {self.knot_spacing:g}: must be a number in "
                 f"(0, {longest:g}], a quarter of the highest frequency's period"
             )
+
+    @property
+    def endless(self) -> bool:
+        return True
 
     def spacing(self, longest: float) -> float:
         return self.knot_spacing or min(1.0 / (KNOTS_PER_PERIOD * self.band[1]), longest)
@@ -157,8 +164,7 @@ class Spectrum(Excitation):
         if self.kurtosis > 3.0:
             burst = self.burst_time or PERIODS_PER_BURST / low
             lines.append(
-                f"bursts of {burst:.3g} s give a kurtosis of {self.kurtosis:g} and blur the density "
-                f"by about {0.5 / burst:.2g} Hz"
+                f"bursts of {burst:.3g} s give a kurtosis of {self.kurtosis:g} and blur the "
+                f"density by about {0.5 / burst:.2g} Hz"
             )
         return tuple(lines)
-

@@ -70,6 +70,10 @@ class Sum(Excitation):
         return any(part.random for part in self.parts)
 
     @property
+    def endless(self) -> bool:
+        return self.random and all(part.endless or not part.random for part in self.parts)
+
+    @property
     def lines(self) -> tuple[tuple[float, float], ...]:
         return tuple(line for part in self.parts for line in part.lines)
 

@@ -37,6 +37,10 @@ class White(Excitation):
 
     KEYS: ClassVar[dict] = {"intensity": positive(required=True), "knot_spacing": positive()}
 
+    @property
+    def endless(self) -> bool:
+        return True
+
     def spacing(self, longest: float) -> float:
         if self.knot_spacing is not None:
             return self.knot_spacing

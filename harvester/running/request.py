@@ -84,7 +84,7 @@ class Request:
         object.__setattr__(self, "method", method)
         if self.precision is not None and not 0.0 < self.precision < 1.0:
             raise HarvesterError(f"precision {self.precision}: must be a number in (0, 1)")
-        if self.precision and not self.is_averaged:
+        if self.precision and not self.is_averaged and not self.scene.excitation.endless:
             require_noise(self.scene, "a precision")
 
     @property

@@ -70,7 +70,6 @@ def _points(file, kind, pair):
             headings = 1
         else:
             raise SceneError(
-                f"{named(file)}, line {number}: {shown(line)}: must be {pair}, such as "
-                "0.001, 0.25"
+                f"{named(file)}, line {number}: {shown(line)}: must be {pair}, such as 0.001, 0.25"
             )
     return points

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from harvester.arguments import usual_arithmetic
 from harvester.calling import scene_of
 from harvester.errors import HarvesterError
 from harvester.files import plain_text
 from harvester.files.serialising import plain
-from harvester.arguments import usual_arithmetic
 from harvester.signatures import File, Seconds
 
 if TYPE_CHECKING:
@@ -92,14 +92,14 @@ def spectrum(
     values, interval, _ = one_pass(record)
     values = values - values.mean()
     units = "scaled" if record.unit == "scaled" else "SI"
-    scene = None if device is None else scene_of(device)
+    of_device = None if device is None else scene_of(device)
     name = plain_text.name(Path(str(source)).stem)
 
     def blocks(size: int) -> Iterator[np.ndarray]:
         return (values[first : first + size] for first in range(0, values.size, size))
 
     return _analysed(
-        name, blocks, values.size, interval, resolution, breakpoints, scene, units, knots=False
+        name, blocks, values.size, interval, resolution, breakpoints, of_device, units, knots=False
     )
 
 
@@ -159,8 +159,8 @@ def _segment(count, interval, resolution, name):
     size = 2 * int(0.5 * size)
     if size < 16 or size > count:
         raise HarvesterError(
-            f"{name}: {count} samples {interval:.3g} s apart do not give segments of {size}: take a "
-            "longer one, or another --resolution"
+            f"{name}: {count} samples {interval:.3g} s apart do not give segments of {size}: "
+            "take a longer one, or another --resolution"
         )
     return size
 
@@ -172,7 +172,8 @@ def _sums(blocks, count, interval, size):
     stretch = max(count // STRETCHES, 1)
     # Whole segments with an overlap of half of one: the density is their mean, block after block.
     total, segments = np.zeros(size // 2 + 1), 0
-    powers, left = [], np.empty(0)
+    powers: list[list[float]] = []
+    left = np.empty(0)
     rest = np.empty(0)
     for block in blocks(max(64 * size, 2**16)):
         left = np.append(left, block)
@@ -374,16 +375,20 @@ class SpectrumAnalysis:
         """How it was found, and what departs from stationary Gaussian noise."""
         low, high = (10.0 * math.log10(each) for each in self.confidence_band)
         lines = [
-            f"Welch, {self.segments} half overlapping segments by Hann's window of {self.duration:g} "
-            f"s: resolution {self.resolution:.3g} Hz, {CONFIDENCE:.0%} band {low:+.2f} to "
-            f"{high:+.2f} dB at each frequency",
+            f"Welch, {self.segments} half overlapping segments by Hann's window of "
+            f"{self.duration:g} s: resolution {self.resolution:.3g} Hz, {CONFIDENCE:.0%} band "
+            f"{low:+.2f} to {high:+.2f} dB at each frequency",
             f"specification: {len(self.profile)} breakpoints with the same rms",
         ]
         kurtosis, error = self.kurtosis()
         if abs(kurtosis - 3.0) > 3.0 * error:
-            lines.append(f"not Gaussian: its kurtosis is {(kurtosis - 3.0) / error:+.1f} errors off 3")
+            lines.append(
+                f"not Gaussian: its kurtosis is {(kurtosis - 3.0) / error:+.1f} errors off 3"
+            )
         if self.runs_test()[1] < 1.0 - CONFIDENCE:
-            lines.append("not stationary: its strength drifts, and one density does not tell it all")
+            lines.append(
+                "not stationary: its strength drifts, and one density does not tell it all"
+            )
         return lines
 
     def texts(self) -> dict[str, str]:

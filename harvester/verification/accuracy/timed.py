@@ -121,7 +121,8 @@ def closures(scene: Scene, runner: Runner) -> tuple[dict[str, dict], dict[str, s
     An answer holds `quantities`, scaled, and the `seconds` of one core.
     """
     tasks = [
-        Task(averages_once_more, {"scene": scene, "closure": each}, label=each) for each in NOISE_CLOSURES
+        Task(averages_once_more, {"scene": scene, "closure": each}, label=each)
+        for each in NOISE_CLOSURES
     ]
     outcomes = dict(zip(NOISE_CLOSURES, runner.run(tasks), strict=True))
     found = {name: each for name, each in outcomes.items() if isinstance(each, dict)}
