@@ -16,6 +16,7 @@ from harvester.excitation.recorded import RecordedMotion
 from harvester.excitation.sine import Sine
 from harvester.excitation.spectrum import Spectrum
 from harvester.excitation.sum import Sum
+from harvester.excitation.swept_sine import SweptSine
 from harvester.excitation.white import White
 from harvester.registry import Registry
 
@@ -29,6 +30,7 @@ KINDS: Registry[type[Excitation]] = Registry(
         "white": White,
         "spectrum": Spectrum,
         "sum": Sum,
+        "swept-sine": SweptSine,
         "prescribed_displacement": PrescribedDisplacement,
     },
 )
@@ -43,6 +45,7 @@ __all__ = [
     "Sine",
     "Spectrum",
     "Sum",
+    "SweptSine",
     "White",
     "build",
     "interpolation_loss",

@@ -1,5 +1,6 @@
 """Method "spectral" against quadrature by scipy, closed forms and Lyapunov's equation."""
 
+import itertools
 import math
 
 import numpy as np
@@ -63,7 +64,7 @@ def integral(name, place, density):
     edges = [10.0, 40.0, 43.0, 45.0, 46.0, 47.0, 48.0, 50.0, 60.0, 300.0]
     parts = [
         quad(lambda f: abs(response(name, f)[place]) ** 2 * density(f), low, high, epsrel=1e-11)[0]
-        for low, high in zip(edges, edges[1:], strict=False)
+        for low, high in itertools.pairwise(edges)
     ]
     return sum(parts)
 

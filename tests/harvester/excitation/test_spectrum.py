@@ -1,5 +1,6 @@
 """Vibration by its spectrum: density, moments and bytes of the path, what a scene may say."""
 
+import itertools
 import math
 
 import numpy as np
@@ -33,7 +34,7 @@ def scene_with(**more):
 
 def in_g(frequency):
     """Straight lines on log–log axes, written out."""
-    for (low, first), (high, last) in zip(POINTS, POINTS[1:], strict=False):
+    for (low, first), (high, last) in itertools.pairwise(POINTS):
         if low <= frequency <= high:
             slope = math.log(last / first) / math.log(high / low)
             return first * (frequency / low) ** slope
@@ -47,8 +48,7 @@ def test_density_and_mean_square_are_those_of_straight_lines():
             in_g(frequency) * G**2, rel=1e-12
         )
     square = sum(
-        quad(in_g, low, high, epsrel=1e-12)[0]
-        for (low, _), (high, _) in zip(POINTS, POINTS[1:], strict=False)
+        quad(in_g, low, high, epsrel=1e-12)[0] for (low, _), (high, _) in itertools.pairwise(POINTS)
     )
     assert mean_square(excitation.points) == pytest.approx(square * G**2, rel=1e-9)
 
@@ -63,7 +63,7 @@ def test_the_path_has_the_density_asked_for():
     power *= np.sinc(frequencies * spacing) ** 4
     logarithms = np.log(np.array(POINTS)).T
     edges = 8.0 * 2.0 ** (np.arange(28) / 6.0)
-    for low, high in zip(edges, edges[1:], strict=False):
+    for low, high in itertools.pairwise(edges):
         band = (frequencies >= low) & (frequencies < high)
         wanted = np.mean(np.exp(np.interp(np.log(frequencies[band]), *logarithms)))
         assert abs(10.0 * math.log10(power[band].mean() / wanted)) < 0.3, low
@@ -129,4 +129,5 @@ def test_a_named_source_is_written_out():
     notes = Spectrum(((5.0, 1.0), (50.0, 0.1)), "g^2/Hz", source="my logger").notes(
         1e-3, 100.0, None
     )
-    assert "my logger" in notes[0] and "5 Hz 1, 50 Hz 0.1" in notes[0]
+    assert "my logger" in notes[0]
+    assert "5 Hz 1, 50 Hz 0.1" in notes[0]

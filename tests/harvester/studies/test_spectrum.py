@@ -84,7 +84,9 @@ def test_of_a_scene_and_what_is_refused(folder):
     noise = scene.excitation
     assert found.rms**2 == pytest.approx(noise.intensity / noise.correlation_time, rel=0.1)
     centre, width, share = found.device_band()
-    assert 0.0 < share < 1.0 and width > 0.0 and centre > 0.0
+    assert 0.0 < share < 1.0
+    assert width > 0.0
+    assert centre > 0.0
     with pytest.raises(HarvesterError, match="is for a record"):
         harvester.spectrum("linear", unit="g")
     with pytest.raises(HarvesterError, match="is for a scene"):
