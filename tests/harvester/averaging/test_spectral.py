@@ -122,9 +122,9 @@ def test_coloured_and_white_noise_are_those_of_lyapunov(time):
 def test_what_is_not_linear_is_refused_by_name():
     with pytest.raises(AveragingError, match="the spring is not linear"):
         average("paper", method="spectral")
+    bridge = Scene.load("device").replace({"load.netlist": "bridge"})
     with pytest.raises(LoadError, match="knows a resistor as load"):
-        bridge = {"resistance": None, "kind": None, "netlist": "bridge"}
-        average(device("piezo").replace(load=bridge), method="spectral")
+        average(bridge, method="spectral")
 
 
 @pytest.mark.slow
