@@ -175,7 +175,7 @@ def _sums(blocks, count, interval, size):
     powers: list[list[float]] = []
     left = np.empty(0)
     rest = np.empty(0)
-    for block in blocks(max(64 * size, 2**16)):
+    for block in blocks(max(8 * size, 2**16)):
         left = np.append(left, block)
         many = (left.size - size) // (size // 2) + 1
         if many > 0:
