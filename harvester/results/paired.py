@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from harvester.estimates.batch_means import complete_batches, ratio_of_sums, standard_error
 from harvester.estimates.estimate import Estimate, why_no_error
 from harvester.estimates.means import MEANS
@@ -15,6 +17,10 @@ from harvester.record.moments import QUANTITIES
 
 if TYPE_CHECKING:
     from harvester.record.moments import Moments
+
+# Two paths go through the same wells if no batch's share of time in one differs by more than this:
+# jumps that two engines make at the same time end up so close, others differ by most of a batch.
+SAME_WELLS = 0.01
 
 
 def paired_difference(result: Any, reference: Any) -> dict[str, Estimate]:
@@ -70,7 +76,12 @@ def _share(batches, row):
 
 
 def _relative_error(shares, balances):
-    """Standard error of the difference of two results' shares, with what jumps add to each."""
+    """Standard error of the difference of two results' shares, with what jumps add to each.
+
+    Where both went through the same wells in every batch, what jumps add is common to both.
+    """
+    if all(balances) and _same_wells(*balances):
+        return standard_error(shares[0] - shares[1])
     parts = []
     for share, balance in zip(shares, balances, strict=True):
         if balance is not None and balance.error(share) is None:
@@ -78,6 +89,10 @@ def _relative_error(shares, balances):
         parts.append(share if balance is None else balance.parts(share))
     error = WellBalance.error_of_parts if any(balances) else standard_error
     return error(parts[0] - parts[1])
+
+
+def _same_wells(ours, theirs):
+    return np.allclose(ours.features, theirs.features, rtol=0.0, atol=SAME_WELLS)
 
 
 def _paired_efficiency(ours, theirs, balances):

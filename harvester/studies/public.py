@@ -19,6 +19,7 @@ from harvester.errors import AveragingError, HarvesterError, LoadError
 from harvester.method import Method
 from harvester.signatures import (
     Distributions,
+    File,
     Grid,
     Grids,
     Kind,
@@ -51,6 +52,7 @@ if TYPE_CHECKING:
     from harvester.studies.loads.study import Study
     from harvester.studies.optimum import Optimum
     from harvester.studies.sensitivity import Sensitivity
+    from harvester.studies.spectrum import SpectrumAnalysis
     from harvester.studies.sweep import Sweep
     from harvester.workers.pools import Workers
 
@@ -244,6 +246,54 @@ def frequency_response(
         seconds=sum(seconds for _, _, seconds in outcomes),
         shown=shown,
         per_g=per_g,
+    )
+
+
+def spectrum(
+    source: File,
+    /,
+    *,
+    device: File | None = None,
+    column: str | None = None,
+    unit: str | None = None,
+    sampling_rate: float | None = None,
+    resolution: float | None = None,
+    duration: Seconds | None = None,
+    breakpoints: int = 20,
+) -> SpectrumAnalysis:
+    """Density of a scene's excitation or of a record, its moments, and a specification of it.
+
+    Parameters
+    ----------
+    source : Scene, str or Path
+        A scene, its file (.toml) or its built-in name; else a record's file.
+    device : Scene, str, Path or None
+        Of a record: the scene whose device's band is looked at.
+    column : str or None
+        Of a record: name or number of the acceleration's column.
+    unit : str or None
+        Of a record's column, where its heading does not say it: g, m/s^2, …
+    sampling_rate : float or None
+        Of a record, where it does not say it (Hz).
+    resolution : float or None
+        Bandwidth of the density (Hz); left out: that of 64 segments.
+    duration : float or None
+        Of a scene: how long its excitation is drawn (s); left out: run.duration.
+    breakpoints : int
+        Of the specification: a scene with kind = "spectrum" takes its file.
+
+    Returns
+    -------
+    SpectrumAnalysis
+
+    Raises
+    ------
+    SceneError, HarvesterError
+    """
+    from harvester.studies.spectrum import analysis_of
+
+    return analysis_of(
+        source, device, column, unit, sampling_rate, resolution, duration, breakpoints
     )
 
 

@@ -34,47 +34,17 @@ BANDS_PER_OCTAVE, FAINTEST = 12.0, 1e-4
 CONFIDENCE = 0.95
 
 
-def spectrum(
+def analysis_of(
     source: File,
-    /,
-    *,
-    device: File | None = None,
-    column: str | None = None,
-    unit: str | None = None,
-    sampling_rate: float | None = None,
-    resolution: float | None = None,
-    duration: Seconds | None = None,
-    breakpoints: int = 20,
+    device: File | None,
+    column: str | None,
+    unit: str | None,
+    sampling_rate: float | None,
+    resolution: float | None,
+    duration: Seconds | None,
+    breakpoints: int,
 ) -> SpectrumAnalysis:
-    """Density of a scene's excitation or of a record, its moments, and a specification of it.
-
-    Parameters
-    ----------
-    source : Scene, str or Path
-        A scene, its file (.toml) or its built-in name; else a record's file.
-    device : Scene, str, Path or None
-        Of a record: the scene whose device's band is looked at.
-    column : str or None
-        Of a record: name or number of the acceleration's column.
-    unit : str or None
-        Of a record's column, where its heading does not say it: g, m/s^2, …
-    sampling_rate : float or None
-        Of a record, where it does not say it (Hz).
-    resolution : float or None
-        Bandwidth of the density (Hz); left out: that of 64 segments.
-    duration : float or None
-        Of a scene: how long its excitation is drawn (s); left out: run.duration.
-    breakpoints : int
-        Of the specification: a scene with kind = "spectrum" takes its file.
-
-    Returns
-    -------
-    SpectrumAnalysis
-
-    Raises
-    ------
-    SceneError, HarvesterError
-    """
+    """What `harvester.spectrum` returns."""
     from harvester.excitation.recorded import RecordedMotion, one_pass
 
     if breakpoints < 2:

@@ -232,7 +232,10 @@ class Comparison:
 
     def not_applying(self) -> list[str]:
         """Closures that do not hold for the scene, in one line; none where all do."""
-        said = "; ".join(f"{name}: {reason}" for name, reason in self.refused.items())
+        names: dict[str, list[str]] = {}
+        for name, reason in self.refused.items():
+            names.setdefault(reason, []).append(name)
+        said = "; ".join(f"{', '.join(those)}: {reason}" for reason, those in names.items())
         return [f"Closures that do not apply: {said}"] if said else []
 
     def without_error_bar(self, names: Iterable[str]) -> list[str]:

@@ -55,7 +55,7 @@ def test_the_page_is_whole_and_loads_nothing(comparison):
     text = report(comparison)
     page = Page(text)
     assert page.open == []
-    assert len(page.references) == 3
+    assert len(page.references) == 4
     assert all(link.startswith("data:image/svg+xml;base64,") for link in page.references)
     assert "<script" not in text
     assert not re.search(r"@import|url\(|\$\w", text)
@@ -72,7 +72,7 @@ def test_the_page_is_whole_and_loads_nothing(comparison):
 def test_without_schemdraw_the_page_says_so(comparison, monkeypatch):
     monkeypatch.setitem(sys.modules, "schemdraw", None)
     page = Page(report(comparison))
-    assert len(page.references) == 2
+    assert len(page.references) == 3
     assert "pip install 'harvester[schematic]'" in "".join(page.words)
 
 
