@@ -173,6 +173,11 @@ class Lumped(NamedTuple):
         stiffness = self.stiffness + self.coupling**2 / self.capacitance
         return math.sqrt(stiffness / self.mass) / (2.0 * math.pi)
 
+    @property
+    def one_mode_open_frequency(self) -> float:
+        """The same with the material's capacitance alone, as published models of one mode have."""
+        return self.short_frequency * math.sqrt(1.0 + self.coupling_squared)
+
     def voltage_per_acceleration(self, frequency: float, resistance: float) -> complex:
         """V/a of the base's harmonic acceleration on a resistor (V s²/m), modes left out static."""
         omega = 2.0 * math.pi * frequency
