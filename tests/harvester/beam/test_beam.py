@@ -111,7 +111,9 @@ def test_section_of_a_unimorph_by_integration():
     dz = z[1] - z[0]
     axis = (modulus * z).sum() / modulus.sum()
     made = section(beam, True)
-    assert made.rigidity == pytest.approx(31.8e-3 * (modulus * (z - axis) ** 2).sum() * dz, rel=1e-5)
+    assert made.rigidity == pytest.approx(
+        31.8e-3 * (modulus * (z - axis) ** 2).sum() * dz, rel=1e-5
+    )
     moment = (190e-12 * 66e9 / 0.26e-3 * (z - axis))[z > 0.07e-3].sum() * dz * 31.8e-3
     assert made.moment_per_volt == pytest.approx(moment, rel=1e-5)
 
