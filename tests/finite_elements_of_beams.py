@@ -1,5 +1,7 @@
 """Beams by scikit-fem's Hermite element, an independent model of the same theory."""
 
+import itertools
+
 import numpy as np
 from scipy.linalg import eigh
 from skfem import Basis, BilinearForm, ElementLineHermite, LinearForm, MeshLine
@@ -11,7 +13,7 @@ def matrices(ends, rigidity, mass, tip=(0.0, 0.0, 0.0), per_piece=24):
 
     `ends` are the pieces' ends with 0, `tip` mass, offset and inertia about the end.
     """
-    points = [np.linspace(a, b, per_piece + 1)[:-1] for a, b in zip(ends[:-1], ends[1:])]
+    points = [np.linspace(a, b, per_piece + 1)[:-1] for a, b in itertools.pairwise(ends)]
     mesh = MeshLine(np.append(np.concatenate(points), ends[-1]))
     basis = Basis(mesh, ElementLineHermite(), intorder=8)
 
