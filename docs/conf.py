@@ -44,6 +44,9 @@ autodoc_preserve_defaults = True
 napoleon_google_docstring = False
 
 html_theme = "furo"
+# The site's root leads to its first page.
+html_additional_pages = {"index": "root.html"}
+templates_path = ["templates"]
 html_title = f"harvester {version}"
 html_show_copyright = False
 html_static_path = ["site.css"]

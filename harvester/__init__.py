@@ -52,15 +52,21 @@ if TYPE_CHECKING:
     from harvester.errors import UnknownQuantity as UnknownQuantity
     from harvester.explorer.explorer import explore as explore
     from harvester.identification.identify import identify as identify
+    from harvester.identification.measured_impedance import MeasuredImpedance as MeasuredImpedance
+    from harvester.identification.measured_impedance import read_impedance as read_impedance
     from harvester.identification.measured_response import MeasuredResponse as MeasuredResponse
     from harvester.identification.measurement import Measurement as Measurement
     from harvester.identification.measurement import read_measurement as read_measurement
     from harvester.results.result import Result as Result
+    from harvester.running.opening import open_runner as open_runner
     from harvester.scene.model import Scene as Scene
     from harvester.simulation.methods import Circuit as Circuit
     from harvester.simulation.methods import MonteCarlo as MonteCarlo
     from harvester.simulation.simulate import simulate as simulate
     from harvester.studies.loads.study import save as save
+    from harvester.studies.orbits.public import basins as basins
+    from harvester.studies.orbits.public import bifurcation as bifurcation
+    from harvester.studies.orbits.public import residence as residence
     from harvester.studies.public import frequency_response as frequency_response
     from harvester.studies.public import load_study as load_study
     from harvester.studies.public import optimum as optimum
@@ -89,15 +95,21 @@ _WHERE = {
     "validate": "harvester.studies.public",
     "explore": "harvester.explorer.explorer",
     "frequency_response": "harvester.studies.public",
+    "basins": "harvester.studies.orbits.public",
+    "bifurcation": "harvester.studies.orbits.public",
+    "residence": "harvester.studies.orbits.public",
     "sweep": "harvester.studies.public",
+    "open_runner": "harvester.running.opening",
     "load_study": "harvester.studies.public",
     "save": "harvester.studies.loads.study",
     "optimum": "harvester.studies.public",
     "sensitivity": "harvester.studies.public",
     "identify": "harvester.identification.identify",
     "Measurement": "harvester.identification.measurement",
+    "MeasuredImpedance": "harvester.identification.measured_impedance",
     "MeasuredResponse": "harvester.identification.measured_response",
     "read_measurement": "harvester.identification.measurement",
+    "read_impedance": "harvester.identification.measured_impedance",
     "accuracy": "harvester.verification.accuracy.both",
     "work_precision": "harvester.verification.accuracy.work_precision",
     "time_to_accuracy": "harvester.verification.accuracy.time_to_accuracy",

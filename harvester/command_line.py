@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 import warnings
 from typing import Any, NoReturn
@@ -25,7 +26,14 @@ harvester simulates vibration energy harvesters. What to try first:
   harvester average paper       densities and power of a built-in device, in seconds
   harvester validate paper      the same by circuit, Monte Carlo and theory, side by side
   harvester new beam.toml       a commented scene of your own, to change and run like `paper`
-  harvester --help              all commands; each has an example in its own --help"""
+  harvester simulate device     power and densities by one engine, with any load
+  harvester load-study device   the best load, or a ranking of loads
+  harvester optimum device      where a parameter makes the power largest
+  harvester schematic device    the circuit that a scene builds, drawn
+  harvester identify device     a scene from measured records
+
+What proves the program: verify, claims, stability, accuracy, work-precision, time-to-accuracy,
+reproduce. `harvester --help` lists all commands; each has an example in its own --help."""
 EPILOG = """\
 exit codes:
   0    done
@@ -102,6 +110,11 @@ def _parsed(arguments):
 
 class Parser(argparse.ArgumentParser):
     """Says what is wrong with a call in printable text."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        # A range such as -0.02:0.02:60 is a value, no option.
+        self._negative_number_matcher = re.compile(r"^-\.?\d")
 
     def error(self, message: str) -> NoReturn:
         """End with the usage and the mistake."""

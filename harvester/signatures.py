@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple, TypedDict, get_args, get_origin
 
 from harvester.errors import HarvesterError
+from harvester.files.numbers import NotANumber, number
 from harvester.files.plain_text import named, shown
 from harvester.method import Method
 
@@ -71,23 +72,65 @@ def grid_of(text: str, option: str) -> list[float]:
     first, *rest = text.split(":")
     try:
         if not rest:
-            return [float(number) for number in text.split(",")]
-        last, spacing, number = rest
+            return [number(each) for each in text.split(",")]
+        last, spacing, points = rest
         grid: Any = {"log": np.geomspace, "linear": np.linspace}[spacing]
-        low, high, count = float(first), float(last), int(number)
+        low, high, count = number(first), number(last), int(points)
         if 0.0 < low < high < math.inf and 1 < count <= MOST_NUMBERS:
-            return [float(number) for number in grid(low, high, count)]
-    except (ValueError, KeyError):
+            return [float(each) for each in grid(low, high, count)]
+    except (ValueError, KeyError) as error:
+        reason = f" ({error})" if isinstance(error, NotANumber) else ""
+    else:
+        reason = ""
+    raise HarvesterError(
+        f"{option} {named(text)}: write it as 0.1:2:log:40, 0.1:2:linear:40 or 0.1,0.2,0.5{reason}"
+    )
+
+
+def line_of(text: str, option: str) -> list[float]:
+    """Evenly spaced numbers of either sign, from LOW:HIGH:NUMBER.
+
+    Raises
+    ------
+    HarvesterError
+        Names the option.
+    """
+    import numpy as np
+
+    try:
+        low, high, count = text.split(":")
+        if -math.inf < float(low) < float(high) < math.inf and 1 < int(count) <= MOST_NUMBERS:
+            return [float(number) for number in np.linspace(float(low), float(high), int(count))]
+    except ValueError:
         pass
     raise HarvesterError(
-        f"{option} {named(text)}: write it as 0.1:2:log:40, 0.1:2:linear:40 or 0.1,0.2,0.5"
+        f"{option} {named(text)}: write it as LOW:HIGH:NUMBER, such as -0.02:0.02:60"
     )
+
+
+def values_of_key(text: str, option: str) -> list[float]:
+    """Numbers from FIRST:LAST:log:NUMBER and the like, or from LOW:HIGH:NUMBER.
+
+    Raises
+    ------
+    HarvesterError
+    """
+    return line_of(text, option) if text.count(":") == 2 else grid_of(text, option)
 
 
 def grids_of(texts: list[str], option: str) -> dict[str, list[float]]:
     """Keys to numbers, from table.key=0.1:2:log:40 for each key."""
     pairs = by_key(texts, option, "table.key=LIST")
     return {key: grid_of(values, f"{option} {key}") for key, values in pairs.items()}
+
+
+def over_of(texts: list[str], option: str) -> dict[str, list[Any]]:
+    """The same, where a list may also be of words: load.netlist=bridge,sece."""
+    pairs = by_key(texts, option, "table.key=LIST")
+    return {
+        key: values.split(",") if values[:1].isalpha() else grid_of(values, f"{option} {key}")
+        for key, values in pairs.items()
+    }
 
 
 def distributions_of(texts: list[str], option: str) -> dict[str, str]:
@@ -103,14 +146,24 @@ def ranges_of(texts: list[str], option: str) -> dict[str, tuple[float, float] | 
         if key in found:
             raise HarvesterError(f"{option} {named(key)}: is there twice")
         try:
-            low, high = map(float, ends.split(":")) if separator else (math.nan, math.nan)
-        except ValueError:
+            low, high = map(number, ends.split(":")) if separator else (math.nan, math.nan)
+        except ValueError as error:
+            reason = f" ({error})" if isinstance(error, NotANumber) else ""
             raise HarvesterError(
                 f"{option} {named(text)}: write it as TABLE.KEY=LOW:HIGH, such as "
-                "load.resistance=1e4:1e7"
+                f"load.resistance=10k:1meg{reason}"
             ) from None
         found[key] = (low, high) if separator else None
     return found
+
+
+def window_of(text: str, option: str) -> tuple[float, float]:
+    """Two times in seconds from START:END."""
+    try:
+        start, stop = map(float, text.split(":"))
+    except ValueError:
+        raise HarvesterError(f"{option} {named(text)}: write it as START:END, in s") from None
+    return start, stop
 
 
 def records_of(groups: list[list[str]], option: str) -> list[tuple[str, dict[str, Any]]]:
@@ -128,7 +181,7 @@ def records_of(groups: list[list[str]], option: str) -> list[tuple[str, dict[str
             settings = files[-1][1]
             settings[name] = value
             with contextlib.suppress(ValueError):
-                settings[name] = float(value) if "." in name else value
+                settings[name] = number(value) if "." in name else value
     seen: list[tuple[str, dict[str, Any]]] = []
     for file, settings in files:
         # One file has several names: ./shaker.csv, a link.
@@ -140,6 +193,14 @@ def records_of(groups: list[list[str]], option: str) -> list[tuple[str, dict[str
             )
         seen.append(one)
     return files
+
+
+def one_record_of(words: list[str], option: str) -> tuple[str, dict[str, Any]]:
+    """One file with its settings."""
+    found = records_of([words], option)
+    if len(found) > 1:
+        raise HarvesterError(f"{option} {named(found[1][0])}: one file is read, with NAME=VALUE")
+    return found[0]
 
 
 def by_key(texts: list[str], option: str, example: str) -> dict[str, str]:
@@ -181,10 +242,19 @@ Processes = Annotated[int, Kind("N", "a whole number ≥ 1", _counts)]
 File = Annotated[str, Kind("FILE")]
 Folder = Annotated[str | os.PathLike, Kind("DIR")]
 Grid = Annotated[Sequence[float], Kind("LIST", read=grid_of)]
+Line = Annotated[Sequence[float], Kind("LOW:HIGH:NUMBER", read=line_of)]
+Values = Annotated[Sequence[float], Kind("LIST", read=values_of_key)]
+Count = Annotated[int, Kind("N", "a whole number ≥ 1", _counts)]
 Grids = Annotated[
     Mapping[str, Sequence[float]],
     Kind("TABLE.KEY=LIST", option="sweep", read=grids_of, again=True),
 ]
+Over = Annotated[
+    Mapping[str, Sequence[float | str]],
+    Kind("TABLE.KEY=LIST", read=over_of, again=True),
+]
+Methods = Annotated[Sequence[str | Method], Kind("NAME", option="method", again=True)]
+Quantities = Annotated[Sequence[str], Kind("NAME", option="quantity", again=True)]
 Distributions = Annotated[
     Mapping[str, str], Kind("TABLE.KEY=DISTRIBUTION", read=distributions_of, again=True)
 ]
@@ -192,6 +262,8 @@ Ranges = Annotated[
     str | Mapping[str, tuple | None],
     Kind("TABLE.KEY[=LOW:HIGH]", read=ranges_of, again=True),
 ]
+Window = Annotated[tuple[float, float], Kind("START:END", read=window_of)]
+Nodes = Annotated[Sequence[str], Kind("NAME", option="node", again=True)]
 Loads = Annotated[Sequence[str], Kind("NAME|PATH", option="load", again=True)]
 Overrides = Annotated[Sequence[str], Kind("TABLE.KEY=VALUE", option="set", again=True)]
 

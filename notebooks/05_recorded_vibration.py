@@ -121,9 +121,9 @@ left.set(
     xlabel="frequency [Hz]", ylabel="density [(m/s²)²/Hz]", title="the record", ylim=(1e-6, None)
 )
 for engine, style in (("monte-carlo", "-"), ("circuit", "--")):
-    waveform, scales = results[engine].waveform, results[engine].scales
+    waveform = results[engine].waveform
     colour = figures.CIRCUIT if engine == "circuit" else figures.MONTE_CARLO
-    right.plot(waveform.time, waveform.voltage * scales.voltage, style, color=colour, label=engine)
+    right.plot(waveform.time, waveform.voltage, style, color=colour, label=engine)
 right.set(
     xlabel="time [s]", ylabel="voltage [V]", title="the piezo's voltage: paths part, means do not"
 )

@@ -62,7 +62,7 @@ tables["run"] = {"duration": length - 0.1, "realizations": 1}
 shaken = harvester.Scene.from_tables(tables, name="shaken")
 run = harvester.simulate(shaken, method="monte-carlo", window=(0.0, length), step="fine")
 time = np.arange(1, int((length - 0.2) * rate)) / rate
-voltage = np.interp(time, run.waveform.time, run.waveform.voltage * run.scales.voltage)
+voltage = np.interp(time, run.waveform.time, run.waveform.voltage)
 voltage += 0.02 * voltage.std() * rng.standard_normal(voltage.size)
 
 path = Path(folder.name) / "shaker.csv"

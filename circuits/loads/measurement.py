@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -12,7 +14,7 @@ from circuits.loads.expression import CIRCUIT_ONLY, ExpressionError, Tree, leave
 from circuits.loads.kinds import LEVEL, STATE
 from harvester.device.terminals import GROUND
 from harvester.errors import NetlistError
-from harvester.files.plain_text import nearest
+from harvester.files.plain_text import named, nearest
 
 if TYPE_CHECKING:
     from circuits.loads.elements import Element
@@ -114,7 +116,7 @@ def measurement_of(load: LoadCircuit, pins: Mapping[str, str]) -> Measurement:
         trees.append(held)
         if taken:
             trees.append(("if", ("<", ("number", 0.0), held), taken, ("number", 0.0)))
-    trees += [_level(name, pins) for name in load.levels]
+    trees += [_level(name, pins) for name in (*load.levels, *load.probes)]
     watched = tuple(dict.fromkeys(name for tree in trees for name in _unknowns(tree)))
     outside = tuple(name for name in watched if name in pins.values())
     return Measurement(load.recorded, tuple(trees), watched, outside)
@@ -124,6 +126,26 @@ def _level(name, pins):
     if name.startswith("i("):
         return ("i", name[2:-1])
     return ("v", pins.get(name, name), GROUND)
+
+
+def with_probes(load: LoadCircuit, names: Iterable[str]) -> LoadCircuit:
+    """The load with these nodes, and currents "i(name)", among what is kept of a run.
+
+    Raises
+    ------
+    NetlistError
+        The load has no such node or current.
+    """
+    known = {*load.pins, *(node for part in load.elements for node in part.nodes)} - {GROUND}
+    known |= {f"i({part.name})" for part in load.elements if _has_current(part)}
+    plain = tuple(dict.fromkeys(re.sub(r"^v\((.*)\)$", r"\1", name.lower()) for name in names))
+    for name in plain:
+        if name not in known:
+            raise NetlistError(
+                f"{load.file or load.name}: no node or current {named(name)}"
+                f"{nearest(name, known)}; there are {', '.join(sorted(known))}"
+            )
+    return replace(load, probes=plain)
 
 
 def evaluated(

@@ -1,7 +1,7 @@
 """Netlist files as cards: comments, continuation lines and includes resolved, nothing judged yet.
 
 Reads what LTspice and ngspice write. A load from elsewhere is data, so an include stays within the
-folder of the file that the user named.
+folder of the file that the user named, or is one of this project's own, named without a folder.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import codecs
 import contextlib
 import re
+from importlib import resources
 from pathlib import Path
 from typing import NamedTuple
 
@@ -71,6 +72,16 @@ def _named(place):
         raise NetlistError(f"{place}: cannot be read: {reason}") from None
 
 
+def read_text(path: Path) -> str:
+    """Contents of a netlist file in whatever encoding such files come.
+
+    Raises
+    ------
+    NetlistError
+    """
+    return _Reader(path.parent)._text(path, path)
+
+
 class _Reader:
     """Reads one load's files; their number and size count together."""
 
@@ -127,7 +138,7 @@ class _Reader:
 
 
 def _included(argument, beside, folder, where):
-    """The file of an include, inside `folder` even after symbolic links."""
+    """The file of an include, inside `folder` even after symbolic links; else of netlists/."""
     quoted = re.fullmatch(r"\"([^\"]+)\"|'([^']+)'", argument)
     name = quoted.group(1) or quoted.group(2) if quoted else argument
     if not name or (not quoted and len(name.split()) != 1):
@@ -138,6 +149,11 @@ def _included(argument, beside, folder, where):
     with _named(place):
         outside = outside or not path.resolve().is_relative_to(folder)
         missing = not path.exists()
+        # What the project's own files include stands beside them.
+        own = Path(str(resources.files("netlists"))) / name
+        bare = re.fullmatch(r"[\w.]+\.lib", name)
+        if bare and (missing or own.parent == beside) and own.is_file():
+            return own
     if outside:
         raise NetlistError(f"{place}: lies outside the load's folder; copy it beside it")
     if missing:

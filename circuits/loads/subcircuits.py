@@ -76,6 +76,8 @@ class LoadCircuit:
         Of a load that is one resistor between p and n, in Ω.
     measures : tuple of circuits.loads.measures.Measure
         What its file wants to have measured.
+    probes : tuple of str
+        Nodes, and currents "i(name)", that a waveform is to hold; see `with_probes`.
     file : str
         Name of the file that its sub-circuit stands in.
     ambiguity : str
@@ -92,6 +94,7 @@ class LoadCircuit:
     switches: bool
     resistance: float | None
     measures: tuple = ()
+    probes: tuple[str, ...] = ()
     file: str = field(default="", compare=False)
     elements: tuple[Element, ...] = field(default=(), compare=False, repr=False)
     ambiguity: str = field(default="", compare=False)
@@ -180,8 +183,8 @@ class LoadCircuit:
 
     @property
     def recorded(self) -> tuple[tuple[str, str], ...]:
-        """Kind and name of each value kept of a run: those measured, and its levels."""
-        return self.measured + tuple((LEVEL, name) for name in self.levels)
+        """Kind and name of each value kept of a run: those measured, its levels, its probes."""
+        return self.measured + tuple((LEVEL, name) for name in (*self.levels, *self.probes))
 
 
 def load_names() -> list[str]:

@@ -13,6 +13,9 @@ from harvester.errors import NetlistError
 GROUND = "0"
 # Elements whose third and fourth nodes only control.
 CONTROLLED_BY_NODES = ("e", "g", "s")
+# Their current flows from the first node to the third: drain or collector, gate or base, source or
+# emitter, then a bulk or substrate that may be left out.
+TRANSISTORS = ("m", "j", "q")
 
 
 @dataclass(frozen=True)
@@ -24,7 +27,7 @@ class Part:
     name : str
         As the netlist spells it.
     nodes : tuple of str
-        Through which current flows.
+        Its own, in the netlist's order; of a controlled element those through which current flows.
     control : tuple of str
         Nodes, sources or coupled coils that act on it.
     value : str
@@ -44,6 +47,16 @@ class Part:
         """The kind of element, in lower case."""
         return self.name[0].lower()
 
+    @property
+    def ends(self) -> tuple[str, ...]:
+        """The two nodes between which its current flows; none of coupled coils."""
+        return self.nodes[:3:2] if self.letter in TRANSISTORS else self.nodes[:2]
+
+    @property
+    def beside(self) -> tuple[str, ...]:
+        """Further nodes: a transistor's gate or base, then its bulk or substrate if it has one."""
+        return self.nodes[1:2] + self.nodes[3:] if self.letter in TRANSISTORS else self.nodes[2:]
+
 
 @dataclass
 class Topology:
@@ -57,12 +70,15 @@ class Topology:
     parts : list of Part
     inner : dict of str to Topology
         Sub-circuits defined in it.
+    models : dict of str to str
+        Kind and parameters of each `.model` in it.
     """
 
     name: str = ""
     pins: tuple = ()
     parts: list = field(default_factory=list)
     inner: dict = field(default_factory=dict)
+    models: dict = field(default_factory=dict)
     outer: Topology | None = field(default=None, repr=False)
 
     def find(self, name: str) -> Topology:
@@ -78,6 +94,12 @@ class Topology:
         if self.outer is None:
             raise NetlistError(f"{name}: no such sub-circuit in the netlist; define it")
         return self.outer.find(name)
+
+    def model(self, name: str) -> str:
+        """Kind and parameters of a `.model`, from here outwards; empty where there is none."""
+        if name in self.models or self.outer is None:
+            return self.models.get(name, "")
+        return self.outer.model(name)
 
 
 def read_topology(text: str) -> Any:
@@ -108,6 +130,8 @@ def read_topology(text: str) -> Any:
             place = inner
         elif first == ".ends":
             place = place.outer or place
+        elif first == ".model":
+            place.models[words[1].lower()] = " ".join(words[2:]).lower()
         elif not first.startswith((".", "*")):
             place.parts.append(_part(words, card))
     return place
@@ -117,6 +141,11 @@ def _joined(text):
     """Blanks out of braces and around equal signs: one word each."""
     text = re.sub(r"\{[^{}]*\}", lambda match: match.group().replace(" ", ""), text)
     return re.sub(r"(?<![=<>!])\s*=\s*(?!=)", "=", text)
+
+
+def _has_fourth_node(rest):
+    """Whether a node stands before the model's name: what follows that is a number or a pair."""
+    return len(rest) > 1 and "=" not in rest[1] and re.match(r"(?!off$)[a-z_]", rest[1].lower())
 
 
 def _part(words, card):
@@ -130,6 +159,8 @@ def _part(words, card):
     if letter == "k":
         return Part(name, (), tuple(words[1:-1]), words[-1])
     count = 2 if letter in CONTROLLED_BY_NODES else ELEMENTS[letter][0]
+    if letter in ("m", "q") and _has_fourth_node(words[1 + count :]):
+        count += 1
     nodes, rest = tuple(words[1 : 1 + count]), words[1 + count :]
     if letter in CONTROLLED_BY_NODES and len(rest) > 2 and not re.search(r"[=({]", rest[0]):
         return Part(name, nodes, tuple(rest[:2]), " ".join(rest[2:]))

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 FORMATS = (".svg", ".png")
 LOAD_SIDE = (elements.OUTPUT, elements.REFERENCE)
-TITLE_SIZE, BOX_TITLE_SIZE = 12, 11
+TITLE_SIZE, BOX_TITLE_SIZE = 14, 13
 # Distances in schemdraw's units: between parts of the drawing, from a box to what is in it, and the
 # length of a wire that leads out of a box.
 GAP, PADDING, LEAD = 1.8, 0.7, 0.8
@@ -114,7 +114,9 @@ def schematic(scene: SceneOrName) -> Schematic:
         turn = [(end, between), (0.4 * LEAD, between)]
         corner = (2.0 * LEAD, low - 2.0 * GAP)
     edge = _load(pen, circuit, call, [leave, *turn], corner, strays)
-    _definitions(pen, inner, (edge + GAP, corner[1]))
+    # Beside the electrical side, above the load, where there is room.
+    above = len(inner.parts) > 1
+    _definitions(pen, inner, (end + 2.0 * GAP, -PADDING) if above else (edge + GAP, corner[1]))
     return Schematic(tuple(pen.names), pen)
 
 

@@ -101,24 +101,24 @@ def _columns(parts, kept):
     """Columns of all elements; those in series, with no third element between them, are joined."""
     ends: dict[str, list] = {}
     for part in parts:
-        for node in part.nodes[:2]:
+        for node in part.ends:
             ends.setdefault(node, []).append(part)
-    # The third terminal of a transistor is written beside its rail, so that it needs one.
-    kept = kept | {node for part in parts for node in part.nodes[2:]}
+    # The gate of a transistor is written beside its rail, so that it needs one.
+    kept = kept | {node for part in parts for node in part.beside}
     inner = {n for n, at in ends.items() if n not in kept and len(at) == 2 and at[0] != at[1]}
     columns: list[Column] = []
     used: set[str] = set()
-    starts = [part for part in parts if not inner.issuperset(part.nodes[:2])]
+    starts = [part for part in parts if not inner.issuperset(part.ends)]
     for part in [*starts, *parts]:
         if part.name in used:
             continue
-        nodes = part.nodes[:2] if part.nodes[0] not in inner else part.nodes[1::-1]
+        nodes = part.ends if part.ends[0] not in inner else part.ends[::-1]
         nodes, chain = list(nodes), [part]
         while nodes[-1] in inner:
             following = next(p for p in ends[nodes[-1]] if p != chain[-1])
             if following in chain:
                 break
-            a, b = following.nodes[:2]
+            a, b = following.ends
             nodes.append(b if a == nodes[-1] else a)
             chain.append(following)
         used.update(p.name for p in chain)

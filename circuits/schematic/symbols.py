@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 # Lengths in schemdraw's units: of an element along its column, of a column without its words, and
 # of one letter of a name.
-ROW, COLUMN, LETTER = 2.0, 1.25, 0.155
-NAME_SIZE, VALUE_SIZE = 10, 8
+ROW, COLUMN, LETTER = 2.0, 1.25, 0.185
+NAME_SIZE, VALUE_SIZE, LINE_HEIGHT = 12, 10, 0.44
 LONGEST_VALUE = 18
 LINE, THIN = 1.4, 0.9
 INK, NODE_COLOUR, VALUE_COLOUR, BOX_COLOUR = "black", "#0072B2", "#595959", "#808080"
@@ -29,8 +29,16 @@ SYMBOLS = {
     "i": "SourceI", "e": "SourceControlledV", "h": "SourceControlledV", "s": "Switch",
     "f": "SourceControlledI", "g": "SourceControlledI", "w": "Switch",
 }  # fmt: skip
-# Third terminals of transistors, as their data sheets call them.
-GATES = {"q": "base", "j": "gate", "m": "gate"}
+# Of each kind of transistor: what its control and its fourth node are called, its kinds of channel
+# or doping, the second drawn where the model names it, and their symbols. Arrows point away from
+# an npn's base and into an n channel, which schemdraw's shapes of two terminals have the other way.
+TRANSISTORS = {
+    "q": (("base", "substrate"), "pnp", ("BjtPnp2", "BjtNpn2")),
+    "j": (("gate",), "pjf", ("JFetP2", "JFetN2")),
+    "m": (("gate", "bulk"), "pmos|pchan", ("NFet2", "PFet2")),
+}
+# Length of a transistor's control lead, beyond which its words stand.
+CONTROL_LEAD = 1.4
 
 
 class Pen:
@@ -106,23 +114,29 @@ class Pen:
         """
         self.names.append(part.name)
         symbol = _symbol(part, place)
-        # The plus sign of schemdraw's voltage sources is at the end, that of SPICE's at the start.
-        turned = reverse != symbol.endswith("V")
-        self._add(symbol, *((end, start) if turned else (start, end)))
+        # The plus sign of schemdraw's voltage sources is at the end, that of SPICE's at the start,
+        # and the shape that a pnp transistor is drawn with begins with the emitter.
+        turned = reverse != (symbol.endswith("V") or symbol == "BjtNpn2")
+        first, last = (end, start) if turned else (start, end)
+        # A control lead points to the right, where the words are.
+        self._add(symbol, first, last, flip=part.letter in TRANSISTORS and first[1] < last[1])
         x, y = 0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1])
         upright, lines = start[0] == end[0], words(part)
-        x, y = (x + 0.55, y + 0.19 * (len(lines) - 1)) if upright else (x, y + 1.1)
+        beside = CONTROL_LEAD + 0.1 if part.letter in TRANSISTORS else 0.55
+        x, y = (x + beside, y + 0.5 * LINE_HEIGHT * (len(lines) - 1)) if upright else (x, y + 1.1)
         for row, line in enumerate(lines):
             size, colour = (VALUE_SIZE, VALUE_COLOUR) if row else (NAME_SIZE, INK)
-            self.text((x, y - 0.38 * row), line, size, colour, "left" if upright else "center")
+            align = "left" if upright else "center"
+            self.text((x, y - LINE_HEIGHT * row), line, size, colour, align)
 
-    def _add(self, symbol, start, end, colour=INK, dashed=False):
+    def _add(self, symbol, start, end, colour=INK, dashed=False, flip=False):
         def draw(library):
             across, up = end[0] - start[0], end[1] - start[1]
             # Sources have a direction of their own, which `to` would not turn.
             angle, length = math.degrees(math.atan2(up, across)), math.hypot(across, up)
             element = getattr(library, symbol)().at(start).theta(angle).length(length)
             element = element.color(colour).linewidth(THIN if dashed else LINE)
+            element = element.flip() if flip else element
             return element.linestyle("--") if dashed else element
 
         self._steps.append(draw)
@@ -134,6 +148,8 @@ class Pen:
 
         if suffix == ".svg":
             drawing = schemdraw.Drawing(canvas="svg", show=False, margin=MARGIN)
+            # Black ink on a reader's dark page.
+            drawing.config(bgcolor="white")
             self._draw(drawing, elements)
             return drawing.get_imagedata("svg")
         with figure_settings():
@@ -181,14 +197,18 @@ def width(part: Part) -> float:
     """Width of a column that has room for the element and the text beside it."""
     lines = words(part)
     letters = max([len(lines[0]), *(0.8 * len(line) for line in lines[1:])])
-    return COLUMN + 0.2 + LETTER * letters
+    lead = CONTROL_LEAD if part.letter in TRANSISTORS else 0.0
+    return COLUMN + 0.2 + lead + LETTER * letters
 
 
 def words(part: Part) -> list[str]:
     """The element's name, its value, and what controls it."""
     value, control = _value(part), [node for node in part.control if node != GROUND]
-    if part.letter in GATES:
-        lines = [value, f"{GATES[part.letter]}: {part.nodes[2]}"]
+    if part.letter in TRANSISTORS:
+        names = TRANSISTORS[part.letter][0]
+        # A bulk at the source is drawn so by the symbol.
+        beside = [pair for pair in zip(names, part.beside, strict=False) if pair[1] != part.ends[1]]
+        lines = [*(f"{name}: {node}" for name, node in beside), value.split()[0]]
     elif part.letter == "b" or (part.letter in "eg" and re.search(r"=|\bv\(", part.value)):
         # One line each: what a behavioural source depends on.
         lines = [f"{'and' if place else 'of'} {node}" for place, node in enumerate(control)]
@@ -211,15 +231,21 @@ def _value(part):
     if part.letter == "x":
         return part.calls
     value = plain(re.sub(r"\s*\bic=\S+", "", part.value))
+    if part.letter in TRANSISTORS:
+        return value
     return "" if part.letter == "b" or len(value) > LONGEST_VALUE else value
 
 
 def _symbol(part, place):
     """Name of schemdraw's element."""
     if part.letter == "b":
-        return "SourceControlledV" if re.match(r"v\s*=", part.value) else "SourceControlledI"
+        return "SourceControlledV" if re.match(r"(?i)v\s*=", part.value) else "SourceControlledI"
     if part.letter == "x" and is_diode(place.find(part.calls)):
         return "Diode"
+    if part.letter in TRANSISTORS:
+        _, second, symbols = TRANSISTORS[part.letter]
+        model = place.model(part.value.split()[0].lower())
+        return symbols[bool(re.search(rf"\b({second})\b", model))]
     return SYMBOLS.get(part.letter, "RBox")
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import sys
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -76,6 +78,57 @@ def netlist(
     if noise is not None:
         write_text(in_folder(Path(target).parent, noise_file), noise)
     write_text(target, text)
+
+
+def load(
+    file: File,
+    /,
+    *,
+    nodes: str | None = None,
+    remove: str = "",
+    output: File = "-",
+) -> None:
+    """Make a load of a schematic's netlist, as LTspice writes it (.net, .cir).
+
+    Parameters
+    ----------
+    file : str
+    nodes : str or None
+        The harvester's two nodes and the output's two, P,N,OUT,REF or P,N (default: asked for).
+    remove : str
+        Elements that stand for the harvester, beside the sources between its nodes: V1,C1.
+    output : str
+        The load's file, NAME.lib (default: standard output).
+    """
+    from circuits.loads.imported import candidates, imported
+    from circuits.loads.reader import read_text
+    from circuits.loads.subcircuits import read_load
+    from harvester.files.writing import check_writable, is_stream, write_text
+
+    check_writable(output)
+    text = read_text(Path(file))
+    given = nodes or _asked(candidates(text))
+    stem = Path(file if is_stream(output) else output).stem
+    made = imported(text, re.sub(r"\W", "_", stem).lower(), _words(given), _words(remove))
+    write_text(output, made.text)
+    for line in made.rewritten:
+        say(line)
+    if not is_stream(output):
+        read_load(Path(output))
+        say(f"written: {output}; now try: harvester simulate device --set load.netlist={output}")
+
+
+def _words(text):
+    return [word.strip() for word in text.split(",") if word.strip()]
+
+
+def _asked(found):
+    """The harvester's nodes, from whoever sits at the terminal."""
+    listed = f"nodes: {', '.join(found)}"
+    if not sys.stdin.isatty():
+        raise HarvesterError(f"--nodes P,N,OUT,REF: say which are the harvester's; {listed}")
+    print(f"{listed}\nharvester's two and the output's two, P,N,OUT,REF: ", end="", file=sys.stderr)
+    return sys.stdin.readline()
 
 
 def schematic(scene: Scene, *, output: File = "-") -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import inspect
+import re
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -79,6 +80,20 @@ class Command:
         return self.found(*([] if scene is None else [scene]), *words, **values)
 
 
+def named_after(scene: str, stem: str) -> str:
+    """Name of a result's files; a scene that is such a result itself is counted on.
+
+    Examples
+    --------
+    >>> named_after("beam", "identified"), named_after("beam-identified", "identified")
+    ('beam-identified', 'beam-identified-2')
+    """
+    again = re.fullmatch(rf"(.+-{re.escape(stem)})(-\d+)?(-proposed)?", scene)
+    if not again:
+        return f"{scene}-{stem}"
+    return f"{again[1]}-{int((again[2] or '-1')[1:]) + 1}"
+
+
 @dataclass(frozen=True)
 class Study(Command):
     """A command that computes a result, shows it and writes its files.
@@ -97,8 +112,8 @@ class Study(Command):
         Of the result: whether the exit code is 1.
     json : bool
         Whether there is --json.
-    page : bool
-        Whether there is --report, which gets the result's `page()`.
+    waveform : bool
+        Whether there is --waveform, which gets the result's `waveform`.
     files : tuple of str
         Names of the files that the result's `save(folder)` writes; left out: it has none, and the
         folder gets JSON, figure and tables.
@@ -113,7 +128,7 @@ class Study(Command):
     stem: str = ""
     failed: Callable[[Any], bool] | None = None
     json: bool = True
-    page: bool = False
+    waveform: bool = False
     files: Sequence[str] = ()
     running: Callable[[dict[str, Any]], RunnerOptions] | None = None
     bar: str = ""
@@ -125,17 +140,20 @@ class Study(Command):
             add_extra(parser, "json", File, "write JSON; - for standard output")
         if not self._takes_runner():
             add_extra(parser, "output", Folder, "folder for JSON and figure")
-        if self.page:
-            text = "write one self-contained HTML page with everything"
-            add_extra(parser, "report", File, text)
+        if self.waveform:
+            text = "write a realization over time (see --window, --node): a .csv, .nc or .png file"
+            add_extra(parser, "waveform", File, text)
+        text = "write one self-contained HTML page with everything"
+        add_extra(parser, "report", File, text)
 
     def run(self, options: Namespace) -> int:
         """Compute, show and write; returns the exit code."""
         scene, values = self._scene(options), values_of(options, self.found)
         defaults = {name: option.default for name, option in options_of(self.found).items()}
         stem = (self.stem or self.name).format(**defaults | values)
-        name = f"{scene.name}-{stem}" if scene else stem
-        places = {each: getattr(options, each, None) for each in ("json", "output", "report")}
+        name = named_after(scene.name, stem) if scene else stem
+        kinds = ("json", "output", "report", "waveform")
+        places = {each: getattr(options, each, None) for each in kinds}
         check_places(**places, files=self.files or result_files(name))
         if places["output"] and any(file.endswith(".nc") for file in self.files):
             # Says now, not after a long run, that the library of these files is missing.
@@ -161,7 +179,7 @@ class Study(Command):
             raise
         return result
 
-    def _deliver(self, result, name, folder, json, output, report):
+    def _deliver(self, result, name, folder, json, output, report, waveform):
         """Show the result, and write the files that were asked for."""
         show(result, self.title(result) if callable(self.title) else self.title, json)
         try:
@@ -171,10 +189,15 @@ class Study(Command):
                 result.save(folder)
                 say(f"written to {output}: {', '.join(self.files)}")
         finally:
+            if waveform:
+                result.waveform.save(waveform)
+                say(f"written: {waveform}, {result.waveform.said()}")
             if report:
+                from harvester.commands.report import page_of
                 from harvester.files.writing import write_text
 
-                write_text(report, result.page())
+                title = self.title(result) if callable(self.title) else self.title
+                write_text(report, page_of(result, title))
                 say(f"written: {report}")
 
     @contextlib.contextmanager

@@ -2,35 +2,72 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import sys
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from harvester.commands.quiet import say
 from harvester.errors import OutputError, SceneError
+from harvester.files.numbers import NotANumber, number
 from harvester.files.plain_text import named, nearest, one_line
 from harvester.signatures import File, Kind
 
-DEFAULT = "device"
+if TYPE_CHECKING:
+    from harvester.scene.model import Scene
+
+DEFAULT = "cantilever"
 HEAD = """\
 # A scene of your own, copied from the built-in scene `{scene}`, whose comments follow.
 # Change what you like: an unknown key or a value that no device has is refused in one line.
 # docs/scenes.md lists every key with its unit. Quickest look: `harvester average` and this file.
 
 """
-# What is asked for at a terminal, where the scene has it.
-ASKED = (
-    "oscillator.mass",
-    "oscillator.damping",
-    "piezo.coupling",
-    "piezo.capacitance",
-    "coil.coupling",
-    "coil.resistance",
-    "load.resistance",
-    "excitation.intensity",
-    "excitation.correlation_time",
-)
+
+
+class Question(NamedTuple):
+    """What is asked for at a terminal, where the scene has it.
+
+    Attributes
+    ----------
+    keys : of the scene; a bare number is the first, the others are answered as NAME=VALUE. `k2` and
+        `rms` stand for coupling and intensity, which are computed from them.
+    words : str
+    units : factor by the unit that may stand behind a bare number; the first is the key's own.
+    low, high : between which such devices lie in SI; a bare number beyond was meant for something
+        else, such as another question, and is taken only with its unit.
+    """
+
+    keys: tuple[str, ...]
+    words: str
+    units: dict[str, float]
+    low: float
+    high: float
+
+
+OHM = {"Ohm": 1.0, "Ω": 1.0}
+QUESTIONS = (
+    Question(("oscillator.mass",), "mass", {"kg": 1.0, "g": 1e-3}, 1e-7, 100.0),
+    Question(
+        ("oscillator.frequency", "oscillator.linear_stiffness"),
+        "frequency, terminals shorted", {"Hz": 1.0}, 0.1, 1e5,
+    ),
+    Question(
+        ("oscillator.quality_factor", "oscillator.damping_ratio", "oscillator.damping"),
+        "quality factor Q", {}, 1.0, 1e6,
+    ),
+    Question(("piezo.capacitance",), "capacitance", {"F": 1.0}, 1e-13, 1e-3),
+    Question(("piezo.coupling", "piezo.k2"), "coupling", {"N/V": 1.0}, 1e-8, 1.0),
+    Question(("coil.coupling",), "coupling", {"N/A": 1.0, "V s/m": 1.0}, 1e-4, 1e4),
+    Question(("coil.resistance",), "resistance of the winding", OHM, 1e-2, 1e6),
+    Question(("load.resistance",), "load", OHM, 0.1, 1e12),
+    Question(("excitation.correlation_time",), "correlation time", {"s": 1.0}, 1e-6, 10.0),
+    Question(
+        ("excitation.rms", "excitation.intensity"),
+        "base acceleration, rms", {"m/s^2": 1.0, "g": 9.80665}, 1e-4, 1e4,
+    ),
+)  # fmt: skip
 
 
 def new(
@@ -46,7 +83,7 @@ def new(
     file : str
         A new .toml file; - for standard output.
     scene : str or None
-        The built-in scene that is copied (default: device).
+        The built-in scene that is copied (default: cantilever).
     """
     from harvester.files.writing import is_standard_output, write_text
 
@@ -60,6 +97,11 @@ def new(
     text = _copied(name)
     write_text(file, _changed(text, name) if asking else text)
     if to_file:
+        from harvester.scene.described import device_line
+        from harvester.scene.model import Scene
+
+        for line in device_line(Scene.load(file)):
+            say(line)
         say(f"written: {file}; now try: harvester average {file}")
 
 
@@ -87,7 +129,10 @@ def _chosen():
     from harvester.scene.source import built_in_names
 
     names = built_in_names()
-    print(f"Built-in scenes: {', '.join(names)}. Enter keeps a value.", file=sys.stderr)
+    print(
+        f"Built-in scenes: {', '.join(names)}. Enter keeps a value; 200k, 41n are numbers.",
+        file=sys.stderr,
+    )
     while (answer := _answer("Scene to begin with", DEFAULT)) not in names:
         print(f"{named(answer)}: no built-in scene{nearest(answer, names)}", file=sys.stderr)
     return answer
@@ -98,39 +143,92 @@ def _changed(text, name):
     from harvester.scene.model import Scene
 
     scene = Scene.load(name)
-    for key in ASKED:
-        line = _line_of(text, key)
-        if line is None:
+    for question in QUESTIONS:
+        keys = _fitting(question.keys, scene)
+        lines = filter(None, (_line_of(text, key) for key in keys))
+        line = next(lines, None)
+        if line is None or ("oscillator.frequency" in keys and _is_bistable(scene)):
             continue
-        old, comment = line["value"], line["comment"] or ""
-        new, scene = _accepted(scene, key, old, re.sub(r"\s{2,}", ", ", comment))
-        if new != old:
-            said = f"{new}  # {f'{comment}; ' if comment else ''}{old} in `{name}`"
-            text = text[: line.start("value")] + said + text[line.end() :]
+        key, value, scene = _accepted(scene, question, keys, line)
+        if key is not None:
+            comment = re.sub(r"\s{2,}", ", ", line["comment"] or "")
+            old = f"{line['key']} = {line['value']} in `{name}`"
+            said = f"{key} = {value!r}  # {f'{comment}; ' if comment else ''}{old}"
+            text = text[: line.start("key")] + said + text[line.end() :]
     return text
 
 
+def _fitting(keys, scene):
+    """Those of a question's keys that a scene of such units can have."""
+    scaled = {"oscillator.damping", "excitation.intensity"} & {*keys}
+    return keys if scene.units == "SI" else tuple(scaled or keys)
+
+
+def _is_bistable(scene):
+    return not scene.oscillator.linear_stiffness or scene.oscillator.linear_stiffness < 0.0
+
+
 def _line_of(text, key):
-    """Match of the line of "table.key", with `value` and `comment`."""
+    """Match of the line of "table.key", with `key`, `value` and `comment`."""
     table, _, name = key.partition(".")
     above = rf"^\[{table}\]\n(?:(?!\[).*\n)*?"
-    line = rf"{name} *= *(?P<value>\S+)[^\S\n]*(?:# *(?P<comment>.*))?$"
+    line = rf"(?P<key>{name}) *= *(?P<value>\S+)[^\S\n]*(?:# *(?P<comment>.*))?$"
     return re.search(above + line, text, re.MULTILINE)
 
 
-def _accepted(scene, key, old, comment):
-    """An answer that the scene takes, as text of a number, and the scene with it."""
+def _accepted(scene, question, keys, line):
+    """(key without its table, value, scene) of an answer that the scene takes; Nones for none."""
+    table = keys[0].partition(".")[0]
+    words = f"{table}: {question.words}"
+    if scene.units == "SI" and question.units:
+        words += f" in {next(iter(question.units))}"
+    words += "".join(f", or {key.partition('.')[2]}=" for key in keys[1:])
     while True:
-        answer = _answer(f"{key} ({comment})" if comment else key, old)
-        if answer == old:
-            return old, scene
+        answer = _answer(words, f"{line['key']} = {line['value']}")
+        if answer == f"{line['key']} = {line['value']}":
+            return None, None, scene
         try:
-            number = float(answer)
-            return repr(number), scene.replace({key: number})
-        except ValueError:
-            print(f"{answer!r} is no number", file=sys.stderr)
+            key, value = _read(answer, question, keys, scene.units)
+            key, value = _in_scene(key, value, scene)
+            return key.partition(".")[2], value, scene.replace({key: value})
+        except NotANumber as reason:
+            print(f"{answer!r}: {reason}; this asks for: {words}", file=sys.stderr)
         except SceneError as error:
             print(error, file=sys.stderr)
+
+
+def _read(answer, question, keys, units):
+    """The key that an answer is for, and its number in the key's unit."""
+    name, equals, rest = (part.strip() for part in answer.partition("="))
+    if equals:
+        known = {key.partition(".")[2]: key for key in keys}
+        if name not in known:
+            raise NotANumber(f"no {name} here{nearest(name, known)}")
+        return known[name], number(rest)
+    for unit, factor in sorted(question.units.items(), key=lambda each: -len(each[0])):
+        if units == "SI" and answer.endswith(unit):
+            return keys[0], factor * number(answer.removesuffix(unit).replace(" ", ""))
+    value = number(answer)
+    if units == "SI" and not question.low <= value <= question.high:
+        spelling = f"{answer} {next(iter(question.units))}" if question.units else f"NAME={answer}"
+        raise NotANumber(
+            f"such devices have {question.low:g} to {question.high:g}; write {spelling} if it is "
+            "meant"
+        )
+    return keys[0], value
+
+
+def _in_scene(key: str, value: float, scene: Scene) -> tuple[str, float]:
+    """The scene's own key and value of an answer."""
+    if key == "piezo.k2":
+        from harvester.scene.units import rest_stiffness
+
+        capacitance: Any = getattr(scene.transducer, "capacitance", None)
+        return "piezo.coupling", math.sqrt(value * rest_stiffness(scene.oscillator) * capacitance)
+    if key == "excitation.rms":
+        time = getattr(scene.excitation, "correlation_time", 1.0)
+        return "excitation.intensity", value**2 * time
+    return key, value
 
 
 def _answer(question, usual):

@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import inspect
 import re
-from argparse import SUPPRESS, ArgumentParser, Namespace
+from argparse import SUPPRESS, ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, get_args, get_origin
 
+from harvester.files.numbers import NotANumber, number
 from harvester.signatures import Kind, Option, Overrides, RunnerOptions, Seed, options_of
 
 SCENE_HELP = "a TOML file or the name of a built-in scene"
@@ -97,7 +98,10 @@ def add_option(parser: ArgumentParser, option: Option, text: str) -> None:
         return
     words |= {"metavar": kind.metavar}
     if option.type in (int, float):
-        words["type"] = option.type
+        # Not of a time: 5m may be meant as minutes.
+        words["type"] = (
+            _number if option.type is float and kind.metavar != "SECONDS" else option.type
+        )
     if option.passing is inspect.Parameter.POSITIONAL_ONLY:
         several = get_origin(option.type) in (list, Sequence)
         if option.default is not _EMPTY:
@@ -110,6 +114,14 @@ def add_option(parser: ArgumentParser, option: Option, text: str) -> None:
         words["action"] = "extend" if kind.words and not kind.read else "append"
     words |= {"dest": option.name, "required": option.default is _EMPTY}
     parser.add_argument(f"--{option.spelling}", **words)
+
+
+def _number(text):
+    """A number with or without a suffix, as argparse wants to be told what is wrong with it."""
+    try:
+        return number(text)
+    except NotANumber as reason:
+        raise ArgumentTypeError(f"{text!r}: {reason}") from None
 
 
 def _with_default(option, text):

@@ -47,13 +47,14 @@ def check_places(
     json: str | None,
     output: str | os.PathLike | None,
     report: str | None = None,
+    waveform: str | None = None,
     files: Iterable[str] = (),
 ) -> None:
     """Refuse places that cannot be written to, before anything runs.
 
     Parameters
     ----------
-    json, report : str or None
+    json, report, waveform : str or None
         Files that the user named.
     output : str or None
         A folder.
@@ -61,8 +62,11 @@ def check_places(
         Names of the files that will be written there.
     """
     from harvester.files.writing import check_folder, check_writable, in_folder
+    from harvester.results.waveform import check_ending
 
-    for file in filter(None, (json, report)):
+    if waveform:
+        check_ending(waveform)
+    for file in filter(None, (json, report, waveform)):
         check_writable(file)
     if output:
         folder = os.fspath(output)

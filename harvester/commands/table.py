@@ -23,13 +23,13 @@ COMMANDS = (
         "validate",
         "validate paper --output results --report paper.html",
         title="one scene, the same noise",
-        page=True,
     ),
     Study(
         "simulate",
         "simulate paper --method circuit --set excitation.intensity=0.1 --json -",
         title=_engine,
         stem="{method}",
+        waveform=True,
         failed=lambda result: result.outcome != "complete",
         bar="simulated time",
     ),
@@ -61,6 +61,31 @@ COMMANDS = (
         failed=lambda found: found.failed,
     ),
     Study(
+        "basins",
+        """basins device --set 'excitation={kind="sine", amplitude=6.0, frequency=8.0}' """
+        "--points 60 --output basins",
+        title=lambda found: f"orbits of {found.scene.name}",
+    ),
+    Study(
+        "bifurcation",
+        """bifurcation device --set 'excitation={kind="sine", amplitude=6.0, frequency=8.0}' """
+        "--over excitation.amplitude --values 1:12:linear:100",
+        title="bifurcation",
+        failed=lambda found: len(found.failures) == len(found.values) * len(found.branches),
+    ),
+    Study(
+        "residence",
+        "residence duffing --over excitation.intensity --values 0.02:0.06:log:5 --precision 0.05",
+        title="residence times",
+    ),
+    Study(
+        "sweep",
+        "sweep paper --over excitation.intensity=0.005:0.1:log:7 --method monte-carlo "
+        "--method fokker_planck --quantity mean_square_voltage --output swept",
+        title="sweep",
+        failed=lambda swept: not any(cell.estimates for _, cell in swept.places()),
+    ),
+    Study(
         "optimum",
         "optimum device --maximise mean_power --over load.resistance=1e4:1e7 "
         "--over oscillator.linear_stiffness=-100:-20",
@@ -90,11 +115,11 @@ COMMANDS = (
         "identify device --record shaker.csv load.resistance=1e5 --output identified",
         title=lambda found: f"identified from {', '.join(r.name for r in found.measurements)}",
         stem="identified",
-        page=True,
     ),
     Command(verification.reproduce, "reproduce fig6 fig9 --quick --output results"),
     Study(verification.claims, "claims --output results", title="the paper's statements"),
     Command(circuit.schematic, "schematic device --set load.netlist=bridge --output bridge.svg"),
+    Command(circuit.load, "load rectifier.net --nodes N001,N002,out,0 --output rectifier.lib"),
     Command(circuit.netlist, "netlist paper --set run.duration=100 --output paper.cir"),
     Command(cite, "cite results/paper-validate.json"),
     Command(circuit.engine, "engine --json -"),

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from harvester.errors import SceneError
+from harvester.files.numbers import NotANumber, number
 from harvester.files.plain_text import nearest, shown
 
 SCALED, SI = "scaled", "SI"
@@ -109,6 +110,14 @@ def check_value(where: str, value: Any, spec: Key, origin: str) -> Any:
     if spec.kind in _NOUNS:
         fits = isinstance(value, spec.kind) and value is not True and value is not False
         return value if fits else refuse()
+    # A number in quotes without a suffix is a mistake, as it is in TOML.
+    if isinstance(value, str) and spec.kind is float and value[-1:].isalpha():
+        try:
+            value = number(value)
+        except NotANumber as reason:
+            raise SceneError(
+                f"{origin}: {where} = {shown(value)}: must be {spec.allowed()}: {reason}"
+            ) from None
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         refuse()
     if spec.kind is int and not isinstance(value, int):

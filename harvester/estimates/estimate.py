@@ -76,9 +76,10 @@ def why_no_error(estimate: float, error: float | None) -> str:
 
 
 def root(square: Estimate) -> Estimate:
-    """RMS voltage from the mean-square one, with its error."""
+    """RMS value from the mean-square one, with its error."""
     root = math.sqrt(square.estimate)
     error = square.standard_error
     if error is not None:
         error = 0.5 * error / root if root > 0.0 else 0.0
-    return Estimate(root, error, square.effective_sample_size, "voltage", square.note)
+    dimension = square.dimension.removesuffix("^2")
+    return Estimate(root, error, square.effective_sample_size, dimension, square.note)

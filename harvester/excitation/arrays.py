@@ -8,7 +8,7 @@ import numpy as np
 
 from harvester.excitation.table import Table, Unreadable
 
-REAL_KINDS = "iuf"
+REAL_KINDS, NUMBER_KINDS = "iuf", "iufc"
 # Numbers in all: a compressed file may claim more than it has bytes.
 MOST_NUMBERS = 2**26
 # Names of a single number that is the sampling rate (Hz), or the time between samples (s).
@@ -24,7 +24,7 @@ class ArraysTable(Table):
     Parameters
     ----------
     shapes : mapping of str to tuple of int
-        Of the arrays of real numbers in one or two dimensions.
+        Of the arrays of numbers in one or two dimensions.
     load : callable
         Of the names of the longest arrays; gives them by name, as ndarrays of those shapes.
     units : mapping of str to str
@@ -60,10 +60,19 @@ class ArraysTable(Table):
                 self.units.append((units or {}).get(name, ""))
         self.names = list(self._columns)
         self.width = len(self.names)
+        self.complexes = [
+            place for place, each in enumerate(self._columns.values()) if is_complex(each)
+        ]
 
     def take(self, places: list[int]) -> list[np.ndarray]:
-        """The columns at `places`, each float64 of shape (rows,)."""
-        return [np.array(self._columns[self.names[place]], dtype=float) for place in places]
+        """The columns at `places`, each float64 or complex128 of shape (rows,)."""
+        columns = [self._columns[self.names[place]] for place in places]
+        return [np.array(e, complex) if is_complex(e) else np.array(e.real, float) for e in columns]
+
+
+def is_complex(values: np.ndarray) -> bool:
+    """Whether an array holds complex numbers; such as one of frequencies beside them are real."""
+    return np.iscomplexobj(values) and bool(values.imag.any())
 
 
 def rate_of(numbers: Mapping[str, float]) -> float | None:

@@ -94,6 +94,11 @@ class Excitation(ABC):
         return None
 
     @property
+    def own_duration(self) -> float | None:
+        """How long it lasts (s), which is run where a scene says no duration; None: for ever."""
+        return None
+
+    @property
     def drifts(self) -> bool:
         """Whether its strength changes along the run, as in one record of an event."""
         return False

@@ -9,6 +9,7 @@ import numpy as np
 from harvester.errors import SceneError
 from harvester.excitation.motion_file import read_table, refused_as_record
 from harvester.excitation.quantities import (
+    COMPLEX_QUANTITIES,
     QUANTITIES,
     SAMPLES,
     Heading,
@@ -98,7 +99,9 @@ class MeasuredFile:
         return [
             place
             for place, each in enumerate(self.headings)
-            if each.quantity == quantity and place not in self.table.texts
+            if each.quantity == quantity
+            and place not in self.table.texts
+            and (place not in self.table.complexes or quantity in COMPLEX_QUANTITIES)
         ]
 
     def times(self) -> list[int]:
@@ -124,7 +127,7 @@ class MeasuredFile:
         if isinstance(wanted, str):
             place = column_named(wanted, names)
             if place is not None:
-                return place
+                return self._real(key, place)
             listed = self.listed() if names else "no header, only numbers"
             raise SceneError(
                 f"{self.where}: {key} = {shown(wanted)}: no such column{nearest(wanted, names)}; "
@@ -135,7 +138,16 @@ class MeasuredFile:
                 f"{self.where}: {key} = {shown(wanted)}: the file has columns "
                 f"0 … {self.table.width - 1}"
             )
-        return wanted
+        return self._real(key, wanted)
+
+    def _real(self, key, place):
+        """The place of a column; complex numbers are a response or an impedance alone."""
+        if place in self.table.complexes and key not in COMPLEX_QUANTITIES:
+            raise SceneError(
+                f"{self.where}: {key}: {self.label(place)} holds complex numbers, as a frequency "
+                "response does (response=COLUMN:UNIT): name a column of real ones"
+            )
+        return place
 
     def listed(self) -> str:
         """The columns' names, or their numbers."""
@@ -367,8 +379,15 @@ def _motion_place(measured, wanted, time_place):
     others = [
         place
         for place in range(measured.table.width)
-        if place not in times and place not in measured.table.texts
+        if place not in times
+        and place not in measured.table.texts
+        and place not in measured.table.complexes
     ]
+    if not others and measured.table.complexes:
+        raise SceneError(
+            f"{measured.where}: {measured.label(measured.table.complexes[0])} holds complex "
+            "numbers, which are a frequency response and no motion: `identify` reads them"
+        )
     if len(others) != 1:
         others = [place for place in measured.of("acceleration") if place in others]
     if len(others) != 1:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from harvester.excitation.arrays import REAL_KINDS, ArraysTable, rate_of
+from harvester.excitation.arrays import NUMBER_KINDS, REAL_KINDS, ArraysTable, rate_of
 from harvester.excitation.table import Unreadable, broken_file
 from harvester.files.libraries import optional_library
 
@@ -20,6 +20,7 @@ MOST_OBJECTS = 10_000
 UNITS = ("units", "unit", "unit_string", "Units", "Unit")
 # MATLAB's classes of numbers, by an attribute that only its files have; and its own groups.
 MATLAB_CLASS, MATLAB_GROUPS = "MATLAB_class", ("#refs#", "#subsystem#")
+MATLAB_COMPLEX = ("real", "imag")
 NUMBER_CLASSES = ("double", "single", "int", "uint")
 
 
@@ -50,14 +51,18 @@ class Hdf5Table(ArraysTable):
         shapes, places, units, numbers = {}, {}, {}, {}
         for path, dataset in _datasets(h5py, file):
             fields = dataset.dtype.names or ("",)
+            # As MATLAB writes complex numbers; h5py's own are of a kind of their own.
+            fields = ("",) if fields == MATLAB_COMPLEX else fields
             for field in fields:
                 kind = dataset.dtype[field] if field else dataset.dtype
-                if kind.kind not in REAL_KINDS or len(dataset.shape) > 2 or not _is_number(dataset):
+                if kind.names != MATLAB_COMPLEX and kind.kind not in NUMBER_KINDS:
+                    continue
+                if len(dataset.shape) > 2 or not _is_number(dataset):
                     continue
                 name = f"{path}.{field}" if field else path
                 shapes[name], places[name] = dataset.shape, (dataset, field)
                 units[name] = _text_attribute(dataset, UNITS)
-                if dataset.size == 1:
+                if dataset.size == 1 and kind.kind in REAL_KINDS:
                     value = dataset[field][()] if field else dataset[()]
                     numbers[path.rpartition("/")[2]] = float(np.ravel(value)[0])
             numbers |= _number_attributes(dataset)
@@ -66,10 +71,17 @@ class Hdf5Table(ArraysTable):
 
         def load(names: list[str]) -> dict[str, np.ndarray]:
             pairs = {name: places[name] for name in names}
-            return {k: each[f] if f else each[()] for k, (each, f) in pairs.items()}
+            return {k: _joined(each[f] if f else each[()]) for k, (each, f) in pairs.items()}
 
         filled = {name: shape for name, shape in shapes.items() if 0 not in shape}
         super().__init__(filled, load, units)
+
+
+def _joined(values):
+    """MATLAB's pairs of real and imaginary parts as complex numbers; others as they are."""
+    if values.dtype.names != MATLAB_COMPLEX:
+        return values
+    return values["real"] + 1j * values["imag"]
 
 
 def _datasets(h5py: Any, file: Any) -> Iterator[tuple[str, Any]]:

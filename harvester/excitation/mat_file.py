@@ -1,4 +1,4 @@
-"""Columns of a .mat file: its real arrays, also those within structures."""
+"""Columns of a .mat file: its arrays of numbers, also those within structures."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from harvester.excitation.arrays import REAL_KINDS, ArraysTable, rate_of
+from harvester.excitation.arrays import NUMBER_KINDS, REAL_KINDS, ArraysTable, rate_of
 from harvester.excitation.table import Unreadable, broken_file
 
 # Classes of MATLAB that hold plain numbers; at the top no cells, objects or code are read.
@@ -61,8 +61,14 @@ class MatTable(ArraysTable):
             fields = dict(_fields("", {name: loaded[name] for name in structures}))
         single = [name for name, shape in arrays.items() if max(shape) == 1]
         numbers = {
-            name: float(value.ravel()[0]) for name, value in _load(content, single).items()
-        } | {name.rpartition(".")[2]: float(v) for name, v in fields.items() if v.ndim == 0}
+            name: float(value.ravel()[0])
+            for name, value in _load(content, single).items()
+            if value.dtype.kind in REAL_KINDS
+        } | {
+            name.rpartition(".")[2]: float(value)
+            for name, value in fields.items()
+            if value.ndim == 0 and value.dtype.kind in REAL_KINDS
+        }
         self.rate = rate_of(numbers)
 
         def load(names: list[str]) -> dict[str, np.ndarray]:
@@ -73,12 +79,11 @@ class MatTable(ArraysTable):
 
 
 def _load(content, names):
-    """Arrays of the file by name; a complex one shows itself only here."""
+    """Arrays of the file by name."""
     if not names:
         return {}
     values = _read("loadmat", content, variable_names=names)
-    found = {name: values[name] for name in names if name in values}
-    return {name: each for name, each in found.items() if np.isrealobj(each)}
+    return {name: values[name] for name in names if name in values}
 
 
 def _read(function: str, content: bytes, **options: Any) -> Any:
@@ -89,7 +94,7 @@ def _read(function: str, content: bytes, **options: Any) -> Any:
 
 
 def _fields(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
-    """(name, numbers) of every field of a structure that holds real numbers."""
+    """(name, numbers) of every field of a structure that holds numbers."""
     if isinstance(value, dict):
         for key, part in value.items():
             yield from _fields(f"{name}.{key}" if name else key, part)
@@ -99,7 +104,7 @@ def _fields(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
                 yield from _fields(f"{name}[{place}]", part)
     else:
         array = np.asarray(value)
-        if array.dtype.kind in REAL_KINDS and array.ndim <= 2 and array.size:
+        if array.dtype.kind in NUMBER_KINDS and array.ndim <= 2 and array.size:
             yield name, array
 
 

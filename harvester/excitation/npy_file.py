@@ -1,4 +1,4 @@
-"""Columns of a .npy file: one array of real numbers, or of records with named fields."""
+"""Columns of a .npy file: one array of numbers, or of records with named fields."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ import warnings
 
 import numpy as np
 
+from harvester.excitation.arrays import NUMBER_KINDS, is_complex
 from harvester.excitation.table import Table
-
-REAL_KINDS = "iuf"
 
 
 class NpyTable(Table):
@@ -43,19 +42,21 @@ class NpyTable(Table):
         self._table = table[:, None] if table.ndim == 1 and not self.names else table
         self.rows = len(table)
         self.width = len(self.names) or self._table.shape[1]
+        columns = [self._table[name] for name in self.names] or list(self._table.T)
+        self.complexes = [place for place, each in enumerate(columns) if is_complex(each)]
 
     def take(self, places: list[int]) -> list[np.ndarray]:
-        """The columns at `places`, each float64 of shape (rows,)."""
+        """The columns at `places`, each float64 or complex128 of shape (rows,)."""
         return [self._column(place) for place in places]
 
     def _column(self, place):
         column = self._table[self.names[place]] if self.names else self._table[:, place]
-        if column.dtype.kind not in REAL_KINDS or column.ndim != 1:
+        if column.dtype.kind not in NUMBER_KINDS or column.ndim != 1:
             raise ValueError(
                 f"column {place} holds {column.dtype.name} and not one real number per sample"
             )
         with np.errstate(over="ignore"):
-            return column.astype(float)
+            return column.astype(complex) if is_complex(column) else column.real.astype(float)
 
 
 def _array(content):

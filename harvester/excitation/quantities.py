@@ -33,7 +33,8 @@ QUANTITIES: dict[str, dict[str, float]] = {
     "acceleration": ACCELERATION,
     "voltage": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "kV": 1e3},
     "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254},
-    "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "in/s": 0.0254},
+    # In volts, a laser's output: its scale is free or given.
+    "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "in/s": 0.0254, "V": 1.0, "mV": 1e-3},
     "frequency": {"Hz": 1.0, "kHz": 1e3, "rad/s": 0.5 / math.pi},
     "phase": {"rad": 1.0, "deg": math.pi / 180.0},
 }
@@ -43,7 +44,12 @@ RESPONSE = {
     for unit, factor in ACCELERATION.items()
     for bracketed in (f"({unit})" if "/" in unit else unit,)
 }
-QUANTITIES |= dict.fromkeys(("amplitude", "real", "imaginary"), RESPONSE)
+QUANTITIES |= dict.fromkeys(("amplitude", "real", "imaginary", "response"), RESPONSE)
+# What an impedance analyser measures.
+IMPEDANCES = ("impedance", "resistance", "reactance")
+QUANTITIES |= {name: {"ohm": 1.0, "kohm": 1e3, "Mohm": 1e6} for name in IMPEDANCES}
+# Quantities that a column of complex numbers may hold.
+COMPLEX_QUANTITIES = ("response", "impedance")
 
 # Words for a unit, where letters for it would do.
 WORDS: dict[str, dict[str, tuple[str, ...]]] = {
@@ -73,6 +79,8 @@ WORDS: dict[str, dict[str, tuple[str, ...]]] = {
     "displacement": {"m": ("meter", "meters", "metre", "metres"), "um": ("micron", "microns")},
     "phase": {"deg": ("degree", "degrees", "°"), "rad": ("radian", "radians")},
 }
+OHM_WORDS = {"ohm": ("ohms", "ω"), "kohm": ("kohms", "kω"), "Mohm": ("megohm", "megohms", "mω")}
+WORDS |= {name: OHM_WORDS for name in IMPEDANCES}
 LENGTHS = ("m", "cm", "mm", "ft", "in")
 # The ways in which "per second squared" and "per second" are written behind a length.
 PER_SECOND_SQUARED = (
@@ -84,6 +92,11 @@ PER_SECOND = ("/sec", "s^-1", "s-1", "_s", "ps")
 AMBIGUOUS = {
     ("time", "m"): "minutes (min) or milliseconds (ms)",
     ("voltage", "MV"): "millivolts (mV) or megavolts (1e3 kV)",
+}
+AMBIGUOUS |= {
+    (quantity, unit): "megaohms (Mohm) or milliohms (1e-3 ohm)"
+    for quantity in IMPEDANCES
+    for unit in ("mohm", "mohms", "mOhm", "mΩ", "mΩ")
 }
 
 
@@ -178,14 +191,25 @@ TITLES = {
     "voltage": re.compile(r"voltage"),
     "displacement": re.compile(r"displacement"),
     "velocity": re.compile(r"velocity"),
-    "frequency": re.compile(r"frequency|f"),
+    "frequency": re.compile(r"freq(uency)?|f"),
     "amplitude": re.compile(r"(voltage )?amplitude"),
-    "phase": re.compile(r"(voltage )?phase"),
-    "real": re.compile(r"real( part)?"),
-    "imaginary": re.compile(r"imaginary( part)?"),
+    "phase": re.compile(r"(voltage |impedance |z )?phase( angle)?( z)?"),
+    "real": re.compile(r"re(al)?( part)?"),
+    "imaginary": re.compile(r"im(ag(inary)?)?( part)?"),
+    "response": re.compile(r"(frequency )?response( function)?|frf|transfer function"),
+    "impedance": re.compile(
+        r"(complex )?impedance( (magnitude|modulus|z))?|\|z\||z (abs|mag(nitude)?)|(abs|mag) z"
+    ),
+    "resistance": re.compile(r"(series )?resistance|(z re(al)?|re(al)? z)( part)?|z'"),
+    "reactance": re.compile(r"(series )?reactance|(z im(ag(inary)?)?|im(ag(inary)?)? z)|z''|z\""),
 }
-# Letters that name an acceleration only where its unit stands behind them.
-LETTERS = {"acceleration": re.compile(r"a( ?[xyz])?|ag|[xyz]|[xyz] axis")}
+# Letters that name a quantity only where its unit stands behind them.
+LETTERS = {
+    "acceleration": re.compile(r"a( ?[xyz])?|ag|[xyz]|[xyz] axis"),
+    "impedance": re.compile(r"z|mag(nitude)?|modulus"),
+    "resistance": re.compile(r"rs?"),
+    "reactance": re.compile(r"xs?"),
+}
 BRACKETS = (
     re.compile(r"(.*?)\[([^\[\]]*)\]\s*"),
     re.compile(r"(.*?)\{([^{}]*)\}\s*"),
@@ -193,7 +217,8 @@ BRACKETS = (
 )
 # What stands in brackets behind a name and tells a place or a channel.
 LABEL = re.compile(
-    r"[xyznew]|[+-]?[xyz][ -]?axis|\d+|north|east|south|west|up|down|vertical|horizontal|"
+    r"[xyznew]|[+-]?[xyz][ -]?axis|[+-]?\d+([ ,;:]+\d+)*|"
+    r"north|east|south|west|up|down|vertical|horizontal|"
     r"(ch|chan|channel|sensor|node|station)[ ._#-]*\w*|base|table|ground|shaker|mass|tip",
     re.IGNORECASE,
 )

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -37,6 +37,9 @@ STRETCHES = 4
 LINE_STRETCHES, LINE_SHARE, LINE_BINS = 16, 0.9, 3
 # So it is of up to three sines at once that hold this share, each with so many bins to itself; a
 # stretch with less than this share of the loudest one's power is silent.
+# Knots for each sample of a smooth record: of seven samples a period, straight lines between knots
+# then take 0.1 % of the amplitude.
+SMOOTH_KNOTS = 8
 LINES_AT_ONCE, SHARE_OF_SEVERAL, BINS_PER_LINE, SILENT = 3, 0.99, 100, 1e-6
 # Samples of a stretch.
 SHORTEST_STRETCH, LONGEST_STRETCH = 128, 1024
@@ -69,7 +72,7 @@ class RecordedMotion(Excitation):
     full_scale : float
         Of a .wav file, in `unit`.
     detrend : str
-        "none", "mean" or "linear".
+        "mean" takes the constant part off, such as gravity; "none" or "linear".
     band : (float, float) or None
         Hz; see `conditioning.conditioned`.
     mend : tuple of str
@@ -78,6 +81,10 @@ class RecordedMotion(Excitation):
         "none": the run is one pass from the record's beginning. "periodic": the record's ends
         are faded into each other over a twentieth of it, and each realization starts at an
         offset of its own, drawn from the seed.
+    interpolation : str
+        Between samples: "linear", or "smooth": band-limited, `SMOOTH_KNOTS` knots for a sample.
+    fade_in : float or None
+        s in which the acceleration rises from nothing, so that its first sample is no blow.
     knot_spacing : float or None
         s; closer than the samples: band-limited interpolation, rounded down to a whole fraction.
     sha256 : str
@@ -95,10 +102,12 @@ class RecordedMotion(Excitation):
     scale: float | None = None
     offset: float | None = None
     full_scale: float = 1.0
-    detrend: str = "none"
+    detrend: str = "mean"
     band: tuple | None = None
     mend: tuple = ()
     repetition: str = "none"
+    interpolation: str = "linear"
+    fade_in: float | None = None
     kind: str = "record"
     knot_spacing: float | None = None
     sha256: str = field(init=False)
@@ -118,6 +127,8 @@ class RecordedMotion(Excitation):
         "band": Key(each=not_negative(), count=(2, 2)),
         "mend": Key(each=Key(kind=str, words=conditioning.FAULTS), count=(0, 3)),
         "repetition": Key(kind=str, words=("none", "periodic")),
+        "interpolation": Key(kind=str, words=("linear", "smooth")),
+        "fade_in": positive(),
         "knot_spacing": positive(),
     }
 
@@ -156,6 +167,10 @@ class RecordedMotion(Excitation):
         return self.samples.size * self.interval if self.repetition == "periodic" else None
 
     @property
+    def own_duration(self) -> float | None:
+        return self.period or (self.samples.size - 1) * self.interval
+
+    @property
     def random(self) -> bool:
         return self.repetition == "periodic"
 
@@ -180,18 +195,23 @@ class RecordedMotion(Excitation):
                 f"{origin}: excitation.knot_spacing = {self.knot_spacing:g}: must be a number in "
                 f"(0, {interval:g}], the time between the record's samples"
             )
+        if self.interpolation == "smooth" and self.knot_spacing is not None:
+            raise SceneError(
+                f'{origin}: excitation.interpolation = "smooth" and knot_spacing: leave one out: '
+                "closer knots are smooth by themselves"
+            )
         if self.repetition == "periodic":
+            if self.fade_in is not None:
+                raise SceneError(
+                    f'{origin}: excitation.fade_in: a record with repetition = "periodic" has no '
+                    "beginning: leave it out"
+                )
             return
-        length = (self.samples.size - 1) * self.interval
+        length: Any = self.own_duration
         if run.settle + run.duration > length * (1.0 + 1e-9):
             raise SceneError(
                 f"{origin}: the record lasts {length:g} s, and run.settle + run.duration are "
                 f'{run.settle + run.duration:g} s; shorten the run or set repetition = "periodic"'
-            )
-        if run.realizations > 1:
-            raise SceneError(
-                f"{origin}: run.realizations = {run.realizations}: one record is one path; set 1, "
-                'or repetition = "periodic" for starts at other offsets'
             )
 
     def spacing(self, longest: float) -> float:
@@ -238,7 +258,7 @@ class RecordedMotion(Excitation):
         if abs(values.mean()) > NOTED_OFFSET * values.std():
             lines.append(
                 f"the record's mean is {values.mean() / values.std():+.2g} of its deviation: "
-                'detrend = "mean" takes it away'
+                'leave detrend = "none" out to take it off'
             )
         return tuple(lines)
 
@@ -331,20 +351,40 @@ def _read_knots(record, name):
     even = conditioning.even_samples(columns, record.mend, name, most_samples())
     rate = even.rate
     values = even.values * factor_of_unit
+    offset = _offset_remark(values, record, unit)
     values = conditioning.conditioned(values, rate, record.detrend, record.band, name)
-    knots_per_sample = 1.0 / (rate * (record.knot_spacing or 1.0 / rate))
+    if record.fade_in is not None:
+        values = conditioning.faded_in(values, record.fade_in * rate)
+    smooth = SMOOTH_KNOTS if record.interpolation == "smooth" else 1
+    knots_per_sample = smooth / (rate * (record.knot_spacing or 1.0 / rate))
     if not knots_per_sample * values.size <= most_samples():
+        asked = (
+            f"knot_spacing = {record.knot_spacing:g}" if record.knot_spacing else "interpolation"
+        )
         raise SceneError(
-            f"{name}: excitation.knot_spacing = {record.knot_spacing:g}: makes "
+            f"{name}: excitation.{asked}: makes "
             f"{knots_per_sample * values.size:.3g} knots of the record, and this machine's memory "
             f"allows {most_samples()}"
         )
     factor = max(1, math.ceil(knots_per_sample - 1e-9))
-    values = conditioning.refined(values, factor)
+    refined = conditioning.smoothed if smooth > 1 else conditioning.refined
+    values = refined(values, factor)
     if record.repetition == "periodic":
         values = conditioning.closed(values)
-    remarks = (*columns.remarks, *markers, *even.remarks)
+    remarks = (*columns.remarks, *markers, *even.remarks, *offset)
     return Knots(values, float(1.0 / (rate * factor)), remarks)
+
+
+def _offset_remark(values, record, unit):
+    """A line where a constant part that matters is taken off."""
+    mean = float(values.mean())
+    if record.detrend != "mean" or not abs(mean) > NOTED_OFFSET * values.std():
+        return ()
+    said = f"{mean:.4g} m/s²" if unit != "scaled" else f"{mean:.4g}"
+    return (
+        f'its constant part, {said} (gravity or an offset), was taken off; detrend = "none" '
+        "keeps it",
+    )
 
 
 def _columns(record, name):
@@ -412,7 +452,7 @@ def _unit_and_factor(record, written, name):
 
 def one_pass(record: RecordedMotion) -> Knots:
     """The record's own samples, neither refined nor closed, and their interval (s)."""
-    return _knots(replace(record, repetition="none", knot_spacing=None))
+    return _knots(replace(record, repetition="none", knot_spacing=None, interpolation="linear"))
 
 
 @lru_cache(maxsize=4)

@@ -7,9 +7,18 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Run:
-    """Length of each realization and what is discarded before it (s); seed; how many."""
+    """Length of each realization and what is discarded before it (s); seed; how many.
+
+    With `starts` there are as many realizations, each from a start of its own, drawn evenly over
+    the device's energy range; without it they begin in the wells in turn.
+    """
 
     duration: float
     settle: float = 0.0
     seed: int = 0
     realizations: int = 1
+    starts: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.starts is not None:
+            object.__setattr__(self, "realizations", self.starts)

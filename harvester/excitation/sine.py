@@ -123,6 +123,13 @@ class SteppedSine(Excitation):
     def path(self, spacing: float, length: float, seed: Any) -> ExcitationPath:
         return SinePath(self.amplitude / length, self.frequencies, self.dwell, spacing)
 
+    def base_displacement(self, times: np.ndarray, place: int) -> np.ndarray:
+        """Of the base while it moves at the frequency of this place, m in SI: η/ω²."""
+        frequency = self.frequencies[place]
+        turns = sum(self.frequencies[:place]) * self.dwell
+        angle = 2.0 * math.pi * (turns + frequency * (times - place * self.dwell))
+        return self.amplitude / (2.0 * math.pi * frequency) ** 2 * np.sin(angle)
+
     def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
         return ()
 

@@ -260,6 +260,8 @@ def _unexplained(frequency, density, fitted):
 
 
 def _with_error(value, error):
-    return (
-        f"{value:.4g} ± {error:.2g}" if math.isfinite(error) else f"{value:.2g} (too short to show)"
-    )
+    if math.isfinite(error):
+        from harvester.show.numbers import value_and_error
+
+        return value_and_error(value, error)
+    return f"{value:.2g} (too short to show)"

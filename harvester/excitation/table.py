@@ -55,6 +55,8 @@ class Table(ABC):
         Hz, where the file itself says it.
     texts : collection of int
         Places of columns that hold words.
+    complexes : sequence of int
+        Places of columns of complex numbers.
     remarks : tuple of str
         What a reader of results must know of the file.
     """
@@ -65,8 +67,12 @@ class Table(ABC):
     units: Sequence[str] = ()
     rate: float | None = None
     texts: Collection[int] = ()
+    complexes: Sequence[int] = ()
     remarks: tuple[str, ...] = ()
 
     @abstractmethod
     def take(self, places: list[int]) -> list[np.ndarray]:
-        """The columns at `places`, each float64 of shape (rows,); NaN where there is no number."""
+        """The columns at `places`, each of shape (rows,); NaN where there is no number.
+
+        float64, or complex128 of the places in `complexes`.
+        """

@@ -31,7 +31,11 @@ LONGEST_LINE = 1_000_000
 LINES_SEEN, BYTES_SEEN = 41, 200_000
 HEADER_LINES = 50
 NO_NUMBER = ("nan", "na", "n/a", "#n/a", "null", "none", "-", "--")
-NUMBER, STAMP, TEXT = "number", "stamp", "text"
+NUMBER, STAMP, COMPLEX, TEXT = "number", "stamp", "complex", "text"
+# 1.5e-3-2i, (0.1+2j), -3i with a real part before it.
+COMPLEX_NUMBER = re.compile(
+    r"\(?\s*([+-]?[\d.]+(?:[eE][+-]?\d+)?)\s*([+-])\s*([\d.]+(?:[eE][+-]?\d+)?)\s*\*?[ij]\s*\)?"
+)
 # A quoted field, a unit in brackets, or a word with a unit in brackets behind it.
 BLANK_SEPARATED = re.compile(r"\"[^\"]*\"|[\[(][^\])]*[\])]|\S+(?:\s+[\[(][^\])]*[\])])?")
 # What loggers write in a row of units for a column without one.
@@ -50,7 +54,7 @@ class Form(NamedTuple):
     decimal : str
         "." or ",".
     kinds : tuple of str
-        Of each column: `NUMBER`, `STAMP` or `TEXT`.
+        Of each column: `NUMBER`, `STAMP`, `COMPLEX` or `TEXT`.
     """
 
     separator: str | None
@@ -63,8 +67,13 @@ class Form(NamedTuple):
             return False
         pairs = [pair for pair in zip(fields, self.kinds, strict=True) if pair[1] != TEXT]
         return any(field.strip() for field, _ in pairs) and all(
-            not field.strip() or _kind(field, self.decimal) == kind for field, kind in pairs
+            not field.strip() or _kind(field, self.decimal) in (kind, _PARTS.get(kind))
+            for field, kind in pairs
         )
+
+
+# A complex number may be written without its imaginary part.
+_PARTS = {COMPLEX: NUMBER}
 
 
 class TextTable(Table):
@@ -96,6 +105,7 @@ class TextTable(Table):
         kinds = self._form.kinds
         self.width = len(kinds)
         self.texts = [place for place, kind in enumerate(kinds) if kind == TEXT]
+        self.complexes = [place for place, kind in enumerate(kinds) if kind == COMPLEX]
         self.rows, self._first = 0, 0
         above, left_out = self._scan()
         if self.rows > 1 and not left_out and self._is_cut_short(last_lines):
@@ -110,11 +120,11 @@ class TextTable(Table):
         ]
 
     def take(self, places: list[int]) -> list[np.ndarray]:
-        """The columns at `places`, each float64 of shape (rows,); NaN where there is no number.
+        """The columns at `places`, each of shape (rows,); NaN where there is no number.
 
-        Time stamps are seconds after the first.
+        Time stamps are seconds after the first; a column of numbers such as 1-2i is complex128.
         """
-        columns = [array("d") for _ in places]
+        columns: list[Any] = [[] if place in self.complexes else array("d") for place in places]
         readers = [
             (column.append, place, self._reader(place))
             for column, place in zip(columns, places, strict=True)
@@ -129,12 +139,17 @@ class TextTable(Table):
             fields = _fields(line, self._form.separator)
             for append, place, read in readers:
                 append(read(fields[place]))
-        return [np.frombuffer(column) for column in columns]
+        return [
+            np.array(column, complex) if isinstance(column, list) else np.frombuffer(column)
+            for column in columns
+        ]
 
     def _reader(self, place):
         if self._form.kinds[place] == STAMP:
             return StampReader().seconds
         decimal = self._form.decimal
+        if self._form.kinds[place] == COMPLEX:
+            return lambda text: _complex(text, decimal)
         return lambda text: _float(text, decimal)
 
     def _lines(self) -> Iterator[tuple[int, str, bool]]:
@@ -257,7 +272,23 @@ def _kind(field, decimal):
     text = field.strip()
     if text.lower() in NO_NUMBER or not isnan(_float(text, decimal)):
         return NUMBER
+    if _complex_match(text, decimal):
+        return COMPLEX
     return STAMP if ":" in text and is_stamp(text) else TEXT
+
+
+def _complex(text, decimal):
+    """A complex number; without an imaginary part it is real, NaN where it is none."""
+    match = _complex_match(text.strip(), decimal)
+    if not match:
+        return complex(_float(text, decimal), 0.0)
+    return complex(_float(match[1], "."), _float(match[2] + match[3], "."))
+
+
+def _complex_match(text, decimal):
+    if not text.endswith(("i", "j", ")")):
+        return None
+    return COMPLEX_NUMBER.fullmatch(text if decimal == "." else text.replace(",", "."))
 
 
 def _float(text, decimal):

@@ -50,8 +50,7 @@ def _drawn(view):
     above = figure.add_subplot(motion[0])
     below = figure.add_subplot(motion[1], sharex=above)
     for axes, name in ((above, "displacement"), (below, "voltage")):
-        values = getattr(result.waveform, name) * result.scales.of(name)
-        axes.plot(result.waveform.time, values, color=CIRCUIT, linewidth=0.8)
+        axes.plot(result.waveform.time, result.waveform[name], color=CIRCUIT, linewidth=0.8)
         axes.set_ylabel(axis_label(result, name).replace(" ", "\n"), fontsize=8)
     figure.align_ylabels((above, below))
     above.tick_params(labelbottom=False)

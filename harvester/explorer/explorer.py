@@ -22,9 +22,10 @@ from harvester.estimates.estimate import Density
 from harvester.files.plain_text import one_line, shown
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, steps_per_knot
-from harvester.results.result import Result, with_error
+from harvester.results.result import Result
 from harvester.scene.model import Scene
 from harvester.scene.numbers import number, numbers
+from harvester.show.numbers import with_error
 from harvester.simulation.simulate import simulate
 from harvester.stationary.fokker_planck import outline
 from harvester.workers.pools import WorkerPool
@@ -90,10 +91,10 @@ class View:
         """Power, efficiency and rms voltage with their standard errors, in one line."""
         found = {name: self.result[name] for name in QUANTITIES if name in self.result}
         said = [
-            f"{name.replace('_', ' ')} {with_error(each)} {self.result.unit(each.dimension)}"
+            f"{name.replace('_', ' ')} {with_error(each, self.result.unit(each.dimension))}"
             for name, each in found.items()
         ]
-        return ", ".join(each.removesuffix(" 1") for each in said)
+        return ", ".join(said)
 
     def figure(self) -> Figure:
         """Densities by both methods, above displacement and voltage over time."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +13,9 @@ import numpy as np
 from harvester.errors import HarvesterError, SceneError
 from harvester.identification.fitted_model import NOTED, Fitted
 from harvester.identification.fitting import fitted
+from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.proof import blocks_of
+from harvester.identification.sensor_candidates import promising, turned
 
 if TYPE_CHECKING:
     from harvester.identification.measurement import Measurement
@@ -68,16 +71,34 @@ class Candidate:
 
 
 def candidates(
-    base: Fitted, measurements: Sequence[Measurement], keys: Sequence[str], sizes: dict[str, float]
+    base: Fitted,
+    measurements: Sequence[Measurement],
+    sizes: dict[str, float],
+    start: Scene,
+    is_noise: bool,
 ) -> list[Candidate]:
-    """The scene's own model first, then its neighbours that could be fitted."""
+    """The scene's own model first, then its neighbours that could be fitted.
+
+    Parameters
+    ----------
+    base : Fitted
+        The scene's own.
+    measurements : sequence of Measurement
+    sizes : dict of str to float
+    start : Scene
+        As it was before the fit.
+    is_noise : bool
+        Whether the scene's own leaves only the sensors' noise; else what sensors may have done is
+        tried too.
+    """
     found = [Candidate("as given", base, 0.0, 0.0)]
+    keys = base.keys
     for name, scene, free in variants(base.scene, keys, sizes):
         # A stopper that a wrong model lacks does not grow out of that model: all begins anew.
         anew = scene.stoppers and not base.scene.stoppers and not base.adequate
         if name.startswith(RICHER):
             # Nor do powers, which would have to take the others' share.
-            if base.adequate:
+            if is_noise and base.adequate:
                 continue
             anew = True
         try:
@@ -85,15 +106,39 @@ def candidates(
         except HarvesterError:
             continue
         found.append(Candidate(name, other, *_compared(base, other)))
+    if not is_noise:
+        found += _of_sensors(base, measurements, sizes, start)
+    return found
+
+
+def _of_sensors(base, measurements, sizes, start):
+    """What sensors may have done: small effects first, turned columns where those do not help."""
+    if isinstance(measurements[0], MeasuredResponse):
+        return []
+    found = []
+    for trial in promising(base, measurements, sizes):
+        with contextlib.suppress(HarvesterError):
+            other = fitted(base.scene, measurements, [*base.keys, *trial.keys], sizes, warm=base)
+            found.append(Candidate(trial.name, other, *_compared(base, other)))
+    if any(each.is_better and each.fitted.adequate for each in found):
+        return found
+    for trial in turned(measurements):
+        with contextlib.suppress(HarvesterError):
+            other = fitted(start, trial.measurements, base.keys, sizes)
+            found.append(Candidate(trial.name, other, *_compared(base, other)))
     return found
 
 
 def _compared(base, other):
-    """Mean logarithm of the ratio of the blocks' mean square errors, and its standard error."""
+    """Mean logarithm of the ratio of the blocks' mean square errors, and its standard error.
+
+    Of all outputs, each in units of what the base's model leaves of it.
+    """
     ratios: list[float] = []
     for mine, theirs in zip(base.stretches, other.stretches, strict=True):
+        units = np.sqrt(np.mean(mine.residuals**2, axis=0))
         own, new = (
-            np.array([np.mean(part**2) for part in blocks_of(each.residuals[:, 0])])
+            np.array([np.mean(part**2) for part in blocks_of(each.residuals / units)])
             for each in (mine, theirs)
         )
         ratios += [float(ratio) for ratio in np.log(new / own)]

@@ -10,6 +10,7 @@ import numpy as np
 from harvester.errors import IdentificationError
 from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.reconstruction import frequencies
+from harvester.identification.sensors import VELOCITY_SCALE
 from harvester.scene.units import require_resistor
 
 if TYPE_CHECKING:
@@ -39,25 +40,46 @@ def check_records(scene: Scene, measurements: Sequence[Measurement]) -> None:
     """
     require_resistor(scene, "identify")
     if not measurements:
-        raise IdentificationError("--record: name at least one measured record")
-    shared = set(measurements[0].outputs)
-    kinds = {type(each) for each in measurements}
+        raise IdentificationError(
+            "--record: name at least one measured record, or an impedance by --impedance"
+        )
+    shared = set(measurements[0].sensed)
     for each in measurements:
-        if len(kinds) > 1:
-            raise IdentificationError(
-                f"{each.name}: frequency responses and records in time are not fitted together: "
-                "identify from one kind, and judge it by the other"
-            )
         require_resistor(scene.replace(each.changes), "identify")
-        if not shared & set(each.outputs):
+        if each.sensed and not shared & set(each.sensed):
             raise IdentificationError(
-                f"{each.name}: measures {', '.join(each.outputs)}, and the first record "
+                f"{each.name}: measures {', '.join(each.sensed)}, and the first record "
                 f"{', '.join(sorted(shared))}: records need a quantity in common"
             )
         if isinstance(each, MeasuredResponse):
             each.check()
         else:
             _check_record(each)
+
+
+def scale_is_missing(record: Measurement | MeasuredResponse) -> bool:
+    """Whether a velocity is in volts whose scale is not given."""
+    return getattr(record, "velocity_in_volts", False) and VELOCITY_SCALE not in record.sensors
+
+
+def check_volts(measurements: Sequence[Measurement], keys: Sequence[str]) -> None:
+    """Refuse a velocity in volts whose scale is neither given nor to be found.
+
+    Raises
+    ------
+    IdentificationError
+    """
+    for each in filter(scale_is_missing, measurements):
+        if VELOCITY_SCALE not in keys:
+            raise IdentificationError(
+                f"{each.name}: the velocity is in volts: name its scale with --free "
+                f"{VELOCITY_SCALE}, or give it behind the file as {VELOCITY_SCALE}=VOLTS_PER_M/S"
+            )
+        if len(each.outputs) == 1:
+            raise IdentificationError(
+                f"{each.name}: a velocity in volts alone does not tell its scale: give it behind "
+                f"the file as {VELOCITY_SCALE}=VOLTS_PER_M/S, or name a voltage or a displacement"
+            )
 
 
 def _check_record(record):

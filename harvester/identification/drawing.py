@@ -53,7 +53,9 @@ def _response_figure(found, stretch):
         axes.plot(stretch.frequency, stretch.measured[:, n], ".", color=MEASURED, label="measured")
         axes.plot(stretch.frequency, stretch.windowed[:, n], color=PREDICTED, label="predicted")
         axes.plot(stretch.frequency, stretch.residuals[:, n], color=RESIDUAL, label="difference")
-        axes.set(xlabel="frequency [Hz]", ylabel=f"{name} of voltage over acceleration")
+        of = f"{name} [rad]" if name == "phase" else name
+        of = of if stretch.quantity == "impedance" else f"{name} of voltage over acceleration"
+        axes.set(xlabel="frequency [Hz]", ylabel=of)
     legend_below(figure, panels[:1])
     entitle(figure, f"{found.scene.name}: {stretch.aside} of {stretch.name}, kept aside")
     return figure

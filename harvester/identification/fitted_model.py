@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from harvester.errors import IdentificationError
+from harvester.excitation.recorded import RecordedMotion
 from harvester.identification.intervals import undetermined
 from harvester.identification.proof import Stretch, sensor_noise
 from harvester.identification.shooting import Fit, Shooting
@@ -42,6 +44,8 @@ class Fitted:
         Of the acceleration between its samples.
     shooting : Shooting
     fit : Fit
+    settled : Fit or None
+        Windows of the parts kept aside, of records in time.
     """
 
     scene: Scene
@@ -53,6 +57,7 @@ class Fitted:
     interpolation: str
     shooting: Shooting
     fit: Fit
+    settled: Fit | None = None
 
     @classmethod
     def concluded(
@@ -61,7 +66,8 @@ class Fitted:
         shooting: Shooting,
         fit: Fit,
         covariance: np.ndarray,
-        stretches: list[Stretch],
+        stretches: Sequence[Stretch],
+        settled: Fit | None = None,
     ) -> Fitted:
         """The model that a fit has come to; `scene` is the one that it began with.
 
@@ -74,17 +80,29 @@ class Fitted:
         made = with_values(scene, keys, fit.values)
         if made is None:
             raise IdentificationError(f"{scene.name}: what fits best is no device")
+        path = shooting.responses.interpolation
+        base = made.excitation
+        if isinstance(base, RecordedMotion) and base.knot_spacing is None:
+            # What is simulated on such a record then moves as the fit did.
+            made = made.replace({"excitation.interpolation": path})
         return cls(
             made,
             shooting.unknowns,
             fit.values,
             covariance,
             undetermined(keys, fit.values, shooting.sizes, covariance),
-            stretches,
-            shooting.responses.interpolation,
+            list(stretches),
+            path,
             shooting,
             fit,
+            settled,
         )
+
+    def with_covariance(self, covariance: np.ndarray) -> Fitted:
+        """The same with wider intervals."""
+        sizes = self.shooting.sizes
+        unclear = undetermined(self.keys, self.values, sizes, covariance)
+        return replace(self, covariance=covariance, undetermined=unclear)
 
     @property
     def sensor_noise(self) -> float:

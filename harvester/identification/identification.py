@@ -17,16 +17,21 @@ from harvester.identification.proof import ResponseStretch, sensor_noise
 from harvester.identification.response import FINE_STEPS
 from harvester.identification.scene_file import scene_text
 from harvester.identification.unknowns import BASE_FACTOR
+from harvester.show.numbers import share_with_error, with_error
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from harvester.identification.consistency import Misfit
     from harvester.identification.fitted_model import Fitted
+    from harvester.identification.impedance_fit import FromImpedance
     from harvester.identification.intervals import Undetermined
+    from harvester.identification.kept_aside import Kept
     from harvester.identification.measurement import Measurement
     from harvester.identification.posterior import Posterior
     from harvester.identification.proof import Whiteness
     from harvester.identification.verdict import Verdict
+    from harvester.identification.visited import Visited
     from harvester.scene.model import Scene
 
 
@@ -54,6 +59,14 @@ class Identification:
         Wall-clock.
     posterior : Posterior, optional
         Of the values, where it was asked for.
+    impedance : FromImpedance, optional
+        What the impedance said, where one was given.
+    misfits : list of Misfit
+        What is left of each output of each record beside the sensors' noise.
+    kept_aside : list of Kept
+        Whole records that were not fitted to.
+    visited : Visited or None
+        Where the records took the device; None of frequency responses.
     """
 
     scene: Scene
@@ -66,6 +79,10 @@ class Identification:
     verdict: Verdict
     seconds: float
     posterior: Posterior | None = None
+    impedance: FromImpedance | None = None
+    misfits: Sequence[Misfit] = ()
+    kept_aside: Sequence[Kept] = ()
+    visited: Visited | None = None
 
     @property
     def keys(self) -> list[str]:
@@ -138,7 +155,7 @@ class Identification:
             low, high = self.intervals[key]
             half = 0.5 * (high - low)
             share = f"{half / abs(value):.2%}" if value else "—"
-            state = "undetermined" if key in self.undetermined else "identified"
+            state = self._state(key)
             rows.append([key, state, f"{value:.6g}", f"{low:.6g} … {high:.6g}", share])
         if self.posterior:
             header.append("posterior's 95 %")
@@ -146,13 +163,31 @@ class Identification:
                 row.append(f"{low:.6g} … {high:.6g}")
         return header, rows
 
+    def _state(self, key):
+        """How far the records determine a value."""
+        if key in self.undetermined:
+            return "undetermined"
+        # Coefficients about x = 0, where no record was.
+        return "extrapolated" if self.visited and key in self.visited.values else "identified"
+
     def sentences(self) -> list[str]:
         """The verdict, what is not determined, the proof of each record, and the other models."""
         lines = [self.verdict.sentence]
+        if self.impedance:
+            lines += self.impedance.sentences("oscillator.mass" in self.keys)
         lines += [
             f"{each.name}: {remark}"
             for each in self.measurements
             for remark in getattr(each, "remarks", ())
+        ]
+        if self.visited:
+            lines.append(f"visited: {self.visited.ranges}")
+            lines.append(f"extrapolated: {', '.join(self.visited.extrapolated)}")
+        lines += [
+            f"{each.record}: {each.output} NRMSE {each.left:.2%}, {each.noise:.2%} is the sensors' "
+            f"noise, {each.systematic:.2%} follow from the motion"
+            f"{'' if each.is_noise else ', which is no noise'}"
+            for each in self.misfits
         ]
         lines += [str(each) for each in self.fitted.undetermined]
         lines += [f"{unclear}; {key} is kept as in the scene" for key, unclear in self.kept]
@@ -161,18 +196,19 @@ class Identification:
             name, unit = stretch.compared
             lines.append(
                 f"{stretch.name}, {stretch.aside}: {stretch.quantity} NRMSE {stretch.nrmse():.2%}"
-                f"{_windows(stretch)}; {name} measured {_with_error(measured)} {unit}, "
-                f"predicted {_with_error(predicted)} {unit}, difference "
-                f"{difference.estimate:+.2%} ± {difference.standard_error:.2%}"
+                f"{_windows(stretch)}; {name} measured {with_error(measured, unit)}, "
+                f"predicted {with_error(predicted, unit)}, difference "
+                f"{share_with_error(difference)}"
             )
             if stretch.windows > 1:
                 lines.append(
                     f"{stretch.name}: from one start alone, whose path parts from the measured "
-                    f"one, {name} {_with_error(stretch.free_power())} {unit}"
+                    f"one, {name} {with_error(stretch.free_power(), unit)}"
                 )
+        lines += [str(each) for each in self.kept_aside]
         lines += [
             f"model {each.name}: {len(each.fitted.keys)} values, NRMSE {each.fitted.nrmse:.2%} on "
-            "the data kept aside"
+            f"the data kept aside{self._sensors(each.fitted)}"
             for each in self.candidates[1:]
         ]
         if self.posterior:
@@ -187,16 +223,27 @@ class Identification:
         )
         return lines
 
+    def _sensors(self, other):
+        """What another model says of the sensors beside this one, in words."""
+        found = zip(other.keys, other.values, other.standard_errors, strict=True)
+        return "".join(
+            f", {key} = {value:.4g} ± {HALF_INTERVAL * error:.2g}"
+            for key, value, error in found
+            if key.startswith("sensor.") and key not in self.keys
+        )
+
     def _fitted_part(self):
         """What of the records the values come from, in words."""
-        count = len(self.measurements)
-        records = f"{count} {'record' if count == 1 else 'records'}"
-        if isinstance(self.fitted.stretches[0], ResponseStretch):
-            return f"two of every three frequencies of {records}"
-        windows = sum(edges.size - 1 for edges in self.fitted.fit.edges)
+        stretches = self.fitted.stretches
+        steady = sum(isinstance(each, ResponseStretch) for each in stretches)
+        lines = f"two of every three frequencies of {_records(steady)}"
+        if steady == len(stretches):
+            return lines
+        count = len(stretches) - steady
+        windows = sum(edges.size - 1 for edges in self.fitted.fit.edges[:count])
         return (
-            f"the first two thirds of {records} in {windows} windows, acceleration "
-            f"{self.fitted.interpolation} between samples"
+            f"the first two thirds of {_records(count)} in {windows} windows, acceleration "
+            f"{self.fitted.interpolation} between samples{f', and {lines}' if steady else ''}"
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -212,6 +259,7 @@ class Identification:
                         "standard_error": self.standard_errors[key],
                         "interval": self.intervals[key],
                         "determined": key not in self.undetermined,
+                        "state": self._state(key),
                     }
                     for key, value in self.values.items()
                 },
@@ -220,6 +268,11 @@ class Identification:
                 "undetermined": [str(each) for each in self.fitted.undetermined],
                 "kept": {key: str(unclear) for key, unclear in self.kept},
                 "records": [_record(each) for each in self.fitted.stretches],
+                "misfits": list(self.misfits),
+                "visited": self.visited,
+                "kept_aside": [
+                    {**vars(each), "within_interval": each.holds} for each in self.kept_aside
+                ],
                 "residuals_white": self.whiteness.white,
                 "whiteness_probability": self.whiteness.probability,
                 "candidates": [
@@ -236,6 +289,7 @@ class Identification:
                 "proposed": self.proposed.name,
                 "interpolation": self.fitted.interpolation,
                 "posterior": self.posterior,
+                **({"impedance": self.impedance.table()} if self.impedance else {}),
                 "seconds": self.seconds,
             }
         )
@@ -263,7 +317,8 @@ class Identification:
             for key, value, error in zip(made.keys, made.values, made.standard_errors, strict=True)
             if key.startswith("sensor.")
         ]
-        heading = [f"Identified from {names}.", self.verdict.sentence, *sensors]
+        path = f'Between samples of a record: interpolation = "{made.interpolation}".'
+        heading = [f"Identified from {names}.", self.verdict.sentence, path, *sensors]
         return scene_text(made.scene, comments, heading)
 
     def page(self) -> str:
@@ -280,12 +335,12 @@ class Identification:
         return found
 
 
+def _records(count):
+    return f"{count} {'record' if count == 1 else 'records'}"
+
+
 def _windows(stretch):
     return "" if isinstance(stretch, ResponseStretch) else f" in {stretch.windows} windows"
-
-
-def _with_error(each):
-    return f"{each.estimate:.4g} ± {each.standard_error:.2g}"
 
 
 def _record(stretch):

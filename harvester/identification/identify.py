@@ -11,7 +11,7 @@ from harvester.arguments import listed
 from harvester.calling import takes_scene
 from harvester.errors import IdentificationError
 from harvester.files.plain_text import shown
-from harvester.signatures import Kind, records_of
+from harvester.signatures import Kind, one_record_of, records_of
 
 if TYPE_CHECKING:
     from harvester.identification.fitting import Fitted
@@ -23,19 +23,26 @@ if TYPE_CHECKING:
 Records = Annotated[
     Any, Kind("FILE [SETTING=VALUE]", option="record", read=records_of, again=True, words=True)
 ]
+KeptRecords = Annotated[
+    Any, Kind("FILE [SETTING=VALUE]", option="keep-aside", read=records_of, again=True, words=True)
+]
 Keys = Annotated[Sequence[str], Kind("TABLE.KEY", again=True, words=True)]
+Impedance = Annotated[Any, Kind("FILE [SETTING=VALUE]", read=one_record_of, words=True)]
+MASS = "oscillator.mass"
 # Shares of the work: other models begin at the first, the posterior at the second.
 MODELS_BEGIN, POSTERIOR_BEGINS = 0.4, 0.7
 # Of a direction that is not determined, those that are rather kept as in the scene.
-KEPT_FIRST = ("capacitance", "restitution", "stiffness", "quadratic_damping")
+KEPT_FIRST = ("mass", "capacitance", "restitution", "stiffness", "quadratic_damping")
 
 
 @takes_scene
 def identify(
     scene: Scene,
-    records: Records,
+    records: Records = (),
     *,
+    impedance: Impedance = None,
     free: Keys | None = None,
+    keep_aside: KeptRecords | None = None,
     compare: Annotated[bool, Kind(option="alone")] = True,
     posterior: bool = False,
     progress: Callable[[float, str], None] | None = None,
@@ -52,14 +59,24 @@ def identify(
         with the settings acceleration=COLUMN:UNIT, voltage=COLUMN:UNIT, …, time=COLUMN,
         sampling_rate=HZ, or what differs from the scene (load.resistance=1e5), see
         `harvester.read_measurement`; several may be given.
+    impedance : MeasuredImpedance, file or (file, settings), optional
+        Of the piezo, its base clamped, from an impedance analyser: CSV of |Z| and phase or of
+        resistance and reactance, or .s1p (needs scikit-rf: pip install 'harvester[analyser]'), with
+        the settings frequency=COLUMN:UNIT, impedance=COLUMN:UNIT, phase=COLUMN:UNIT, …; alone it
+        tells stiffness, damping, coupling and capacitance for the scene's mass, beside records the
+        mass too.
     free : sequence of str
         What is fitted: numbers of the scene (oscillator.damping, oscillator.restoring_force[2], …),
-        or of sensors (sensor.voltage_offset, _scale, _delay, _filter). By default the device's own
-        that are not zero, but mass, winding, leak and, without a displacement, the constant force;
-        what the records do not determine then stays as in the scene.
+        or of sensors (sensor.voltage_offset, _scale, _delay, _filter, _highpass, _resistance,
+        sensor.acceleration_highpass, …); `device` stands for what is free by default: the device's
+        own that are not zero, but mass, winding, leak and, without a displacement, the constant
+        force; what the records do not determine then stays as in the scene.
+    keep_aside : as `records`
+        Whole records that are not fitted to: each is run from one start under its acceleration, and
+        its orbit, rms and power are compared.
     compare : bool
         Fit other models to compare the scene's with (symmetric spring or not, cubic or linear,
-        drag, stoppers); with --alone none.
+        drag, stoppers; sensors, where more than their noise is left); with --alone none.
     posterior : bool
         Sample the posterior of the values too, by the scene's seed (needs emcee: pip install
         'harvester[posterior]').
@@ -81,42 +98,71 @@ def identify(
         The records do not tell what is asked of them.
     """
     from harvester.identification.candidates import Candidate, candidates
-    from harvester.identification.checks import check_records
+    from harvester.identification.checks import check_records, check_volts, scale_is_missing
+    from harvester.identification.consistency import misfits, worst
     from harvester.identification.identification import Identification
+    from harvester.identification.impedance_fit import from_impedance
+    from harvester.identification.intervals import moved_by_records
+    from harvester.identification.kept_aside import kept_aside
     from harvester.identification.posterior import posterior as posterior_of
     from harvester.identification.proof import typical_period, whiteness
     from harvester.identification.sizes import fitted_sizes
     from harvester.identification.unknowns import checked_keys, default_keys
     from harvester.identification.verdict import verdict
+    from harvester.identification.visited import visited
 
     clock = time.perf_counter()
     # Records determine the lumped values, which a drawing's dimensions all enter.
     scene = scene.without_drawing()
     follow = progress or (lambda share, text: None)
     measurements = _measurements(scene, records)
-    check_records(scene, measurements)
+    analysed, begun = None, scene
+    if impedance is not None:
+        analysed = from_impedance(scene, _measured_impedance(impedance))
+        if not measurements:
+            if keep_aside is not None:
+                raise IdentificationError(
+                    "--keep-aside: an impedance alone predicts no record: give one to fit to, too "
+                    "(--record)"
+                )
+            return _of_impedance(scene, analysed, free, posterior, clock)
+        begun, measurements = analysed.scene, [*measurements, analysed.measured]
+    aside = [] if keep_aside is None else _measurements(scene, keep_aside)
+    check_records(begun, [*measurements, *aside])
     outputs = list(measurements[0].sensed)
     named = None if free is None else listed(free, "free", 'free=["oscillator.damping"]')
-    keys = default_keys(scene, outputs) if named is None else checked_keys(scene, named, outputs)
+    volts = any(map(scale_is_missing, measurements))
+    keys = default_keys(begun, outputs, volts)
+    if analysed and "voltage" in outputs:
+        keys = [MASS, *keys]
+    if named is not None:
+        keys = checked_keys(begun, named, outputs)
     if not keys:
         raise IdentificationError(f"{scene.name}: nothing is free; name keys with --free")
+    check_volts(measurements, keys)
     follow(0.0, "fit")
     try:
-        base, kept = _determined(scene, measurements, keys, free is None)
+        base, kept = _determined(begun, measurements, keys, free is None)
     except IdentificationError as error:
         remarks = [each for record in measurements for each in getattr(record, "remarks", ())]
         raise IdentificationError("; ".join([str(error), *remarks])) from None
     follow(MODELS_BEGIN, "other models")
     sizes = fitted_sizes(base, measurements)
+    left = misfits(base)
+    if worst(left):
+        moved = moved_by_records(base.shooting, base.fit)
+        base = base.with_covariance(base.covariance + moved)
     found = [Candidate("as given", base, 0.0, 0.0)]
     if compare and any(each.acceleration is not None for each in measurements):
-        found = candidates(base, measurements, base.keys, sizes)
+        found = candidates(base, measurements, sizes, scene, worst(left) is None)
     sampled = None
     if posterior:
         follow(POSTERIOR_BEGINS, "posterior")
         sampled = posterior_of(
             base, scene.run.seed, lambda share: follow(_later(share), "posterior")
         )
+    where = visited(base)
+    unseen = kept_aside(base, aside, where, scene.run.seed) if where else []
     white = whiteness(base.stretches[0], 0, typical_period(base.shooting.responses))
     return Identification(
         scene=base.scene,
@@ -126,10 +172,58 @@ def identify(
         kept=kept,
         candidates=found,
         whiteness=white,
-        verdict=verdict(base, found, white),
+        verdict=verdict(base, found, white, left, where, unseen),
+        misfits=left,
+        kept_aside=unseen,
+        visited=where,
         seconds=time.perf_counter() - clock,
         posterior=sampled,
+        impedance=analysed,
     )
+
+
+def _of_impedance(scene, analysed, free, posterior, clock):
+    """What an impedance tells without any record."""
+    from harvester.identification.candidates import Candidate
+    from harvester.identification.identification import Identification
+    from harvester.identification.impedance_fit import fitted_impedance, impedance_verdict
+    from harvester.identification.posterior import posterior as posterior_of
+    from harvester.identification.proof import whiteness
+
+    if free is not None:
+        raise IdentificationError(
+            f"--free: an impedance alone tells {', '.join(analysed.keys)}, and no others: leave "
+            "--free out, or give a record too (--record)"
+        )
+    base = fitted_impedance(analysed)
+    period = 1.0 / float(analysed.circuit.resonances[analysed.mode])
+    return Identification(
+        scene=base.scene,
+        start=scene,
+        measurements=[analysed.measured],
+        fitted=base,
+        kept=[],
+        candidates=[Candidate("as given", base, 0.0, 0.0)],
+        whiteness=whiteness(base.stretches[0], 0, period),
+        verdict=impedance_verdict(base),
+        seconds=time.perf_counter() - clock,
+        posterior=posterior_of(base, scene.run.seed) if posterior else None,
+        impedance=analysed,
+    )
+
+
+def _measured_impedance(given):
+    """What was given, as a measured impedance."""
+    from harvester.identification.measured_impedance import MeasuredImpedance, read_impedance
+
+    if isinstance(given, MeasuredImpedance):
+        return given
+    file, settings = given if isinstance(given, tuple) and len(given) == 2 else (given, None)
+    if not isinstance(file, (str, Path)):
+        raise IdentificationError(
+            f"impedance: {shown(given)}: must be a file or what read_impedance returns"
+        )
+    return read_impedance(file, settings)
 
 
 def _later(share):
@@ -154,7 +248,8 @@ def _measurements(scene, records):
                 f"records: {shown(each)}: must be a file or what read_measurement returns"
             )
         found.append(read_measurement(file, settings, scene.units))
-    return found
+    # Records in time first: they show the motion.
+    return sorted(found, key=lambda each: isinstance(each, MeasuredResponse))
 
 
 def _determined(

@@ -9,7 +9,7 @@ variance is never below that from sums of Jᵀ r over blocks of the record.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 # Half of a 95 % interval in standard errors.
 HALF_INTERVAL = 1.96
+# Of an interval, and sizes by which a value moves at most where a record is left out.
+HELD, MOST_MOVED = 0.95, 10.0
 # Relative standard error from which on a value is not determined.
 UNDETERMINED = 0.5
 # Eigenvalue over the largest below which rounding of difference quotients is all there is.
@@ -80,6 +82,32 @@ def covariance(shooting: Shooting, fit: Fit) -> np.ndarray:
     found, least = inverse @ meat @ inverse, np.diag(inverse @ blocks @ inverse)
     shares = shooting.sizes * np.sqrt(np.maximum(least / np.diag(found), 1.0))
     return found * np.outer(shares, shares)
+
+
+def moved_by_records(shooting: Shooting, fit: Fit) -> np.ndarray:
+    """Covariance from what moves when each record is left out in turn (jackknife).
+
+    It holds a model's error, which differs from record to record. Each fit without a record is one
+    step of the linearized problem. So few records know a variance badly: an interval is as much
+    wider as Student's distribution says. Zero of a single record.
+
+    Returns
+    -------
+    ndarray, shape (unknowns, unknowns)
+        In the scene's units squared.
+    """
+    from scipy.stats import t
+
+    p, records = len(shooting.unknowns), len(fit.edges)
+    if records < 2 or not (fit.grams or shooting.linearized(fit)):
+        return np.zeros((p, p))
+    own = [shooting.reduced(replace(fit, grams=[grams])) for grams in fit.grams]
+    normal, gradient = sum(each[0] for each in own), sum(each[1] for each in own)
+    moves = np.array([-_inverse(normal - n) @ (gradient - g) for n, g in own]) * shooting.sizes
+    moves = np.clip(moves, -MOST_MOVED * shooting.sizes, MOST_MOVED * shooting.sizes)
+    moves -= moves.mean(axis=0)
+    student = t.ppf(0.5 + 0.5 * HELD, records - 1) / HALF_INTERVAL
+    return student**2 * (records - 1) / records * moves.T @ moves
 
 
 def _without_states(table, cuts, p):

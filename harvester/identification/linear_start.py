@@ -12,13 +12,14 @@ looked for on a grid.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from harvester.device import timescales
 from harvester.identification.reconstruction import Motion, frequencies, motion
+from harvester.identification.sensors import VELOCITY_SCALE
 from harvester.identification.unknowns import BASE_FACTOR, BASE_SCALE
 from harvester.scene.numbers import numbers
 
@@ -59,9 +60,9 @@ class Start:
 def as_it_is(responses: Responses, values: np.ndarray, centre: float | None = None) -> Start:
     """The start at given values, with the motions that follow from them, about a place or not."""
     motions = []
-    for number, each in enumerate(responses.experiments):
+    for number in range(len(responses.experiments)):
         system, scales = responses.known_device(number, values)
-        seen = motion(system, scales, each.measurement)
+        seen = motion(system, scales, responses.shown(number, values))
         motions.append(seen if centre is None else seen.centred(centre))
     return Start(values, motions, np.nan)
 
@@ -126,7 +127,7 @@ def _of_electrical(responses, values, number, factor, drifts):
     if made is None:
         return None
     system, scales = made
-    seen = motion(system, scales, responses.experiments[number].measurement)
+    seen = motion(system, scales, responses.shown(number, values))
     if not drifts:
         seen = seen.without_drift(responses.experiments[number].measurement)
     return _Regression(responses, values, number, system, scales, seen)
@@ -409,7 +410,19 @@ def starts_from(responses: Responses, values: np.ndarray) -> list[Start]:
     wells, saddles = timescales.wells(system), timescales.saddles(system)
     measured = "displacement" in responses.experiments[0].measurement.outputs
     places = [*wells[:1]] if measured else [*wells, *saddles]
-    return [
-        *found,
-        *(as_it_is(responses, values, place) for place in places),
-    ]
+    found += [as_it_is(responses, values, place) for place in places]
+    return [_with_velocity_scale(responses, each) for each in found]
+
+
+def _with_velocity_scale(responses, start):
+    """The start with the free scale of a velocity's sensor as its motion has it."""
+    if VELOCITY_SCALE not in responses.keys:
+        return start
+    for number, motion_there in enumerate(start.motions):
+        velocity = motion_there.v * responses.length
+        scale = responses.velocity_scale(number, velocity, start.values)
+        if scale:
+            return replace(
+                start, values=_with(responses, start.values, {VELOCITY_SCALE: abs(scale)})
+            )
+    return start

@@ -28,6 +28,8 @@ class MeasuredResponse:
     changes : dict of str to number or text
         What is other than in the scene for this record: {"load.resistance": 1e5}.
     name : str
+    sensors : dict of str to float
+        Known effects of sensors: {"sensor.acceleration_highpass": 0.5}.
     """
 
     frequency: np.ndarray
@@ -35,6 +37,7 @@ class MeasuredResponse:
     acceleration: np.ndarray | None = None
     changes: dict[str, Any] = field(default_factory=dict)
     name: str = "response"
+    sensors: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for quantity in ("frequency", "response", "acceleration"):
@@ -100,7 +103,12 @@ class MeasuredResponse:
             )
 
 
-def response_of(columns: dict[str, np.ndarray], changes: dict[str, Any], name: str) -> Any:
+def response_of(
+    columns: dict[str, np.ndarray],
+    changes: dict[str, Any],
+    name: str,
+    sensors: dict[str, float],
+) -> MeasuredResponse:
     """A response from columns by their quantities, in the scene's units.
 
     Raises
@@ -109,7 +117,20 @@ def response_of(columns: dict[str, np.ndarray], changes: dict[str, Any], name: s
         Neither an amplitude nor two parts are there.
     """
     phase = columns.get("phase")
-    if {"real", "imaginary"} <= set(columns):
+    if "frequency" not in columns:
+        raise SceneError(
+            f"{name}: a column of complex numbers is a frequency response, and no column of "
+            "frequencies is named: write frequency [Hz] in its header, or frequency=COLUMN:UNIT "
+            "behind the file"
+        )
+    if "response" in columns:
+        response = columns["response"]
+        if not np.iscomplexobj(response):
+            raise SceneError(
+                f"{name}: the column of the response holds no complex numbers: name it by "
+                "amplitude=COLUMN:UNIT, and its phase by phase=COLUMN:UNIT"
+            )
+    elif {"real", "imaginary"} <= set(columns):
         response = columns["real"] + 1j * columns["imaginary"]
     elif "amplitude" not in columns:
         raise SceneError(
@@ -121,5 +142,5 @@ def response_of(columns: dict[str, np.ndarray], changes: dict[str, Any], name: s
     else:
         response = columns["amplitude"] * np.exp(1j * phase)
     return MeasuredResponse(
-        columns["frequency"], response, columns.get("acceleration"), changes, name
+        columns["frequency"], response, columns.get("acceleration"), changes, name, sensors
     )

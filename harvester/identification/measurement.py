@@ -19,12 +19,16 @@ from harvester.excitation.conditioning import (
     marker_remark,
 )
 from harvester.excitation.motion_file import read_record
-from harvester.excitation.quantities import QUANTITIES, factor_of, unit_named
+from harvester.excitation.quantities import IMPEDANCES, QUANTITIES, factor_of, unit_named
 from harvester.files.plain_text import name as plain_name
 from harvester.files.plain_text import named, nearest, shown
 from harvester.identification.measured_response import MeasuredResponse, response_of
+from harvester.identification.sensors import OUTPUTS, checked_sensors
 
-OUTPUTS = ("voltage", "displacement", "velocity")
+# Those of a record's columns.
+COLUMNS = tuple(name for name in QUANTITIES if name not in IMPEDANCES)
+# Behind a velocity's unit: of the room, not relative to the base.
+ABSOLUTE = ":absolute"
 # Settings that turn a raw column into its quantity: scale · column + offset.
 LINE_ENDS = ("scale", "offset")
 LINES = tuple(f"{name}_{end}" for name in ("acceleration", *OUTPUTS) for end in LINE_ENDS)
@@ -47,6 +51,12 @@ class Measurement:
     name : str
     remarks : tuple of str
         On markers among the samples, of what was not measured.
+    sensors : dict of str to float
+        Known effects of sensors: {"sensor.acceleration_highpass": 0.5}.
+    velocity_is_absolute : bool
+        Whether the velocity is that in the room, as a laser beside the shaker measures it.
+    velocity_in_volts : bool
+        Whether the velocity's sensor has a scale in V/(m/s), free or among `sensors`.
     """
 
     acceleration: np.ndarray
@@ -57,6 +67,9 @@ class Measurement:
     changes: dict[str, Any] = field(default_factory=dict)
     name: str = "record"
     remarks: tuple[str, ...] = ()
+    sensors: dict[str, float] = field(default_factory=dict)
+    velocity_is_absolute: bool = False
+    velocity_in_volts: bool = False
 
     def __post_init__(self) -> None:
         for quantity in ("acceleration", *OUTPUTS):
@@ -73,6 +86,7 @@ class Measurement:
                 f"{self.name}: nothing was measured beside the acceleration: name a column of "
                 f"{', '.join(OUTPUTS)}"
             )
+        checked_sensors(self.sensors, list(self.outputs), self.name)
         if not (np.isfinite(self.sampling_rate) and self.sampling_rate > 0.0):
             raise SceneError(
                 f"{self.name}: sampling_rate = {shown(self.sampling_rate)}: must be a number > 0"
@@ -139,11 +153,12 @@ def read_measurement(
         CSV or other text, `.npy`, `.wav`, `.mat`.
     settings : dict of str to value, optional
         `acceleration`, `voltage`, `displacement`, `velocity`, `time`, of a response `frequency`,
-        `amplitude` and `phase`, or `real` and `imaginary`: the column's name or number from 0, with
-        its unit behind a colon ("2:mV") where its heading does not say it; `acceleration_scale`,
-        `acceleration_offset` and those of the others: the quantity is scale · column + offset in
-        that unit; `sampling_rate` (Hz); any other key is one of the scene, which had this value
-        while the record was taken. A column whose heading says "voltage [mV]" or the like needs no
+        `amplitude` and `phase`, `real` and `imaginary`, or `response` for a column of complex
+        numbers: the column's name or number from 0, with its unit behind a colon ("2:mV") where its
+        heading does not say it; `acceleration_scale`, `acceleration_offset` and those of the
+        others: the quantity is scale · column + offset in that unit; `sampling_rate` (Hz); any
+        other key is one of the scene, which had this value while the record was taken. A column
+        whose heading says "voltage [mV]" or the like needs no
         setting.
     units : str
         Of the scene: "SI", or "scaled", where no column has a unit.
@@ -155,19 +170,27 @@ def read_measurement(
     """
     path, settings = str(file), dict(settings or {})
     where = named(path)
-    given = {name: str(settings.pop(name)) for name in QUANTITIES if name in settings}
+    given = {name: str(settings.pop(name)) for name in COLUMNS if name in settings}
     lines = {name: _number(where, name, settings.pop(name)) for name in LINES if name in settings}
     rate = _number(where, "sampling_rate", settings.pop("sampling_rate", None))
     for key in settings:
         if "." not in key:
-            known = [*QUANTITIES, *LINES, "sampling_rate"]
+            known = [*COLUMNS, *LINES, "sampling_rate"]
             raise SceneError(f"{where}: unknown setting {named(key)}{nearest(key, known)}")
+    sensors = checked_sensors(
+        {key: settings.pop(key) for key in list(settings) if key.startswith("sensor.")},
+        OUTPUTS,
+        where,
+    )
+    absolute = given.get("velocity", "").endswith(ABSOLUTE)
+    if absolute:
+        given["velocity"] = given["velocity"].removesuffix(ABSOLUTE)
     content, _ = read_record(path)
     measured = MeasuredFile(path, content)
     rate = measured.table.rate if rate is None else rate
-    columns, remarks = _columns(measured, given, lines, units, rate)
-    if "frequency" in columns:
-        return response_of(columns, settings, plain_name(Path(path).name))
+    columns, remarks, unit_of = _columns(measured, given, lines, units, rate)
+    if "frequency" in columns or "response" in columns:
+        return response_of(columns, settings, plain_name(Path(path).name), sensors)
     if "acceleration" not in columns:
         raise SceneError(
             f"{where}: no column of the base's acceleration: write acceleration [m/s^2] in its "
@@ -178,6 +201,9 @@ def read_measurement(
         changes=settings,
         name=plain_name(Path(path).name),
         remarks=remarks,
+        sensors=sensors,
+        velocity_is_absolute=absolute,
+        velocity_in_volts=unit_of.get("velocity") in QUANTITIES["voltage"],
         **columns,
     )
 
@@ -191,7 +217,7 @@ def _number(where, key, value):
 
 
 def _columns(measured, given, lines, units, rate):
-    """Columns of each quantity in SI, or in the scene's scaled units, and remarks on them."""
+    """Columns of each quantity in SI, or in the scene's scaled units, remarks, and the units."""
     places, unit_of = _places(measured, given), {}
     for quantity, place in places.items():
         unit = _column_and_unit(given.get(quantity, ""), measured.table.names)[1]
@@ -212,13 +238,13 @@ def _columns(measured, given, lines, units, rate):
         scale, offset = (lines.get(f"{quantity}_{end}") for end in LINE_ENDS)
         line = (1.0 if scale is None else scale) * values[quantity] + (offset or 0.0)
         values[quantity] = line * factor
-    return values, remarks
+    return values, remarks, unit_of
 
 
 def _places(measured, given):
     """Place of each quantity: as given, else by the headings, the plainest title first."""
     places: dict[str, int] = {}
-    for quantity in QUANTITIES:
+    for quantity in COLUMNS:
         if quantity in given:
             continue
         found = measured.times() if quantity == "time" else measured.of(quantity)

@@ -134,6 +134,14 @@ class ResponseStretch(Stretch):
         """Root mean square of the residuals over that of the response, both parts together."""
         return float(np.linalg.norm(self.residuals) / np.linalg.norm(self.measured))
 
+    def noise(self, output: int = 0) -> float:
+        """Of an output, as a share of its standard deviation.
+
+        A wrong model misses the few lines of the resonance, which the median does not see.
+        """
+        size = NORMAL_RMS * float(np.median(np.abs(self.residuals[:, output])))
+        return size / float(np.std(self.measured[:, output]))
+
     def explained(self) -> Estimate:
         """Share of the response's square that the model explains, both parts together."""
         return _explained(np.sum(self.measured**2, axis=1), np.sum(self.residuals**2, axis=1))
@@ -164,7 +172,12 @@ def _of_blocks(values):
     return Estimate(float(np.mean(values)), error, float(values.size), "1")
 
 
-def predicted(shooting: Shooting, fit: Fit, stretches: Sequence[tuple[int, int]]) -> list[Stretch]:
+def predicted(
+    shooting: Shooting,
+    fit: Fit,
+    stretches: Sequence[tuple[int, int]],
+    reach: tuple[float, float] | None = None,
+) -> tuple[list[Stretch], Fit]:
     """What the fitted device does in a stretch of each experiment.
 
     Parameters
@@ -173,8 +186,16 @@ def predicted(shooting: Shooting, fit: Fit, stretches: Sequence[tuple[int, int]]
     fit : Fit
     stretches : sequence of (int, int)
         First sample, and that behind the last.
+    reach : (float, float), optional
+        Scaled displacements between which the mass is looked for.
+
+    Returns
+    -------
+    list of Stretch
+    Fit
+        The windows of the stretches with their starts.
     """
-    settled = settle_windows(shooting.frozen(), fit, stretches)
+    settled = settle_windows(shooting.frozen(), fit, stretches, reach)
     responses, found = shooting.responses, []
     for number, edges in enumerate(settled.edges):
         experiment = responses.experiments[number]
@@ -196,24 +217,34 @@ def predicted(shooting: Shooting, fit: Fit, stretches: Sequence[tuple[int, int]]
                 resistance=load_resistance(scene) if scene.units == "SI" else None,
             )
         )
-    return found
+    return found, settled
 
 
 def sensor_noise(stretch: Stretch, output: int = 0) -> float:
     """Of an output's record, as a share of its standard deviation: the floor of its spectrum.
 
-    White noise is taken for all of the floor in the highest quarter of the frequencies. Of a
-    response it is the median of the residuals.
+    Of a response it is the median of the residuals.
+    """
+    values, spread = stretch.measured[:, output], float(np.std(stretch.measured[:, output]))
+    if isinstance(stretch, ResponseStretch):
+        return stretch.noise(output)
+    return noise_floor(values, stretch.rate) / spread
+
+
+def noise_floor(values: np.ndarray, rate: float) -> float:
+    """rms of a record's noise: the floor of its spectrum in the highest quarter, taken for white.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+    rate : float
+        Hz.
     """
     from scipy import signal
 
-    values, spread = stretch.measured[:, output], float(np.std(stretch.measured[:, output]))
-    if isinstance(stretch, ResponseStretch):
-        # A wrong model misses the few lines of the resonance, which the median does not see.
-        return NORMAL_RMS * float(np.median(np.abs(stretch.residuals[:, output]))) / spread
-    f, density = signal.welch(values, stretch.rate, nperseg=max(16, values.size // NOISE_SEGMENTS))
+    f, density = signal.welch(values, rate, nperseg=max(16, values.size // NOISE_SEGMENTS))
     floor = float(np.median(density[f > (1.0 - NOISE_BAND) * f[-1]]))
-    return math.sqrt(floor * 0.5 * stretch.rate) / spread
+    return math.sqrt(floor * 0.5 * rate)
 
 
 @dataclass(frozen=True)

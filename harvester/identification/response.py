@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,9 +14,19 @@ from harvester.device.damper import QuadraticDamper
 from harvester.device.polynomial import Polynomial
 from harvester.device.ranged import Ranged
 from harvester.errors import HarvesterError, IdentificationError
+from harvester.excitation.conditioning import smoothed
+from harvester.identification.sensors import (
+    HIGHPASSES,
+    VELOCITY_SCALE,
+    integrals,
+    neutral,
+    parallel,
+    put_right,
+)
 from harvester.identification.unknowns import BASE_FACTOR, with_values
 from harvester.monte_carlo.sampled import states_at_samples
 from harvester.prepared.prepared import prepared
+from harvester.scene.numbers import numbers
 from harvester.scene.units import Scales
 
 if TYPE_CHECKING:
@@ -28,10 +38,8 @@ if TYPE_CHECKING:
 # Steps in a period of the fastest motion seen, while values are looked for and in the end:
 # Runge–Kutta's phase is right to 1e-4 and to 1e-6.
 COARSE_STEPS, FINE_STEPS = 24, 80
-# How acceleration goes on between two samples: in a straight line, or by a spline of this degree,
-# which follows five samples a period to 1e-5, and to the record's ends.
+# How acceleration goes on between two samples: in a straight line, or by a spline.
 INTERPOLATIONS = ("linear", "smooth")
-SPLINE_DEGREE = 7
 
 
 @dataclass(frozen=True)
@@ -59,6 +67,15 @@ class Experiment:
         """Of the whole record."""
         return self.measurement.acceleration.size
 
+    def integrals(self, quantity: str, steps: int) -> tuple[np.ndarray, np.ndarray]:
+        """First and second integral of a column, at so many places between samples."""
+        kept: dict[Any, Any] = self.__dict__.setdefault("_integrals", {})
+        if (quantity, steps) not in kept:
+            samples = getattr(self.measurement, quantity)
+            places = np.arange(steps * (samples.size - 1) + 1) / steps
+            kept[quantity, steps] = integrals(samples, self.measurement.sampling_rate, places)
+        return kept[quantity, steps]
+
 
 def experiment(
     scene: Scene, measurement: Measurement, frequency: float, per_period: int = FINE_STEPS
@@ -74,20 +91,15 @@ def experiment(
     per_period : int
         Steps in a period of it.
     """
-    from scipy.interpolate import make_interp_spline
-
     rate = measurement.sampling_rate
     # At least two: between samples a smooth path needs points of its own.
     steps = max(2, math.ceil(per_period * frequency / rate - 1e-9))
     samples = measurement.acceleration
     known = np.arange(samples.size)
     places = np.arange(steps * (samples.size - 1) + 1) / steps
-    spline = make_interp_spline(known, samples, SPLINE_DEGREE)
-    # A step's straight line weakens a sine by 1 − (ω h)²/12, h = 1/steps: that is given back.
-    given_back = spline.derivative(2)(places) / (12.0 * steps**2)
     paths = {
         "linear": np.interp(places, known, samples),
-        "smooth": spline(places) - given_back,
+        "smooth": smoothed(samples, steps),
     }
     changed = scene.replace(measurement.changes)
     return Experiment(measurement, changed, steps, paths)
@@ -117,6 +129,10 @@ class Responses:
         self.experiments, self.keys = list(experiments), list(keys)
         self.interpolation, self.length = interpolation, length
 
+    def with_keys(self, keys: Sequence[str]) -> Responses:
+        """The same experiments with other unknowns."""
+        return Responses(self.experiments, keys, self.interpolation, self.length)
+
     def device(self, number: int, values: np.ndarray) -> tuple[System, Scales] | None:
         """Scaled equations of one experiment; None where the scene refuses the values."""
         scene = self.experiments[number].scene
@@ -124,7 +140,11 @@ class Responses:
         made = with_values(scene, self.keys, values, unit)
         if made is None:
             return None
+        probe = self._sensor(number, values, "sensor.voltage_resistance")
         try:
+            if math.isfinite(probe):
+                load = parallel(numbers(made)["load.resistance"][0], probe)
+                made = made.replace({"load.resistance": load})
             ready = prepared(made)
             system, scales = ready.system, ready.scales
         except (HarvesterError, ArithmeticError, ValueError):
@@ -181,26 +201,101 @@ class Responses:
     def excitation(self, number: int, values: np.ndarray) -> np.ndarray:
         """η at the steps of one experiment, scaled."""
         each = self.experiments[number]
-        path = each.acceleration[self.interpolation]
         factor = (-1.0 if each.scene.units == "SI" else 1.0) / self.length
+        path = each.acceleration[self.interpolation]
         factor *= self.base_factor(number, values)
-        gain = self._sensor(values, "sensor.acceleration_scale", 1.0)
-        offset = self._sensor(values, "sensor.acceleration_offset", 0.0)
-        return factor * (path - offset) / gain
+        return factor * self._base(number, values, path, each.steps)
 
     def base_factor(self, number: int, values: np.ndarray) -> float:
         """By how much the base's acceleration counts in one experiment's device."""
-        given = self.experiments[number].scene.oscillator.base_factor
-        return self._sensor(values, BASE_FACTOR, given)
+        if BASE_FACTOR in self.keys:
+            return float(values[self.keys.index(BASE_FACTOR)])
+        return self.experiments[number].scene.oscillator.base_factor
 
-    def _sensor(self, values, key, neutral):
-        return values[self.keys.index(key)] if key in self.keys else neutral
+    def _base(self, number, values, path, steps):
+        """True acceleration of the base where its sensor showed this path."""
+        each = self.experiments[number]
+        corners = self._corners(number, values, "acceleration")
+        if any(corners):
+            path = put_right(path, each.integrals("acceleration", steps), *corners)
+        gain = self._sensor(number, values, "sensor.acceleration_scale")
+        offset = self._sensor(number, values, "sensor.acceleration_offset")
+        return (path - offset) / gain
+
+    def _base_velocity(self, number, values):
+        """Of the base at the samples, in the scene's units."""
+        each = self.experiments[number]
+        base = self._base(number, values, each.measurement.acceleration, 1)
+        sign = 1.0 if each.scene.units == "SI" else -1.0
+        places = np.arange(each.samples)
+        return sign * integrals(base, each.measurement.sampling_rate, places)[0]
+
+    def _corners(self, number, values, quantity):
+        """Of a sensor's high-passes, of first and of second order (Hz)."""
+        return [
+            self._sensor(number, values, f"sensor.{quantity}_{effect}") for effect in HIGHPASSES
+        ]
+
+    def _sensor(self, number, values, key):
+        """A sensor's effect: free, or as given for this record."""
+        if key in self.keys:
+            return values[self.keys.index(key)]
+        return self.experiments[number].measurement.sensors.get(key, neutral(key))
+
+    def shown(self, number: int, values: np.ndarray) -> Measurement:
+        """A record's outputs as the device had them, but for delays and low-passes."""
+        measurement = self.experiments[number].measurement
+        found = {}
+        for name, values_shown in measurement.outputs.items():
+            true = values_shown + self._taken_away(number, values, name)
+            true = true - self._sensor(number, values, f"sensor.{name}_offset")
+            true = true / self._sensor(number, values, f"sensor.{name}_scale")
+            if name == "velocity" and measurement.velocity_is_absolute:
+                true = true - self._base_velocity(number, values)
+            found[name] = true
+        if VELOCITY_SCALE in self.keys and len(found) > 1:
+            # Of an unknown scale, it tells nothing where other channels tell the motion.
+            found["velocity"] = None
+        return replace(measurement, **found)
+
+    def velocity_scale(self, number: int, velocity: np.ndarray, values: np.ndarray) -> float | None:
+        """Scale of the velocity's sensor for which it would show a motion.
+
+        None where the record has none.
+
+        Parameters
+        ----------
+        number : int
+            Of the experiment.
+        velocity : ndarray, shape (n,)
+            Relative to the base, in the scene's units.
+        values : ndarray
+            Of the unknowns.
+        """
+        measurement = self.experiments[number].measurement
+        if measurement.velocity is None:
+            return None
+        true = velocity
+        if measurement.velocity_is_absolute:
+            true = true + self._base_velocity(number, values)
+        return float(measurement.velocity @ true) / float(true @ true)
+
+    def _taken_away(self, number, values, name):
+        """What an AC-coupled input took away from what it shows at the samples."""
+        if name != "voltage":
+            return 0.0
+        corners = self._corners(number, values, name)
+        if not any(corners):
+            return 0.0
+        each = self.experiments[number]
+        seen = each.measurement.voltage
+        return put_right(seen, each.integrals(name, 1), *corners) - seen
 
     def _outputs(self, number, values, system, scales, states, edges):
         """What the sensors show of the states."""
         measurement = self.experiments[number].measurement
         x, v, e = states.T
-        columns = []
+        columns, inside = [], slice(edges[0], edges[-1])
         for name in measurement.outputs:
             true = {
                 "voltage": lambda: (
@@ -209,20 +304,25 @@ class Responses:
                 "displacement": lambda: x * scales.displacement,
                 "velocity": lambda: v * scales.displacement,
             }[name]()
-            columns.append(self._sensed(name, true, values, edges, measurement.sampling_rate))
+            if name == "velocity" and measurement.velocity_is_absolute:
+                true = true + self._base_velocity(number, values)[inside]
+            sensed = self._sensed(number, name, true, values, edges)
+            away = self._taken_away(number, values, name)
+            columns.append(sensed - (away[inside] if np.ndim(away) else 0.0))
         return np.column_stack(columns)
 
-    def _sensed(self, name, true, values, edges, rate):
+    def _sensed(self, number, name, true, values, edges):
         key = f"sensor.{name}_"
-        time_constant = self._sensor(values, key + "filter", 0.0)
-        delay = self._sensor(values, key + "delay", 0.0)
+        rate = self.experiments[number].measurement.sampling_rate
+        time_constant = self._sensor(number, values, key + "filter")
+        delay = self._sensor(number, values, key + "delay")
         if time_constant > 0.0 or delay != 0.0:
             pieces = np.split(true, edges[1:-1] - edges[0])
             true = np.concatenate(
                 [_delayed(_filtered(piece, time_constant * rate), delay * rate) for piece in pieces]
             )
-        gain = self._sensor(values, key + "scale", 1.0)
-        return gain * true + self._sensor(values, key + "offset", 0.0)
+        gain = self._sensor(number, values, key + "scale")
+        return gain * true + self._sensor(number, values, key + "offset")
 
 
 def _filtered(values, samples):

@@ -130,7 +130,12 @@ def _in_short_windows(shooting, fit):
     return short
 
 
-def settle_windows(shooting: Shooting, fit: Fit, stretches: Sequence[tuple[int, int]]) -> Fit:
+def settle_windows(
+    shooting: Shooting,
+    fit: Fit,
+    stretches: Sequence[tuple[int, int]],
+    reach: tuple[float, float] | None = None,
+) -> Fit:
     """Windows of other stretches and their starts, the device's values being as they are.
 
     Parameters
@@ -141,6 +146,8 @@ def settle_windows(shooting: Shooting, fit: Fit, stretches: Sequence[tuple[int, 
         Of the values and the noise.
     stretches : sequence of (int, int)
         First sample of each experiment, and that behind the last.
+    reach : (float, float), optional
+        Displacements between which the mass is looked for; by default those of the fitted motion.
     """
     experiments = shooting.responses.experiments
     edges = [
@@ -149,8 +156,8 @@ def settle_windows(shooting: Shooting, fit: Fit, stretches: Sequence[tuple[int, 
     ]
     begun = Fit(fit.values, edges, [], fit.noise)
     for number, cut in enumerate(edges):
-        everywhere, reach = np.ones(cut.size - 1, bool), _visited(shooting, fit, number)
-        begun.starts.append(placed(shooting, number, begun, everywhere, reach)[0])
+        everywhere, there = np.ones(cut.size - 1, bool), reach or _visited(shooting, fit, number)
+        begun.starts.append(placed(shooting, number, begun, everywhere, there)[0])
     if not shooting.linearized(begun):
         return begun
     return followed(shooting, begun)

@@ -9,6 +9,7 @@ import numpy as np
 
 from harvester.identification.measured_response import MeasuredResponse
 from harvester.identification.reconstruction import frequencies
+from harvester.identification.sensors import HIGHPASSES
 from harvester.prepared.prepared import prepared
 from harvester.scene.units import restoring_spring
 
@@ -47,13 +48,16 @@ def sizes_of(
     found["oscillator.quadratic_damping"] = damping / speed
     found["stoppers.gap"] = reach
     found["stoppers.stiffness"] = greatest / reach**1.5
+    frequency = frequencies(measurements[0])[0]
+    for name in ("acceleration", "voltage"):
+        for effect in HIGHPASSES:
+            found[f"sensor.{name}_{effect}"] = SHARE_OF_PERIOD * frequency
     base = measurements[0].acceleration
     found["sensor.acceleration_offset"] = 1.0 if base is None else float(np.std(base)) or 1.0
-    period = 1.0 / frequencies(measurements[0])[0]
     for name, values in measurements[0].sensed.items():
         found[f"sensor.{name}_offset"] = float(np.std(values))
         for effect in ("delay", "filter"):
-            found[f"sensor.{name}_{effect}"] = SHARE_OF_PERIOD * period
+            found[f"sensor.{name}_{effect}"] = SHARE_OF_PERIOD / frequency
     return found
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -84,8 +84,8 @@ def fitted_responses(
     best = min(fits, key=lambda each: each.cost)
     fit = shooting.minimized(shooting.reweighted(best), LAST, FINE)
     covariance = intervals.covariance(shooting, fit)
-    kept = _shooting(scene, measurements, aside, keys, sizes)
-    stretches = [_stretch(kept, fit.values, number) for number in range(len(measurements))]
+    kept = _shooting(scene, measurements, aside, keys, sizes).responses
+    stretches = [stretch_of(kept, fit.values, number) for number in range(len(measurements))]
     return Fitted.concluded(scene, shooting, fit, covariance, stretches)
 
 
@@ -130,12 +130,12 @@ def _starts(shooting):
         yield Fit(values, edges, [NO_STATES] * len(edges), noise)
 
 
-def _stretch(kept, values, number):
+def stretch_of(kept: SteadyResponses, values: np.ndarray, number: int) -> ResponseStretch:
     """What the model says of the lines that were kept aside."""
-    each = kept.responses.experiments[number]
+    each: Any = kept.experiments[number]
     measured = np.column_stack(list(each.measurement.outputs.values()))
     edges = np.array([0, measured.shape[0]])
-    _, _, found = kept.responses.states(number, values, edges, NO_STATES)
+    _, _, found = kept.states(number, values, edges, NO_STATES)
     frequency = each.measurement.frequency
     return ResponseStretch(
         name=each.measurement.name,

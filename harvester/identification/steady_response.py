@@ -16,9 +16,12 @@ import numpy as np
 
 from harvester.device import system as device
 from harvester.device import timescales
-from harvester.identification.response import Responses
+from harvester.identification.measured_impedance import impedance_outputs
+from harvester.identification.response import Experiment, Responses
+from harvester.identification.sensors import HIGHPASSES
 
 if TYPE_CHECKING:
+    from harvester.identification.measured_impedance import MeasuredImpedance
     from harvester.identification.measured_response import MeasuredResponse
     from harvester.scene.model import Scene
 
@@ -41,12 +44,27 @@ class SteadyExperiment:
     scene: Scene
 
 
+@dataclass(frozen=True)
+class ImpedanceExperiment:
+    """A measured impedance with the scene it belongs to.
+
+    Attributes
+    ----------
+    measurement : MeasuredImpedance
+    scene : Scene
+    """
+
+    measurement: MeasuredImpedance
+    scene: Scene
+
+
 class SteadyResponses(Responses):
     """Responses of several experiments for values of the unknowns; their samples are frequencies.
 
     Parameters
     ----------
-    experiments : sequence of SteadyExperiment
+    experiments : sequence of SteadyExperiment, ImpedanceExperiment or Experiment
+        The last are records in time, whose samples are instants.
     keys : sequence of str
     length : float
     """
@@ -58,18 +76,39 @@ class SteadyResponses(Responses):
         self, number: int, values: np.ndarray, edges: np.ndarray, starts: np.ndarray
     ) -> tuple[Any, Any, Any]:
         """As those of records in time; a steady response has no states."""
+        if isinstance(self.experiments[number], Experiment):
+            return super().states(number, values, edges, starts)
         made = self.device(number, values)
         if made is None:
             return None, None, None
         system, scales = made
         each: Any = self.experiments[number]
-        found = self._gain_of_sensors(each.measurement.frequency, values)
+        if isinstance(each, ImpedanceExperiment):
+            outputs = self._impedance(system, number, values)
+            return np.zeros((outputs.shape[0], 3)), starts, outputs
+        found = self._gain_of_sensors(number, values)
         found = found * self._response(system, scales, number, values)
         if np.iscomplexobj(each.measurement.response):
             outputs = np.column_stack([found.real, found.imag])
         else:
             outputs = np.abs(found)[:, None]
         return np.zeros((found.size, 3)), starts, outputs
+
+    def _impedance(self, system, number, values):
+        """ln |Z| and phase with the base clamped."""
+        each: Any = self.experiments[number]
+        rate = 2j * math.pi * each.measurement.frequency
+        linear = float(system.spring.slope(timescales.rest(system)))
+        mechanical = linear + system.damper.damping * rate + rate**2
+        of_capacitance = system.transducer.own_rate + rate
+        of_capacitance = of_capacitance + system.transducer.coupling * rate / mechanical
+        key = "piezo.capacitance"
+        own = each.scene.transducer.capacitance
+        if key in self.keys:
+            own = values[self.keys.index(key)]
+        admittance = own * of_capacitance + each.measurement.background
+        outputs = impedance_outputs(1.0 / admittance)
+        return np.column_stack(list(outputs.values()))
 
     def _response(self, system, scales, number, values):
         """True voltage over true acceleration."""
@@ -91,21 +130,29 @@ class SteadyResponses(Responses):
         factor = self.base_factor(number, values)
         amplitude = np.zeros(rate.size)
         if measured.acceleration is not None:
-            gain = self._sensor(values, "sensor.acceleration_scale", 1.0)
+            gain = self._sensor(number, values, "sensor.acceleration_scale")
             drive = factor * measured.acceleration / gain / self.length
             shown = np.abs(measured.response) * measured.acceleration
             amplitude = _amplitude(impedance, drive, shown / np.abs(volts))
         sign = -1.0 if each.scene.units == "SI" else 1.0
         return factor * sign * volts / impedance(amplitude) / self.length
 
-    def _gain_of_sensors(self, frequency, values):
+    def _gain_of_sensors(self, number, values):
         """What the sensors make of it."""
+        frequency = self.experiments[number].measurement.frequency
         rate = 2j * math.pi * frequency
-        key = "sensor.voltage_"
-        gain = self._sensor(values, key + "scale", 1.0)
-        gain /= self._sensor(values, "sensor.acceleration_scale", 1.0)
-        delay = np.exp(-rate * self._sensor(values, key + "delay", 0.0))
-        return gain * delay / (1.0 + rate * self._sensor(values, key + "filter", 0.0))
+
+        def effect(name):
+            return self._sensor(number, values, f"sensor.{name}")
+
+        gain = effect("voltage_scale") / effect("acceleration_scale")
+        gain = (
+            gain * np.exp(-rate * effect("voltage_delay")) / (1.0 + rate * effect("voltage_filter"))
+        )
+        for name, power in (("voltage", 1), ("acceleration", -1)):
+            first, second = (effect(f"{name}_{each}") / (1j * frequency) for each in HIGHPASSES)
+            gain = gain * ((1.0 + first) * (1.0 + math.sqrt(2.0) * second + second**2)) ** -power
+        return gain
 
 
 def _taylor(system):

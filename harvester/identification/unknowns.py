@@ -12,16 +12,18 @@ import numpy as np
 
 from harvester.errors import HarvesterError, SceneError
 from harvester.files.plain_text import named, nearest
+from harvester.identification.sensors import (
+    HIGHPASSES,
+    PROBE,
+    VELOCITY_SCALE,
+    neutral,
+    sensor_keys,
+)
 from harvester.scene.numbers import numbers
 
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
-# What a sensor may add to its quantity, with the value without it.
-SENSOR_EFFECTS = {"offset": 0.0, "scale": 1.0, "delay": 0.0, "filter": 0.0}
-OUTPUTS = ("voltage", "displacement", "velocity")
-# The base's sensor: a delay of it is one of all outputs.
-BASE_EFFECTS = ("offset", "scale")
 # Tables whose numbers describe the device; a load's are known.
 DEVICE_TABLES = ("oscillator", "stoppers", "piezo", "coil")
 # Known from a scale, a data sheet or an ohmmeter, and hardly to be told from records.
@@ -30,6 +32,8 @@ KNOWN = (
     "leakage_rate",
 )  # fmt: skip
 BASE_FACTOR, BASE_SCALE = "oscillator.base_factor", "sensor.acceleration_scale"
+# Stands for all that is free by default.
+DEVICE = "device"
 ORIGIN = "oscillator.restoring_force[0]"
 # Of its own start, what a number that must be positive keeps at least.
 SMALLEST_SHARE = 1e-3
@@ -64,21 +68,13 @@ class Unknown:
         return replace(self, start=value, size=max(self.size, abs(value)))
 
 
-def sensor_keys(outputs: Sequence[str]) -> dict[str, float]:
-    """Keys of the sensors that a record has, to their values without effect."""
-    found = {f"sensor.acceleration_{effect}": SENSOR_EFFECTS[effect] for effect in BASE_EFFECTS}
-    for output in outputs:
-        found |= {f"sensor.{output}_{effect}": v for effect, v in SENSOR_EFFECTS.items()}
-    return found
-
-
-def default_keys(scene: Scene, outputs: Sequence[str]) -> list[str]:
+def default_keys(scene: Scene, outputs: Sequence[str], volts: bool = False) -> list[str]:
     """What is free where nothing is said: the device's own numbers that a record tells.
 
     Mass, winding, leak and a contact's exponent are taken as known. Without a displacement no
-    record tells where x = 0 is: then the constant force is kept.
+    record tells where x = 0 is: then the constant force is kept. A velocity in `volts` has a scale.
     """
-    keys = []
+    keys = [VELOCITY_SCALE] if volts else []
     for key in numbers(scene):
         table, _, name = key.rpartition(".")
         if table.partition("[")[0] not in DEVICE_TABLES or name in KNOWN:
@@ -109,6 +105,9 @@ def checked_keys(scene: Scene, keys: Sequence[str], outputs: Sequence[str]) -> l
     """
     known = [*numbers(scene), *sensor_keys(outputs)]
     known = [key for key in known if not key.startswith("excitation.")]
+    if DEVICE in keys:
+        own = [key for key in default_keys(scene, outputs) if key not in keys]
+        keys = [*own, *(key for key in keys if key != DEVICE)]
     for place, key in enumerate(keys):
         if key not in known:
             raise HarvesterError(
@@ -139,11 +138,7 @@ def unknowns(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list
     found = []
     for key in keys:
         if key.startswith("sensor."):
-            start = sensor_keys(OUTPUTS)[key]
-            effect = key.rpartition("_")[2]
-            low = {"filter": 0.0, "scale": SMALLEST_SHARE}.get(effect, -math.inf)
-            size = 1.0 if effect == "scale" else sizes[key]
-            found.append(Unknown(key, start, low, math.inf, size))
+            found.append(_of_sensor(key, sizes))
             continue
         start, spec = known[key]
         size = abs(start) or sizes.get(key, 0.0) or 1.0
@@ -152,6 +147,17 @@ def unknowns(scene: Scene, keys: Sequence[str], sizes: dict[str, float]) -> list
             low += SMALLEST_SHARE * size
         found.append(Unknown(key, float(start), low, spec.high, size))
     return found
+
+
+def _of_sensor(key, sizes):
+    """A free effect of a sensor, from where it has none."""
+    effect = key.rpartition("_")[2]
+    if effect == "resistance":
+        return Unknown(key, PROBE, SMALLEST_SHARE * PROBE, math.inf, PROBE)
+    if effect == "scale":
+        return Unknown(key, 1.0, SMALLEST_SHARE, math.inf, 1.0)
+    low = 0.0 if effect in ("filter", *HIGHPASSES) else -math.inf
+    return Unknown(key, neutral(key), low, math.inf, sizes[key])
 
 
 def with_values(

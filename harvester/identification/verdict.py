@@ -7,10 +7,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from harvester.identification.candidates import SURE, Candidate, proposed
+from harvester.identification.consistency import Misfit, worst
 from harvester.identification.proof import Whiteness, sensor_noise
+from harvester.show.numbers import share_with_error
 
 if TYPE_CHECKING:
     from harvester.identification.fitted_model import Fitted
+    from harvester.identification.kept_aside import Kept
+    from harvester.identification.visited import Visited
 
 # Of each window: displacement, velocity and the transducer's state.
 FITTED_STATES = 3
@@ -38,8 +42,15 @@ class Verdict:
         return self.word == "predicts"
 
 
-def verdict(base: Fitted, found: Sequence[Candidate], whiteness: Whiteness) -> Verdict:
-    """Judge a model by what it predicts of the data kept aside.
+def verdict(
+    base: Fitted,
+    found: Sequence[Candidate],
+    whiteness: Whiteness,
+    misfits: Sequence[Misfit] = (),
+    visited: Visited | None = None,
+    kept: Sequence[Kept] = (),
+) -> Verdict:
+    """Judge a model by what it predicts of the data kept aside: its worst record and channel.
 
     Parameters
     ----------
@@ -48,35 +59,114 @@ def verdict(base: Fitted, found: Sequence[Candidate], whiteness: Whiteness) -> V
         The scene's own first.
     whiteness : Whiteness
         Of the residuals of the first record kept aside.
+    misfits : sequence of Misfit
+        Of each output of each record; none of frequency responses.
+    visited : Visited, optional
+        Where the records took the device.
+    kept : sequence of Kept
+        Records kept aside as a whole.
     """
-    output = base.stretches[0].quantity
     if all(_is_noise(each, whiteness) for each in base.stretches):
-        return Verdict(
-            "nothing",
-            f"nothing to judge: the model explains {output} no better than chance "
-            f"({base.nrmse:.2%} NRMSE on the data kept aside), and what was measured is noise "
-            f"(about {base.sensor_noise:.2%} of it); measure with a stronger excitation, and check "
-            "that the columns belong together",
-        )
-    said = (
-        f"{output} to {base.nrmse:.2%} NRMSE on the data kept aside (about {base.sensor_noise:.2%} "
-        f"is the sensor's noise), residuals {'white' if whiteness.white else 'correlated'}"
-    )
-    best = proposed(found)
+        return Verdict("nothing", _nothing(base))
+    said, claims, best = _said(base, misfits, whiteness), _claims(kept), proposed(found)
     if best.is_better:
         return Verdict(
             "wrong",
             f"the model is wrong: {said}; {best.name} leaves {best.fitted.nrmse:.2%} and is "
-            "proposed instead",
+            f"proposed instead{_freed(best, base)}{claims}",
         )
-    if not base.adequate and not (whiteness.white and base.stretches[0].long):
+    fault = _fault(base, whiteness, misfits, kept)
+    if fault is not None:
+        others = ", and none of the other models that were tried does better" if found[1:] else ""
         return Verdict(
-            "incomplete",
-            f"the model is wrong or incomplete: {said}, and none of the other models that were "
-            "tried does better",
+            "incomplete", f"the model is wrong or incomplete: {said}{fault}{others}{claims}"
         )
     simpler = "" if best is found[0] else f"; {best.name} predicts as well and is simpler"
-    return Verdict("predicts", f"the model predicts {said}{_power(base)}{simpler}")
+    return Verdict(
+        "predicts", f"the model predicts {said}{_power(base)}{claims}{_where(visited)}{simpler}"
+    )
+
+
+def _nothing(base):
+    """That the records hold no motion to judge by, in words."""
+    return (
+        f"nothing to judge: the model explains {base.stretches[0].quantity} no better than chance "
+        f"({base.nrmse:.2%} NRMSE on the data kept aside), and what was measured is noise (about "
+        f"{base.sensor_noise:.2%} of it); measure with a stronger excitation, and check that the "
+        "columns belong together"
+    )
+
+
+def _fault(base, whiteness, misfits, kept):
+    """What speaks against a model that no other is better than, in words; None where nothing."""
+    wrong = worst(misfits)
+    if wrong:
+        return (
+            f": {wrong.systematic:.2%} of the {wrong.output} of {wrong.record} follow from its "
+            "motion and are no noise, so that values may be off by more than their intervals"
+        )
+    refuted = [each for each in kept if each.claimed and not each.holds]
+    if refuted:
+        return f": {refuted[0].name} is not as predicted"
+    if base.adequate or (whiteness.white and base.stretches[0].long):
+        return None
+    return ""
+
+
+def _freed(best, base):
+    """The sensors' values of another model, in words."""
+    values = dict(zip(best.fitted.keys, best.fitted.values, strict=True))
+    sensors = [key for key in values if key.startswith("sensor.") and key not in base.keys]
+    return "".join(f" ({key} = {values[key]:.4g}, to be freed by --free {key})" for key in sensors)
+
+
+def _claims(kept):
+    """How many of the records kept aside are claimed, and how many of those hold, in words."""
+    if not kept:
+        return ""
+    claimed = [each for each in kept if each.claimed]
+    held = sum(each.holds for each in claimed)
+    return (
+        f"; it claims {len(claimed)} of {len(kept)} records kept aside, and {held} of those lie "
+        "within their intervals"
+    )
+
+
+def _where(visited):
+    """What was visited, and what the model only extrapolates, in words."""
+    if visited is None:
+        return ""
+    return (
+        f"; that holds for what the records visited ({visited.ranges}); extrapolated are "
+        f"{', '.join(visited.extrapolated)}"
+    )
+
+
+def _said(base, misfits, whiteness):
+    """What is left of the worst record and channel, and of the worst record of other channels."""
+    if not misfits:
+        return (
+            f"{base.stretches[0].quantity} to {base.nrmse:.2%} NRMSE on the data kept aside (about "
+            f"{base.sensor_noise:.2%} is the sensor's noise), residuals "
+            f"{'white' if whiteness.white else 'correlated'}"
+        )
+    channels = [
+        max((each for each in misfits if each.output == name), key=_beyond)
+        for name in dict.fromkeys(each.output for each in misfits)
+    ]
+    first, *others = sorted(channels, key=_beyond, reverse=True)
+    several = len({each.record for each in misfits}) > 1
+    place = f" of {first.record}, the worst of the records" if several else ""
+    also = "".join(f", {each.output} to {each.left:.2%} ({each.noise:.2%})" for each in others)
+    return (
+        f"{first.output} to {first.left:.2%} NRMSE on the data kept aside{place} (about "
+        f"{first.noise:.2%} is the sensors' noise){also}"
+    )
+
+
+def _beyond(misfit):
+    """What noise does not explain: the first thing to say of a model."""
+    return max(misfit.left**2 - misfit.noise**2, 0.0), misfit.left
 
 
 def _is_noise(stretch, whiteness):
@@ -93,10 +183,7 @@ def _is_noise(stretch, whiteness):
 
 
 def _power(base):
-    """What it predicts of the power, in words."""
-    first = base.stretches[0]
-    _, _, difference = first.powers()
-    return (
-        f", and the {first.compared[0]} to {difference.estimate:+.2%} ± "
-        f"{difference.standard_error:.2%}"
-    )
+    """What it predicts of the power, in words: the record with the largest difference."""
+    found = [(each, each.powers()[2]) for each in base.stretches]
+    stretch, difference = max(found, key=lambda each: abs(each[1].estimate))
+    return f", and the {stretch.compared[0]} to {share_with_error(difference)}"

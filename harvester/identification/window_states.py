@@ -93,7 +93,7 @@ def _step(shooting, number, fit, starts, residuals, damping):
 def measured_motion(shooting: Shooting, number: int, values: np.ndarray) -> Motion:
     """The motion that a record shows if the device has these numbers."""
     system, scales = shooting.responses.known_device(number, values)
-    return motion(system, scales, shooting.responses.experiments[number].measurement)
+    return motion(system, scales, shooting.responses.shown(number, values))
 
 
 def placed(

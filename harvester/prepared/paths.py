@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from harvester.device import timescales
 from harvester.excitation import realization_seed
+from harvester.prepared.starts import drawn_start
 from harvester.prepared.steps import knot_spacing
 
 if TYPE_CHECKING:
@@ -16,8 +17,11 @@ if TYPE_CHECKING:
 def start_state(ready: Prepared, index: int) -> tuple[float, float, float]:
     """(X, X', transducer's state) in which a realization starts, scaled.
 
-    At rest in the wells in turn, beginning on the right, unless the scene says where.
+    At rest in the wells in turn, beginning on the right, unless the scene says where; drawn over
+    the energy range where `run.starts` asks for it.
     """
+    if ready.scene.run.starts is not None:
+        return drawn_start(ready, index)
     length, wells = ready.scales.displacement, timescales.wells(ready.system)
     displacement, velocity, state = wells[index % len(wells)], 0.0, 0.0
     start = ready.scene.start

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from harvester.estimates.estimate import Density
 from harvester.show.palette import CIRCUIT
 from harvester.show.panels import entitle
 
@@ -18,6 +22,10 @@ if TYPE_CHECKING:
 WORTH_DRAWING = 1e-3
 # Intervals between ticks on a density's axis: the labels of an SI scene are long.
 MOST_TICKS = 5
+# Bins a side of the density in a section.
+SECTION_BINS = 60
+# Of a density from chance, however few its effective samples: its shape is still to be seen.
+FEWEST_BINS = 40
 
 
 def draw_result(result: Result) -> Figure | None:
@@ -25,7 +33,8 @@ def draw_result(result: Result) -> Figure | None:
     from matplotlib.figure import Figure
 
     fitted = result.spectrum_fit is not None and result.spectrum_fit.frequency.size > 0
-    panels = len(result.densities) + fitted
+    strobed = result.stroboscope is not None and result.stroboscope.shape[1] > 0
+    panels = len(result.densities) + fitted + strobed
     if not panels:
         return None
     figure = Figure(figsize=(3.0 * panels, 2.6))
@@ -37,9 +46,29 @@ def draw_result(result: Result) -> Figure | None:
         axes.set_ylim(bottom=0.0)
         frame(axes, [result], name)
     if fitted:
-        _draw_fit(figure.add_subplot(1, panels, panels), result)
+        _draw_fit(figure.add_subplot(1, panels, panels - strobed), result)
+    if strobed:
+        _draw_section(figure.add_subplot(1, panels, panels), result)
     entitle(figure, f"{result.scene.name}: {result.engine}")
     return figure
+
+
+def _draw_section(axes, result):
+    """The stroboscopic section: its points, of each orbit in a colour; under noise its density."""
+    x, v = result.section().reshape(-1, 2).T
+    if result.scene.excitation.random:
+        axes.hist2d(x, v, bins=SECTION_BINS, density=True, cmin=1e-300, cmap="viridis")
+    elif result.attractors:
+        for each in result.attractors:
+            label = f"{each.name}: {each.share:.1%}"
+            axes.plot(*each.points.T, "o" if each.period else ".", markersize=3.0, label=label)
+        axes.legend(fontsize=6)
+    else:
+        axes.plot(x, v, ".", color=CIRCUIT, markersize=2.0)
+    axes.set_xlabel(axis_label(result, "displacement"))
+    axes.set_ylabel(axis_label(result, "velocity"))
+    axes.set_title("stroboscopic section", fontsize=8)
+    axes.locator_params(axis="x", nbins=MOST_TICKS)
 
 
 def _draw_fit(axes, result):
@@ -52,20 +81,42 @@ def _draw_fit(axes, result):
     axes.set_xlabel("frequency [Hz]")
     unit = "(m/s²)²/Hz" if result.scene.units == "SI" else "scaled"
     axes.set_ylabel(f"density [{unit}]")
-    axes.legend(fontsize=6)
+    # Above the data: a spectrum fills its axes.
+    axes.legend(fontsize=6, loc="lower left", bbox_to_anchor=(0.0, 1.0))
 
 
 def draw_density(
     axes: Axes, result: Result, name: str, colour: str, style: str, label: str | None
 ) -> None:
     """One density in the scene's units, with a band of two standard errors."""
-    density = result.densities[name]
+    density = _merged(result, name)
     unit = result.scales.of(density.dimension)
     centre, values = density.centre * unit, density.density / unit
     if density.standard_error is not None:
         band = 2.0 * density.standard_error / unit
         axes.fill_between(centre, values - band, values + band, color=colour, alpha=0.25, lw=0)
     axes.plot(centre, values, style, color=colour, label=label)
+
+
+def _merged(result, name):
+    """A density of so few bins as its effective samples fill: Rice's 2 n^⅓ of them, or more."""
+    density = result.densities[name]
+    about = result.scaled_quantities.get(f"mean_square_{name}")
+    samples = about.effective_sample_size if about else None
+    if density.standard_error is None or not samples:
+        return density
+    held = int(np.count_nonzero(density.density > WORTH_DRAWING * density.density.max()))
+    size = held // max(FEWEST_BINS, math.ceil(2.0 * samples ** (1.0 / 3.0)))
+    if size < 2:
+        return density
+    bins = density.centre.size // size
+
+    def means(values):
+        return values[: bins * size].reshape(bins, size).mean(axis=1)
+
+    # Neighbours err together: the mean of their errors is what is left at most.
+    centre, value, error = map(means, (density.centre, density.density, density.standard_error))
+    return Density(centre, value, error, density.dimension)
 
 
 def frame(axes: Axes, results: Sequence[Result], name: str) -> None:

@@ -7,19 +7,26 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, get_type_hints
 
+import numpy as np
+
 from harvester.errors import HarvesterError, UnknownQuantity
-from harvester.estimates.estimate import Density, Estimate
+from harvester.estimates.estimate import Density, Estimate, root
 from harvester.estimates.joint_density import JointDensity
 from harvester.estimates.units import SI_UNITS, unit_of
 from harvester.excitation.spectrum_fit import SpectrumFit
 from harvester.files.plain_text import nearest, one_line, shown
 from harvester.files.serialising import NotAValue, plain, read
 from harvester.record.moments import Moments
-from harvester.record.record import Record
+from harvester.results.orbit import Attractor
+from harvester.results.waveform import Waveform
+from harvester.scene.described import device_line
 from harvester.scene.model import Scene
 from harvester.scene.units import Scales
+from harvester.show.numbers import count, is_share, prefixed, quantity, with_error
+from harvester.show.symbols import definitions
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from xarray import Dataset
 
@@ -87,14 +94,19 @@ class Result:
         Of displacement, velocity and voltage.
     joint_density : JointDensity or None
         Of displacement and velocity together: of the stationary solver, or where it was asked for.
-    waveform : Record or None
-        A stretch of the first realization.
+    waveform : Waveform or None
+        A stretch of the first realization, in the scene's units; None of averaging.
     failures : dict of int to str
         Realizations that failed for good, with the reason; left out of the estimates.
     moments : list of harvester.record.moments.Moments
         One per realization, for paired differences; empty for averaging.
     spectrum_fit : SpectrumFit or None
         Of averaging over a record.
+    stroboscope : ndarray or None, shape (realizations, samples, columns)
+        Where it was asked for: the state at the beginnings of the excitation's periods, scaled, in
+        the columns of `harvester.record.stroboscope.COLUMNS`; see `section`.
+    attractors : tuple of Attractor
+        Of a run without chance from several starts: the motions that they come to.
     outcome : str
         "complete", "incomplete" where realizations failed, or the name of the error that ended
         the run early.
@@ -117,12 +129,14 @@ class Result:
     notes: tuple[str, ...] = ()
     densities: dict[str, Density] = field(default_factory=dict)
     joint_density: JointDensity | None = None
-    waveform: Record | None = None
+    waveform: Waveform | None = None
     failures: dict[int, str] = field(default_factory=dict)
     moments: list[Moments] = field(default_factory=list)
     spectrum_fit: SpectrumFit | None = None
     outcome: str = "complete"
     step_error: float | None = None
+    stroboscope: np.ndarray | None = None
+    attractors: tuple[Attractor, ...] = ()
 
     def quantity(self, name: str) -> Estimate:
         """One estimate in the scene's units, as `result[name]`.
@@ -180,6 +194,11 @@ class Result:
                     name: {**each.to_dict("scaled"), "dimension": each.dimension}
                     for name, each in self.scaled_quantities.items()
                 },
+                **(
+                    {"attractors": [each.to_dict(self.unit) for each in self.attractors]}
+                    if self.attractors
+                    else {}
+                ),
                 **({"spectrum_fit": self.spectrum_fit} if self.spectrum_fit else {}),
                 "scene": self.scene,
             }
@@ -233,25 +252,77 @@ class Result:
         return "\n".join(lines) + "\n"
 
     def table(self) -> tuple[list[str], list[list[str]]]:
-        """Header and rows, as text: quantity, unit, value with error bar, effective samples."""
+        """Header and rows, as text: quantity, unit, value with error bar, effective samples.
+
+        Behind mean squares stand their roots, behind what has no error bar the reason.
+        """
         numerical = self.error_kind == "numerical"
         header = ["quantity", "unit"]
         header += [f"{'value ± numerical' if numerical else 'estimate ± standard'} error"]
         header += [] if numerical else ["effective samples"]
+        shown = with_roots(self.quantities)
+        bare = any(each.note for each in shown.values())
+        header += ["no error bar because"] * bare
         rows = [
             [
                 name.replace("_", " "),
-                self.unit(estimate.dimension),
-                with_error(estimate),
-                *([] if numerical else [_count(estimate.effective_sample_size)]),
+                self.in_print(name, each)[1],
+                with_error(each.times(self.in_print(name, each)[0])),
+                *([] if numerical else [count(each.effective_sample_size)]),
+                *[each.note] * bare,
             ]
-            for name, estimate in self.quantities.items()
+            for name, each in shown.items()
         ]
         return header, rows
 
+    def in_print(self, name: str, estimate: Estimate) -> tuple[float, str]:
+        """The factor that one of its quantities is printed with, and the unit that then holds."""
+        if estimate.dimension == "1" and is_share(name):
+            return 100.0, "%"
+        return prefixed(estimate.estimate, self.unit(estimate.dimension))
+
     def sentences(self) -> list[str]:
         """How the numbers came about, and what to know before citing one."""
-        return [*self.evidence(), *self.notes]
+        return [
+            *self.evidence(),
+            *device_line(self.scene),
+            *definitions(self.scaled_quantities),
+            *self.notes,
+        ]
+
+    def headline(self) -> str:
+        """Its power, load and conditions, in one line."""
+        from harvester.results.headline import headline
+
+        return headline(self)
+
+    def draw_density(self, axes: Axes, name: str, label: str | None = None, **style: Any) -> None:
+        """Draw one density into axes of a figure of your own, in the scene's units.
+
+        Parameters
+        ----------
+        axes : matplotlib.axes.Axes
+        name : str
+            "displacement", "velocity" or "voltage".
+        label : str or None
+            In the legend (default: the method).
+        **style
+            `colour` and `line`, as matplotlib has them.
+
+        Raises
+        ------
+        UnknownQuantity
+        """
+        from harvester.results.drawing import axis_label, draw_density
+
+        if name not in self.densities:
+            raise UnknownQuantity(
+                f"{self.scene.name}: no density of {shown(name)}{nearest(name, self.densities)}; "
+                f"there are {', '.join(self.densities) or 'none'}"
+            )
+        colour = style.pop("colour", f"C{len(axes.lines)}")
+        draw_density(axes, self, name, colour, style.pop("line", "-"), label or self.engine)
+        axes.set(xlabel=axis_label(self, name), ylabel="probability density")
 
     def results_by_method(self) -> dict[str, Result]:
         """Itself, by the name of its engine or closure."""
@@ -271,9 +342,27 @@ class Result:
 
         return figures.drawn(joint_drawing.draw, [self])
 
+    def section(self) -> np.ndarray:
+        """Displacement and velocity of all stroboscopic samples, in the scene's units.
+
+        Returns
+        -------
+        ndarray, shape (realizations, samples, 2)
+
+        Raises
+        ------
+        HarvesterError
+            None were kept.
+        """
+        if self.stroboscope is None:
+            raise HarvesterError(f"{self.scene.name}: no samples were kept: ask for stroboscope")
+        units = [self.scales.of("displacement"), self.scales.of("velocity")]
+        return self.stroboscope[:, :, :2] * units
+
     def __repr__(self) -> str:
         first = next(iter(self.quantities.items()), None)
-        says = f"{first[0]} = {with_error(first[1])}, " if first else ""
+        unit = self.unit(first[1].dimension) if first else ""
+        says = f"{first[0]} = {with_error(first[1], unit)}, " if first else ""
         more = f"{says}{len(self.scaled_quantities)} quantities, {self.outcome}"
         return one_line(f"<Result of {self.scene.name} by {self.engine}: {more}>")
 
@@ -288,11 +377,12 @@ class Result:
         said = [self.engine_version]
         if self.simulated_time > 0.0:
             said.append(
-                f"{self.realizations} × {self.simulated_time / self.realizations:g} s, "
-                f"{self.steps} steps of at most {self.step:g} s, seed {self.scene.run.seed}"
+                f"{self.realizations} × {self.simulated_time / self.realizations:.6g} s, "
+                f"{count(self.steps)} steps of at most {quantity(self.step or 0.0, 's', 3)}, "
+                f"seed {self.scene.run.seed}"
             )
         if self.step_error is not None:
-            said.append(f"the steps cost powers up to {self.step_error:.1g} of themselves")
+            said.append(f"the steps cost powers up to {100.0 * self.step_error:.1g} %")
         if self.energy_balance_residual is not None:
             said.append(f"energy balance residual {self.energy_balance_residual:.2%}")
         said.append(f"{self.wall_seconds:.2f} s")
@@ -301,26 +391,15 @@ class Result:
         return said
 
 
-def with_error(estimate: Estimate) -> str:
-    """ "0.02745 ± 0.00012", or the bare value and that it has no error bar."""
-    value, error = estimate.estimate, estimate.standard_error
-    if value is None or not math.isfinite(value):
-        return "—"
-    if error is None or not math.isfinite(error):
-        return f"{value:.3g} (no error bar)"
-    if error == 0.0:
-        return f"{value:.6g} ± 0"
-    digits = max(0, math.floor(math.log10(abs(value) / error)) + 2) if value else 2
-    if 1e-4 <= abs(value) < 1e5 or value == 0.0:
-        places = max(0, 1 - math.floor(math.log10(error)))
-        return f"{value:.{places}f} ± {error:.{places}f}"
-    exponent = math.floor(math.log10(abs(value)))
-    scale = 10.0**exponent
-    return f"({value / scale:.{digits}f} ± {error / scale:.{digits}f})e{exponent}"
-
-
-def _count(size: float | None) -> str:
-    return "" if size is None else f"{size:.0f}"
+def with_roots(quantities: dict[str, Estimate]) -> dict[str, Estimate]:
+    """The same with the root of every mean square behind it."""
+    found: dict[str, Estimate] = {}
+    for name, each in quantities.items():
+        found[name] = each
+        of_root = name.replace("mean_square", "rms")
+        if of_root not in quantities and name.startswith("mean_square") and each.estimate >= 0.0:
+            found[of_root] = root(each)
+    return found
 
 
 def _result_of(kind, content, folder):

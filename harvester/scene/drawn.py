@@ -13,8 +13,8 @@ from harvester.scene.schema import OTHER_KEYS, check_table
 # What the drawing gives, and so may not stand beside it.
 DRAWN = {
     "oscillator": (
-        "mass", "damping", "base_factor", "linear_stiffness", "cubic_stiffness",
-        "restoring_force", "force_table", "force_interpolation",
+        "mass", "damping", "quality_factor", "damping_ratio", "base_factor", "linear_stiffness",
+        "frequency", "cubic_stiffness", "restoring_force", "force_table", "force_interpolation",
     ),
     "piezo": ("coupling", "capacitance"),
 }  # fmt: skip

@@ -29,7 +29,7 @@ from harvester.scene.overrides import put
 from harvester.scene.schema import check_tables
 from harvester.scene.source import BUILT_IN, built_in_names, tables_of
 from harvester.scene.toml import plain_tables
-from harvester.scene.units import scale
+from harvester.scene.units import rest_stiffness, scale
 
 # Keys that a scene is written without where they hold what they hold without being given.
 RARE_KEYS = (
@@ -47,6 +47,10 @@ class Oscillator:
     N s²/m² for `quadratic_damping`, N, N/m, N/m², …. Scaled: c, −ω0², κ of Eq. 4a and so on, and
     no mass.
     `base_factor` is μ: the base's acceleration counts μ times in a lumped mode of a beam.
+
+    In SI `frequency` (Hz), of the mass on the linear spring alone, may stand for
+    `linear_stiffness`, and `quality_factor` or `damping_ratio`, at the stiffest rest position, for
+    `damping`: a scene keeps what it was given, and these two are computed from it.
     """
 
     damping: float
@@ -59,6 +63,16 @@ class Oscillator:
     force_table: tuple | None = None
     force_interpolation: str = "monotone"
     restoring_force_range: tuple | None = None
+    frequency: float | None = None
+    quality_factor: float | None = None
+    damping_ratio: float | None = None
+
+    @property
+    def computed(self) -> tuple[str, ...]:
+        """Names of the values that others were given for."""
+        spring = ("linear_stiffness",) if self.frequency is not None else ()
+        given = (self.quality_factor, self.damping_ratio)
+        return (*spring, *(() if given == (None, None) else ("damping",)))
 
     @property
     def is_short_form(self) -> bool:
@@ -234,13 +248,18 @@ class Scene:
         A load's netlist is looked for in `folder`, then in the current one, and read here: the
         scene holds its content.
         """
-        tables = with_drawing(with_force_table(plain_tables(tables, origin), origin), origin)
+        tables = {"run": {}, **with_force_table(plain_tables(tables, origin), origin)}
+        tables = with_drawing(tables, origin)
         checked = check_tables(tables, origin, {"excitation": KINDS})
         if "netlist" in checked["load"]:
             folder = _folders(folder)
             checked["load"]["circuit"] = _read_netlist(checked["load"], folder)
             if "parameters" in checked["load"]:
                 checked["load"]["parameters"] = NamedValues(checked["load"]["parameters"])
+        if "damping" not in checked["oscillator"]:
+            checked["oscillator"]["damping"] = _damping(checked["oscillator"], origin)
+        if "duration" not in checked["run"]:
+            checked["run"]["duration"] = _own_duration(checked, origin)
         top = {key: checked[key] for key in ("units", "length_scale") if key in checked}
         parts = {
             attribute: _made(make, checked[table])
@@ -251,6 +270,11 @@ class Scene:
             parts["stoppers"] = (parts["stoppers"],)
         scene = cls(name=plain_text.name(name), folder=folder, **top, **parts)
         scene.excitation.check(scene.units, scene.run, origin)
+        if scene.run.starts is not None and scene.excitation.random:
+            raise SceneError(
+                f"{origin}: run.starts = {scene.run.starts}: starts are for an excitation without "
+                "chance, a sine or one pass of a record; under noise set run.realizations"
+            )
         _check_range(scene, origin)
         _check_sampling(scene, origin)
         return scene
@@ -352,6 +376,31 @@ class Scene:
         return hashlib.sha256(text.encode()).hexdigest()
 
 
+def _damping(table, origin):
+    """C = 2 ζ √(K M), with the stiffness at rest, where the damping is given by ζ or Q."""
+    stiffness = rest_stiffness(Oscillator(damping=0.0, **table))
+    name = "quality_factor" if "quality_factor" in table else "damping_ratio"
+    if not stiffness > 0.0:
+        raise SceneError(
+            f"{origin}: oscillator.{name} needs a frequency, and the spring has no stiffness at "
+            "rest: give oscillator.damping"
+        )
+    ratio = table[name] if name == "damping_ratio" else 0.5 / table[name]
+    return 2.0 * ratio * math.sqrt(stiffness * table["mass"])
+
+
+def _own_duration(checked, origin):
+    """Time that is left of a record after settling, where the run has no duration (s)."""
+    length, settle = build(**checked["excitation"]).own_duration, checked["run"].get("settle", 0.0)
+    if length is None:
+        raise SceneError(f"{origin}: run.duration is missing; it takes a number > 0")
+    if not settle < length:
+        raise SceneError(
+            f"{origin}: the record lasts {length:g} s, and run.settle = {settle:g}: must be less"
+        )
+    return length - settle
+
+
 def _check_range(scene, origin):
     """Refuse a range without a rest position, and a start outside."""
     known = scene.oscillator.restoring_force_range
@@ -416,7 +465,10 @@ def _read_netlist(load, folders):
 def _plain(part, kept):
     """A dataclass as plain values, without what is left out."""
     values = {}
+    computed = getattr(part, "computed", ())
     for each_field in dataclasses.fields(part):
+        if each_field.name in computed:
+            continue
         value = getattr(part, each_field.name)
         unused = value == each_field.default and each_field.name in RARE_KEYS
         if not unused and value is not None and each_field.name != "circuit" and kept(each_field):

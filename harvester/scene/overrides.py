@@ -10,6 +10,7 @@ import re
 from typing import Any
 
 from harvester.errors import SceneError
+from harvester.excitation import KINDS
 from harvester.files.plain_text import named, nearest, shown
 from harvester.scene.schema import NESTED_TABLES, REPLACED_KEYS, SEVERAL, table_keys
 from harvester.scene.toml import NotToml, read_toml
@@ -85,6 +86,8 @@ def put(tables: dict[str, Any], dotted: str, value: Any, origin: str) -> None:
     place = tables
     for part in path:
         place = _table(place, part, where)
+    if dotted == "excitation.kind":
+        _leave_out_others(place, value)
     for other in REPLACED_KEYS.get(dotted, ()) if value is not None else ():
         place.pop(other, None)
     match = PLACED.fullmatch(last)
@@ -97,6 +100,13 @@ def put(tables: dict[str, Any], dotted: str, value: Any, origin: str) -> None:
         place.pop(last, None)
     else:
         place[last] = value
+
+
+def _leave_out_others(table, kind):
+    """Take out of an excitation's table what another kind does not have."""
+    if isinstance(kind, str) and kind in KINDS and kind != table.get("kind", next(iter(KINDS))):
+        for key in {*table} - {"kind", *KINDS[kind].KEYS}:
+            del table[key]
 
 
 def _is_list_of_values(found):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
@@ -46,9 +47,12 @@ OTHER_KEYS: dict[str, Any] = {
     "magnets": Magnets.KEYS,
     "oscillator": {
         "mass": positive(units=(SI,), required=True),
-        "damping": not_negative(required=True),
+        "damping": not_negative(),
+        "quality_factor": positive(units=(SI,)),
+        "damping_ratio": not_negative(units=(SI,)),
         "quadratic_damping": not_negative(),
         "linear_stiffness": Key(),
+        "frequency": positive(units=(SI,)),
         "cubic_stiffness": not_negative(),
         "restoring_force": Key(each=Key(), count=(2, 8)),
         "base_factor": positive(),
@@ -77,10 +81,11 @@ OTHER_KEYS: dict[str, Any] = {
     # Decided by the table's own `kind`.
     "excitation": None,
     "run": {
-        "duration": positive(required=True),
+        "duration": positive(),
         "settle": not_negative(),
         "seed": Key(kind=int, low=0, high=LARGEST_SEED),
         "realizations": Key(kind=int, low=1, high=1_000_000),
+        "starts": Key(kind=int, low=1, high=1_000_000),
     },
 }
 
@@ -99,17 +104,25 @@ RESISTOR_KEYS, NETLIST_KEYS = (
     ("netlist", "subcircuit", "parameters"),
 )
 TABLE_KEYS = ("force_table", "force_interpolation")
+SHORT_KEYS = ("linear_stiffness", "cubic_stiffness", "frequency")
 REPLACED_KEYS = {
     "load.netlist": RESISTOR_KEYS,
     "load.resistance": NETLIST_KEYS,
     "load.decay_rate": NETLIST_KEYS,
     "beam.damping_ratio": ("quality_factor",),
     "beam.quality_factor": ("damping_ratio",),
-    "oscillator.restoring_force": ("linear_stiffness", "cubic_stiffness", *TABLE_KEYS),
-    "oscillator.force_table": ("linear_stiffness", "cubic_stiffness", "restoring_force"),
-    "oscillator.linear_stiffness": ("restoring_force", *TABLE_KEYS),
+    "oscillator.restoring_force": (*SHORT_KEYS, *TABLE_KEYS),
+    "oscillator.force_table": (*SHORT_KEYS, "restoring_force"),
+    "oscillator.linear_stiffness": ("restoring_force", "frequency", *TABLE_KEYS),
+    "oscillator.frequency": ("restoring_force", "linear_stiffness", *TABLE_KEYS),
     "oscillator.cubic_stiffness": ("restoring_force", *TABLE_KEYS),
+    "oscillator.damping": ("quality_factor", "damping_ratio"),
+    "oscillator.quality_factor": ("damping", "damping_ratio"),
+    "oscillator.damping_ratio": ("damping", "quality_factor"),
 }
+# Each of these says what the others of its line say: a scene has one of them.
+SPRING_KEYS = ("linear_stiffness", "frequency", "restoring_force", "force_table")
+DAMPING_KEYS = ("damping", "quality_factor", "damping_ratio")
 
 
 def table_keys() -> dict[str, Any]:
@@ -170,7 +183,7 @@ def check_tables(
         elif table not in OPTIONAL_TABLES and table not in TRANSDUCERS:
             raise SceneError(f"{origin}: table [{table}] is missing")
     _check_load(checked["load"], units, origin)
-    _check_oscillator(checked["oscillator"], origin)
+    _check_oscillator(checked["oscillator"], units, origin)
     _check_transducer(checked, origin)
     _check_physics(checked, origin)
     return checked
@@ -182,8 +195,9 @@ def _check_several(name, values, origin):
         raise SceneError(f"{origin}: [[{name}]] must be 1 to {most} tables")
 
 
-def _check_oscillator(oscillator, origin):
-    """The restoring force in one of its three forms, and where it is meant."""
+def _check_oscillator(oscillator, units, origin):
+    """Spring and damper in one of their forms each, and where the spring is meant."""
+    _only(oscillator, DAMPING_KEYS, units, origin)
     low, high = oscillator.get("restoring_force_range", (-1.0, 1.0))
     if not low < 0.0 < high:
         raise SceneError(
@@ -192,23 +206,36 @@ def _check_oscillator(oscillator, origin):
         )
     if "force_interpolation" in oscillator and "force_table" not in oscillator:
         raise SceneError(f"{origin}: oscillator.force_interpolation needs oscillator.force_table")
-    forms = [key for key in ("restoring_force", "force_table") if key in oscillator]
-    if not forms:
-        if "linear_stiffness" not in oscillator:
-            raise SceneError(
-                f"{origin}: oscillator.linear_stiffness is missing; it takes a number, or give "
-                "oscillator.restoring_force = [F0, k1, k2, …]"
-            )
+    form = _only(oscillator, SPRING_KEYS, units, origin)
+    if form in ("linear_stiffness", "frequency"):
         oscillator.setdefault("cubic_stiffness", 0.0)
-        return
-    forms += [key for key in ("linear_stiffness", "cubic_stiffness") if key in oscillator]
-    if len(forms) > 1:
-        raise SceneError(
-            f"{origin}: oscillator.{forms[-1]} and oscillator.{forms[0]} say the same thing "
-            "twice; take one out"
-        )
-    if forms == ["force_table"]:
+    elif "cubic_stiffness" in oscillator:
+        raise _twice(origin, "cubic_stiffness", form)
+    if form == "frequency":
+        rate = 2.0 * math.pi * oscillator["frequency"]
+        oscillator["linear_stiffness"] = oscillator["mass"] * rate**2
+    if form == "force_table":
         _check_force_table(oscillator, origin)
+
+
+def _only(oscillator, names, units, origin):
+    """The one of several keys for the same thing that the oscillator has."""
+    found = [name for name in names if name in oscillator]
+    if len(found) > 1:
+        raise _twice(origin, *found[:2])
+    if not found:
+        first, *others = (n for n in names if units in OTHER_KEYS["oscillator"][n].units)
+        said = "" if not others else f", or give oscillator.{' or oscillator.'.join(others)}"
+        allowed = OTHER_KEYS["oscillator"][first].allowed()
+        raise SceneError(f"{origin}: oscillator.{first} is missing; it takes {allowed}{said}")
+    return found[0]
+
+
+def _twice(origin, first, second):
+    return SceneError(
+        f"{origin}: oscillator.{first} and oscillator.{second} say the same thing twice; take one "
+        "out"
+    )
 
 
 def _check_force_table(oscillator, origin):
@@ -344,7 +371,10 @@ def _check_physics(scene, origin):
     _check_held(stoppers, origin)
     name = _transducer_of(scene)
     uncoupled = scene[name].get("coupling") == 0.0
-    damped = oscillator["damping"] > 0.0 or oscillator.get("quadratic_damping", 0.0) > 0.0
+    damped = (
+        any(oscillator.get(key, 0.0) > 0.0 for key in DAMPING_KEYS)
+        or oscillator.get("quadratic_damping", 0.0) > 0.0
+    )
     if not damped and uncoupled:
         raise SceneError(
             f"{origin}: oscillator.damping = 0 with {name}.coupling = 0: nothing takes the energy "

@@ -112,6 +112,12 @@ def restoring_spring(oscillator: Oscillator, mass: float = 1.0, length: float = 
     return made
 
 
+def rest_stiffness(oscillator: Oscillator) -> float:
+    """F' at the stiffest rest position of the spring, in the scene's units; 0 without any."""
+    made = restoring_spring(oscillator)
+    return max([float(made.slope(float(x))) for x in made.roots()], default=0.0)
+
+
 def _sides(stopper, made):
     """A pair is one contact where the spring is symmetric, else one on each side."""
     if stopper.side == "both" and not made.symmetric:

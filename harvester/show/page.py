@@ -14,8 +14,9 @@ from typing import NamedTuple
 from harvester.files.plain_text import one_line
 from harvester.version import __version__
 
-# Below these widths a picture scrolls in its frame instead of becoming unreadable.
-NARROWEST_FIGURE, NARROWEST_SCHEMATIC = "36rem", "64rem"
+# Below this width a picture scrolls in its frame instead of becoming unreadable, a schematic below
+# this share of its own size: its values are then 7 points high.
+NARROWEST_FIGURE, LEAST_SCALE = "36rem", 0.7
 # Of its own size, that a picture is drawn at most.
 LARGEST_SCALE = 1.3
 
@@ -83,14 +84,18 @@ def table_of(header: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "
     )
 
 
-def figure_of(svg: bytes, alternative: str, caption: str, narrowest: str = NARROWEST_FIGURE) -> str:
-    """A picture within the page; a small one is not made as wide as the page."""
+def figure_of(svg: bytes, alternative: str, caption: str, least_scale: float = 0.0) -> str:
+    """A picture within the page; a small one is not made as wide as the page.
+
+    With `least_scale` it is shown with at least this share of its own size.
+    """
     data = base64.b64encode(svg).decode()
-    size = f"min-width: {narrowest}"
+    size = f"min-width: {NARROWEST_FIGURE}"
     own = re.search(rb'<svg[^>]* width="([\d.]+)pt"', svg)
     if own:
         widest = f"{LARGEST_SCALE * float(own[1]):.0f}pt"
-        size = f"min-width: min({narrowest}, {widest}); max-width: {widest}"
+        least = f"{least_scale * float(own[1]):.0f}pt" if least_scale else NARROWEST_FIGURE
+        size = f"min-width: min({least}, {widest}); max-width: {widest}"
     return (
         f'<figure><div class="wide" tabindex="0"><img style="{size}" '
         f'alt="{_escaped(alternative)}" src="data:image/svg+xml;base64,{data}"></div>'

@@ -1,4 +1,8 @@
-"""Symbols of states and means in tables and figures."""
+"""Words for people: symbols of states and means, a scene's keys, what an efficiency is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
 
 SYMBOLS = {
     "displacement": "X",
@@ -9,3 +13,57 @@ SYMBOLS = {
     "power_conversion_efficiency": "PCE",
     "mean_output_power": "output power",
 }
+
+# Words and SI units of the keys that studies vary.
+KEYS = {
+    "oscillator.mass": ("mass", "kg"),
+    "oscillator.damping": ("damping", "N s/m"),
+    "oscillator.linear_stiffness": ("linear stiffness", "N/m"),
+    "oscillator.cubic_stiffness": ("cubic stiffness", "N/m³"),
+    "stoppers.gap": ("gap to the stoppers", "m"),
+    "stoppers.stiffness": ("stiffness of the stoppers", "N/m^1.5"),
+    "stoppers.restitution": ("restitution of the stoppers", "1"),
+    "piezo.coupling": ("piezoelectric coupling", "N/V"),
+    "piezo.capacitance": ("capacitance of the piezo", "F"),
+    "piezo.leakage_resistance": ("leakage resistance of the piezo", "Ω"),
+    "coil.coupling": ("coupling of the coil", "V s/m"),
+    "coil.resistance": ("resistance of the coil", "Ω"),
+    "coil.inductance": ("inductance of the coil", "H"),
+    "load.resistance": ("load resistance", "Ω"),
+    "load.parameters.resistance": ("load resistance", "Ω"),
+    "load.decay_rate": ("decay rate of the load", "1/s"),
+    "excitation.intensity": ("noise intensity D", "m²/s³"),
+    "excitation.correlation_time": ("correlation time of the noise", "s"),
+    "excitation.amplitude": ("amplitude", "m/s²"),
+    "excitation.frequency": ("frequency", "Hz"),
+}
+# Those in seconds or without a unit in every scene.
+ALWAYS = ("s", "1/s", "Hz", "1")
+
+EFFICIENCIES = {
+    "power_conversion_efficiency": "power into the load over that power and the device's losses",
+    "power_conversion_efficiency_of_input": "power into the load over the mechanical input",
+    "converter_efficiency": "power harvested at the load's output over the power into the load",
+    "end_to_end_efficiency": "power harvested at the load's output over the mechanical input",
+}
+
+
+def key_words(key: str, units: str) -> tuple[str, str]:
+    """Words for a key of a scene, and its unit: empty where it is not known or scaled."""
+    table, _, own = key.rpartition(".")
+    place = f" ({table})" if "[" in table else ""
+    words, unit = KEYS.get(key, (own.replace("_", " ") + place, ""))
+    return words, unit if units == "SI" or unit in ALWAYS else ""
+
+
+def key_label(key: str, units: str) -> str:
+    """ "load resistance [Ω]": a key on the axis of a figure."""
+    words, unit = key_words(key, units)
+    return f"{words} [{unit}]" if unit and unit != "1" else words
+
+
+def definitions(names: Iterable[str]) -> list[str]:
+    """One line for each efficiency among some quantities."""
+    return [
+        f"{name.replace('_', ' ')}: {EFFICIENCIES[name]}" for name in names if name in EFFICIENCIES
+    ]

@@ -15,12 +15,16 @@ from harvester.estimates.densities import densities
 from harvester.estimates.joint_density import joint_density as joint_density_of
 from harvester.estimates.of_run import run_estimates
 from harvester.estimates.settling import slow_exchange
+from harvester.estimates.units import unit_of
 from harvester.estimates.well_balance import FEWEST_JUMPS
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing, step_error, steps_per_knot
+from harvester.results.orbit import Attractor
 from harvester.results.residual_cause import suspected_cause
 from harvester.results.result import Result
+from harvester.results.waveform import waveform_of
 from harvester.scene.model import Scene
+from harvester.simulation.orbits import attractors, several_starts
 from harvester.simulation.realization import Realization
 
 if TYPE_CHECKING:
@@ -53,6 +57,11 @@ def result_of(
     shapes = densities(found.moments, is_symmetric(scene, parameters), found.balance)
     joints = [realization.joint for realization in realizations if realization.joint is not None]
     joint = joint_density_of(joints, is_symmetric(scene, parameters)) if joints else None
+    kept = [each.stroboscope for each in realizations if each.stroboscope is not None]
+    samples = np.array(kept) if kept else None
+    motions: tuple[Attractor, ...] = ()
+    if samples is not None and several_starts(scene):
+        motions = attractors(scene, samples, moments, cost)
     if found.shortfalls:
         shapes = {name: replace(shape, standard_error=None) for name, shape in shapes.items()}
     if found.shortfalls or slow_exchange(scene, found.balance):
@@ -76,6 +85,7 @@ def result_of(
         netlist_sha256=realizations[0].netlist_sha256,
         notes=(
             *notes_on_excitation(scene),
+            *_notes_on_starts(scene, motions),
             *found.notes,
             *_density_notes(found, shapes),
             *_failure_notes(failures, scene),
@@ -83,10 +93,18 @@ def result_of(
         failures={index: f"{type(e).__name__}: {e}" for index, e in failures.items()},
         densities=shapes,
         joint_density=joint,
-        waveform=realizations[0].waveform,
+        waveform=_waveform(scene, engine.title, scales, realizations[0]),
         moments=moments,
+        stroboscope=samples,
+        attractors=motions,
         outcome="incomplete" if failures else outcome,
     )
+
+
+def _waveform(scene, engine, scales, realization):
+    if realization.waveform is None:
+        return None
+    return waveform_of(scene, engine, scales, realization.waveform, realization.electrical)
 
 
 def _density_notes(found, shapes):
@@ -113,6 +131,7 @@ def partial_result(scene: Scene, engine: Engine, error: SimulationError) -> Resu
     nothing: dict[str, Any] = {
         "waveform": None,
         "joint": None,
+        "electrical": {},
         "engine_version": "",
         "netlist_sha256": None,
     }
@@ -129,6 +148,25 @@ def notes_on_excitation(scene: Scene) -> tuple[str, ...]:
     ready = prepared(scene)
     frequency = timescales.angular_frequency(ready.system)
     return scene.excitation.notes(knot_spacing(ready), frequency, scene.run)
+
+
+def _notes_on_starts(scene, motions):
+    """How many motions a run without chance tells of."""
+    if scene.excitation.random or scene.excitation.prescribes_displacement:
+        return ()
+    if scene.run.realizations == 1:
+        system = prepared(scene).system
+        if system.spring.straight and not system.contacts and scene.load.is_resistor:
+            return ()
+        return (
+            "one start: a driven device that is not linear may have other motions with other "
+            "powers: set run.starts = 100, or ask harvester basins",
+        )
+    unit = unit_of(scene, "power")
+    lines = tuple(each.sentence(unit) for each in motions)
+    if len(motions) > 1:
+        lines += ("the quantities above are means over all starts",)
+    return lines
 
 
 def _failure_notes(failures, scene):

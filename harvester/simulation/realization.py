@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from harvester.record.moments import prepare as prepare_moments
 from harvester.record.output_side import OutputMoments
 from harvester.record.range_watch import with_range_watch
 from harvester.record.record import Record
+from harvester.record.stroboscope import Stroboscope, strobe_times
 from harvester.simulation.methods import Engine
 
 if TYPE_CHECKING:
@@ -41,6 +42,9 @@ class Realization:
     moments : Moments
     waveform : Record or None
         The stretch asked for.
+    electrical : dict of str to ndarray
+        Beside it: `output_voltage` (scaled) of a load with an output, and its nodes and currents
+        asked for (V and A).
     joint : JointHistogram or None
         Where it was asked for.
     seconds : float
@@ -50,6 +54,9 @@ class Realization:
         The system's clock (s).
     engine_version : str
     netlist_sha256 : str or None
+    stroboscope : ndarray or None
+        Samples at the beginnings of the excitation's periods, as
+        `harvester.record.stroboscope.Stroboscope` has them; where they were asked for.
     """
 
     moments: Moments
@@ -60,27 +67,82 @@ class Realization:
     ended: float
     engine_version: str
     netlist_sha256: str | None
+    electrical: dict[str, np.ndarray]
+    stroboscope: np.ndarray | None = None
+
+
+class Stretch(NamedTuple):
+    """What of the first realization is kept as its waveform.
+
+    Attributes
+    ----------
+    start, stop : s from the run's beginning.
+    most : points.
+    nodes : names of nodes and of currents "i(name)" of the load's netlist.
+    """
+
+    start: float
+    stop: float
+    most: float = math.inf
+    nodes: tuple[str, ...] = ()
 
 
 class Waveform:
-    """Keeps the points of a record between two times."""
+    """Keeps the points of a record between two times, and what a load's output has there."""
 
-    def __init__(self, start: float, stop: float) -> None:
+    def __init__(self, start: float, stop: float, most: float = math.inf) -> None:
         self.start, self.stop = start, stop
+        self._left = most
+        self._inside = np.empty(0, dtype=int)
         self._parts: list[np.ndarray] = []
+        self._outputs: list[np.ndarray] = []
 
     def add(self, record: Record) -> None:
         """Keep what lies in the window."""
         if record.time.size == 0 or record.time[0] > self.stop or record.time[-1] < self.start:
+            self._inside = np.empty(0, dtype=int)
             return
-        inside = (record.time >= self.start) & (record.time <= self.stop)
-        self._parts.append(np.array([column[inside] for column in record]))
+        found = np.flatnonzero((record.time >= self.start) & (record.time <= self.stop))
+        self._inside = found[: int(min(self._left, found.size))]
+        self._left -= self._inside.size
+        if self._inside.size:
+            self._parts.append(np.array([column[self._inside] for column in record]))
+
+    def add_output(self, *values: np.ndarray) -> None:
+        """The output's voltage and other values, each of shape (n,), at the points added last."""
+        if self._inside.size:
+            self._outputs.append(np.array([each[self._inside] for each in values]))
 
     def record(self) -> Record:
         """The stretch as one record."""
         if not self._parts:
             return Record(*np.empty((len(Record._fields), 0)))
         return Record(*np.concatenate(self._parts, axis=1))
+
+    def outputs(self) -> np.ndarray:
+        """The output's voltage and the other values of the same points; without rows if none."""
+        return np.concatenate(self._outputs, axis=1) if self._outputs else np.empty((0, 0))
+
+
+class _WatchedOutput:
+    """Hands a load's output on to its moments and to a waveform."""
+
+    def __init__(self, moments: OutputMoments, waveform: Waveform) -> None:
+        self._moments, self._waveform = moments, waveform
+        self.conductance = self.capacitance = math.nan
+
+    def add(
+        self,
+        time: np.ndarray,
+        voltage: np.ndarray,
+        values: np.ndarray,
+        levels: Sequence[np.ndarray | None],
+    ) -> None:
+        """Points with the load's measures, its levels, and behind these its probes."""
+        own = len(self._moments.rows) - len(values)
+        self._moments.add(time, voltage, values, levels[:own])
+        probes = [np.zeros_like(time) if each is None else each for each in levels[own:]]
+        self._waveform.add_output(voltage, *probes)
 
 
 class Reporter:
@@ -108,6 +170,8 @@ def run(
     window: tuple[float, float] | None,
     report: Callable,
     joint_density: bool = False,
+    stretch: Stretch | None = None,
+    stroboscope: bool = False,
 ) -> list[Realization]:
     """Simulate realizations of a scene; the circuit engine takes them side by side.
 
@@ -121,7 +185,7 @@ def run(
         Stretch of each one's waveform to keep (s).
     report : callable
         Given the list of moments so far.
-    joint_density : bool
+    joint_density, stroboscope : bool
         See `harvester.simulate`.
 
     Returns
@@ -132,18 +196,24 @@ def run(
     paths = [noise_path(ready, index) for index in indices]
     moments = [empty_moments(ready) for _ in indices]
     # Only a netlist has an output side or stores.
-    outputs = None
+    outputs: list[Any] | None = None
     load = scene.load.circuit
-    if load and (load.has_output or load.recorded):
+    nodes = stretch.nodes if stretch else ()
+    if load and (load.has_output or load.recorded or nodes):
         outputs = [OutputMoments.beside(each, load.recorded, load.has_output) for each in moments]
         for each, its_output in zip(moments, outputs, strict=True):
             each.output = its_output
     observers: list[list] = [[each] for each in moments]
     observers[-1].append(Reporter(moments, report))
     waveforms = [Waveform(*window) if window else None for _ in indices]
+    if stretch:
+        waveforms[0] = first = Waveform(stretch.start, stretch.stop, stretch.most)
+        if outputs:
+            outputs[0] = _WatchedOutput(outputs[0], first)
     sampled = (scene.run.settle, knot_spacing(ready))
     joints = [JointHistogram.empty(*sampled) if joint_density else None for _ in indices]
-    for watching, *others in zip(observers, waveforms, joints, strict=True):
+    strobes = [Stroboscope(*strobe_times(ready)) if stroboscope else None for _ in indices]
+    for watching, *others in zip(observers, waveforms, joints, strobes, strict=True):
         watching[:0] = [each for each in others if each is not None]
     engine.prepare(ready)
     prepare_moments()
@@ -153,7 +223,10 @@ def run(
     clock, processor = time.perf_counter(), time.process_time()
     starts = [start_state(ready, index) for index in indices]
     observers = with_range_watch(ready, observers)
-    outcome = engine.run_realizations(ready, paths, starts, observers, outputs)
+    outcome = engine.run_realizations(_probed(ready, nodes), paths, starts, observers, outputs)
+    for each, seen in zip(moments, outputs or (), strict=False):
+        if each.output:
+            each.output.conductance, each.output.capacitance = seen.conductance, seen.capacitance
     elapsed, seconds = time.perf_counter() - clock, time.process_time() - processor
     # Realizations that finish before their first progress report still report once.
     report(moments)
@@ -162,13 +235,35 @@ def run(
             moments=each,
             waveform=waveform.record() if waveform else None,
             joint=joint,
+            electrical=_electrical(waveform, scene, nodes),
             seconds=seconds / len(moments),
             started=started,
             ended=started + elapsed,
+            stroboscope=strobe.samples if strobe else None,
             **outcome,
         )
-        for each, waveform, joint in zip(moments, waveforms, joints, strict=True)
+        for each, waveform, joint, strobe in zip(moments, waveforms, joints, strobes, strict=True)
     ]
+
+
+def _probed(ready, nodes):
+    """The scene made ready with a load that hands these nodes out as well."""
+    if not nodes:
+        return ready
+    from circuits.loads.measurement import with_probes
+
+    scene = ready.scene
+    circuit = with_probes(scene.load.circuit, nodes)
+    return prepared(replace(scene, load=replace(scene.load, circuit=circuit)))
+
+
+def _electrical(waveform, scene, nodes):
+    """See `Realization.electrical`."""
+    rows = waveform.outputs() if waveform else np.empty((0, 0))
+    if not rows.size:
+        return {}
+    own = {"output_voltage": rows[0]} if scene.load.circuit.has_output else {}
+    return own | dict(zip(nodes, rows[1:], strict=True))
 
 
 def empty_moments(ready: Prepared) -> Moments:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from harvester.arguments import check_name as check_name
 from harvester.calling import takes_scene
 from harvester.errors import HarvesterError, SimulationError
-from harvester.signatures import MethodOrName, Processes, Seconds, Step
+from harvester.signatures import MethodOrName, Nodes, Processes, Seconds, Step, Window
 from harvester.simulation.methods import DEFAULTS, Stationary, engine_of
 from harvester.simulation.methods import check_step as check_step
 
@@ -35,9 +36,11 @@ def simulate(
     workers: Processes | None = None,
     time_limit: Seconds = TIME_LIMIT,
     keep_going: bool = False,
+    stroboscope: bool = False,
     scheme: str | None = None,
     tolerance: float | None = None,
-    window: tuple[float, float] | None = None,
+    window: Window | None = None,
+    nodes: Nodes = (),
     joint_density: bool = False,
     executor: Executor | None = None,
     runner: Workers | None = None,
@@ -72,6 +75,14 @@ def simulate(
     keep_going : bool
         Try a realization that crashes or runs out of time once more, and go on without it; the
         result's `failures` name it. Else the first failure ends the run.
+    stroboscope : bool
+        Keep the state at the beginning of every period of the excitation, of its lowest line or,
+        under noise, of the device's own, as `Result.stroboscope` and a figure.
+    window : (float, float) or None
+        Stretch of the first realization that `Result.waveform` and --waveform hold: START:END in s
+        from the run's beginning (default: 50 periods of the device's motion after settling).
+    nodes : sequence of str
+        Nodes of the load's netlist, and currents i(NAME), that they hold too; several may be given.
 
     Other Parameters
     ----------------
@@ -81,8 +92,6 @@ def simulate(
     tolerance : float or None
         Circuit only: relative tolerance of ngspice's control by the local error, which shortens
         steps below `step`; None: fixed steps, or ngspice's own tolerance for "pwl".
-    window : (float, float) or None
-        Stretch of the first realization to keep as `Result.waveform` (s).
     joint_density : bool
         Keep p(X, X') as `Result.joint_density`.
     executor : concurrent.futures.Executor or None
@@ -116,21 +125,26 @@ def simulate(
     if isinstance(method, Stationary):
         return _averaged(scene, method.beside_options(given, DEFAULTS))
     from harvester.simulation import outcome, spread
+    from harvester.simulation.orbits import several_starts
 
     engine = engine_of(method, **given)
     engine.check(scene)
+    stretch = spread.stretch_of(scene, window, nodes)
     follow = spread.Follower(scene, engine.name, progress) if progress else None
     try:
         with spread.running(runner, executor, scene.run.realizations, workers) as pool:
+            # What has no chance in it may have several motions: starts are told apart by samples.
+            strobe = stroboscope or several_starts(scene)
             together = spread.copies_that_pay(scene, engine, pool)
-            calls = spread.calls_of(scene, engine, together, window, joint_density)
+            calls = spread.calls_of(scene, engine, together, stretch, joint_density, strobe)
             outcomes = spread.outcomes(pool, calls, time_limit, follow, keep_going)
     except SimulationError as error:
         error.partial = outcome.partial_result(scene, engine, error)
         raise
     failures = {k: o for k, o in enumerate(outcomes) if isinstance(o, SimulationError)}
     realizations = [each for each in outcomes if not isinstance(each, SimulationError)]
-    return outcome.checked(outcome.result_of(scene, engine, realizations, failures))
+    found = outcome.result_of(scene, engine, realizations, failures)
+    return outcome.checked(found if stroboscope else replace(found, stroboscope=None))
 
 
 def _averaged(scene: Scene, method: Stationary) -> Result:

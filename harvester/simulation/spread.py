@@ -4,17 +4,25 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from typing import Any
 
-from harvester.errors import SimulationError
+from harvester.arguments import listed
+from harvester.device import timescales
+from harvester.errors import HarvesterError, LoadError, SimulationError
+from harvester.files.plain_text import named
 from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import stop_time
 from harvester.scene.model import Scene
 from harvester.simulation import side_by_side
 from harvester.simulation.methods import Circuit, Engine, MonteCarlo
-from harvester.simulation.realization import Realization, run
+from harvester.simulation.realization import Realization, Stretch, run
 from harvester.workers.pools import Workers, processes
+
+# Length of the waveform that is kept where no window is asked for, in periods of small
+# oscillations; and its points, which a load that switches fast may reach before.
+SHOWN_PERIODS, MOST_POINTS = 50, 100_000
 
 
 @contextlib.contextmanager
@@ -57,8 +65,9 @@ def calls_of(
     scene: Scene,
     engine: Engine,
     copies: int,
-    window: tuple[float, float] | None,
+    stretch: Stretch | None,
     joint_density: bool,
+    stroboscope: bool = False,
 ) -> list[dict[str, Any]]:
     """Arguments of `harvester.simulation.realization.run`, `copies` realizations in each."""
     indices = range(scene.run.realizations)
@@ -67,11 +76,41 @@ def calls_of(
             "scene": scene,
             "engine": engine,
             "indices": list(indices[start : start + copies]),
-            "window": window if start == 0 else None,
+            "window": None,
+            "stretch": stretch if start == 0 else None,
             "joint_density": joint_density,
+            "stroboscope": stroboscope,
         }
         for start in range(0, len(indices), copies)
     ]
+
+
+def stretch_of(scene: Scene, window: Sequence[float] | None, nodes: Sequence[str]) -> Stretch:
+    """What of the first realization is kept as the result's waveform.
+
+    Raises
+    ------
+    HarvesterError
+        A window without a length; a node that the load does not have.
+    """
+    nodes = listed(nodes, "nodes", 'nodes=["vc", "i(l1)"]')
+    if nodes and scene.load.is_resistor:
+        raise LoadError(f"{scene.name}: --node {named(nodes[0])}: the load is a resistor alone")
+    if nodes:
+        from circuits.loads.measurement import with_probes
+
+        nodes = with_probes(scene.load.circuit, nodes).probes
+    if window is not None:
+        start, stop = listed(window, "window", "(5.0, 6.0)")
+        if not 0.0 <= start < stop:
+            raise HarvesterError(f"--window {start:g}:{stop:g}: must be 0 ≤ START < END, in s")
+        return Stretch(start, stop, nodes=nodes)
+    ready = prepared(scene)
+    start, stop = scene.run.settle, stop_time(ready)
+    rate = timescales.angular_frequency(ready.system)
+    if rate > 0.0:
+        stop = min(stop, start + SHOWN_PERIODS * 2.0 * math.pi / rate)
+    return Stretch(start, stop, MOST_POINTS, nodes)
 
 
 def outcomes(
@@ -99,7 +138,7 @@ def outcomes(
         found.update(zip(call["indices"], outcome, strict=True))
     if most > 1:
         again = [k for k, outcome in found.items() if isinstance(outcome, SimulationError)]
-        single = [{**calls[0], "indices": [k], "window": None} for k in again]
+        single = [{**calls[0], "indices": [k], "stretch": None} for k in again]
         alone = pool.map(run, single, time_limit, None, keep_going)
         for index, outcome in zip(again, alone, strict=True):
             found[index] = outcome if isinstance(outcome, SimulationError) else outcome[0]

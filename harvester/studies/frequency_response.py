@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 import numbers
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from circuits.loads.kinds import OUTPUT
 from harvester.arguments import listed
 from harvester.device import timescales
 from harvester.errors import HarvesterError
@@ -34,6 +35,8 @@ from harvester.show.palette import CIRCUIT, MONTE_CARLO
 from harvester.show.panels import Panel, Series, draw_panels, is_wide
 from harvester.simulation.methods import engine_of
 from harvester.simulation.realization import Waveform
+from harvester.simulation.simulate import check_name
+from harvester.studies.transient import transient_time
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -50,9 +53,17 @@ NOTED_RESIDUAL = 0.01
 # Quantity, its dimension.
 QUANTITIES = {
     "displacement_amplitude": "displacement",
+    "absolute_amplitude": "displacement",
     "rms_voltage": "voltage",
+    "peak_voltage": "voltage",
     "mean_power": "power",
+    "peak_power": "power",
+    "mean_output_voltage": "voltage",
+    "mean_output_power": "power",
 }
+USUAL = ("displacement_amplitude", "rms_voltage", "mean_power")
+AT_THE_OUTPUT = ("mean_output_voltage", "mean_output_power")
+G = 9.80665
 # Colour, line and mark of each direction.
 UP, DOWN = (CIRCUIT, "-", ">"), (MONTE_CARLO, "--", "<")
 
@@ -65,8 +76,11 @@ class Sweep:
     ----------
     direction : str
         "up" or "down".
-    displacement_amplitude : half of the distance between the extremes of X.
+    displacement_amplitude : half of the distance between the extremes of X, relative to the base.
     rms_voltage, mean_power : means over whole periods.
+    absolute_amplitude : the same as of X, of the mass in space.
+    peak_voltage, peak_power : the greatest |V| and power into the load.
+    mean_output_voltage, mean_output_power : at the load's output; nan without one.
     residual : share by which the mean-square voltage changes from the first half of the measured
         periods to the second: a transient that is left, or a motion without period.
     """
@@ -76,6 +90,11 @@ class Sweep:
     rms_voltage: np.ndarray
     mean_power: np.ndarray
     residual: np.ndarray
+    absolute_amplitude: np.ndarray
+    peak_voltage: np.ndarray
+    peak_power: np.ndarray
+    mean_output_voltage: np.ndarray
+    mean_output_power: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -97,6 +116,11 @@ class FrequencyResponse:
         Time at each frequency (s).
     seconds : float
         Of simulation, both directions.
+    shown : tuple of str
+        Quantities of the table and the figure; all there are stand in the JSON.
+    per_g : bool
+        Whether all values are for a base acceleration of 1 g: amplitudes and voltages over the
+        excitation's amplitude in g, powers over its square.
     """
 
     scene: Scene
@@ -107,14 +131,35 @@ class FrequencyResponse:
     engine_version: str
     dwell: float
     seconds: float
+    shown: tuple[str, ...] = USUAL
+    per_g: bool = False
 
     def values(self, name: str, sweep: Sweep) -> np.ndarray:
         """A quantity of a sweep in the scene's units, shape (n,)."""
-        return getattr(sweep, name) * self.scales.of(QUANTITIES[name])
+        dimension, excitation = QUANTITIES[name], self.scene.excitation
+        values = getattr(sweep, name) * self.scales.of(dimension)
+        if not self.per_g:
+            return values
+        assert isinstance(excitation, Sine)
+        return values / (excitation.amplitude / G) ** (2 if dimension == "power" else 1)
 
     def unit(self, dimension: str) -> str:
         """Unit of a dimension in this scene."""
-        return SI_UNITS[dimension] if self.scene.units == "SI" else "scaled"
+        if self.scene.units != "SI":
+            return "scaled"
+        per = {"power": "/g²"}.get(dimension, "/g") if self.per_g else ""
+        return SI_UNITS[dimension] + per
+
+    @property
+    def known(self) -> tuple[str, ...]:
+        """Names of the quantities that there are."""
+        load = self.scene.load.circuit
+        return tuple(q for q in QUANTITIES if q not in AT_THE_OUTPUT or (load and load.has_output))
+
+    @property
+    def power(self) -> str:
+        """Name of the power that counts: at the output where the load has one."""
+        return "mean_output_power" if "mean_output_power" in self.known else "mean_power"
 
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows of the table, as text."""
@@ -127,19 +172,19 @@ class FrequencyResponse:
     def data(self) -> tuple[list[str], list[list[Any]]]:
         """Header and rows of numbers, in the scene's units."""
         header = ["sweep", "frequency [Hz]"]
-        header += [f"{name} [{self.unit(each)}]" for name, each in QUANTITIES.items()]
+        header += [f"{name} [{self.unit(QUANTITIES[name])}]" for name in self.shown]
         rows = []
         for sweep in self.sweeps:
-            columns = [self.frequencies, *(self.values(name, sweep) for name in QUANTITIES)]
+            columns = [self.frequencies, *(self.values(name, sweep) for name in self.shown)]
             rows += [[sweep.direction, *row] for row in zip(*columns, sweep.residual, strict=True)]
         return [*header, "residual"], rows
 
     def to_xarray(self) -> Dataset:
         """An xarray Dataset over sweep and frequency, in the scene's units."""
-        units = {name: {"unit": self.unit(each)} for name, each in QUANTITIES.items()}
+        units = {name: {"unit": self.unit(QUANTITIES[name])} for name in self.known}
         variables: dict[str, tuple] = {
             name: (("sweep", "frequency"), [self.values(name, s) for s in self.sweeps], units[name])
-            for name in QUANTITIES
+            for name in self.known
         }
         variables["residual"] = (("sweep", "frequency"), [s.residual for s in self.sweeps])
         sweeps = [sweep.direction for sweep in self.sweeps]
@@ -154,10 +199,12 @@ class FrequencyResponse:
             f"the transient down to {SETTLED_SHARE:g}; {self.seconds:.2f} s"
         ]
         for sweep in self.sweeps:
-            best = int(np.argmax(sweep.mean_power))
+            name = self.power
+            best = int(np.argmax(getattr(sweep, name)))
             lines.append(
-                f"sweep {sweep.direction}: most power, "
-                f"{self.values('mean_power', sweep)[best]:.4g}, at {self.frequencies[best]:.4g} Hz"
+                f"sweep {sweep.direction}: most {name.removeprefix('mean_').replace('_', ' ')}, "
+                f"{self.values(name, sweep)[best]:.4g} {self.unit('power')}, at "
+                f"{self.frequencies[best]:.4g} Hz"
             )
             unsettled = int(np.count_nonzero(~(sweep.residual <= NOTED_RESIDUAL)))
             if unsettled:
@@ -166,6 +213,17 @@ class FrequencyResponse:
                     f"periodic or not settled (residual over {NOTED_RESIDUAL:.0%})"
                 )
         return lines
+
+    def headline(self) -> str:
+        """The most power, and where it is."""
+        peaks = [(float(np.nanmax(self.values(self.power, s))), s) for s in self.sweeps]
+        power, sweep = max(peaks, key=lambda each: each[0])
+        place = self.frequencies[int(np.nanargmax(getattr(sweep, self.power)))]
+        words = self.power.removeprefix("mean_").replace("_", " ")
+        return (
+            f"most {words}: {power:.4g} {self.unit('power')} at {place:.4g} Hz, sweep "
+            f"{sweep.direction}, by {self.engine}"
+        )
 
     def figure(self) -> Figure:
         """Amplitude, voltage and power over frequency."""
@@ -182,11 +240,12 @@ class FrequencyResponse:
                 "frequencies": self.frequencies,
                 "sweeps": {
                     sweep.direction: {
-                        **{name: self.values(name, sweep) for name in QUANTITIES},
+                        **{name: self.values(name, sweep) for name in self.known},
                         "residual": sweep.residual,
                     }
                     for sweep in self.sweeps
                 },
+                "per_g": self.per_g,
                 "error_kind": "numerical",
                 "dwell": self.dwell,
                 "seconds": self.seconds,
@@ -198,8 +257,8 @@ class FrequencyResponse:
 def _draw(response):
     """Amplitude, rms voltage and mean power over frequency, up and down."""
     panels = []
-    for name, dimension in QUANTITIES.items():
-        series = []
+    for name in response.shown:
+        dimension, series = QUANTITIES[name], []
         for sweep in response.sweeps:
             colour, line, marker = UP if sweep.direction == "up" else DOWN
             x, y = response.frequencies, response.values(name, sweep)
@@ -211,18 +270,36 @@ def _draw(response):
                 series.append(Series(x, y, None, colour, "", marker, hollow=hollow))
         label = f"{name.replace('_', ' ')} [{response.unit(dimension)}]"
         wide = is_wide(response.frequencies)
-        panels.append(Panel("frequency [Hz]", label, series, log_x=wide, log_y=True))
+        positive = all((response.values(name, sweep) > 0.0).all() for sweep in response.sweeps)
+        panels.append(Panel("frequency [Hz]", label, series, log_x=wide, log_y=positive))
     title = f"{response.scene.name}: {response.engine} (hollow marks: not periodic or not settled)"
     return draw_panels(panels, title, size=(2.6, 2.4))
 
 
-def run(
+class _Outputs:
+    """Hands a load's output on to the windows of all frequencies."""
+
+    def __init__(self, windows: list[Waveform], rows: Sequence[tuple[str, str]]) -> None:
+        self._windows = windows
+        self._powers = [k for k, (kind, _) in enumerate(rows) if kind == OUTPUT]
+        self.conductance = self.capacitance = math.nan
+
+    def add(
+        self, time: np.ndarray, voltage: np.ndarray, values: np.ndarray, levels: object
+    ) -> None:
+        """Points of the voltage, and of what the load's file measures as output power."""
+        used = values[self._powers].sum(axis=0)
+        for each in self._windows:
+            each.add_output(voltage, used)
+
+
+def one_direction(
     scene: Scene,
     engine: str,
     step: str | float,
     report: Callable,
     settings: dict[str, Any] | None = None,
-) -> tuple[list[tuple[float, float, float, float]], str, float]:
+) -> tuple[list[tuple[float, ...]], str, float]:
     """One direction, in a worker process.
 
     Parameters
@@ -233,8 +310,8 @@ def run(
     Returns
     -------
     list of tuple, str, float
-        (amplitude, rms voltage, mean power, residual) at each frequency, scaled; the engine's
-        version; seconds.
+        The quantities of `Sweep` at each frequency, in its order, scaled; the engine's version;
+        seconds.
     """
     chosen = engine_of(engine, step=step, **settings or {})
     excitation: Any = scene.excitation
@@ -244,15 +321,23 @@ def run(
     for place, frequency in enumerate(excitation.frequencies):
         end = (place + 1) * excitation.dwell
         windows.append(Waveform(end - _measured(excitation, frequency) - 2.0 * path.spacing, end))
+    load, output = scene.load.circuit, None
+    if load and load.has_output:
+        output = _Outputs(windows, load.recorded)
     chosen.prepare(ready)
     clock = time.perf_counter()
     observers = with_range_watch(ready, [windows])
-    outcome = chosen.run_realizations(ready, [path], [start_state(ready, 0)], observers)
+    outputs = [output] if output else None
+    outcome = chosen.run_realizations(ready, [path], [start_state(ready, 0)], observers, outputs)
     seconds = time.perf_counter() - clock
-    rows = [
-        _means(window.record(), frequency, window.stop, _measured(excitation, frequency))
-        for window, frequency in zip(windows, excitation.frequencies, strict=True)
-    ]
+    rows = []
+    for place, (window, frequency) in enumerate(zip(windows, excitation.frequencies, strict=True)):
+        record, ends = window.record(), (window.stop, _measured(excitation, frequency))
+        base = excitation.base_displacement(record.time, place) / ready.scales.displacement
+        at_output = (math.nan, math.nan)
+        if output:
+            at_output = _output_means(record.time, window.outputs(), *ends, output.conductance)
+        rows.append((*_means(record, base, *ends), *at_output))
     return rows, outcome["engine_version"], seconds
 
 
@@ -289,19 +374,29 @@ def with_sine(scene: Scene, amplitude: float | None) -> Scene:
     return replace(scene, excitation=Sine(amplitude, 1.0))
 
 
+def shown_of(scene: Scene, quantities: Sequence[str], per_g: bool) -> tuple[str, ...]:
+    """The quantities that are shown, by default the usual ones and those of an output.
+
+    Raises
+    ------
+    HarvesterError
+        No such quantity, or per g in a scaled scene.
+    """
+    load = scene.load.circuit
+    own = AT_THE_OUTPUT if load and load.has_output else ()
+    known = [each for each in QUANTITIES if each in own or each not in AT_THE_OUTPUT]
+    if per_g and scene.units != "SI":
+        raise HarvesterError(f'{scene.name}: --per-g: a scene with units = "scaled" has no g')
+    given = listed(quantities, "quantities", 'quantities=["rms_voltage"]')
+    return tuple(check_name("quantity", each, known) for each in given) or (*USUAL, *own)
+
+
 def stepped(scene: Scene, frequencies: np.ndarray) -> Scene:
     """The scene with a sine that dwells at each frequency until the transient is gone."""
-    parameters = prepared(scene).system
-    decay = parameters.transducer.decay_rate()
-    slowest = 2.0 * timescales.relaxation_time(parameters)
-    slowest = max(slowest, 1.0 / decay) if decay > 0.0 else slowest
-    if scene.load.circuit:
-        from circuits.kernel.slow_modes import slowest_time
-
-        slowest = max(slowest, slowest_time(prepared(scene)))
-    motion = 2.0 * math.pi / timescales.fastest_angular_frequency(parameters) / KNOTS_PER_PERIOD
+    ready = prepared(scene)
+    motion = 2.0 * math.pi / timescales.fastest_angular_frequency(ready.system) / KNOTS_PER_PERIOD
     spacing = min(Sine(1.0, frequencies.max()).spacing(motion), motion)
-    dwell = slowest * math.log(1.0 / SETTLED_SHARE) + MEASURED_PERIODS / frequencies.min()
+    dwell = transient_time(ready, SETTLED_SHARE) + MEASURED_PERIODS / frequencies.min()
     if not dwell < MOST_KNOTS * spacing:
         raise HarvesterError(
             f"frequencies {frequencies.min():g} … {frequencies.max():g} Hz: {dwell:.3g} s at each, "
@@ -321,20 +416,39 @@ def _measured(excitation, frequency):
     return 2 * math.floor(0.5 * longest * frequency + 1e-9) / frequency
 
 
-def _means(record, frequency, stop, measured):
-    """(amplitude, rms voltage, mean power, residual) over the last whole periods."""
+def _means(record, base, stop, measured):
+    """All of a `Sweep` but what the output does, over the last whole periods."""
     middle, start = stop - 0.5 * measured, stop - measured
     inside = record.time >= start
-    highest = _peak(record.time[inside], record.displacement[inside])
-    lowest = -_peak(record.time[inside], -record.displacement[inside])
+    times = record.time[inside]
+    relative, absolute = (
+        _amplitude(times, x[inside]) for x in (record.displacement, base + record.displacement)
+    )
     first, second = _integrals(record.time, record.voltage**2, (start, middle, stop))
     power = _integrals(record.time, record.load_power, (start, middle, stop))
     return (
-        0.5 * (highest - lowest),
+        relative,
         math.sqrt((first + second) / measured),
         float(sum(power)) / measured,
         abs(second / first - 1.0) if first > 0.0 else 0.0,
+        absolute,
+        _peak(times, np.abs(record.voltage[inside])),
+        _peak(times, record.load_power[inside]),
     )
+
+
+def _output_means(times, outputs, stop, measured, conductance):
+    """Mean voltage and power of a load's output over the last whole periods."""
+    voltage, used = outputs
+    ends = (stop - measured, stop)
+    mean = _integrals(times, voltage, ends) / measured
+    power = _integrals(times, conductance * voltage**2 + used, ends) / measured
+    return float(mean[0]), float(power[0])
+
+
+def _amplitude(times, values):
+    """Half of the distance between the extremes."""
+    return 0.5 * (_peak(times, values) + _peak(times, -values))
 
 
 def _peak(times, values):

@@ -6,17 +6,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
 from pathlib import Path
+from typing import Any
 
 from harvester.arguments import listed, table
 from harvester.errors import HarvesterError, SceneError
+from harvester.excitation import KINDS
 from harvester.files.plain_text import name, nearest, shown
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
 from harvester.scene.numbers import numbers
+from harvester.scene.schema import table_keys
 
 # Both name the load's resistor, whether it is the built-in one or a netlist's parameter.
 RESISTANCES = ("load.parameters.resistance", "load.resistance")
+# Numbers of a run that are whole.
+WHOLE = ("run.seed", "run.realizations")
 # Time constants of a load's output between a realization's start and its measured time.
 CHARGING_TIMES = 5.0
 OWN_LOAD = "scene"
@@ -37,7 +42,7 @@ class Point:
     """
 
     load: str
-    place: tuple[float, ...]
+    place: tuple[Any, ...]
     scene: Scene
 
 
@@ -60,7 +65,7 @@ class Grid:
 
     scene: Scene
     loads: tuple[str, ...]
-    sweeps: dict[str, tuple[float, ...]]
+    sweeps: dict[str, tuple[Any, ...]]
     points: tuple[Point, ...]
     notes: tuple[str, ...]
 
@@ -79,7 +84,7 @@ class Grid:
 def make_grid(
     scene: Scene,
     loads: Sequence[str],
-    sweeps: Mapping[str, Sequence[float]],
+    sweeps: Mapping[str, Sequence[Any]],
     argument: str = "sweeps",
 ) -> Grid:
     """Every point of a study, its scene checked.
@@ -89,10 +94,11 @@ def make_grid(
     scene : Scene
     loads : sequence of str
         Names in netlists/ or paths; empty: the scene's own.
-    sweeps : dict of str to sequence of float
+    sweeps : dict of str to sequence of float or str
         "table.key" to values.
     argument : str
-        What the caller calls them, for messages.
+        What the caller calls them, for messages: "sweeps", of numbers of the device, its load and
+        its excitation, or "over", of any key.
 
     Raises
     ------
@@ -110,7 +116,7 @@ def make_grid(
             raise HarvesterError(f"--load {label}: is there twice")
     loaded = {k: _with_load(scene, load) for k, load in zip(labels, loads, strict=True)}
     for key, values in sweeps.items():
-        _check_sweep(scene, key, values)
+        _check_sweep(scene, key, values, argument == "over")
     points = [
         Point(label, place, _at(loaded[label], dict(zip(sweeps, place, strict=True))))
         for label in labels
@@ -118,7 +124,10 @@ def make_grid(
     ]
     points, notes = _with_storage(points, sweeps)
     points = _on_common_knots(points)
-    swept = {key: tuple(float(v) for v in values) for key, values in sweeps.items()}
+    swept = {
+        key: tuple(v if isinstance(v, str) else float(v) for v in values)
+        for key, values in sweeps.items()
+    }
     return Grid(points[0].scene, labels, swept, tuple(points), notes)
 
 
@@ -134,18 +143,31 @@ def _with_load(scene, load):
     return Scene.from_tables(tables, name=scene.name, origin=scene.name, folder=scene.folder)
 
 
-def _check_sweep(scene, key, values):
+def _check_sweep(scene, key, values, any_key):
+    """Refuse what is no list of values, and a key that no scene has, or no number of this one."""
     known = [*numbers(scene), RESISTANCES[0]]
-    if key not in known and key not in RESISTANCES and not key.startswith("load.parameters."):
+    option = "--over" if any_key else "--sweep"
+    listed = key in known or key in RESISTANCES or key.startswith("load.parameters.")
+    if not listed and not (any_key and key in _every_key()):
         raise HarvesterError(
-            f"--sweep {key}: no number of this scene{nearest(key, known)}; there are "
+            f"{option} {key}: no number of this scene{nearest(key, known)}; there are "
             f"{', '.join(known)} and what else a load calls its parameters"
         )
     for value in values:
-        if not (isinstance(value, Real) and math.isfinite(value)):
-            raise HarvesterError(f"--sweep {key}: {shown(value)}: must be a number")
+        word = any_key and not listed and isinstance(value, str)
+        if not (word or (isinstance(value, Real) and math.isfinite(value))):
+            raise HarvesterError(f"{option} {key}: {shown(value)}: must be a number")
     if len(values) == 0 or len(set(values)) < len(values):
-        raise HarvesterError(f"--sweep {key}: give each value once, and at least one")
+        raise HarvesterError(f"{option} {key}: give each value once, and at least one")
+
+
+def _every_key():
+    """Those that a scene may hold, whatever its tables; one of several is a number's name."""
+    kinds = {
+        "excitation.kind",
+        *(f"excitation.{key}" for kind in KINDS.values() for key in kind.KEYS),
+    }
+    return kinds | {f"{table}.{key}" for table, keys in table_keys().items() for key in keys or ()}
 
 
 def _at(scene, values):
@@ -159,7 +181,7 @@ def _at(scene, values):
                     raise HarvesterError(f"--sweep {RESISTANCES[1]}: 0: must be a number > 0")
                 # Of the scaled resistor, whose λ is 1/R.
                 key, value = "load.decay_rate", 1.0 / value
-        changes[key] = value
+        changes[key] = int(value) if key in WHOLE and value % 1 == 0 else value
     return scene.replace(changes)
 
 

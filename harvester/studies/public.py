@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Unpack
@@ -24,7 +24,10 @@ from harvester.signatures import (
     Kind,
     Loads,
     MethodOrName,
+    Methods,
+    Over,
     Processes,
+    Quantities,
     Ranges,
     RunnerOptions,
     Seconds,
@@ -153,6 +156,8 @@ def frequency_response(
     *,
     amplitude: Annotated[float, Kind("A")] | None = None,
     down: bool = False,
+    quantities: Quantities = (),
+    per_g: bool = False,
     method: MethodOrName = "monte-carlo",
     step: Step = "default",
     **running: Unpack[RunnerOptions],
@@ -170,6 +175,14 @@ def frequency_response(
         Of the base acceleration, m/s² in SI (default: that of the scene's own sine).
     down : bool
         Sweep down as well, to show hysteresis: it is where the two differ.
+    quantities : sequence of str
+        What is shown; several may be given: displacement_amplitude (of the tip, relative to the
+        base), absolute_amplitude, rms_voltage, peak_voltage, mean_power, peak_power; of a load with
+        an output mean_output_voltage and mean_output_power (default: the first, rms_voltage,
+        mean_power and what the output has).
+    per_g : bool
+        All for a base acceleration of 1 g: per g, powers per g². A nonlinear device has them at
+        this amplitude alone.
     method : str or Method
         monte-carlo (Runge–Kutta) or circuit (ngspice), on the same path.
     step : str or float
@@ -201,13 +214,16 @@ def frequency_response(
 
     engine = engine_of(method, step=step)
     scene = work.with_sine(scene, amplitude)
+    shown = work.shown_of(scene, quantities, per_g)
     rising = work.rising_frequencies(frequencies)
     directions = {"up": rising, "down": rising[::-1]} if down else {"up": rising}
     scenes: list[Any] = [work.stepped(scene, order) for order in directions.values()]
     with open_runner(**running) as runner:
         version = runner.version(engine.name)
         arguments = [{"scene": each, **engine.as_arguments("engine")} for each in scenes]
-        outcomes = runner.run([Task(work.run, each, version, engine.name) for each in arguments])
+        outcomes = runner.run(
+            [Task(work.one_direction, each, version, engine.name) for each in arguments]
+        )
     for outcome in outcomes:
         if isinstance(outcome, HarvesterError):
             raise outcome
@@ -226,16 +242,18 @@ def frequency_response(
         engine_version=outcomes[0][1],
         dwell=scenes[0].excitation.dwell,
         seconds=sum(seconds for _, _, seconds in outcomes),
+        shown=shown,
+        per_g=per_g,
     )
 
 
 @takes_scene
 def sweep(
     scene: Scene,
-    over: Grids,
+    over: Over,
     *,
-    methods: Sequence[str | Method] = ("monte-carlo",),
-    quantities: Sequence[str] = ("mean_power",),
+    methods: Methods = ("monte-carlo",),
+    quantities: Quantities = ("mean_power",),
     precision: Share | None = None,
     step: Step = "default",
     **running: Unpack[RunnerOptions],
@@ -246,17 +264,22 @@ def sweep(
     ----------
     scene : Scene, str or Path
         Itself, its file or its built-in name.
-    over : dict of str to sequence of float
-        "table.key" to values; several make a grid.
+    over : dict of str to sequence of float or str
+        Any key of the scene and its values, numbers or words: FIRST:LAST:log:NUMBER,
+        FIRST:LAST:linear:NUMBER, or values between commas; several make a grid.
     methods : sequence of str or Method
-        Engines and closures.
+        Engines and closures; several may be given (default: monte-carlo).
     quantities : sequence of str
-        What the tables show and what a precision holds for.
+        What the tables show and what a precision holds for; several may be given (default:
+        mean_power).
     precision : float or None
         Relative standard error that each place is run for by the engines; None: the scene's own
         run.
     step : str or float
-        See `harvester.simulate`; of the engines that are given by their names.
+        default, fine, finest, or the longest step in seconds, of the engines that are given by
+        their names.
+    time_limit : float
+        Wall-clock limit of one realization (default: 3600).
     **running
         See `harvester.running.open_runner`.
 
@@ -474,14 +497,14 @@ def optimum(
     *,
     low: Annotated[float, Kind("A", option="from")] | None = None,
     high: Annotated[float, Kind("B", option="to")] | None = None,
-    maximise: Annotated[str, Kind("QUANTITY")] = "power_conversion_efficiency",
+    maximise: Annotated[str, Kind("QUANTITY")] | None = None,
     method: MethodOrName | None = None,
     closure: str | None = None,
     evaluations: int | None = None,
     precision: Share | None = None,
     **running: Unpack[RunnerOptions],
 ) -> Optimum:
-    """Where one parameter, or several, make the efficiency or the power largest (Eq. 37).
+    """Where one parameter, or several, make the power or the efficiency largest (Eq. 37).
 
     Parameters
     ----------
@@ -494,9 +517,10 @@ def optimum(
         Range of a single parameter.
     high : float or None
         Its upper end.
-    maximise : str
-        power_conversion_efficiency, mean_power or mean_square_voltage; of a load with an output
-        also mean_output_power and the like; over several parameters any.
+    maximise : str or None
+        mean_power, power_conversion_efficiency or mean_square_voltage; of a load with an output
+        also mean_output_power and the like; over several parameters any (default: the power, at
+        the output where the load has one).
     method : str, Method or None
         monte-carlo or circuit, over several parameters also a closure (default: monte-carlo, or
         circuit where the load needs it).
@@ -546,6 +570,9 @@ def optimum(
             )
         ranges = dict.fromkeys(ranges, (low, high))
     ends = {key: _ends(key, each) for key, each in ranges.items()}
+    if maximise is None:
+        load = scene.load.circuit
+        maximise = "mean_output_power" if load and load.has_output else "mean_power"
     return largest(scene, ends, maximise, method, closure, evaluations, precision, running)
 
 

@@ -18,9 +18,9 @@ from harvester.files.plain_text import json_text
 from harvester.files.serialising import plain
 from harvester.files.tables import write_csv, xarray_or_say
 from harvester.method import Method
-from harvester.results.result import with_error
 from harvester.running.request import COMPLETE, OUT_OF_TIME, told
 from harvester.scene.model import Scene
+from harvester.show.numbers import with_error
 from harvester.simulation.simulate import check_name
 
 if TYPE_CHECKING:
@@ -144,24 +144,45 @@ class Sweep:
             if name in cell.estimates
         }
         header = ["method", *self.values]
-        header += [f"{each.replace('_', ' ')} [{units.get(each, '')}]" for each in self.quantities]
+        header += [each.replace("_", " ") for each in self.quantities]
         rows = []
         for place, cell in self.places():
             estimates = [cell.estimates.get(name, _NOTHING) for name in self.quantities]
-            row = [cell.method, *map(in_words, place), *map(with_error, estimates)]
-            rows.append([*row, str(cell.realizations or ""), cell.outcome])
+            told = [
+                with_error(each, units.get(name, ""))
+                for name, each in zip(self.quantities, estimates, strict=True)
+            ]
+            row = [cell.method, *map(in_words, place), *told]
+            rows.append([*row, str(cell.realizations or ""), _told(cell)[0]])
         return [*header, "realizations", "outcome"], rows
 
     def sentences(self) -> list[str]:
         """How it came about, and what to know before citing a number."""
         run = self.scene.run
         ended = ["the time budget was spent: the same call goes on"] if self.out_of_time else []
+        notes = dict.fromkeys(note for _, cell in self.places() for note in _told(cell)[1])
         said = f"realizations of {run.duration:g} s after {run.settle:g} s, seed {run.seed}"
         return [
             *self.notes,
+            *notes,
             *ended,
             f"{', '.join(self.methods)}: {said}, the same noise everywhere; {self.seconds:.1f} s",
         ]
+
+    def headline(self) -> str:
+        """Where the first quantity is highest, and by which method."""
+        name = self.quantities[0]
+        found = [each for each in self.places() if name in each[1].estimates]
+        if not found:
+            return f"no place has a {name.replace('_', ' ')}"
+        place, cell = max(found, key=lambda each: each[1].estimates[name].estimate)
+        best = cell.estimates[name]
+        pairs = zip(self.values, place, strict=True)
+        where = ", ".join(f"{key} = {in_words(value)}" for key, value in pairs)
+        return (
+            f"highest {name.replace('_', ' ')}: "
+            f"{with_error(best, unit_of(self.scene, best.dimension))} at {where}, by {cell.method}"
+        )
 
     def figure(self) -> Figure:
         """Each quantity over the key with most values: engines with error bars, closures lines."""
@@ -198,6 +219,12 @@ class Sweep:
 
 
 _NOTHING = Estimate(math.nan, None, None, "1")
+
+
+def _told(cell):
+    """The outcome, and the notes that stand behind one that is complete."""
+    first, *notes = cell.outcome.split("; ")
+    return (first, notes) if first == COMPLETE else (cell.outcome, [])
 
 
 def labels_of(methods: Sequence[Method]) -> tuple[str, ...]:

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from harvester.averaging import CLOSURES
 from harvester.estimates.units import unit_of
+from harvester.show.numbers import in_print
 from harvester.show.palette import CIRCUIT, LINES, MONTE_CARLO
 from harvester.show.panels import Panel, Series, draw_panels, is_wide
+from harvester.show.symbols import key_label
 from harvester.studies.sweep import in_words
 
 if TYPE_CHECKING:
@@ -28,7 +31,9 @@ ENGINES = {"circuit": (CIRCUIT, "o"), "monte-carlo": (MONTE_CARLO, "s")}
 def draw(sweep: Sweep) -> Figure:
     """A panel for each quantity and each place of the other keys."""
     lengths = [len(values) for values in sweep.values.values()]
-    along = int(np.argmax(lengths)) if lengths else None
+    # Words have no distances: an axis of numbers goes before them.
+    ranks = [(not has_words(values), len(values)) for values in sweep.values.values()]
+    along = ranks.index(max(ranks)) if ranks else None
     others = [range(length) for k, length in enumerate(lengths) if k != along]
     panels = [
         _panel(sweep, name, along, other)
@@ -52,8 +57,19 @@ def _panel(sweep, name, along, other):
     found = [each.estimates[name] for each in rows.ravel() if name in each.estimates]
     unit = unit_of(sweep.scene, found[0].dimension) if found else ""
     series = [_series(name, label, x, rows[:, k]) for k, label in enumerate(sweep.methods)]
-    label = f"{name.replace('_', ' ')} [{unit}]"
-    return Panel(key, label, series, ", ".join(words), log_x=is_wide(x))
+    label = f"{name.replace('_', ' ')} [{in_print(unit) or '1'}]"
+    return Panel(
+        key_label(key, sweep.scene.units) if key else "",
+        label,
+        series,
+        ", ".join(words),
+        log_x=not has_words(x) and is_wide(x),
+    )
+
+
+def has_words(values: Sequence[object]) -> bool:
+    """Whether values of a key are words."""
+    return any(isinstance(value, str) for value in values)
 
 
 def _series(name, label, x, cells):

@@ -26,7 +26,7 @@ def deviations(pool, scene, steps):
         result = simulate(
             scene, step=step, device="behavioural", window=(0.0, 1e9), workers=1, runner=pool
         )
-        waveform = np.array(result.waveform)
+        waveform = np.array(result.waveform.record)
         knots = np.round(waveform[0] / spacing)
         at_knots = waveform[1, np.abs(waveform[0] - knots * spacing) < 1e-6 * spacing]
         found.append(np.abs(at_knots - reference).max())

@@ -38,6 +38,7 @@ def quake(tmp_path):
         "column": "north",
         "time_column": "time",
         "unit": "g",
+        "detrend": "none",
     }
     tables["run"] = {"duration": 290.0, "settle": 5.0}
     return Scene.from_tables(tables, name="quake")
@@ -62,10 +63,12 @@ def test_circuit_and_monte_carlo_follow_the_record_point_by_point(pool, quake):
     """Until the two steps let the paths separate: the first seconds, from rest."""
     short = quake.replace({"run.duration": 3.0, "run.settle": 0.0})
     window = (0.0, 3.0)
-    circuit = simulate(short, method="circuit", step="finest", window=window, runner=pool).waveform
+    circuit = simulate(
+        short, method="circuit", step="finest", window=window, runner=pool
+    ).waveform.record
     reference = simulate(
         short, method="monte-carlo", step="fine", window=window, runner=pool
-    ).waveform
+    ).waveform.record
     at = np.interp(circuit.time, reference.time, reference.displacement)
     np.testing.assert_allclose(circuit.displacement, at, atol=2e-3)
     assert np.ptp(at) > 0.1

@@ -55,14 +55,14 @@ def test_plain_ngspice_runs_the_export_and_agrees_with_the_process(tmp_path, pla
     result = simulate(
         scene, method="circuit", step=step, source="pwl", window=(0.0, 1e9), runner=plain_pool
     )
-    record = result.waveform
+    record = result.waveform.record
     assert raw["time"][-1] == pytest.approx(400 * spacing)
     inside = np.interp(record.time, raw["time"], raw["v(displacement)"])
     np.testing.assert_allclose(record.displacement, inside, atol=1e-6)
     # Against the external source: two step controls, one path.
     external = simulate(
         scene, method="circuit", step="finest", window=(0.0, 1e9), runner=plain_pool
-    ).waveform
+    ).waveform.record
     at = np.interp(external.time, raw["time"], raw["v(displacement)"])
     np.testing.assert_allclose(external.displacement, at, atol=0.05)
     # ngspice's own first point lies behind the first two of the engine.

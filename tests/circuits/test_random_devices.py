@@ -31,7 +31,7 @@ def by_circuit(pool, scene):
     result = simulate(
         scene, step="finest", device="behavioural", window=(0.0, 1e9), workers=1, runner=pool
     )
-    waveform, spacing = np.array(result.waveform), knot_spacing(prepared(scene))
+    waveform, spacing = np.array(result.waveform.record), knot_spacing(prepared(scene))
     knots = np.round(waveform[0] / spacing)
     return waveform[1, np.abs(waveform[0] - knots * spacing) < 1e-6 * spacing]
 

@@ -52,7 +52,7 @@ def sampled(scene, points, reach):
     return scene.replace({"oscillator.force_table": table})
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("method", ["monte-carlo", "circuit"])
 def test_a_cubic_sampled_finely_gives_the_cubics_path(pool, method):
     """Within a well; 33 points a fortieth of the well's distance apart."""

@@ -142,6 +142,7 @@ def test_bash_completes_commands_scenes_and_options(capsys):
         "sensitivity",
         "simulate",
         "stability",
+        "sweep",
     }
     assert {"paper", "paper_si"} <= set(completed(script, "harvester validate pap"))
     assert "--report" in completed(script, "harvester validate paper --re")

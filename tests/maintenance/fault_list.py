@@ -538,8 +538,8 @@ FAULTS = [
     Fault(
         "frequency response: an amplitude is the highest displacement",
         "harvester/studies/frequency_response.py",
-        "0.5 * (highest - lowest)",
-        "highest",
+        "0.5 * (_peak(times, values) + _peak(times, -values))",
+        "_peak(times, values)",
         (
             "harvester/studies/test_frequency_response.py"
             "::test_an_amplitude_is_half_of_what_lies_between_the_ends",

@@ -7,13 +7,15 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from harvester.estimates.estimate import Estimate
 from harvester.files.serialising import plain
-from harvester.results.result import Result, with_error
+from harvester.results.headline import headline
+from harvester.results.result import Result, with_roots
+from harvester.scene.described import device_line
 from harvester.scene.model import Scene
+from harvester.show.numbers import NOT_KNOWN, number, share_with_error, with_error
 from harvester.show.page import Verdict
+from harvester.show.symbols import definitions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -107,9 +109,22 @@ class Comparison:
         return dict(sorted(apart.items(), key=lambda each: -_or_infinite(each[1])))
 
     @property
+    def paired_apart(self) -> dict[str, Estimate]:
+        """Paired differences beyond their own errors, the greatest first."""
+        apart = {
+            name: each
+            for name, each in self.paired.items()
+            if name in self.compared
+            and each.standard_error
+            and abs(each.estimate) > AGREEING_STANDARD_ERRORS * each.standard_error
+        }
+        return dict(sorted(apart.items(), key=lambda each: -abs(each[1].estimate)))
+
+    @property
     def agree(self) -> bool:
         """Whether every quantity differs insignificantly or by less than `AGREEING_SHARE`."""
-        return all(_or_infinite(share) <= AGREEING_SHARE for share in self.significant.values())
+        shares = [*self.significant.values(), *(p.estimate for p in self.paired_apart.values())]
+        return all(_or_infinite(share) <= AGREEING_SHARE for share in shares)
 
     def deviation(self, closure: str, name: str) -> tuple[float, float]:
         """A closure's deviation from Monte Carlo as a share, and in standard errors.
@@ -127,42 +142,61 @@ class Comparison:
         """Header and rows of the table, as text."""
         header = ["quantity", "unit", "circuit", "Monte Carlo", "difference", "paired bias"]
         header += [name for name in self.closures]
-        rows = [self._row(name) for name in self.compared]
+        rows = [row for name in self.compared for row in self._rows(name)]
         seconds = ["wall time", "s", f"{self.circuit.wall_seconds:.2f}"]
         seconds += [f"{self.monte_carlo.wall_seconds:.2f}", "", ""]
         seconds += [f"{result.wall_seconds:.2f}" for result in self.closures.values()]
         return header, [*rows, seconds]
 
-    def _row(self, name):
+    def _rows(self, name):
+        """A quantity's row, and behind a mean square without a root in the results that of it."""
         circuit = self.circuit.quantity(name)
+        paired = self.paired.get(name)
+        factor, unit = self.circuit.in_print(name, circuit)
         row = [
             name.replace("_", " "),
-            self.circuit.unit(circuit.dimension).split()[0],
-            with_error(circuit),
-            with_error(self.monte_carlo.quantity(name)),
+            unit,
+            with_error(circuit.times(factor)),
+            with_error(self.monte_carlo.quantity(name).times(factor)),
             _sigmas(self.difference(name), 2),
-            _percent(self.paired.get(name)),
+            share_with_error(paired) if paired else NOT_KNOWN,
         ]
         for closure, result in self.closures.items():
             share, sigma = self.deviation(closure, name)
             if name not in result.scaled_quantities:
-                row.append("—")
+                row.append(NOT_KNOWN)
                 continue
-            value = result.quantity(name).estimate
-            row.append(f"{value:.4g} ({share:+.1%}, {_sigmas(sigma, 0)})")
-        return row
+            value = number(factor * result.quantity(name).estimate)
+            row.append(f"{value} ({share:+.1%}, {_sigmas(sigma, 0)})")
+        return [row, *self._row_of_root(name)]
+
+    def _row_of_root(self, name):
+        results = (self.circuit, self.monte_carlo, *self.closures.values())
+        quantities = [each.quantities for each in results]
+        found = [with_roots({name: each[name]} if name in each else {}) for each in quantities]
+        (of_root,) = {*found[0]} - {name} or {name}
+        if of_root in (name, *self.compared):
+            return []
+        factor, unit = self.circuit.in_print(of_root, found[0][of_root])
+        engines = [with_error(each[of_root].times(factor)) for each in found[:2]]
+        closures = [
+            number(factor * each[of_root].estimate) if of_root in each else NOT_KNOWN
+            for each in found[2:]
+        ]
+        return [[of_root.replace("_", " "), unit, *engines, "", "", *closures]]
 
     def sentences(self) -> list[str]:
         """What the numbers say, one line each."""
-        lines = [f"{engine.engine}: {'; '.join(engine.evidence())}" for engine in self._engines()]
-        lines.append(self.verdict().text)
+        lines = [headline(self.circuit), self.verdict().text]
+        lines += [f"{engine.engine}: {'; '.join(engine.evidence())}" for engine in self._engines()]
         bare = [name for name in self.compared if math.isnan(self.difference(name))]
         # Where all are bare the verdict says it already.
         lines += self.without_error_bar(bare) if len(bare) < len(self.compared) else []
-        lines += [f"closure {name} refused: {reason}" for name, reason in self.refused.items()]
+        lines += self.not_applying()
         for name, (apart, chance) in self.joint_distances().items():
             by_chance = "" if math.isnan(chance) else f", {chance:.3f} by chance alone"
             lines.append(f"∬|p(X, X') by {name} − by Monte Carlo| = {apart:.3f}{by_chance}")
+        lines += [*device_line(self.scene), *definitions(self.compared)]
         return [*lines, *dict.fromkeys((*self.circuit.notes, *self.monte_carlo.notes))]
 
     def verdict(self) -> Verdict:
@@ -174,17 +208,32 @@ class Comparison:
             return Verdict(f"There is no error bar to judge by: {reasons}.", False)
         short = len(apart) - len(known)
         tail = f"; {short} of {len(apart)} quantities have no error bar" if short else ""
-        if not self.significant:
-            worst = max(known.values())
-            agreed = f"Circuit and Monte Carlo agree within {worst:.1f} standard errors{tail}."
-            return Verdict(agreed, True)
-        name, share = next(iter(self.significant.items()))
-        by = f"the {words(name)} differs by {abs(share):.2%}, {known[name]:.1f} standard errors"
-        by += tail
-        if self.agree:
+        if not self.agree:
+            return Verdict(f"Circuit and Monte Carlo disagree: {self._greatest()}{tail}.", False)
+        if self.significant or self.paired_apart:
             within = f"Circuit and Monte Carlo agree within {AGREEING_SHARE:.0%}"
-            return Verdict(f"{within}: {by}; up to that is what steps may cost.", True)
-        return Verdict(f"Circuit and Monte Carlo disagree: {by}.", False)
+            small = "significant, but negligible against that limit: it is what steps may cost"
+            return Verdict(f"{within}: {self._greatest()}; {small}{tail}.", True)
+        # Of runs without chance the difference may be 0.
+        worst = max(0.1, *known.values())
+        agreed = f"Circuit and Monte Carlo agree within {worst:.1f} standard errors"
+        return Verdict(f"{agreed} of every quantity{tail}.", True)
+
+    def _greatest(self):
+        """The greatest difference that is no chance, between means or on common noise."""
+        found = {name: abs(bias.estimate) for name, bias in self.paired_apart.items()}
+        joint = next(iter(self.significant.items()), None)
+        if joint and _or_infinite(joint[1]) >= max(found.values(), default=0.0):
+            name, share = joint
+            apart = abs(self.difference(name))
+            return f"the {words(name)} differs by {abs(share):.2%}, {apart:.1f} standard errors"
+        name, bias = next(iter(self.paired_apart.items()))
+        return f"on the same noise the {words(name)} differs by {share_with_error(bias)}"
+
+    def not_applying(self) -> list[str]:
+        """Closures that do not hold for the scene, in one line; none where all do."""
+        said = "; ".join(f"{name}: {reason}" for name, reason in self.refused.items())
+        return [f"Closures that do not apply: {said}"] if said else []
 
     def without_error_bar(self, names: Iterable[str]) -> list[str]:
         """Quantities without an error bar in either engine, by the reason."""
@@ -274,12 +323,5 @@ def _or_infinite(share):
 
 
 def _sigmas(number, places):
-    return "no error bar" if math.isnan(number) else f"{number:+.{places}f} σ"
-
-
-def _percent(estimate):
-    if estimate is None or not np.isfinite(estimate.estimate):
-        return "—"
-    if estimate.standard_error is None:
-        return f"{estimate.estimate:+.2%}"
-    return f"{estimate.estimate:+.2%} ± {estimate.standard_error:.2%}"
+    # Rounded first, and without the sign of −0.
+    return "no error bar" if math.isnan(number) else f"{round(number, places) + 0.0:+.{places}f} σ"

@@ -21,16 +21,18 @@ def draw_comparison(comparison: Comparison) -> Figure:
     from matplotlib.figure import Figure
 
     names = list(comparison.monte_carlo.densities)
-    figure = Figure(figsize=(9.0, 6.4))
-    rows = figure.add_gridspec(2, 1, height_ratios=(1.3, 1.0))
+    figure = Figure(figsize=(9.0, 7.2))
+    rows = figure.add_gridspec(2, 1, height_ratios=(1.0, 1.0))
     across = rows[0].subgridspec(1, len(names))
     panels = [figure.add_subplot(across[place]) for place in range(len(names))]
     for panel, name in zip(panels, names, strict=True):
         _draw_densities(panel, comparison, name)
     panels[0].set_ylabel("probability density")
-    below = rows[1].subgridspec(2, 1, height_ratios=(1.6, 1.0))
+    below = rows[1].subgridspec(3, 1, height_ratios=(1.4, 1.4, 1.0))
     top = figure.add_subplot(below[0])
-    _draw_waveforms(top, figure.add_subplot(below[1], sharex=top), comparison)
+    middle, bottom = (figure.add_subplot(below[k], sharex=top) for k in (1, 2))
+    _draw_waveforms(top, middle, bottom, comparison)
+    figure.align_ylabels([top, middle, bottom])
     compared = "circuit, Monte Carlo and averaging" if comparison.closures else "both engines"
     entitle(figure, f"{comparison.scene.name}: {compared} (bands: two standard errors)")
     # A closure may have fewer densities than another.
@@ -54,18 +56,19 @@ def _draw_densities(axes, comparison, name):
     axes.set_xlabel(axis_label(comparison.circuit, name))
 
 
-def _draw_waveforms(top, bottom, comparison):
+def _draw_waveforms(top, middle, bottom, comparison):
     circuit, reference = comparison.circuit.waveform, comparison.monte_carlo.waveform
-    unit = comparison.circuit.scales.displacement
-    top.plot(reference.time, reference.displacement * unit, color=MONTE_CARLO)
-    top.plot(circuit.time, circuit.displacement * unit, "--", color=CIRCUIT)
-    top.set_ylabel(axis_label(comparison.circuit, "displacement"))
+    for axes, name in ((top, "displacement"), (middle, "voltage")):
+        axes.plot(reference.time, reference[name], color=MONTE_CARLO, linewidth=2.4)
+        axes.plot(circuit.time, circuit[name], "--", color=CIRCUIT)
+        axes.set_ylabel(axis_label(comparison.circuit, name).replace(" ", "\n"))
+        axes.tick_params(labelbottom=False)
     top.set_title("the same noise path")
     # Both have every knot of the noise among their points.
     difference = np.interp(reference.time, circuit.time, circuit.displacement)
     knots = np.isin(np.round(reference.time, 9), np.round(circuit.time, 9))
-    difference = (difference - reference.displacement)[knots] * unit
+    difference = (difference - reference.displacement)[knots]
     bottom.plot(reference.time[knots], difference, color="0.2", linewidth=0.8)
     bottom.set_ylabel("difference")
-    bottom.set_title("circuit − Monte Carlo")
+    bottom.set_title("displacement, circuit − Monte Carlo")
     bottom.set_xlabel("time [s]")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-import json
 import platform
 from collections.abc import Callable
 from importlib import metadata
@@ -13,9 +12,13 @@ from harvester.errors import MissingLibrary
 from harvester.prepared.prepared import prepared
 from harvester.results import joint_drawing
 from harvester.results.drawing import draw_result
+from harvester.results.excitation_drawing import draw_spectrum
+from harvester.results.headline import headline
+from harvester.scene.described import scene_rows
 from harvester.show import figures
 from harvester.show.page import (
-    NARROWEST_SCHEMATIC,
+    LEAST_SCALE,
+    Verdict,
     facts,
     figure_of,
     page,
@@ -23,6 +26,7 @@ from harvester.show.page import (
     verdict_list,
     wide,
 )
+from harvester.show.symbols import definitions
 from harvester.studies.comparison.comparison import Comparison
 from harvester.studies.comparison.drawing import draw_comparison
 from harvester.studies.comparison.verdicts import verdicts
@@ -51,7 +55,6 @@ def report(comparison: Comparison) -> str:
 
     scene = comparison.scene
     header, rows = comparison.table()
-    rows = [[name, unit.replace("^2", "²"), *values] for name, unit, *values in rows]
     text = html.escape(assemble(prepared(scene)).text)
     netlist = (
         "<details><summary>the elements as ngspice reads them, the noise fed in from outside"
@@ -62,10 +65,10 @@ def report(comparison: Comparison) -> str:
         f"{scene.name}: circuit, Monte Carlo and averaging",
         f"seed {scene.run.seed}; scene {scene.digest()[:12]}",
         {
-            "Verdict": verdict_list(verdicts(comparison)),
-            "Quantities": wide(table_of(header, rows)) + facts(LEGEND),
+            "Verdict": verdict_list([Verdict(headline(comparison.circuit)), *verdicts(comparison)]),
+            "Quantities": wide(table_of(header, rows)) + _legend(comparison),
             "Figures": _figures(comparison),
-            "Scene": wide(table_of(("key", "value"), _scene_rows(scene), "text")),
+            "Scene": wide(table_of(("key", "value"), scene_rows(scene), "text")),
             "Schematic": _schematic(scene),
             "Netlist": netlist,
             "Evidence": wide(table_of(("what", "fact"), _evidence(comparison), "text")),
@@ -73,11 +76,16 @@ def report(comparison: Comparison) -> str:
     )
 
 
+def _legend(comparison):
+    return "".join(map(facts, [LEGEND, *definitions(comparison.compared)]))
+
+
 def _figures(comparison):
     scene = comparison.scene.name
     drawn: list[tuple[Callable, Any, str]] = [
         (draw_comparison, comparison, "Densities by every method; one noise path."),
         (draw_result, comparison.circuit, "Densities by the circuit."),
+        (draw_spectrum, comparison.scene, "Spectrum of the excitation, of one realization."),
     ]
     both = [*comparison.closures.values(), comparison.monte_carlo]
     if any(each.joint_density is not None for each in both):
@@ -96,21 +104,7 @@ def _schematic(scene):
     except MissingLibrary as error:
         return facts(f"Not drawn: {error}")
     caption = "Element names as in the netlist; nodes in blue."
-    return figure_of(drawing.image(), f"Schematic of {scene.name}", caption, NARROWEST_SCHEMATIC)
-
-
-def _scene_rows(scene):
-    rows = []
-    for table, values in scene.to_tables().items():
-        if not isinstance(values, dict):
-            rows.append((table, _value(values)))
-            continue
-        rows += [(f"{table}.{key}", _value(value)) for key, value in values.items()]
-    return rows
-
-
-def _value(value):
-    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    return figure_of(drawing.image(), f"Schematic of {scene.name}", caption, LEAST_SCALE)
 
 
 def _evidence(comparison):

@@ -12,7 +12,7 @@ from harvester.studies.comparison.comparison import (
     words,
 )
 
-# The quantity by which closures and the step are judged.
+# The quantity by which closures are judged.
 JUDGED = "mean_square_voltage"
 # A closure is judged off only from here: every one is an approximation.
 NEGLIGIBLE_SHARE = 0.01
@@ -27,26 +27,8 @@ LIMITS = {
 def verdicts(comparison: Comparison) -> list[Verdict]:
     """What a comparison says, one sentence each."""
     closures = [_closure(comparison, name) for name in comparison.closures]
-    refused = [
-        Verdict(f"The closure {name} was refused: {reason}.")
-        for name, reason in comparison.refused.items()
-    ]
-    return [comparison.verdict(), *_step(comparison), _energy(comparison), *closures, *refused]
-
-
-def _step(comparison):
-    bias = comparison.paired.get(JUDGED)
-    if bias is None or not bias.standard_error or not math.isfinite(bias.estimate):
-        return []
-    seen = abs(bias.estimate) > AGREEING_STANDARD_ERRORS * bias.standard_error
-    judged = "more than its error explains" if seen else "within its error"
-    return [
-        Verdict(
-            f"On the same noise paths the circuit's {words(JUDGED)} differs from Monte Carlo's by "
-            f"{bias.estimate:+.2%} ± {bias.standard_error:.2%}, {judged}.",
-            not seen,
-        )
-    ]
+    refused = [Verdict(f"{line}.") for line in comparison.not_applying()]
+    return [comparison.verdict(), _energy(comparison), *closures, *refused]
 
 
 def _energy(comparison):

@@ -12,6 +12,7 @@ import numpy as np
 from harvester.estimates.units import unit_of
 from harvester.record.record import Record
 from harvester.show.panels import Panel, Series, draw_panels, entitle, is_wide
+from harvester.show.symbols import key_label
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,12 +23,6 @@ MARKERS = "osD^vP*X"
 # Standard errors that a bar spans to either side.
 BARS = 2.0
 PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
-# Axis labels of swept keys.
-LABELS = {
-    "load.parameters.resistance": "load resistance [Ω]",
-    "load.resistance": "load resistance [Ω]",
-    "excitation.intensity": "noise intensity D",
-}
 EFFICIENCIES = ("end_to_end_efficiency", "power_conversion_efficiency_of_input")
 
 
@@ -114,7 +109,7 @@ def _draw(study, label, value, more):
     places = np.array(study.grid.sweeps[key] if key else (0.0,))
     panels = [
         Panel(
-            x_label=LABELS.get(key, key) if key else "",
+            x_label=key_label(key, study.scene.units) if key else "",
             y_label=label,
             series=_curves(study, other, places, value),
             title=words,
@@ -169,6 +164,8 @@ def _draw_optima(study, other, axes):
             ends = [optimum.low, optimum.high]
             axes.plot(ends, [height] * 2, color=colour, linewidth=2.0, transform=where)
             axes.plot([optimum.place], [height], "|", color=colour, transform=where)
+            # Said once, in the legend below.
+            axes.plot([], [], "-|", color="0.3", lw=2.0, label="bar at the bottom: optimum, 95 %")
 
 
 def _draw_waveform(axes, study, load, evaluation, colour):

@@ -15,18 +15,20 @@ import numpy as np
 from harvester.arguments import check_name
 from harvester.errors import LoadError
 from harvester.estimates.estimate import Estimate
+from harvester.files.libraries import optional_library
 from harvester.files.serialising import fields_of, plain
 from harvester.files.tables import write_csv, write_netcdf
 from harvester.files.writing import in_folder
 from harvester.former_names import handed_on
 from harvester.method import Method
-from harvester.results.result import with_error
 from harvester.running import Runner
 from harvester.running.folder import held
 from harvester.running.realizations import PERIODS
 from harvester.running.request import COMPLETE
 from harvester.scene.model import Scene
 from harvester.scene.units import require_resistor
+from harvester.show.numbers import NOT_KNOWN, quantity, share_with_error, with_error
+from harvester.show.symbols import EFFICIENCIES, definitions, key_words
 from harvester.simulation.methods import ENGINES, Circuit, Engine, engine_of, method_of
 from harvester.studies.grid import Grid
 from harvester.studies.loads.curves import Difference, optimum_of, rank
@@ -37,6 +39,7 @@ from harvester.studies.sweep import Sweep, columns
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from pandas import DataFrame
     from xarray import Dataset
 
     from harvester.running.folder import StudyFolder
@@ -180,7 +183,7 @@ class Study:
         """Header and rows: each load's optimum."""
         key = self.curve_keys[0]
         header = ["load", "at", f"highest at {key or 'the scene'}", "optimum", "interval"]
-        header += [f"output power [{self.unit}]", "efficiency", "realizations", "note"]
+        header += ["output power", "efficiency", "realizations", "note"]
         rows = []
         for other, words in self.others():
             for k, load in enumerate(self.grid.loads):
@@ -199,15 +202,21 @@ class Study:
         if self.precision and best.realizations:
             notes.append(self._precision(best))
         inside = math.isfinite(optimum.low)
+        unit = key_words(key, self.scene.units)[1] if key else ""
         return [
-            f"{self.grid.sweeps[key][place]:.4g}" if key else "",
-            f"{optimum.place:.4g}" if inside else "—",
-            f"{optimum.low:.4g} … {optimum.high:.4g}" if inside else "—",
-            with_error(best.estimates["output_power"]),
-            with_error(efficiency) if efficiency else "—",
+            quantity(self.grid.sweeps[key][place], unit) if key else "",
+            quantity(optimum.place, unit) if inside else NOT_KNOWN,
+            f"{quantity(optimum.low, unit)} … {quantity(optimum.high, unit)}"
+            if inside
+            else NOT_KNOWN,
+            with_error(best.estimates["output_power"], self.unit),
+            share_with_error(efficiency, sign=False) if efficiency else NOT_KNOWN,
             str(best.realizations),
             "; ".join(note for note in notes if note),
         ]
+
+    def _has(self, name):
+        return any(name in each.estimates for each in self.evaluations)
 
     def _precision(self, evaluation):
         reached, asked = evaluation.relative_error, self.precision
@@ -218,6 +227,7 @@ class Study:
         """The ranking, what precision was reached, how it ended, what was run."""
         lines = [line for other, words in self.others() for line in self._ranking(other, words)]
         lines += self._failures()
+        lines += definitions(name for name in EFFICIENCIES if self._has(name))
         run, total = self.scene.run, len(self.evaluations)
         if self.precision:
             done = sum(e.relative_error <= self.precision for e in self.evaluations)
@@ -270,6 +280,27 @@ class Study:
         words = [*told, proof.trouble] if proof.trouble else told
         return f"{where}: circuit over Monte Carlo, paired, {', '.join(words)}"
 
+    def headline(self) -> str:
+        """The best load with its power, and where its optimum is."""
+        best = [
+            (where, each) for where in np.ndindex(self.optima.shape) if (each := self.best(where))
+        ]
+        best = [pair for pair in best if "output_power" in pair[1].estimates]
+        if not best:
+            return "no load has a power"
+        where, top = max(best, key=lambda pair: pair[1].power)
+        key, place = self.curve_keys[0], self.optima[where][1]
+        at = f" at {key} = {self.grid.sweeps[key][place]:.4g}" if key else ""
+        power = with_error(top.estimates["output_power"], self.unit)
+        return f"most power: {power} from {self.grid.loads[where[0]]}{at}"
+
+    def figures(self) -> list[Figure]:
+        """Power, efficiency and waveforms, as `save` draws them."""
+        from harvester.show import figures
+        from harvester.studies.loads import drawing
+
+        return [figures.drawn(draw, self) for draw in drawing.FIGURES]
+
     def figure(self) -> Figure:
         """Output power over the swept value."""
         from harvester.show import figures
@@ -281,13 +312,8 @@ class Study:
         """Write NetCDF, CSV and figures: see `harvester.save`."""
         save(self, folder)
 
-    def to_csv(self, path: str | Path) -> None:
-        """Write a row for each point: load, swept values, every quantity with its standard error.
-
-        Raises
-        ------
-        OutputError
-        """
+    def data(self) -> tuple[list[str], list[list[Any]]]:
+        """Header and a row for each point: load, swept values, all quantities with their errors."""
         quantities = list(columns(self.scene, self.cells))
         header = ["load", *self.grid.sweeps, *(f"{name} [{unit}]" for name, _, unit in quantities)]
         rows = [
@@ -302,7 +328,28 @@ class Study:
                 self.grid.points, self.evaluations, np.ndindex(self.cells.shape), strict=True
             )
         ]
-        write_csv(path, [*header, "realizations", "outcome"], rows)
+        return [*header, "realizations", "outcome"], rows
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write the rows of `data`.
+
+        Raises
+        ------
+        OutputError
+        """
+        write_csv(path, *self.data())
+
+    def to_pandas(self) -> DataFrame:
+        """The rows of `data` as a DataFrame; `sweep.to_pandas()` has a row for each quantity.
+
+        Raises
+        ------
+        MissingLibrary
+            pandas, of the extra `study`.
+        """
+        header, rows = self.data()
+        pandas = optional_library("pandas", "Study.to_pandas", "study")
+        return pandas.DataFrame(rows, columns=header)
 
     def to_xarray(self) -> Dataset:
         """The study as an xarray Dataset; see `harvester.studies.loads.dataset`."""
@@ -371,10 +418,10 @@ class Study:
         yield f"ranking at the optima{f', {words}' if words else ''}: {' > '.join(order)}"
         for each in differences:
             if order.index(each.worse) == order.index(each.better) + 1:
-                estimate = Estimate(100.0 * each.estimate, 100.0 * each.standard_error, None, "1")
                 distance = each.estimate / each.standard_error if each.standard_error else math.nan
                 sure = f", {distance:.1f} standard errors" if math.isfinite(distance) else ""
-                yield f"  {each.better} over {each.worse}: {with_error(estimate)} % (paired){sure}"
+                apart = share_with_error(each)
+                yield f"  {each.better} over {each.worse}: {apart} (paired){sure}"
 
     def _failures(self):
         for point, evaluation in zip(self.grid.points, self.evaluations, strict=True):
@@ -439,9 +486,9 @@ def cut(scene: Scene) -> Scene:
 
 def _apart(difference, standard_error):
     """A paired difference in words."""
-    share = Estimate(100.0 * difference, 100.0 * standard_error, None, "1")
+    share = Estimate(difference, standard_error, None, "1")
     distance = abs(difference) / standard_error if standard_error else 0.0
-    return f"{with_error(share)} % ({distance:.1f} σ)"
+    return f"{share_with_error(share)} ({distance:.1f} σ)"
 
 
 def save(study: Study, folder: str | Path | StudyFolder) -> list[str]:

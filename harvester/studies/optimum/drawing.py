@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from harvester.show.palette import CIRCUIT, MONTE_CARLO
 from harvester.show.panels import Panel, Series, draw_panels
+from harvester.show.symbols import key_label
 from harvester.studies.optimum.axis import INTERVAL
 from harvester.studies.optimum.flat_region import FLAT_SHARE
 
@@ -43,7 +44,7 @@ def _panel(found, each):
         [each.place], [found.value.estimate], "maximum", MAXIMUM, "", "*", bars=[height], size=8
     )
     return Panel(
-        x_label=key,
+        x_label=key_label(key, found.scene.units),
         y_label=f"{found.quantity.replace('_', ' ')} [{found.unit.split()[0]}]",
         series=[Series(places, values, "searched", SEARCHED, "", ".", bars=bars), maximum],
         log_x=each.axis.logarithmic,

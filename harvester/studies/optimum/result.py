@@ -12,8 +12,9 @@ import numpy as np
 
 from harvester.estimates.estimate import Estimate
 from harvester.files.serialising import fields_of, plain
-from harvester.results.result import with_error
 from harvester.scene.model import Scene
+from harvester.show.numbers import NOT_KNOWN, quantity, with_error
+from harvester.show.symbols import definitions, key_words
 from harvester.simulation.methods import method_of
 from harvester.studies.answers import is_noisy, missing_from
 from harvester.studies.optimum.axis import INTERVAL, NARROW, Parameter
@@ -139,9 +140,9 @@ class Optimum:
         return header, [
             [
                 each.axis.key,
-                _span(each.axis.low, each.axis.high),
-                f"{each.place:.4g}",
-                _span(each.flat_low, each.flat_high),
+                self._span(each.axis.key, each.axis.low, each.axis.high),
+                self._at(each.axis.key, each.place),
+                self._span(each.axis.key, each.flat_low, each.flat_high),
             ]
             for each in self.parameters
         ]
@@ -149,23 +150,43 @@ class Optimum:
     def _table_of_methods(self, averaging):
         key = self.parameters[0].axis.key
         header = ["method", "parameter", "optimum at", "interval", self.quantity.replace("_", " ")]
-        place = f"{self.place.estimate:.4g}"
-        rows = [[self.method, key, place, _span(*self.interval), with_error(self.value)]]
+        place = self._at(key, self.place.estimate)
+        interval = self._span(key, *self.interval)
+        rows = [[self.method, key, place, interval, with_error(self.value, self.unit)]]
         if averaging.place is not None:
-            place, value = f"{averaging.place:.4g}", f"{averaging.value:.4g}"
+            place, value = self._at(key, averaging.place), quantity(averaging.value, self.unit)
             rows.insert(0, [f"averaging, {averaging.closure}", key, place, "", value])
         return header, rows
+
+    def headline(self) -> str:
+        """The place, its value, and what it was looked for."""
+        places = ", ".join(
+            f"{each.axis.key} = {self._at(each.axis.key, each.place)}" for each in self.parameters
+        )
+        words = self.quantity.replace("_", " ")
+        return f"most {words}: {with_error(self.value, self.unit)} at {places}, by {self.method}"
+
+    def _at(self, key, place):
+        """A value of a key, with its unit."""
+        return quantity(place, key_words(key, self.scene.units)[1])
+
+    def _span(self, key, low, high):
+        """A range in words; a dash where an end is not known."""
+        known = not math.isnan(low + high)
+        return f"{self._at(key, low)} … {self._at(key, high)}" if known else NOT_KNOWN
 
     def sentences(self) -> list[str]:
         """What bounds the place and the value, and what was run."""
         if self.averaging is None:
             return [*self._on_value(), *self._on_ranges(), *self._on_starts(), self._on_runs()]
         (one,) = self.parameters
-        low, high = (self.searched[end][0][one.axis.key] for end in (0, -1))
+        key = one.axis.key
+        span = self._span(key, *(self.searched[end][0][key] for end in (0, -1)))
         return [
             *self._on_averaging(self.averaging),
-            f"{self.method}: cubic through {len(self.searched)} places in {low:.4g} … {high:.4g} "
-            f"on common noise, seed {self.scene.run.seed}; interval: two standard errors",
+            *definitions([self.quantity]),
+            f"{self.method}: cubic through {len(self.searched)} places in {span} on common noise, "
+            f"seed {self.scene.run.seed}; interval: two standard errors",
             *missing_from(self.quantity, self.value),
             f"{self.seconds:.1f} s",
         ]
@@ -192,10 +213,12 @@ class Optimum:
     def _on_value(self):
         own: Any = self.own
         low, high = self.interval
-        interval = f", interval {low:.4g} … {high:.4g}" if math.isfinite(low) else ""
+        span = f"{quantity(low, self.unit)} … {quantity(high, self.unit)}"
+        interval = f", interval {span}" if math.isfinite(low) else ""
         return [
-            f"{self.quantity.replace('_', ' ')} there: {with_error(self.value)}{interval}, "
-            f"{self.unit}; of the scene itself {with_error(own)}",
+            f"{self.quantity.replace('_', ' ')} there: {with_error(self.value, self.unit)}"
+            f"{interval}; of the scene itself {with_error(own, self.unit)}",
+            *definitions([self.quantity]),
             *missing_from(self.quantity, self.value),
         ]
 
@@ -218,7 +241,7 @@ class Optimum:
                 if is_open:
                     lines.append(
                         f"{each.axis.key}: still within {FLAT_SHARE:.0%} at the end of its range, "
-                        f"{end:.4g}: there may be more beyond"
+                        f"{self._at(each.axis.key, end)}: there may be more beyond"
                     )
         if failures:
             lines.append(f"at {failures} of {len(self.searched)} places no run came to its end")
@@ -236,9 +259,9 @@ class Optimum:
             return [f"started there from each of {states} it comes to the same: one attractor"]
         return [
             f"several attractors: started there from {values.size - others.size} of {states} it "
-            f"comes to the same, from the others to {others.min():.4g} … {others.max():.4g}; the "
-            "search starts every run as the scene does: other values of [start] may find another "
-            "branch"
+            f"comes to the same, from the others to {quantity(others.min(), self.unit)} … "
+            f"{quantity(others.max(), self.unit)}; the search starts every run as the "
+            "scene does: other values of [start] may find another branch"
         ]
 
     def _on_runs(self):
@@ -309,8 +332,3 @@ class Optimum:
             "evaluations": self.evaluations,
             "notes": self._on_starts(),
         }
-
-
-def _span(low, high):
-    """A range in words; a dash where an end is not known."""
-    return "—" if math.isnan(low + high) else f"{low:.4g} … {high:.4g}"

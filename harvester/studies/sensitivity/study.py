@@ -13,9 +13,10 @@ from harvester.estimates.estimate import Estimate
 from harvester.estimates.units import unit_of
 from harvester.files.serialising import plain
 from harvester.method import Method
-from harvester.results.result import with_error
 from harvester.running import Request, Runner
 from harvester.scene.model import Scene
+from harvester.show.numbers import NOT_KNOWN, quantity, share_with_error, with_error
+from harvester.show.symbols import definitions
 from harvester.studies.answers import (
     check_quantity,
     checked_method,
@@ -103,7 +104,8 @@ class Sensitivity:
         header = ["parameter", "values", "first-order index", "total index", low, high]
         rows = []
         for k in self.order():
-            found = [each[k] if each else "—" for each in (self.indices.first, self.indices.total)]
+            both = (self.indices.first, self.indices.total)
+            found = [each[k] if each else NOT_KNOWN for each in both]
             effects = [_signed(effect, self.population.mean.estimate) for effect in self.effects[k]]
             each = self.tolerances[k]
             rows.append([each.key, str(each), *map(str, found), *effects])
@@ -120,18 +122,21 @@ class Sensitivity:
         """The distribution, the yield, and what was run."""
         name, p = self.quantity.replace("_", " "), self.population
         lines = [
-            f"{name} of the scene itself: {with_error(self.nominal)} {self.unit}; of "
-            f"{self.devices} devices: mean {_spread(p.mean)}, standard deviation "
-            f"{_spread(p.deviation)}",
+            f"{name} of the scene itself: {with_error(self.nominal, self.unit)}; of "
+            f"{self.devices} devices: mean {self._spread(p.mean)}, standard deviation "
+            f"{self._spread(p.deviation)}",
             "of the devices "
-            + ", ".join(f"{q:.0%} are below {_spread(each)}" for q, each in p.quantiles.items()),
+            + ", ".join(
+                f"{q:.0%} are below {self._spread(each)}" for q, each in p.quantiles.items()
+            ),
+            *definitions([self.quantity]),
         ]
         if self.yield_above is not None:
-            share = self.yield_above.share
+            share, limit = self.yield_above.share, quantity(self.yield_above.limit, self.unit)
             lines.append(
                 f"yield: {share.estimate:.1%} ({share.low:.1%} … {share.high:.1%}) of the devices "
-                f"are above {self.yield_above.limit:g} {self.unit}; {self.yield_above.counted:.1%} "
-                "as counted, noise and all"
+                f"are above {limit}; {self.yield_above.counted:.1%} as counted, "
+                "noise and all"
             )
         lines += [*missing_from(self.quantity, self.nominal), *self._on_noise()]
         replicates, rows, devices = self.values.shape
@@ -141,6 +146,11 @@ class Sensitivity:
             f"95 %, rows resampled; {self.seconds:.1f} s"
         )
         return [*lines, *self.failures]
+
+    def _spread(self, each):
+        """An interval in a sentence."""
+        words = (quantity(number, self.unit) for number in (each.estimate, each.low, each.high))
+        return "{} ({} … {})".format(*words)
 
     def _on_noise(self):
         if self.indices.first is None:
@@ -325,13 +335,9 @@ def _told(kept, failures, out_of_time):
     return tuple(lines)
 
 
-def _spread(each):
-    """An interval in a sentence."""
-    return f"{each.estimate:.4g} ({each.low:.4g} … {each.high:.4g})"
-
-
 def _signed(each, mean):
     """An effect as a share of the mean, half of its interval's width behind it."""
     if mean == 0.0:
-        return "—"
-    return f"{each.estimate / mean:+.1%} ± {0.5 * (each.high - each.low) / abs(mean):.1%}"
+        return NOT_KNOWN
+    half = 0.5 * (each.high - each.low) / abs(mean)
+    return share_with_error(Estimate(each.estimate / mean, half, None, "1"))

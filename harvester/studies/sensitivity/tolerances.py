@@ -8,6 +8,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from harvester.errors import HarvesterError, SceneError
+from harvester.files.numbers import number as written
 from harvester.files.plain_text import named
 from harvester.scene.model import Scene
 from harvester.scene.numbers import number
@@ -123,7 +124,7 @@ def _positive(text, value, where):
 
 def _number(text, where):
     try:
-        amount = float(text)
+        amount = written(text)
     except ValueError:
         amount = math.nan
     if not math.isfinite(amount):

@@ -14,6 +14,7 @@ from harvester.estimates.estimate import Estimate
 from harvester.files.serialising import fields_of, plain
 from harvester.running import Answer, RunnerOptions, open_runner
 from harvester.scene.model import Scene
+from harvester.show.numbers import share_with_error
 from harvester.show.symbols import SYMBOLS
 from harvester.simulation.simulate import require_noise
 from harvester.verification.accuracy.measurement import (
@@ -306,4 +307,4 @@ def share(estimate: Estimate) -> str:
     """A share with its standard error, in percent."""
     if estimate.standard_error is None:
         return f"{estimate.estimate:+.1%} (no error bar)"
-    return f"{estimate.estimate:+.2%} ± {estimate.standard_error:.2%}"
+    return share_with_error(estimate)

@@ -21,6 +21,8 @@ SHARPEST_NEEDED = 0.15
 HOLDS, FAILS, BLUNT, REFUSED, NOT_HERE, UNFINISHED = (
     "holds", "FAILS", "not known well enough", "refused", "not here", "unfinished",
 )  # fmt: skip
+# Of a measured device whose numbers are partly inferred: a prediction beyond the limit.
+MISSES = "misses"
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,8 @@ class Truth:
         By method; a task returns (value, standard error).
     quantity : str
         Of an answer, in the scene's units.
+    device : str
+        Name of the device that was measured; empty for what was derived or computed.
     """
 
     title: str
@@ -47,6 +51,7 @@ class Truth:
     asked: dict[str, Request | Task]
     quantity: str = ""
     unit: str = "scaled"
+    device: str = ""
 
 
 @dataclass(frozen=True)
@@ -77,13 +82,13 @@ class TruthRow:
 
     @property
     def verdict(self) -> str:
-        """holds, FAILS, not known well enough, refused, not here or unfinished."""
+        """holds, FAILS, misses, not known well enough, refused, not here or unfinished."""
         if self.skipped:
             return NOT_HERE
         if self.reason:
             return UNFINISHED if self.reason == UNFINISHED else REFUSED
         if not abs(self.value - self.truth.exact) <= self.limit:
-            return FAILS
+            return MISSES if self.truth.device else FAILS
         blunt = SIGNIFICANT_SIGMAS * self.standard_error > SHARPEST_NEEDED * abs(self.truth.exact)
         return BLUNT if blunt else HOLDS
 
@@ -104,7 +109,7 @@ class TruthRow:
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
         ours = ("method", "value", "standard_error", "verdict", "reason")
-        theirs = ("source", "unit", "exact", "allowance")
+        theirs = ("source", "unit", "exact", "allowance", "device")
         return {
             "result": self.truth.title,
             **{name: getattr(self.truth, name) for name in theirs},
@@ -126,8 +131,18 @@ class Verification:
 
     @property
     def failed(self) -> list[TruthRow]:
-        """Rows that disagree."""
+        """Rows that disagree; a measured device that is missed is no fault of the program."""
         return [row for row in self.rows if row.verdict == FAILS]
+
+    @property
+    def exact(self) -> list[TruthRow]:
+        """Rows of what was derived or computed."""
+        return [row for row in self.rows if not row.truth.device]
+
+    @property
+    def measured(self) -> list[TruthRow]:
+        """Rows of measured devices."""
+        return [row for row in self.rows if row.truth.device]
 
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Header and rows of the table, as text."""
@@ -136,10 +151,30 @@ class Verification:
 
     def sentences(self) -> list[str]:
         """How many rows hold, and everything about those that do not."""
-        others = [row for row in self.rows if row.verdict != HOLDS]
-        count = len(self.rows) - len(others)
+        if not self.measured:
+            return self._said_of_exact()
+        from harvester.verification.known_results.measured_page import summary
+
+        within = sum(row.verdict == HOLDS for row in self.measured)
+        lines = [
+            *self._said_of_exact(),
+            f"measured devices: {within} of {len(self.measured)} rows within what reading and "
+            "scatter of the measurement allow",
+        ]
+        for name in dict.fromkeys(row.truth.device for row in self.measured):
+            own = [row for row in self.measured if row.truth.device == name]
+            reason = next((row.reason for row in own if row.reason), "")
+            found = f"predicted {summary(own)}" if own[0].truth.exact else own[0].verdict
+            lines.append(f"{name}: {reason or found}")
+        return lines
+
+    def _said_of_exact(self):
+        if not self.exact:
+            return []
+        others = [row for row in self.exact if row.verdict != HOLDS]
+        count = len(self.exact) - len(others)
         return [
-            f"{count} of {len(self.rows)} rows hold; allowed are {SIGNIFICANT_SIGMAS:g} standard "
+            f"{count} of {len(self.exact)} rows hold; allowed are {SIGNIFICANT_SIGMAS:g} standard "
             "errors (by chance one row in 370 exceeds them) and what sets the simulated device "
             f"apart from that of the result; {self.wall_seconds:.0f} s",
             *(f"{row.truth.title}, {row.method}: {row.reason or row.verdict}" for row in others),
@@ -147,11 +182,12 @@ class Verification:
 
     def markdown(self) -> str:
         """A page with the table, numbered sources and everything about rows that do not hold."""
-        header, rows = self.table()
-        sources = list(dict.fromkeys(row.truth.source for row in self.rows))
+        header, _ = self.table()
+        sources = list(dict.fromkeys(row.truth.source for row in self.exact))
         lines = [[*header, "source"]]
         before = None
-        for cells, row in zip(rows, self.rows, strict=True):
+        for row in self.exact:
+            cells = row.cells()
             # What several methods are compared with is said once.
             named = cells if row.truth is not before else ["", *cells[1:3], "", *cells[4:]]
             lines.append([*named, str(1 + sources.index(row.truth.source))])
@@ -160,12 +196,20 @@ class Verification:
             "# Verified against others",
             f"Written by `harvester verify`, harvester {__version__}, {self.date}: closed forms, "
             "exact limits, published powers and other integrators beside this project's results.",
-            "\n".join(f"- {line}" for line in self.sentences()),
+            "\n".join(f"- {line}" for line in self._said_of_exact()),
             markdown_table(lines),
             "## Sources",
             "\n".join(f"{place}. {each}" for place, each in enumerate(sources, 1)),
         ]
         return "\n\n".join(said) + "\n"
+
+    def texts(self) -> dict[str, str]:
+        """The page of the measured devices."""
+        if not self.measured:
+            return {}
+        from harvester.verification.known_results.measured_page import measured_page
+
+        return {"-measured.md": measured_page(self.measured, self.date)}
 
     def figure(self) -> None:
         """The table says it all."""
@@ -189,14 +233,15 @@ def verify(
     Parameters
     ----------
     chosen : sequence of Truth or None
-        Of `harvester.verification.known_results.catalogue`; None: all.
+        Of `harvester.verification.known_results.catalogue` and of `measured` beside it; None: all.
     **running
         See `harvester.running.open_runner`.
     """
     if chosen is None:
         from harvester.verification.known_results.catalogue import catalogue
+        from harvester.verification.known_results.measured import measured
 
-        chosen = catalogue()
+        chosen = [*catalogue(), *measured()]
     clock = time.perf_counter()
     asked = [(truth, method, each) for truth in chosen for method, each in truth.asked.items()]
     requests = [each for *_, each in asked if isinstance(each, Request)]

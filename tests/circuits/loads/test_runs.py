@@ -156,7 +156,7 @@ def test_a_bridge_follows_the_diode_equation(tmp_path, pool):
         power = result.quantity("mean_power").estimate
         errors[step] = power / energy - 1.0
         at = 1.25e-3 * np.arange(1, len(states) + 1)
-        record = result.waveform
+        record = result.waveform.record
         ours = np.interp(at, record.time, record.voltage * scales.voltage)
         deviation = np.sqrt(np.mean((ours - states[:, 2]) ** 2) / np.mean(states[:, 2] ** 2))
         assert deviation < {"default": 0.03, "fine": 0.004}[step]

@@ -14,7 +14,7 @@ from harvester.simulation.simulate import simulate
 def knots_of(pool, scene, step, index=0):
     """(X, X', V) at the knots from the circuit, shape (knots, 3)."""
     result = simulate(scene, method="circuit", step=step, window=(0.0, 1e9), runner=pool)
-    waveform = np.array(result.waveform)
+    waveform = np.array(result.waveform.record)
     knots = np.round(waveform[0] / 0.05)
     on_knot = np.abs(waveform[0] - knots * 0.05) < 1e-7
     return waveform[1:4, on_knot].T
@@ -65,7 +65,7 @@ def test_the_held_impact_speed_follows_monte_carlo(pool):
     scene = short("paper", "stoppers.impact_velocity=event", "run.duration=30")
     states = knots_of(pool, scene, 0.001)
     reference = simulate(scene, method="monte-carlo", step="finest", window=(0.0, 1e9), runner=pool)
-    record = np.array(reference.waveform)
+    record = np.array(reference.waveform.record)
     at = np.interp(0.05 * np.arange(1, 601), record[0], record[1])
     np.testing.assert_allclose(states[:, 0], at, atol=2e-3)
     energy = knots_of(pool, short("paper", "run.duration=30"), 0.001)
@@ -95,7 +95,7 @@ def test_only_two_tiny_steps_are_of_first_order(pool):
     """By the trapezoidal rule the displacement grows by the mean of the speeds at both ends."""
     scene = short("paper", "start.velocity=2", "run.duration=1")
     result = simulate(scene, method="circuit", window=(0.0, 1.0), runner=pool)
-    time, x, v = np.array(result.waveform)[:3]
+    time, x, v = np.array(result.waveform.record)[:3]
     length = np.diff(time)
     assert (length > 0.5 * length.max()).sum() >= 20
     # The first of the two ends where the waveform begins.
@@ -172,7 +172,7 @@ def test_contacts_inside_the_wells_finish_with_the_held_impact_speed(pool):
     scene = short("paper", *INSIDE, "run.duration=30")
     circuit = simulate(scene, method="circuit", runner=pool, step=0.0025, window=(0.0, 1e9))
     reference = simulate(scene, method="monte-carlo", runner=pool, step="finest", window=(0.0, 1e9))
-    states, other = np.array(circuit.waveform), np.array(reference.waveform)
+    states, other = np.array(circuit.waveform.record), np.array(reference.waveform.record)
     at = np.interp(states[0], other[0], other[1])
     assert np.abs(states[1] - at).max() < 0.02
 
@@ -195,7 +195,7 @@ def test_steps_do_not_shrink_towards_where_a_source_bends(pool, tmp_path):
         "device", [f"load.netlist={path}", "run.duration=0.1", "run.settle=0", "run.realizations=1"]
     )
     result = simulate(scene, method="circuit", window=(0.0, 1e9), runner=pool)
-    time = np.array(result.waveform)[0]
+    time = np.array(result.waveform.record)[0]
     steps = np.diff(time)[time[:-1] > 0.6e-3]
     assert np.count_nonzero(steps < 1e-10) < 50
     # Its own resolution of the edges, in steps of at most 0.16 ms.

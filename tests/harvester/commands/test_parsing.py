@@ -19,24 +19,35 @@ SCENE = "--seed --set scene"
 OPTIONS = {
     "new": "--from FILE",
     "validate": f"--json --output --report --step --time-limit --workers {SCENE}",
-    "simulate": "--copies --device --json --keep-going --method --output --source --step "
-    f"--time-limit --workers {SCENE}",
-    "average": f"--fit --json --jump-rates --method --output --tolerance {SCENE}",
-    "frequency-response": "--amplitude --down --frequencies --json --method --output --step "
-    f"--time-limit {RUN} {SCENE}",
-    "accuracy": f"--json --output --thorough {RUN} {SCENE}",
-    "work-precision": f"--json --output --thorough {RUN} {SCENE}",
-    "time-to-accuracy": f"--json --output --seconds {RUN} {SCENE}",
-    "stability": f"--json --output --step --time-limit {RUN} {SCENE}",
-    "verify": f"--json --output {RUN}",
-    "optimum": "--closure --evaluations --from --json --maximise --method --output --over "
-    f"--precision --to {RUN} {SCENE}",
-    "sensitivity": "--above --covariance --method --output --precision --quantity --rows --vary "
+    "simulate": "--copies --device --json --keep-going --method --node --output --report --source "
+    f"--step --stroboscope --time-limit --waveform --window --workers {SCENE}",
+    "basins": "--displacement --json --method --output --periods --points --report --step "
+    f"--velocity {RUN} {SCENE}",
+    "bifurcation": "--down --json --method --output --over --periods --report --step --values "
     f"{RUN} {SCENE}",
-    "load-study": f"--load --method --output --precision --step --sweep --time-limit {RUN} {SCENE}",
-    "identify": f"--alone --free --json --output --posterior --record --report {SCENE}",
+    "residence": "--json --method --output --over --precision --report --step --values "
+    f"{RUN} {SCENE}",
+    "load": "FILE --nodes --output --remove",
+    "average": f"--fit --json --jump-rates --method --output --report --tolerance {SCENE}",
+    "frequency-response": "--amplitude --down --frequencies --json --method --output --step "
+    f"--per-g --quantity --report --time-limit {RUN} {SCENE}",
+    "accuracy": f"--json --output --thorough {RUN} {SCENE}",
+    "work-precision": f"--json --output --report --thorough {RUN} {SCENE}",
+    "time-to-accuracy": f"--json --output --seconds {RUN} {SCENE}",
+    "stability": f"--json --output --report --step --time-limit {RUN} {SCENE}",
+    "verify": f"--json --output --report {RUN}",
+    "sweep": "--json --method --output --over --precision --quantity --report --step --time-limit "
+    f"{RUN} {SCENE}",
+    "optimum": "--closure --evaluations --from --json --maximise --method --output --over "
+    f"--precision --report --to {RUN} {SCENE}",
+    "sensitivity": "--above --covariance --method --output --precision --quantity --rows --vary "
+    f"--report {RUN} {SCENE}",
+    "load-study": "--load --method --output --precision --report --step --sweep --time-limit "
+    f"{RUN} {SCENE}",
+    "identify": "--alone --free --impedance --json --keep-aside --output --posterior --record "
+    f"--report {SCENE}",
     "reproduce": f"--output --precision --quick --seed {RUN} FIGURE",
-    "claims": f"--json --output --seed --thorough {RUN}",
+    "claims": f"--json --output --report --seed --thorough {RUN}",
     "schematic": f"--output {SCENE}",
     "netlist": f"--dialect --output --realization --step {SCENE}",
     "cite": "FILE",

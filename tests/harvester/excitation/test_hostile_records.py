@@ -28,7 +28,8 @@ FIELDS["a"] = SAMPLES
 
 def read(path, **keys):
     """The samples of a record in a scene."""
-    table = {"kind": "record", "file": str(path), "unit": "scaled", "sampling_rate": 100.0, **keys}
+    table = {"kind": "record", "file": str(path), "unit": "scaled", "sampling_rate": 100.0}
+    table |= {"detrend": "none", **keys}
     table = {key: value for key, value in table.items() if value is not None}
     scene = Scene.load("linear").replace({"excitation": table, "run": {"duration": 0.5}})
     return scene.excitation.samples
@@ -102,7 +103,7 @@ DEEP = claim("(" * 4000 + ")" * 4000)
         ("none.npy", npy(SAMPLES[:0]), ["no samples"]),
         ("point.npy", npy(1.0), ["shape ()"]),
         ("cube.npy", npy(np.zeros((9, 9, 9))), ["shape (9, 9, 9)"]),
-        ("complex.npy", npy(SAMPLES + 1j), ["complex128"]),
+        ("complex.npy", npy(SAMPLES + 1j), ["complex numbers", "no motion"]),
         ("bool.npy", npy(SAMPLES > 0), ["bool"]),
         ("text.npy", npy(SAMPLES.astype(str)), ["str"]),
         ("bytes.npy", npy(SAMPLES.astype("S9")), ["bytes"]),
@@ -288,6 +289,7 @@ def test_a_record_that_is_quiet_at_first_has_notes(tmp_path):
     path = tmp_path / "motion.npy"
     np.save(path, np.where(np.arange(400) < 150, 0.0, np.sin(np.arange(400))))
     table = {"kind": "record", "file": str(path), "unit": "scaled", "sampling_rate": 100.0}
+    table["detrend"] = "none"
     scene = Scene.load("linear").replace({"excitation": table, "run": {"duration": 0.5}})
     assert "factor of inf" in scene.excitation.notes(0.01, 100.0, scene.run)[1]
 

@@ -184,7 +184,8 @@ def test_volts_and_counts_become_accelerations_by_scale_and_offset(tmp_path):
 def test_start_leaves_out_what_is_before(tmp_path):
     shifted = written(tmp_path, ["t_ms,acc"], rows(1e3 * TIMES + 1.7e12))
     for keys in ({}, {"sampling_rate": RATE, "time_column": None}):
-        found = RecordedMotion(file=str(shifted), unit="m/s^2", start=0.4, **keys)
+        given = {"unit": "m/s^2", "start": 0.4, "detrend": "none", **keys}
+        found = RecordedMotion(file=str(shifted), **given)
         np.testing.assert_allclose(found.samples, MOTION[100:], atol=1e-6)
     refused(shifted, "the record ends before", unit="m/s^2", start=9.0)
 
@@ -474,7 +475,7 @@ def test_shocks_are_no_markers(tmp_path):
     values = 0.01 * rng.standard_normal(COUNT)
     values[100:130] += 30.0 * np.exp(-0.4 * np.arange(30)) * np.cos(1.3 * np.arange(30))
     path = written(tmp_path, ONE, rows(values=values))
-    found = RecordedMotion(file=str(path), mend=("nan",))
+    found = RecordedMotion(file=str(path), mend=("nan",), detrend="none")
     np.testing.assert_allclose(found.samples, values, atol=1e-6)
 
 

@@ -24,11 +24,13 @@ def motion(seconds=40.0, seed=1):
 def recorded(path, name="linear", run=(), **keys):
     """A built-in scene with a record, run over 30 s of it."""
     table = {"kind": "record", "file": str(path), "unit": "scaled", "sampling_rate": RATE}
+    table["detrend"] = "none"
     if name != "linear":
         table["unit"] = "m/s^2"
     tables = Scene.load(name).to_tables()
     tables["excitation"] = {k: v for k, v in {**table, **keys}.items() if v is not None}
-    tables["run"] = {"duration": 30.0, **dict(run)}
+    run = {"duration": 30.0, **dict(run)}
+    tables["run"] = {key: value for key, value in run.items() if value is not None}
     return Scene.from_tables(tables, name=name)
 
 
@@ -111,6 +113,29 @@ def test_closer_knots_follow_the_band_limited_signal(tmp_path):
     fine = np.arange(4000, 20000)
     expected = np.sin(2 * np.pi * 12.0 * 0.0025 * fine)
     np.testing.assert_allclose(scene.excitation.samples[fine], expected, atol=1e-3)
+
+
+def test_a_smooth_record_of_seven_samples_a_period_is_the_sine(tmp_path):
+    time = np.arange(3000) / RATE
+    path = saved(tmp_path, np.sin(2 * np.pi * 14.0 * time))
+    scene = recorded(path, interpolation="smooth", run={"duration": 25.0})
+    interval = scene.excitation.interval
+    assert interval == pytest.approx(0.01 / 8)
+    fine = np.arange(2000, 20000)
+    expected = np.sin(2 * np.pi * 14.0 * interval * fine)
+    # The lines between knots take 1 − (ω h)²/12 of a sine.
+    taken = 1.0 - (2 * np.pi * 14.0 * interval) ** 2 / 12.0
+    found = taken * scene.excitation.samples[fine]
+    np.testing.assert_allclose(found, expected, atol=1e-4)
+
+
+def test_a_record_faded_in_begins_at_nothing_and_is_itself_afterwards(tmp_path):
+    samples = motion()
+    found = recorded(saved(tmp_path, samples), fade_in=2.0).excitation.samples
+    assert found[0] == 0.0
+    assert found[100] == pytest.approx(0.5 * samples[100])
+    assert found[200:] == pytest.approx(samples[200:])
+    assert np.abs(found[:200]).max() <= np.abs(samples[:200]).max()
 
 
 def test_a_repeated_record_has_no_seam_and_keeps_its_power(tmp_path):
@@ -198,8 +223,10 @@ def test_what_cannot_be_mended_says_so_at_once(tmp_path):
         ({"band": [1.0, 60.0]}, ["excitation.band", "50 Hz"]),
         ({"mend": ["nann"]}, ["mend[0]", "did you mean nan"]),
         ({"knot_spacing": 0.02}, ["knot_spacing", "0.01"]),
+        ({"knot_spacing": 0.005, "interpolation": "smooth"}, ["knot_spacing", "leave one out"]),
+        ({"interpolation": "smoth"}, ["did you mean smooth"]),
+        ({"fade_in": 1.0, "repetition": "periodic"}, ["fade_in", "periodic"]),
         ({"run": {"duration": 41.0}}, ["lasts 40 s", "periodic"]),
-        ({"run": {"realizations": 2}}, ["run.realizations = 2", "periodic"]),
         ({"full_scale": 2.0}, ["full_scale", ".wav"]),
         ({"file": "nowhere.csv"}, ["nowhere.csv", "cannot be read"]),
         ({"file": 3}, ["excitation.file", "a text"]),
@@ -275,10 +302,40 @@ def test_notes_tell_what_a_reader_must_know(tmp_path, pool):
     envelope = np.exp(-(np.linspace(-2.0, 2.0, 4001) ** 2))
     path = saved(tmp_path, motion() * envelope + 0.05)
     notes = " ".join(simulate(recorded(path), method="monte-carlo", runner=pool).notes)
-    for word in ("motion.npy", "linear between knots", "quarters", 'detrend = "mean"'):
+    for word in ("motion.npy", "linear between knots", "quarters", 'detrend = "none"'):
         assert word in notes
     again = recorded(path, repetition="periodic", run={"duration": 100.0})
     assert "2.6 times over" in " ".join(simulate(again, method="monte-carlo", runner=pool).notes)
+
+
+def test_gravity_is_taken_off_and_said(tmp_path):
+    """A constant part of 9.80665 m/s² beside a motion, by default and where it is not wanted."""
+    path = saved(tmp_path, motion() + 9.80665)
+    scene = recorded(path, "device", detrend=None)
+    expected = motion() - motion().mean()
+    np.testing.assert_allclose(scene.excitation.samples, expected, atol=1e-12)
+    said = " ".join(scene.excitation.notes(0.01, 76.0, scene.run))
+    assert "its constant part, 9.8" in said
+    assert 'detrend = "none" keeps it' in said
+    kept = recorded(path, "device").excitation
+    np.testing.assert_allclose(kept.samples, motion() + 9.80665, atol=1e-12)
+    assert "constant part" not in " ".join(kept.notes(0.01, 76.0, scene.run))
+
+
+def test_a_run_without_a_duration_lasts_as_long_as_its_record(tmp_path):
+    path = saved(tmp_path, motion(seconds=40.0))
+    assert recorded(path, run={"duration": None}).run.duration == pytest.approx(40.0)
+    assert recorded(path, run={"duration": None, "settle": 10.0}).run.duration == 30.0
+    tables = recorded(path).to_tables()
+    del tables["run"]
+    assert Scene.from_tables(tables).run.duration == pytest.approx(40.0)
+    with pytest.raises(SceneError, match=r"lasts 40 s, and run\.settle = 50"):
+        recorded(path, run={"duration": None, "settle": 50.0})
+    again = recorded(path, run={"duration": None}, repetition="periodic")
+    # Its ends are faded into each other over a twentieth.
+    assert again.run.duration == pytest.approx(0.95 * 40.0, rel=1e-3)
+    with pytest.raises(SceneError, match=r"run.duration is missing"):
+        Scene.load("device", ["run.duration=none"])
 
 
 def test_the_cross_fade_goes_all_the_way_and_keeps_the_power():

@@ -10,7 +10,7 @@ from harvester.errors import HarvesterError, IdentificationError, SceneError
 from harvester.identification import posterior as sampling
 from harvester.identification.identify import identify
 from harvester.identification.measured_response import MeasuredResponse
-from harvester.identification.measurement import Measurement, read_measurement
+from harvester.identification.measurement import read_measurement
 from harvester.identification.report import report
 from harvester.scene.numbers import numbers
 
@@ -151,6 +151,3 @@ def test_responses_that_tell_nothing_are_refused():
             identify(scene, made)
     with pytest.raises(SceneError, match="rise from line to line"):
         MeasuredResponse(FREQUENCY[::-1], seen)
-    time = np.sin(np.arange(4000) / 6.0)
-    with pytest.raises(HarvesterError, match="not fitted together"):
-        identify(truth, [whole, Measurement(time, 1000.0, time + 0.1)])

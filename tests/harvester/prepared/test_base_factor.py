@@ -35,10 +35,10 @@ def test_it_counts_as_a_base_that_moves_as_much_more(name):
     assert np.allclose(*paths, rtol=1e-13, atol=0.0)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("method", "device"),
-    [("monte-carlo", None), pytest.param("circuit", "behavioural", marks=pytest.mark.exhaustive)],
+    [("monte-carlo", None), ("circuit", "behavioural")],
 )
 def test_the_power_of_a_linear_device_goes_with_its_square(method, device):
     omega, amplitude = 1.7, 0.1

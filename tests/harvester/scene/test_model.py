@@ -13,7 +13,8 @@ from harvester.simulation.simulate import simulate
 
 def test_every_built_in_scene_loads_and_has_finite_parameters():
     old = {"device", "duffing", "linear", "paper", "paper_si"}
-    assert set(Scene.names()) == old | {"asymmetric", "electromagnetic", "one_sided", "tristable"}
+    added = {"asymmetric", "cantilever", "electromagnetic", "one_sided", "tristable"}
+    assert set(Scene.names()) == old | added
     for name in Scene.names():
         ready = prepared(Scene.load(name))
         system, scales = ready.system, ready.scales
@@ -64,7 +65,7 @@ def test_the_length_scale_is_the_wells_distance_where_none_is_given():
         ("run.seed=-1", ["run.seed"]),
         ("run.realizations=0", ["run.realizations", "[1, "]),
         ("run.duration=none", ["run.duration", "missing"]),
-        ("run=none", ["[run]", "missing"]),
+        ("run=none", ["run.duration", "missing"]),
         ("units=imperial", ["units", "scaled", "SI"]),
         ("oscillator.cubic_stiffness=-1", ["cubic_stiffness", "≥ 0"]),
         ("load.kind=resitor", ["load.kind", "did you mean resistor"]),

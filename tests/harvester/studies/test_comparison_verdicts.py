@@ -35,7 +35,7 @@ def texts(circuit, closures=None, refused=None, paired=None, reference=None):
 
 def test_agreement_is_stated_with_the_largest_difference():
     said, judged = texts(result(1.0 + 1.2 * 0.01 * 2**0.5))
-    assert said[0] == "Circuit and Monte Carlo agree within 1.2 standard errors."
+    assert said[0] == "Circuit and Monte Carlo agree within 1.2 standard errors of every quantity."
     assert judged[0].good
 
 
@@ -85,9 +85,21 @@ def test_a_bistable_closures_limit_is_not_told_of_a_single_well():
 def test_the_paired_difference_and_a_refusal_are_told():
     paired = {"mean_square_voltage": Estimate(-0.05, 0.01, None, "1")}
     said, judged = texts(result(), refused={"paper": "β is too large"}, paired=paired)
-    assert "-5.00% ± 1.00%, more than its error explains" in said[1]
-    assert judged[1].good is False
-    assert said[-1] == "The closure paper was refused: β is too large."
+    assert "disagree: on the same noise the mean-square voltage differs by -5.0 ± 1.0 %" in said[0]
+    assert judged[0].good is False
+    assert said[-1] == "Closures that do not apply: paper: β is too large."
+
+
+def test_a_small_paired_difference_is_negligible_against_the_limit_in_the_one_verdict():
+    paired = {"mean_square_voltage": Estimate(-0.0015, 1e-6, None, "1")}
+    said, judged = texts(result(), paired=paired, reference=result())
+    assert (
+        "agree within 1%: on the same noise the mean-square voltage differs by -0.1500" in said[0]
+    )
+    assert "negligible against that limit" in said[0]
+    assert judged[0].good
+    assert sum("differs" in each for each in said) == 1
+    assert not any("0.0 standard errors" in each for each in said)
 
 
 def test_agreement_in_the_voltage_alone_is_not_called_agreement():

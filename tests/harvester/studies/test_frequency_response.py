@@ -153,7 +153,7 @@ def test_an_amplitude_is_half_of_what_lies_between_the_ends():
     voltage = 0.2 + 2.0 * swing
     one = np.zeros_like(time)
     record = Record(time, 0.3 + swing, one, voltage, voltage**2 / 4.0, one, one, one, voltage)
-    amplitude, rms, power, residual = _means(record, 2.0, 3.0, 1.0)
+    amplitude, rms, power, residual = _means(record, one, 3.0, 1.0)[:4]
     assert amplitude == pytest.approx(0.5, rel=1e-4)
     assert rms == pytest.approx(math.sqrt(0.2**2 + 0.5), rel=1e-4)
     assert power == pytest.approx((0.2**2 + 0.5) / 4.0, rel=1e-4)
@@ -189,3 +189,43 @@ def test_frequencies_have_a_short_form():
             grid_of(text, "--frequencies")
     with pytest.raises(HarvesterError, match="> 0"):
         harvester.frequency_response(sine("linear", 0.3), [0.0, 1.0])
+
+
+@pytest.mark.slow
+def test_tip_voltage_and_output_behind_a_netlist_per_g(tmp_path, pool):
+    """A linear piezo on a divider, by its transfer functions; 2 g, shown for 1 g."""
+    upper, lower, level = 60e3, 25e3, 2.0
+    file = tmp_path / "divider.lib"
+    file.write_text(
+        f".subckt divider p n out ref\nRu p out {upper}\nRl out ref {lower}\nRw ref n 1u\n.ends\n"
+    )
+    scene = Scene.load("cantilever", [f'load.netlist="{file}"'])
+    found = harvester.frequency_response(
+        scene, [44.0, 47.0], amplitude=level * 9.80665, per_g=True, executor=pool
+    )
+    assert found.shown == (
+        "displacement_amplitude", "rms_voltage", "mean_power", "mean_output_voltage",
+        "mean_output_power",
+    )  # fmt: skip
+    o, t = scene.oscillator, scene.transducer
+    w = 2.0 * np.pi * np.array([44.0, 47.0])
+    total = upper + lower
+    volts = t.coupling / (t.capacitance + 1.0 / (1j * w * total))
+    stiff = o.linear_stiffness - o.mass * w**2 + 1j * w * o.damping + t.coupling * volts
+    tip = o.base_factor * o.mass * 9.80665 / stiff
+    v = np.abs(tip * volts)
+    (sweep,) = found.sweeps
+    for name, truth in (
+        ("displacement_amplitude", np.abs(tip)),
+        ("absolute_amplitude", np.abs(tip + 9.80665 / w**2)),
+        ("rms_voltage", v / np.sqrt(2.0)),
+        ("peak_voltage", v),
+        ("mean_power", v**2 / (2.0 * total)),
+        ("peak_power", v**2 / total),
+        ("mean_output_power", v**2 * lower / (2.0 * total**2)),
+    ):
+        np.testing.assert_allclose(found.values(name, sweep), truth, rtol=4e-3, err_msg=name)
+    assert np.abs(found.values("mean_output_voltage", sweep)).max() < 1e-3 * v.max()
+    assert found.unit("power") == "W/g²"
+    assert found.to_dict()["sweeps"]["up"]["peak_voltage"] == pytest.approx(v, rel=2e-3)
+    assert found.headline().startswith("most output power")

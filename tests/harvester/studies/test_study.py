@@ -132,8 +132,8 @@ def test_a_difference_is_named_and_red(study, capsys):
     assert [each.disagrees for each in proofs] == [True, False, False, True]
     line, early = report.alarms()
     assert "DISAGREE: resistor at 0.5 (optimum): circuit over Monte Carlo" in line
-    assert line.endswith("paired, 5.0 ± 1.0 % (5.0 σ) settled")
-    assert "paired, -2.00 ± 0.20 % (10.0 σ) in the first 6 periods, 5 ± 10 % (0.5 σ)" in early
+    assert line.endswith("paired, +5.0 ± 1.0 % (5.0 σ) settled")
+    assert "paired, -2.00 ± 0.20 % (10.0 σ) in the first 6 periods, +5 ± 10 % (0.5 σ)" in early
     assert any("DISAGREES at 2 of them" in line for line in report.sentences())
     show_table(report, "load study", alarms=[line])
     assert line in capsys.readouterr().out

@@ -8,6 +8,7 @@ import pytest
 from truths import flat, interpolated_linear_means
 
 import harvester
+from harvester.command_line import main
 from harvester.prepared.prepared import prepared
 from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
@@ -108,3 +109,24 @@ def test_what_fails_is_the_outcome_of_its_place(pool):
 def test_mistakes_are_named(over, options, words):
     with pytest.raises(harvester.HarvesterError, match=words):
         harvester.sweep("linear", over, workers=1, **options)
+
+
+def test_any_key_and_words_make_a_grid_on_the_command_line(tmp_path, capsys):
+    """Closed form of a linear device: the density's variance goes with D, whatever the seed."""
+    command = ["sweep", "linear", "--over", "excitation.intensity=0.1,200m", "--over"]
+    command += ["run.seed=1,2", "--method", "consistent", "--quantity", "mean_square_voltage"]
+    assert main([*command, "--output", str(tmp_path), "--report", str(tmp_path / "page.html")]) == 0
+    assert "scaled voltage²" in capsys.readouterr().out
+    with open(tmp_path / "linear-sweep.csv", newline="") as file:
+        header, *rows = csv.reader(file)
+    assert header[:5] == ["excitation.intensity", "run.seed", "method", "quantity", "estimate"]
+    values = [float(row[4]) for row in rows]
+    assert values[2:] == pytest.approx([2.0 * each for each in values[:2]], rel=1e-4)
+    assert (tmp_path / "linear-sweep.png").exists()
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "highest mean square voltage" in page
+    loads = {"load.netlist": ["resistor", "bridge"]}
+    found = harvester.sweep("linear", loads, methods=["consistent"], workers=1)
+    assert found.values == {"load.netlist": ("resistor", "bridge")}
+    assert [cell.outcome.split(":")[0] for cell in found.cells.ravel()] == ["complete", "LoadError"]
+    found.figure()

@@ -1,0 +1,167 @@
+"""A top-level netlist, as LTspice writes one of a schematic, made into a load's sub-circuit."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+from circuits.loads.reader import IGNORED, INCLUDES, statements
+from circuits.loads.subcircuits import OUTPUT_PINS, PIEZO_PINS
+from circuits.loads.topology import CONTROLLED_BY_NODES, GROUND, Part, read_topology
+from circuits.loads.vetting import ELEMENTS, listed
+from harvester.errors import NetlistError
+from harvester.files.plain_text import nearest
+
+PINS = (*PIEZO_PINS, *OUTPUT_PINS)
+# Statements that stay, outside of the sub-circuit; of the others a simulator's run is made.
+KEPT = (".model", ".param", ".func")
+_WAVE = re.compile(r"(?i)\b(sine?|pulse|exp|sffm|pwl|wavefile)\b")
+# LTspice's parts within a part: what takes their place.
+_WITHIN = re.compile(r"(?i)\s*\b(rser|rpar|cpar|lser)\s*=\s*(\{[^{}]*\}|\S+)")
+
+
+class Imported(NamedTuple):
+    """A load's file, and what was rewritten for it, one line each."""
+
+    text: str
+    rewritten: tuple[str, ...]
+
+
+def candidates(text: str) -> list[str]:
+    """Nodes of a netlist, those first that a source with a waveform drives: the harvester's."""
+    parts = _topology(text).parts
+    driven = [node for part in parts if _is_wave(part) for node in part.ends]
+    return list(dict.fromkeys([*driven, *(node for part in parts for node in part.nodes)]))
+
+
+def imported(text: str, name: str, nodes: Sequence[str], remove: Sequence[str] = ()) -> Imported:
+    """The sub-circuit of a top-level netlist.
+
+    Parameters
+    ----------
+    text : str
+        Its first line is a title.
+    name : str
+        Of the sub-circuit.
+    nodes : sequence of str
+        The harvester's two, then the output's two where there is one.
+    remove : sequence of str
+        Elements that stand for the harvester, beside the sources between its nodes.
+
+    Raises
+    ------
+    NetlistError
+    """
+    topology = _topology(text)
+    known = list(dict.fromkeys(node for part in topology.parts for node in part.nodes))
+    pins = _pins(nodes, known)
+    names = [part.name.lower() for part in topology.parts]
+    for each in remove:
+        if each.lower() not in names:
+            raise NetlistError(f"no element {each[:40]}{nearest(each.lower(), names)}")
+    said: list[str] = []
+    gone = {each.lower() for each in remove}
+    gone |= {
+        p.name.lower() for p in topology.parts if p.letter in "vi" and {*p.ends} == {*nodes[:2]}
+    }
+    said += [f"{each}: removed, the harvester takes its place" for each in sorted(gone)]
+    outside: list[str] = []
+    inside: list[str] = []
+    depth = 0
+    for card in statements(_body(text), name):
+        first = card.text.split()[0].lower()
+        depth += first == ".subckt"
+        if depth or first in KEPT or (first in INCLUDES and not re.search(r"[\\/:]", card.text)):
+            outside.append(card.text)
+        elif first.startswith("."):
+            said += [f"{card.text[:60]}: left out"] if first not in IGNORED else []
+        elif first not in gone:
+            across = card.text.split()[1:3]
+            output = first[0] in "rc" and len(nodes) == 4 and {*across} == {*nodes[2:]}
+            inside += _element(card.text, pins | {nodes[3]: "ref"} if output else pins, said)
+        depth -= first == ".ends"
+    for part in topology.parts:
+        if part.name.lower() not in gone and _is_wave(part):
+            said.append(f"{part.name}: stays, a source of its own: --remove it if it drives")
+    if len(nodes) == 4 and nodes[3] in nodes[:2]:
+        # One node cannot have two names: an ammeter joins them.
+        inside.append(f"Vcommon ref {pins[nodes[3]]} 0")
+        said.append(f"Vcommon: joins ref to {pins[nodes[3]]}, as node {nodes[3]} was both")
+    own = PINS[: len(nodes)]
+    lines = [
+        "* dialect: ltspice", *outside, f".subckt {name} {' '.join(own)}", *inside, f".ends {name}"
+    ]  # fmt: skip
+    said.append("* dialect: ltspice: switches and expressions mean what they mean there")
+    return Imported(
+        "\n".join([f"* {name}, from a schematic's netlist", *lines]) + "\n", tuple(said)
+    )
+
+
+def _body(text):
+    """Without the title, µ and § in the names that every reader takes."""
+    return "\n" + text.partition("\n")[2].replace("§", "_")
+
+
+def _topology(text):
+    lines = re.sub(r"(?mi)^\.(inc|include|lib)\b.*$", "", _body(text))
+    found = read_topology(lines)
+    if not found.parts:
+        raise NetlistError("no element at the top level: give a schematic's netlist, or a .subckt")
+    return found
+
+
+def _is_wave(part: Part) -> bool:
+    return part.letter in "vi" and bool(_WAVE.search(part.value))
+
+
+def _pins(nodes, known):
+    """New name of each node that gets one."""
+    for node in nodes:
+        if node not in known:
+            raise NetlistError(f"no node {node[:40]}{nearest(node, known)}; {listed(known)}")
+    if len(nodes) not in (2, 4) or nodes[0] == nodes[1] or len({*nodes[2:]}) == 1:
+        raise NetlistError("give the harvester's two nodes, or these and the output's two")
+    pins = dict(zip(nodes[:2], PIEZO_PINS, strict=True))
+    pins |= {n: pin for n, pin in zip(nodes[2:], OUTPUT_PINS, strict=False) if n not in pins}
+    # Within a load, node 0 is the harvester's n.
+    return {GROUND: "ground", **pins} | {n: f"{n}_" for n in known if n in PINS and n not in pins}
+
+
+def _element(text: str, pins: dict[str, str], said: list[str]) -> Iterator[str]:
+    """An element with its nodes renamed, and the parts that stood within it."""
+    within = [(key.lower(), value) for key, value in _WITHIN.findall(text)]
+    words = _WITHIN.sub("", text).split()
+    name, letter = words[0], words[0][0].lower()
+    count = _nodes_of(words)
+    nodes = [pins.get(node, node) for node in words[1 : 1 + count]]
+    rest = re.sub(
+        r"(?i)\bv\(([^()]*)\)", lambda found: _voltage(found[1], pins), " ".join(words[1 + count :])
+    )
+    for key, value in within:
+        part = f"{key[0].upper()}{key[1:]}_{name}"
+        if letter not in "rclvi" or (letter == "i" and key == "rser"):
+            raise NetlistError(f"{name}: {key}= of such a part: write it as an element of its own")
+        said.append(f"{name}: {key}={value} is the element {part}")
+        if key.endswith("ser"):
+            yield f"{part} {nodes[1]}_{name} {nodes[1]} {value}"
+            nodes[1] = f"{nodes[1]}_{name}"
+        else:
+            yield f"{part} {nodes[0]} {nodes[1]} {value}"
+    yield " ".join([name, *nodes, rest])
+
+
+def _nodes_of(words):
+    """How many of an element's words are its nodes, those included that control."""
+    (part,) = read_topology(" ".join(words)).parts
+    if part.letter in CONTROLLED_BY_NODES:
+        return 4 if len(part.control) == 2 and words[3:5] == [*part.control] else 2
+    return len(part.nodes) if part.letter != "k" else ELEMENTS["k"][0]
+
+
+def _voltage(inner, pins):
+    """A voltage in an expression; of one node it is against node 0."""
+    nodes = [pins.get(node.strip(), node.strip()) for node in inner.split(",")]
+    if len(nodes) == 1 and pins[GROUND] != "n":
+        nodes.append(pins[GROUND])
+    return f"v({','.join(nodes)})"

@@ -1,0 +1,60 @@
+"""`--report`: one page that holds all of a study, under one headline."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+from harvester.commands.shown import Shown
+from harvester.scene.described import scene_rows
+from harvester.show import figures
+from harvester.show.page import Verdict, facts, figure_of, page, table_of, verdict_list, wide
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def page_of(content: Shown, title: str) -> str:
+    """A result as a page of HTML: its own `page()` where it has one.
+
+    Parameters
+    ----------
+    content : Shown
+    title : str
+        Shown behind the scene's name.
+    """
+    own = getattr(content, "page", None)
+    if own:
+        return own()
+    scene = content.scene
+    sections = {
+        "Result": verdict_list(_verdicts(content)),
+        "Numbers": wide(table_of(*content.table())),
+        "Figures": "\n".join(_pictures(content, title)),
+        "How it came about": "".join(map(facts, content.sentences())),
+    }
+    about = ""
+    if scene is not None:
+        title = f"{scene.name}: {title}"
+        about = f"seed {scene.run.seed}; scene {scene.digest()[:12]}"
+        sections["Scene"] = wide(table_of(("key", "value"), scene_rows(scene), "text"))
+    return page(title, about, {name: html for name, html in sections.items() if html})
+
+
+def _verdicts(content: Any) -> list[Verdict]:
+    """The headline, and what raises an alarm."""
+    said = content.headline() if hasattr(content, "headline") else content.sentences()[0]
+    alarms = content.alarms() if hasattr(content, "alarms") else ()
+    return [Verdict(said), *(Verdict(alarm, False) for alarm in alarms)]
+
+
+def _pictures(content: Any, title: str) -> Iterator[str]:
+    """Every figure that the result has."""
+    found: list[Figure | None] = content.figures() if hasattr(content, "figures") else []
+    found = found or [content.figure()]
+    for name in ("joint_figure", "waveform"):
+        part = getattr(content, name, None)
+        found.append(part and (part() if callable(part) else part.figure()))
+    for each in filter(None, found):
+        # A figure is drawn already.
+        yield figure_of(figures.picture(lambda drawn: drawn, each), title, "")

@@ -1,0 +1,278 @@
+"""The steady motions of a driven device, told apart by stroboscopic samples of many starts.
+
+A motion is periodic where its samples repeat after a whole number of forcing periods. Starts whose
+samples are the same cycle are on one attractor, whatever their place in it. What does not repeat is
+told apart by where it goes: two starts are on one attractor where their samples fill the same
+cells of the section.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+# Longest period looked for, in forcing periods, and how often it must be seen.
+LONGEST_PERIOD, SEEN = 24, 2.0
+# Difference of samples, as a share of their greatest, at which a motion repeats itself; and within
+# which cycles are the same: starts that still settle lie apart by several times what they change in
+# a period.
+REPEATS, SAME_CYCLE = 1e-4, 1e-2
+# Largest difference of a shorter repetition that counts as what is left of settling: a spiral that
+# turns by a third of a circle a period is nearly the same after three.
+STILL_SETTLING = 3e-3
+# Cells a side of the section in which motions without a period are told apart, and the share of one
+# start's samples in cells of the other, or beside them, from which they are on one attractor.
+CELLS, SAME_CELLS = 24, 0.7
+
+
+@dataclass(frozen=True)
+class Group:
+    """Starts that came to one steady motion.
+
+    Attributes
+    ----------
+    period : int or None
+        In forcing periods; None for motion that does not repeat itself.
+    members : ndarray of int
+        Numbers of the starts, ascending.
+    points : ndarray, shape (period or samples, 3)
+        Its stroboscopic section: X, X' and the transducer's state, scaled; of a motion without a
+        period the samples of all members, at most some thousand.
+    """
+
+    period: int | None
+    members: np.ndarray
+    points: np.ndarray
+
+
+# Points kept of a motion without a period.
+MOST_POINTS = 5000
+
+
+def repetition(samples: np.ndarray, scale: np.ndarray | None = None) -> np.ndarray:
+    """The period of each start's last samples, in forcing periods; 0 where they do not repeat.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (starts, samples, 3)
+    scale : ndarray, shape (3,), or None
+        Sizes of the three, against which differences count; None: the greatest of all samples.
+
+    Returns
+    -------
+    ndarray of int, shape (starts,)
+    """
+    scale = sizes_of(samples) if scale is None else scale
+    found = np.zeros(len(samples), dtype=int)
+    longest = min(LONGEST_PERIOD, int(samples.shape[1] / SEEN))
+    for period in range(1, longest + 1):
+        open_ = np.flatnonzero(found == 0)
+        if not open_.size:
+            break
+        # Two periods back from the end, so that a start may settle late.
+        back = min(samples.shape[1], max(math.ceil(SEEN * period), period + 4))
+        last = samples[open_, -back:]
+        repeats = _change(last, period, scale) <= REPEATS
+        found[open_[repeats]] = period
+        for shorter in range(1, period // 2 + 1):
+            if period % shorter == 0:
+                nearly = repeats & (_change(last, shorter, scale) <= STILL_SETTLING)
+                found[open_[nearly]] = shorter
+                repeats &= ~nearly
+    return found
+
+
+def _change(samples, period, scale):
+    """Greatest change of each start's samples over a period, in units of the sizes."""
+    change = np.abs(samples[:, period:] - samples[:, :-period]) / scale
+    return change.max(axis=(1, 2))
+
+
+def sizes_of(samples: np.ndarray) -> np.ndarray:
+    """The greatest of each of the three, 1 where all are 0; shape (3,)."""
+    greatest = np.nanmax(np.abs(samples), axis=(0, 1), initial=0.0)
+    # What only rounds about zero has no size of its own.
+    return np.where(greatest > 1e-12 * greatest.max(initial=0.0), greatest, 1.0)
+
+
+def groups_of(samples: np.ndarray) -> list[Group]:
+    """Starts by the steady motion that they came to, that of most starts first.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (starts, samples, 3)
+        Stroboscopic samples after the starts are forgotten.
+    """
+    scale = sizes_of(samples)
+    periods = repetition(samples, scale)
+    found = [
+        group
+        for period in np.unique(periods[periods > 0])
+        for group in _cycles(samples, scale, int(period), np.flatnonzero(periods == period))
+    ]
+    found += _wanderers(samples, np.flatnonzero(periods == 0))
+    return sorted(found, key=lambda group: (-group.members.size, group.members[0]))
+
+
+def groups_that_meet(samples: np.ndarray) -> list[Group]:
+    """Starts by where they came to under one record: those that came together move alike.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (starts, samples, 3)
+        At the same times of all starts, the last of their runs.
+    """
+    scale, left, found = sizes_of(samples), np.arange(len(samples)), []
+    while left.size:
+        apart = np.abs(samples[left] - samples[left[0]]) / scale
+        here = apart.max(axis=(1, 2)) <= SAME_CYCLE
+        found.append(Group(None, left[here], samples[left[0]]))
+        left = left[~here]
+    return sorted(found, key=lambda group: (-group.members.size, group.members[0]))
+
+
+def _cycles(samples, scale, period, members):
+    """Starts of one period, by their cycles."""
+    last = samples[members, -period:]
+    left, found = np.arange(members.size), []
+    while left.size:
+        cycle = last[left[0]]
+        apart = np.full(left.size, np.inf)
+        for shift in range(period):
+            turned = np.roll(cycle, shift, axis=0)
+            here = (np.abs(last[left] - turned) / scale).max(axis=(1, 2))
+            apart = np.minimum(apart, here)
+        same = apart <= SAME_CYCLE
+        found.append(Group(period, members[left[same]], cycle))
+        left = left[~same]
+    return found
+
+
+def _wanderers(samples, members):
+    """Starts without a period, by the cells of the section that they fill."""
+    if not members.size:
+        return []
+    section = samples[members][:, :, :2]
+    low, high = section.min(axis=(0, 1)), section.max(axis=(0, 1))
+    span = np.where(high > low, high - low, 1.0)
+    cells = np.minimum(((section - low) / span * CELLS).astype(int), CELLS - 1)
+    # Of each group the cells that it fills, and these with those beside them.
+    filled: list[tuple[np.ndarray, np.ndarray]] = []
+    groups: list[list[int]] = []
+    for place in range(members.size):
+        x, v = cells[place].T
+        shares = [float(near[x, v].mean()) for _, near in filled]
+        best = int(np.argmax(shares)) if shares else -1
+        if best < 0 or shares[best] < SAME_CELLS:
+            nothing = np.zeros((CELLS, CELLS), dtype=bool)
+            filled.append((nothing, nothing))
+            groups.append([])
+            best = len(filled) - 1
+        own = filled[best][0]
+        own[x, v] = True
+        filled[best] = (own, _beside(own))
+        groups[best].append(place)
+    return [_wandering(samples, members, each) for each in _united(filled, groups)]
+
+
+def _united(filled, groups):
+    """Groups whose cells are, when all starts are counted, mostly those of another: as one."""
+    order = sorted(range(len(groups)), key=lambda k: -int(filled[k][0].sum()))
+    kept: list[int] = []
+    for k in order:
+        for other in kept:
+            own, near = filled[k][0], filled[other][1]
+            if (own & near).sum() >= SAME_CELLS * own.sum():
+                groups[other] += groups[k]
+                break
+        else:
+            kept.append(k)
+    return [sorted(groups[k]) for k in kept]
+
+
+def _beside(filled):
+    """Cells that are filled or touch one that is."""
+    near = filled.copy()
+    for axis in (0, 1):
+        before = near.copy()
+        for shift in (1, -1):
+            moved = np.roll(before, shift, axis=axis)
+            edge = [slice(None), slice(None)]
+            edge[axis] = slice(0, 1) if shift == 1 else slice(-1, None)
+            moved[tuple(edge)] = False
+            near |= moved
+    return near
+
+
+def _wandering(samples, members, places):
+    some = members[np.array(places)]
+    points = samples[some].reshape(-1, samples.shape[2])
+    every = max(1, math.ceil(len(points) / MOST_POINTS))
+    return Group(None, some, points[::every])
+
+
+@dataclass(frozen=True)
+class Divergence:
+    """The largest Lyapunov exponent, from how fast neighbours part.
+
+    Attributes
+    ----------
+    exponent, standard_error : float
+        1/s.
+    """
+
+    exponent: float
+    standard_error: float
+
+    @property
+    def chaotic(self) -> bool:
+        """Whether neighbours part, beyond chance."""
+        return self.exponent > 3.0 * self.standard_error
+
+
+# Of neighbours' distance, in units of the motion's size: up to where it grows as it does without an
+# end; and in units of what it was at the beginning, from where its direction is the fastest one.
+LARGEST_DISTANCE, TURNED = 1e-2, 10.0
+# Periods after which a distance is in the fastest direction even where it has not grown.
+TURNED_PERIODS = 8
+
+
+def divergence(pairs: np.ndarray, scale: np.ndarray, period: float) -> Divergence | None:
+    """The exponent from pairs of neighbouring starts; None where none could be followed.
+
+    Parameters
+    ----------
+    pairs : ndarray, shape (pairs, 2, samples, 3)
+        Samples of both of each pair, one every forcing period.
+    scale : ndarray, shape (3,)
+        Sizes of the three.
+    period : float
+        s.
+    """
+    apart = np.sqrt((((pairs[:, 1] - pairs[:, 0]) / scale) ** 2).sum(axis=2))
+    growth, lasting = [], []
+    for distance in apart:
+        far = np.flatnonzero(distance > LARGEST_DISTANCE)
+        stop = int(far[0]) if far.size else distance.size - 1
+        grown = np.flatnonzero(distance > TURNED * distance[0])
+        begin = min(int(grown[0]) if grown.size else TURNED_PERIODS, TURNED_PERIODS)
+        inside = distance[begin : stop + 1]
+        if inside.size < 3 or not (inside > 0.0).all():
+            continue
+        growth.append(math.log(inside[-1] / inside[0]))
+        lasting.append((inside.size - 1) * period)
+    if len(growth) < 2:
+        return None
+    return _ratio(growth, lasting)
+
+
+def _ratio(growth: Sequence[float], lasting: Sequence[float]) -> Divergence:
+    """Growth over time of all pairs, and its error from how they differ."""
+    up, time = np.array(growth), np.array(lasting)
+    exponent = up.sum() / time.sum()
+    off = up - exponent * time
+    error = math.sqrt(off.size / (off.size - 1) * (off**2).sum()) / time.sum()
+    return Divergence(float(exponent), float(error))

@@ -1,0 +1,41 @@
+"""Numbers with the suffixes of electronics, as people write and read them: 200k, 4.7meg, 43n."""
+
+from __future__ import annotations
+
+import re
+
+POWERS = {"": 0, "k": 3, "meg": 6, "m": -3, "u": -6, "µ": -6, "μ": -6, "n": -9, "p": -12}
+_LISTED = "k, meg, m, u, n, p"
+_NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))(?:[eE]([+-]?\d{1,3}))?([a-zA-Zµμ]*)", re.ASCII)
+_PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+
+
+class NotANumber(ValueError):
+    """A text is no number, or one with two readings; the message says what to write."""
+
+
+def number(text: str) -> float:
+    """The number of a text such as "306e3", "200k" or "4.7meg".
+
+    Raises
+    ------
+    NotANumber
+
+    Examples
+    --------
+    >>> number("200k"), number("4.7meg"), number("43n")
+    (200000.0, 4700000.0, 4.3e-08)
+    """
+    match = _NUMBER.fullmatch(text.strip())
+    if not match:
+        raise NotANumber(f"write a number, perhaps with one of {_LISTED} behind it")
+    digits, exponent, suffix = match.groups()
+    if suffix == "M":
+        raise NotANumber(
+            f"M is a million to people and a thousandth to SPICE: write {digits}meg or {digits}m"
+        )
+    power = POWERS.get(suffix if suffix in POWERS else suffix.lower())
+    if power is None:
+        raise NotANumber(f"no suffix {suffix}: there are {_LISTED}")
+    # As text, so that 200k is what 200e3 is to the last digit.
+    return float(f"{digits}e{int(exponent or 0) + power}")

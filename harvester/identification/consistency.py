@@ -1,0 +1,204 @@
+"""Whether what a model leaves of a record is the sensors' noise.
+
+The noise of each output is added to the simulated one, and that of the base's sensor to what drives
+the model: so the residuals of a right model are drawn, in the same windows. Their spectrum weights
+the measured residuals, which are then regressed on what a wrong model leaves: signals made of the
+measured acceleration and the simulated output. A right model leaves nothing of those but chance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from harvester.identification.proof import noise_floor
+from harvester.identification.reconstruction import frequencies
+from harvester.identification.response import FINE_STEPS, Responses, experiment
+from harvester.identification.sensors import integrals
+
+if TYPE_CHECKING:
+    from harvester.identification.fitted_model import Fitted
+
+# Records of the noise that are drawn; neighbouring lines over which their spectrum is averaged.
+DRAWS, LINES = 6, 9
+# Of the base's rms: a floor above that is no noise but motion up to half the sampling rate.
+MOST_BASE_NOISE = 0.05
+# F of the regression from which on residuals are not noise. Fourteen sets of three records with
+# right models had up to 4.2, the values' own errors included; sets with wrong sensors, springs or
+# loads had 32 and more in their worst record.
+SYSTEMATIC = 12.0
+# Share of an output's deviation that nobody would notice.
+UNNOTICED = 2e-3
+# Of the largest direction, in a regression whose columns may be nearly the same.
+SMALLEST_DIRECTION = 1e-8
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """What is left of one output of one record, as shares of its standard deviation.
+
+    Attributes
+    ----------
+    record, output : str
+    left : float
+        rms of the residuals.
+    noise : float
+        That a right model would leave.
+    systematic : float
+        rms of the residuals' part that follows from the acceleration and the motion.
+    ratio : float
+        F of that part: about 1 for a right model.
+    """
+
+    record: str
+    output: str
+    left: float
+    noise: float
+    systematic: float
+    ratio: float
+
+    @property
+    def is_noise(self) -> bool:
+        """Whether nothing speaks against a right model."""
+        return self.ratio < SYSTEMATIC or self.systematic < UNNOTICED
+
+
+def misfits(fitted: Fitted) -> list[Misfit]:
+    """Those of each output of each record, in the part kept aside; none of frequency responses."""
+    if fitted.settled is None:
+        return []
+    return [
+        each
+        for number in range(len(fitted.settled.edges))
+        for each in _Residuals(fitted, number).misfits()
+    ]
+
+
+def worst(found: Sequence[Misfit]) -> Misfit | None:
+    """That which is farthest from noise; None where all are noise."""
+    wrong = [each for each in found if not each.is_noise]
+    return max(wrong, key=lambda each: each.systematic, default=None)
+
+
+class _Residuals:
+    """Of one record, weighted, without what the windows' starts explain."""
+
+    def __init__(self, fitted: Fitted, number: int) -> None:
+        settled: Any = fitted.settled
+        self.responses, self.number = fitted.shooting.responses, number
+        self.values, self.edges = fitted.values, settled.edges[number]
+        self.starts, self.noise = settled.starts[number], settled.noise[number]
+        self.inside = slice(self.edges[0], self.edges[-1])
+        frozen = fitted.shooting.frozen()
+        self.measured = frozen.seen(number, self.edges)
+        self.table = frozen.jacobian(settled, number)[0]
+        self.experiment = self.responses.experiments[number]
+
+    def misfits(self) -> list[Misfit]:
+        left, drawn = self.table[..., -1], self._drawn()
+        simulated = left * self.noise + self.measured
+        found = []
+        for output, name in enumerate(self.experiment.measurement.outputs):
+            signals = self._signals(output, simulated[:, output])
+            spectrum = _smooth(np.mean(np.abs(np.fft.rfft(drawn[:, output], axis=0)) ** 2, axis=1))
+            systematic, ratio = _regressed(left[:, output], signals, spectrum)
+            unit = float(self.noise[output] / np.std(self.measured[:, output]))
+            found.append(
+                Misfit(
+                    self.experiment.measurement.name,
+                    name,
+                    unit * _rms(left[:, output]),
+                    unit * _rms(drawn[:, output]),
+                    unit * systematic,
+                    ratio,
+                )
+            )
+        return found
+
+    def _drawn(self):
+        """Residuals of a right model, shape (samples, outputs, draws)."""
+        measurement, random = self.experiment.measurement, np.random.default_rng(0)
+        rate, base = measurement.sampling_rate, measurement.acceleration
+        shaken = min(noise_floor(base, rate), MOST_BASE_NOISE * float(np.std(base)))
+        floors = np.array([noise_floor(each, rate) for each in self.measured.T])
+        undisturbed = self._simulated(base)
+        draws = [
+            self._simulated(base + shaken * random.standard_normal(base.size))
+            - undisturbed
+            + floors * random.standard_normal(self.measured.shape)
+            for _ in range(DRAWS)
+        ]
+        return self._without_starts(np.stack(draws, axis=-1) / self.noise[:, None])
+
+    def _simulated(self, base):
+        """Outputs in the settled windows under another acceleration."""
+        scene, own = self.experiment.scene, self.experiment.measurement
+        # The scene has the record's changes already.
+        shaken = replace(own, acceleration=base, changes={})
+        made = experiment(scene, shaken, frequencies(own)[1], FINE_STEPS)
+        responses = self.responses
+        other = Responses([made], responses.keys, responses.interpolation, responses.length)
+        return other.states(0, self.values, self.edges, self.starts)[2]
+
+    def _signals(self, output, simulated):
+        """What a wrong model leaves of an output, shape (samples, signals)."""
+        measurement = self.experiment.measurement
+        places = np.arange(measurement.acceleration.size)
+        integral = integrals(measurement.acceleration, measurement.sampling_rate, places)[0]
+        moved = simulated - simulated.mean()
+        slope = np.gradient(moved)
+        made = [
+            moved,
+            slope,
+            measurement.acceleration[self.inside],
+            integral[self.inside],
+            moved**2,
+            moved**3,
+            moved**2 * slope,
+        ]
+        columns = np.column_stack([each - each.mean() for each in made])
+        columns = columns / np.maximum(columns.std(axis=0), 1e-300)
+        alone = np.zeros((*self.measured.shape, columns.shape[1]))
+        alone[:, output] = columns
+        return self._without_starts(alone)[:, output]
+
+    def _without_starts(self, series):
+        """Series of shape (samples, outputs, n) without what the windows' starts explain."""
+        found, states = series.copy(), self.table[..., :-1]
+        for begin, end in pairwise(self.edges - self.edges[0]):
+            effects = states[begin:end].reshape(-1, states.shape[-1])
+            effects = effects[:, np.abs(effects).max(axis=0) > 0.0]
+            own = series[begin:end].reshape(effects.shape[0], -1)
+            explained = effects @ np.linalg.lstsq(effects, own, rcond=1e-10)[0]
+            found[begin:end] = (own - explained).reshape(found[begin:end].shape)
+        return found
+
+
+def _regressed(left, signals, spectrum):
+    """rms of the part of residuals that signals explain, and its F, with weights by a spectrum."""
+    weights = 1.0 / np.sqrt(np.maximum(spectrum, 1e-12 * spectrum.max()))
+    seen = np.fft.rfft(left) * weights
+    columns = np.fft.rfft(signals, axis=0) * weights[:, None]
+    flat = np.concatenate([columns.real, columns.imag])
+    coefficients, _, rank, _ = np.linalg.lstsq(
+        flat, np.concatenate([seen.real, seen.imag]), rcond=SMALLEST_DIRECTION
+    )
+    explained = columns @ coefficients
+    # The median does not see the few lines of a sine that no signal explains.
+    chance = float(np.median(np.abs(seen - explained) ** 2)) / np.log(2.0)
+    ratio = 2.0 * float(np.sum(np.abs(explained) ** 2)) / rank / max(chance, 1e-300)
+    return _rms(signals @ coefficients), ratio
+
+
+def _smooth(spectrum):
+    """A spectrum averaged over neighbouring lines."""
+    padded = np.pad(spectrum, LINES // 2, "edge")
+    return np.convolve(padded, np.full(LINES, 1.0 / LINES), "valid")
+
+
+def _rms(values):
+    return float(np.sqrt(np.mean(values**2)))

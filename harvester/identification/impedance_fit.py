@@ -1,0 +1,334 @@
+"""From an impedance to a scene's numbers.
+
+Y = iω Cp + 1/R_leak + iω θ²/(k − M ω² + iω C): the base clamped, small motion about the place where
+the device rests. An impedance has one number less than the scene: fs, Q, θ²/M and Cp are known, and
+stiffness, damping and coupling² are in proportion to the mass, which is that of the scene.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from harvester.device import timescales
+from harvester.device.piezo import PiezoTable
+from harvester.errors import IdentificationError, SceneError
+from harvester.identification.butterworth_van_dyke import (
+    NUMBERS,
+    SYMBOLS,
+    Circuit,
+    check_width,
+    fitted_circuit,
+    jacobian,
+)
+from harvester.identification.fitted_model import Fitted
+from harvester.identification.intervals import HALF_INTERVAL
+from harvester.identification.measured_impedance import MeasuredImpedance
+from harvester.identification.proof import NORMAL_RMS, ResponseStretch, blocks_of
+from harvester.identification.shooting import Fit, Shooting
+from harvester.identification.steady_fit import KEPT_ASIDE, NO_STATES
+from harvester.identification.steady_response import ImpedanceExperiment, SteadyResponses
+from harvester.identification.unknowns import unknowns
+from harvester.identification.verdict import Verdict
+from harvester.prepared.prepared import prepared
+from harvester.scene.numbers import numbers
+
+if TYPE_CHECKING:
+    from harvester.scene.model import Scene
+
+# The scene's capacitance over the measured one from which on a unit is wrong.
+WRONG_UNIT = 100.0
+# Standard errors of tan δ from which on the scene gets a leak.
+SURE_OF_LOSS = 3.0
+SPRING_KEYS = ("oscillator.restoring_force[1]", "oscillator.linear_stiffness")
+# Changes of k1 after which the stiffness at rest must be that asked for.
+SECANTS = 30
+
+
+@dataclass(frozen=True)
+class FromImpedance:
+    """What an impedance says of a scene.
+
+    Attributes
+    ----------
+    circuit : Circuit
+    mode : int
+        Of the circuit, which is the scene's.
+    measured : MeasuredImpedance
+        With the background that the other modes and the loss make.
+    scene : Scene
+        With the values.
+    keys : list of str
+    values : ndarray, shape (keys,)
+    covariance : ndarray, shape (keys, keys)
+        The mass being known.
+    """
+
+    circuit: Circuit
+    mode: int
+    measured: MeasuredImpedance
+    scene: Scene
+    keys: list[str]
+    values: np.ndarray
+    covariance: np.ndarray
+
+    def table(self) -> dict[str, dict[str, Any]]:
+        """fs, fp, Cp, k², Q and tan δ, each with its 95 % interval."""
+        known = self.circuit.numbers(self.mode)
+        errors = self.circuit.standard_errors(self.mode)
+        return {
+            name: {
+                "value": value,
+                "standard_error": errors[name],
+                "interval": (
+                    value - HALF_INTERVAL * errors[name],
+                    value + HALF_INTERVAL * errors[name],
+                ),
+                "unit": NUMBERS[name],
+            }
+            for name, value in known.items()
+        }
+
+    def sentences(self, mass_is_free: bool) -> list[str]:
+        """The circuit's numbers, its other modes, and what the impedance leaves open."""
+        lines = [f"{self.measured.name}: {_in_words(self.table())}"]
+        for mode in range(self.circuit.modes):
+            if mode != self.mode:
+                other = self.circuit.numbers(mode)
+                lines.append(
+                    f"{self.measured.name}: another mode at {other['series_resonance']:.5g} Hz, Q "
+                    f"{other['quality']:.3g}, k² {other['coupling_factor']:.3g}, is left out of "
+                    "the scene; the capacitance of modes above is part of Cp"
+                )
+        if not mass_is_free:
+            lines.append(
+                "an impedance tells θ²/M, k/M and C/M, not the mass: of another mass, stiffness "
+                "and damping are in proportion to it and coupling to its square root; weigh it, or "
+                "give a record of voltage under a measured acceleration (--record)"
+            )
+        return lines
+
+
+def _in_words(table):
+    return ", ".join(
+        f"{SYMBOLS[name]} {each['value']:.5g} ± {HALF_INTERVAL * each['standard_error']:.1g}"
+        f"{' ' if each['unit'] else ''}{each['unit']}"
+        for name, each in table.items()
+    )
+
+
+@dataclass(frozen=True)
+class ImpedanceStretch(ResponseStretch):
+    """The frequencies of an impedance that were kept aside; outputs are ln |Z| and phase."""
+
+    aside: ClassVar[str] = "every third frequency"
+
+    @property
+    def quantity(self) -> str:
+        """What `nrmse` is of."""
+        return "impedance"
+
+    def nrmse(self, output: int = 0) -> float:
+        """Root mean square of the relative error of Z."""
+        return float(np.sqrt(np.mean(np.sum(self.residuals**2, axis=1))))
+
+    def noise(self, output: int = 0) -> float:
+        """That of the analyser, as relative error of Z: both outputs together."""
+        medians = np.median(np.abs(self.residuals), axis=0)
+        return NORMAL_RMS * float(np.linalg.norm(medians))
+
+    @property
+    def compared(self) -> tuple[str, str]:
+        """Quantity and unit of `powers`."""
+        return "mean |Z|", "Ω"
+
+    def _blocks(self, values):
+        sizes = np.exp(values[:, 0])
+        return np.array([float(np.mean(part)) for part in blocks_of(sizes)])
+
+
+def kept_aside(measured: Any) -> np.ndarray:
+    """Which lines of a response no fit sees."""
+    return np.arange(measured.frequency.size) % KEPT_ASIDE == 1
+
+
+def from_impedance(scene: Scene, measured: MeasuredImpedance) -> FromImpedance:
+    """The scene with what an impedance says of it.
+
+    Raises
+    ------
+    SceneError
+        The scene is scaled, or has no piezo.
+    IdentificationError
+        The impedance has no resonance, or is not that of the scene's device.
+    """
+    transducer = scene.transducer
+    if scene.units != "SI" or not isinstance(transducer, PiezoTable):
+        raise SceneError(
+            f"{scene.name}: an impedance is that of a piezo in SI units: give the scene units = "
+            '"SI" and a table [piezo]'
+        )
+    measured.check()
+    lines = ~kept_aside(measured)
+    circuit = fitted_circuit(measured.frequency[lines], measured.response[lines], measured.name)
+    system = prepared(scene).system
+    resting = float(system.spring.slope(timescales.rest(system)))
+    mode = circuit.nearest_mode(math.sqrt(max(resting, 1e-300)) / (2.0 * math.pi))
+    known, errors = circuit.numbers(mode), circuit.standard_errors(mode)
+    _check_capacitance(scene, known["capacitance"], measured.name)
+    check_width(measured.frequency[lines], circuit, mode, measured.name)
+    leaks = known["loss_tangent"] > SURE_OF_LOSS * errors["loss_tangent"]
+    mass, spring_key = numbers(scene)["oscillator.mass"][0], _spring_key(scene)
+    stiffness = mass * (2.0 * math.pi * known["series_resonance"]) ** 2
+    first, slope = _linear_term(scene, spring_key, stiffness)
+    keys = [spring_key, "oscillator.damping", "piezo.coupling", "piezo.capacitance"]
+    keys += ["piezo.leakage_resistance"] if leaks else []
+
+    def values(parameters: np.ndarray) -> np.ndarray:
+        own = replace(circuit, parameters=parameters).numbers(mode)
+        rate = 2.0 * math.pi * own["series_resonance"]
+        motional = own["capacitance"] * own["coupling_factor"] / (1.0 - own["coupling_factor"])
+        found = [
+            first + slope * (mass * rate**2 - stiffness),
+            mass * rate / own["quality"],
+            rate * math.sqrt(mass * motional),
+            own["capacitance"],
+        ]
+        if leaks:
+            found.append(1.0 / (rate * own["capacitance"] * own["loss_tangent"]))
+        return np.array(found)
+
+    slopes = jacobian(values, circuit.parameters)
+    found = values(circuit.parameters)
+    made = scene.replace({key: float(value) for key, value in zip(keys, found, strict=True)})
+    background = circuit.admittance(measured.frequency) - _own_admittance(
+        made, circuit, mode, measured.frequency
+    )
+    return FromImpedance(
+        circuit,
+        mode,
+        replace(measured, background=background),
+        made,
+        keys,
+        found,
+        slopes @ circuit.covariance @ slopes.T,
+    )
+
+
+def _own_admittance(scene, circuit, mode, frequency):
+    """What the scene itself has of the circuit: one mode, its capacitance, its leak."""
+    known = circuit.numbers(mode)
+    rate, ratio = 2j * math.pi * frequency, frequency / known["series_resonance"]
+    motional = known["capacitance"] * known["coupling_factor"] / (1.0 - known["coupling_factor"])
+    leak = scene.transducer.leakage_resistance
+    own = rate * known["capacitance"] + (1.0 / leak if leak else 0.0)
+    return own + rate * motional / (1.0 - ratio**2 + 1j * ratio / known["quality"])
+
+
+def _spring_key(scene):
+    for key in SPRING_KEYS:
+        if key in numbers(scene):
+            return key
+    raise IdentificationError(
+        f"{scene.name}: an impedance tells the stiffness at rest, and this spring has no linear "
+        "term of its own: give it as restoring_force"
+    )
+
+
+def _linear_term(scene, key, stiffness):
+    """(k1, ∂k1/∂stiffness) with which the device has this stiffness where it rests (N/m)."""
+    mass, begun = (numbers(scene)[each][0] for each in ("oscillator.mass", key))
+
+    def off(k1):
+        try:
+            system = prepared(scene.replace({key: float(k1)})).system
+        except SceneError:
+            return math.nan
+        return mass * float(system.spring.slope(timescales.rest(system))) / stiffness - 1.0
+
+    one = begun or stiffness
+    other = one / (1.0 + off(one)) if off(one) > -1.0 else stiffness
+    before, now = off(one), off(other)
+    for _ in range(SECANTS):
+        if abs(now) < 1e-12 or now == before:
+            break
+        one, other, before = other, other - now * (other - one) / (now - before), now
+        now = off(other)
+    if not abs(now) < 1e-9:
+        raise IdentificationError(
+            f"{scene.name}: no linear stiffness gives the device {stiffness:.4g} N/m where it "
+            "rests: begin from a scene whose spring is nearer to that"
+        )
+    step = 1e-5 * abs(other)
+    return other, 2.0 * step / (stiffness * (off(other + step) - off(other - step)))
+
+
+def _check_capacitance(scene, capacitance, where):
+    """Refuse a capacitance that only a wrong unit explains."""
+    ratio = capacitance / scene.transducer.capacitance
+    if 1.0 / WRONG_UNIT < ratio < WRONG_UNIT:
+        return
+    raise IdentificationError(
+        f"{where}: the capacitance comes out at {capacitance:.3g} F, and the scene has "
+        f"{scene.transducer.capacitance:.3g} F, a factor of {ratio:.3g}: check the units (ohm or "
+        "kohm, Hz or kHz), or correct the scene"
+    )
+
+
+def fitted_impedance(found: FromImpedance) -> Fitted:
+    """The model of an impedance alone, and what it says of the lines kept aside."""
+    aside = kept_aside(found.measured)
+    length = prepared(found.scene).scales.displacement
+    free = unknowns(found.scene, found.keys, {})
+    experiments = [
+        ImpedanceExperiment(found.measured.part(lines), found.scene) for lines in (~aside, aside)
+    ]
+    responses, kept = (SteadyResponses([each], found.keys, length) for each in experiments)
+    shooting = Shooting(responses, free, [np.zeros(3)])
+    edges = np.array([0, int(np.count_nonzero(~aside))])
+    noise = np.array(found.circuit.noise)
+    fit = Fit(found.values, [edges], [NO_STATES], [noise])
+    shooting.linearized(fit)
+    stretch = impedance_stretch(kept, found.values, 0)
+    return Fitted.concluded(found.scene, shooting, fit, found.covariance, [stretch])
+
+
+def impedance_stretch(kept: SteadyResponses, values: np.ndarray, number: int) -> ImpedanceStretch:
+    """What the model says of the lines of an impedance that were kept aside."""
+    measured: Any = kept.experiments[number].measurement
+    seen = np.column_stack(list(measured.outputs.values()))
+    _, _, found = kept.states(number, values, np.array([0, seen.shape[0]]), NO_STATES)
+    frequency = measured.frequency
+    return ImpedanceStretch(
+        name=measured.name,
+        outputs=tuple(measured.outputs),
+        rate=float((frequency.size - 1) / (frequency[-1] - frequency[0])),
+        measured=seen,
+        windowed=found,
+        free=found,
+        windows=1,
+        resistance=None,
+        frequency=frequency,
+    )
+
+
+def impedance_verdict(base: Fitted) -> Verdict:
+    """What an impedance alone can say: that the circuit is one, of small motion."""
+    said = (
+        f"impedance to {base.nrmse:.2%} of itself on every third frequency, kept aside (about "
+        f"{base.sensor_noise:.2%} is the analyser's noise)"
+    )
+    if not base.adequate:
+        return Verdict(
+            "incomplete",
+            f"the model is wrong or incomplete: {said}: more is there than modes, a capacitance "
+            "and its loss",
+        )
+    return Verdict(
+        "predicts",
+        f"the model predicts {said}; that is small motion about the place where it rests, the base "
+        "clamped: nothing is known of large motion, of stoppers and of the answer to acceleration",
+    )

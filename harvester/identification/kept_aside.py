@@ -1,0 +1,329 @@
+"""Whole records kept aside: a run from one start under the recorded acceleration beside each.
+
+The record is followed in windows first, which gives the start and tells which orbit was measured.
+From that start alone the device then runs under the whole recorded acceleration, with the values
+that fit and with some drawn from their covariance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.device import timescales
+from harvester.estimates.estimate import Estimate
+from harvester.identification.intervals import HALF_INTERVAL, HELD
+from harvester.identification.proof import blocks_of, predicted
+from harvester.identification.reconstruction import frequencies
+from harvester.identification.response import FINE_STEPS, Responses, experiment
+from harvester.identification.shooting import Fit, Shooting
+from harvester.identification.visited import band
+
+if TYPE_CHECKING:
+    from harvester.identification.fitted_model import Fitted
+    from harvester.identification.measurement import Measurement
+    from harvester.identification.visited import Visited
+
+# Sets of values drawn from the covariance, and those that a scene may refuse.
+DRAWS, MOST_TRIED = 8, 40
+# Of a record, in which a run forgets its start.
+FORGOTTEN = 1.0 / 3.0
+# Share of the windows that cross a barrier from which on an orbit goes between the wells: one in
+# ten may begin in the wrong well.
+CROSSING = 0.1
+# Share of the base's power within so many lines of its strongest that makes it a sine.
+SINE, SINE_LINES = 0.9, 3
+# Correlation of an orbit with itself some periods later from which on it repeats itself; periods.
+REPEATS, MOST_PERIODS = 0.95, 6
+# By which a run may leave the visited displacements or loads and still be claimed; a factor of the
+# frequencies.
+BEYOND, BEYOND_BAND = 0.1, 1.5
+
+
+@dataclass(frozen=True)
+class Kept:
+    """One record kept aside.
+
+    Attributes
+    ----------
+    name : str
+    claimed : bool
+        Whether the model claims this record: one orbit for all likely values, within what the
+        fitted records visited.
+    why : str
+        Why not; empty where it does.
+    measured_orbit, predicted_orbit : str
+    agreement : float
+        Share of the likely values whose runs have the predicted orbit.
+    quantity, unit : str
+        Of the powers.
+    measured_rms, predicted_rms, measured_power, predicted_power : Estimate
+        Of the first output; predicted from one start alone, with the values' error and that which
+        runs of the fitted records show.
+    """
+
+    name: str
+    claimed: bool
+    why: str
+    measured_orbit: str
+    predicted_orbit: str
+    agreement: float
+    quantity: str
+    unit: str
+    measured_rms: Estimate
+    predicted_rms: Estimate
+    measured_power: Estimate
+    predicted_power: Estimate
+
+    @property
+    def holds(self) -> bool:
+        """Whether what was measured lies within the prediction: the orbit, rms and power."""
+        return self.measured_orbit == self.predicted_orbit and all(
+            _within(*pair)
+            for pair in (
+                (self.measured_rms, self.predicted_rms),
+                (self.measured_power, self.predicted_power),
+            )
+        )
+
+    def __str__(self) -> str:
+        said = "claimed" if self.claimed else f"not claimed ({self.why})"
+        outcome = "within its interval" if self.holds else "not as predicted"
+        measured, expected = (
+            f"{orbit}, rms {_text(rms)}, {self.quantity} {_text(power)} {self.unit}"
+            for orbit, rms, power in (
+                (self.measured_orbit, self.measured_rms, self.measured_power),
+                (self.predicted_orbit, self.predicted_rms, self.predicted_power),
+            )
+        )
+        return (
+            f"{self.name}, kept aside: {said}, {outcome}; measured {measured}; predicted "
+            f"{expected} (that orbit by {self.agreement:.0%} of the likely values)"
+        )
+
+
+def kept_aside(
+    fitted: Fitted, measurements: Sequence[Measurement], visited: Visited, seed: int
+) -> list[Kept]:
+    """What a fit predicts of records that it has not seen.
+
+    Parameters
+    ----------
+    fitted : Fitted
+    measurements : sequence of Measurement
+    visited : Visited
+        Where the fitted records took the device.
+    seed : int
+        Of the values that are drawn.
+    """
+    model_error = _model_error(fitted)
+    values = _drawn(fitted, seed)
+    return [_of_record(fitted, each, visited, values, model_error) for each in measurements]
+
+
+def _drawn(fitted, seed):
+    """Likely values, the best first."""
+    random = np.random.default_rng(np.random.SeedSequence(seed))
+    spread, directions = np.linalg.eigh(fitted.covariance)
+    root = directions * np.sqrt(np.maximum(spread, 0.0))
+    found = [fitted.values]
+    responses = fitted.shooting.responses
+    for _ in range(MOST_TRIED):
+        each = fitted.values + root @ random.standard_normal(fitted.values.size)
+        each = np.clip(each, fitted.shooting.low, fitted.shooting.high)
+        if responses.device(0, each) is not None:
+            found.append(each)
+        if len(found) > DRAWS:
+            break
+    return found
+
+
+def _model_error(fitted):
+    """Relative standard error of the power that runs of the fitted records show.
+
+    Of so few records the interval is Student's.
+    """
+    from scipy.stats import t
+
+    off = np.array(
+        [
+            math.log(max(each.free_power().estimate, 1e-300) / each.powers()[0].estimate)
+            for each in fitted.stretches
+            # Of records in time.
+            if each.long
+        ]
+    )
+    student = t.ppf(0.5 + 0.5 * HELD, off.size) / HALF_INTERVAL
+    return float(np.sqrt(np.mean(off**2))) * student
+
+
+def _of_record(fitted, measurement, visited, values, model_error):
+    """One record's proof."""
+    shooting, noise = _shooting(fitted, measurement)
+    whole = [(0, measurement.acceleration.size)]
+    begun = Fit(fitted.values, [], [], [noise])
+    # A record may be of the other well.
+    reach = (1.0 + BEYOND) * max(abs(end) for each in visited.displacement for end in each)
+    reach /= shooting.responses.length
+    (stretch,), settled = predicted(shooting, begun, whole, (-reach, reach))
+    responses, edges, starts = shooting.responses, settled.edges[0], settled.starts[0]
+    system, _ = responses.known_device(0, fitted.values)
+    saddles = np.array(timescales.saddles(system))
+    followed = responses.states(0, fitted.values, edges, starts)[0][:, 0]
+    repeats = _repeats(measurement)
+    late = int(FORGOTTEN * followed.size)
+    measured = _orbit(followed, saddles, edges, repeats)
+    runs = [_run(shooting, each, starts[:1], late) for each in values]
+    orbits = [_orbit(x, saddles, np.array([0, x.size]), repeats) for x, _ in runs]
+    agreement = float(np.mean([each == orbits[0] for each in orbits]))
+    late_stretch = replace(
+        stretch,
+        measured=stretch.measured[late:],
+        windowed=stretch.windowed[late:],
+        free=runs[0][1],
+    )
+    quantity, unit = stretch.compared
+    why = _why_not(visited, responses, runs[0][0])
+    if agreement < 1.0:
+        why = "likely values lead to different orbits"
+    return Kept(
+        name=measurement.name,
+        claimed=not why,
+        why=why,
+        measured_orbit=measured,
+        predicted_orbit=orbits[0],
+        agreement=agreement,
+        quantity=quantity,
+        unit=unit,
+        measured_rms=_root(late_stretch.measured),
+        predicted_rms=_with_error(
+            _root(runs[0][1]),
+            [_root(each).estimate for _, each in runs],
+            0.5 * model_error,
+        ),
+        measured_power=late_stretch.powers()[0],
+        predicted_power=_with_error(
+            late_stretch.free_power(),
+            [replace(late_stretch, free=each).free_power().estimate for _, each in runs],
+            model_error,
+        ),
+    )
+
+
+def _shooting(fitted, measurement):
+    """The problem of one more record, whose only unknowns are its windows' starts."""
+    own = fitted.shooting.responses
+    made = experiment(fitted.scene, measurement, frequencies(measurement)[1], FINE_STEPS)
+    responses = Responses([made], own.keys, own.interpolation, own.length)
+    shooting = Shooting(responses, [], [])
+    shooting.state_sizes = fitted.shooting.state_sizes[:1]
+    shooting.states_there = fitted.shooting.states_there[:1]
+    known = {
+        name: level
+        for each, levels in zip(own.experiments, fitted.fit.noise, strict=True)
+        for name, level in zip(each.measurement.outputs, levels, strict=True)
+    }
+    noise = [known.get(name, 0.05 * float(np.std(v))) for name, v in measurement.outputs.items()]
+    return shooting, np.array(noise)
+
+
+def _run(shooting, values, start, late):
+    """Displacement and outputs from one start, without their first part."""
+    responses = shooting.responses
+    edges = np.array([0, responses.experiments[0].samples])
+    states, _, outputs = responses.states(0, values, edges, start)
+    return states[late:, 0], outputs[late:]
+
+
+def _repeats(measurement):
+    """Samples of a period of a base that is a sine; None of others."""
+    base = measurement.acceleration - measurement.acceleration.mean()
+    power = np.abs(np.fft.rfft(base * np.hanning(base.size))) ** 2
+    place = int(np.argmax(power))
+    near = power[max(place - SINE_LINES, 0) : place + SINE_LINES + 1]
+    if place == 0 or near.sum() < SINE * power.sum():
+        return None
+    # Between lines, by the powers beside the strongest.
+    weights = power[place - 1 : place + 2]
+    return base.size / float(weights @ np.arange(place - 1, place + 2) / weights.sum())
+
+
+def _orbit(x, saddles, edges, period):
+    """What kind of motion a displacement is, in words."""
+    repeats = "" if period is None or _is_periodic(x, period) else ", chaotic"
+    if not saddles.size:
+        return f"in the well{repeats}"
+    basins = np.searchsorted(np.sort(saddles), x)
+    parts = np.split(basins, edges[1:-1] - edges[0])
+    crossing = np.mean([np.ptp(part) > 0 for part in parts])
+    if crossing > CROSSING:
+        return f"between the wells{repeats}"
+    number = int(np.median(basins))
+    if saddles.size == 1:
+        return f"in the well on the {('left', 'right')[number]}{repeats}"
+    return f"in well {number + 1} from the left{repeats}"
+
+
+def _is_periodic(x, period):
+    """Whether a displacement repeats itself after some periods of the base."""
+    late = x[x.size // 3 :] - np.mean(x[x.size // 3 :])
+    places = np.arange(late.size)
+    for count in range(1, MOST_PERIODS + 1):
+        moved = places[: int(late.size - count * period) - 1] + count * period
+        if moved.size < 2:
+            return True
+        later = np.interp(moved, places, late)
+        if np.corrcoef(late[: moved.size], later)[0, 1] > REPEATS:
+            return True
+    return False
+
+
+def _why_not(visited, responses, x):
+    """What of a record and its run the fitted records did not visit; empty where they did."""
+    low = min(each[0] for each in visited.displacement)
+    high = max(each[1] for each in visited.displacement)
+    more = BEYOND * (high - low)
+    x = x * responses.length
+    if x.min() < low - more or x.max() > high + more:
+        return "the run leaves the visited displacements"
+    made = responses.experiments[0]
+    load = float(made.scene.load.resistance)
+    if not (1.0 - BEYOND) * min(visited.loads) <= load <= (1.0 + BEYOND) * max(visited.loads):
+        return "its load was not visited"
+    slowest, fastest = band([made.measurement])
+    if slowest < visited.frequency[0] / BEYOND_BAND or fastest > BEYOND_BAND * visited.frequency[1]:
+        return "its frequencies were not visited"
+    return ""
+
+
+def _root(values):
+    """rms of the first output with the error of its blocks."""
+    squares = np.array([float(np.mean(part**2)) for part in blocks_of(values[:, 0])])
+    rms = math.sqrt(float(np.mean(squares)))
+    error = float(np.std(squares, ddof=1)) / math.sqrt(squares.size) / (2.0 * rms) if rms else 0.0
+    return Estimate(rms, error, float(squares.size), "1")
+
+
+def _with_error(estimate, drawn, model_error):
+    """An estimate with the errors of the values and of the model beside its own."""
+    others = np.array(drawn) - drawn[0]
+    error = math.sqrt(
+        estimate.standard_error**2
+        + float(np.mean(others[1:] ** 2) if others.size > 1 else 0.0)
+        + (model_error * estimate.estimate) ** 2
+    )
+    return replace(estimate, standard_error=error)
+
+
+def _within(measured, expected):
+    """Whether a measured value lies within its prediction's 95 % interval."""
+    error = math.hypot(measured.standard_error or 0.0, expected.standard_error or 0.0)
+    return abs(measured.estimate - expected.estimate) <= HALF_INTERVAL * error
+
+
+def _text(each):
+    return f"{each.estimate:.4g} ± {HALF_INTERVAL * each.standard_error:.2g}"

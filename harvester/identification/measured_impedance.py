@@ -1,0 +1,291 @@
+"""A measured electrical impedance: what an analyser shows at the piezo's terminals."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from harvester.errors import IdentificationError, SceneError
+from harvester.excitation.columns import MeasuredFile
+from harvester.excitation.motion_file import read_record
+from harvester.excitation.quantities import QUANTITIES
+from harvester.excitation.table import broken_file
+from harvester.files.libraries import optional_library
+from harvester.files.plain_text import name as plain_name
+from harvester.files.plain_text import named, nearest
+from harvester.identification.measured_response import MeasuredResponse
+
+FEWEST_FREQUENCIES = 12
+SETTINGS = ("frequency", "impedance", "phase", "resistance", "reactance")
+# What the columns of resistance and reactance are called otherwise.
+OTHER_NAMES = {"real": "resistance", "imaginary": "reactance"}
+PHASE_TITLES = ("theta", "theta z", "θ", "θz", "phi", "φ")
+# Degrees: a passive part's phase lies within 90, a sensor's error beside it.
+LARGEST_PHASE = 95.0
+# Share of |Z| by which a resistance may be negative, and of the lines that may be so.
+NEGATIVE_SHARE, NEGATIVE_LINES = 0.02, 0.1
+# Points of one sweep that are read.
+MOST_LINES = 50_000
+COLUMNS_NEEDED = (
+    "|Z| [ohm] and phase [deg], or resistance [ohm] and reactance [ohm] in its header, or "
+    "impedance=COLUMN:UNIT and phase=COLUMN:UNIT behind the file"
+)
+
+
+@dataclass(frozen=True)
+class MeasuredImpedance(MeasuredResponse):
+    """Voltage over current at the terminals, the base clamped, in SI units.
+
+    Attributes
+    ----------
+    frequency : ndarray, shape (n,)
+        Hz, ascending.
+    response : ndarray, shape (n,), complex
+        Ω.
+    background : ndarray of shape (n,), or None
+        Admittance (S) beside that of the scene's own mode, capacitance and leak.
+    """
+
+    background: np.ndarray | None = None
+
+    @property
+    def outputs(self) -> dict[str, np.ndarray]:
+        """What is compared with the model: an error of either is a relative one of Z."""
+        return impedance_outputs(self.response)
+
+    @property
+    def sensed(self) -> dict[str, np.ndarray]:
+        """No sensor but the analyser's own."""
+        return {}
+
+    def part(self, lines: np.ndarray) -> MeasuredImpedance:
+        """Some of its lines."""
+        beside = None if self.background is None else self.background[lines]
+        return MeasuredImpedance(
+            self.frequency[lines], self.response[lines], name=self.name, background=beside
+        )
+
+    def check(self) -> None:
+        """Refuse what is too short.
+
+        Raises
+        ------
+        IdentificationError
+        """
+        if self.frequency.size < FEWEST_FREQUENCIES:
+            raise IdentificationError(
+                f"{self.name}: too short: {self.frequency.size} frequencies, and "
+                f"{FEWEST_FREQUENCIES} are the fewest"
+            )
+
+
+def impedance_outputs(impedance: np.ndarray) -> dict[str, np.ndarray]:
+    """ln |Z| and the phase (rad)."""
+    return {"ln |Z|": np.log(np.abs(impedance)), "phase": np.angle(impedance)}
+
+
+def read_impedance(
+    file: str | Path, settings: Mapping[str, Any] | None = None
+) -> MeasuredImpedance:
+    """An impedance from its file.
+
+    Parameters
+    ----------
+    file : str or Path
+        CSV or another file of columns, or `.s1p` (Touchstone; by scikit-rf).
+    settings : dict of str to str, optional
+        `frequency`, `impedance` and `phase` (or `impedance` alone for complex numbers), or
+        `resistance` and `reactance`: the column's name or number from 0, with its unit behind a
+        colon where its heading does not say it.
+
+    Raises
+    ------
+    SceneError
+        A column or a unit is missing, or what it holds is no impedance.
+    """
+    path, where = str(file), named(str(file))
+    given = {OTHER_NAMES.get(key, key): str(value) for key, value in (settings or {}).items()}
+    for key in given:
+        if key not in SETTINGS:
+            raise SceneError(f"{where}: unknown setting {named(key)}{nearest(key, SETTINGS)}")
+    content, _ = read_record(path)
+    if Path(path).suffix.lower() == ".s1p":
+        if given:
+            raise SceneError(f"{where}: a Touchstone file says its columns itself: leave them out")
+        frequency, impedance = _touchstone(content, where)
+    else:
+        frequency, impedance = _columns(MeasuredFile(path, content), given)
+    frequency, impedance = _ordered(frequency, impedance, where)
+    _check_passive(impedance, where)
+    return MeasuredImpedance(frequency, impedance, name=plain_name(Path(path).name))
+
+
+def _touchstone(content, where):
+    """Frequency (Hz) and Z (Ω) of a Touchstone file of one port."""
+    skrf = optional_library("skrf", "a Touchstone file", "analyser")
+    try:
+        with broken_file("Touchstone file of one port", "export it as .csv"):
+            stream = io.StringIO(content.decode("utf-8", errors="replace"))
+            stream.name = "impedance.s1p"
+            network = skrf.Network()
+            network.read_touchstone(stream)
+            impedance = network.z[:, 0, 0]
+            frequency = np.asarray(network.f, dtype=float)
+    except ValueError as error:
+        raise SceneError(f"{where}: {named(' '.join(str(error).split()))}") from None
+    if not frequency.size:
+        raise SceneError(f"{where}: it holds no frequencies")
+    return frequency, impedance
+
+
+def _columns(measured, given):
+    """Frequency (Hz) and Z (Ω) by the columns that a file has."""
+    places = {name: _place(measured, name, given.get(name)) for name in SETTINGS}
+    there = {name for name, place in places.items() if place is not None}
+    if "frequency" not in there:
+        raise SceneError(
+            f"{measured.where}: no column of frequencies: write frequency [Hz] in its header, or "
+            f"frequency=COLUMN:UNIT behind the file; the file has {measured.listed()}"
+        )
+    is_complex = places["impedance"] in measured.table.complexes
+    polar = {"impedance"} if is_complex else {"impedance", "phase"}
+    parts = {"resistance", "reactance"}
+    # What is asked for goes before what headings say.
+    wanted = next((each for each in (polar, parts) if each & set(given) and each <= there), None)
+    wanted = wanted or next((each for each in (polar, parts) if each <= there), None)
+    if wanted is None:
+        raise SceneError(
+            f"{measured.where}: no columns of an impedance: write {COLUMNS_NEEDED}; the file has "
+            f"{measured.listed()}"
+        )
+    found = {
+        name: _values(measured, name, places[name], given.get(name))
+        for name in ("frequency", *sorted(wanted))
+    }
+    if wanted is parts:
+        return found["frequency"], found["resistance"] + 1j * found["reactance"]
+    turned = 1.0 if is_complex else np.exp(1j * found["phase"])
+    return found["frequency"], found["impedance"] * turned
+
+
+def _place(measured, quantity, text):
+    """Place of a quantity's column: as given, else the only one whose heading names it."""
+    if text is not None:
+        column = text.rpartition(":")[0] if _has_unit(measured, text) else text
+        number = column not in measured.table.names and column.isdigit()
+        return measured.place(quantity, int(column) if number else column)
+    found = measured.of(quantity)
+    if quantity in OTHER_NAMES.values():
+        other = next(name for name, usual in OTHER_NAMES.items() if usual == quantity)
+        found = found or measured.of(other)
+    if quantity == "phase" and not found:
+        titles = [each.title.lower().replace("_", " ") for each in measured.headings]
+        found = [place for place, title in enumerate(titles) if title in PHASE_TITLES]
+    if len(found) > 1:
+        names = ", ".join(measured.label(place) for place in found)
+        raise SceneError(
+            f"{measured.where}: several columns may be the {quantity} ({names}): name one by "
+            f"{quantity}=COLUMN:UNIT behind the file"
+        )
+    return found[0] if found else None
+
+
+def _has_unit(measured, text):
+    return ":" in text and text not in measured.table.names
+
+
+def _values(measured, quantity, place, text):
+    """A column in SI."""
+    given = text.rpartition(":")[2] if text is not None and _has_unit(measured, text) else None
+    unit = measured.agreed_unit(quantity, place, f"{quantity}=COLUMN:UNIT", given)
+    (values,) = measured.take([place])
+    if not np.isfinite(values).all():
+        raise SceneError(
+            f"{measured.where}: {measured.label(place)}: lines without a number: leave them out"
+        )
+    known = QUANTITIES[quantity]
+    if not unit:
+        raise SceneError(
+            f"{measured.where}: {quantity} has no unit{_looks(quantity, values)}: write it behind "
+            f"the name in its header, as {quantity} [{next(iter(known))}], or {quantity}="
+            f"COLUMN:UNIT behind the file; units are {', '.join(known)}"
+        )
+    if quantity == "phase":
+        _check_phase(measured, place, values, unit)
+    return values * known[unit]
+
+
+def _looks(quantity, values):
+    """What a column without a unit looks like, in words."""
+    if quantity != "phase":
+        return ""
+    sort = "radians" if np.abs(values).max() <= math.radians(LARGEST_PHASE) else "degrees"
+    return f" (from {values.min():.3g} to {values.max():.3g}, as {sort} would be)"
+
+
+def _check_phase(measured, place, values, unit):
+    """Refuse degrees that are radians, and radians that are degrees."""
+    largest = float(np.abs(values).max())
+    limit = math.radians(LARGEST_PHASE)
+    said = f"{measured.where}: {measured.label(place)} lies within ±{largest:.3g} {unit}, "
+    if unit == "rad" and largest > limit:
+        raise SceneError(
+            f"{said}and a passive part's phase within ±1.571 rad: if it is in degrees, say so "
+            "(phase=COLUMN:deg); if not, the column is not that of the impedance's phase"
+        )
+    if unit == "deg" and largest > LARGEST_PHASE:
+        raise SceneError(
+            f"{said}and a passive part's phase within ±90 deg: the column is not that of the "
+            "impedance's phase"
+        )
+    if unit == "deg" and largest <= limit:
+        raise SceneError(
+            f"{said}and a piezo's impedance has −90 deg away from its resonances: if it is in "
+            "radians, say so (phase=COLUMN:rad)"
+        )
+
+
+def _ordered(frequency, impedance, where):
+    """Lines by rising frequency."""
+    if frequency.size > MOST_LINES:
+        raise SceneError(
+            f"{where}: it has {frequency.size} lines, and {MOST_LINES} are the most: leave every "
+            "second one out"
+        )
+    if frequency.min() <= 0.0:
+        raise SceneError(
+            f"{where}: frequency: {frequency.min():.6g} Hz: frequencies must be > 0: leave those "
+            "lines out, or check the column"
+        )
+    if frequency.size > 1 and frequency[0] > frequency[-1]:
+        frequency, impedance = frequency[::-1], impedance[::-1]
+    if frequency.size < 2 or np.diff(frequency).min() <= 0.0:
+        raise SceneError(
+            f"{where}: frequency must rise or fall from line to line: is it the right column? Of "
+            "several sweeps keep one"
+        )
+    return frequency, impedance
+
+
+def _check_passive(impedance, where):
+    """Refuse what no piezo's impedance is."""
+    if (np.abs(impedance) == 0.0).any():
+        raise SceneError(f"{where}: |Z| is 0 in some lines: leave them out, or check the column")
+    if np.median(impedance.imag) > 0.0:
+        raise SceneError(
+            f"{where}: the reactance is positive in most lines, and a piezo's is negative: the "
+            "sign of the phase or of the imaginary part is turned round, or the columns are those "
+            "of an admittance"
+        )
+    negative = impedance.real < -NEGATIVE_SHARE * np.abs(impedance)
+    if np.mean(negative) > NEGATIVE_LINES:
+        raise SceneError(
+            f"{where}: the resistance is negative in {np.mean(negative):.0%} of the lines: a "
+            "passive part takes power in: check the columns, and the analyser's compensation"
+        )

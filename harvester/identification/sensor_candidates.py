@@ -1,0 +1,116 @@
+"""What sensors may have done to the records, tried where a model leaves more than their noise.
+
+A high-pass, a delay and a low-pass turn a residual's phase with the frequency. By how much one of
+them would lower the cost is told by its effect at no strength (a score test), so that only the most
+promising are fitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.identification.sensors import HIGHPASSES
+from harvester.identification.shooting import Shooting
+from harvester.identification.unknowns import unknowns
+
+if TYPE_CHECKING:
+    from harvester.identification.fitted_model import Fitted
+    from harvester.identification.measurement import Measurement
+
+# Share of the cost that an effect must promise to take away, and how many effects are fitted.
+PROMISING, MOST_FITTED = 0.02, 2
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Records and unknowns of a candidate.
+
+    Attributes
+    ----------
+    name : str
+    measurements : sequence of Measurement
+    keys : list of str
+        What is free of the sensors, beside the device's.
+    """
+
+    name: str
+    measurements: Sequence[Measurement]
+    keys: list[str]
+
+
+def effects_of(base: Fitted, measurements: Sequence[Measurement]) -> list[Trial]:
+    """Effects that can be free: all that are not yet, by the channels that there are."""
+    outputs = list(measurements[0].sensed)
+    made = {"AC-coupled accelerometer": ["sensor.acceleration_highpass"]}
+    made["delay between the channels"] = [f"sensor.{each}_delay" for each in outputs]
+    made |= {f"low-pass of the {each}": [f"sensor.{each}_filter"] for each in outputs}
+    if "voltage" in outputs:
+        made["AC-coupled voltage"] = ["sensor.voltage_highpass"]
+    given = {key for each in measurements for key in each.sensors}
+    return [
+        Trial(name, measurements, keys)
+        for name, keys in made.items()
+        if not {*keys} & {*base.keys, *given}
+    ]
+
+
+def promising(
+    base: Fitted, measurements: Sequence[Measurement], sizes: dict[str, float]
+) -> list[Trial]:
+    """The effects that would lower the cost most, to first order."""
+    trials = effects_of(base, measurements)
+    keys = [key for trial in trials for key in trial.keys]
+    if not keys:
+        return []
+    own = len(base.keys)
+    added = unknowns(base.scene, keys, sizes)
+    known = dict(zip(base.keys, base.values, strict=True))
+    free = [each.begun(known[each.key]) for each in unknowns(base.scene, base.keys, sizes)]
+    responses = base.shooting.responses.with_keys([*base.keys, *keys])
+    shooting = Shooting(responses, [*free, *added], [])
+    shooting.state_sizes = base.shooting.state_sizes
+    shooting.states_there = base.shooting.states_there
+    values = np.array([*base.values, *(each.start for each in added)])
+    fit = replace(base.fit, values=values)
+    if not shooting.linearized(fit):
+        return []
+    normal, gradient = shooting.reduced(fit)
+    least = _promised(normal, gradient, range(own))[0]
+    found = []
+    for trial in trials:
+        places = [*range(own), *(own + keys.index(key) for key in trial.keys)]
+        gain, step = _promised(normal, gradient, places)
+        bounded = trial.keys[0].endswith(("_filter", *HIGHPASSES))
+        if not (bounded and step[own] < 0.0) and gain - least > PROMISING * fit.cost:
+            found.append((gain, trial))
+    return [trial for _, trial in sorted(found, key=lambda each: -each[0])[:MOST_FITTED]]
+
+
+def _promised(normal, gradient, places):
+    """What a step of some unknowns takes off the cost, and the step."""
+    some = list(places)
+    step = -np.linalg.lstsq(normal[np.ix_(some, some)], gradient[some], rcond=1e-12)[0]
+    return float(-gradient[some] @ step), step
+
+
+def turned(measurements: Sequence[Measurement]) -> list[Trial]:
+    """Records whose columns mean something else: another sign, another frame."""
+    outputs = list(measurements[0].sensed)
+    # Of a single channel one sign is enough: the other is that of a mirrored device.
+    turnable = ["acceleration"] if outputs[0] != "voltage" else ["voltage"]
+    turnable += ["acceleration"] if len(outputs) > 1 and turnable == ["voltage"] else []
+    found = []
+    for name in turnable:
+        key = f"sensor.{name}_scale"
+        if any(key in each.sensors for each in measurements):
+            continue
+        swapped = [replace(each, sensors={**each.sensors, key: -1.0}) for each in measurements]
+        found.append(Trial(f"swapped polarity of the {name}", swapped, []))
+    if "velocity" in outputs and not any(each.velocity_is_absolute for each in measurements):
+        moved = [replace(each, velocity_is_absolute=True) for each in measurements]
+        found.append(Trial("velocity in the room", moved, []))
+    return found

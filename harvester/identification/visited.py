@@ -1,0 +1,172 @@
+"""Where records took a device: what a model says beyond that is extrapolated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.device import contact, timescales
+from harvester.device.system import potential
+from harvester.scene.numbers import numbers
+
+if TYPE_CHECKING:
+    from harvester.identification.fitted_model import Fitted
+    from harvester.identification.measurement import Measurement
+
+# Shares of the base's power below and above the frequencies that count as visited.
+BAND = (0.01, 0.99)
+# Of the range of displacement, by which a place may lie outside and still be determined.
+MARGIN = 0.02
+SPRING = ("restoring_force[", "linear_stiffness", "cubic_stiffness")
+
+
+@dataclass(frozen=True)
+class Visited:
+    """Ranges that the records visited, in SI units or a scaled scene's.
+
+    Attributes
+    ----------
+    displacement, velocity : tuple of (float, float)
+        Of the mass, each record's least and greatest, as the model has them.
+    frequency : (float, float)
+        Hz, of the base.
+    loads : tuple of float
+        Resistances (Ω).
+    extrapolated : tuple of str
+        Features of the device that lie outside, in words.
+    values : tuple of str
+        Keys of values that describe the spring about a place that no record visited.
+    si : bool
+        Whether the scene is in SI units.
+    """
+
+    displacement: tuple[tuple[float, float], ...]
+    velocity: tuple[tuple[float, float], ...]
+    frequency: tuple[float, float]
+    loads: tuple[float, ...]
+    extrapolated: tuple[str, ...]
+    values: tuple[str, ...]
+    si: bool
+
+    @property
+    def ranges(self) -> str:
+        """In words."""
+        speed = max(abs(end) for each in self.velocity for end in each)
+        moved = " and ".join(
+            f"{self._length(low)} … {self._length(high)}"
+            for low, high in _joined(self.displacement)
+        )
+        low, high = self.frequency
+        loads = ", ".join(f"{each:.4g}" for each in self.loads)
+        return (
+            f"displacement {moved}{' mm' if self.si else ''}, velocity up to {speed:.3g}"
+            f"{' m/s' if self.si else ''}, frequency {low:.3g} … {high:.3g}"
+            f"{' Hz' if self.si else ''}, load {loads}{' Ω' if self.si else ''}"
+        )
+
+    def holds(self, place: float) -> bool:
+        """Whether a displacement was visited."""
+        return _inside(self.displacement, place)
+
+    def _length(self, value):
+        return f"{1e3 * value if self.si else value:.3g}"
+
+
+def visited(fitted: Fitted) -> Visited | None:
+    """What the records of a fit visited; None of frequency responses."""
+    if fitted.settled is None:
+        return None
+    responses = fitted.shooting.responses
+    displacement: list[tuple[float, float]] = []
+    velocity: list[tuple[float, float]] = []
+    # Records in time come first; sweeps and impedances beside them are of small motion.
+    experiments = responses.experiments[: len(fitted.settled.edges)]
+    for number in range(len(experiments)):
+        states = [
+            responses.states(number, fitted.values, fit.edges[number], fit.starts[number])[0]
+            for fit in (fitted.fit, fitted.settled)
+        ]
+        for found, column in ((displacement, 0), (velocity, 1)):
+            values = np.concatenate([each[:, column] for each in states]) * responses.length
+            found.append((float(np.nanmin(values)), float(np.nanmax(values))))
+    system, scales = responses.known_device(0, fitted.values)
+    si = fitted.scene.units == "SI"
+    loads = {
+        float(numbers(each.scene)["load.resistance"][0])
+        for each in experiments
+        if "load.resistance" in numbers(each.scene)
+    }
+    ranges = tuple(displacement)
+    return Visited(
+        displacement=ranges,
+        velocity=tuple(velocity),
+        frequency=band(each.measurement for each in experiments),
+        loads=tuple(sorted(loads)),
+        extrapolated=_outside(system, scales.displacement, ranges, si, len(loads) > 1),
+        values=() if _inside(ranges, 0.0) else _of_spring(fitted.keys),
+        si=si,
+    )
+
+
+def band(measurements: Iterable[Measurement]) -> tuple[float, float]:
+    """Frequencies between which the base has most of its power, of all records (Hz)."""
+    ends = []
+    for each in measurements:
+        values = each.acceleration - each.acceleration.mean()
+        power = np.abs(np.fft.rfft(values * np.hanning(values.size))) ** 2
+        gathered = np.cumsum(power)
+        places = np.searchsorted(gathered, np.array(BAND) * gathered[-1])
+        frequencies = np.fft.rfftfreq(values.size, 1.0 / each.sampling_rate)
+        ends.append(frequencies[np.minimum(places, frequencies.size - 1)])
+    return float(min(low for low, _ in ends)), float(max(high for _, high in ends))
+
+
+def _outside(system, length, ranges, si, several_loads):
+    """Features of the device outside the visited displacements."""
+
+    def at(place):
+        return f"{1e3 * place:.3g} mm" if si else f"{place:.3g}"
+
+    found = []
+    wells = [length * each for each in timescales.wells(system)]
+    for well in wells:
+        if not _inside(ranges, well):
+            found.append(f"the {'other ' if len(wells) > 1 else ''}well at {at(well)}")
+    for saddle in timescales.saddles(system):
+        if not _inside(ranges, length * saddle):
+            height = float(potential(system, saddle) - potential(system, timescales.rest(system)))
+            energy = f" of {height * length**2:.3g} J/kg" if si else f" of {height:.3g}"
+            found.append(f"the barrier at {at(length * saddle)}{energy}")
+    for edge in contact.edges(system.contacts):
+        if np.isfinite(edge) and edge and not _inside(ranges, length * edge):
+            found.append(f"the stopper at {at(length * edge)}")
+    low = min(each[0] for each in ranges)
+    high = max(each[1] for each in ranges)
+    found.append(f"the walls beyond {at(low)} and {at(high)}")
+    if not several_loads:
+        found.append("other loads")
+    return tuple(found)
+
+
+def _of_spring(keys):
+    return tuple(key for key in keys if key.rpartition(".")[2].startswith(SPRING))
+
+
+def _inside(ranges, place):
+    return any(
+        low - MARGIN * (high - low) <= place <= high + MARGIN * (high - low) for low, high in ranges
+    )
+
+
+def _joined(ranges):
+    """Ranges that overlap as one, ascending."""
+    found: list[list[float]] = []
+    for low, high in sorted(ranges):
+        if found and low <= found[-1][1]:
+            found[-1][1] = max(found[-1][1], high)
+        else:
+            found.append([low, high])
+    return found

@@ -1,0 +1,137 @@
+"""States in which realizations of a driven device begin: drawn over its energy range, or a grid."""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from harvester.device import timescales
+from harvester.device.system import elastic_force, potential
+
+if TYPE_CHECKING:
+    from harvester.prepared.prepared import Prepared
+
+# Of the amplitude at which the undamped device would follow the drive on its highest branch: a
+# start beyond it falls back to it.
+BEYOND_HIGHEST_BRANCH = 1.3
+# Amplitudes at which that branch is looked for, as ratios of the outermost well's or 1.
+AMPLITUDES = np.geomspace(1e-3, 1e3, 601)
+# Of motion under noise or a record, in units of its mean-square velocity: reached for under 1 % of
+# the time.
+RESOLVED_ENERGY = 5.0
+# Trials for one start, of which a box about the energy range rejects fewer than nine in ten.
+MOST_TRIALS = 1000
+
+
+class EnergyRange(NamedTuple):
+    """The part of the (X, X') plane in which starts are drawn, ½X'² + U(X) ≤ `highest`; scaled.
+
+    Attributes
+    ----------
+    highest : float
+        Energy per mass.
+    low, high : float
+        Displacements between which U(X) is below it.
+    speed : float
+        Greatest |X'| in it.
+    """
+
+    highest: float
+    low: float
+    high: float
+    speed: float
+
+
+def energy_range(ready: Prepared) -> EnergyRange:
+    """From rest to beyond the highest orbit that the excitation can keep up, saddles included."""
+    return _energy_range(ready)
+
+
+@functools.lru_cache(maxsize=64)
+def _energy_range(ready):
+    system = ready.system
+    wells, saddles = timescales.wells(system), timescales.saddles(system)
+    bottoms = [float(potential(system, each)) for each in wells]
+    highest = min(bottoms)
+    for each in saddles:
+        top = float(potential(system, each))
+        # As far above the saddle as the deepest well lies below it.
+        highest = max(highest, 2.0 * top - min(bottoms))
+    middle = 0.5 * (min(wells) + max(wells))
+    size = max(max(wells) - middle, abs(middle)) or 1.0
+    lines = ready.scene.excitation.lines
+    if lines:
+        reach = BEYOND_HIGHEST_BRANCH * _highest_branch(ready, lines, size)
+        ends = [float(potential(system, middle + side * reach)) for side in (-1.0, 1.0)]
+        highest = max(highest, *ends)
+    else:
+        square = timescales.driven_square_velocity(system, timescales.angular_frequency(system))
+        if math.isfinite(square):
+            highest = max(highest, max(bottoms) + RESOLVED_ENERGY * square)
+    low, high = (_where(system, each, side, highest) for each, side in _outermost(wells))
+    return EnergyRange(highest, low, high, math.sqrt(2.0 * (highest - min(bottoms))))
+
+
+def _outermost(wells):
+    return (min(wells), -1.0), (max(wells), 1.0)
+
+
+def _highest_branch(ready, lines, size):
+    """Amplitude of the undamped motion about zero that the drive's lines keep up, scaled.
+
+    The describing function of a cubic force is three quarters of the force at the amplitude; no
+    steady motion is larger than the drive over damping times frequency.
+    """
+    system = ready.system
+    highest = 0.0
+    for frequency, amplitude in lines:
+        omega, drive = 2.0 * math.pi * frequency, amplitude / ready.excitation_unit
+        amplitudes = size * AMPLITUDES
+        inertia = (4.0 / 3.0) * (omega**2 * amplitudes + drive)
+        force = np.minimum(
+            elastic_force(system, amplitudes), -np.asarray(elastic_force(system, -amplitudes))
+        )
+        below = np.flatnonzero(force < inertia)
+        found = float(amplitudes[below[-1]]) if below.size else 0.0
+        damping = system.damper.damping
+        if damping > 0.0:
+            found = min(found, drive / (damping * omega))
+        highest = max(highest, found)
+    return highest
+
+
+def _where(system, well, side, highest):
+    """The displacement beyond an outermost well at which U is the energy."""
+    from scipy.optimize import brentq
+
+    away = 1e-3 * (abs(well) or 1.0)
+    while float(potential(system, well + side * away)) < highest and away < 1e12:
+        away *= 2.0
+
+    def excess(x):
+        return float(potential(system, x)) - highest
+
+    if excess(well) >= 0.0:
+        return well
+    return float(brentq(excess, well, well + side * away))
+
+
+def drawn_start(ready: Prepared, index: int) -> tuple[float, float, float]:
+    """(X, X', 0): start number `index`, evenly over the area of the energy range; scaled.
+
+    It follows from the scene's seed and the number alone.
+    """
+    span = energy_range(ready)
+    generator = np.random.default_rng(
+        np.random.SeedSequence(ready.scene.run.seed, spawn_key=(index, 0))
+    )
+    x, v = 0.0, 0.0
+    for _ in range(MOST_TRIALS):
+        x = float(generator.uniform(span.low, span.high))
+        v = float(generator.uniform(-span.speed, span.speed))
+        if 0.5 * v * v + float(potential(ready.system, x)) <= span.highest:
+            break
+    return x, v, 0.0

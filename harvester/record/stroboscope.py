@@ -1,0 +1,106 @@
+"""Stroboscopic samples of a record: its state at equally spaced times, and what lies between."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.device import timescales
+from harvester.prepared.steps import stop_time
+from harvester.record.record import Record
+
+if TYPE_CHECKING:
+    from harvester.prepared.prepared import Prepared
+
+# Columns of `Stroboscope.samples`. The last three are time integrals, so that their differences
+# over a period are its means.
+COLUMNS = (
+    "displacement", "velocity", "state", "load_energy", "square_voltage", "square_displacement",
+)  # fmt: skip
+# Of these the motion's state.
+STATE = 3
+
+
+class Stroboscope:
+    """Takes samples of one realization's record at `first`, `first + period`, ….
+
+    Between the record's points a sample is linear; engines have points at the excitation's knots,
+    and a period is a whole number of these.
+
+    Parameters
+    ----------
+    first, period : float
+        s.
+    count : int
+        Samples wanted.
+
+    Attributes
+    ----------
+    samples : ndarray, shape (count, len(COLUMNS))
+        Scaled; NaN where the record has not come to yet.
+    """
+
+    def __init__(self, first: float, period: float, count: int) -> None:
+        # Half a billionth earlier: a record's last time may be less than its end by a rounding.
+        self.times = (first + period * np.arange(count)) * (1.0 - 5e-10)
+        self.samples = np.full((count, len(COLUMNS)), np.nan)
+        self._next = 0
+        self._last: np.ndarray | None = None
+
+    def add(self, record: Record) -> None:
+        """Sample one chunk that follows the ones before."""
+        if record.time.size == 0 or self._next == self.times.size:
+            return
+        if record.time[-1] < self.times[0]:
+            last = (each[-1] for each in (record.time, *_motion(record)))
+            self._last = np.array([*last, 0.0, 0.0, 0.0, *(each[-1] for each in _rates(record))])
+            return
+        points = np.empty((record.time.size + 1, 1 + len(COLUMNS)))
+        points[1:, 0] = record.time
+        points[1:, 1:4] = np.array(_motion(record)).T
+        rates = np.array(_rates(record))
+        start = self._last
+        if start is None:
+            # The initial point is no part of a record: what lies before the first one counts as it.
+            start = np.array([*points[1, :4], 0.0, 0.0, 0.0, *rates[:, 0]])
+        points[0] = start[: 1 + len(COLUMNS)]
+        rates = np.concatenate([start[-3:, None], rates], axis=1)
+        steps = 0.5 * np.diff(points[:, 0]) * (rates[:, 1:] + rates[:, :-1])
+        points[1:, 4:] = points[0, 4:] + np.cumsum(steps, axis=1).T
+        until = int(np.searchsorted(self.times, points[-1, 0], side="right"))
+        times = self.times[self._next : until]
+        for column in range(len(COLUMNS)):
+            self.samples[self._next : until, column] = np.interp(
+                times, points[:, 0], points[:, 1 + column]
+            )
+        self._next = until
+        self._last = np.concatenate([points[-1], rates[:, -1]])
+
+
+def _motion(record):
+    return record.displacement, record.velocity, record.transducer_state
+
+
+def _rates(record):
+    """What the integrals are of."""
+    return record.load_power, record.voltage**2, record.displacement**2
+
+
+def strobe_period(ready: Prepared) -> float:
+    """Time between samples (s): the excitation's period, of its lowest line, else the device's."""
+    excitation = ready.scene.excitation
+    if excitation.period is not None and not excitation.random:
+        return excitation.period
+    if excitation.lines and not excitation.drifts:
+        return 1.0 / min(frequency for frequency, _ in excitation.lines)
+    return 2.0 * math.pi / timescales.angular_frequency(ready.system)
+
+
+def strobe_times(ready: Prepared) -> tuple[float, float, int]:
+    """First time (s), time between samples (s) and number of samples of a run, after settling."""
+    period = strobe_period(ready)
+    first = max(math.ceil(ready.scene.run.settle / period - 1e-9), 1) * period
+    count = math.floor((stop_time(ready) - first) / period + 1e-6) + 1
+    return first, period, max(count, 0)

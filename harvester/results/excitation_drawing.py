@@ -1,0 +1,65 @@
+"""The spectrum of what drives a device."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.device import timescales
+from harvester.prepared.paths import noise_path
+from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing
+from harvester.show.palette import CIRCUIT
+from harvester.show.panels import entitle
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from harvester.scene.model import Scene
+
+# Knots of the path that are transformed, and segments that they are averaged over.
+MOST_KNOTS, SEGMENTS = 2**18, 32
+# Density beside its peak from which it is drawn: below is a sine's leakage.
+LEAST_SHARE = 1e-8
+
+
+def draw_spectrum(scene: Scene) -> Figure:
+    """Spectral density of the first realization's excitation, and where the device resonates."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.0, 2.6))
+    axes = figure.add_subplot()
+    ready = prepared(scene)
+    frequency, density = excitation_spectrum(scene)
+    seen = density > LEAST_SHARE * density.max()
+    axes.loglog(frequency[seen], density[seen], color=CIRCUIT, linewidth=0.9, label="excitation")
+    own = timescales.angular_frequency(ready.system) / (2.0 * np.pi)
+    if own > 0.0:
+        axes.axvline(own, color="0.3", linestyle=":", label="device, small oscillations")
+    what = "displacement" if scene.excitation.prescribes_displacement else "acceleration"
+    unit = "m²/Hz" if what == "displacement" else "(m/s²)²/Hz"
+    axes.set_xlabel("frequency [Hz]")
+    axes.set_ylabel(f"{what} [{unit if scene.units == 'SI' else 'scaled'}]")
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    entitle(figure, f"{scene.name}: spectral density of the excitation")
+    return figure
+
+
+def excitation_spectrum(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """One-sided spectral density of the first realization's path, in the scene's units.
+
+    Returns
+    -------
+    frequency, density : ndarray, shape (n,)
+        Hz, and the excitation's unit squared per Hz.
+    """
+    from scipy import signal
+
+    ready = prepared(scene)
+    spacing, run = knot_spacing(ready), scene.run
+    knots = min(MOST_KNOTS, max(2, int((run.settle + run.duration) / spacing)))
+    samples = noise_path(ready, 0).read(knots) * ready.scales.displacement
+    length = max(2, min(knots, 2 * knots // SEGMENTS))
+    frequency, density = signal.welch(samples, 1.0 / spacing, nperseg=length)
+    return frequency[1:], density[1:]

@@ -1,0 +1,55 @@
+"""The first line of a report: power, load and conditions."""
+
+from __future__ import annotations
+
+from pathlib import PurePath
+from typing import TYPE_CHECKING
+
+from harvester.show.numbers import quantity, with_error
+from harvester.show.symbols import key_words
+
+if TYPE_CHECKING:
+    from harvester.results.result import Result
+    from harvester.scene.model import Scene
+
+NOT_NAMED = ("kind", "knot_spacing")
+
+
+def headline(result: Result) -> str:
+    """What comes out, into which load, under what excitation, and by which method."""
+    known, scene = result.scaled_quantities, result.scene
+    name = next((each for each in ("mean_output_power", "mean_power") if each in known), "")
+    if not name:
+        return f"No power of {scene.name}: {conditions(scene)}, by {result.engine}."
+    found = result.quantity(name)
+    power = with_error(found, result.unit(found.dimension))
+    where = "at the output of" if name == "mean_output_power" else "into"
+    return f"{power} {where} {load(scene)}; {conditions(scene)}; by {result.engine}."
+
+
+def load(scene: Scene) -> str:
+    """The load in words, with the values it is given."""
+    table = scene.to_tables()["load"]
+    values = [*_values("load", table, scene), *_values("load.parameters", table, scene)]
+    name = PurePath(str(table.get("netlist", ""))).stem
+    if name:
+        return ", ".join([f"the load {table.get('subcircuit') or name}", *values])
+    return f"a resistor ({', '.join(values)})"
+
+
+def conditions(scene: Scene) -> str:
+    """The excitation in words."""
+    table = scene.to_tables()["excitation"]
+    said = [*_values("excitation", table, scene)]
+    if "file" in table:
+        said.append(f"record {PurePath(table['file']).name}")
+    return ", ".join([f"{table['kind']} excitation", *said])
+
+
+def _values(prefix, table, scene):
+    """Numbers of a table with words and units, those that `run` and steps are about left out."""
+    inner = table.get("parameters", {}) if prefix.endswith("parameters") else table
+    for key, value in inner.items():
+        if isinstance(value, (int, float)) and key not in NOT_NAMED and value is not True:
+            words, unit = key_words(f"{prefix}.{key}", scene.units)
+            yield f"{words} {quantity(float(value), unit)}"

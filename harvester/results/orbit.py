@@ -1,0 +1,88 @@
+"""A steady motion that starts of a driven device come to."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from harvester.estimates.estimate import Estimate
+from harvester.files.serialising import plain
+
+
+@dataclass(frozen=True)
+class Attractor:
+    """One steady motion among those of a run's starts, in the scene's units.
+
+    Attributes
+    ----------
+    name : str
+        A, B, … in the order of their shares.
+    period : int or None
+        In periods of the excitation; None for motion that does not repeat itself.
+    periodic_drive : bool
+        Whether the excitation has a period; under a record motions are those that meet.
+    starts : int
+        That came to it.
+    share : float
+        Of all starts.
+    share_error : float or None
+        Its standard error where starts are drawn.
+    quantities : dict of str to Estimate
+        Means of its starts alone.
+    points : ndarray, shape (n, 2)
+        Displacement and velocity at the beginnings of the excitation's periods.
+    """
+
+    name: str
+    period: int | None
+    periodic_drive: bool
+    starts: int
+    share: float
+    share_error: float | None
+    quantities: dict[str, Estimate]
+    points: np.ndarray
+
+    @property
+    def kind(self) -> str:
+        """In words."""
+        if self.period is not None:
+            return f"period {self.period}"
+        return "no period: chaotic or not settled" if self.periodic_drive else "one motion"
+
+    def to_dict(self, unit: Callable[[str], str]) -> dict[str, Any]:
+        """Plain values for JSON; `unit` gives that of a dimension."""
+        quantities = {
+            name: each.to_dict(unit(each.dimension)) for name, each in self.quantities.items()
+        }
+        return plain({"kind": self.kind, **vars(self), "quantities": quantities})
+
+    def sentence(self, power_unit: str) -> str:
+        """What is to be said of it in a line."""
+        error = "" if self.share_error is None else f" ± {self.share_error:.1%}"
+        power = self.quantities["mean_power"].estimate if "mean_power" in self.quantities else None
+        gives = "" if power is None else f", mean power {power:.4g} {power_unit}"
+        plural = "s" if self.starts > 1 else ""
+        return (
+            f"orbit {self.name} ({self.kind}): {self.starts} start{plural}, "
+            f"{self.share:.1%}{error}{gives}"
+        )
+
+
+def share_error(part: int, count: int) -> float:
+    """Standard error of a share of starts drawn evenly; none and all count half a start less."""
+    share = (part + 0.5) / (count + 1.0)
+    return math.sqrt(share * (1.0 - share) / count)
+
+
+def orbit_name(number: int) -> str:
+    """A … Z, then A1, ….
+
+    >>> orbit_name(0), orbit_name(27)
+    ('A', 'B1')
+    """
+    letter, again = chr(ord("A") + number % 26), number // 26
+    return f"{letter}{again}" if again else letter

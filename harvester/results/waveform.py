@@ -1,0 +1,218 @@
+"""A stretch of one realization over time: motion, terminal, the load's output, its nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from harvester.errors import HarvesterError, UnknownQuantity
+from harvester.estimates.units import unit_of
+from harvester.files.libraries import optional_library
+from harvester.files.plain_text import named, nearest
+from harvester.files.tables import write_csv, write_netcdf, xarray_or_say
+from harvester.record.record import Record
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+    from xarray import Dataset
+
+    from harvester.scene.model import Scene
+    from harvester.scene.units import Scales
+
+PICTURES = (".png", ".svg", ".pdf")
+ENDINGS = (".csv", ".nc", *PICTURES)
+# Of the greatest voltage, below which power over voltage is no current: rounding would decide it.
+SMALL_VOLTAGE = 1e-9
+
+
+@dataclass(frozen=True, repr=False)
+class Waveform:
+    """What a realization does between two times, in the scene's units.
+
+    `waveform["voltage"]` is one of `columns`; the most usual ones are attributes too.
+
+    Attributes
+    ----------
+    scene : Scene
+    engine : str
+    time : ndarray, shape (n,)
+        s from the run's beginning, settling included.
+    columns : dict of str to ndarray
+        `displacement`, `velocity`, the terminal's `voltage` and `current` (into the load), of a
+        load with an output `output_voltage`, and the nodes and currents that were asked for.
+    units : dict of str to str
+        Of each column.
+    record : Record
+        The same points in scaled units, as engines hand them on.
+    """
+
+    scene: Scene
+    engine: str
+    time: np.ndarray
+    columns: dict[str, np.ndarray]
+    units: dict[str, str]
+    record: Record = field(compare=False)
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        if name not in self.columns:
+            raise UnknownQuantity(
+                f"{self.scene.name}: the waveform has no column {named(name)}"
+                f"{nearest(name, self.columns)}; there are {', '.join(self.columns)}"
+            )
+        return self.columns[name]
+
+    @property
+    def displacement(self) -> np.ndarray:
+        """Of the mass, relative to the base."""
+        return self.columns["displacement"]
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """Of the mass, relative to the base."""
+        return self.columns["velocity"]
+
+    @property
+    def voltage(self) -> np.ndarray:
+        """At the transducer's terminals."""
+        return self.columns["voltage"]
+
+    @property
+    def current(self) -> np.ndarray:
+        """From the terminals into the load."""
+        return self.columns["current"]
+
+    def data(self) -> tuple[list[str], list[list[float]]]:
+        """Header with units, and a row for each point."""
+        header = ["time [s]", *(f"{name} [{self.units[name]}]" for name in self.columns)]
+        return header, np.column_stack([self.time, *self.columns.values()]).tolist()
+
+    def to_pandas(self) -> DataFrame:
+        """A DataFrame over `time`; `attrs` has the units.
+
+        Raises
+        ------
+        MissingLibrary
+            pandas, of the extra `study`.
+        """
+        pandas = optional_library("pandas", "Waveform.to_pandas", "study")
+        frame = pandas.DataFrame(self.columns, index=pandas.Index(self.time, name="time"))
+        frame.attrs["units"] = {"time": "s", **self.units}
+        return frame
+
+    def to_xarray(self) -> Dataset:
+        """A Dataset over `time`; each variable's attribute `unit` says its unit.
+
+        Raises
+        ------
+        MissingLibrary
+            xarray, of the extra `study`.
+        """
+        variables = {
+            name: ("time", values, {"unit": self.units[name]})
+            for name, values in self.columns.items()
+        }
+        attributes = {"scene": self.scene.name, "engine": self.engine}
+        coordinates = {"time": ("time", self.time, {"unit": "s"})}
+        return xarray_or_say().Dataset(variables, coordinates, attributes)
+
+    def figure(self) -> Figure:
+        """A panel for each column over time."""
+        from harvester.results.waveform_drawing import draw
+        from harvester.show import figures
+
+        return figures.drawn(draw, self)
+
+    def save(self, path: str | Path) -> None:
+        """Write it as CSV, NetCDF or a picture, as the path's ending says.
+
+        Raises
+        ------
+        HarvesterError
+            Another ending.
+        OutputError
+        """
+        check_ending(path)
+        ending = Path(path).suffix
+        if ending == ".csv":
+            write_csv(path, *self.data())
+        elif ending == ".nc":
+            write_netcdf(path, self.to_xarray())
+        else:
+            from harvester.show import figures
+
+            figures.write(self.figure(), path)
+
+    def __repr__(self) -> str:
+        return f"<Waveform of {self.scene.name} by {self.engine}: {self.said()}>"
+
+    def said(self) -> str:
+        """Its ends, points and columns, in words."""
+        if not self.time.size:
+            return "no points"
+        ends = f"{self.time[0]:.4g} to {self.time[-1]:.4g} s, {self.time.size} points"
+        return f"{ends} of {', '.join(self.columns)}"
+
+
+def check_ending(path: str | Path) -> None:
+    """Refuse a file that a waveform is not written into.
+
+    Raises
+    ------
+    HarvesterError
+    """
+    if Path(path).suffix not in ENDINGS:
+        raise HarvesterError(
+            f"--waveform {named(str(path))}: its ending says the kind: {', '.join(ENDINGS)}"
+        )
+
+
+def waveform_of(
+    scene: Scene,
+    engine: str,
+    scales: Scales,
+    record: Record,
+    electrical: Mapping[str, np.ndarray],
+) -> Waveform:
+    """A waveform from what a realization kept.
+
+    Parameters
+    ----------
+    scene, engine, scales
+        Of the result.
+    record : Record
+        Scaled.
+    electrical : dict of str to ndarray
+        See `harvester.simulation.realization.Realization`.
+    """
+    # A point that stands there once more has the power that makes the step's mean right.
+    once = np.diff(record.time, prepend=-np.inf) > 0.0
+    record = Record(*(column[once] for column in record))
+    motion = {name: getattr(record, name) * scales.of(name) for name in _MOTION}
+    units = {name: unit_of(scene, name) for name in _MOTION}
+    current = _current(record) * (scales.power / scales.voltage)
+    columns = {**motion, "current": current}
+    units["current"] = "A" if scene.units == "SI" else "scaled power/voltage"
+    for name, values in electrical.items():
+        if name == "output_voltage":
+            columns[name], units[name] = values[once] * scales.voltage, units["voltage"]
+        else:
+            columns[name], units[name] = values[once], "A" if name.startswith("i(") else "V"
+    return Waveform(scene, engine, record.time, columns, units, record)
+
+
+_MOTION = ("displacement", "velocity", "voltage")
+
+
+def _current(record: Record) -> np.ndarray:
+    """Power into the load over the voltage; straight lines through the voltage's zeros."""
+    sizes: Any = np.abs(record.voltage)
+    known = sizes > SMALL_VOLTAGE * sizes.max(initial=0.0)
+    if not known.any():
+        return np.zeros_like(record.voltage)
+    found = record.load_power[known] / record.voltage[known]
+    return np.interp(record.time, record.time[known], found)

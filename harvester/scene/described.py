@@ -1,0 +1,56 @@
+"""A device in the words that its maker knows it by: frequency, quality factor, matched load."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import TYPE_CHECKING, Any
+
+from harvester.scene.units import rest_stiffness
+
+if TYPE_CHECKING:
+    from harvester.scene.model import Scene
+
+
+def device_line(scene: Scene) -> tuple[str, ...]:
+    """One line on an SI scene's device at its stiffest rest position; none of other scenes.
+
+    Frequency and quality factor are those of mass, spring and damper alone (a shorted piezo);
+    k² = θ²/(K Cp) raises the frequency of the open piezo by √(1 + k²).
+    """
+    from harvester.show.numbers import quantity
+
+    if scene.units != "SI" or scene.excitation.prescribes_displacement:
+        return ()
+    oscillator = scene.oscillator
+    mass: Any = oscillator.mass
+    stiffness = rest_stiffness(oscillator)
+    if stiffness <= 0.0:
+        return ()
+    rate = math.sqrt(stiffness / mass)
+    ratio = 0.5 * oscillator.damping / (mass * rate)
+    said = [
+        f"device: {quantity(1e3 * mass, 'g', 3)}",
+        f"{quantity(rate / (2.0 * math.pi), 'Hz')} at rest",
+        f"stiffness {stiffness:.4g} N/m",
+        f"damping {oscillator.damping:.3g} N s/m",
+    ]
+    if ratio > 0.0:
+        said.append(f"Q = {0.5 / ratio:.3g}, damping ratio {ratio:.3g}")
+    transducer: Any = scene.transducer
+    if getattr(transducer, "capacitance", None):
+        coupling = transducer.coupling**2 / (stiffness * transducer.capacitance)
+        said.append(f"k² = {coupling:.3g}")
+    matched = transducer.matched_resistance(rate)
+    return (f"{', '.join(said)}, matched load about {quantity(matched, 'Ω', 3)}",)
+
+
+def scene_rows(scene: Scene) -> list[tuple[str, str]]:
+    """Every key with its value, as text, for a table."""
+    rows = []
+    for table, values in scene.to_tables().items():
+        pairs = values.items() if isinstance(values, dict) else [(None, values)]
+        for key, value in pairs:
+            text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+            rows.append((f"{table}.{key}" if key else table, text))
+    return rows

@@ -1,0 +1,134 @@
+"""Numbers as people print them: two digits of the error, a prefix before the unit.
+
+The only home of how a number is written for reading; JSON and CSV hold full precision.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+NOT_KNOWN = "—"
+# Digits of a value whose error is below them: more is rounding.
+MOST_DIGITS = 6
+PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+# Units that take a prefix; of seconds only small ones do.
+PREFIXED = ("V", "W", "m", "m/s", "s", "J", "A", "Ω", "F", "H", "Hz")
+SHARES = ("efficiency", "share")
+# Counts from which two digits tell enough.
+ROUNDED_COUNT = 1000.0
+
+
+class Estimated(Protocol):
+    """A value with its standard error."""
+
+    @property
+    def estimate(self) -> float: ...
+    @property
+    def standard_error(self) -> float | None: ...
+
+
+def with_error(estimate: Estimated, unit: str = "") -> str:
+    """ "682 ± 12 µW", or the bare value and that it has no error bar."""
+    factor, unit = prefixed(estimate.estimate, unit)
+    error = estimate.standard_error
+    text = value_and_error(factor * estimate.estimate, None if error is None else factor * error)
+    return f"{text} {unit}".rstrip()
+
+
+def value_and_error(value: float, error: float | None) -> str:
+    """ "0.02745 ± 0.00012"; an error below the value's last digit is only bounded.
+
+    Examples
+    --------
+    >>> value_and_error(0.0274512, 0.000123)
+    '0.02745 ± 0.00012'
+    >>> value_and_error(-0.3, 65.0)
+    '0 ± 65'
+    >>> value_and_error(0.0001177601503556, 1.1e-18)
+    '0.000117760 ± <1e-9'
+    """
+    if value is None or not math.isfinite(value):
+        return NOT_KNOWN
+    if error is None or not math.isfinite(error):
+        return f"{number(value, 3)} (no error bar)"
+    if not value and not error:
+        return "0 ± 0"
+    size = abs(value) or error
+    exponent = math.floor(math.log10(size))
+    if not -4 <= exponent < 5:
+        scale = 10.0**exponent
+        return f"({value_and_error(value / scale, error / scale)})e{exponent}"
+    most = max(0, MOST_DIGITS - 1 - exponent)
+    if error < 0.5 * 10.0**-most:
+        bound = "0" if error == 0.0 else f"<1e-{most}" if most else "<1"
+        return f"{value:.{most}f} ± {bound}"
+    # Rounded first: 0.0996 has its two digits in 0.10.
+    places = max(0, 1 - math.floor(math.log10(float(f"{error:.1e}"))))
+    return f"{_without_sign_of_zero(value, places)} ± {error:.{places}f}"
+
+
+def share_with_error(estimate: Estimated, sign: bool = True) -> str:
+    """A share in percent: "+0.15 ± 0.02 %"."""
+    value, error = 100.0 * estimate.estimate, estimate.standard_error
+    if not math.isfinite(value):
+        return NOT_KNOWN
+    text = f"{value:.2f}" if error is None else value_and_error(value, 100.0 * error)
+    plus = "+" if sign and value > 0.0 and not text.startswith(("0 ", "(")) else ""
+    return f"{plus}{text} %"
+
+
+def prefixed(value: float, unit: str) -> tuple[float, str]:
+    """The factor that a value is shown with, and the unit with its prefix.
+
+    Examples
+    --------
+    >>> prefixed(6.82e-4, "W"), prefixed(3.06e-6, "V^2"), prefixed(0.5, "scaled power")
+    ((1000000.0, 'µW'), (1000000.0, 'mV²'), (1.0, 'scaled power'))
+    """
+    base, _, raised = unit.partition("^")
+    power, own = int(raised or 1), base.strip("()")
+    if own not in PREFIXED or power not in (1, 2) or not value or not math.isfinite(value):
+        return 1.0, in_print(unit)
+    # Of squares a prefix counts twice: 0.001 … 1000 is shown without one.
+    decades = math.floor(math.log10(abs(value)) + 1e-9) + (0 if power == 1 else 3)
+    exponent = min(max(3 * (decades // (3 * power)), min(PREFIXES)), max(PREFIXES))
+    if own == "s":
+        exponent = min(exponent, 0)
+    letter = PREFIXES[exponent]
+    return 10.0 ** (-exponent * power), in_print(unit.replace(own, letter + own, 1))
+
+
+def in_print(unit: str) -> str:
+    """A unit for reading: "(m/s)^2" as "(m/s)²", none of what is a plain number."""
+    return "" if unit == "1" else unit.replace("^2", "²").replace("^-1", "⁻¹")
+
+
+def quantity(value: float, unit: str = "", digits: int = 4) -> str:
+    """ "27.3 kΩ": a value without an error, to so many digits."""
+    factor, unit = prefixed(value, unit)
+    return f"{number(factor * value, digits)} {unit}".rstrip()
+
+
+def number(value: float, digits: int = 4) -> str:
+    """A plain number; a dash where there is none."""
+    return f"{value + 0.0:.{digits}g}" if math.isfinite(value) else NOT_KNOWN
+
+
+def count(size: float | None) -> str:
+    """How many there are: "below 1", 96, 9,100,000."""
+    if size is None or not math.isfinite(size):
+        return ""
+    if size < 1.0:
+        return "below 1"
+    return f"{size:.0f}" if size < ROUNDED_COUNT else f"{float(f'{size:.1e}'):,.0f}"
+
+
+def is_share(name: str) -> bool:
+    """Whether a quantity is told in percent, by its name."""
+    return any(word in name for word in SHARES)
+
+
+def _without_sign_of_zero(value, places):
+    text = f"{value:.{places}f}"
+    return text.lstrip("-") if float(text) == 0.0 else text

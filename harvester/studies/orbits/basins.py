@@ -1,0 +1,257 @@
+"""`basins`: to which steady motion a driven device comes from each place of a grid."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from harvester.arguments import listed
+from harvester.errors import HarvesterError
+from harvester.files.plain_text import json_text
+from harvester.files.serialising import plain
+from harvester.files.tables import xarray_or_say
+from harvester.prepared.prepared import prepared
+from harvester.prepared.starts import energy_range
+from harvester.results.result import unit_of
+from harvester.scene.model import Scene
+from harvester.show.panels import entitle
+from harvester.studies.orbits.following import Orbit
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from xarray import Dataset
+
+# Orbits that a figure names.
+MOST_NAMED = 10
+COLOURS = (
+    "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#F0E442", "#999933",
+    "#8C564B", "#882255",
+)  # fmt: skip
+NOT_FOLLOWED = "0.9"
+
+
+@dataclass(frozen=True)
+class Basins:
+    """The steady motions of a driven device and where each is reached from, in the scene's units.
+
+    Attributes
+    ----------
+    scene : Scene
+    method, engine_version : str
+    displacements, velocities : ndarray, shapes (n,), (m,)
+        Of the starts, with the transducer's state 0 and a load's stores as its netlist begins.
+    orbit : ndarray of int, shape (m, n)
+        Place in `orbits` of each start; −1: not followed.
+    orbits : list of Orbit
+        That of most starts first.
+    periods : int
+        Forcing periods followed at least.
+    seconds : float
+    """
+
+    scene: Scene
+    method: str
+    engine_version: str
+    displacements: np.ndarray
+    velocities: np.ndarray
+    orbit: np.ndarray
+    orbits: list[Orbit]
+    periods: int
+    seconds: float
+
+    def unit(self, dimension: str) -> str:
+        """Unit of a dimension in this scene."""
+        return unit_of(self.scene, dimension)
+
+    def table(self) -> tuple[list[str], list[list[str]]]:
+        """Header and rows, as text: one row for each orbit."""
+        return orbit_table(self.orbits, self.unit)
+
+    def data(self) -> tuple[list[str], list[list[Any]]]:
+        """Header and rows: each start and the orbit that it comes to."""
+        header = [
+            f"displacement [{self.unit('displacement')}]",
+            f"velocity [{self.unit('velocity')}]",
+            "orbit",
+        ]
+        names = [*(each.name for each in self.orbits), ""]
+        rows = [
+            [float(x), float(v), names[number]]
+            for v, row in zip(self.velocities, self.orbit, strict=True)
+            for x, number in zip(self.displacements, row, strict=True)
+        ]
+        return header, rows
+
+    def sentences(self) -> list[str]:
+        """What the numbers say, one line each."""
+        count = int((self.orbit >= 0).sum())
+        lines = [
+            f"{self.method}: {self.engine_version}; {count} starts with an empty transducer, each "
+            f"for {self.periods} periods of the excitation or more; {self.seconds:.2f} s",
+            *orbit_sentences(self.orbits, self.unit),
+            "a share is that of the starts on this grid: another grid has other shares",
+        ]
+        left = self.orbit.size - count
+        if left:
+            lines.append(f"{left} starts were not followed: the time budget was spent")
+        return lines
+
+    def figure(self) -> Figure | None:
+        """The basins in the plane of the starts, with the orbits' sections."""
+        from harvester.show import figures
+
+        return figures.drawn(_draw, self)
+
+    def to_xarray(self) -> Dataset:
+        """Number of the orbit over velocity and displacement."""
+        attributes = {"scene": json_text(self.scene.to_dict()), "method": self.method}
+        return xarray_or_say().Dataset(
+            {"orbit": (("velocity", "displacement"), self.orbit)},
+            {"displacement": self.displacements, "velocity": self.velocities},
+            attributes,
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON, in the scene's units."""
+        return plain(
+            {
+                "method": self.method,
+                "engine_version": self.engine_version,
+                "orbits": [orbit_dict(each) for each in self.orbits],
+                "displacements": self.displacements,
+                "velocities": self.velocities,
+                "orbit": self.orbit,
+                "periods": self.periods,
+                "seconds": self.seconds,
+                "scene": self.scene,
+            }
+        )
+
+
+def orbit_table(orbits: Sequence[Orbit], unit: Any) -> tuple[list[str], list[list[str]]]:
+    """Header and rows of the orbits, as text."""
+    header = [
+        "orbit",
+        "motion",
+        "share of starts",
+        f"mean power [{unit('power')}]",
+        f"rms voltage [{unit('voltage')}]",
+        f"rms displacement [{unit('displacement')}]",
+        "largest Lyapunov exponent [1/s]",
+    ]
+    return header, [
+        [
+            each.name,
+            each.kind,
+            f"{each.share:.4f} ± {each.share_error:.4f}",
+            f"{each.mean_power:.5g}",
+            f"{each.rms_voltage:.5g}",
+            f"{each.rms_displacement:.5g}",
+            "—"
+            if each.lyapunov is None
+            else f"{each.lyapunov.exponent:.3g} ± {each.lyapunov.standard_error:.2g}",
+        ]
+        for each in orbits
+    ]
+
+
+def orbit_sentences(orbits: Sequence[Orbit], unit: Any) -> list[str]:
+    """How many motions there are, and which gives the most power how likely."""
+    if not orbits:
+        return []
+    kinds = Counter(each.kind for each in orbits)
+    named = ", ".join(f"{count} of {kind}" if count > 1 else kind for kind, count in kinds.items())
+    lines = [f"{len(orbits)} steady motion{'s' if len(orbits) > 1 else ''}: {named}"]
+    best = max(orbits, key=lambda each: each.mean_power)
+    if not best.mean_power > 0.0:
+        return lines
+    lines.append(
+        f"most power on orbit {best.name}, {best.mean_power:.4g} {unit('power')}: "
+        f"{best.share:.1%} ± {best.share_error:.1%} of the starts come to it"
+    )
+    least = min(orbits, key=lambda each: each.mean_power)
+    if least.mean_power > 0.0 and best is not least:
+        lines[-1] += f"; {best.mean_power / least.mean_power:.3g} times that of orbit {least.name}"
+    if any(each.kind == "not settled" for each in orbits):
+        lines.append(
+            "what is not settled repeats no period and its neighbours do not part: follow it "
+            "longer with --periods"
+        )
+    return lines
+
+
+def orbit_dict(orbit: Orbit) -> dict[str, Any]:
+    """An orbit as plain values."""
+    return {"kind": orbit.kind, **{name: plain(value) for name, value in vars(orbit).items()}}
+
+
+def axes_of_starts(
+    scene: Scene,
+    displacement: Sequence[float] | None,
+    velocity: Sequence[float] | None,
+    points: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Displacements and velocities of the grid, in the scene's units.
+
+    Raises
+    ------
+    HarvesterError
+    """
+    ready = prepared(scene)
+    span = energy_range(ready)
+    default = {
+        "displacement": (span.low, span.high),
+        "velocity": (-span.speed, span.speed),
+    }
+    found = []
+    for name, given in (("displacement", displacement), ("velocity", velocity)):
+        if given is None:
+            low, high = (each * ready.scales.of(name) for each in default[name])
+            found.append(np.linspace(low, high, points))
+            continue
+        try:
+            values = np.array(listed(given, name, "[-0.01, 0.0, 0.01]"), dtype=float)
+        except (TypeError, ValueError):
+            values = np.array([np.nan])
+        if values.size < 1 or not (np.isfinite(values).all() and (np.diff(values) > 0.0).all()):
+            raise HarvesterError(f"--{name}: must be rising numbers")
+        found.append(values)
+    return found[0], found[1]
+
+
+def _draw(basins):
+    """The plane of the starts in the colours of the orbits."""
+    from matplotlib.colors import BoundaryNorm, ListedColormap
+    from matplotlib.figure import Figure
+
+    # From the eleventh on they share the last colour.
+    shown = np.minimum(basins.orbit, MOST_NAMED - 1)
+    colours = ListedColormap([NOT_FOLLOWED, *COLOURS])
+    norm = BoundaryNorm(np.arange(-1.5, MOST_NAMED), colours.N)
+    figure = Figure(figsize=(6.2, 4.2))
+    axes = figure.add_subplot()
+    axes.pcolormesh(
+        basins.displacements, basins.velocities, shown, cmap=colours, norm=norm,
+        shading="nearest", rasterized=True,
+    )  # fmt: skip
+    low_x, high_x = axes.get_xlim()
+    low_y, high_y = axes.get_ylim()
+    for number, orbit in enumerate(basins.orbits[:MOST_NAMED]):
+        label = f"{orbit.name}, {orbit.kind}: {orbit.share:.1%}, {orbit.mean_power:.3g} "
+        label += basins.unit("power")
+        size = 6.0 if orbit.period else 1.5
+        axes.plot(
+            *orbit.points.T, "o", color=COLOURS[number], markersize=size, label=label,
+            markeredgecolor="black", markeredgewidth=0.6 if orbit.period else 0.15,
+        )  # fmt: skip
+    axes.set_xlim(low_x, high_x)
+    axes.set_ylim(low_y, high_y)
+    axes.set_xlabel(f"displacement at the start [{basins.unit('displacement')}]")
+    axes.set_ylabel(f"velocity at the start [{basins.unit('velocity')}]")
+    figure.legend(loc="outside lower center", ncols=2, fontsize=6)
+    entitle(figure, f"{basins.scene.name}: basins (dots: the orbits, at the period's beginning)")
+    return figure

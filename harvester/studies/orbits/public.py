@@ -1,0 +1,274 @@
+"""The studies of coexisting motions that users call; see `harvester.studies.public`."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any, Unpack
+
+from harvester.arguments import listed
+from harvester.calling import takes_scene
+from harvester.errors import HarvesterError
+from harvester.signatures import (
+    Count,
+    Line,
+    MethodOrName,
+    RunnerOptions,
+    Share,
+    Step,
+    Values,
+)
+from harvester.simulation.methods import engine_of
+
+if TYPE_CHECKING:
+    from harvester.scene.model import Scene
+    from harvester.studies.orbits.basins import Basins
+    from harvester.studies.orbits.bifurcation import Bifurcation
+    from harvester.studies.orbits.residence import Residence
+
+# Starts a side of the grid.
+POINTS = 41
+
+
+@takes_scene
+def basins(
+    scene: Scene,
+    *,
+    displacement: Line | None = None,
+    velocity: Line | None = None,
+    points: Count = POINTS,
+    periods: Count | None = None,
+    method: MethodOrName = "monte-carlo",
+    step: Step = "default",
+    **running: Unpack[RunnerOptions],
+) -> Basins:
+    """Which steady motion a driven device comes to, over a grid of starts.
+
+    Parameters
+    ----------
+    scene : Scene, str or Path
+        Itself, its file or its built-in name; its excitation is a sine or a sum of sines.
+    displacement, velocity : sequence of float
+        Of the starts, in the scene's units: LOW:HIGH:NUMBER (default: the energies up to beyond
+        the device's largest motion).
+    points : int
+        Starts a side, of what is left to the default.
+    periods : int or None
+        Of the excitation, that each start is followed for (default: as many as the device needs to
+        forget its start, and three times as many for those without a period by then).
+    method : str or Method
+        monte-carlo (the equations themselves) or circuit (ngspice).
+    step : str or float
+        default, fine, finest, or the longest step in seconds.
+    **running
+        See `harvester.running.open_runner`.
+
+    Returns
+    -------
+    Basins
+
+    Raises
+    ------
+    HarvesterError, SimulationError
+
+    Notes
+    -----
+    Starts have the given displacement and velocity at the beginning of a period, an empty
+    transducer, and a load's stores as its netlist begins.
+    """
+    import numpy as np
+
+    from harvester.prepared.prepared import prepared
+    from harvester.running import open_runner
+    from harvester.studies.orbits import basins as work
+    from harvester.studies.orbits.following import SAMPLES, forced, orbits_of, periods_of
+
+    clock = time.perf_counter()
+    engine = engine_of(method, step=step)
+    engine.check(scene)
+    if periods is not None and periods < 2:
+        raise HarvesterError(f"--periods {periods}: must be at least 2")
+    forced_scene = forced(scene, "basins")
+    x, v = work.axes_of_starts(forced_scene, displacement, velocity, points)
+    scales = prepared(forced_scene).scales
+    starts = np.zeros((v.size, x.size, 3))
+    starts[:, :, 0], starts[:, :, 1] = x / scales.displacement, v[:, None] / scales.of("velocity")
+    with open_runner(**running) as runner:
+        version = runner.version(engine.name)
+        plan = orbits_of(forced_scene, engine, version, starts.reshape(-1, 3), periods)
+        ((orbits, which),) = runner.follow([plan])
+    return work.Basins(
+        scene=scene,
+        method=engine.name,
+        engine_version=version or "compiled equations",
+        displacements=x,
+        velocities=v,
+        orbit=which.reshape(v.size, x.size),
+        orbits=orbits,
+        periods=periods or max(periods_of(forced_scene), SAMPLES + 1),
+        seconds=time.perf_counter() - clock,
+    )
+
+
+@takes_scene
+def bifurcation(
+    scene: Scene,
+    *,
+    over: str,
+    values: Values,
+    down: bool = True,
+    periods: Count | None = None,
+    method: MethodOrName = "monte-carlo",
+    step: Step = "default",
+    **running: Unpack[RunnerOptions],
+) -> Bifurcation:
+    """Stroboscopic sections and power of a driven device over any key, up and down.
+
+    Parameters
+    ----------
+    scene : Scene, str or Path
+        Itself, its file or its built-in name; its excitation is a sine or a sum of sines.
+    over : str
+        The key, TABLE.KEY, such as excitation.amplitude.
+    values : sequence of float
+        FIRST:LAST:log:NUMBER, FIRST:LAST:linear:NUMBER, LOW:HIGH:NUMBER of either sign, or numbers
+        between commas.
+    down : bool
+        Go down as well: where the two differ, there are several motions.
+    periods : int or None
+        Of the excitation, at each value before the samples (default: as many as the device needs to
+        forget the value before).
+    method : str or Method
+        monte-carlo (the equations themselves) or circuit (ngspice).
+    step : str or float
+        default, fine, finest, or the longest step in seconds.
+    **running
+        See `harvester.running.open_runner`.
+
+    Returns
+    -------
+    Bifurcation
+
+    Raises
+    ------
+    HarvesterError
+        A mistake in the call. A simulation that fails is named among `failures`.
+
+    Notes
+    -----
+    Each value begins where the one before it ended, the first one at the scene's start.
+    """
+    import numpy as np
+
+    from harvester.running import open_runner
+    from harvester.studies.orbits import bifurcation as work
+
+    clock = time.perf_counter()
+    engine = engine_of(method, step=step)
+    engine.check(scene)
+    try:
+        rising = np.unique(np.array(listed(values, "values", "[0.1, 0.2]"), dtype=float))
+    except (TypeError, ValueError):
+        rising = np.zeros(0)
+    if rising.size < 2:
+        raise HarvesterError("--values: must be two different numbers or more")
+    scenes = work.scenes_over(scene, over, rising)
+    settling = periods or work.settling_periods(scenes)
+    directions = ("up", "down") if down else ("up",)
+    with open_runner(**running) as runner:
+        version = runner.version(engine.name)
+        found: list[Any] = runner.follow(
+            [
+                work.climbing(scene, over, rising, engine, version, settling, each)
+                for each in directions
+            ]
+        )
+    for each in found:
+        if isinstance(each, HarvesterError):
+            raise each
+    if None in found:
+        raise HarvesterError("the time budget was spent: the same command goes on where it ended")
+    branches = [branch for branch, _ in found]
+    return work.Bifurcation(
+        scene=scene,
+        key=over,
+        values=rising,
+        branches=branches,
+        jumps=[jump for each in branches for jump in work.jumps_of(rising, each)],
+        method=engine.name,
+        engine_version=version or "compiled equations",
+        periods=settling,
+        failures={place: why for _, failures in found for place, why in failures.items()},
+        seconds=time.perf_counter() - clock,
+    )
+
+
+@takes_scene
+def residence(
+    scene: Scene,
+    *,
+    over: str | None = None,
+    values: Values | None = None,
+    precision: Share | None = None,
+    method: MethodOrName = "monte-carlo",
+    step: Step = "default",
+    **running: Unpack[RunnerOptions],
+) -> Residence:
+    """Mean time for which noise leaves a device in a well, beside Kramers' formula.
+
+    Parameters
+    ----------
+    scene : Scene, str or Path
+        Itself, its file or its built-in name; with several wells and noise.
+    over : str or None
+        A key, TABLE.KEY, such as excitation.intensity.
+    values : sequence of float
+        Of that key: FIRST:LAST:log:NUMBER, FIRST:LAST:linear:NUMBER or numbers between commas.
+    precision : float or None
+        Relative standard error, for which realizations are doubled up to 64 times the scene's;
+        None: the scene's own run.
+    method : str or Method
+        monte-carlo (the equations themselves) or circuit (ngspice).
+    step : str or float
+        default, fine, finest, or the longest step in seconds.
+    **running
+        See `harvester.running.open_runner`.
+
+    Returns
+    -------
+    Residence
+
+    Raises
+    ------
+    HarvesterError
+        A mistake in the call. A simulation that fails is the outcome of its place.
+    """
+    from harvester.running import open_runner
+    from harvester.studies.orbits import residence as work
+
+    clock = time.perf_counter()
+    engine = engine_of(method, step=step)
+    engine.check(scene)
+    if (over is None) != (values is None):
+        raise HarvesterError("--over and --values: give both or neither")
+    places: list[Any] = [None]
+    if values is not None:
+        places = [float(each) for each in listed(values, "values", "[0.1, 0.2]")]
+    scenes = [scene if over is None else scene.replace({over: each}) for each in places]
+    for each in scenes:
+        work.require_wells(each)
+    with open_runner(**running) as runner:
+        version = runner.version(engine.name)
+        found: list[Any] = runner.follow(
+            [
+                work.staying(each, value, engine, version, precision)
+                for each, value in zip(scenes, places, strict=True)
+            ]
+        )
+    return work.Residence(
+        scene=scene,
+        key=over,
+        stays=[stay for stays, _ in found for stay in stays],
+        method=engine.name,
+        engine_version=next((each for _, each in found if each), ""),
+        seconds=time.perf_counter() - clock,
+    )

@@ -1,0 +1,23 @@
+"""How long a device and its load remember where they began."""
+
+from __future__ import annotations
+
+import math
+
+from harvester.device import timescales
+from harvester.prepared.prepared import Prepared
+
+
+def transient_time(ready: Prepared, share: float) -> float:
+    """Time after which a transient is down to a share of itself, scaled.
+
+    The slowest of the device's motion, its terminal's discharge and the load's own modes counts.
+    """
+    decay = ready.system.transducer.decay_rate()
+    slowest = 2.0 * timescales.relaxation_time(ready.system)
+    slowest = max(slowest, 1.0 / decay) if decay > 0.0 else slowest
+    if ready.scene.load.circuit:
+        from circuits.kernel.slow_modes import slowest_time
+
+        slowest = max(slowest, slowest_time(ready))
+    return slowest * math.log(1.0 / share)

@@ -1,0 +1,95 @@
+"""The page of the measured devices: every point, what is inferred, and the misses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from harvester.files.tables import markdown_table
+from harvester.verification.known_results.measured import DEVICES, GET_SILVERBOX, SILVERBOX
+from harvester.verification.known_results.truth import MISSES, TruthRow
+from harvester.version import __version__
+
+OPENING = (
+    "Devices that others built and measured, and what this program predicts of them. Nothing is "
+    "fitted but what is said; a point that lies beyond its limit is a miss and stays here. The "
+    "limit is how well the point was read and three times the measurement's own scatter: at one "
+    "frequency every linear device, whatever its numbers, gives a resistor R the power "
+    "R/(a + b R + c R²), and the points' deviations from the best such curve are their scatter."
+)
+DOWNLOADED = (
+    "Sets that are not ours to ship. A variable of the environment names the file; `harvester "
+    "verify` then has its row, and says *not here* without it."
+)
+
+
+def measured_page(rows: Sequence[TruthRow], date: str) -> str:
+    """Markdown of the rows of measured devices.
+
+    Parameters
+    ----------
+    rows : sequence of TruthRow
+    date : str
+    """
+    parts = [
+        "# Measured against",
+        f"Written by `harvester verify --output DIR`, harvester {__version__}, {date}.",
+        OPENING,
+    ]
+    for device in DEVICES:
+        own = [row for row in rows if row.truth.device == device.name]
+        if not own:
+            continue
+        scatters = ", ".join(
+            f"{device.own_scatter(frequency):.2%} at {frequency:g} Hz"
+            for frequency in device.series
+        )
+        said = [*device.said, f"Scatter: {scatters}.", f"Source: {device.source}."]
+        parts += [
+            f"## {device.name[0].upper()}{device.name[1:]}",
+            "\n".join(f"- {each}" for each in (*said, f"Predicted: {summary(own)}")),
+            markdown_table(_lines(own)),
+        ]
+    downloaded = [row for row in rows if row.truth.device == SILVERBOX]
+    if downloaded:
+        head = ["set", "result", "by", "published", "ours", "verdict"]
+        lines = [
+            [SILVERBOX, row.truth.title, row.method, f"{row.truth.allowance:.2%} and below",
+             "" if row.reason else f"{row.value:.2%}", row.verdict]
+            for row in downloaded
+        ]  # fmt: skip
+        parts += ["## Sets to download", DOWNLOADED, markdown_table([head, *lines])]
+        parts.append(f"- Silverbox: {GET_SILVERBOX.partition(': ')[2]}")
+    return "\n\n".join(parts) + "\n"
+
+
+def _lines(rows):
+    """The table of one device, a line for each point."""
+    methods = list(dict.fromkeys(row.method for row in rows))
+    lines = [["point", "measured, mean power [µW]", *methods, "allowed", "verdict"]]
+    for title in dict.fromkeys(row.truth.title for row in rows):
+        own = {row.method: row for row in rows if row.truth.title == title}
+        truth = next(iter(own.values())).truth
+        cells = [_found(own[method]) for method in methods if method in own]
+        verdicts = dict.fromkeys(row.verdict for row in own.values())
+        share = f"± {truth.allowance / truth.exact:.1%}"
+        point = title.partition(", ")[2]
+        lines.append([point, f"{1e6 * truth.exact:.4g}", *cells, share, ", ".join(verdicts)])
+    return lines
+
+
+def _found(row):
+    if row.reason:
+        return row.verdict
+    return f"{1e6 * row.value:.4g} ({row.value / row.truth.exact - 1.0:+.1%})"
+
+
+def summary(rows: Sequence[TruthRow]) -> str:
+    """Mean and range of the deviations of one device, and how many of its points are missed."""
+    deviations = [row.value / row.truth.exact - 1.0 for row in rows if not row.reason]
+    if not deviations:
+        return "nothing yet."
+    missed = sum(row.verdict == MISSES for row in rows)
+    return (
+        f"from {min(deviations):+.1%} to {max(deviations):+.1%}, "
+        f"{sum(deviations) / len(deviations):+.1%} in the mean; {missed} of {len(rows)} miss."
+    )

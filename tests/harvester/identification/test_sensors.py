@@ -1,0 +1,135 @@
+"""What sensors do to records, and how it is undone and found."""
+
+import math
+
+import numpy as np
+import pytest
+from measured_records import band_noise, measured, scene_of
+from scipy import signal
+
+from harvester.errors import IdentificationError, SceneError
+from harvester.identification.identify import identify
+from harvester.identification.measurement import Measurement, read_measurement
+from harvester.identification.sensors import integrals, parallel, put_right
+
+RATE, FREQUENCY = 64.0, 9.1
+TIMES = np.arange(4000) / RATE
+OMEGA = 2.0 * math.pi * FREQUENCY
+
+
+def through(base, order, corner):
+    """A sine behind a high-pass, by the filter's own response."""
+    coefficients = signal.butter(order, 2.0 * math.pi * corner, "highpass", analog=True)
+    _, response = signal.freqs(*coefficients, [OMEGA])
+    return np.imag(response[0] * np.exp(1j * (OMEGA * TIMES + base)))
+
+
+def test_integrals_of_seven_samples_a_period_are_those_of_the_sine():
+    once, twice = integrals(np.sin(OMEGA * TIMES), RATE, np.arange(TIMES.size))
+    # The record's ends are no whole periods, and what is drift is known no better.
+    inside = slice(200, -200)
+    assert once[inside] == pytest.approx(-np.cos(OMEGA * TIMES)[inside] / OMEGA, abs=4e-3 / OMEGA)
+    wanted = -np.sin(OMEGA * TIMES)[inside] / OMEGA**2
+    assert twice[inside] == pytest.approx(wanted, abs=0.02 / OMEGA**2)
+
+
+@pytest.mark.parametrize(("order", "corners"), [(1, (0.93, 0.0)), (2, (0.0, 1.4))])
+def test_what_an_ac_coupled_sensor_was_shown_comes_back(order, corners):
+    shown = through(0.3, order, sum(corners))
+    true = np.sin(OMEGA * TIMES + 0.3)
+    assert np.abs(shown - true).max() > 0.05
+    found = put_right(shown, integrals(shown, RATE, np.arange(TIMES.size)), *corners)
+    assert found[200:-200] == pytest.approx(true[200:-200], abs=1e-3)
+
+
+def test_a_probe_stands_beside_the_load():
+    assert parallel(1e6, 1e7) == pytest.approx(1.0 / (1e-6 + 1e-7))
+    assert parallel(1e6, math.inf) == 1e6
+
+
+def test_effects_given_behind_a_file_are_read_and_checked(tmp_path):
+    path = tmp_path / "a.csv"
+    columns = np.column_stack([TIMES, np.sin(OMEGA * TIMES), np.cos(OMEGA * TIMES)])
+    header = "time [s],acceleration [m/s^2],velocity"
+    np.savetxt(path, columns, delimiter=",", header=header, comments="")
+    settings = {"velocity": "velocity:V:absolute", "sensor.acceleration_highpass": 0.5}
+    read = read_measurement(path, settings)
+    assert read.velocity_is_absolute
+    assert read.velocity_in_volts
+    assert read.sensors == {"sensor.acceleration_highpass": 0.5}
+    plain = read_measurement(path, {"velocity": "velocity:mm/s"})
+    assert not plain.velocity_is_absolute
+    assert not plain.velocity_in_volts
+    for key, value, words in (
+        ("sensor.acceleration_hipass", 1.0, "did you mean sensor.acceleration_highpass"),
+        ("sensor.acceleration_highpass", -1.0, "must be a number ≥ 0"),
+        ("sensor.voltage_resistance", -1.0, "must be a number > 0"),
+        ("sensor.voltage_scale", 0.0, "other than 0"),
+    ):
+        with pytest.raises(SceneError, match=words):
+            read_measurement(path, {"velocity": "velocity:mm/s", key: value})
+
+
+MASS = 0.01
+STIFFNESS = MASS * (2.0 * math.pi * 12.0) ** 2
+PIEZO = {"piezo": {"coupling": 1e-3, "capacitance": 5e-8}}
+CORNER, SAMPLED = 1.5, 400.0
+DEVICE = scene_of(MASS, 0.03, [0.0, STIFFNESS], PIEZO, 2e5)
+
+
+def record(seed, **more):
+    """Of a linear device, on the acceleration of the base as it was."""
+    rng = np.random.default_rng(seed)
+    base = band_noise(rng, 1600, SAMPLED, 4.0, 30.0, 6.0)
+    return measured(DEVICE, base, SAMPLED, rng, **more)
+
+
+def coupled(made):
+    """The record with its acceleration behind a first-order high-pass, line by line."""
+    frequencies = np.fft.rfftfreq(made.acceleration.size, 1.0 / SAMPLED)
+    gain = 1j * frequencies / (CORNER + 1j * frequencies)
+    shown = np.fft.irfft(gain * np.fft.rfft(made.acceleration), made.acceleration.size)
+    return Measurement(shown, SAMPLED, made.voltage)
+
+
+@pytest.mark.slow
+def test_an_ac_coupled_accelerometer_is_no_model_that_predicts_until_it_is_free():
+    made = coupled(record(1))
+    alone = identify(DEVICE, made, compare=False)
+    assert alone.verdict.word == "incomplete"
+    assert "other models" not in alone.verdict.sentence
+    free = ["device", "sensor.acceleration_highpass"]
+    found = identify(DEVICE, made, free=free, compare=False)
+    assert found.verdict.word == "predicts"
+    low, high = found.intervals["sensor.acceleration_highpass"]
+    assert low < CORNER < high
+    assert found.values["piezo.coupling"] == pytest.approx(1e-3, rel=0.03)
+
+
+@pytest.mark.exhaustive
+def test_the_sensor_is_proposed_by_itself():
+    found = identify(DEVICE, coupled(record(1)))
+    assert found.verdict.word == "wrong"
+    assert found.proposed.name == "AC-coupled accelerometer"
+    assert "--free sensor.acceleration_highpass" in found.verdict.sentence
+
+
+@pytest.mark.exhaustive
+def test_a_laser_in_volts_beside_the_shaker_tells_its_own_scale():
+    rng = np.random.default_rng(4)
+    made = record(3, outputs=("voltage", "velocity"))
+    base = integrals(made.acceleration, SAMPLED, np.arange(made.acceleration.size))[0]
+    shown = 8.0 * (made.velocity + base)
+    laser = Measurement(
+        made.acceleration,
+        SAMPLED,
+        made.voltage,
+        velocity=shown + 0.01 * shown.std() * rng.standard_normal(shown.size),
+        velocity_is_absolute=True,
+        velocity_in_volts=True,
+    )
+    found = identify(DEVICE, laser, compare=False)
+    assert found.verdict.word == "predicts"
+    assert found.values["sensor.velocity_scale"] == pytest.approx(8.0, rel=0.03)
+    with pytest.raises(IdentificationError, match=r"velocity is in volts: name its scale"):
+        identify(DEVICE, laser, free=["oscillator.damping"])

@@ -1,0 +1,91 @@
+"""Waveforms in SI, against Ohm's law on a load of two resistors."""
+
+import csv
+
+import numpy as np
+import pytest
+
+from harvester.errors import HarvesterError, LoadError, NetlistError, UnknownQuantity
+from harvester.scene.model import Scene
+from harvester.simulation.simulate import simulate
+
+UPPER, LOWER, COIL = 2e5, 1e5, 1e-3
+DIVIDER = f"""
+.subckt divider p n out ref
+Rupper p mid {UPPER:g}
+Lcoil mid out {COIL:g}
+Rlower out ref {LOWER:g}
+Rwire ref n 1m
+.ends
+"""
+
+
+@pytest.fixture(scope="module")
+def divided(tmp_path_factory):
+    file = tmp_path_factory.mktemp("loads") / "divider.lib"
+    file.write_text(DIVIDER)
+    return Scene.load("device", [f'load.netlist="{file}"', "run.realizations=2", "run.duration=6"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["circuit", "monte-carlo"])
+def test_ohms_law_in_volts_and_amperes(divided, method):
+    """Closed form; the numbers of the run are those without nodes."""
+    result = simulate(divided, method=method, nodes=["MID", "I(Lcoil)"])
+    wave = result.waveform
+    assert list(wave.columns) == [
+        "displacement", "velocity", "voltage", "current", "output_voltage", "mid", "i(lcoil)",
+    ]  # fmt: skip
+    # The settled part, 50 periods of 12.1 Hz.
+    assert wave.time[0] == pytest.approx(5.0, abs=0.002)
+    assert wave.time[-1] == pytest.approx(5.0 + 50 / 12.1, abs=0.1)
+    at = 0.1 + np.arange(1.0, 4.0, 0.01) + 4.0
+    voltage = np.interp(at, wave.time, wave.voltage)
+    size = np.abs(wave.voltage).max()
+    assert size > 1.0
+    for column, truth in (
+        ("output_voltage", voltage * LOWER / (UPPER + LOWER)),
+        ("mid", voltage * LOWER / (UPPER + LOWER)),
+        ("current", voltage / (UPPER + LOWER)),
+        ("i(lcoil)", voltage / (UPPER + LOWER)),
+    ):
+        found = np.interp(at, wave.time, wave[column])
+        np.testing.assert_allclose(found, truth, atol=2e-4 * np.abs(truth).max())
+    velocity = np.gradient(wave.displacement, wave.time)[5:-5]
+    np.testing.assert_allclose(velocity, wave.velocity[5:-5], atol=0.02 * velocity.max())
+    bare = simulate(divided, method=method, window=(5.5, 5.7))
+    for name, estimate in bare.scaled_quantities.items():
+        assert estimate.estimate == pytest.approx(
+            result.scaled_quantities[name].estimate, rel=1e-13
+        )
+    assert 5.5 <= bare.waveform.time[0] < bare.waveform.time[-1] <= 5.7
+
+
+def test_files_and_tables(tmp_path):
+    scene = Scene.load("device", ["run.realizations=1", "run.duration=2", "run.settle=1"])
+    wave = simulate(scene, method="monte-carlo", window=(1.0, 1.5)).waveform
+    wave.save(tmp_path / "w.csv")
+    with open(tmp_path / "w.csv", newline="") as file:
+        header, first, *_ = csv.reader(file)
+    assert header[:4] == ["time [s]", "displacement [m]", "velocity [m/s]", "voltage [V]"]
+    assert float(first[4]) == pytest.approx(float(first[3]) / 306e3)
+    frame = wave.to_pandas()
+    assert frame.index.name == "time"
+    assert frame["voltage"].to_numpy() == pytest.approx(wave.voltage)
+    assert wave.to_xarray()["current"].attrs["unit"] == "A"
+    for ending in (".nc", ".png"):
+        wave.save(tmp_path / f"w{ending}")
+        assert (tmp_path / f"w{ending}").stat().st_size > 1000
+    with pytest.raises(HarvesterError, match=r"\.csv, \.nc"):
+        wave.save(tmp_path / "w.xls")
+    with pytest.raises(UnknownQuantity, match="did you mean voltage"):
+        wave["volt"]
+
+
+def test_refusals(divided):
+    with pytest.raises(NetlistError, match="did you mean mid"):
+        simulate(divided, nodes=["midd"])
+    with pytest.raises(LoadError, match="resistor alone"):
+        simulate("device", nodes=["p"])
+    with pytest.raises(HarvesterError, match="START < END"):
+        simulate(divided, window=(2.0, 1.0))

@@ -1,0 +1,86 @@
+"""Frequency and quality factor in place of stiffness and damping; suffixes; another kind."""
+
+import math
+
+import pytest
+
+from harvester.errors import HarvesterError, SceneError
+from harvester.excitation.sine import Sine
+from harvester.scene.described import device_line
+from harvester.scene.model import Scene
+from harvester.scene.numbers import numbers
+from harvester.signatures import grid_of, ranges_of
+
+
+def test_frequency_and_quality_factor_are_kept_and_the_others_follow():
+    """Closed forms: K = M (2πf)², C = M 2πf/Q; at a well of ±x the stiffness is −2 K1."""
+    scene = Scene.load("cantilever", ["oscillator.quality_factor=20"])
+    for mass in (14.04e-3, 0.03):
+        scene = scene.replace({"oscillator.mass": mass})
+        rate = 2.0 * math.pi * 45.7
+        assert scene.oscillator.linear_stiffness == pytest.approx(mass * rate**2, rel=1e-14)
+        assert scene.oscillator.damping == pytest.approx(mass * rate / 20.0, rel=1e-14)
+    assert scene.to_tables()["oscillator"] == {
+        "mass": 0.03, "frequency": 45.7, "quality_factor": 20.0, "cubic_stiffness": 0.0,
+        "base_factor": 1.0854,
+    }  # fmt: skip
+    assert {"oscillator.frequency", "oscillator.quality_factor"} <= {*numbers(scene)}
+    assert Scene.from_dict(scene.to_dict()) == scene
+    plain = scene.replace({"oscillator.damping": 0.3, "oscillator.linear_stiffness": 900.0})
+    assert plain.oscillator.frequency is plain.oscillator.quality_factor is None
+    bistable = Scene.load("device", ["oscillator.damping_ratio=0.01"])
+    rest = math.sqrt(2.0 * 63.451 * 0.022)
+    assert bistable.oscillator.damping == pytest.approx(2.0 * 0.01 * rest, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (["oscillator.damping=none"], "damping is missing; it takes a number ≥ 0, or give"),
+        (["oscillator={mass=1,frequency=2,linear_stiffness=3,damping=1}"], "same thing twice"),
+        (["oscillator={mass=1,frequency=2,damping=1,quality_factor=3}"], "same thing twice"),
+        (["oscillator.restoring_force=[0,0,0,5]", "oscillator.quality_factor=9"], "no stiffness"),
+        (["load.resistance=2M"], "a million to people and a thousandth to SPICE: write 2meg or 2m"),
+        (["load.resistance=2q"], "no suffix q"),
+        (["load.resistance='2'"], "must be a number > 0"),
+    ],
+)
+def test_refusals(overrides, words):
+    with pytest.raises(SceneError, match=words):
+        Scene.load("device", overrides)
+
+
+def test_scaled_scenes_have_no_hertz():
+    with pytest.raises(SceneError, match='units = "SI"'):
+        Scene.load("paper", ["oscillator.frequency=1"])
+
+
+def test_suffixes_are_exact():
+    for text, value in (
+        ("200k", 200e3), ("4.7meg", 4.7e6), ("41.26n", 41.26e-9), ("3p", 3e-12), ("5u", 5e-6),
+        ("1e2m", 0.1),
+    ):  # fmt: skip
+        assert Scene.load("device", [f"load.resistance={text}"]).load.resistance == value
+    assert grid_of("10k:1meg:log:3", "--over") == pytest.approx([1e4, 1e5, 1e6])
+    assert ranges_of(["load.resistance=10k:1meg"], "--over") == {"load.resistance": (1e4, 1e6)}
+    with pytest.raises(HarvesterError, match="write 1meg or 1m"):
+        grid_of("10k:1M:log:3", "--over")
+
+
+def test_another_kind_leaves_the_keys_of_the_former_behind():
+    scene = Scene.load("device")
+    changes = {"excitation.amplitude": 4.0, "excitation.kind": "sine", "excitation.frequency": 12.0}
+    assert scene.replace(changes).excitation == Sine(4.0, 12.0)
+    with pytest.raises(SceneError, match="amplitude is missing"):
+        scene.replace({"excitation.kind": "sine"})
+    same = scene.replace({"excitation.kind": "ornstein-uhlenbeck"})
+    assert same.excitation == scene.excitation
+
+
+def test_the_line_on_the_device():
+    """Published: 45.7 Hz, Q = 1/(2·0.027), 48.2 Hz open, matched 1/(ω Cp)."""
+    (line,) = device_line(Scene.load("cantilever"))
+    assert "45.7 Hz at rest, stiffness 1158 N/m" in line
+    assert "Q = 18.5, damping ratio 0.027, k² = 0.113, matched load about 84.4 kΩ" in line
+    assert math.sqrt(1.0 + 0.1133) * 45.7 == pytest.approx(48.22, abs=0.01)
+    assert device_line(Scene.load("paper")) == ()

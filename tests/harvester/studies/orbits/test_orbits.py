@@ -1,0 +1,242 @@
+"""Coexisting motions: against the same equations integrated by scipy, and closed forms."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import harvester
+from harvester.errors import HarvesterError
+from harvester.estimates.attractors import divergence, groups_of, repetition
+from harvester.prepared.prepared import prepared
+from harvester.prepared.starts import drawn_start, energy_range
+from harvester.scene.model import Scene
+from harvester.studies.orbits.kramers import kramers_time
+
+PERIODS = 150
+
+
+def duffing(damping, amplitude, frequency, **run):
+    """x'' + δ x' − x + x³ = F cos ωt, nothing behind the piezo."""
+    return Scene.from_tables(
+        {
+            "units": "scaled",
+            "oscillator": {
+                "damping": damping,
+                "linear_stiffness": -1.0,
+                "cubic_stiffness": 1.0,
+            },
+            "piezo": {"coupling": 0.0},
+            "load": {"kind": "resistor", "decay_rate": 1.0},
+            "excitation": {
+                "kind": "sine",
+                "amplitude": amplitude,
+                "frequency": frequency / (2.0 * math.pi),
+                "phase": math.pi / 2.0,
+            },
+            "run": {"duration": 100.0, **run},
+        },
+        name="duffing",
+    )
+
+
+def ends_by_scipy(damping, amplitude, frequency, x, v, periods):
+    """(x, v) of all starts after some periods, at tight tolerance."""
+
+    def rates(t, y):
+        x, v = y.reshape(2, -1)
+        force = amplitude * math.cos(frequency * t)
+        return np.concatenate([v, force - damping * v + x - x**3])
+
+    end = 2.0 * math.pi / frequency * periods
+    found = solve_ivp(
+        rates, (0.0, end), np.concatenate([x, v]), method="DOP853", rtol=1e-9, atol=1e-10
+    )
+    return found.y[:, -1].reshape(2, -1)
+
+
+@pytest.mark.slow
+def test_basins_of_two_wells():
+    device = (0.25, 0.2, 1.0)
+    line = np.linspace(-2.0, 2.0, 15)
+    found = harvester.basins(
+        duffing(*device), displacement=line, velocity=line, periods=PERIODS, workers=1
+    )
+    assert [each.kind for each in found.orbits] == ["period 1", "period 1"]
+    x, v = (each.ravel() for each in np.meshgrid(line, line))
+    ends, _ = ends_by_scipy(*device, x, v, 60)
+    right = found.orbits[0].points[0, 0] > 0.0
+    share = np.mean(ends > 0.0) if right else np.mean(ends < 0.0)
+    assert found.orbits[0].share == pytest.approx(share, abs=0.02)
+    # Start by start but for those next to a fractal border, where scipy's tolerance decides too.
+    assert np.mean((found.orbit.ravel() == 0) == ((ends > 0.0) == right)) > 0.93
+
+
+@pytest.mark.exhaustive
+def test_chaos_has_the_exponent_of_its_variational_equation():
+    damping, amplitude, frequency = 0.3, 0.5, 1.2
+    found = harvester.basins(
+        duffing(damping, amplitude, frequency), points=6, periods=100, workers=1
+    )
+    (orbit,) = found.orbits
+    assert orbit.kind == "chaotic"
+
+    def rates(t, y):
+        x, v, dx, dv = y
+        force = amplitude * math.cos(frequency * t)
+        return [v, force - damping * v + x - x**3, dv, (1.0 - 3.0 * x * x) * dx - damping * dv]
+
+    period, y, logs = 2.0 * math.pi / frequency, np.array([0.1, 0.0, 1.0, 0.0]), []
+    for k in range(400):
+        span = (k * period, (k + 1) * period)
+        y = solve_ivp(rates, span, y, method="DOP853", rtol=1e-8, atol=1e-9).y[:, -1]
+        size = math.hypot(*y[2:])
+        logs.append(math.log(size))
+        y[2:] /= size
+    growth = np.array(logs[50:]) / period
+    error = math.hypot(orbit.lyapunov.standard_error, growth.std() / math.sqrt(growth.size))
+    assert abs(orbit.lyapunov.exponent - growth.mean()) < 3.5 * error
+
+
+@pytest.mark.exhaustive
+def test_bifurcation_finds_the_hysteresis_of_a_hardening_spring():
+    scene = duffing(0.1, 0.1, 1.0).replace(
+        {"oscillator.linear_stiffness": 1.0, "oscillator.cubic_stiffness": 1.0}
+    )
+    values = np.linspace(0.16, 0.24, 41)
+    found = harvester.bifurcation(
+        scene, over="excitation.frequency", values=values, periods=60, workers=1
+    )
+    up, down = found.branches
+    for branch, order in ((up, values), (down, values[::-1])):
+        y = [0.0, 0.0]
+        largest = []
+        for frequency in order:
+            omega = 2.0 * math.pi * frequency
+
+            def rates(t, y, omega=omega):
+                force = 0.1 * math.cos(omega * t)
+                return [y[1], force - 0.1 * y[1] - y[0] - y[0] ** 3]
+
+            span = np.linspace(0.0, 124 / frequency, 124 * 32 + 1)
+            path = solve_ivp(rates, (0.0, span[-1]), y, t_eval=span, rtol=1e-7, atol=1e-9).y
+            y = path[:, -1]
+            largest.append(math.sqrt(np.mean(path[0, -64 * 32 :] ** 2)))
+        expected = np.array(largest if branch.direction == "up" else largest[::-1])
+        # Next to a fold a transient lasts for ever.
+        off = np.abs(branch.rms_displacement / expected - 1.0)
+        assert np.sort(off)[-3] < 0.01
+    assert {each.direction for each in found.jumps} == {"up", "down"}
+    assert np.all(up.period == 1)
+    jump = {each.direction: each.before for each in found.jumps}
+    assert jump["up"] > jump["down"]
+
+
+@pytest.mark.slow
+def test_starts_of_simulate_tell_of_both_wells():
+    scene = duffing(0.25, 0.2, 1.0, settle=160.0, starts=12)
+    found = harvester.simulate(scene, method="monte-carlo", workers=1, stroboscope=True)
+    assert scene.run.realizations == 12
+    assert [each.kind for each in found.attractors] == ["period 1", "period 1"]
+    assert sum(each.share for each in found.attractors) == pytest.approx(1.0)
+    assert found.section().shape == (12, 16, 2)
+    assert any("orbit A (period 1)" in line for line in found.sentences())
+    alone = harvester.simulate(scene.replace({"run.starts": 1}), method="monte-carlo", workers=1)
+    assert any(line.startswith("one start") for line in alone.sentences())
+    assert found.figure() is not None
+    assert len(found.to_dict()["attractors"]) == 2
+
+
+def test_starts_lie_in_the_energy_range():
+    ready = prepared(duffing(0.25, 0.2, 1.0))
+    span = energy_range(ready)
+    starts = np.array([drawn_start(ready, k)[:2] for k in range(300)])
+    energy = 0.5 * starts[:, 1] ** 2 - 0.5 * starts[:, 0] ** 2 + 0.25 * starts[:, 0] ** 4
+    assert energy.max() <= span.highest
+    assert energy.max() > 0.9 * span.highest
+    assert abs(starts[:, 0].mean()) < 0.25
+
+
+def test_refusals():
+    with pytest.raises(HarvesterError, match="needs a periodic excitation"):
+        harvester.basins("duffing")
+    with pytest.raises(HarvesterError, match="under noise"):
+        harvester.residence(duffing(0.25, 0.2, 1.0))
+    with pytest.raises(HarvesterError, match=r"run\.starts"):
+        Scene.load("duffing", ["run.starts=10"])
+    with pytest.raises(HarvesterError, match="two different numbers"):
+        harvester.bifurcation(duffing(0.25, 0.2, 1.0), over="excitation.amplitude", values=[0.1])
+
+
+def test_periods_and_cycles():
+    k = np.arange(64)
+    three = np.stack([np.cos(2.0 * np.pi * k / 3.0 + 0.3), np.sin(k * 0.0), 0.0 * k], axis=1)
+    turned = np.roll(three, 1, axis=0)
+    wild = np.random.default_rng(1).uniform(-1.0, 1.0, (64, 3)) * [1.0, 1.0, 0.0]
+    spiral = 1.0 + 2e-3 * np.exp(-0.05 * k)[:, None] * np.cos(2.0 * np.pi * k / 3.0)[:, None]
+    samples = np.stack([three, turned, wild, spiral * [1.0, 0.0, 0.0]])
+    assert repetition(samples).tolist() == [3, 3, 0, 1]
+    assert [each.members.tolist() for each in groups_of(samples)] == [[0, 1], [2], [3]]
+
+
+def test_exponent_of_a_growth_that_is_known():
+    steps = 0.7 * np.arange(40)
+    apart = 1e-9 * np.exp(0.3 * steps)
+    pairs = np.zeros((4, 2, 40, 3))
+    pairs[:, 1, :, 0] = apart
+    found = divergence(pairs, np.ones(3), 0.7)
+    assert found.exponent == pytest.approx(0.3)
+    assert found.chaotic
+
+
+def test_kramers_at_strong_damping():
+    scene = Scene.load(
+        "duffing",
+        [
+            "oscillator.damping=3.0", "oscillator.linear_stiffness=-1", "piezo.coupling=0",
+            "oscillator.cubic_stiffness=1",
+            'excitation={kind="white", intensity=0.15, knot_spacing=0.02}',
+        ],
+    )  # fmt: skip
+    time, reason = kramers_time(prepared(scene), 1.0)
+    slowing = math.sqrt(9.0 / 4.0 + 1.0) - 1.5
+    expected = 2.0 * math.pi / (math.sqrt(2.0) * slowing) * math.exp(0.25 / 0.05)
+    assert reason == ""
+    # Losing 9 temperatures of energy a round, a few in a thousand turn back over the saddle.
+    assert time == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("intensity", [0.02, 0.026, 0.034, 0.044, 0.06])
+def test_residence_against_plain_euler(intensity):
+    """Langevin's equation by a scheme of our own, counted by the wells' cores."""
+    scene = Scene.load(
+        "duffing",
+        [
+            "oscillator.damping=0.25", "oscillator.linear_stiffness=-1", "piezo.coupling=0",
+            "oscillator.cubic_stiffness=1", "run.duration=4000", "run.realizations=16",
+            f'excitation={{kind="white", intensity={intensity}, knot_spacing=0.02}}',
+        ],
+    )  # fmt: skip
+    (stay,) = harvester.residence(scene, precision=0.03).stays
+    time, error = plain_residence(intensity, 0.25)
+    assert abs(stay.time - time) < 3.0 * math.hypot(stay.standard_error, error)
+
+
+def plain_residence(intensity, damping, copies=2000, total=1000.0, step=0.01):
+    """Mean time from core to core and its error; leapfrog with a kick of noise each step."""
+    random = np.random.default_rng(7)
+    x, v = np.where(np.arange(copies) % 2, 1.0, -1.0), np.zeros(copies)
+    well, jumps = np.sign(x), 0
+    kick = math.sqrt(2.0 * intensity * step)
+    for _ in range(int(total / step)):
+        x += 0.5 * step * v
+        v += step * (x - x**3 - damping * v) + kick * random.standard_normal(copies)
+        x += 0.5 * step * v
+        energy = 0.5 * v * v - 0.5 * x * x + 0.25 * x**4
+        reached = (energy <= -0.25 + 0.0625) & (np.sign(x) != well)
+        jumps += int(reached.sum())
+        well = np.where(reached, np.sign(x), well)
+    time = copies * total / jumps
+    return time, time / math.sqrt(jumps)
