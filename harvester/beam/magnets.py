@@ -91,9 +91,9 @@ def _potential(magnets, slope, displacement, origin):
     x = np.asarray(displacement, dtype=float)
     strength = magnets.moment("tip", origin) * magnets.moment("frame", origin)
     strength *= VACUUM_PERMEABILITY / (4.0 * math.pi)
-    sign, places = -1.0, (0.0,)
-    if magnets.arrangement == "attracting":
-        sign, places = 1.0, (-magnets.spacing / 2.0, magnets.spacing / 2.0)
+    attracting = magnets.arrangement == "attracting"
+    half = magnets.spacing / 2.0
+    sign, places = (1.0, (-half, half)) if attracting else (-1.0, (0.0,))
     energy, force = np.zeros_like(x), np.zeros_like(x)
     cos, sin, d = np.cos(slope * x), np.sin(slope * x), magnets.distance
     for place in places:

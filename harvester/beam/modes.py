@@ -189,7 +189,9 @@ def _mismatch(value, pieces, tip, root_compliance):
     return first[0] * ends[1, 3] - first[1] * ends[0, 3]
 
 
-def _walk(value, pieces, tip, root_compliance) -> Iterator[tuple[Piece, np.ndarray, float]]:
+def _walk(
+    value: float, pieces: Sequence[Piece], tip: Tip, root_compliance: float
+) -> Iterator[tuple[Piece, np.ndarray, float]]:
     """Each piece with the state at its begin and its wave number."""
     ends = _ends(value, pieces, tip)
     first = ends[:, 2] + root_compliance * ends[:, 1]
@@ -214,14 +216,14 @@ def _mode(value, pieces, tip, root_compliance):
         forcing += piece.mass * half * float(weights @ w)
         state = _transfer(piece.length, piece.rigidity, wave) @ begin
         coupling += piece.moment_per_volt * (state[1] - begin[1])
-    w, slope = float(state[0]), float(state[1])
+    end, slope = float(state[0]), float(state[1])
     first = tip.mass * tip.offset
-    kinetic += tip.mass * w**2 + 2.0 * first * w * slope + tip.inertia * slope**2
-    forcing += tip.mass * w + first * slope
-    unit = math.copysign(1.0 / math.sqrt(kinetic), w)
+    kinetic += tip.mass * end**2 + 2.0 * first * end * slope + tip.inertia * slope**2
+    forcing += tip.mass * end + first * slope
+    unit = math.copysign(1.0 / math.sqrt(kinetic), end)
     return Mode(
         angular_frequency=_waves(value, pieces)[0],
-        tip=unit * w,
+        tip=unit * end,
         tip_slope=unit * slope,
         forcing=unit * forcing,
         coupling=unit * float(coupling),
