@@ -36,7 +36,7 @@ def with_drawing(tables: dict[str, Any], origin: str) -> dict[str, Any]:
         raise SceneError(f'{origin}: [beam] is a drawing in metres and needs units = "SI"')
     values = lumped(Beam(**_checked("beam", tables, origin)), origin)
     given = {name: _beside(name, tables, origin) for name in DRAWN}
-    oscillator = {
+    oscillator: dict[str, Any] = {
         "mass": values.mass, "damping": values.damping, "base_factor": values.base_factor,
     }  # fmt: skip
     if "magnets" in tables:
