@@ -119,10 +119,11 @@ class Beam:
             permittivity = clamped(self.piezo_free_permittivity, d31, modulus)
         return modulus, self.piezo_density or named.density, d31, permittivity
 
-    def material_values(self) -> dict[str, float]:
-        """What the named materials give where the table has no value of its own, by its keys."""
+    def default_values(self) -> dict[str, float]:
+        """What stands for keys that are left out: the materials' values, a patch to the end."""
         names = "modulus", "density", "piezo_modulus", "piezo_density", "piezo_d31"
-        return dict(zip(names, (*self.substrate, *self.active[:3]), strict=True))
+        values = dict(zip(names, (*self.substrate, *self.active[:3]), strict=True))
+        return {**values, "piezo_length": self.patch[1] - self.patch[0]}
 
 
 class Lumped(NamedTuple):

@@ -39,7 +39,7 @@ def numbers(scene: Scene) -> dict[str, Any]:
             _collect(found, name, tables.get(name, {}), lambda _, keys=keys: keys)
     # Every scene but a drawn one has this one, and is written without it where it is 1.
     if scene.beam:
-        for name, value in scene.beam.material_values().items():
+        for name, value in scene.beam.default_values().items():
             found.setdefault(f"beam.{name}", (value, OTHER_KEYS["beam"][name]))
     else:
         factor = scene.oscillator.base_factor, OTHER_KEYS["oscillator"]["base_factor"]

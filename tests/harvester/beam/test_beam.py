@@ -160,3 +160,18 @@ def test_a_drawn_scene_is_its_lumped_one():
     assert again.oscillator == scene.oscillator
     assert again.transducer == scene.transducer
     assert Scene.from_dict(scene.to_dict()) == scene
+
+
+def test_measured_power_of_the_bare_bimorph():
+    """Proc. IMechE I 225, 485 (2011), figure 6: µW per g², read to 2 %."""
+    beam = Beam(24.53e-3, 6.4e-3, 0.14e-3, 0.265e-3, piezo="PSI-5H4E", damping_ratio=0.0088)
+    found = lumped(beam)
+    resistances = [0.47e3, 1.2e3, 6.7e3, 9.9e3, 21.5e3, 44.9e3, 90e3, 246e3, 491e3, 995e3]
+    measured = {
+        502.5: [46.1, 101.8, 221.8, 219.0, 170.3, 108.4, 63.1, 25.56, 12.97, 6.58],
+        524.7: [2.046, 5.25, 27.9, 39.2, 76.2, 129.2, 186.0, 213.6, 176.9, 118.3],
+    }
+    for frequency, powers in measured.items():
+        for resistance, power in zip(resistances, powers, strict=True):
+            voltage = 9.80665 * abs(found.voltage_per_acceleration(frequency, resistance))
+            assert 1e6 * voltage**2 / resistance == pytest.approx(power, rel=0.04)
