@@ -73,6 +73,7 @@ if TYPE_CHECKING:
     from harvester.studies.public import sensitivity as sensitivity
     from harvester.studies.public import sweep as sweep
     from harvester.studies.public import validate as validate
+    from harvester.studies.spectrum import spectrum as spectrum
     from harvester.verification.accuracy.both import accuracy as accuracy
     from harvester.verification.accuracy.time_to_accuracy import (
         time_to_accuracy as time_to_accuracy,
@@ -98,6 +99,7 @@ _WHERE = {
     "basins": "harvester.studies.orbits.public",
     "bifurcation": "harvester.studies.orbits.public",
     "residence": "harvester.studies.orbits.public",
+    "spectrum": "harvester.studies.spectrum",
     "sweep": "harvester.studies.public",
     "open_runner": "harvester.running.opening",
     "load_study": "harvester.studies.public",

@@ -44,7 +44,7 @@ def figure(**options):
         "monte-carlo": reproduce.Effort(8, 0.05, 32),
         "circuit": reproduce.Effort(8, 0.6, 16),
     }
-    reproduce.CLOSURES = ("paper", "consistent")
+    reproduce.NOISE_CLOSURES = ("paper", "consistent")
     claims.REALIZATIONS = {"monte-carlo": 24, "circuit": 8}
     claims.METHODS = ("monte-carlo", "circuit", "paper", "consistent")
     panel = FIGURES["fig7"].panels[0]
@@ -90,7 +90,7 @@ def precision(**options):
     """A step of either engine on a linear device."""
     throughput.KNOTS, throughput.REPEATS = 200, 1
     measurement.PERIODS, measurement.BRIEF_KNOTS = 1, 400
-    timed.CLOSURES = ("paper",)
+    timed.NOISE_CLOSURES = ("paper",)
     circuit = Method("circuit", "circuit", 2, brief=True)
     measurement.METHODS = (circuit, Method("MC", "monte-carlo", 4))
     return work_precision(BRIEF, **options).to_dict()

@@ -4,16 +4,17 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from harvester.averaging.closures import CLOSURES as CLOSURES
+    from harvester.averaging.closures import NOISE_CLOSURES as NOISE_CLOSURES
     from harvester.averaging.closures import average as average
 
 # The closure that holds most widely.
 DEFAULT_CLOSURE = "fokker_planck"
-__all__ = ["CLOSURES", "DEFAULT_CLOSURE", "average"]
+__all__ = ["CLOSURES", "DEFAULT_CLOSURE", "NOISE_CLOSURES", "average"]
 
 
 def __getattr__(name: str) -> object:
     # Imported where they are used: the closures need numba, the name of the usual one does not.
-    if name in ("CLOSURES", "average"):
+    if name in ("CLOSURES", "NOISE_CLOSURES", "average"):
         from harvester.averaging import closures
 
         return getattr(closures, name)

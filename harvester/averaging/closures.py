@@ -12,6 +12,7 @@ from scipy.interpolate import CubicSpline
 from harvester.averaging import DEFAULT_CLOSURE
 from harvester.averaging.density import Density, Layer
 from harvester.averaging.orbits import edges, settled_orbits, stiffnesses
+from harvester.averaging.spectral import spectral
 from harvester.device import timescales
 from harvester.device.damper import Damper
 from harvester.device.hertz import HERTZ_EXPONENT, HertzDamp
@@ -37,12 +38,17 @@ class Closure(NamedTuple):
     ----------
     average : callable
         Of a device, a tolerance and whether the memory between wells is wanted; gives `Averages`.
+        With `of_spectrum` of the prepared scene and a tolerance.
     tolerance : float
         Largest numerical error that is an answer, as a share of it, unless another is asked for.
+    of_spectrum : bool
+        Whether it takes the prepared scene, with any spectrum of its excitation, in place of the
+        device with the noise of Eq. 6.
     """
 
     average: Callable
     tolerance: float
+    of_spectrum: bool = False
 
 
 def average(
@@ -91,6 +97,8 @@ def average(
         known = ", ".join(CLOSURES)
         raise AveragingError(f"{closure}: no such closure{nearest(closure, CLOSURES)}; use {known}")
     chosen = CLOSURES[closure]
+    if chosen.of_spectrum:
+        raise AveragingError(f"{closure}: takes a scene: harvester.average(scene, method=…)")
     return chosen.average(device, chosen.tolerance if tolerance is None else tolerance, memory)
 
 
@@ -244,5 +252,8 @@ CLOSURES: Registry[Closure] = Registry(
         "paper": Closure(partial(_over_orbits, "paper"), 1e-3),
         "consistent": Closure(partial(_over_orbits, "consistent"), 1e-3),
         "fokker_planck": Closure(fokker_planck, 1e-2),
+        "spectral": Closure(spectral, 1e-6, of_spectrum=True),
     },
 )
+# Those of the noise of Eq. 6, for devices that are not linear as well.
+NOISE_CLOSURES = tuple(name for name, each in CLOSURES.items() if not each.of_spectrum)

@@ -16,7 +16,7 @@ class Stationary(Method):
     Attributes
     ----------
     closure : str
-        fokker_planck, paper or consistent; see `harvester.average`.
+        fokker_planck, paper, consistent or spectral; see `harvester.average`.
     tolerance, fit, jump_rates
         See `harvester.average`.
     """

@@ -52,11 +52,12 @@ def average(
         Itself, its file or its built-in name.
     method : str or Stationary
         fokker_planck (the stationary density, nothing averaged), paper (Eqs. 10–37 as printed,
-        slips corrected) or consistent (the constant force of the piezo kept in the potential).
+        slips corrected), consistent (the constant force of the piezo kept in the potential) or
+        spectral (of a linear device, exact from the spectrum of its excitation alone).
         In Python also `Stationary(…)`, which holds the settings below itself.
     tolerance : float or None
         Largest numerical error that is an answer, as a share of it (default: 1e-2; paper,
-        consistent 1e-3).
+        consistent 1e-3, spectral 1e-6).
     fit : bool
         Of a recorded excitation: take the Ornstein–Uhlenbeck noise whose D and τ1 fit its
         spectrum, and say how far it is from it.
@@ -76,7 +77,6 @@ def average(
     LoadError
         The load is no resistor.
     """
-    from harvester.averaging import average as average_parameters
     from harvester.device import timescales
     from harvester.estimates.estimate import Density, root
     from harvester.estimates.joint_density import JointDensity
@@ -95,9 +95,8 @@ def average(
     noise = scene
     if fit:
         spectrum_fit, noise = _fitted(scene)
-    parameters = averaged_device(noise)
-    scales = prepared(noise).scales
-    averages = average_parameters(parameters, method, tolerance, memory=jump_rates)
+    averages = averages_of(noise, method, tolerance, memory=jump_rates)
+    parameters, scales = prepared(noise).system, prepared(noise).scales
     quantities = estimates_of(averages)
     quantities["rms_voltage"] = root(quantities["mean_square_voltage"])
     if not timescales.bistable(parameters):
@@ -147,6 +146,29 @@ def _closure_alone(method: Method) -> Stationary:
     return method
 
 
+def averages_of(
+    scene: Scene, closure: str, tolerance: float | None = None, memory: bool = False
+) -> Averages:
+    """What a closure gives of a scene, scaled; see `harvester.averaging.average`.
+
+    Raises
+    ------
+    LoadError, AveragingError
+    """
+    from harvester.averaging import CLOSURES
+    from harvester.averaging import average as average_parameters
+    from harvester.prepared.prepared import prepared
+    from harvester.scene.units import require_resistor
+
+    chosen = CLOSURES.get(closure)
+    if chosen is None or not chosen.of_spectrum:
+        return average_parameters(averaged_device(scene), closure, tolerance, memory)
+    require_resistor(scene, closure)
+    _refuse_range(scene)
+    found: Averages = chosen.average(prepared(scene), tolerance or chosen.tolerance)
+    return found
+
+
 def averaged_device(scene: Scene) -> System:
     """A scene's device and noise in scaled form.
 
@@ -168,12 +190,17 @@ def averaged_device(scene: Scene) -> System:
     refusal = scene.excitation.averaging_refusal()
     if refusal:
         raise AveragingError(f'excitation.kind = "{scene.excitation.kind}": {refusal}')
+    _refuse_range(scene)
+    return prepared(scene).system
+
+
+def _refuse_range(scene):
+    """Refuse a spring that does not hold everywhere."""
     if scene.oscillator.restoring_force_range is not None:
         raise AveragingError(
             "oscillator.restoring_force_range: a stationary density reaches beyond any range; take "
             "a spring that holds everywhere, or simulate"
         )
-    return prepared(scene).system
 
 
 def estimates_of(averages: Averages) -> dict[str, Estimate]:

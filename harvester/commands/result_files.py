@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 # Endings of the files that a result may have in its folder.
 RESULT_FILES = (".json", "-densities.csv", ".png", "-joint.png", ".csv", ".nc", ".md")
-TEXT_FILES = (".toml", "-proposed.toml", "-measured.md", ".html")
+TEXT_FILES = (".toml", "-proposed.toml", "-measured.md", ".html", "-profile.csv")
 
 
 def result_files(name: str) -> list[str]:

@@ -40,6 +40,12 @@ COMMANDS = (
         "frequency-response device --amplitude 4 --frequencies 5:30:linear:51 --down",
         title="frequency response",
     ),
+    Study(
+        "spectrum",
+        "spectrum truck.csv --unit g --device device --breakpoints 12 --output truck",
+        title=lambda found: f"spectrum of {found.name}",
+        stem="spectrum",
+    ),
     Command(verification.accuracy, "accuracy paper --output results"),
     Study(
         verification.work_precision,

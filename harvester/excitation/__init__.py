@@ -14,7 +14,9 @@ from harvester.excitation.ornstein_uhlenbeck import (
 from harvester.excitation.prescribed import PrescribedDisplacement
 from harvester.excitation.recorded import RecordedMotion
 from harvester.excitation.sine import Sine
+from harvester.excitation.spectrum import Spectrum
 from harvester.excitation.sum import Sum
+from harvester.excitation.swept_sine import SweptSine
 from harvester.excitation.white import White
 from harvester.registry import Registry
 
@@ -26,7 +28,9 @@ KINDS: Registry[type[Excitation]] = Registry(
         "record": RecordedMotion,
         "sine": Sine,
         "white": White,
+        "spectrum": Spectrum,
         "sum": Sum,
+        "swept-sine": SweptSine,
         "prescribed_displacement": PrescribedDisplacement,
     },
 )
@@ -39,7 +43,9 @@ __all__ = [
     "PrescribedDisplacement",
     "RecordedMotion",
     "Sine",
+    "Spectrum",
     "Sum",
+    "SweptSine",
     "White",
     "build",
     "interpolation_loss",

@@ -80,6 +80,11 @@ class Excitation(ABC):
         return True
 
     @property
+    def endless(self) -> bool:
+        """Whether there are as many independent paths as one likes."""
+        return False
+
+    @property
     def lines(self) -> tuple[tuple[float, float], ...]:
         """Frequency (Hz) and amplitude of each sine in it, at the same time or one after another.
 
@@ -107,6 +112,26 @@ class Excitation(ABC):
     def kept_samples(self) -> int:
         """Samples that a path holds in memory all along."""
         return 0
+
+    @property
+    def corners(self) -> tuple[float, ...]:
+        """Frequencies at which `density` bends or jumps (Hz)."""
+        return ()
+
+    def density(self, frequencies: np.ndarray) -> np.ndarray | None:
+        """One-sided density of the base's acceleration, without `lines`; None where no one knows.
+
+        Parameters
+        ----------
+        frequencies : ndarray of any shape
+            Hz.
+
+        Returns
+        -------
+        ndarray or None
+            In (m/s²)²/Hz, or that of η in a scaled scene.
+        """
+        return None
 
     @property
     def highest_frequency(self) -> float:

@@ -42,6 +42,10 @@ class OrnsteinUhlenbeck(Excitation):
         "knot_spacing": positive(),
     }
 
+    @property
+    def endless(self) -> bool:
+        return True
+
     def spacing(self, longest: float) -> float:
         if self.knot_spacing is None:
             return min(self.correlation_time / KNOTS_PER_CORRELATION_TIME, longest)
@@ -56,6 +60,11 @@ class OrnsteinUhlenbeck(Excitation):
 
     def equivalent_noise(self, relaxation_time: float, longest: float) -> tuple[float, float]:
         return self.intensity, self.correlation_time
+
+    def density(self, frequencies: np.ndarray) -> np.ndarray:
+        """4 D/(1 + ω²τ1²), Eq. 6 one-sided in f."""
+        omega = 2.0 * math.pi * frequencies
+        return 4.0 * self.intensity / (1.0 + (omega * self.correlation_time) ** 2)
 
     def path(self, spacing: float, length: float, seed: SeedSequence) -> ExcitationPath:
         return NoisePath(self.intensity / length**2, self.correlation_time, spacing, seed)

@@ -87,6 +87,10 @@ class Sine(Excitation):
             1.0 / (2.0 * math.pi * self.frequency),
         )
 
+    def density(self, frequencies: np.ndarray) -> np.ndarray:
+        """0: all that there is are its `lines`."""
+        return np.zeros(np.shape(frequencies))
+
     def path(self, spacing: float, length: float, seed: Any) -> ExcitationPath:
         return SinePath(self.amplitude / length, (self.frequency,), math.inf, spacing, self.phase)
 

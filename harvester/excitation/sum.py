@@ -70,6 +70,10 @@ class Sum(Excitation):
         return any(part.random for part in self.parts)
 
     @property
+    def endless(self) -> bool:
+        return self.random and all(part.endless or not part.random for part in self.parts)
+
+    @property
     def lines(self) -> tuple[tuple[float, float], ...]:
         return tuple(line for part in self.parts for line in part.lines)
 
@@ -78,6 +82,15 @@ class Sum(Excitation):
         """The parts' common one, where their ratios are those of small whole numbers."""
         periods = [part.period for part in self.parts]
         return None if None in periods else common_period(periods)
+
+    @property
+    def corners(self) -> tuple[float, ...]:
+        return tuple(corner for part in self.parts for corner in part.corners)
+
+    def density(self, frequencies: np.ndarray) -> np.ndarray | None:
+        """The sum of the parts' densities, which are independent."""
+        each = [part.density(frequencies) for part in self.parts]
+        return None if any(part is None for part in each) else np.sum(each, axis=0)
 
     @property
     def drifts(self) -> bool:

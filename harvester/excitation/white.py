@@ -37,6 +37,10 @@ class White(Excitation):
 
     KEYS: ClassVar[dict] = {"intensity": positive(required=True), "knot_spacing": positive()}
 
+    @property
+    def endless(self) -> bool:
+        return True
+
     def spacing(self, longest: float) -> float:
         if self.knot_spacing is not None:
             return self.knot_spacing
@@ -50,6 +54,10 @@ class White(Excitation):
     def equivalent_noise(self, relaxation_time: float, longest: float) -> tuple[float, float]:
         # 1/(1 + ω²τ1²) and sinc⁴(ω spacing/2) agree to second order for this τ1.
         return self.intensity, self.spacing(longest) / math.sqrt(6.0)
+
+    def density(self, frequencies: np.ndarray) -> np.ndarray:
+        """4 D at all frequencies, without the knots' own limit."""
+        return np.full(np.shape(frequencies), 4.0 * self.intensity)
 
     def path(self, spacing: float, length: float, seed: SeedSequence) -> ExcitationPath:
         return WhitePath(self.intensity / length**2, spacing, seed)

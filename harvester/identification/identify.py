@@ -60,7 +60,7 @@ def identify(
         sampling_rate=HZ, or what differs from the scene (load.resistance=1e5), see
         `harvester.read_measurement`; several may be given.
     impedance : MeasuredImpedance, file or (file, settings), optional
-        Of the piezo, its base clamped, from an impedance analyser: CSV of |Z| and phase or of
+        Of the piezo, its base clamped, from an impedance analyser: CSV of magnitude and phase or of
         resistance and reactance, or .s1p (needs scikit-rf: pip install 'harvester[analyser]'), with
         the settings frequency=COLUMN:UNIT, impedance=COLUMN:UNIT, phase=COLUMN:UNIT, …; alone it
         tells stiffness, damping, coupling and capacitance for the scene's mass, beside records the

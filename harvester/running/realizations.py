@@ -83,16 +83,15 @@ def averages(
         `quantities`, scaled; `density` of the displacement, or None; `seconds` of one core.
     """
     # Not with this module: a process that simulates starts in half the time without it.
-    from harvester.averaging import average as average_parameters
-    from harvester.averaging.of_scene import average, averaged_device, estimates_of
+    from harvester.averaging.of_scene import average, averages_of, estimates_of
 
     clock = time.process_time()
     if density:
         result = average(scene, method=closure, tolerance=tolerance)
-        quantities, shape = result.scaled_quantities, result.densities["displacement"]
+        quantities, shape = result.scaled_quantities, result.densities.get("displacement")
     else:
         # A table of the density takes as long as all means.
-        found = average_parameters(averaged_device(scene), closure, tolerance)
+        found = averages_of(scene, closure, tolerance)
         quantities, shape = estimates_of(found), None
     seconds = time.process_time() - clock
     return {"quantities": quantities, "density": shape, "seconds": seconds}

@@ -26,7 +26,7 @@ from harvester.simulation.outcome import (
     is_symmetric,
     notes_on_excitation,
 )
-from harvester.simulation.simulate import require_noise
+from harvester.simulation.simulate import require_paths
 
 Found = TypeVar("Found")
 
@@ -85,7 +85,7 @@ class Request:
         if self.precision is not None and not 0.0 < self.precision < 1.0:
             raise HarvesterError(f"precision {self.precision}: must be a number in (0, 1)")
         if self.precision and not self.is_averaged:
-            require_noise(self.scene, "a precision")
+            require_paths(self.scene, "a precision")
 
     @property
     def is_averaged(self) -> bool:

@@ -1,4 +1,4 @@
-"""A table of force over displacement from a text file: the scene holds its points, not the file."""
+"""Tables of points from text files (force, spectrum): the scene holds the points, not the file."""
 
 from __future__ import annotations
 
@@ -14,28 +14,45 @@ LARGEST_FILE = 1_000_000
 SEPARATORS = re.compile(r"\s*[,;\t]\s*|\s+")
 
 
-def with_force_table(tables: dict[str, Any], origin: str) -> dict[str, Any]:
-    """A scene's tables with the points of the file that `oscillator.force_table` names.
+def with_points(tables: dict[str, Any], origin: str) -> dict[str, Any]:
+    """A scene's tables with the points of the files that its keys of points name.
+
+    `oscillator.force_table`, and `breakpoints` of an excitation or of a part of one.
 
     Raises
     ------
     SceneError
         The file cannot be read, or a line of it holds no two numbers.
     """
-    oscillator = tables.get("oscillator")
-    file = oscillator.get("force_table") if isinstance(oscillator, dict) else None
-    if not isinstance(oscillator, dict) or not isinstance(file, str):
-        return tables
-    try:
-        points = _points(file)
-    except SceneError as fault:
-        raise SceneError(f"{origin}: oscillator.force_table: {fault}") from None
-    return {**tables, "oscillator": {**oscillator, "force_table": points}}
+    tables = dict(tables)
+    for table, key, what in (
+        ("oscillator", "force_table", ("table of force", "a displacement and a force")),
+        ("excitation", "breakpoints", ("spectrum", "a frequency (Hz) and a density")),
+    ):
+        if isinstance(tables.get(table), dict):
+            tables[table] = _read(tables[table], key, what, f"{origin}: {table}")
+    return tables
 
 
-def _points(file):
+def _read(table, key, what, where):
+    """One table, and the parts that it may have, with points for the name of a file."""
+    table = dict(table)
+    if isinstance(table.get(key), str):
+        try:
+            table[key] = _points(table[key], *what)
+        except SceneError as fault:
+            raise SceneError(f"{where}.{key}: {fault}") from None
+    if isinstance(table.get("parts"), list):
+        table["parts"] = [
+            _read(part, key, what, f"{where}.parts[{place}]") if isinstance(part, dict) else part
+            for place, part in enumerate(table["parts"])
+        ]
+    return table
+
+
+def _points(file, kind, pair):
     """Pairs of numbers, one a line; a heading before them and comments are passed over."""
-    text = read_input(file, "table of force", LARGEST_FILE).decode("utf-8-sig", "replace")
+    text = read_input(file, kind, LARGEST_FILE).decode("utf-8-sig", "replace")
     points: list[list[float]] = []
     headings = 0
     for number, line in enumerate(text.splitlines(), start=1):
@@ -53,7 +70,6 @@ def _points(file):
             headings = 1
         else:
             raise SceneError(
-                f"{named(file)}, line {number}: {shown(line)}: must be a displacement and a force, "
-                "such as 0.001, 0.25"
+                f"{named(file)}, line {number}: {shown(line)}: must be {pair}, such as 0.001, 0.25"
             )
     return points

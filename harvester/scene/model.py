@@ -23,7 +23,7 @@ from harvester.excitation.run import Run
 from harvester.files import plain_text
 from harvester.files.plain_text import named, shown
 from harvester.scene.drawn import DRAWN, with_drawing
-from harvester.scene.force_file import with_force_table
+from harvester.scene.force_file import with_points
 from harvester.scene.named_values import NamedValues
 from harvester.scene.overrides import put
 from harvester.scene.schema import check_tables
@@ -248,7 +248,7 @@ class Scene:
         A load's netlist is looked for in `folder`, then in the current one, and read here: the
         scene holds its content.
         """
-        tables = {"run": {}, **with_force_table(plain_tables(tables, origin), origin)}
+        tables = {"run": {}, **with_points(plain_tables(tables, origin), origin)}
         tables = with_drawing(tables, origin)
         checked = check_tables(tables, origin, {"excitation": KINDS})
         if "netlist" in checked["load"]:

@@ -52,7 +52,7 @@ def _locate_files(table, folder):
     """Make the files that a scene names relative to its own folder; faults are left alone."""
     if not isinstance(table, dict):
         return
-    for key in ("file", "force_table"):
+    for key in ("file", "force_table", "breakpoints"):
         if isinstance(table.get(key), str):
             table[key] = str(folder / table[key])
     parts = table.get("parts")

@@ -9,6 +9,7 @@ LINES = {
     "paper": ("0.55", "--"),
     "consistent": ("#009E73", "-"),
     "fokker_planck": ("#A50026", ":"),
+    "spectral": ("#332288", "-."),
 }
 CLOSURE_MARKERS = dict(zip(LINES, "*Xhp", strict=False))
 # Of the families in `harvester.verification.accuracy.methods`: colour and marker.

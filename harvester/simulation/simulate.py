@@ -154,6 +154,21 @@ def _averaged(scene: Scene, method: Stationary) -> Result:
     return average(scene, method=method)
 
 
+def require_paths(scene: Scene, command: str) -> None:
+    """Refuse excitations without as many independent paths as a command may ask for.
+
+    Raises
+    ------
+    HarvesterError
+    """
+    if not scene.excitation.endless:
+        raise HarvesterError(
+            f'{scene.name}: excitation.kind = "{scene.excitation.kind}": {command} needs as many '
+            'independent paths as it likes: set excitation.kind = "spectrum" (harvester spectrum '
+            'makes one of a record) or "ornstein-uhlenbeck"'
+        )
+
+
 def require_noise(scene: Scene, command: str) -> None:
     """Refuse kinds of excitation that a command cannot vary or repeat.
 

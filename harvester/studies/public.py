@@ -37,7 +37,7 @@ from harvester.signatures import (
 from harvester.simulation.methods import Engine, engine_of, method_of
 from harvester.simulation.simulate import (
     TIME_LIMIT,
-    require_noise,
+    require_paths,
     simulate,
 )
 
@@ -382,7 +382,7 @@ def load_study(
     chosen, judge = work.chosen(method, step)
     statistical = isinstance(chosen, Engine)
     if precision and statistical:
-        require_noise(scene, "a study with a precision")
+        require_paths(scene, "a study with a precision")
         scene = work.cut(scene)
         if running.get("time_budget") is None:
             running["time_budget"] = TIME_BUDGET

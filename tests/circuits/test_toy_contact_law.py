@@ -8,7 +8,7 @@ from spring_dashpot import DASHPOT, spring_dashpot
 
 from circuits.assembly import assemble
 from circuits.verilog import module
-from harvester.averaging import CLOSURES
+from harvester.averaging import NOISE_CLOSURES
 from harvester.averaging.of_scene import average
 from harvester.device import system
 from harvester.device.contact import LAWS
@@ -75,7 +75,7 @@ def test_netlist_and_verilog_hold_its_formula(scene):
     assert system.potential(s, 0.5) == pytest.approx(0.5**2 + 0.5 * 60.0 * 0.2**2)
 
 
-@pytest.mark.parametrize("closure", CLOSURES)
+@pytest.mark.parametrize("closure", NOISE_CLOSURES)
 def test_averaging_refuses_it_by_name(scene, closure):
     with pytest.raises(AveragingError, match="simulate"):
         average(scene, method=closure)

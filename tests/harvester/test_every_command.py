@@ -70,7 +70,7 @@ def briefly():
         patch.setattr(measurement, "TIMED_METHODS", FEW_METHODS)
         patch.setattr(measurement, "TIMED_LOAD_METHODS", FEW_LOAD_METHODS)
         patch.setattr(measurement, "MOST_REALIZATIONS", 1)
-        patch.setattr(timed, "CLOSURES", ("consistent",))
+        patch.setattr(timed, "NOISE_CLOSURES", ("consistent",))
         patch.setattr("harvester.verification.stability.cases.STEP_BUDGET", 4000)
         patch.setattr("harvester.verification.stability.path_deviation.PATH_STEPS", 2000)
         patch.setattr(measurement, "METHODS", FEW_METHODS)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any
 
-from harvester.averaging import CLOSURES
+from harvester.averaging import NOISE_CLOSURES
 from harvester.errors import HarvesterError
 from harvester.estimates.estimate import Estimate
 from harvester.estimates.means import estimate_all
@@ -121,9 +121,10 @@ def closures(scene: Scene, runner: Runner) -> tuple[dict[str, dict], dict[str, s
     An answer holds `quantities`, scaled, and the `seconds` of one core.
     """
     tasks = [
-        Task(averages_once_more, {"scene": scene, "closure": each}, label=each) for each in CLOSURES
+        Task(averages_once_more, {"scene": scene, "closure": each}, label=each)
+        for each in NOISE_CLOSURES
     ]
-    outcomes = dict(zip(CLOSURES, runner.run(tasks), strict=True))
+    outcomes = dict(zip(NOISE_CLOSURES, runner.run(tasks), strict=True))
     found = {name: each for name, each in outcomes.items() if isinstance(each, dict)}
     refused = {name: str(e) for name, e in outcomes.items() if isinstance(e, HarvesterError)}
     return found, refused

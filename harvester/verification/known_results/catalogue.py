@@ -23,6 +23,7 @@ TWO_DIGITS = 0.02
 KRAMERS = 0.15
 BARRIER = 5.0
 CIRCUIT, MONTE_CARLO, SOLVER = "circuit", "monte-carlo", "fokker_planck"
+SPECTRAL = "spectral"
 ENGINES = (CIRCUIT, MONTE_CARLO)
 # Knots of scaled scenes so close that the noise is white for every motion.
 WHITE = {"kind": "white", "knot_spacing": 0.05}
@@ -63,6 +64,7 @@ def catalogue() -> list[Truth]:
     return [
         *_linear_piezo(),
         *_linear_coil(),
+        _spectrum(),
         *_gibbs(),
         _kramers(),
         *_mass_law(),
@@ -124,6 +126,19 @@ def _linear_coil():
         source = "mass law: E[eta x'] = D whatever the spring"
         asked, share = _by(scene, *ENGINES, SOLVER), _white_loss(scene) + STEPS
         yield _within(share, title, source, exact, asked, "mean_power", "W")
+
+
+def _spectrum():
+    points = ((0.1, 0.02), (0.25, 0.02), (0.3, 0.1), (1.0, 0.004))
+    excitation = {"kind": "spectrum", "unit": "scaled", "breakpoints": points}
+    changes = {"load.decay_rate": 2.0, "excitation": excitation, "run.duration": 1000.0}
+    scene = Scene.load("linear").replace(changes)
+    system = prepared(scene).system
+    exact = formulas.power_of_spectrum(
+        system.damper.damping, 4.0, system.transducer.coupling, 2.0, points
+    )
+    title, source = "power of a linear piezo harvester by breakpoints", "integral of |H|^2 G"
+    return _within(STEPS, title, source, exact, _by(scene, *ENGINES, SPECTRAL), "mean_power")
 
 
 def _white_loss(scene):

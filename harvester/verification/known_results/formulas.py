@@ -15,6 +15,31 @@ from scipy.optimize import brentq, minimize
 QUADRATURE_POINTS = 20_001
 
 
+def power_of_spectrum(
+    damping: float,
+    stiffness: float,
+    coupling: float,
+    decay_rate: float,
+    points: tuple[tuple[float, float], ...],
+) -> float:
+    """E[P] of a linear piezoelectric harvester under a one-sided density, scaled: β λ ∫|H|² G df.
+
+    Parameters
+    ----------
+    damping, stiffness, coupling, decay_rate : float
+        c, k, β and λ of Eq. 4.
+    points : tuple of (float, float)
+        Frequency (Hz) and density, straight between them on log–log axes.
+    """
+    places, density = np.log(np.array(points)).T
+    frequencies = np.exp(np.linspace(places[0], places[-1], 2 * QUADRATURE_POINTS))
+    s = 2j * np.pi * frequencies
+    voltage = s / (s + decay_rate)
+    gain = np.abs(voltage / (s**2 + damping * s + stiffness + coupling * voltage)) ** 2
+    values = gain * np.exp(np.interp(np.log(frequencies), places, density))
+    return coupling * decay_rate * float(np.trapezoid(values, frequencies))
+
+
 def linear_piezo_power(
     damping: float,
     stiffness: float,

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Unpack
 
-from harvester.averaging import CLOSURES
+from harvester.averaging import NOISE_CLOSURES
 from harvester.calling import takes_scene
 from harvester.files.serialising import fields_of, key, plain
 from harvester.files.tables import markdown_table
@@ -24,7 +24,7 @@ UNDECIDED, UNTESTED = "not significant", "not tested"
 # Realizations of each scene: of one number, for their batches are paired.
 REALIZATIONS = {"monte-carlo": 48, "circuit": 16}
 THOROUGH = {"monte-carlo": 640, "circuit": 104}
-METHODS = ("monte-carlo", "circuit", *CLOSURES)
+METHODS = ("monte-carlo", "circuit", *NOISE_CLOSURES)
 # A finding of so many standard errors is of an effect without chance, and no number to tell.
 WITHOUT_CHANCE = 1e3
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harvester.averaging import CLOSURES
+from harvester.averaging import NOISE_CLOSURES
 from harvester.results.drawing import WORTH_DRAWING
 from harvester.show.figures import drawn
 from harvester.verification.paper.figures_list import KEY_SYMBOLS
@@ -66,7 +66,7 @@ def _figure(content, title, width, height):
 
 
 def _style(closure):
-    return STYLES[(len(CLOSURES) - 1 - list(CLOSURES).index(closure)) % len(STYLES)]
+    return STYLES[(len(NOISE_CLOSURES) - 1 - list(NOISE_CLOSURES).index(closure)) % len(STYLES)]
 
 
 def _draw_sweeps(content):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeGuard, Unpack
 import numpy as np
 
 from harvester.arguments import listed
-from harvester.averaging import CLOSURES
+from harvester.averaging import NOISE_CLOSURES
 from harvester.calling import takes_scene
 from harvester.errors import HarvesterError, SimulationError
 from harvester.files.serialising import plain
@@ -275,7 +275,7 @@ def _plan(scene, figure, quick, precision=None):
 def _density_values(panel, place, curve, quick):
     """By method, the one value of a curve."""
     # The circuit takes a hundred times as long: one curve of each panel.
-    methods = [*CLOSURES, "monte-carlo"] + ["circuit"] * (place == 0)
+    methods = [*NOISE_CLOSURES, "monte-carlo"] + ["circuit"] * (place == 0)
     value = dict(curve.changes)[panel.swept]
     return {method: [value] for method in methods}
 
@@ -284,7 +284,7 @@ def _sweep_values(panel, place, curve, quick):
     """By method, the values along a curve: the circuit's is the middle one."""
     fine, coarse = panel.values(quick)
     circuit = [coarse[len(coarse) // 2]] if place == 0 or not quick else []
-    return {**dict.fromkeys(CLOSURES, fine), "monte-carlo": coarse, "circuit": circuit}
+    return {**dict.fromkeys(NOISE_CLOSURES, fine), "monte-carlo": coarse, "circuit": circuit}
 
 
 def _requests(plan):

@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from harvester.averaging import CLOSURES, average
+from harvester.averaging import NOISE_CLOSURES, average
 from harvester.averaging.of_scene import averaged_device, estimates_of
 from harvester.estimates.balance import energy_balance_residual
 from harvester.estimates.means import estimate_all
@@ -23,7 +23,7 @@ from harvester.verification.paths import ignore
 from harvester.verification.stability.cases import SETTLED_TIMES, STEP_BUDGET, slowest_time
 from harvester.verification.stability.path_deviation import PathDeviation, path_deviation
 
-METHODS = (*ENGINES, *CLOSURES)
+METHODS = (*ENGINES, *NOISE_CLOSURES)
 # A run's means count if it lets pass at least this share of `SETTLED_TIMES` slow times first.
 LEAST_SETTLED_SHARE = 0.5
 # Steps of the trial run that tells how many there are in a second.

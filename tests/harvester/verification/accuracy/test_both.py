@@ -20,7 +20,7 @@ FEW = (
 
 @pytest.fixture
 def briefly(monkeypatch):
-    monkeypatch.setattr(timed, "CLOSURES", ("consistent",))
+    monkeypatch.setattr(timed, "NOISE_CLOSURES", ("consistent",))
     monkeypatch.setattr(measurement, "PATHS", 1)
     monkeypatch.setattr(measurement, "PERIODS", 1)
 

@@ -106,7 +106,7 @@ def briefly(monkeypatch):
     monkeypatch.setattr("harvester.verification.accuracy.methods.COMPILED_METHODS", ())
     compiled = Method("Monte Carlo, TR-BDF2", "monte-carlo", 2)
     monkeypatch.setattr(module, "TIMED_LOAD_METHODS", (FEW[0], compiled))
-    monkeypatch.setattr(timed, "CLOSURES", ("consistent",))
+    monkeypatch.setattr(timed, "NOISE_CLOSURES", ("consistent",))
     monkeypatch.setattr(module, "MOST_REALIZATIONS", 32)
 
 

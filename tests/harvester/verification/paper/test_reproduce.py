@@ -8,7 +8,7 @@ import pytest
 from matplotlib import style
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from harvester.averaging import CLOSURES
+from harvester.averaging import NOISE_CLOSURES
 from harvester.command_line import main
 from harvester.errors import AveragingError, SimulationError
 from harvester.estimates.estimate import Density, Estimate
@@ -45,7 +45,7 @@ def test_a_figure_holds_every_method_and_lists_what_was_refused(tiny, pool, tmp_
     contents = reproduce(SCENE, ["fig5", "fig8"], quick=True, executor=pool)
     density, sweep = contents
     (line,) = sweep.lines[0]
-    assert list(line) == [*CLOSURES, "monte-carlo", "circuit"]
+    assert list(line) == [*NOISE_CLOSURES, "monte-carlo", "circuit"]
     assert [value for value, _ in line["monte-carlo"]] == [0.3, 4.5]
     # β = 4.5 ≥ ω0² leaves no double well to the first two closures.
     assert {(m, where) for m, where, _ in sweep.refused} >= {
@@ -122,9 +122,9 @@ def test_a_refused_point_is_a_gap_in_its_line_and_named():
     with style.context(figures.STYLE):
         axes = drawing.draw(content).axes[0]
     lines = [line for line in axes.lines if len(line.get_xdata()) == 5]
-    assert len(lines) == 2 * len(CLOSURES)
+    assert len(lines) == 2 * len(NOISE_CLOSURES)
     gaps = [np.flatnonzero(np.isnan(line.get_ydata())).tolist() for line in lines]
-    assert gaps == [[2] if method == "consistent" else [] for method in 2 * (*CLOSURES,)]
+    assert gaps == [[2] if method == "consistent" else [] for method in 2 * (*NOISE_CLOSURES,)]
     where = "τ1 = 0.4, D = 0.065"
     assert ("consistent", where, "does not hold here") in content.refused
     assert f"fig7: refused by consistent at {where}: does not hold here" in content.sentences()
@@ -177,7 +177,11 @@ def test_an_interrupt_leaves_the_figures_that_were_done(tiny, tmp_path, capsys, 
     written = {"fig2.png", "fig2.json", "fig5.png", "fig5.json"}
     assert {path.name for path in tmp_path.glob("[!.]*")} == {*written, "fig5.csv", "points"}
     told = json.loads((tmp_path / "fig5.json").read_text())
-    assert set(told["panels"][0]["curves"][0]["methods"]) == {*CLOSURES, "monte-carlo", "circuit"}
+    assert set(told["panels"][0]["curves"][0]["methods"]) == {
+        *NOISE_CLOSURES,
+        "monte-carlo",
+        "circuit",
+    }
     shown = capsys.readouterr()
     assert f"interrupted; finished figures are in {tmp_path}: fig2, fig5" in shown.err
     assert "the paper's fig5" in shown.out

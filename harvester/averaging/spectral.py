@@ -1,0 +1,201 @@
+"""Stationary means of a linear device from the spectrum of its excitation alone: ∫ |H|² G df."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from harvester.device.damper import Damper
+from harvester.errors import AveragingError
+from harvester.stationary.averages import Averages
+
+if TYPE_CHECKING:
+    from harvester.device.system import System
+    from harvester.excitation.base import Excitation
+    from harvester.prepared.prepared import Prepared
+
+# Nodes of Gauss and Legendre on each piece, and those whose result tells the error.
+NODES, COARSE_NODES = 20, 12
+# Pieces begin at this share of the lowest scale of frequency and end at this multiple of the
+# highest: of E[X'²] under white noise a part in 10^10 lies beyond.
+LOWEST, HIGHEST = 2.0**-10, 2.0**34
+# No mean is claimed to be better known than to this share of it.
+LEAST_ERROR = 1e-8
+# A Gaussian density is tabulated as far as this many deviations, at so many places.
+DEVIATIONS, PLACES = 6.0, 241
+
+
+def spectral(ready: Prepared, tolerance: float) -> Averages:
+    """Means of a linear device with a resistor, exact for any excitation whose density is known.
+
+    Parameters
+    ----------
+    ready : Prepared
+    tolerance : float
+        Largest numerical error that is an answer, as a share of it.
+
+    Returns
+    -------
+    Averages
+
+    Raises
+    ------
+    AveragingError
+        The device is not linear, or the excitation has no known density.
+
+    Notes
+    -----
+    With the state z = (X, X', e), z' = A z + b η, its covariance is
+    ∫ Re[h h*] G df, h = (iω − A)⁻¹ b, and each sine of amplitude a adds Re[h h*] a²/2. Pieces of
+    the quadrature end where G bends and at each resonance, and double away from it.
+    """
+    system = ready.system
+    refusal = spectral_refusal(system, ready.scene.excitation)
+    if refusal:
+        raise AveragingError(f"{ready.scene.name}: spectral: {refusal}")
+    matrix = _matrix(system)
+    decay = -np.linalg.eigvals(matrix).real.max()
+    if not decay > 0.0:
+        raise AveragingError(f"{ready.scene.name}: spectral: nothing damps or holds the motion")
+    excitation, unit = ready.scene.excitation, ready.excitation_unit
+    fine, coarse = (_covariance(matrix, excitation, unit, n) for n in (NODES, COARSE_NODES))
+    means, rough = _means(system, fine), _means(system, coarse)
+    error = {
+        name: abs(means[name] - rough[name]) + LEAST_ERROR * abs(means[name]) for name in means
+    }
+    for name, mean in means.items():
+        if not error[name] <= tolerance * abs(mean):
+            raise AveragingError(
+                f"{name.replace('_', ' ')} changes from fewer nodes to more by {error[name]:.2g} "
+                f"of {mean:.3g}, more than {tolerance:g} of itself: simulate"
+            )
+    gaussian = not excitation.lines and getattr(excitation, "kurtosis", 3.0) == 3.0
+    density = GaussianDensity(system, fine, gaussian)
+    return Averages(**means, numerical_error=error, density=density)
+
+
+def spectral_refusal(system: System, excitation: Excitation) -> str:
+    """Why the spectrum alone does not tell the means; empty where it does."""
+    if not system.spring.straight:
+        return "the spring is not linear: simulate, or take the closure fokker_planck"
+    if system.contacts:
+        return "stoppers are not linear: simulate, or take the closure fokker_planck"
+    if not isinstance(system.damper, Damper):
+        return "the damper has a quadratic part: simulate, or take the closure fokker_planck"
+    if excitation.drifts or excitation.density(np.array([1.0])) is None:
+        return (
+            f'excitation.kind = "{excitation.kind}" has no density that is known: simulate, or '
+            "make a spectrum of it (harvester spectrum)"
+        )
+    return ""
+
+
+def _matrix(system):
+    """A of z' = A z + b η about the rest position, from the device's own equations."""
+    part = system.transducer
+    stiffness = float(system.spring.slope(0.0))
+    return np.array(
+        [
+            [0.0, 1.0, 0.0],
+            [-stiffness, -system.damper.damping - part.force(1.0, 0.0), -part.force(0.0, 1.0)],
+            [0.0, part.state_rate(1.0, 0.0), part.state_rate(0.0, 1.0)],
+        ]
+    )[: 3 if _has_state(part) else 2, : 3 if _has_state(part) else 2]
+
+
+def _has_state(part):
+    """Whether the transducer's state moves at all."""
+    return part.state_rate(1.0, 0.0) != 0.0
+
+
+def _covariance(matrix, excitation, unit, nodes):
+    """Of (X, X', e), scaled: ndarray of shape (3, 3), 0 where there is no state."""
+    frequencies, weights = _quadrature(matrix, excitation.corners, nodes)
+    weights = weights * excitation.density(frequencies)
+    lines = [(frequency, 0.5 * a**2) for frequency, a in excitation.lines]
+    frequencies = np.append(frequencies, [frequency for frequency, _ in lines])
+    weights = np.append(weights, [square for _, square in lines]) / unit**2
+    size = matrix.shape[0]
+    left = 2j * math.pi * frequencies[:, None, None] * np.eye(size) - matrix
+    response = np.linalg.solve(left, np.eye(size)[:, 1:2])[:, :, 0]
+    whole = np.zeros((3, 3))
+    whole[:size, :size] = np.einsum("n,ni,nj->ij", weights, response, response.conj()).real
+    return whole
+
+
+def _quadrature(matrix, corners, nodes):
+    """Frequencies and weights (Hz): pieces as short as their distance from each resonance."""
+    poles = np.linalg.eigvals(matrix) / (2.0 * math.pi)
+    scales = np.concatenate([np.abs(poles), corners])
+    low, high = scales.min() * LOWEST, scales.max() * HIGHEST
+    ends = [np.array([0.0, *corners]), low * 2.0 ** np.arange(math.log2(high / low) + 1.0)]
+    for pole in poles:
+        steps = abs(pole.real) * 2.0 ** np.arange(-1.0, 60.0)
+        steps = steps[steps < high]
+        ends += [abs(pole.imag) + steps, abs(pole.imag) - steps, np.array([abs(pole.imag)])]
+    pieces = np.unique(np.concatenate(ends))
+    pieces = pieces[(pieces >= 0.0) & (pieces <= high)]
+    places, weights = np.polynomial.legendre.leggauss(nodes)
+    half, middle = 0.5 * np.diff(pieces), 0.5 * (pieces[1:] + pieces[:-1])
+    return (middle[:, None] + half[:, None] * places).ravel(), (half[:, None] * weights).ravel()
+
+
+def _means(system, covariance):
+    """What `Averages` holds, from the covariance."""
+    part, velocity = system.transducer, covariance[1, 1]
+    displaced = -float(system.spring.force(0.0)) / float(system.spring.slope(0.0))
+    power = _quadratic(part.load_power, covariance)
+    loss = system.damper.damping * velocity
+    own = _quadratic(lambda v, e: part.loss(v, e, part.current(v, e)), covariance)
+    return {
+        "mean_square_voltage": _quadratic(lambda v, e: part.voltage(v, e) ** 2, covariance),
+        "mean_power": power,
+        "mechanical_loss": loss,
+        "power_conversion_efficiency": power / (power + loss + own),
+        "mean_square_velocity": float(velocity),
+        "mean_square_displacement": float(covariance[0, 0]) + displaced**2,
+        "mean_transducer_loss": own,
+    }
+
+
+def _quadratic(form: Any, covariance: np.ndarray) -> float:
+    """Mean of a quadratic form of X' and the transducer's state."""
+    first, second = form(1.0, 0.0), form(0.0, 1.0)
+    mixed = form(1.0, 1.0) - first - second
+    moments = covariance[1, 1], covariance[2, 2], covariance[1, 2]
+    return float(np.dot((first, second, mixed), moments))
+
+
+@dataclass(frozen=True)
+class GaussianDensity:
+    """Densities of a linear device's motion under Gaussian noise.
+
+    Attributes
+    ----------
+    system : System
+    covariance : ndarray, shape (3, 3)
+    gaussian : bool
+        False: sines or bursts are in it, and no density is told.
+    """
+
+    system: Any
+    covariance: np.ndarray
+    gaussian: bool
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the densities there are."""
+        return ("displacement", "velocity") if self.gaussian else ()
+
+    def tabulated(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """Places and the density there."""
+        place = self.names.index(name)
+        deviation = math.sqrt(self.covariance[place, place])
+        spring = self.system.spring
+        mean = -float(spring.force(0.0)) / float(spring.slope(0.0)) if place == 0 else 0.0
+        relative = np.linspace(-DEVIATIONS, DEVIATIONS, PLACES)
+        height = np.exp(-0.5 * relative**2) / (deviation * math.sqrt(2.0 * math.pi))
+        return mean + deviation * relative, height

@@ -1,0 +1,186 @@
+"""A Gaussian path with a given one-sided density: white noise through a filter, block by block."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from harvester.excitation.base import ExcitationPath
+from harvester.excitation.normals import NormalSequence
+
+if TYPE_CHECKING:
+    from numpy.random.bit_generator import SeedSequence
+
+# The filter lasts this many periods of the lowest frequency: the first sixth octave of a density
+# that begins there abruptly is then 0.15 dB low, 0.3 dB at 64 periods.
+PERIODS_OF_LOWEST = 128.0
+# It resolves the narrowest gap between two breakpoints so many times.
+WIDTHS_OF_GAP = 8.0
+# No filter has more values: 8 MB, and twice that in each path.
+MOST_TAPS = 2**20
+
+
+def filter_length(frequencies: np.ndarray, spacing: float) -> int:
+    """Values of the filter, a power of 2: it resolves the lowest frequency and each gap.
+
+    Parameters
+    ----------
+    frequencies : ndarray, shape (n,)
+        Of the breakpoints, ascending (Hz).
+    spacing : float
+        Time between knots (s).
+    """
+    gaps = np.diff(frequencies)
+    seconds = max(PERIODS_OF_LOWEST / frequencies[0], WIDTHS_OF_GAP / gaps[gaps > 0.0].min())
+    return int(min(2 ** math.ceil(math.log2(seconds / spacing)), MOST_TAPS))
+
+
+def density_between(points: tuple, frequencies: np.ndarray) -> np.ndarray:
+    """The density at frequencies: straight between breakpoints on log–log axes, 0 beyond them.
+
+    Parameters
+    ----------
+    points : tuple of (float, float)
+        Frequency (Hz) and density of each breakpoint.
+    frequencies : ndarray of any shape
+    """
+    at, density = np.log(np.array(points)).T
+    inside = (frequencies >= points[0][0]) & (frequencies <= points[-1][0])
+    logarithm = np.log(np.where(inside, frequencies, points[0][0]))
+    return np.where(inside, np.exp(np.interp(logarithm, at, density)), 0.0)
+
+
+def mean_square(points: tuple) -> float:
+    """∫ G df of straight lines on log–log axes, exactly."""
+    total = 0.0
+    for (low, first), (high, last) in itertools.pairwise(points):
+        slope = math.log(last / first) / math.log(high / low) + 1.0
+        # (high^slope − low^slope)/slope, which is ln(high/low) at slope 0.
+        octave = slope * math.log(high / low)
+        growth = math.expm1(octave) / octave if octave else 1.0
+        total += first * low * growth * math.log(high / low)
+    return total
+
+
+@lru_cache(maxsize=4)
+def _filter(points, spacing):
+    """Spectrum of the filter over a block of twice its length, and the length.
+
+    The path is linear between knots, so the filter is raised by 1/sinc²(f spacing); its sum of
+    squares is set so that what lies between knots has the mean square asked for.
+    """
+    taps = filter_length(np.array([f for f, _ in points]), spacing)
+    frequencies = np.fft.rfftfreq(4 * taps, spacing)
+    gain = np.sqrt(density_between(points, frequencies)) / np.sinc(frequencies * spacing) ** 2
+    values = np.roll(np.fft.irfft(gain), taps // 2)[:taps] * np.hanning(taps + 1)[:taps]
+    spectrum = np.fft.rfft(values, 2 * taps)
+    between = np.sinc(np.fft.rfftfreq(2 * taps, spacing) * spacing) ** 4
+    power = np.abs(spectrum) ** 2 * between
+    # Each frequency but the first and the last stands for two.
+    square = (2.0 * power.sum() - power[0] - power[-1]) / (2 * taps)
+    spectrum *= math.sqrt(mean_square(points) / square)
+    spectrum.flags.writeable = False
+    return spectrum, taps
+
+
+class ShapedPath(ExcitationPath):
+    """Samples of filtered white noise; blocks have one size, whatever is read.
+
+    Parameters
+    ----------
+    points : tuple of (float, float)
+        Frequency (Hz) and one-sided density of η of each breakpoint.
+    spacing : float
+        Time between knots (s).
+    seed : numpy.random.SeedSequence
+    kurtosis : float
+        3 for a Gaussian path; above, see `Bursts`.
+    burst_time : float
+        Of `Bursts` (s).
+    """
+
+    def __init__(
+        self,
+        points: tuple,
+        spacing: float,
+        seed: SeedSequence,
+        kurtosis: float = 3.0,
+        burst_time: float = math.inf,
+    ) -> None:
+        self.spacing = spacing
+        self._spectrum, self._taps = _filter(points, spacing)
+        own = np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, 0))
+        other = np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, 1))
+        self._white = NormalSequence(own, 1.0)
+        self._input = np.zeros(2 * self._taps)
+        self._white.write(self._input[self._taps :])
+        self._block, self._used = np.empty(0), 0
+        self._bursts = Bursts(kurtosis, burst_time / spacing, other) if kurtosis > 3.0 else None
+
+    def read(self, count: int) -> np.ndarray:
+        """The next `count` samples, float64 of shape (count,)."""
+        samples = np.empty(count)
+        self.read_into(samples)
+        return samples
+
+    def read_into(self, samples: np.ndarray) -> None:
+        done = 0
+        while done < samples.size:
+            if self._used == self._block.size:
+                self._fill()
+            part = self._block[self._used : self._used + samples.size - done]
+            samples[done : done + part.size] = part
+            done, self._used = done + part.size, self._used + part.size
+
+    def _fill(self):
+        """The next block: the second half of a circular convolution over two (overlap–save)."""
+        self._input[: self._taps] = self._input[self._taps :]
+        self._white.write(self._input[self._taps :])
+        filtered = np.fft.irfft(np.fft.rfft(self._input) * self._spectrum)
+        self._block, self._used = filtered[self._taps :].copy(), 0
+        if self._bursts:
+            self._block *= self._bursts.read(self._taps)
+
+
+class Bursts:
+    """Factors exp(σ z − σ²) with σ² = ln(kurtosis/3)/4, whose mean square is 1.
+
+    z is normal at every time: z = ξ_j cos θ + ξ_{j+1} sin θ, where θ goes from 0 to π/2 from one
+    node to the next and ξ are independent. A Gaussian path times them has the mean square that it
+    had and the kurtosis asked for, 3 E[factor⁴]; its density is blurred by about 1/(2 time).
+
+    Parameters
+    ----------
+    kurtosis : float
+        Above 3.
+    knots : float
+        From one node to the next.
+    seed : numpy.random.SeedSequence
+    """
+
+    def __init__(self, kurtosis: float, knots: float, seed: SeedSequence) -> None:
+        self._variance = 0.25 * math.log(kurtosis / 3.0)
+        self._knots = max(1, round(knots))
+        self._generator = np.random.default_rng(seed)
+        # Nodes lie anywhere, so that no time differs from another.
+        self._next = int(self._generator.integers(self._knots))
+        self._nodes = self._generator.standard_normal(2)
+
+    def read(self, count: int) -> np.ndarray:
+        """The next factors, shape (count,)."""
+        places = np.arange(self._next, self._next + count)
+        at, rest = np.divmod(places, self._knots)
+        missing = int(at[-1]) + 2 - self._nodes.size
+        self._nodes = np.append(self._nodes, self._generator.standard_normal(max(missing, 0)))
+        angle = 0.5 * math.pi * rest / self._knots
+        normal = self._nodes[at] * np.cos(angle) + self._nodes[at + 1] * np.sin(angle)
+        passed, self._next = divmod(self._next + count, self._knots)
+        self._nodes = self._nodes[passed:]
+        if self._nodes.size < 2:
+            more = self._generator.standard_normal(2 - self._nodes.size)
+            self._nodes = np.append(self._nodes, more)
+        return np.exp(math.sqrt(self._variance) * normal - self._variance)

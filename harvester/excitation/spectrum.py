@@ -1,0 +1,170 @@
+"""Vibration as specified: a one-sided density by breakpoints, as standards and loggers give it."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from harvester.device.keys import Key, positive
+from harvester.errors import SceneError
+from harvester.excitation.base import Excitation, ExcitationPath
+from harvester.excitation.quantities import ACCELERATION
+from harvester.excitation.shaped import (
+    MOST_TAPS,
+    ShapedPath,
+    density_between,
+    filter_length,
+    mean_square,
+)
+
+if TYPE_CHECKING:
+    from numpy.random.bit_generator import SeedSequence
+
+    from harvester.excitation.run import Run
+
+UNITS = {"g^2/Hz": ACCELERATION["g"] ** 2, "(m/s^2)^2/Hz": 1.0, "scaled": 1.0}
+# Knots in a period of the highest frequency: between them the signal is raised by 1/sinc², 0.2 dB
+# there, and its first image has 0.8 % of the density there.
+KNOTS_PER_PERIOD, FEWEST_KNOTS_PER_PERIOD = 12.0, 4.0
+# Bursts last so many periods of the lowest frequency, unless `burst_time` says.
+PERIODS_PER_BURST = 20.0
+
+
+@dataclass(frozen=True)
+class Spectrum(Excitation):
+    """Stationary vibration of a given one-sided density, straight between breakpoints on log axes.
+
+    Attributes
+    ----------
+    breakpoints : tuple of (float, float)
+        Frequency (Hz, ascending) and density of each; nothing lies beyond the first and the last.
+        In a scene also the name of a CSV file with two columns.
+    unit : str or None
+        Of the densities: a name in `UNITS`.
+    kurtosis : float
+        3 is Gaussian. Above, the Gaussian path is multiplied by factors exp(σ z − σ²) that change
+        from one burst to the next; see `harvester.excitation.shaped.Bursts`.
+    burst_time : float or None
+        s; left out, 20 periods of the lowest frequency.
+    source : str
+        Where the values stand, in words: results write it out.
+    knot_spacing : float or None
+        s; left out, a twelfth of the highest frequency's period or a fortieth of the device's.
+    """
+
+    breakpoints: tuple
+    unit: str | None = None
+    kurtosis: float = 3.0
+    burst_time: float | None = None
+    source: str = ""
+    kind: str = "spectrum"
+    knot_spacing: float | None = None
+
+    KEYS: ClassVar[dict] = {
+        "breakpoints": Key(
+            each=Key(each=positive(), count=(2, 2)), count=(2, 10000), required=True
+        ),
+        "unit": Key(kind=str, words=tuple(UNITS)),
+        "kurtosis": Key(low=3.0, high=30.0),
+        "burst_time": positive(),
+        "source": Key(kind=str),
+        "knot_spacing": positive(),
+    }
+
+    @property
+    def points(self) -> tuple[tuple[float, float], ...]:
+        """Frequency (Hz) and density ((m/s²)²/Hz, or of η in a scaled scene) of each breakpoint."""
+        factor = UNITS[self.unit or "scaled"]
+        return tuple((frequency, factor * density) for frequency, density in self.breakpoints)
+
+    @property
+    def kept_samples(self) -> int:
+        """Input, output and filter of one path, at the knots that the spectrum asks for."""
+        frequencies = np.array([frequency for frequency, _ in self.breakpoints])
+        spacing = self.knot_spacing or 1.0 / (KNOTS_PER_PERIOD * frequencies[-1])
+        return 5 * filter_length(frequencies, spacing)
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """Lowest and highest frequency (Hz)."""
+        return self.breakpoints[0][0], self.breakpoints[-1][0]
+
+    @property
+    def corners(self) -> tuple[float, ...]:
+        """Frequencies at which the density bends (Hz)."""
+        return tuple(frequency for frequency, _ in self.breakpoints)
+
+    def density(self, frequencies: np.ndarray) -> np.ndarray:
+        """See `Excitation.density`."""
+        return density_between(self.points, frequencies)
+
+    def check(self, units: str, run: Run, origin: str) -> None:
+        if (self.unit == "scaled") != (units == "scaled") or (units == "SI" and not self.unit):
+            known = '"scaled"' if units == "scaled" else '"g^2/Hz" or "(m/s^2)^2/Hz"'
+            given = f' = "{self.unit}"' if self.unit else " is missing"
+            raise SceneError(
+                f'{origin}: excitation.unit{given}: a scene with units = "{units}" takes {known}'
+            )
+        frequencies = [frequency for frequency, _ in self.breakpoints]
+        for place, (low, high) in enumerate(itertools.pairwise(frequencies), 1):
+            if not low < high:
+                raise SceneError(
+                    f"{origin}: excitation.breakpoints[{place}] = {high:g} Hz after {low:g} Hz: "
+                    "frequencies must ascend; write a jump as two that lie close together"
+                )
+        longest = 1.0 / (FEWEST_KNOTS_PER_PERIOD * frequencies[-1])
+        if self.knot_spacing is not None and self.knot_spacing > longest:
+            raise SceneError(
+                f"{origin}: excitation.knot_spacing = {self.knot_spacing:g}: must be a number in "
+                f"(0, {longest:g}], a quarter of the highest frequency's period"
+            )
+
+    @property
+    def endless(self) -> bool:
+        return True
+
+    def spacing(self, longest: float) -> float:
+        return self.knot_spacing or min(1.0 / (KNOTS_PER_PERIOD * self.band[1]), longest)
+
+    def equivalent_noise(self, relaxation_time: float, longest: float) -> tuple[float, float]:
+        # Noise with the greatest density, G = 4 D, and its variance D/τ1.
+        intensity = max(density for _, density in self.points) / 4.0
+        return intensity, intensity / mean_square(self.points)
+
+    def path(self, spacing: float, length: float, seed: SeedSequence) -> ExcitationPath:
+        points = tuple((frequency, density / length**2) for frequency, density in self.points)
+        burst = self.burst_time or PERIODS_PER_BURST / self.band[0]
+        return ShapedPath(points, spacing, seed, self.kurtosis, burst)
+
+    def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
+        low, high = self.band
+        unit = "" if self.unit == "scaled" else " m/s²"
+        listed = ", ".join(f"{f:g} Hz {g:g}" for f, g in self.breakpoints[:20])
+        more = f" and {len(self.breakpoints) - 20} more" if len(self.breakpoints) > 20 else ""
+        source = f" after {self.source}" if self.source else ""
+        lines = [
+            f"spectrum{source}: {listed}{more} {self.unit}; rms "
+            f"{math.sqrt(mean_square(self.points)):.4g}{unit}"
+        ]
+        frequency = angular_frequency / (2.0 * math.pi)
+        if not low <= frequency <= high and 0.0 < frequency < math.inf:
+            lines.append(
+                f"the spectrum misses the device: it lies between {low:g} and {high:g} Hz, and the "
+                f"device moves at {frequency:.3g} Hz"
+            )
+        if filter_length(np.array(self.corners), spacing) == MOST_TAPS:
+            lines.append(
+                f"the filter that makes the path resolves {2.0 / (MOST_TAPS * spacing):.2g} Hz: "
+                "what is narrower is blurred"
+            )
+        if self.kurtosis > 3.0:
+            burst = self.burst_time or PERIODS_PER_BURST / low
+            lines.append(
+                f"bursts of {burst:.3g} s give a kurtosis of {self.kurtosis:g} and blur the "
+                f"density by about {0.5 / burst:.2g} Hz"
+            )
+        return tuple(lines)

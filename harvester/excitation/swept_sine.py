@@ -1,0 +1,131 @@
+"""A sine whose frequency sweeps up and down at a steady number of octaves a minute."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from harvester.device.keys import not_negative, positive
+from harvester.errors import SceneError
+from harvester.excitation.base import Excitation, ExcitationPath
+from harvester.excitation.sine import FEWEST_KNOTS_PER_PERIOD, KNOTS_PER_PERIOD, Sine
+
+if TYPE_CHECKING:
+    from harvester.excitation.run import Run
+
+# Frequencies at which steps look for the device's resonance.
+LINES = 24
+
+
+@dataclass(frozen=True)
+class SweptSine(Excitation):
+    """η = amplitude · sin(φ), φ' = 2π f, f from `frequency` to `end_frequency` and back, again.
+
+    `amplitude` in m/s² in SI; frequencies in Hz; `octaves_per_minute` as in standards. Between
+    knots η is linear, and they are raised as those of `Sine`.
+    """
+
+    amplitude: float
+    frequency: float
+    end_frequency: float
+    octaves_per_minute: float = 1.0
+    kind: str = "swept-sine"
+    knot_spacing: float | None = None
+
+    KEYS: ClassVar[dict] = {
+        "amplitude": not_negative(required=True),
+        "frequency": positive(required=True),
+        "end_frequency": positive(required=True),
+        "octaves_per_minute": positive(),
+        "knot_spacing": positive(),
+    }
+
+    @property
+    def symmetric(self) -> bool:
+        return False
+
+    @property
+    def random(self) -> bool:
+        return False
+
+    @property
+    def drifts(self) -> bool:
+        return True
+
+    @property
+    def lines(self) -> tuple[tuple[float, float], ...]:
+        places = np.geomspace(self.frequency, self.end_frequency, LINES)
+        return tuple((float(frequency), self.amplitude) for frequency in places)
+
+    @property
+    def _highest(self):
+        return max(self.frequency, self.end_frequency)
+
+    def check(self, units: str, run: Run, origin: str) -> None:
+        if self.frequency == self.end_frequency:
+            raise SceneError(
+                f"{origin}: excitation.end_frequency = {self.end_frequency:g}: is where the sweep "
+                'begins; take another, or kind = "sine"'
+            )
+        longest = 1.0 / (FEWEST_KNOTS_PER_PERIOD * self._highest)
+        if self.knot_spacing is not None and self.knot_spacing > longest:
+            raise SceneError(
+                f"{origin}: excitation.knot_spacing = {self.knot_spacing:g}: must be a number in "
+                f"(0, {longest:g}], an eighth of the sine's shortest period"
+            )
+
+    def spacing(self, longest: float) -> float:
+        return self.knot_spacing or min(1.0 / (KNOTS_PER_PERIOD * self._highest), longest)
+
+    def equivalent_noise(self, relaxation_time: float, longest: float) -> tuple[float, float]:
+        sines = [Sine(self.amplitude, frequency) for frequency, _ in self.lines]
+        return max(sine.equivalent_noise(relaxation_time, longest) for sine in sines)
+
+    def path(self, spacing: float, length: float, seed: Any) -> ExcitationPath:
+        return SweptPath(self, spacing, length)
+
+    def notes(self, spacing: float, angular_frequency: float, run: Run) -> tuple[str, ...]:
+        octaves = abs(math.log2(self.end_frequency / self.frequency))
+        once = 60.0 * octaves / self.octaves_per_minute
+        return (
+            f"a sine sweeps from {self.frequency:g} to {self.end_frequency:g} Hz in {once:.4g} s "
+            "and back: means are over the frequencies that the run passes",
+        )
+
+
+class SweptPath(ExcitationPath):
+    """Samples of a swept sine, whose phase never jumps.
+
+    Parameters
+    ----------
+    sweep : SweptSine
+    spacing : float
+        Time between knots (s).
+    length : float
+        See `Excitation.path`.
+    """
+
+    def __init__(self, sweep: SweptSine, spacing: float, length: float) -> None:
+        self.spacing = spacing
+        octaves = math.log2(sweep.end_frequency / sweep.frequency)
+        self._once = 60.0 * abs(octaves) / sweep.octaves_per_minute
+        self._rate = math.log(2.0) * octaves / self._once
+        self._first, self._amplitude = sweep.frequency, sweep.amplitude / length
+        self._next = 0
+
+    def read(self, count: int) -> np.ndarray:
+        """The next `count` samples, float64 of shape (count,)."""
+        times = np.arange(self._next, self._next + count) * self.spacing
+        self._next += count
+        sweeps, since = np.divmod(times, 2.0 * self._once)
+        back = since > self._once
+        since = np.where(back, 2.0 * self._once - since, since)
+        whole = self._first * math.expm1(self._rate * self._once) / self._rate
+        turns = self._first * np.expm1(self._rate * since) / self._rate
+        turns = np.where(back, 2.0 * whole - turns, turns) + np.mod(2.0 * whole * sweeps, 1.0)
+        frequency = self._first * np.exp(self._rate * since)
+        heights = self._amplitude / np.sinc(frequency * self.spacing) ** 2
+        return heights * np.sin(2.0 * math.pi * np.mod(turns, 1.0))

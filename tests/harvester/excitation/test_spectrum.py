@@ -1,0 +1,133 @@
+"""Vibration by its spectrum: density, moments and bytes of the path, what a scene may say."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from harvester.errors import SceneError
+from harvester.excitation import realization_seed
+from harvester.excitation.shaped import ShapedPath, mean_square
+from harvester.excitation.spectrum import Spectrum
+from harvester.prepared.paths import noise_path
+from harvester.prepared.prepared import prepared
+from harvester.scene.model import Scene
+
+# Not the page of any standard: a flat part, a slope, a step, an octave's rise of 6 dB.
+POINTS = ((8.0, 0.02), (30.0, 0.02), (60.0, 0.002), (61.0, 0.01), (120.0, 0.04), (200.0, 0.001))
+G = 9.80665
+
+
+def scene_with(**more):
+    tables = {
+        "units": "SI",
+        "oscillator": {"mass": 0.0141, "damping": 0.22, "linear_stiffness": 1158.0},
+        "piezo": {"coupling": 2.327e-3, "capacitance": 41.26e-9},
+        "load": {"resistance": 47e3},
+        "excitation": {"kind": "spectrum", "unit": "g^2/Hz", "breakpoints": POINTS, **more},
+        "run": {"duration": 20.0, "settle": 1.0, "seed": 3, "realizations": 2},
+    }
+    return Scene.from_tables(tables)
+
+
+def in_g(frequency):
+    """Straight lines on log–log axes, written out."""
+    for (low, first), (high, last) in itertools.pairwise(POINTS):
+        if low <= frequency <= high:
+            slope = math.log(last / first) / math.log(high / low)
+            return first * (frequency / low) ** slope
+    return 0.0
+
+
+def test_density_and_mean_square_are_those_of_straight_lines():
+    excitation = scene_with().excitation
+    for frequency in (7.9, 8.0, 45.0, 60.4, 90.0, 199.0, 201.0):
+        assert excitation.density(np.array([frequency]))[0] == pytest.approx(
+            in_g(frequency) * G**2, rel=1e-12
+        )
+    square = sum(
+        quad(in_g, low, high, epsrel=1e-12)[0] for (low, _), (high, _) in itertools.pairwise(POINTS)
+    )
+    assert mean_square(excitation.points) == pytest.approx(square * G**2, rel=1e-9)
+
+
+def test_the_path_has_the_density_asked_for():
+    """The mean of |filter|² over each sixth octave is within 0.3 dB, without any chance."""
+    spacing = 1.0 / 2400.0
+    path = ShapedPath(POINTS, spacing, realization_seed(1, 0))
+    taps = np.fft.irfft(path._spectrum)
+    power = np.abs(np.fft.rfft(taps, 4 * taps.size)) ** 2 * 2.0 * spacing
+    frequencies = np.fft.rfftfreq(4 * taps.size, spacing)
+    power *= np.sinc(frequencies * spacing) ** 4
+    logarithms = np.log(np.array(POINTS)).T
+    edges = 8.0 * 2.0 ** (np.arange(28) / 6.0)
+    for low, high in itertools.pairwise(edges):
+        band = (frequencies >= low) & (frequencies < high)
+        wanted = np.mean(np.exp(np.interp(np.log(frequencies[band]), *logarithms)))
+        assert abs(10.0 * math.log10(power[band].mean() / wanted)) < 0.3, low
+    assert power[1:].sum() * frequencies[1] == pytest.approx(mean_square(POINTS), rel=1e-3)
+
+
+@pytest.mark.parametrize("kurtosis", [3.0, 6.0])
+def test_blocks_of_any_size_give_the_same_bytes(kurtosis):
+    ready = prepared(scene_with(kurtosis=kurtosis))
+    whole = noise_path(ready, 1).read(150_000)
+    path = noise_path(ready, 1)
+    parts = [path.read(count) for count in (1, 0, 70_000, 65_536, 14_463)]
+    assert whole.tobytes() == np.concatenate(parts).tobytes()
+    assert noise_path(ready, 0).read(150_000).tobytes() != whole.tobytes()
+
+
+@pytest.mark.slow
+def test_bursts_give_the_kurtosis_and_keep_the_rms():
+    path = ShapedPath(POINTS, 1 / 2400.0, realization_seed(5, 0), kurtosis=5.0, burst_time=0.5)
+    stretches = [path.read(2400 * 60) for _ in range(60)]
+    second = np.array([np.mean(each**2) for each in stretches])
+    fourth = np.array([np.mean(each**4) for each in stretches])
+    wanted = mean_square(POINTS)
+    # Three standard errors, each a false alarm once in 370 seeds.
+    error = second.std() / math.sqrt(60)
+    assert abs(second.mean() - wanted * 1.015) < 3.0 * error + 0.015 * wanted
+    ratio = fourth.mean() / second.mean() ** 2
+    assert abs(ratio - 5.0) < 3.0 * fourth.std() / math.sqrt(60) / second.mean() ** 2
+
+
+def test_breakpoints_may_stand_in_a_file(tmp_path):
+    lines = ["frequency [Hz], density"] + [f"{f}, {g}" for f, g in POINTS]
+    (tmp_path / "truck.csv").write_text("\n".join(lines))
+    text = """
+        units = "SI"
+        oscillator = {mass = 0.0141, damping = 0.22, linear_stiffness = 1158.0}
+        piezo = {coupling = 2.327e-3, capacitance = 41.26e-9}
+        load = {resistance = 47e3}
+        excitation = {kind = "spectrum", unit = "g^2/Hz", breakpoints = "truck.csv"}
+        run = {duration = 20.0, settle = 1.0, seed = 3, realizations = 2}
+    """
+    (tmp_path / "beam.toml").write_text(text)
+    assert Scene.load(tmp_path / "beam.toml").digest() == scene_with().digest()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"unit": "scaled"}, 'takes "g\\^2/Hz"'),
+        ({"breakpoints": [[10.0, 1.0], [10.0, 2.0]]}, "frequencies must ascend"),
+        ({"breakpoints": [[0.0, 1.0], [10.0, 2.0]]}, "a number > 0"),
+        ({"breakpoints": "nowhere.csv"}, "nowhere.csv"),
+        ({"kurtosis": 2.0}, "kurtosis"),
+        ({"knot_spacing": 0.01}, "a quarter of the highest"),
+    ],
+)
+def test_what_makes_no_spectrum_is_refused(change, words):
+    with pytest.raises(SceneError, match=words):
+        scene_with(**change)
+
+
+def test_a_named_source_is_written_out():
+    notes = Spectrum(((5.0, 1.0), (50.0, 0.1)), "g^2/Hz", source="my logger").notes(
+        1e-3, 100.0, None
+    )
+    assert "my logger" in notes[0]
+    assert "5 Hz 1, 50 Hz 0.1" in notes[0]
