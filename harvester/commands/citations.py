@@ -144,6 +144,20 @@ SOURCES = (
         lambda used: used.scene.get("name") == "tristable",
     ),
     Source(
+        "a beam's lumped values from its drawing",
+        "A. Erturk and D. J. Inman, An experimentally validated bimorph cantilever model for "
+        "piezoelectric energy harvesting from base excitations, Smart Mater. Struct. 18, 025009 "
+        "(2009)",
+        lambda used: "beam" in used.scene,
+    ),
+    Source(
+        "the magnets' force as that of dipoles",
+        "S. C. Stanton, C. C. McGehee and B. P. Mann, Nonlinear dynamics for broadband energy "
+        "harvesting: Investigation of a bistable piezoelectric inertial generator, Physica D 239, "
+        "640-653 (2010)",
+        lambda used: "magnets" in used.scene,
+    ),
+    Source(
         "the magnet, its coil and measured spring (coupling and fit are made here)",
         "T. Kapanen, EM_harvester_simulation (2016), public code",
         lambda used: used.scene.get("name") == "electromagnetic",

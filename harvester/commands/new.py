@@ -47,7 +47,14 @@ class Question(NamedTuple):
 
 
 OHM = {"Ohm": 1.0, "Ω": 1.0}
+METRE = {"m": 1.0, "mm": 1e-3}
 QUESTIONS = (
+    Question(("beam.length",), "length from the clamp", METRE, 1e-4, 1.0),
+    Question(("beam.width",), "width", METRE, 1e-5, 1.0),
+    Question(("beam.thickness",), "thickness of the substrate", METRE, 1e-6, 0.02),
+    Question(("beam.piezo_thickness",), "thickness of a piezo layer", METRE, 1e-7, 0.01),
+    Question(("beam.tip_mass",), "tip mass", {"kg": 1.0, "g": 1e-3}, 0.0, 10.0),
+    Question(("beam.quality_factor", "beam.damping_ratio"), "quality factor Q", {}, 1.0, 1e6),
     Question(("oscillator.mass",), "mass", {"kg": 1.0, "g": 1e-3}, 1e-7, 100.0),
     Question(
         ("oscillator.frequency", "oscillator.linear_stiffness"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from harvester.commands import circuit, verification
+from harvester.commands.beam import beam
 from harvester.commands.cite import cite
 from harvester.commands.command import Command, Study
 from harvester.commands.completion import completion
@@ -32,6 +33,7 @@ COMMANDS = (
         failed=lambda result: result.outcome != "complete",
         bar="simulated time",
     ),
+    Study(beam, "beam bimorph --output results", title="from its drawing"),
     Study("average", "average paper --method consistent", title=_engine, stem="{method}"),
     Study(
         "frequency_response",

@@ -112,6 +112,8 @@ def identify(
     from harvester.identification.visited import visited
 
     clock = time.perf_counter()
+    # Records determine the lumped values, which a drawing's dimensions all enter.
+    scene = scene.without_drawing()
     follow = progress or (lambda share, text: None)
     measurements = _measurements(scene, records)
     analysed, begun = None, scene

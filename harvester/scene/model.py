@@ -12,6 +12,8 @@ from pathlib import Path
 from types import MethodType
 from typing import Any, Protocol, overload
 
+from harvester.beam.magnets import Magnets
+from harvester.beam.table import Beam
 from harvester.device import timescales
 from harvester.device.terminals import TransducerTable
 from harvester.device.transducer import TRANSDUCERS
@@ -20,6 +22,7 @@ from harvester.excitation import KINDS, Excitation, build
 from harvester.excitation.run import Run
 from harvester.files import plain_text
 from harvester.files.plain_text import named, shown
+from harvester.scene.drawn import DRAWN, with_drawing
 from harvester.scene.force_file import with_points
 from harvester.scene.named_values import NamedValues
 from harvester.scene.overrides import put
@@ -142,6 +145,8 @@ class Load:
 def _tables() -> dict[str, tuple[str, Any]]:
     """Table in the file → attribute of Scene, what builds it."""
     return {
+        "beam": ("beam", Beam),
+        "magnets": ("magnets", Magnets),
         "oscillator": ("oscillator", Oscillator),
         "stoppers": ("stoppers", Stopper),
         **{name: ("transducer", table) for name, table in TRANSDUCERS.items()},
@@ -219,6 +224,9 @@ class Scene:
     stoppers: tuple[Stopper, ...] = ()
     start: Start | None = None
     length_scale: float | None = None
+    # The drawing, of which oscillator and transducer are what it comes to.
+    beam: Beam | None = None
+    magnets: Magnets | None = None
     # Of the scene's file; with a load's netlist, all folders where that is looked for, in order.
     folder: str | tuple | None = field(default=None, compare=False, repr=False)
 
@@ -241,6 +249,7 @@ class Scene:
         scene holds its content.
         """
         tables = {"run": {}, **with_points(plain_tables(tables, origin), origin)}
+        tables = with_drawing(tables, origin)
         checked = check_tables(tables, origin, {"excitation": KINDS})
         if "netlist" in checked["load"]:
             folder = _folders(folder)
@@ -317,7 +326,15 @@ class Scene:
                 tables.update({table: part} if part else {})
             elif part is not None:
                 tables[table] = _plain(part, kept)
+        for table in DRAWN if self.beam else ():
+            left = {key: value for key, value in tables[table].items() if key not in DRAWN[table]}
+            tables = {key: each for key, each in tables.items() if key != table}
+            tables.update({table: left} if left else {})
         return tables
+
+    def without_drawing(self) -> Scene:
+        """The same device by the lumped values that its drawing comes to."""
+        return dataclasses.replace(self, beam=None, magnets=None)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for a result's JSON: name, digests and tables."""

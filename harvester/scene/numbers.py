@@ -37,9 +37,13 @@ def numbers(scene: Scene) -> dict[str, Any]:
     for name, keys in {**table_keys(), "excitation": scene.excitation.KEYS}.items():
         if name != "run":
             _collect(found, name, tables.get(name, {}), lambda _, keys=keys: keys)
-    # Every scene has this one, and is written without it where it is 1.
-    factor = scene.oscillator.base_factor, OTHER_KEYS["oscillator"]["base_factor"]
-    found.setdefault("oscillator.base_factor", factor)
+    # Every scene but a drawn one has this one, and is written without it where it is 1.
+    if scene.beam:
+        for name, value in scene.beam.default_values().items():
+            found.setdefault(f"beam.{name}", (value, OTHER_KEYS["beam"][name]))
+    else:
+        factor = scene.oscillator.base_factor, OTHER_KEYS["oscillator"]["base_factor"]
+        found.setdefault("oscillator.base_factor", factor)
     circuit = scene.load.circuit
     if circuit:
         for name, value in {**dict(circuit.defaults), **dict(circuit.parameters)}.items():

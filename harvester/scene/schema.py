@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
 
+from harvester.beam.magnets import Magnets
+from harvester.beam.table import Beam
 from harvester.device.contact import LAWS, SIDES
 from harvester.device.force_table import (
     INTERPOLATIONS,
@@ -41,6 +43,8 @@ TOP = {
 
 # Those of a transducer's table are its own.
 OTHER_KEYS: dict[str, Any] = {
+    "beam": Beam.KEYS,
+    "magnets": Magnets.KEYS,
     "oscillator": {
         "mass": positive(units=(SI,), required=True),
         "damping": not_negative(),
@@ -85,7 +89,7 @@ OTHER_KEYS: dict[str, Any] = {
     },
 }
 
-OPTIONAL_TABLES = ("stoppers", "start")
+OPTIONAL_TABLES = ("beam", "magnets", "stoppers", "start")
 # Tables that may be there several times, and how often.
 SEVERAL = {"stoppers": 16}
 NESTED_TABLES = {
@@ -105,6 +109,8 @@ REPLACED_KEYS = {
     "load.netlist": RESISTOR_KEYS,
     "load.resistance": NETLIST_KEYS,
     "load.decay_rate": NETLIST_KEYS,
+    "beam.damping_ratio": ("quality_factor",),
+    "beam.quality_factor": ("damping_ratio",),
     "oscillator.restoring_force": (*SHORT_KEYS, *TABLE_KEYS),
     "oscillator.force_table": (*SHORT_KEYS, "restoring_force"),
     "oscillator.linear_stiffness": ("restoring_force", "frequency", *TABLE_KEYS),
@@ -163,17 +169,17 @@ def check_tables(
             raise SceneError(f"{origin}: {name} must be {noun}")
     top = {name: value for name, value in tables.items() if name in TOP}
     units = tables.get("units", SCALED)
-    checked = _check_table("", top, TOP, units if is_word(units, BOTH) else SCALED, origin)
+    checked = check_table("", top, TOP, units if is_word(units, BOTH) else SCALED, origin)
     for table, keys in every_table.items():
         if isinstance(tables.get(table), (list, tuple)):
             checked[table] = tuple(
-                _check_table(f"{table}[{place}]", values, keys, units, origin)
+                check_table(f"{table}[{place}]", values, keys, units, origin)
                 for place, values in enumerate(tables[table])
             )
         elif table in tables:
             values = tables[table]
             keys = keys or _keys_of_kind(table, values, kinds[table], origin)
-            checked[table] = _check_table(table, values, keys, units, origin, kinds.get(table))
+            checked[table] = check_table(table, values, keys, units, origin, kinds.get(table))
         elif table not in OPTIONAL_TABLES and table not in TRANSDUCERS:
             raise SceneError(f"{origin}: table [{table}] is missing")
     _check_load(checked["load"], units, origin)
@@ -291,7 +297,20 @@ def _keys_of_kind(table, values, kinds, origin):
     return {"kind": spec, **kinds[word].KEYS}
 
 
-def _check_table(table, values, keys, units, origin, kinds=None):
+def check_table(
+    table: str,
+    values: dict[str, Any],
+    keys: dict[str, Key],
+    units: str,
+    origin: str,
+    kinds: Any = None,
+) -> dict[str, Any]:
+    """The values of one table, each checked by its key.
+
+    Raises
+    ------
+    SceneError
+    """
     checked = {}
     prefix = f"{table}." if table else ""
     for name, value in values.items():
@@ -308,7 +327,7 @@ def _check_table(table, values, keys, units, origin, kinds=None):
         checked[name] = check_value(where, value, spec, origin)
         if spec.each and spec.each.kind is dict:
             checked[name] = tuple(
-                _check_table(
+                check_table(
                     f"{where}[{place}]",
                     part,
                     _keys_of_kind(f"{where}[{place}]", part, kinds, origin),

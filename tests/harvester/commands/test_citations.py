@@ -63,6 +63,11 @@ def test_every_source_can_be_reached():
         Scene.load("device", [f"load.netlist={load}"])
         for load in ("bridge_buck", "sshi_parallel", "sece")
     ]
+    scenes += [
+        Scene.load("bimorph").replace(
+            magnets={"distance": 0.01, "reach": 0.005, "tip_moment": 0.1, "frame_moment": 0.1}
+        )
+    ]
     engines = ("circuit", "averaging fokker_planck")
     engines += ("averaging consistent of fitted noise",)
     reached = {s.reference for scene in scenes for s in sources_of(content(scene, *engines))}

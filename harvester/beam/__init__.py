@@ -1,0 +1,1 @@
+"""From a drawing to lumped values: beams, the modes of their sections, and magnets at the tip."""

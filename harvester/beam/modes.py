@@ -1,0 +1,231 @@
+"""Bending modes of a cantilever of uniform pieces with a rigid body at its tip.
+
+Euler–Bernoulli: every piece is solved exactly, so the only error is that of the root search
+(1e-13). The state along the beam is (w, w', EI w'', EI w''').
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import brentq
+
+# Points of a Gauss rule on a piece; the first modes have less than a few waves in it.
+GAUSS_POINTS = 24
+# The search for roots steps by this factor in λ ~ √ω below λ = 1, and by this step above.
+FACTOR, STEP = 1.1, 0.1
+# Where the search begins; a tip of 1e6 beams has λ = 0.04.
+SMALLEST_LAMBDA = 1e-3
+
+
+class Piece(NamedTuple):
+    """A uniform piece: length (m), EI (N m²), mass per length (kg/m), moment per volt (N m/V)."""
+
+    length: float
+    rigidity: float
+    mass: float
+    moment_per_volt: float
+
+
+class Tip(NamedTuple):
+    """A rigid body: mass (kg), centre beyond the beam's end (m), inertia about that end (kg m²)."""
+
+    mass: float = 0.0
+    offset: float = 0.0
+    inertia: float = 0.0
+
+
+class Mode(NamedTuple):
+    """A mode of unit modal mass.
+
+    Attributes
+    ----------
+    angular_frequency : rad/s, electrodes short-circuited.
+    tip, tip_slope : φ(L), φ'(L).
+    forcing : γ = ∫ m φ + M_t φ(L) + M_t o φ'(L).
+    coupling : χ = ∫ ϑ φ'' (N m/V by the mode's slope).
+    root_curvature : φ''(0).
+    """
+
+    angular_frequency: float
+    tip: float
+    tip_slope: float
+    forcing: float
+    coupling: float
+    root_curvature: float
+
+
+class Rest(NamedTuple):
+    """Static sums over all modes: Σ χr²/ωr² (F) and Σ χr γr/ωr² (C s²/m)."""
+
+    capacitance: float
+    charge: float
+
+
+def modes(
+    pieces: Sequence[Piece], tip: Tip, count: int = 1, root_compliance: float = 0.0
+) -> list[Mode]:
+    """The first modes.
+
+    Parameters
+    ----------
+    pieces : sequence of Piece
+        From the clamp to the tip.
+    tip : Tip
+    count : int
+    root_compliance : float
+        Rotation of the clamp by a moment (rad/(N m)); 0: rigid.
+    """
+    found: list[Mode] = []
+    before, start = SMALLEST_LAMBDA, _mismatch(SMALLEST_LAMBDA, pieces, tip, root_compliance)
+    while len(found) < count:
+        after = before * FACTOR if before < 1.0 else before + STEP
+        end = _mismatch(after, pieces, tip, root_compliance)
+        if start * end <= 0.0:
+            call = (pieces, tip, root_compliance)
+            root = brentq(_mismatch, before, after, args=call, xtol=1e-14, rtol=1e-14)
+            found.append(_mode(root, *call))
+        before, start = after, end
+    return found
+
+
+def clamp_compliance(pieces: Sequence[Piece], tip: Tip, angular_frequency: float) -> float:
+    """The rotation per moment of the clamp with which the first mode has this frequency.
+
+    Negative where even a rigid clamp is too soft.
+    """
+    square = _square_root_scale(pieces)
+    value = math.sqrt(angular_frequency / square)
+    rigid = _ends(value, pieces, tip)
+    # The determinant is linear in the compliance: 0 = rigid + compliance·turned.
+    determinant = rigid[0, 2] * rigid[1, 3] - rigid[0, 3] * rigid[1, 2]
+    turned = rigid[0, 1] * rigid[1, 3] - rigid[0, 3] * rigid[1, 1]
+    return -determinant / turned
+
+
+def rest(pieces: Sequence[Piece], tip: Tip) -> Rest:
+    """What all modes together do statically: ∫ ϑ²/EI, and ∫ ϑ G/EI.
+
+    G is the bending moment of a unit acceleration. The clamp's compliance does not enter, as the
+    beam is statically determinate.
+    """
+    capacitance = charge = 0.0
+    moment, shear = tip.mass * tip.offset, tip.mass
+    for piece in reversed(pieces):
+        length, flux = piece.length, piece.moment_per_volt / piece.rigidity
+        capacitance += piece.moment_per_volt * flux * length
+        area = moment * length + shear * length**2 / 2.0 + piece.mass * length**3 / 6.0
+        charge += flux * area
+        moment += shear * length + piece.mass * length**2 / 2.0
+        shear += piece.mass * length
+    return Rest(capacitance, charge)
+
+
+def shape(
+    pieces: Sequence[Piece], tip: Tip, root_compliance: float = 0.0, points: int = 40
+) -> tuple[np.ndarray, np.ndarray]:
+    """Places along the beam (m) and the first mode's displacement there over the tip's."""
+    frequency = modes(pieces, tip, 1, root_compliance)[0].angular_frequency
+    value = math.sqrt(frequency / _square_root_scale(pieces))
+    places, values, begin = [0.0], [0.0], 0.0
+    for piece, state, wave in _walk(value, pieces, tip, root_compliance):
+        for x in np.linspace(0.0, piece.length, points)[1:]:
+            places.append(begin + float(x))
+            values.append(float((_transfer(float(x), piece.rigidity, wave) @ state)[0]))
+        begin += piece.length
+    return np.array(places), np.array(values) / values[-1]
+
+
+def _square_root_scale(pieces):
+    """ω of λ = 1 of a beam with the mean rigidity and mass."""
+    length = sum(each.length for each in pieces)
+    rigidity = length / sum(each.length / each.rigidity for each in pieces)
+    mass = sum(each.mass * each.length for each in pieces) / length
+    return math.sqrt(rigidity / mass) / length**2
+
+
+def _transfer(x, rigidity, wave):
+    """The state at x of that at the piece's begin (Krylov's functions)."""
+    angle = wave * x
+    cosh, cos, sinh, sin = math.cosh(angle), math.cos(angle), math.sinh(angle), math.sin(angle)
+    fourth = wave**4
+    k0, k1 = (cosh + cos) / 2.0, (sinh + sin) / (2.0 * wave)
+    k2, k3 = (cosh - cos) / (2.0 * wave**2), (sinh - sin) / (2.0 * wave**3)
+    return np.array(
+        [
+            [k0, k1, k2 / rigidity, k3 / rigidity],
+            [fourth * k3, k0, k1 / rigidity, k2 / rigidity],
+            [rigidity * fourth * k2, rigidity * fourth * k3, k0, k1],
+            [rigidity * fourth * k1, rigidity * fourth * k2, fourth * k3, k0],
+        ]
+    )
+
+
+def _waves(value, pieces):
+    """ω of a λ, and the wave number of each piece."""
+    frequency = value**2 * _square_root_scale(pieces)
+    return frequency, [(each.mass * frequency**2 / each.rigidity) ** 0.25 for each in pieces]
+
+
+def _ends(value, pieces, tip):
+    """What the tip's two conditions are of each part of the state at the root."""
+    frequency, waves = _waves(value, pieces)
+    whole = np.eye(4)
+    for piece, wave in zip(pieces, waves, strict=True):
+        whole = _transfer(piece.length, piece.rigidity, wave) @ whole
+    square, first = frequency**2, tip.mass * tip.offset
+    moment = whole[2] - square * (first * whole[0] + tip.inertia * whole[1])
+    shear = whole[3] + square * (tip.mass * whole[0] + first * whole[1])
+    return np.array([moment, shear])
+
+
+def _mismatch(value, pieces, tip, root_compliance):
+    """The determinant that vanishes at a mode."""
+    ends = _ends(value, pieces, tip)
+    first = ends[:, 2] + root_compliance * ends[:, 1]
+    return first[0] * ends[1, 3] - first[1] * ends[0, 3]
+
+
+def _walk(
+    value: float, pieces: Sequence[Piece], tip: Tip, root_compliance: float
+) -> Iterator[tuple[Piece, np.ndarray, float]]:
+    """Each piece with the state at its begin and its wave number."""
+    ends = _ends(value, pieces, tip)
+    first = ends[:, 2] + root_compliance * ends[:, 1]
+    row = int(np.argmax(np.abs(ends[:, 3])))
+    ratio = -first[row] / ends[row, 3]
+    state = np.array([0.0, root_compliance, 1.0, ratio])
+    for piece, wave in zip(pieces, _waves(value, pieces)[1], strict=True):
+        yield piece, state, wave
+        state = _transfer(piece.length, piece.rigidity, wave) @ state
+
+
+def _mode(value, pieces, tip, root_compliance):
+    """The mode of a root λ, of unit modal mass."""
+    nodes, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
+    kinetic = forcing = coupling = 0.0
+    state = np.zeros(4)
+    for piece, begin, wave in _walk(value, pieces, tip, root_compliance):
+        half = piece.length / 2.0
+        inside = [_transfer(half * (1.0 + x), piece.rigidity, wave) @ begin for x in nodes]
+        w = np.array([each[0] for each in inside])
+        kinetic += piece.mass * half * float(weights @ w**2)
+        forcing += piece.mass * half * float(weights @ w)
+        state = _transfer(piece.length, piece.rigidity, wave) @ begin
+        coupling += piece.moment_per_volt * (state[1] - begin[1])
+    end, slope = float(state[0]), float(state[1])
+    first = tip.mass * tip.offset
+    kinetic += tip.mass * end**2 + 2.0 * first * end * slope + tip.inertia * slope**2
+    forcing += tip.mass * end + first * slope
+    unit = math.copysign(1.0 / math.sqrt(kinetic), end)
+    return Mode(
+        angular_frequency=_waves(value, pieces)[0],
+        tip=unit * end,
+        tip_slope=unit * slope,
+        forcing=unit * forcing,
+        coupling=unit * float(coupling),
+        root_curvature=unit / pieces[0].rigidity,
+    )

@@ -1,0 +1,111 @@
+"""What a drawing comes to, as rows with the equation of each, and as a figure."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from harvester.beam.magnets import Magnets, polynomial_fit, spring_points
+from harvester.beam.modes import shape
+from harvester.beam.table import Beam, frequencies, lumped, notes, pieces_of, tip_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SUBSTRATE, LAYER, TIP, LINE = "0.6", "#d98c3f", "0.25", "#3b6ea5"
+
+
+def rows(beam: Beam) -> list[tuple[str, str, float, str]]:
+    """(name, equation, value, unit) of every lumped value; numbers are those of docs/beams.md."""
+    made = lumped(beam)
+    several = frequencies(beam)
+    found = [
+        ("mass M", "1/φ(L)² (B4)", made.mass, "kg"),
+        ("stiffness K", "ω² M (B4)", made.stiffness, "N/m"),
+        ("damping C", "2 ζ ω M (B4)", made.damping, "N s/m"),
+        ("base factor μ", "φ(L) γ (B5)", made.base_factor, "1"),
+        ("coupling θ", "χ/φ(L) (B6)", made.coupling, "N/V"),
+        ("capacitance of the layers Cp", "(B7)", made.material_capacitance, "F"),
+        ("capacitance of the modes left out", "Σ χr²/ωr² (B8)", made.rest_capacitance, "F"),
+        ("charge of the modes left out", "Σ χr γr/ωr² (B8)", made.rest_charge, "C s²/m"),
+        ("coupling squared k²", "θ²/(K Cp)", made.coupling_squared, "1"),
+        ("short-circuit frequency", "(B3)", made.short_frequency, "Hz"),
+        ("open-circuit frequency", "with the modes left out", made.open_frequency, "Hz"),
+        ("open-circuit frequency", "of one mode alone", made.one_mode_open_frequency, "Hz"),
+        ("second frequency", "(B3)", several[1], "Hz"),
+        ("third frequency", "(B3)", several[2], "Hz"),
+        ("strain at the clamp per displacement", "(B9)", made.surface_strain, "1/m"),
+    ]
+    if beam.measured_frequency is not None:
+        found.append(
+            ("clamp's compliance", "from measured_frequency", made.clamp_compliance, "rad/(N m)")
+        )
+    if beam.measured_capacitance is not None:
+        found.append(
+            ("factor on the permittivity", "from measured_capacitance", made.permittivity_factor,
+             "1")
+        )  # fmt: skip
+    return found
+
+
+def remarks(beam: Beam, magnets: Magnets | None = None) -> list[str]:
+    """Where the theory holds only roughly, and what a polynomial makes of the magnets."""
+    found = notes(beam)
+    if magnets is not None:
+        made = lumped(beam)
+        coefficients, error = polynomial_fit(magnets, made.stiffness, made.tip_slope)
+        listed = ", ".join(f"{each:.5g}" for each in coefficients)
+        found.append(
+            f"as a polynomial of the seventh degree within ±{magnets.reach:g} m: "
+            f"restoring_force = [{listed}], wrong by up to {error:.2g} N"
+        )
+    return found
+
+
+def draw(beam: Beam, magnets: Magnets | None = None) -> Figure:
+    """Side view, first mode, and the spring where there are magnets."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 5.0 if magnets is None else 7.0), layout="constrained")
+    panels = figure.subplots(2 if magnets is None else 3, 1)
+    _draw_side(panels[0], beam)
+    made = lumped(beam)
+    places, values = shape(pieces_of(beam), tip_of(beam), made.clamp_compliance)
+    panels[1].plot(1e3 * places, values, color=LINE)
+    frequency = made.short_frequency
+    panels[1].set(
+        xlabel="from the clamp [mm]", ylabel="φ/φ(L)", title=f"mode at {frequency:.4g} Hz"
+    )
+    if magnets is not None:
+        x, force = np.array(spring_points(magnets, made.stiffness, made.tip_slope)).T
+        panels[2].plot(1e3 * x, force, color=LINE)
+        panels[2].axhline(0.0, color="0.7", linewidth=0.8)
+        panels[2].set(xlabel="displacement of the tip [mm]", ylabel="force [N]", title="spring")
+    return figure
+
+
+def _draw_side(axes: Any, beam: Beam) -> None:
+    """The beam from its side, thicknesses not to scale of the length."""
+    from matplotlib.patches import Rectangle
+
+    half, height = 500.0 * beam.thickness, 1e3 * beam.piezo_thickness
+    begin, end = (1e3 * each for each in beam.patch)
+    length = 1e3 * beam.length
+
+    def block(x, y, width, tall, colour, label=None):
+        axes.add_patch(Rectangle((x, y), width, tall, facecolor=colour, label=label))
+
+    block(0.0, -half, length, 2.0 * half, SUBSTRATE, beam.material)
+    block(begin, half, end - begin, height, LAYER, beam.piezo)
+    if beam.layers == 2:
+        block(begin, -half - height, end - begin, height, LAYER)
+    tip, reach = tip_of(beam), half + height
+    if tip.mass:
+        size = 1e3 * (beam.tip_length or 0.06 * beam.length)
+        centre = length + 1e3 * beam.tip_offset
+        block(centre - size / 2.0, reach, size, 2.0 * reach, TIP, f"tip, {1e3 * tip.mass:.3g} g")
+    axes.axvline(0.0, color="black", linewidth=3.0)
+    axes.set(xlim=(-0.03 * length, 1.15 * length), ylim=(-2.0 * reach, 4.0 * reach))
+    axes.set(xlabel="from the clamp [mm]", ylabel="[mm], stretched", title="side view")
+    axes.legend(loc="upper left", ncols=3)

@@ -1,0 +1,401 @@
+"""`[beam]`: a cantilever's drawing, and the mass, spring and transducer that it comes to.
+
+Equations: A. Erturk and D. J. Inman, Smart Mater. Struct. 18, 025009 (2009), and docs/beams.md.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
+
+from harvester.beam.materials import ACTIVE, PASSIVE, VACUUM_PERMITTIVITY, clamped
+from harvester.beam.modes import Piece, Tip, clamp_compliance, modes, rest
+from harvester.device.keys import SI, Key, not_negative, positive
+from harvester.errors import SceneError
+
+# Thickness over length above which shear is no longer small: a fifth costs 4 % of the frequency
+# (Timoshenko's first correction), a tenth 1 %.
+THICKEST, THICK = 0.2, 0.1
+# Width over length from which a plate's stiffness begins, up to 1/(1 − ν²) = 10 % more.
+WIDE = 0.5
+# A patch shorter than so many of its thicknesses does not follow the beam at its ends.
+SHORTEST_PATCH, SHORT_PATCH = 2.0, 10.0
+
+
+def _length(**more: Any) -> Key:
+    return positive(units=(SI,), **more)
+
+
+@dataclass(frozen=True)
+class Beam:
+    """A cantilever of a substrate with one or two piezoelectric layers and a tip mass, in SI.
+
+    `piezo_start` and `piezo_length` place a patch that is shorter than the beam. The tip's body is
+    `tip_mass` with `tip_inertia` about its own centre, or a block of `tip_material`;
+    `tip_offset` is how far its centre lies beyond the beam's end.
+    """
+
+    length: float
+    width: float
+    thickness: float
+    piezo_thickness: float
+    material: str = "brass"
+    modulus: float | None = None
+    density: float | None = None
+    piezo: str = "PZT-5A"
+    piezo_modulus: float | None = None
+    piezo_density: float | None = None
+    piezo_d31: float | None = None
+    piezo_permittivity: float | None = None
+    piezo_free_permittivity: float | None = None
+    piezo_start: float = 0.0
+    piezo_length: float | None = None
+    electrode_spacing: float | None = None
+    layers: int = 2
+    connection: str = "series"
+    tip_mass: float = 0.0
+    tip_inertia: float = 0.0
+    tip_offset: float = 0.0
+    tip_material: str | None = None
+    tip_length: float | None = None
+    tip_height: float | None = None
+    tip_width: float | None = None
+    damping_ratio: float | None = None
+    quality_factor: float | None = None
+    measured_frequency: float | None = None
+    measured_capacitance: float | None = None
+
+    KEYS: ClassVar[dict] = {
+        **dict.fromkeys(("length", "width", "thickness", "piezo_thickness"),
+                        _length(required=True)),
+        "material": Key(kind=str, words=PASSIVE, units=(SI,)),
+        "piezo": Key(kind=str, words=ACTIVE, units=(SI,)),
+        **dict.fromkeys(
+            ("modulus", "density", "piezo_modulus", "piezo_density", "piezo_permittivity",
+             "piezo_free_permittivity", "piezo_length", "electrode_spacing", "tip_length",
+             "tip_height", "tip_width", "quality_factor", "measured_frequency",
+             "measured_capacitance"), _length(),
+        ),
+        "piezo_d31": Key(units=(SI,)),
+        **dict.fromkeys(("piezo_start", "tip_mass", "tip_inertia"), not_negative(units=(SI,))),
+        "tip_offset": Key(units=(SI,)),
+        "layers": Key(kind=int, low=1, high=2, units=(SI,)),
+        "connection": Key(kind=str, words=("series", "parallel"), units=(SI,)),
+        "tip_material": Key(kind=str, words=PASSIVE, units=(SI,)),
+        "damping_ratio": not_negative(units=(SI,)),
+    }  # fmt: skip
+
+    @property
+    def ratio(self) -> float:
+        """Damping ratio ζ of the first mode."""
+        if self.quality_factor is not None:
+            return 0.5 / self.quality_factor
+        return self.damping_ratio or 0.0
+
+    @property
+    def patch(self) -> tuple[float, float]:
+        """Where the electrodes begin and end (m from the clamp)."""
+        whole = self.length - self.piezo_start
+        length = whole if self.piezo_length is None else self.piezo_length
+        return self.piezo_start, self.piezo_start + length
+
+    @property
+    def substrate(self) -> tuple[float, float]:
+        """Modulus and density of the substrate."""
+        named = PASSIVE[self.material]
+        return self.modulus or named.modulus, self.density or named.density
+
+    @property
+    def active(self) -> tuple[float, float, float, float]:
+        """Modulus, density, d31 and relative permittivity at constant strain of the layers."""
+        named = ACTIVE[self.piezo]
+        modulus = self.piezo_modulus or named.modulus
+        d31 = named.d31 if self.piezo_d31 is None else self.piezo_d31
+        permittivity = self.piezo_permittivity or named.permittivity
+        if self.piezo_free_permittivity is not None:
+            permittivity = clamped(self.piezo_free_permittivity, d31, modulus)
+        return modulus, self.piezo_density or named.density, d31, permittivity
+
+    def default_values(self) -> dict[str, float]:
+        """What stands for keys that are left out: the materials' values, a patch to the end."""
+        names = "modulus", "density", "piezo_modulus", "piezo_density", "piezo_d31"
+        values = dict(zip(names, (*self.substrate, *self.active[:3]), strict=True))
+        return {**values, "piezo_length": self.patch[1] - self.patch[0]}
+
+
+class Lumped(NamedTuple):
+    """What a drawing comes to at its tip (SI), electrodes short-circuited.
+
+    Attributes
+    ----------
+    mass, stiffness, damping : M = 1/φ(L)², K = ω² M, C = 2 ζ ω M.
+    base_factor : μ = φ(L) γ.
+    coupling : θ = χ/φ(L).
+    material_capacitance : Cp of the layers at constant strain.
+    rest_capacitance, rest_charge : what the modes left out add statically, Σ χr²/ωr² and
+        Σ χr γr/ωr² over r > 1: a capacitance, and a charge per acceleration of the base.
+    damping_ratio : ζ
+    tip_slope : φ'(L)/φ(L), the tip's rotation for a displacement (1/m).
+    surface_strain : (distance of the outermost fibre) φ''(0)/φ(L), at the clamp (1/m).
+    clamp_compliance : rotation of the clamp by a moment (rad/(N m)).
+    permittivity_factor : by which a measured capacitance changes the layer's permittivity.
+    """
+
+    mass: float
+    stiffness: float
+    damping: float
+    base_factor: float
+    coupling: float
+    material_capacitance: float
+    rest_capacitance: float
+    rest_charge: float
+    damping_ratio: float
+    tip_slope: float
+    surface_strain: float
+    clamp_compliance: float
+    permittivity_factor: float
+
+    @property
+    def capacitance(self) -> float:
+        """The material's, and that of the modes left out."""
+        return self.material_capacitance + self.rest_capacitance
+
+    @property
+    def coupling_squared(self) -> float:
+        """k² = θ²/(K Cp), Cp the material's."""
+        return self.coupling**2 / (self.stiffness * self.material_capacitance)
+
+    @property
+    def short_frequency(self) -> float:
+        """√(K/M)/2π (Hz)."""
+        return math.sqrt(self.stiffness / self.mass) / (2.0 * math.pi)
+
+    @property
+    def open_frequency(self) -> float:
+        """With the electrodes open (Hz): √((K + θ²/C)/M)/2π, C with the modes left out."""
+        stiffness = self.stiffness + self.coupling**2 / self.capacitance
+        return math.sqrt(stiffness / self.mass) / (2.0 * math.pi)
+
+    @property
+    def one_mode_open_frequency(self) -> float:
+        """The same with the material's capacitance alone, as published models of one mode have."""
+        return self.short_frequency * math.sqrt(1.0 + self.coupling_squared)
+
+    def voltage_per_acceleration(self, frequency: float, resistance: float) -> complex:
+        """V/a of the base's harmonic acceleration on a resistor (V s²/m), modes left out static."""
+        omega = 2.0 * math.pi * frequency
+        rate = 1j * omega
+        compliance = 1.0 / (self.stiffness - self.mass * omega**2 + rate * self.damping)
+        charge = self.coupling * self.base_factor * self.mass * compliance + self.rest_charge
+        load = 1.0 / resistance + rate * (self.capacitance + self.coupling**2 * compliance)
+        return -rate * charge / load
+
+
+class Section(NamedTuple):
+    """A cross-section: EI (N m²), kg/m, N m/V, and the outermost fibre's distance (m)."""
+
+    rigidity: float
+    mass: float
+    moment_per_volt: float
+    outermost: float
+
+
+def section(beam: Beam, covered: bool) -> Section:
+    """The section of the beam, about its own neutral axis, with its active layers or without."""
+    modulus, density = beam.substrate
+    half, height = beam.thickness / 2.0, beam.piezo_thickness
+    stack = [(-half, half, modulus, density)]
+    if covered:
+        active, active_density, _, _ = beam.active
+        stack.append((half, half + height, active, active_density))
+        if beam.layers == 2:
+            stack.append((-half - height, -half, active, active_density))
+    stretch = sum(e * (top - low) for low, top, e, _ in stack)
+    axis = sum(e * (top**2 - low**2) / 2.0 for low, top, e, _ in stack) / stretch
+    rigidity = sum(e * ((top - axis) ** 3 - (low - axis) ** 3) / 3.0 for low, top, e, _ in stack)
+    mass = sum(rho * (top - low) for low, top, _, rho in stack)
+    moment = _moment_per_volt(beam, axis) if covered else 0.0
+    outermost = max(abs(each - axis) for low, top, _, _ in stack for each in (low, top))
+    return Section(beam.width * rigidity, beam.width * mass, moment, outermost)
+
+
+def _moment_per_volt(beam, axis):
+    """ϑ of all layers: e31 b (arm) of one whose field is V/h_p, or V over the spacing."""
+    active, _, d31, _ = beam.active
+    arm = beam.thickness / 2.0 + beam.piezo_thickness / 2.0 - axis
+    field = 1.0 if beam.electrode_spacing is None else beam.piezo_thickness / beam.electrode_spacing
+    number = 2.0 if beam.layers == 2 and beam.connection == "parallel" else 1.0
+    return abs(d31) * active * beam.width * arm * field * number
+
+
+def pieces_of(beam: Beam) -> list[Piece]:
+    """The pieces from the clamp to the tip: bare, covered, bare."""
+    begin, end = beam.patch
+    found = []
+    for low, top, covered in ((0.0, begin, False), (begin, end, True), (end, beam.length, False)):
+        if top - low > 1e-9 * beam.length:
+            made = section(beam, covered)
+            found.append(Piece(top - low, made.rigidity, made.mass, made.moment_per_volt))
+    return found
+
+
+def tip_of(beam: Beam) -> Tip:
+    """The body at the tip: by its values, or as a block that stands on the beam's end."""
+    mass, inertia = beam.tip_mass, beam.tip_inertia
+    if beam.tip_material is not None:
+        length, height = beam.tip_length or 0.0, beam.tip_height or 0.0
+        density = PASSIVE[beam.tip_material].density
+        mass = density * length * height * (beam.tip_width or beam.width)
+        rise = (height + beam.thickness) / 2.0
+        inertia = mass * ((length**2 + height**2) / 12.0 + rise**2)
+    return Tip(mass, beam.tip_offset, inertia + mass * beam.tip_offset**2)
+
+
+def layer_capacitance(beam: Beam) -> float:
+    """Capacitance of the layers at constant strain, as they are connected."""
+    _, _, _, permittivity = beam.active
+    begin, end = beam.patch
+    one = permittivity * VACUUM_PERMITTIVITY * beam.width * (end - begin)
+    if beam.electrode_spacing is None:
+        one /= beam.piezo_thickness
+    else:
+        # A capacitor between each pair of fingers, all of them in parallel.
+        one *= beam.piezo_thickness / beam.electrode_spacing**2
+    if beam.layers == 1:
+        return one
+    return one * (2.0 if beam.connection == "parallel" else 0.5)
+
+
+@functools.lru_cache(maxsize=256)
+def lumped(beam: Beam, origin: str = "beam") -> Lumped:
+    """The first mode at the tip, the others static.
+
+    Raises
+    ------
+    SceneError
+        The drawing is none of a slender cantilever, or a measured value cannot be met.
+    """
+    _check(beam, origin)
+    pieces, tip = pieces_of(beam), tip_of(beam)
+    compliance = 0.0
+    if beam.measured_frequency is not None:
+        compliance = _calibrated_clamp(beam, pieces, tip, origin)
+    first = modes(pieces, tip, 1, compliance)[0]
+    every = rest(pieces, tip)
+    omega, mass = first.angular_frequency, 1.0 / first.tip**2
+    own = (first.coupling / omega) ** 2
+    capacitance = layer_capacitance(beam)
+    factor = 1.0
+    if beam.measured_capacitance is not None:
+        factor = (beam.measured_capacitance - every.capacitance) / capacitance
+        if factor <= 0.0:
+            raise SceneError(
+                f"{origin}: beam.measured_capacitance = {beam.measured_capacitance:.4g}: must be "
+                f"greater than the {every.capacitance:.4g} F that the free beam's bending alone "
+                "adds at low frequency"
+            )
+    return Lumped(
+        mass=mass,
+        stiffness=omega**2 * mass,
+        damping=2.0 * beam.ratio * omega * mass,
+        base_factor=first.tip * first.forcing,
+        coupling=first.coupling / first.tip,
+        material_capacitance=capacitance * factor,
+        rest_capacitance=every.capacitance - own,
+        rest_charge=every.charge - first.coupling * first.forcing / omega**2,
+        damping_ratio=beam.ratio,
+        tip_slope=first.tip_slope / first.tip,
+        surface_strain=section(beam, beam.piezo_start == 0.0).outermost
+        * first.root_curvature / first.tip,
+        clamp_compliance=compliance,
+        permittivity_factor=factor,
+    )  # fmt: skip
+
+
+def frequencies(beam: Beam, count: int = 3) -> list[float]:
+    """The first short-circuit frequencies (Hz)."""
+    compliance = lumped(beam).clamp_compliance
+    found: Sequence[Any] = modes(pieces_of(beam), tip_of(beam), count, compliance)
+    return [each.angular_frequency / (2.0 * math.pi) for each in found]
+
+
+def _calibrated_clamp(beam, pieces, tip, origin):
+    """The compliance of the clamp that a measured short-circuit frequency shows."""
+    rigid = modes(pieces, tip)[0].angular_frequency
+    wanted = 2.0 * math.pi * beam.measured_frequency
+    if wanted > rigid:
+        raise SceneError(
+            f"{origin}: beam.measured_frequency = {beam.measured_frequency:g}: must be at most the "
+            f"{rigid / (2.0 * math.pi):.4g} Hz of a rigid clamp, as a clamp only softens: "
+            "check thickness, modulus and tip mass"
+        )
+    return clamp_compliance(pieces, tip, wanted)
+
+
+def notes(beam: Beam) -> list[str]:
+    """What the theory of slender beams holds for only roughly here."""
+    found = []
+    thickness = beam.thickness + beam.layers * beam.piezo_thickness
+    if thickness > THICK * beam.length:
+        found.append(
+            f"thickness/length = {thickness / beam.length:.2g} > {THICK}: shear, left out here, "
+            "lowers the frequency by some per cents"
+        )
+    if beam.width > WIDE * beam.length:
+        found.append(
+            f"width/length = {beam.width / beam.length:.2g} > {WIDE}: towards a plate, whose "
+            "stiffness is up to 1/(1 − ν²), some 10 %, greater"
+        )
+    begin, end = beam.patch
+    if end - begin < SHORT_PATCH * beam.piezo_thickness:
+        found.append(
+            f"the patch is {(end - begin) / beam.piezo_thickness:.2g} thicknesses long, < "
+            f"{SHORT_PATCH:g}: at its ends it does not follow the beam, and couples less"
+        )
+    if beam.ratio == 0.0:
+        found.append("no damping_ratio or quality_factor is given: ζ = 0")
+    return found
+
+
+def _check(beam, origin):
+    """Refuse what is no slender cantilever, and what is said twice or by halves."""
+    begin, end = beam.patch
+    thickness = beam.thickness + beam.layers * beam.piezo_thickness
+    if not begin < end <= beam.length * (1.0 + 1e-9):
+        raise SceneError(
+            f"{origin}: beam.piezo_start and piezo_length place the patch from {begin:g} to "
+            f"{end:g} m: it must lie on the beam's {beam.length:g} m"
+        )
+    if thickness > THICKEST * beam.length:
+        raise SceneError(
+            f"{origin}: beam: thickness/length = {thickness / beam.length:.2g}: a slender beam "
+            f"(Euler–Bernoulli) has at most {THICKEST}; check the units (m)"
+        )
+    if end - begin < SHORTEST_PATCH * beam.piezo_thickness:
+        raise SceneError(
+            f"{origin}: beam.piezo_length = {end - begin:g}: must be at least {SHORTEST_PATCH:g} "
+            "of the patch's thicknesses"
+        )
+    for one, other in (
+        ("damping_ratio", "quality_factor"),
+        ("piezo_permittivity", "piezo_free_permittivity"),
+    ):
+        if getattr(beam, one) is not None and getattr(beam, other) is not None:
+            raise SceneError(f"{origin}: beam.{one} and beam.{other} say the same thing twice")
+    if beam.active[3] <= 0.0:
+        raise SceneError(
+            f"{origin}: beam: d31² c11 is greater than the free permittivity; check piezo_d31"
+        )
+    sizes = ("tip_length", "tip_height", "tip_width")
+    given = [name for name in sizes if getattr(beam, name) is not None]
+    if given and beam.tip_material is None:
+        raise SceneError(f"{origin}: beam.{given[0]} needs beam.tip_material")
+    if beam.tip_material is None:
+        return
+    if not {"tip_length", "tip_height"} <= {*given}:
+        raise SceneError(f"{origin}: beam.tip_material needs beam.tip_length and beam.tip_height")
+    if beam.tip_mass or beam.tip_inertia:
+        raise SceneError(f"{origin}: beam.tip_mass and beam.tip_material say the same thing twice")

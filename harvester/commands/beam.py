@@ -1,0 +1,69 @@
+"""`harvester beam`: what a drawing comes to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from harvester.errors import SceneError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from harvester.beam.table import Beam
+    from harvester.scene.model import Scene
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A scene's beam and what it comes to, to be shown and written."""
+
+    scene: Scene
+    beam: Beam
+
+    def table(self) -> tuple[list[str], list[list[str]]]:
+        """Header and rows as text."""
+        header = ["quantity", "equation", "value", "unit"]
+        return header, [
+            [name, equation, f"{value:.5g}", unit] for name, equation, value, unit in self._rows()
+        ]
+
+    def sentences(self) -> list[str]:
+        """Where the theory holds only roughly; the magnets' spring as a polynomial."""
+        from harvester.beam.summary import remarks
+
+        return remarks(self.beam, self.scene.magnets)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        keys = ("quantity", "equation", "value", "unit")
+        values = [dict(zip(keys, row, strict=True)) for row in self._rows()]
+        return {"scene": self.scene.to_dict(), "values": values, "notes": self.sentences()}
+
+    def figure(self) -> Figure:
+        """Side view, first mode, and the spring of the magnets."""
+        from harvester.beam.summary import draw
+        from harvester.show.figures import drawn
+
+        return drawn(lambda beam: draw(beam, self.scene.magnets), self.beam)
+
+    def _rows(self):
+        from harvester.beam.summary import rows
+
+        return rows(self.beam)
+
+
+def beam(scene: Scene) -> Drawing:
+    """Show what a scene's drawing comes to: mass, spring, coupling, capacitance, frequencies.
+
+    Parameters
+    ----------
+    scene : Scene
+        One with the table [beam].
+    """
+    if scene.beam is None:
+        raise SceneError(
+            f"{scene.name}: there is no table [beam] in it; docs/beams.md shows one, and so does "
+            "harvester beam bimorph"
+        )
+    return Drawing(scene, scene.beam)

@@ -1,0 +1,74 @@
+"""A scene's drawing, [beam] and [magnets], as the lumped tables that stand for it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from harvester.beam.magnets import Magnets, spring_points
+from harvester.beam.table import Beam, lumped
+from harvester.device.keys import SI
+from harvester.errors import SceneError
+from harvester.scene.schema import OTHER_KEYS, check_table
+
+# What the drawing gives, and so may not stand beside it.
+DRAWN = {
+    "oscillator": (
+        "mass", "damping", "quality_factor", "damping_ratio", "base_factor", "linear_stiffness",
+        "frequency", "cubic_stiffness", "restoring_force", "force_table", "force_interpolation",
+    ),
+    "piezo": ("coupling", "capacitance"),
+}  # fmt: skip
+
+
+def with_drawing(tables: dict[str, Any], origin: str) -> dict[str, Any]:
+    """A scene's tables with what its drawing comes to.
+
+    Raises
+    ------
+    SceneError
+        A key of the drawing is not usable, or a value that it gives is given beside it.
+    """
+    if "beam" not in tables:
+        if "magnets" in tables:
+            raise SceneError(f"{origin}: [magnets] stand at a beam's tip and need the table [beam]")
+        return tables
+    if tables.get("units") != SI:
+        raise SceneError(f'{origin}: [beam] is a drawing in metres and needs units = "SI"')
+    values = lumped(Beam(**_checked("beam", tables, origin)), origin)
+    given = {name: _beside(name, tables, origin) for name in DRAWN}
+    oscillator: dict[str, Any] = {
+        "mass": values.mass, "damping": values.damping, "base_factor": values.base_factor,
+    }  # fmt: skip
+    if "magnets" in tables:
+        magnets = Magnets(**_checked("magnets", tables, origin))
+        points = spring_points(magnets, values.stiffness, values.tip_slope, origin)
+        oscillator |= {"force_table": points, "force_interpolation": "smooth"}
+    else:
+        oscillator["linear_stiffness"] = values.stiffness
+    piezo = {"coupling": values.coupling, "capacitance": values.capacitance}
+    return {
+        **tables,
+        "oscillator": given["oscillator"] | oscillator,
+        "piezo": given["piezo"] | piezo,
+    }
+
+
+def _checked(name, tables, origin):
+    """The table of a drawing with its keys checked."""
+    if not isinstance(tables[name], dict):
+        raise SceneError(f"{origin}: {name} must be a table")
+    return check_table(name, tables[name], OTHER_KEYS[name], SI, origin)
+
+
+def _beside(name, tables, origin):
+    """What stands in a table beside the drawing."""
+    given = tables.get(name, {})
+    if not isinstance(given, dict):
+        raise SceneError(f"{origin}: {name} must be a table")
+    for key in DRAWN[name]:
+        if key in given:
+            raise SceneError(
+                f"{origin}: {name}.{key} is what [beam] gives: take one of them out, or change the "
+                "beam's own keys"
+            )
+    return given
