@@ -14,7 +14,7 @@ EACH = [
     pytest.param("tristable, degree 5", marks=pytest.mark.exhaustive),
     pytest.param("one-sided stopper", marks=pytest.mark.exhaustive),
     pytest.param("uneven stoppers", marks=pytest.mark.slow),
-    pytest.param("quadratic damping", marks=pytest.mark.slow),
+    pytest.param("quadratic damping", marks=pytest.mark.exhaustive),
 ]
 COMPARED = (
     "mean_square_displacement",

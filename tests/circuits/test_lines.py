@@ -99,7 +99,7 @@ def deviation(scene, engine):
     return float(np.max(np.abs(means(scene, engine, "default") / finest - 1.0)))
 
 
-@pytest.mark.parametrize("place", [1, 6, 13, 19])
+@pytest.mark.parametrize("place", [1, 6, 13, pytest.param(19, marks=pytest.mark.exhaustive)])
 def test_default_steps_hold_near_a_resonance(place, tmp_path):
     _, scene = drawn(place, tmp_path)
     assert deviation(scene, "monte-carlo") < 0.01

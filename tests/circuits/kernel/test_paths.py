@@ -142,7 +142,7 @@ V2 ref n 0
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("step", ["default", "finest"])
+@pytest.mark.parametrize("step", ["default", pytest.param("finest", marks=pytest.mark.exhaustive)])
 def test_a_switch_that_turned_conducts_as_it_should(pool, tmp_path, step):
     path = tmp_path / "clocked.lib"
     path.write_text(CLOCKED)

@@ -17,13 +17,20 @@ from harvester.simulation.simulate import simulate
 SLOW_LOAD = ["load.decay_rate=1e-3", "excitation.intensity=0.1", "run.realizations=32"]
 LONG = {"run.settle": 8000.0, "run.duration": 2000.0}
 
+# Others of the same kinds are exhaustive.
+BRIEF = ("asymmetric", "cantilever", "device", "duffing", "linear", "paper", "tristable")
+EACH = [
+    pytest.param(name, marks=() if name in BRIEF else pytest.mark.exhaustive)
+    for name in Scene.names()
+]
+
 
 def notes_of(result):
     return [note for note in result.notes if "run." in note or "drifts" in note]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", Scene.names())
+@pytest.mark.parametrize("name", EACH)
 def test_built_in_scenes_are_long_enough(pool, name):
     result = simulate(Scene.load(name), method="monte-carlo", runner=pool)
     assert notes_of(result) == []

@@ -16,7 +16,15 @@ REALIZATIONS = 11  # a block of eight and a part of one
 KNOTS = 6144  # 24 batches of whole knots: a contact's points then lie in one of them
 
 
-@pytest.mark.parametrize("name", ["linear", "paper", "tristable", "asymmetric"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "linear",
+        "paper",
+        pytest.param("tristable", marks=pytest.mark.exhaustive),
+        "asymmetric",
+    ],
+)
 @pytest.mark.parametrize("settle", [0, 100])
 def test_moments_are_those_of_the_records(name, settle):
     """With one well, two alike, and three and two uneven ones with shares of time of their own."""

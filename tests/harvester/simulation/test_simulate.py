@@ -32,7 +32,14 @@ MEANS = (
 @pytest.mark.slow
 @pytest.mark.parametrize("engine", ["circuit", "monte-carlo"])
 @pytest.mark.parametrize(
-    "overrides", [[], ["oscillator.damping=0.4", "load.decay_rate=0.5", "run.seed=11"]]
+    "overrides",
+    [
+        [],
+        pytest.param(
+            ["oscillator.damping=0.4", "load.decay_rate=0.5", "run.seed=11"],
+            marks=pytest.mark.exhaustive,
+        ),
+    ],
 )
 def test_a_linear_scene_meets_the_lyapunov_equation(pool, engine, overrides):
     """False-alarm rate 1.3 % per case: five means at three of their own standard errors."""

@@ -46,7 +46,7 @@ def test_simulation(overrides):
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param("uneven stoppers", marks=pytest.mark.slow),
+        pytest.param("uneven stoppers", marks=pytest.mark.exhaustive),
         pytest.param("coil with inductance", marks=pytest.mark.slow),
     ],
 )

@@ -16,8 +16,8 @@ KNOTS = 120
 LOUD = {"uneven stoppers": 0.5, "held impact velocity": 2.0, "paper": 2.0}
 
 
-# A held speed, drag, a start, a coil that keeps its current; the rest by `make test-all`.
-FOLLOWED = ("held impact velocity", "leak and drag", "start", "coil with inductance")
+# A held speed, drag, a start; the rest by `make test-all`.
+FOLLOWED = ("held impact velocity", "leak and drag", "start")
 EACH = [
     pytest.param(name, marks=() if name in FOLLOWED else pytest.mark.exhaustive, id=name)
     for name in sorted(set(every_command.DEVICES) - {"device", "duffing", "linear", "paper_si"})
