@@ -141,6 +141,7 @@ def test_bash_completes_commands_scenes_and_options(capsys):
         "schematic",
         "sensitivity",
         "simulate",
+        "spectrum",
         "stability",
         "sweep",
     }

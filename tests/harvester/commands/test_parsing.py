@@ -29,6 +29,7 @@ OPTIONS = {
     f"{RUN} {SCENE}",
     "spectrum": "FILE --breakpoints --column --device --duration --json --output --report "
     "--resolution --sampling-rate --unit",
+    "beam": f"--json --output --report {SCENE}",
     "load": "FILE --nodes --output --remove",
     "average": f"--fit --json --jump-rates --method --output --report --tolerance {SCENE}",
     "frequency-response": "--amplitude --down --frequencies --json --method --output --step "
