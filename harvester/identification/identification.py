@@ -202,8 +202,8 @@ class Identification:
             )
             if stretch.windows > 1:
                 lines.append(
-                    f"{stretch.name}: from one start alone, whose path parts from the measured "
-                    f"one, {name} {with_error(stretch.free_power(), unit)}"
+                    f"{stretch.name}: from one start alone, whose path may part from the "
+                    f"measured one, {name} {with_error(stretch.free_power(), unit)}"
                 )
         lines += [str(each) for each in self.kept_aside]
         lines += [
@@ -242,7 +242,8 @@ class Identification:
         count = len(stretches) - steady
         windows = sum(edges.size - 1 for edges in self.fitted.fit.edges[:count])
         return (
-            f"the first two thirds of {_records(count)} in {windows} windows, acceleration "
+            f"the first two thirds of {_records(count)} in {windows} "
+            f"{'window' if windows == 1 else 'windows'}, acceleration "
             f"{self.fitted.interpolation} between samples{f', and {lines}' if steady else ''}"
         )
 
@@ -340,7 +341,9 @@ def _records(count):
 
 
 def _windows(stretch):
-    return "" if isinstance(stretch, ResponseStretch) else f" in {stretch.windows} windows"
+    if isinstance(stretch, ResponseStretch):
+        return ""
+    return f" in {stretch.windows} {'window' if stretch.windows == 1 else 'windows'}"
 
 
 def _record(stretch):

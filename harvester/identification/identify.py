@@ -75,8 +75,9 @@ def identify(
         Whole records that are not fitted to: each is run from one start under its acceleration, and
         its orbit, rms and power are compared.
     compare : bool
-        Fit other models to compare the scene's with (symmetric spring or not, cubic or linear,
-        drag, stoppers; sensors, where more than their noise is left); with --alone none.
+        Beside the scene's model fit others to compare it with (symmetric spring or not, cubic or
+        linear, drag, stoppers; sensors and richer springs, where more than the sensors' noise is
+        left); --alone fits the scene's only.
     posterior : bool
         Sample the posterior of the values too, by the scene's seed (needs emcee: pip install
         'harvester[posterior]').
@@ -128,6 +129,11 @@ def identify(
             return _of_impedance(scene, analysed, free, posterior, clock)
         begun, measurements = analysed.scene, [*measurements, analysed.measured]
     aside = [] if keep_aside is None else _measurements(scene, keep_aside)
+    if not measurements:
+        raise IdentificationError(
+            "--record: none is given: records kept aside are not fitted to; name at least one "
+            "that is"
+        )
     check_records(begun, [*measurements, *aside])
     outputs = list(measurements[0].sensed)
     named = None if free is None else listed(free, "free", 'free=["oscillator.damping"]')

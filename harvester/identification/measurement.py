@@ -182,9 +182,7 @@ def read_measurement(
         OUTPUTS,
         where,
     )
-    absolute = given.get("velocity", "").endswith(ABSOLUTE)
-    if absolute:
-        given["velocity"] = given["velocity"].removesuffix(ABSOLUTE)
+    absolute = _taken_absolute(where, given)
     content, _ = read_record(path)
     measured = MeasuredFile(path, content)
     rate = measured.table.rate if rate is None else rate
@@ -206,6 +204,21 @@ def read_measurement(
         velocity_in_volts=unit_of.get("velocity") in QUANTITIES["voltage"],
         **columns,
     )
+
+
+def _taken_absolute(where, given):
+    """Whether the velocity is said to be of the room; that word is taken out of the setting."""
+    text = given.get("velocity", "")
+    before, _, word = text.rpartition(":")
+    if before.rpartition(":")[2] not in QUANTITIES["velocity"] or ":" not in before:
+        return False
+    if f":{word}" != ABSOLUTE:
+        raise SceneError(
+            f"{where}: velocity = {shown(text)}: behind the unit stands absolute (of the room), or "
+            "nothing (relative to the base)"
+        )
+    given["velocity"] = before
+    return True
 
 
 def _number(where, key, value):

@@ -125,6 +125,8 @@ def _claims(kept):
     if not kept:
         return ""
     claimed = [each for each in kept if each.claimed]
+    if not claimed:
+        return f"; of the records kept aside ({len(kept)}) it claims none"
     held = sum(each.holds for each in claimed)
     return (
         f"; it claims {len(claimed)} of {len(kept)} records kept aside, and {held} of those lie "

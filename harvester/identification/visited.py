@@ -100,13 +100,18 @@ def visited(fitted: Fitted) -> Visited | None:
         if "load.resistance" in numbers(each.scene)
     }
     ranges = tuple(displacement)
+    spring = () if _inside(ranges, 0.0) else _of_spring(fitted.keys)
+    outside = _outside(system, scales.displacement, ranges, si, len(loads) > 1)
+    if spring:
+        names = ", ".join(key.rpartition(".")[2] for key in spring)
+        outside = (f"the spring about x = 0 ({names})", *outside)
     return Visited(
         displacement=ranges,
         velocity=tuple(velocity),
         frequency=band(each.measurement for each in experiments),
         loads=tuple(sorted(loads)),
-        extrapolated=_outside(system, scales.displacement, ranges, si, len(loads) > 1),
-        values=() if _inside(ranges, 0.0) else _of_spring(fitted.keys),
+        extrapolated=outside,
+        values=spring,
         si=si,
     )
 

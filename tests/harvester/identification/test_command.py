@@ -59,3 +59,13 @@ def test_what_a_record_leaves_open_scatters_the_power_as_its_covariance_says(tmp
     # 80 devices: their deviation has a standard error of 8 %; four of those.
     scatter = found["standard_deviation"]["estimate"] / found["nominal"]["estimate"]
     assert scatter == pytest.approx(wanted, rel=0.32)
+
+
+def test_a_record_kept_aside_needs_one_that_is_fitted_to(tmp_path, capsys):
+    time = np.arange(600) / 50.0
+    columns = np.column_stack([time, np.sin(20.0 * time), np.cos(20.0 * time)])
+    file = tmp_path / "kept.csv"
+    header = "time [s],acceleration [m/s^2],voltage [V]"
+    np.savetxt(file, columns, delimiter=",", header=header, comments="")
+    assert main(["identify", "paper_si", "--keep-aside", str(file)]) == 2
+    assert "--record: none is given" in capsys.readouterr().err

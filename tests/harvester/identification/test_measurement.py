@@ -77,6 +77,8 @@ def gap():
          {"voltge": "2:V"}, "did you mean voltage"),
         ("time,acceleration [g],voltage [V]", (TIMES, ACCELERATION, VOLTAGE),
          {"velocity": "veloc:m/s"}, "no such column"),
+        ("time,acceleration [g],voltage [V]", (TIMES, ACCELERATION, VOLTAGE),
+         {"velocity": "2:m/s:absolut"}, "behind the unit stands absolute"),
         ("a,acceleration [g],voltage [V]", (TIMES, ACCELERATION, VOLTAGE), {}, "sampling_rate=HZ"),
         ("time,acceleration [g],u", (TIMES, ACCELERATION, VOLTAGE), {}, "nothing was measured"),
         ("time,a,voltage [V]", (TIMES, ACCELERATION, VOLTAGE), {}, "no column of the base"),
