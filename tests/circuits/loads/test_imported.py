@@ -69,7 +69,7 @@ Rc b 0 1Meg
 
 def test_node_0_within_a_subcircuit_is_refused_where_it_would_be_another():
     # In a load node 0 is the harvester's n: with the nodes the other way round it would be N001.
-    with pytest.raises(NetlistError, match="Rc in .subckt cell uses node 0"):
+    with pytest.raises(NetlistError, match=r"Rc in \.subckt cell uses node 0"):
         imported(WITHIN, "a", ["0", "N001", "out", "0"])
     assert "Rc b 0 1Meg" in imported(WITHIN, "a", ["N001", "0", "out", "0"]).text
 
@@ -83,7 +83,7 @@ def test_functions_and_currents_of_resistors_are_rewritten(tmp_path):
     assert "B1: I(R1)" in "\n".join(made.rewritten)
     (tmp_path / "a.lib").write_text(made.text)
     read_load(tmp_path / "a.lib")
-    with pytest.raises(NetlistError, match="share.*cell calls"):
+    with pytest.raises(NetlistError, match=r"share.*cell calls"):
         imported(text.replace("Rc b a 1Meg", "Bc b a I=share(1)"), "a", ["0", "N001", "out", "0"])
     with pytest.raises(NetlistError, match=r"I\(V1\): V1 is removed"):
         imported(text.replace("I(R1)", "I(V1)"), "a", ["0", "N001", "out", "0"])
