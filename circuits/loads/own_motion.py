@@ -114,8 +114,8 @@ def following_notes(load: LoadCircuit, duration: float) -> tuple[str, ...]:
     name = next(e.name for e in load.elements if e.wave and e.wave.period == period)
     said = ", ".join(f"{_spoken(cost)} by {engine}" for engine, cost in costs.items())
     return (
-        f"{name} repeats itself every {1e6 * period:.3g} µs: {duration:.4g} s are {duration / period:.2g} "
-        f"periods, about {said} on one core and for each realization; put an averaged converter in "
+        f"{name} repeats itself every {1e6 * period:.3g} µs: {duration:.4g} s take about {said}, "
+        "for each realization on one core; put an averaged converter in "
         "its place, as nano_buck of `.include buck_converters.lib`",
     )
 
