@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 
 from harvester.commands.parsing import about
 from harvester.commands.quiet import complain, quiet
-from harvester.commands.table import COMMANDS
+from harvester.commands.table import COMMANDS, FIRST, PROOF
 from harvester.errors import EngineNotFound, HarvesterError, LoadChatters, SimulationError
 from harvester.files.plain_text import nearest, one_line
 from harvester.files.streams import guarded_streams
@@ -133,20 +133,21 @@ def build_parser(wanted: str | None = None) -> tuple[Parser, Any]:
         prog="harvester",
         description="Vibration energy harvesters as circuits: ngspice, Monte Carlo and\n"
         "stochastic averaging of one scene, with error bars.",
-        epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"harvester {__version__}")
-    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    title = "commands, each with an example in its own --help"
+    commands = parser.add_subparsers(title=title, required=True, metavar="COMMAND")
+    summaries: dict[str, str] = {}
     only = wanted if wanted in {command.name for command in COMMANDS} else None
     for command in COMMANDS:
         if only not in (None, command.name):
             commands.add_parser(command.name)
             continue
         first, text = about(command.found)
+        summaries[command.name] = first
         own = commands.add_parser(
             command.name,
-            help=first.replace("%", "%%"),
             description=text,
             epilog=f"example: harvester {command.example}",
         )
@@ -155,4 +156,19 @@ def build_parser(wanted: str | None = None) -> tuple[Parser, Any]:
             "--quiet", action="store_true", help="show errors only, and what goes to -"
         )
         own.set_defaults(command=command)
+    # argparse knows one list of commands; its epilog holds ours.
+    parser.epilog = f"{_in_groups(summaries)}\n\n{EPILOG}"
     return parser, commands
+
+
+def _in_groups(summaries):
+    """The commands with what each does: the newcomer's, the others, and what proves the program."""
+    between = [name for name in summaries if name not in (*FIRST, *PROOF)]
+    groups = {"to begin with": FIRST, "further": between, "what proves the program": PROOF}
+    width = max(map(len, summaries)) + 2
+    return "\n\n".join(
+        "\n".join(
+            [f"{title}:", *(f"  {n:<{width}}{summaries[n]}" for n in names if n in summaries)]
+        )
+        for title, names in groups.items()
+    )

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from circuits.loads.reader import IGNORED, INCLUDES, statements
 from circuits.loads.subcircuits import OUTPUT_PINS, PIEZO_PINS
-from circuits.loads.topology import CONTROLLED_BY_NODES, GROUND, Part, read_topology
+from circuits.loads.topology import CONTROLLED_BY_NODES, GROUND, Part, Topology, read_topology
 from circuits.loads.vetting import ELEMENTS, listed
 from harvester.errors import NetlistError
 from harvester.files.plain_text import nearest
@@ -19,6 +19,8 @@ KEPT = (".model", ".param", ".func")
 _WAVE = re.compile(r"(?i)\b(sine?|pulse|exp|sffm|pwl|wavefile)\b")
 # LTspice's parts within a part: what takes their place.
 _WITHIN = re.compile(r"(?i)\s*\b(rser|rpar|cpar|lser)\s*=\s*(\{[^{}]*\}|\S+)")
+_VOLTAGE = re.compile(r"(?i)\bv\(([^()]*)\)")
+_CURRENT = re.compile(r"(?i)\bi\(([^()]*)\)")
 
 
 class Imported(NamedTuple):
@@ -66,21 +68,32 @@ def imported(text: str, name: str, nodes: Sequence[str], remove: Sequence[str] =
         p.name.lower() for p in topology.parts if p.letter in "vi" and {*p.ends} == {*nodes[:2]}
     }
     said += [f"{each}: removed, the harvester takes its place" for each in sorted(gone)]
+    _check_ground(topology, pins)
+    currents = _currents(topology, gone)
+    functions: list[str] = []
     outside: list[str] = []
     inside: list[str] = []
     depth = 0
     for card in statements(_body(text), name):
         first = card.text.split()[0].lower()
         depth += first == ".subckt"
-        if depth or first in KEPT or (first in INCLUDES and not re.search(r"[\\/:]", card.text)):
+        if not depth and first == ".func":
+            made = _rewritten(card.text, pins, currents)
+            if made.lower() != card.text.lower():
+                functions.append(re.split(r"[\s(]+", card.text)[1])
+            outside.append(made)
+        elif depth or first in KEPT or (first in INCLUDES and not re.search(r"[\\/:]", card.text)):
             outside.append(card.text)
         elif first.startswith("."):
             said += [f"{card.text[:60]}: left out"] if first not in IGNORED else []
         elif first not in gone:
             across = card.text.split()[1:3]
             output = first[0] in "rc" and len(nodes) == 4 and {*across} == {*nodes[2:]}
-            inside += _element(card.text, pins | {nodes[3]: "ref"} if output else pins, said)
+            own = pins | {nodes[3]: "ref"} if output else pins
+            inside += _element(card.text, own, currents, said)
         depth -= first == ".ends"
+    _check_functions(topology, functions)
+    said += [f".func {each}: its voltages and currents are those of the load" for each in functions]
     for part in topology.parts:
         if part.name.lower() not in gone and _is_wave(part):
             said.append(f"{part.name}: stays, a source of its own: --remove it if it drives")
@@ -88,10 +101,8 @@ def imported(text: str, name: str, nodes: Sequence[str], remove: Sequence[str] =
         # One node cannot have two names: an ammeter joins them.
         inside.append(f"Vcommon ref {pins[nodes[3]]} 0")
         said.append(f"Vcommon: joins ref to {pins[nodes[3]]}, as node {nodes[3]} was both")
-    own = PINS[: len(nodes)]
-    lines = [
-        "* dialect: ltspice", *outside, f".subckt {name} {' '.join(own)}", *inside, f".ends {name}"
-    ]  # fmt: skip
+    head = f".subckt {name} {' '.join(PINS[: len(nodes)])}"
+    lines = ["* dialect: ltspice", *outside, head, *inside, f".ends {name}"]
     said.append("* dialect: ltspice: switches and expressions mean what they mean there")
     return Imported(
         "\n".join([f"* {name}, from a schematic's netlist", *lines]) + "\n", tuple(said)
@@ -128,16 +139,86 @@ def _pins(nodes, known):
     return {GROUND: "ground", **pins} | {n: f"{n}_" for n in known if n in PINS and n not in pins}
 
 
-def _element(text: str, pins: dict[str, str], said: list[str]) -> Iterator[str]:
+def _within(topology: Topology) -> Iterator[tuple[str, Part]]:
+    """Elements of all sub-circuits, each with the name of its own."""
+    for inner in topology.inner.values():
+        yield from ((inner.name, part) for part in inner.parts)
+        yield from _within(inner)
+
+
+def _check_ground(topology, pins):
+    """Refuse node 0 within sub-circuits where it is not the harvester's n, as it is in a load."""
+    for name, part in _within(topology) if pins[GROUND] != "n" else ():
+        alone = any("," not in each for each in _VOLTAGE.findall(part.value))
+        if GROUND in (*part.nodes, *part.control) or alone:
+            raise NetlistError(
+                f"{part.name} in .subckt {name} uses node 0, which in a load is the harvester's "
+                "second node, and you gave another one: give the sub-circuit a pin for node 0, "
+                "and write V(x) as V(x,PIN)"
+            )
+
+
+def _currents(topology, gone):
+    """What stands for i(NAME): voltage over resistance, or why nothing does."""
+    found: dict[str, tuple[str, str] | str] = {}
+    for part in topology.parts:
+        name = part.name.lower()
+        if name in gone:
+            found[name] = f"I({part.name}): {part.name} is removed: the harvester takes its place"
+        elif part.letter == "r" and len(part.value.split()) == 1 and "=" not in part.value:
+            found[name] = (f"v({','.join(part.ends)})", part.value.strip("{}"))
+        elif part.letter not in "vehl":
+            found[name] = (
+                f"I({part.name}): put a source of 0 V, V_{part.name}, in series with {part.name} "
+                f"and write I(V_{part.name})"
+            )
+    return found
+
+
+def _check_functions(topology, functions):
+    """Refuse a rewritten function that a sub-circuit calls: there its nodes are that one's."""
+    for name, part in _within(topology):
+        for each in functions:
+            if re.search(rf"(?i)\b{re.escape(each)}\s*\(", part.value):
+                raise NetlistError(
+                    f".func {each}: it asks for nodes of the schematic, and .subckt {name} calls "
+                    "it too: give it these voltages as arguments"
+                )
+
+
+def _rewritten(text, pins, currents):
+    """Text with the load's names of what voltages and currents it asks for."""
+
+    def current(found):
+        known = currents.get(found[1].strip().lower(), found[0])
+        if isinstance(known, tuple):
+            return f"({known[0]}/({known[1]}))"
+        if known != found[0]:
+            raise NetlistError(known)
+        return known
+
+    return _VOLTAGE.sub(lambda found: _voltage(found[1], pins), _CURRENT.sub(current, text))
+
+
+def _element(
+    text: str, pins: dict[str, str], currents: dict[str, tuple[str, str] | str], said: list[str]
+) -> Iterator[str]:
     """An element with its nodes renamed, and the parts that stood within it."""
     within = [(key.lower(), value) for key, value in _WITHIN.findall(text)]
     words = _WITHIN.sub("", text).split()
     name, letter = words[0], words[0][0].lower()
     count = _nodes_of(words)
     nodes = [pins.get(node, node) for node in words[1 : 1 + count]]
-    rest = re.sub(
-        r"(?i)\bv\(([^()]*)\)", lambda found: _voltage(found[1], pins), " ".join(words[1 + count :])
-    )
+    rest = " ".join(words[1 + count :])
+    # An element's own words may be those of a waveform; only these ask for voltages and currents.
+    if letter not in "vi":
+        asked = _CURRENT.findall(rest)
+        rest = _rewritten(rest, pins, currents)
+        said += [
+            f"{name}: I({each}) is its voltage over its resistance"
+            for each in dict.fromkeys(asked)
+            if isinstance(currents.get(each.strip().lower()), tuple)
+        ]
     for key, value in within:
         part = f"{key[0].upper()}{key[1:]}_{name}"
         if letter not in "rclvi" or (letter == "i" and key == "rser"):

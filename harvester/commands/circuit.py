@@ -17,6 +17,8 @@ from harvester.signatures import File, Step
 if TYPE_CHECKING:
     from harvester.scene.model import Scene
 
+# Length (s) of a record of vibrations for which a new load's cost is told.
+RECORD = 10.0
 DIALECTS = ("ngspice", "ltspice")
 
 
@@ -101,6 +103,7 @@ def load(
         The load's file, NAME.lib (default: standard output).
     """
     from circuits.loads.imported import candidates, imported
+    from circuits.loads.own_motion import following_notes
     from circuits.loads.reader import read_text
     from circuits.loads.subcircuits import read_load
     from harvester.files.writing import check_writable, is_stream, write_text
@@ -114,7 +117,8 @@ def load(
     for line in made.rewritten:
         say(line)
     if not is_stream(output):
-        read_load(Path(output))
+        for note in following_notes(read_load(Path(output)), RECORD):
+            say(note)
         say(f"written: {output}; now try: harvester simulate device --set load.netlist={output}")
 
 

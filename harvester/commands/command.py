@@ -94,6 +94,16 @@ def named_after(scene: str, stem: str) -> str:
     return f"{again[1]}-{int((again[2] or '-1')[1:]) + 1}"
 
 
+def _say_costs(scene):
+    """Say before anything runs what a load that switches fast costs."""
+    if scene is None or scene.load.circuit is None:
+        return
+    from circuits.loads.own_motion import following_notes
+
+    for note in following_notes(scene.load.circuit, scene.run.settle + scene.run.duration):
+        say(note)
+
+
 @dataclass(frozen=True)
 class Study(Command):
     """A command that computes a result, shows it and writes its files.
@@ -149,6 +159,7 @@ class Study(Command):
     def run(self, options: Namespace) -> int:
         """Compute, show and write; returns the exit code."""
         scene, values = self._scene(options), values_of(options, self.found)
+        _say_costs(scene)
         defaults = {name: option.default for name, option in options_of(self.found).items()}
         stem = (self.stem or self.name).format(**defaults | values)
         name = named_after(scene.name, stem) if scene else stem

@@ -131,3 +131,10 @@ COMMANDS = (
     Command(circuit.engine, "engine --json -"),
     Command(completion, "completion bash"),
 )
+# Of `harvester --help`, what comes first and what comes last; the rest stands between them.
+FIRST = (
+    "average", "validate", "new", "simulate", "load-study", "optimum", "schematic", "identify"
+)  # fmt: skip
+PROOF = (
+    "verify", "claims", "reproduce", "accuracy", "stability", "work-precision", "time-to-accuracy"
+)  # fmt: skip

@@ -17,6 +17,10 @@ COLUMNS = 3
 LEGEND_COLUMNS = 5
 # Ratio of values beyond which their axis is logarithmic: over less it has no room for labels.
 WIDE_RATIO = 10.0
+# Ratio of a logarithmic axis's ends below which decades alone would be one or two labels.
+FEW_DECADES = 100.0
+# Labels from the first to the second of these have no power of ten.
+PLAIN = (1e-3, 1e4)
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,8 @@ class Series:
         Points whose mark is not filled.
     size : float
         Of a mark.
+    width : float or None
+        Of a line; None: the style's own.
     """
 
     x: Any
@@ -52,6 +58,7 @@ class Series:
     band: Any = None
     hollow: Any = None
     size: float = 4.0
+    width: float | None = None
 
 
 @dataclass(frozen=True)
@@ -140,6 +147,28 @@ def entitle(figure: Figure, title: str) -> None:
     figure.suptitle(title, x=0.01, ha="left", fontsize=9)
 
 
+def thin_ticks(axes: Axes) -> None:
+    """Labels of logarithmic axes: decades, and 1, 2, 5 over less than two of them."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    for axis in (axes.xaxis, axes.yaxis):
+        if axis.get_scale() != "log":
+            continue
+        low, high = axis.get_view_interval()
+        axis.set_minor_formatter(NullFormatter())
+        if high < FEW_DECADES * low:
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axis.set_major_formatter(FuncFormatter(lambda value, _: _tick(value)))
+
+
+def _tick(value):
+    """A number as it stands where that is short, else with a power of ten."""
+    if PLAIN[0] <= value < PLAIN[1]:
+        return f"{value:g}"
+    first, _, power = f"{value:.0e}".partition("e")
+    return rf"${first}\times10^{{{int(power)}}}$"
+
+
 def _draw_panel(axes, panel):
     for series in panel.series:
         _draw_series(axes, series)
@@ -149,6 +178,7 @@ def _draw_panel(axes, panel):
         axes.set_xscale("log")
     if panel.log_y:
         axes.set_yscale("log")
+    thin_ticks(axes)
     if panel.from_zero:
         axes.set_ylim(bottom=0.0)
     axes.set_xlabel(panel.x_label)
@@ -168,7 +198,10 @@ def _draw_series(axes, series):
         linestyle=series.line or "none",
         marker=series.marker,
         markersize=series.size,
-        capsize=2,
+        # The caps of one series show beside those of another at the same place.
+        capsize=0.5 * series.size,
+        linewidth=series.width,
+        elinewidth=1.0,
         label=series.label,
     )
     colour = bars.lines[0].get_color()

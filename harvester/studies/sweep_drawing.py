@@ -25,7 +25,10 @@ if TYPE_CHECKING:
 # Standard errors that a bar spans to either side.
 BARS = 2.0
 OTHER_CLOSURE = ("0.3", "-.")
-ENGINES = {"circuit": (CIRCUIT, "o"), "monte-carlo": (MONTE_CARLO, "s")}
+# Colour, mark and its size: the one drawn first shows around the other.
+ENGINES = {"circuit": (CIRCUIT, "o", 8.0), "monte-carlo": (MONTE_CARLO, "s", 4.0)}
+# Width of the first line, and of each further one: a thin one over a thick one shows both.
+WIDEST, THINNER = 3.0, 0.6
 
 
 def draw(sweep: Sweep) -> Figure:
@@ -56,7 +59,8 @@ def _panel(sweep, name, along, other):
     ]
     found = [each.estimates[name] for each in rows.ravel() if name in each.estimates]
     unit = unit_of(sweep.scene, found[0].dimension) if found else ""
-    series = [_series(name, label, x, rows[:, k]) for k, label in enumerate(sweep.methods)]
+    series = [_series(name, label, x, rows[:, k], k) for k, label in enumerate(sweep.methods)]
+    series.sort(key=lambda each: -each.size)
     label = f"{name.replace('_', ' ')} [{in_print(unit) or '1'}]"
     return Panel(
         key_label(key, sweep.scene.units) if key else "",
@@ -72,7 +76,7 @@ def has_words(values: Sequence[object]) -> bool:
     return any(isinstance(value, str) for value in values)
 
 
-def _series(name, label, x, cells):
+def _series(name, label, x, cells, place):
     """One method's estimates; those that are missing leave a gap."""
     # Settings stand behind the name where two methods have one name.
     method = label.partition(" (")[0]
@@ -80,9 +84,9 @@ def _series(name, label, x, cells):
     y = [math.nan if each is None else each.estimate for each in estimates]
     if method in CLOSURES:
         colour, line = LINES.get(method, OTHER_CLOSURE)
-        return Series(x, y, f"averaging, {label}", colour, line)
+        return Series(x, y, f"averaging, {label}", colour, line, width=WIDEST * THINNER**place)
     errors = [each and each.standard_error for each in estimates]
     bars = [0.0 if error is None else BARS * error for error in errors]
-    colour, marker = ENGINES[method]
+    colour, marker, size = ENGINES[method]
     bare = [error is None for error in errors]
-    return Series(x, y, label, colour, "", marker, bars=bars, hollow=bare)
+    return Series(x, y, label, colour, "", marker, bars=bars, hollow=bare, size=size)

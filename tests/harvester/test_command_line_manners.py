@@ -161,3 +161,16 @@ def test_other_shells_have_their_script(capsys, shell, word):
 def test_an_unknown_shell_is_refused(capsys):
     assert main(["completion", "bsh"]) == 2
     assert "did you mean bash" in capsys.readouterr().err
+
+
+def test_help_begins_with_the_newcomers_commands_and_ends_with_the_proof(capsys):
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    first, _, rest = capsys.readouterr().out.partition("\nfurther:\n")
+    between, _, proof = rest.partition("\nwhat proves the program:\n")
+    listed = [re.findall(r"^  ([a-z][\w-]*)  ", part, re.MULTILINE) for part in (first, proof)]
+    assert len(listed[0]) == 8
+    assert {"new", "simulate", "load-study"} < {*listed[0]}
+    assert {"verify", "claims", "stability", "work-precision"} < {*listed[1]}
+    lines = "\n".join((first, between, proof))
+    assert all(lines.count(f"\n  {name} ") == 1 for name in COMMAND_NAMES)

@@ -146,7 +146,17 @@ class Comparison:
         seconds = ["wall time", "s", f"{self.circuit.wall_seconds:.2f}"]
         seconds += [f"{self.monte_carlo.wall_seconds:.2f}", "", ""]
         seconds += [f"{result.wall_seconds:.2f}" for result in self.closures.values()]
-        return header, [*rows, seconds]
+        rows.append(seconds)
+        reasons = {
+            name.replace("_", " "): reason
+            for name in self.compared
+            if math.isnan(self.difference(name))
+            for reason in self._reasons_without_error_bar(name)
+        }
+        if reasons:
+            header.append("no error bar because")
+            rows = [[*row, reasons.get(row[0], "")] for row in rows]
+        return header, rows
 
     def _rows(self, name):
         """A quantity's row, and behind a mean square without a root in the results that of it."""
@@ -242,12 +252,16 @@ class Comparison:
         """Quantities without an error bar in either engine, by the reason."""
         reasons: dict[str, list[str]] = {}
         for name in names:
-            found = [each.scaled_quantities.get(name) for each in self._engines()]
-            notes = [each.note for each in found if each is not None and each.note]
-            reasons.setdefault(notes[0] if notes else "no such quantity", []).append(name)
+            (reason,) = self._reasons_without_error_bar(name) or ("no such quantity",)
+            reasons.setdefault(reason, []).append(name)
         return [
             f"{', '.join(each).replace('_', ' ')}: {reason}" for reason, each in reasons.items()
         ]
+
+    def _reasons_without_error_bar(self, name):
+        """The first engine's reason, if one says it."""
+        found = [each.scaled_quantities.get(name) for each in self._engines()]
+        return [each.note for each in found if each is not None and each.note][:1]
 
     def joint_distances(self) -> dict[str, tuple[float, float]]:
         """Of closures with a joint density: ∬|p − p'| from Monte Carlo's, and that by chance."""

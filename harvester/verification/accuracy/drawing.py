@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 # Errors that are drawn (%), and the largest from which a line begins.
 LEAST_ERROR, GREATEST_ERROR = 0.2, 300.0
 POINTS = 200
+# Widths and marks of the first and the last line: thin over thick shows both where they coincide.
+WIDTHS, MARKS = (3.0, 1.0), (8.0, 4.0)
 # Smallest bias that is drawn (%).
 LEAST_BIAS = 1e-3
 TICKS = {1e-3: "1 ms", 1e-2: "", 1e-1: "0.1 s", 1.0: "1 s", 10.0: "10 s", 60.0: "1 min"}
@@ -28,7 +30,7 @@ def draw(results: Sequence[Any]) -> Figure:
     from matplotlib.figure import Figure
 
     rows, columns = len(results), max(len(each.quantities) for each in results)
-    figure = Figure(figsize=(4.8 * columns, 3.5 * rows + 1.1))
+    figure = Figure(figsize=(3.6 * columns, 2.8 * rows + 1.4))
     panels = figure.subplots(rows, columns, squeeze=False)
     marks = styles(line.name for each in results for line in each.lines)
     legend: dict[str, Any] = {}
@@ -42,21 +44,26 @@ def draw(results: Sequence[Any]) -> Figure:
         axes.set_xlabel("wall time of one core")
     figure.suptitle(
         "How long until 1 %? Bias and sampling error together. Dashed: the bias is not known so "
-        "well; band: two standard errors of a bias that shows",
+        "well;\nband: two standard errors of a bias that shows",
         x=0.01,
         ha="left",
         fontsize=9,
     )
-    figure.legend(list(legend.values()), list(legend), loc="outside lower center", ncols=3)
+    figure.legend(list(legend.values()), list(legend), loc="outside lower center", ncols=2)
     return figure
 
 
 def _draw_panel(axes, result, name, marks):
     first, last = _span(result, name)
     seconds = np.geomspace(first, last, POINTS)
-    for line in result.lines:
-        if line.errors and math.isfinite(line.errors[name].resolved_bias):
-            _draw_line(axes, line, name, seconds, marks[line.name], result.limits)
+    drawn = [
+        line
+        for line in result.lines
+        if line.errors and math.isfinite(line.errors[name].resolved_bias)
+    ]
+    sizes = [np.linspace(*ends, len(drawn)) for ends in (WIDTHS, MARKS)]
+    for line, width, size in zip(drawn, *sizes, strict=True):
+        _draw_line(axes, line, name, seconds, (*marks[line.name], width, size), result.limits)
     for point in result.points:
         deviation = point.deviations[name]
         size, reach = 100.0 * abs(deviation.estimate), 200.0 * (deviation.standard_error or 0.0)
@@ -82,15 +89,16 @@ def _draw_panel(axes, result, name, marks):
 
 def _draw_line(axes, line, name, seconds, mark, limits):
     """Solid where the bias is known below the total error, dashed beyond; markers at the limits."""
-    colour, marker = mark
+    colour, marker, width, size = mark
     error = line.errors[name]
     total = 100.0 * error.after(seconds)
     known = 2.0 * (error.bias.standard_error if error.bias.standard_error else math.inf)
     if error.bias.estimate == error.bias.standard_error == 0.0:
         known = 0.0
     solid = total >= 100.0 * min(known, 1e3)
-    axes.plot(seconds, np.where(solid, total, np.nan), color=colour)
-    axes.plot(seconds, np.where(solid, np.nan, total), color=colour, linestyle=(0, (2, 2)))
+    axes.plot(seconds, np.where(solid, total, np.nan), color=colour, linewidth=width)
+    dashed = {"linestyle": (0, (2, 2)), "linewidth": width}
+    axes.plot(seconds, np.where(solid, np.nan, total), color=colour, **dashed)
     if abs(error.bias.estimate) > known:
         sampling = 1e4 * error.scatter**2 * error.cost / seconds
         high = np.sqrt(sampling + (100.0 * error.largest_bias) ** 2)
@@ -100,8 +108,9 @@ def _draw_line(axes, line, name, seconds, mark, limits):
     read = [(error.seconds_to(limit), 100.0 * limit) for limit in limits]
     read = [each for each in read if math.isfinite(each[0])]
     places = tuple(zip(*read, strict=True)) or ((), ())
-    axes.plot(*places, marker, color=colour, markersize=5)
-    axes.plot([], [], color=colour, marker=marker, markersize=5, label=line.name)
+    axes.plot(*places, marker, color=colour, markersize=size)
+    key = {"marker": marker, "markersize": size, "linewidth": width}
+    axes.plot([], [], color=colour, label=line.name, **key)
 
 
 def _span(result, name):
@@ -122,7 +131,7 @@ def draw_work_precision(diagram: Any) -> Figure:
     """Strong error and bias of every method over its seconds per simulated unit."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9.0, 5.6))
+    figure = Figure(figsize=(7.2, 6.2))
     grid = figure.add_gridspec(3, 2, width_ratios=(1.0, 1.15))
     left = figure.add_subplot(grid[:, 0])
     marks = styles(row.method.family for row in diagram.rows)
@@ -143,7 +152,7 @@ def draw_work_precision(diagram: Any) -> Figure:
     )
     handles = [*zip(*left.get_legend_handles_labels(), strict=True)]
     handles += zip(*right.get_legend_handles_labels(), strict=True)
-    figure.legend(*zip(*handles, strict=True), loc="outside lower center", ncols=3)
+    figure.legend(*zip(*handles, strict=True), loc="outside lower center", ncols=2)
     return figure
 
 
@@ -156,7 +165,7 @@ def _draw_strong_errors(axes, diagram, marks):
             [row.seconds_per_unit for row in rows],
             [row.strong["displacement"] for row in rows],
             marker=marker,
-            markersize=4,
+            markersize=5,
             color=colour,
             label=label,
         )
@@ -199,7 +208,7 @@ def _draw_biases(axes, diagram, name, marks):
             deviation, color=colour, linestyle=style, linewidth=0.9, label=f"averaging, {closure}"
         )
     axes.set_ylabel("|bias| [%]")
-    axes.set_title(f"weak error: {name.replace('_', ' ')}, two standard errors")
+    axes.set_title(f"{name.replace('_', ' ')}, two standard errors")
 
 
 def _draw_sampling_error(axes, diagram, name):

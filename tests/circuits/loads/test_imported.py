@@ -55,6 +55,40 @@ def test_a_common_node_gets_both_names(tmp_path):
     assert "Vcommon ref n 0" in made.text
 
 
+WITHIN = """*
+V1 N001 0 SINE(0 5 50)
+.func share(x) {x*V(out)/2}
+X1 N001 out cell
+B1 out 0 I=share(1u)+I(R1)*1u
+R1 out 0 100k
+.subckt cell a b
+Rc b 0 1Meg
+.ends
+"""
+
+
+def test_node_0_within_a_subcircuit_is_refused_where_it_would_be_another():
+    # In a load node 0 is the harvester's n: with the nodes the other way round it would be N001.
+    with pytest.raises(NetlistError, match=r"Rc in \.subckt cell uses node 0"):
+        imported(WITHIN, "a", ["0", "N001", "out", "0"])
+    assert "Rc b 0 1Meg" in imported(WITHIN, "a", ["N001", "0", "out", "0"]).text
+
+
+def test_functions_and_currents_of_resistors_are_rewritten(tmp_path):
+    text = WITHIN.replace("Rc b 0", "Rc b a")
+    made = imported(text, "a", ["0", "N001", "out", "0"])
+    # Against node 0, the harvester's p here, and Ohm's law for the current.
+    assert ".func share(x) {x*v(out,p)/2}" in made.text
+    assert "I=share(1u)+(v(out,p)/(100k))*1u" in made.text
+    assert "B1: I(R1)" in "\n".join(made.rewritten)
+    (tmp_path / "a.lib").write_text(made.text)
+    read_load(tmp_path / "a.lib")
+    with pytest.raises(NetlistError, match=r"share.*cell calls"):
+        imported(text.replace("Rc b a 1Meg", "Bc b a I=share(1)"), "a", ["0", "N001", "out", "0"])
+    with pytest.raises(NetlistError, match=r"I\(V1\): V1 is removed"):
+        imported(text.replace("I(R1)", "I(V1)"), "a", ["0", "N001", "out", "0"])
+
+
 def test_nodes_are_proposed_and_checked():
     assert candidates(NET)[:2] == ["N001", "N002"]
     with pytest.raises(NetlistError, match="no node N009"):

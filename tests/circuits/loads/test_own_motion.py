@@ -2,7 +2,7 @@
 
 import pytest
 
-from circuits.loads.own_motion import check_turn
+from circuits.loads.own_motion import check_turn, following_notes
 from circuits.loads.subcircuits import find_netlist as find
 from circuits.loads.subcircuits import load_names, read_load
 from harvester.errors import LoadError
@@ -80,3 +80,14 @@ def test_of_transistors_it_is_not_known_and_noted(tmp_path):
 def test_the_librarys_loads_rest(name):
     """Their steps and numbers are as they were."""
     assert read_load(find(name)).own_motion == (False, float("inf"), "", "")
+
+
+def test_what_a_fast_clock_costs_is_said_where_it_is_long(tmp_path):
+    body = "Vclock c n pulse(0 5 0 50n 50n 6u 20u)\nRc c n 1k\nRload p n 1meg\n"
+    load = load_of(tmp_path, body)
+    (note,) = following_notes(load, 10.0)
+    # 500 000 periods of 20 µs, by the measured 2.6 ms and 8.6 µs.
+    for word in ("vclock", "20 µs", "22 min by the circuit", "4.3 s by Monte Carlo", "nano_buck"):
+        assert word in note
+    assert following_notes(load, 0.1) == ()
+    assert following_notes(load_of(tmp_path, "Rload p n 1meg\n"), 1e6) == ()

@@ -1,3 +1,4 @@
+import dataclasses
 import re
 import sys
 from html.parser import HTMLParser
@@ -86,3 +87,16 @@ def test_the_command_writes_the_page(tmp_path, capsys):
     brief = ["--set", "run.realizations=2", "--set", "run.duration=300"]
     assert main(["validate", "linear", *brief, "--report", str(tmp_path / "a.html")]) == 0
     assert Page((tmp_path / "a.html").read_text()).open == []
+
+
+@pytest.mark.slow
+def test_the_table_says_why_an_error_bar_is_missing(comparison):
+    name, reason = next(iter(comparison.compared)), "the record is too short"
+    circuit = comparison.circuit
+    estimates = circuit.scaled_quantities
+    bare = dataclasses.replace(estimates[name], standard_error=None, note=reason)
+    circuit = dataclasses.replace(circuit, scaled_quantities={**estimates, name: bare})
+    header, rows = dataclasses.replace(comparison, circuit=circuit).table()
+    assert header[-1] == "no error bar because"
+    assert {len(row) for row in rows} == {len(header)}
+    assert [row[0] for row in rows if row[-1] == reason] == [name.replace("_", " ")]
