@@ -180,6 +180,16 @@ def test_periods_and_cycles():
     assert [each.members.tolist() for each in groups_of(samples)] == [[0, 1], [2], [3]]
 
 
+def test_a_start_that_still_settles_is_on_the_cycle_that_it_comes_to():
+    k = np.arange(64)
+    three = np.stack([np.cos(2.0 * np.pi * k / 3.0), np.sin(2.0 * np.pi * k / 3.0), 0.0 * k]).T
+    late = np.roll(three, 1, axis=0) + 0.2 * np.exp(-0.06 * k)[:, None] * [1.0, 0.0, 0.0]
+    later = np.roll(three, 1, axis=0) + 0.2 * np.exp(-0.03 * k)[:, None] * [1.0, 0.0, 0.0]
+    samples = np.stack([three, late, later])
+    assert repetition(samples).tolist() == [3, 0, 0]
+    assert [each.members.tolist() for each in groups_of(samples)] == [[0, 1], [2]]
+
+
 def test_exponent_of_a_growth_that_is_known():
     steps = 0.7 * np.arange(40)
     apart = 1e-9 * np.exp(0.3 * steps)
