@@ -167,6 +167,8 @@ def test_refusals():
         Scene.load("duffing", ["run.starts=10"])
     with pytest.raises(HarvesterError, match="two different numbers"):
         harvester.bifurcation(duffing(0.25, 0.2, 1.0), over="excitation.amplitude", values=[0.1])
+    with pytest.raises(HarvesterError, match=r"nothing in \[run\]"):
+        harvester.bifurcation(duffing(0.25, 0.2, 1.0), over="run.duration", values=[1.0, 2.0])
 
 
 def test_periods_and_cycles():
