@@ -164,8 +164,13 @@ def _notes_on_starts(scene, motions):
         )
     unit = unit_of(scene, "power")
     lines = tuple(each.sentence(unit) for each in motions)
+    if any(each.period is None and each.periodic_drive for each in motions):
+        lines += ("whether what has no period is chaotic: harvester basins gives its exponent",)
     if len(motions) > 1:
-        lines += ("the quantities above are means over all starts",)
+        lines += (
+            "the quantities above are means over all starts; their error bars hold for these "
+            "starts alone: others have other shares",
+        )
     return lines
 
 

@@ -89,8 +89,9 @@ class Basins:
     def sentences(self) -> list[str]:
         """What the numbers say, one line each."""
         count = int((self.orbit >= 0).sum())
+        starts = "1 start" if count == 1 else f"{count} starts"
         lines = [
-            f"{self.method}: {self.engine_version}; {count} starts with an empty transducer, each "
+            f"{self.method}: {self.engine_version}; {starts} with an empty transducer, each "
             f"for {self.periods} periods of the excitation or more; {self.seconds:.2f} s",
             *orbit_sentences(self.orbits, self.unit),
             "a share is that of the starts on this grid: another grid has other shares",

@@ -44,6 +44,8 @@ PLACES_TOGETHER = 25
 # of its greatest displacement, and in units of the two changes before or behind it, whichever are
 # less: chaos changes everywhere.
 JUMP_SHARE, JUMP_RATIO, NEARBY = 0.1, 4.0, 2
+# Tables of a scene that no place depends on.
+UNUSED_TABLES = ("run", "start")
 COLOURS = {"up": CIRCUIT, "down": MONTE_CARLO}
 QUANTITIES = {"mean_power": "power", "rms_voltage": "voltage", "rms_displacement": "displacement"}
 
@@ -393,4 +395,10 @@ def scenes_over(scene: Scene, key: str, values: np.ndarray) -> list[Scene]:
     ------
     HarvesterError
     """
+    table = key.partition(".")[0]
+    if table in UNUSED_TABLES:
+        raise HarvesterError(
+            f"--over {key}: bifurcation takes its length from --periods and each start from the "
+            f"value before: nothing in [{table}] changes its result; name a key of another table"
+        )
     return [forced(scene.replace({key: float(each)}), "bifurcation") for each in values]

@@ -167,6 +167,8 @@ def test_refusals():
         Scene.load("duffing", ["run.starts=10"])
     with pytest.raises(HarvesterError, match="two different numbers"):
         harvester.bifurcation(duffing(0.25, 0.2, 1.0), over="excitation.amplitude", values=[0.1])
+    with pytest.raises(HarvesterError, match=r"nothing in \[run\]"):
+        harvester.bifurcation(duffing(0.25, 0.2, 1.0), over="run.duration", values=[1.0, 2.0])
 
 
 def test_periods_and_cycles():
@@ -178,6 +180,16 @@ def test_periods_and_cycles():
     samples = np.stack([three, turned, wild, spiral * [1.0, 0.0, 0.0]])
     assert repetition(samples).tolist() == [3, 3, 0, 1]
     assert [each.members.tolist() for each in groups_of(samples)] == [[0, 1], [2], [3]]
+
+
+def test_a_start_that_still_settles_is_on_the_cycle_that_it_comes_to():
+    k = np.arange(64)
+    three = np.stack([np.cos(2.0 * np.pi * k / 3.0), np.sin(2.0 * np.pi * k / 3.0), 0.0 * k]).T
+    late = np.roll(three, 1, axis=0) + 0.2 * np.exp(-0.06 * k)[:, None] * [1.0, 0.0, 0.0]
+    later = np.roll(three, 1, axis=0) + 0.2 * np.exp(-0.03 * k)[:, None] * [1.0, 0.0, 0.0]
+    samples = np.stack([three, late, later])
+    assert repetition(samples).tolist() == [3, 0, 0]
+    assert [each.members.tolist() for each in groups_of(samples)] == [[0, 1], [2]]
 
 
 def test_exponent_of_a_growth_that_is_known():
