@@ -19,7 +19,7 @@ from harvester.prepared.starts import energy_range
 from harvester.results.result import unit_of
 from harvester.scene.model import Scene
 from harvester.show.panels import entitle
-from harvester.studies.orbits.following import Orbit
+from harvester.studies.orbits.following import NOT_SETTLED, Orbit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -165,8 +165,12 @@ def orbit_sentences(orbits: Sequence[Orbit], unit: Any) -> list[str]:
     if not orbits:
         return []
     kinds = Counter(each.kind for each in orbits)
+    unsettled = kinds.pop(NOT_SETTLED, 0)
     named = ", ".join(f"{count} of {kind}" if count > 1 else kind for kind, count in kinds.items())
-    lines = [f"{len(orbits)} steady motion{'s' if len(orbits) > 1 else ''}: {named}"]
+    steady = len(orbits) - unsettled
+    lines = [f"{steady} steady motion{'' if steady == 1 else 's'}{': ' if named else ''}{named}"]
+    if unsettled:
+        lines[0] += f"; and {unsettled} not settled"
     best = max(orbits, key=lambda each: each.mean_power)
     if not best.mean_power > 0.0:
         return lines
@@ -177,7 +181,7 @@ def orbit_sentences(orbits: Sequence[Orbit], unit: Any) -> list[str]:
     least = min(orbits, key=lambda each: each.mean_power)
     if least.mean_power > 0.0 and best is not least:
         lines[-1] += f"; {best.mean_power / least.mean_power:.3g} times that of orbit {least.name}"
-    if any(each.kind == "not settled" for each in orbits):
+    if any(each.kind == NOT_SETTLED for each in orbits):
         lines.append(
             "what is not settled repeats no period and its neighbours do not part: follow it "
             "longer with --periods"

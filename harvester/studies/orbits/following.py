@@ -44,6 +44,7 @@ TOGETHER, TOGETHER_NETLIST, TOGETHER_CIRCUIT = 512, 64, 8
 PAIRS, NEIGHBOURS, NEIGHBOURS_NETLIST = 16, 1e-8, 1e-5
 # Periods for which they are followed.
 PARTING_PERIODS = 150
+NOT_SETTLED = "not settled"
 
 
 class Replayed(ExcitationPath):
@@ -107,7 +108,7 @@ class Orbit:
             return f"period {self.period}"
         if self.lyapunov is not None and self.lyapunov.chaotic:
             return "chaotic"
-        return "not settled"
+        return NOT_SETTLED
 
 
 def forced(scene: Scene, command: str) -> Scene:

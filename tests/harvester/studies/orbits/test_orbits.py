@@ -1,6 +1,7 @@
 """Coexisting motions: against the same equations integrated by scipy, and closed forms."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from harvester.estimates.attractors import divergence, groups_of, repetition
 from harvester.prepared.prepared import prepared
 from harvester.prepared.starts import drawn_start, energy_range
 from harvester.scene.model import Scene
+from harvester.studies.orbits.basins import orbit_sentences
+from harvester.studies.orbits.following import Orbit
 from harvester.studies.orbits.kramers import kramers_time
 
 PERIODS = 150
@@ -190,6 +193,13 @@ def test_a_start_that_still_settles_is_on_the_cycle_that_it_comes_to():
     samples = np.stack([three, late, later])
     assert repetition(samples).tolist() == [3, 0, 0]
     assert [each.members.tolist() for each in groups_of(samples)] == [[0, 1], [2]]
+
+
+def test_what_is_not_settled_is_no_steady_motion():
+    orbit = Orbit("A", 1, None, 3, 0.75, 0.1, 2.0, 1.0, 1.0, np.zeros((1, 2)))
+    first, best, *_ = orbit_sentences([orbit, replace(orbit, name="B", period=None)], {}.get)
+    assert first == "1 steady motion: period 1; and 1 not settled"
+    assert best.startswith("most power on orbit A")
 
 
 def test_exponent_of_a_growth_that_is_known():
