@@ -53,7 +53,6 @@ OPTIONS = {
     "claims": f"--json --output --report --seed --thorough {RUN}",
     "schematic": f"--output {SCENE}",
     "netlist": f"--dialect --output --realization --step {SCENE}",
-    "load": "--nodes --output --remove FILE",
     "cite": "FILE",
     "engine": "--json",
     "completion": "SHELL",
