@@ -24,8 +24,7 @@ REPEATS, SAME_CYCLE = 1e-4, 1e-2
 # turns by a third of a circle a period is nearly the same after three.
 STILL_SETTLING = 3e-3
 # Samples beyond two periods for which a start that still settles is that close to its cycle: of
-# 1681 starts of the scene `device` one came to its orbit 90 periods before the end, too late for
-# `REPEATS`, and was there for 30.
+# 1681 starts of the scene `device` under a sine one came to its orbit too late for `REPEATS`.
 STAYS = 6
 # Cells a side of the section in which motions without a period are told apart, and the share of one
 # start's samples in cells of the other, or beside them, from which they are on one attractor.

@@ -11,6 +11,7 @@ import numpy as np
 
 from harvester.estimates.estimate import Estimate
 from harvester.files.serialising import plain
+from harvester.show.numbers import quantity
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class Attractor:
         """What is to be said of it in a line."""
         error = "" if self.share_error is None else f" ± {self.share_error:.1%}"
         power = self.quantities["mean_power"].estimate if "mean_power" in self.quantities else None
-        gives = "" if power is None else f", mean power {power:.4g} {power_unit}"
+        gives = "" if power is None else f", mean power {quantity(power, power_unit)}"
         plural = "s" if self.starts > 1 else ""
         return (
             f"orbit {self.name} ({self.kind}): {self.starts} start{plural}, "
