@@ -127,7 +127,8 @@ def build_parser(wanted: str | None = None) -> tuple[Parser, Any]:
     Parameters
     ----------
     wanted : str or None
-        A command: only it gets its options. Of another word or None: all get them.
+        A command: only it gets its options. Of another word or None: all get them. None is for
+        scripts of shells: each command has its help then.
     """
     parser = Parser(
         prog="harvester",
@@ -146,8 +147,11 @@ def build_parser(wanted: str | None = None) -> tuple[Parser, Any]:
             continue
         first, text = about(command.found)
         summaries[command.name] = first
+        # Scripts of shells offer what has a help; `--help` lists commands in groups instead.
+        listed: dict[str, Any] = {"help": first.replace("%", "%%")} if wanted is None else {}
         own = commands.add_parser(
             command.name,
+            **listed,
             description=text,
             epilog=f"example: harvester {command.example}",
         )

@@ -24,7 +24,7 @@ _FAMILIES = {
     "Monte Carlo, Heun": ("0.2", "<"),
     "compiled device, trapezoidal": ("#999933", ">"),
 }
-_SPARE = tuple(zip(("#44AA99", "#DDCC77", "#AA4499", "#88CCEE"), "Xph8", strict=True))
+_SPARE = tuple(zip(("#44AA99", "#DDCC77", "#AA4499", "#88CCEE"), "8H12", strict=True))
 
 
 def styles(families: Iterable[str]) -> dict[str, tuple[str, str]]:

@@ -50,7 +50,7 @@ def means(inductance):
         pytest.param("monte-carlo", 0.0, marks=pytest.mark.exhaustive),
         pytest.param("monte-carlo", 0.5, marks=pytest.mark.slow),
         pytest.param("monte-carlo", 20.0, marks=pytest.mark.exhaustive),
-        pytest.param("circuit", 0.0, marks=pytest.mark.slow),
+        pytest.param("circuit", 0.0, marks=pytest.mark.exhaustive),
         pytest.param("circuit", 0.5, marks=pytest.mark.exhaustive),
         pytest.param("circuit", 20.0, marks=pytest.mark.exhaustive),
     ],

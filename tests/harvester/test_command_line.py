@@ -115,7 +115,7 @@ def test_validate_goes_on_where_no_closure_knows_the_load(tmp_path, capsys):
         assert word in shown
     content = json.loads((tmp_path / "device-validate.json").read_text())
     assert set(content["results"]) == {"circuit", "monte-carlo"}
-    assert set(content["refused"]) == {"paper", "consistent", "fokker_planck"}
+    assert set(content["refused"]) == {"paper", "consistent", "fokker_planck", "spectral"}
 
 
 def test_netlist_goes_to_a_file_or_to_standard_output(tmp_path, capsys):

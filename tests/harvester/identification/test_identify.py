@@ -97,7 +97,7 @@ def test_a_symmetric_model_of_asymmetric_data_is_called_wrong():
     assert found.proposed.fitted.nrmse < 0.5 * found.fitted.nrmse
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_stoppers_that_a_scene_lacks_are_proposed():
     stoppers = {"gap": 1.5e-3, "stiffness": 8e4, "restitution": 0.6}
     truth = device([0.0, STIFFNESS], stoppers=stoppers)

@@ -105,7 +105,7 @@ def test_chunks_do_not_change_the_numbers_and_a_stiff_contact_is_resolved():
     [
         "stoppers.stiffness=10",
         "stoppers.stiffness=1e6",
-        "stoppers.exponent=2.2",
+        pytest.param("stoppers.exponent=2.2", marks=pytest.mark.exhaustive),
         "stoppers.impact_velocity=event",
     ],
 )

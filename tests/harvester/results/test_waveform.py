@@ -28,7 +28,9 @@ def divided(tmp_path_factory):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["circuit", "monte-carlo"])
+@pytest.mark.parametrize(
+    "method", [pytest.param("circuit", marks=pytest.mark.exhaustive), "monte-carlo"]
+)
 def test_ohms_law_in_volts_and_amperes(divided, method):
     """Closed form; the numbers of the run are those without nodes."""
     result = simulate(divided, method=method, nodes=["MID", "I(Lcoil)"])
