@@ -27,7 +27,12 @@ def power(result):
     ("method", "name", "options"),
     [
         (MonteCarlo(), "monte-carlo", {}),
-        (MonteCarlo(step="fine", scheme="heun"), "monte-carlo", {"step": "fine", "scheme": "heun"}),
+        pytest.param(
+            MonteCarlo(step="fine", scheme="heun"),
+            "monte-carlo",
+            {"step": "fine", "scheme": "heun"},
+            marks=pytest.mark.exhaustive,
+        ),
         (
             Circuit(step=0.05, device="behavioural", copies=2),
             "circuit",
