@@ -62,7 +62,7 @@ def test_both_engines_follow_scipys_path(pool):
     run_realizations(ready, [noise_path(ready, 0)], [start_state(ready, 0)], [[keep]], "finest")
     assert np.abs(keep.at_knots(spacing)[:, 0] - expected).max() < 1e-4
     result = simulate(scene, step="finest", window=(0.0, 1e9), workers=1, runner=pool)
-    waveform = np.array(result.waveform)
+    waveform = np.array(result.waveform.record)
     knots = np.round(waveform[0] / spacing)
     at_knots = waveform[1, np.abs(waveform[0] - knots * spacing) < 1e-6 * spacing]
     assert np.abs(at_knots - expected).max() < 1e-4
