@@ -25,6 +25,7 @@ from harvester.running.task import Task, Wanted
 from harvester.scene.model import Scene
 from harvester.show.palette import CIRCUIT, MONTE_CARLO
 from harvester.show.panels import Panel, Series, draw_panels
+from harvester.show.symbols import key_label
 from harvester.studies.orbits.following import (
     SAMPLES,
     follow,
@@ -380,9 +381,10 @@ def _draw(result):
         x = np.repeat(result.values, branch.displacement.shape[1])
         section.append(Series(x, branch.displacement.ravel(), None, colour, "", ".", size=size))
         power.append(Series(result.values, branch.mean_power, branch.direction, colour, "-"))
+    label = key_label(result.key, result.scene.units)
     panels = [
-        Panel(result.key, f"displacement [{result.unit('displacement')}]", section),
-        Panel(result.key, f"mean power [{result.unit('power')}]", power, from_zero=True),
+        Panel(label, f"displacement [{result.unit('displacement')}]", section),
+        Panel(label, f"mean power [{result.unit('power')}]", power, from_zero=True),
     ]
     title = f"{result.scene.name}: one sample a period of the excitation, and the mean power"
     return draw_panels(panels, title, size=(4.4, 3.2), columns=1, sharex=True)

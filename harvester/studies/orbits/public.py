@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Annotated, Any, Unpack
 
 from harvester.arguments import listed
 from harvester.calling import takes_scene
 from harvester.errors import HarvesterError
 from harvester.signatures import (
     Count,
+    Kind,
     Line,
     MethodOrName,
     RunnerOptions,
@@ -115,7 +116,7 @@ def bifurcation(
     *,
     over: str,
     values: Values,
-    down: bool = True,
+    down: Annotated[bool, Kind(option="up-only")] = True,
     periods: Count | None = None,
     method: MethodOrName = "monte-carlo",
     step: Step = "default",
@@ -133,7 +134,8 @@ def bifurcation(
         FIRST:LAST:log:NUMBER, FIRST:LAST:linear:NUMBER, LOW:HIGH:NUMBER of either sign, or numbers
         between commas.
     down : bool
-        Go down as well: where the two differ, there are several motions.
+        The way down is taken as well, and shows where there are several motions; `--up-only`
+        leaves it out.
     periods : int or None
         Of the excitation, at each value before the samples (default: as many as the device needs to
         forget the value before).

@@ -23,7 +23,7 @@ OPTIONS = {
     f"--step --stroboscope --time-limit --waveform --window --workers {SCENE}",
     "basins": "--displacement --json --method --output --periods --points --report --step "
     f"--velocity {RUN} {SCENE}",
-    "bifurcation": "--down --json --method --output --over --periods --report --step --values "
+    "bifurcation": "--json --method --output --over --periods --report --step --up-only --values "
     f"{RUN} {SCENE}",
     "residence": "--json --method --output --over --precision --report --step --values "
     f"{RUN} {SCENE}",
