@@ -232,14 +232,14 @@ def assemble(
         if isinstance(scene.excitation, PrescribedDisplacement):
             elements.add_prescribed_displacement(place, rate, scene.excitation, scales, electrical)
         elif compiled:
-            verilog.add_device(place)
+            verilog.add_device(place, electrical)
         else:
             _add_mechanics(place, system, rate, length, start)
         parts = verilog.left_out(electrical) if compiled else electrical.elements
         elements.add_transducer(place, parts, rate, scales, start[2], pace)
         if not scene.excitation.prescribes_displacement:
             elements.add_pace(place, rate, pace, start)
-            elements.add_excitation(place, waveform)
+            elements.add_excitation(place, waveform, electrical)
         if load:
             elements.add_load(place, load, electrical, named and load.is_plain)
         else:

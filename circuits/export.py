@@ -84,7 +84,7 @@ def stand_alone(
         "+ " + " ".join(points[start : start + POINTS_PER_LINE])
         for start in range(0, len(points), POINTS_PER_LINE)
     ]
-    source = f"Inoise 0 {elements.VELOCITY} PWL"
+    source = f"Inoise 0 {elements.excited_node(ready.network)} PWL"
     before, after = netlist.text.split(source, 1)
     text = "".join(
         [
@@ -128,7 +128,7 @@ def for_ltspice(
     netlist, scales, points = _assembled(ready, path, start, step)
     scene, text = ready.scene, netlist.text
     if points is not None:
-        source = f"Inoise 0 {elements.VELOCITY} PWL"
+        source = f"Inoise 0 {elements.excited_node(ready.network)} PWL"
         text = text.replace(source, f'{source} file="{noise_file}"', 1)
     header = [
         f"harvester scene {scene.name}, for LTspice: harvester netlist writes it for ngspice",

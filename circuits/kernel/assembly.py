@@ -149,7 +149,7 @@ def _add_transducer(b, network, scales, row_unit):
     for each in network.elements:
         if each.kind == "inductor":
             b.branch(DEVICE + each.name)
-        elif each.kind in ("ammeter", "moving voltage"):
+        elif each.kind in ("ammeter", "moving voltage", "base voltage"):
             b.branch(each.name if each.kind == "ammeter" else DEVICE + each.name)
     velocity = len(b.unknowns)
     for each in network.elements:
@@ -173,6 +173,9 @@ def _add_part(b, each, nodes, velocity, scales, row_unit):
     elif each.kind == "moving voltage":
         row = b.through(DEVICE + each.name, a, z)
         b.enter(row, velocity, conductance=each.value)
+    elif each.kind == "base voltage":
+        # The branch's row is minus the voltage across it.
+        b.driven.append((b.through(DEVICE + each.name, a, z), -each.value))
     elif each.kind == "moving current":
         b.enter(a, velocity, conductance=-each.value)
         b.enter(z, velocity, conductance=each.value)

@@ -21,6 +21,7 @@ class Builder:
         self.steady: dict[int, float] = {}
         self.waves: list[tuple] = []
         self.corners: list[tuple[float, float]] = []
+        self.driven: list[tuple[int, float]] = []
         self.junctions: list[tuple] = []
         self.switches: list[tuple] = []
         self.switch_names: list[tuple[str, str]] = []
@@ -143,6 +144,8 @@ def tables_of(b: Builder, velocity: int) -> Tables:
         sources=np.array([wave[:2] for wave in b.waves], dtype=np.int64).reshape(-1, 2),
         waves=numbers([wave[2:] for wave in b.waves], waveform.COLUMNS),
         corners=numbers(b.corners, 2),
+        driven=np.array([row for row, _ in b.driven], dtype=np.int64),
+        drives=np.array([gain for _, gain in b.driven], dtype=float),
         junctions=places([each[:2] for each in junctions], 2),
         junction_values=numbers([each[2] for each in junctions], junction.COLUMNS),
         switches=places([each[0] for each in b.switches], 6),

@@ -42,8 +42,10 @@ def stored_energy(device: Device, probes: Probes, state: State) -> float:
 
 
 @merged
-def given_power(device: Device, probes: Probes, state: State, share: float) -> float:
-    """What the mass gives the transducer beyond its own loss, a share of the change ahead (scaled).
+def given_power(device: Device, probes: Probes, state: State, slope: float, share: float) -> float:
+    """What mass and base give the transducer beyond its loss, a share of the change ahead (scaled).
+
+    `slope` is the excitation's.
 
     Less what the transducer stores it is the load's power, also over a step in which a pulse
     empties it: the motion is smooth there, voltage times current is not.
@@ -57,7 +59,8 @@ def given_power(device: Device, probes: Probes, state: State, share: float) -> f
     electrical = (y[place] + share * change[place]) * units[1]
     own = systems.own_loss(device.transducer, v, electrical, amperes * units[2])
     pace = state.scalars[0].pace
-    return systems.part_force(device.transducer, v, electrical) * v * pace - own
+    speed = v * pace + systems.base_rate(device.transducer, slope)
+    return systems.part_force(device.transducer, v, electrical) * speed - own
 
 
 @merged
@@ -117,7 +120,9 @@ def _write(device, probes, state, record, output, point, time, noise, free):
     loss = evaluate(device.loss_power, device.numbers, (x, v, scalars.held_speed, touches))
     own = systems.own_loss(device.transducer, v, electrical, amperes * units[2])
     power = volts * amperes * units[3]
-    fill(record, point, time, x, v, volts * units[0], power, noise * v, loss, own, electrical)
+    put_in = noise * systems.base_speed(device.transducer, v, electrical, amperes * units[2])
+    kept = systems.kept_state(device.transducer, electrical, noise)
+    fill(record, point, time, x, v, volts * units[0], power, put_in, loss, own, kept)
     output[0, point] = (y[places[3]] - y[places[4]]) * units[0]
     for k in range(1, output.shape[0]):
         output[k, point] = y[places[4 + k]]

@@ -379,11 +379,13 @@ def _guess(tables, state, share):
 
 
 @merged
-def _set_sources(tables, state, time, delta):
-    """Set the right-hand side to what the sources that change in time add in a stage."""
-    if tables.sources.shape[0] > 0:
+def _set_sources(tables, state, time, noise, delta):
+    """Set the right-hand side to what sources add in a stage that change in time or with η."""
+    if tables.sources.shape[0] + tables.driven.shape[0] > 0:
         state.right[:] = 0.0
         add_waves(tables.sources, tables.waves, tables.corners, state.right, time, delta)
+        for k in range(tables.driven.shape[0]):
+            state.right[tables.driven[k]] += delta * tables.drives[k] * noise
 
 
 @merged
@@ -416,8 +418,9 @@ def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone, loc
     settled, error, carried, missed, moved, mean, power = True, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for stage in range(1 if euler else 2):
         ahead = share * h if stage == 0 else h
-        _set_sources(tables, state, time + ahead, delta)
-        push = delta * row_unit / pace * (noise + slope * ahead)
+        excitation = noise + slope * ahead
+        _set_sources(tables, state, time + ahead, excitation, delta)
+        push = delta * row_unit / pace * excitation
         if stage == 0:
             call(code.begin, memory, slot, delta, delta if known else 0.0, push)
         else:
@@ -430,10 +433,10 @@ def _try_step(device, tables, probes, state, time, h, noise, slope, x, zone, loc
         if not settled:
             break
         moved = base - x + delta * pace * (y[n - 1] + state.change[n - 1])
-        power = given_power(device, probes, state, 1.0)
+        power = given_power(device, probes, state, slope, 1.0)
         weights = POWER_WEIGHTS[0] if known else POWER_WEIGHTS[1]
         if stage == 0:
-            mean = weights[0] * given_power(device, probes, state, 0.0) + weights[1] * power
+            mean = weights[0] * given_power(device, probes, state, slope, 0.0) + weights[1] * power
             base = x + factor * moved
             _guess(tables, state, 1.0 / share)
     if settled:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 from harvester.device.keys import SI, not_negative, positive
-from harvester.device.linear_transducer import LinearTransducer, Rates
+from harvester.device.linear_transducer import LinearTransducer, Rates, Unshaken
 from harvester.device.terminals import (
     GROUND,
     LOAD_AMMETER,
@@ -43,7 +43,12 @@ class Coil(LinearTransducer, Rates):
         return self.coupling * self.own_rate * current * current
 
 
-class ResistiveCoil(NamedTuple):
+class _Resistances(NamedTuple):
+    winding_damping: float
+    current_share: float
+
+
+class ResistiveCoil(Unshaken, _Resistances):
     """Without inductance: R_coil i = Φ x' − v, so that i follows X' at once.
 
     Currents are in units of Φ l/R_coil (1/s), voltages in Φ l (1/s).
@@ -54,8 +59,7 @@ class ResistiveCoil(NamedTuple):
     current_share : R_coil/(R_coil + R), the current over that of the shorted coil.
     """
 
-    winding_damping: float
-    current_share: float
+    __slots__ = ()
 
     @property
     def lossless(self) -> bool:

@@ -36,6 +36,9 @@ load_power = equation("load_power")
 own_loss = equation("loss")
 transducer_energy = equation("stored_energy")
 transducer_stiffness = equation("stiffness")
+base_rate = equation("base_rate")
+base_speed = equation("base_speed")
+kept_state = equation("kept_state")
 
 
 class Noise(NamedTuple):
@@ -116,6 +119,14 @@ def stored_energy(s: System, x: float, v: float, state: float) -> float:
     """½ X'² + U(X) + the transducer's energy (physics of Eq. 33)."""
     mechanical = 0.5 * v * v + potential(s, x)
     return mechanical + transducer_energy(s.transducer, state)
+
+
+def begun_state(s: System, kept: float, noise: float) -> float:
+    """The transducer's state where what it keeps is `kept` and the excitation begins with `noise`.
+
+    A base that is shaken from the first moment on has moved its charge by then.
+    """
+    return kept - s.transducer.kept_state(0.0, noise)
 
 
 def speed_held(s: System, x: float, v: float) -> float:

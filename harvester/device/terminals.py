@@ -25,6 +25,8 @@ class Setting(NamedTuple):
     resistance : of a load that is a resistor (Ω); None for others, taken as an open circuit.
     decay_rate : λ of a scaled scene's built-in resistor (1/s), else None.
     name : of the scene, for messages.
+    excitation_unit : the base's acceleration for one unit of η, in the scene's units; 0 where the
+        displacement is prescribed and the base rests.
     """
 
     units: str
@@ -33,6 +35,7 @@ class Setting(NamedTuple):
     resistance: float | None
     decay_rate: float | None
     name: str
+    excitation_unit: float = 1.0
 
 
 class Element(NamedTuple):
@@ -44,6 +47,7 @@ class Element(NamedTuple):
         "resistor" (Ω), "capacitor" (F), "inductor" (H), "ammeter" (0 V);
         "moving voltage", "moving current": a source in proportion to X' (V or A for one scaled
         unit; the current flows from `minus` to `plus`, and out of it);
+        "base voltage": a source in proportion to η (V for one scaled unit);
         "force of voltage", "force of current": what acts on the mass against X', by the voltage
         between the nodes (scaled acceleration per scaled volt) or by the current of the ammeter
         whose name is `plus` (scaled acceleration per ampere).

@@ -357,11 +357,14 @@ def _point(s, cells, i, motion, excited, time, measured, tally, rows, k):
     x, v = cells[motion + DISPLACEMENT + i], cells[motion + VELOCITY + i]
     state, noise = cells[motion + TRANSDUCER + i], cells[excited + i]
     damping = system.damping_rate(s.damper, v) + cells[CONTACT_DAMPING + i]
-    own = system.own_loss(s.transducer, v, state, system.load_current(s.transducer, v, state))
+    current = system.load_current(s.transducer, v, state)
+    own = system.own_loss(s.transducer, v, state, current)
+    put_in = noise * system.base_speed(s.transducer, v, state, current)
     several.add_point(
         rows, k, measured, tally.low, tally.high, time, x, v,
         system.terminal_voltage(s.transducer, v, state),
-        system.load_power(s.transducer, v, state), noise * v, damping * v * v + own, own, state,
+        system.load_power(s.transducer, v, state), put_in, damping * v * v + own, own,
+        system.kept_state(s.transducer, state, noise),
     )  # fmt: skip
 
 

@@ -16,7 +16,7 @@ DRAWN = {
         "mass", "damping", "quality_factor", "damping_ratio", "base_factor", "linear_stiffness",
         "frequency", "cubic_stiffness", "restoring_force", "force_table", "force_interpolation",
     ),
-    "piezo": ("coupling", "capacitance"),
+    "piezo": ("coupling", "capacitance", "base_charge"),
 }  # fmt: skip
 
 
@@ -45,7 +45,10 @@ def with_drawing(tables: dict[str, Any], origin: str) -> dict[str, Any]:
         oscillator |= {"force_table": points, "force_interpolation": "smooth"}
     else:
         oscillator["linear_stiffness"] = values.stiffness
-    piezo = {"coupling": values.coupling, "capacitance": values.capacitance}
+    piezo = {
+        "coupling": values.coupling, "capacitance": values.capacitance,
+        "base_charge": values.rest_charge,
+    }  # fmt: skip
     return {
         **tables,
         "oscillator": given["oscillator"] | oscillator,

@@ -160,13 +160,16 @@ def setting(scene: Scene) -> Setting:
     """What a scene's transducer is built into: `harvester.device.terminals.Setting`."""
     scaled = scene.units != "SI"
     mass: Any = 1.0 if scaled else scene.oscillator.mass
+    length = 1.0 if scaled else length_scale(scene)
+    rests = scene.excitation.prescribes_displacement
     return Setting(
         scene.units,
         mass,
-        1.0 if scaled else length_scale(scene),
+        length,
         load_resistance(scene),
         scene.load.decay_rate,
         scene.name,
+        0.0 if rests else excitation_unit(scene, length),
     )
 
 
