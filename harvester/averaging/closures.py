@@ -16,7 +16,7 @@ from harvester.averaging.spectral import spectral
 from harvester.device import timescales
 from harvester.device.damper import Damper
 from harvester.device.hertz import HERTZ_EXPONENT, HertzDamp
-from harvester.device.piezo import Piezo
+from harvester.device.piezo import PiezoLaw
 from harvester.device.polynomial import Polynomial
 from harvester.errors import AveragingError
 from harvester.files.plain_text import nearest
@@ -123,7 +123,7 @@ def _over_orbits(closure, device, tolerance, memory):
 def _check(s):
     """Refuse what Eqs. 10–37 do not know, and what their averaging does not hold for."""
     laws = [each.law for each in s.contacts]
-    piezo = isinstance(s.transducer, Piezo)
+    piezo = isinstance(s.transducer, PiezoLaw)
     refusals = {
         "the spring is not symmetric": not s.spring.symmetric,
         "the spring has a table or a range": not isinstance(s.spring, Polynomial),

@@ -129,8 +129,22 @@ def average(
         netlist_sha256=None,
         densities=densities,
         joint_density=joint,
-        notes=spectrum_fit.notes() if fit else (),
+        notes=(*(spectrum_fit.notes() if fit else ()), *_left_out(parameters, method)),
         spectrum_fit=spectrum_fit,
+    )
+
+
+def _left_out(system, closure):
+    """What a closure does not have of a device, said."""
+    from harvester.averaging import CLOSURES
+
+    share = system.transducer.base_rate(1.0)
+    if not share or CLOSURES[closure].of_spectrum:
+        return ()
+    change = abs(share) * system.transducer.coupling
+    return (
+        f"{closure} leaves out the charge that the base moves (piezo.base_charge), which changes "
+        f"the voltage near an open-circuit resonance by some {100.0 * change:.2g} %",
     )
 
 

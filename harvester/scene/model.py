@@ -33,7 +33,8 @@ from harvester.scene.units import rest_stiffness, scale
 
 # Keys that a scene is written without where they hold what they hold without being given.
 RARE_KEYS = (
-    "base_factor", "force_interpolation", "quadratic_damping", "side", "exponent", "law",
+    "base_charge", "base_factor", "force_interpolation", "quadratic_damping", "side", "exponent",
+    "law",
 )  # fmt: skip
 
 
