@@ -184,15 +184,6 @@ class Lumped(NamedTuple):
         """The same with the material's capacitance alone, as published models of one mode have."""
         return self.short_frequency * math.sqrt(1.0 + self.coupling_squared)
 
-    def voltage_per_acceleration(self, frequency: float, resistance: float) -> complex:
-        """V/a of the base's harmonic acceleration on a resistor (V s²/m), modes left out static."""
-        omega = 2.0 * math.pi * frequency
-        rate = 1j * omega
-        compliance = 1.0 / (self.stiffness - self.mass * omega**2 + rate * self.damping)
-        charge = self.coupling * self.base_factor * self.mass * compliance + self.rest_charge
-        load = 1.0 / resistance + rate * (self.capacitance + self.coupling**2 * compliance)
-        return -rate * charge / load
-
 
 class Section(NamedTuple):
     """A cross-section: EI (N m²), kg/m, N m/V, and the outermost fibre's distance (m)."""
