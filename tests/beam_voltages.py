@@ -15,7 +15,10 @@ def discrete(beam):
 
 
 def sum_of_modes(beam, frequencies, resistance, count=25):
-    """V/a (V s²/m) on a resistor by so many modes, each of the beam's damping ratio; complex."""
+    """V/a (V s²/m) on a resistor by so many modes, each of the beam's damping ratio; complex.
+
+    With several resistances a row for each.
+    """
     ends, pieces, (k, m, load, free, slopes) = discrete(beam)
     omega, phi = modes_of(k, m, free, count)
     coupling = sum(
@@ -26,7 +29,11 @@ def sum_of_modes(beam, frequencies, resistance, count=25):
     response = 1.0 / (omega**2 + rate**2 + 2.0 * beam.ratio * omega * rate)
     rate, capacitance = rate[:, 0], lumped(beam).material_capacitance
     admittance = rate * (capacitance + response @ coupling**2)
-    return -rate * (response @ (coupling * (load @ phi))) / (1.0 / resistance + admittance)
+    return (
+        -rate
+        * (response @ (coupling * (load @ phi)))
+        / (1.0 / np.asarray(resistance)[..., None] + admittance)
+    )
 
 
 def of_lumped_values(found, frequencies, admittance):

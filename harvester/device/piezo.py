@@ -141,11 +141,6 @@ class PiezoTable(TransducerTable):
             return 0.0
         if setting.units != SI:
             return self.base_charge * setting.excitation_unit
-        if not self.coupling:
-            raise LoadError(
-                f"{setting.name}: piezo.base_charge = {self.base_charge:g} needs piezo.coupling > "
-                "0, in whose unit of voltage it counts: leave it out"
-            )
         return self.base_charge * setting.excitation_unit / (self.coupling * setting.length)
 
     def _load_rate(self, setting):
