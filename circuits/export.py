@@ -17,6 +17,7 @@ from circuits.assembly import (
 )
 from circuits.ltspice import DIFFERENCES, to_ltspice
 from harvester.device import timescales
+from harvester.device.piezo import BASE
 from harvester.errors import NetlistError
 from harvester.prepared.steps import REJECTING_STEPS, knot_spacing, steps_per_knot
 
@@ -202,10 +203,13 @@ def _header(before, scene, netlist, scales):
 def _reading(scene, netlist, scales):
     """How the nodes read."""
     si = scene.units == "SI"
+    volts = "volts" if si else "scaled"
+    shaken = f"v({BASE}): what the base's acceleration adds in series with the piezo, {volts}"
     return [
         f"v(displacement): X in units of {scales.displacement:g} {'m' if si else '(scaled)'}",
         f"v(velocity): X' over {netlist.rate!r} per second",
-        f"v({netlist.terminal}): terminal voltage, {'volts' if si else 'scaled'}",
+        f"v({netlist.terminal}): terminal voltage, {volts}",
+        *([shaken] if "\nHbase_charge " in netlist.text else []),
     ]
 
 

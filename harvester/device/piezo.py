@@ -168,18 +168,20 @@ class PiezoTable(TransducerTable):
             capacitance, volts = self.capacitance, self.voltage_unit(setting)
             power_unit = equations.coupling / (capacitance * volts**2)
             charge = self.coupling * setting.length
-        shaken = isinstance(equations, ShakenPiezo)
-        behind = BASE if shaken else GROUND
+        behind, current_per_ampere = GROUND, 0.0
+        base: tuple[Element, ...] = ()
+        if isinstance(equations, ShakenPiezo):
+            behind, current_per_ampere = BASE, 1.0 / charge
+            share = equations.base_share * volts
+            base = (Element("base voltage", "base_charge", BASE, GROUND, share),)
         elements = [
             Element("capacitor", "piezo", TERMINAL, behind, capacitance, holds_state=True),
             Element("moving current", "charge", TERMINAL, GROUND, charge),
+            *base,
         ]
         if equations.coupling > 0.0:
             force = equations.coupling
             elements.append(Element("force of voltage", "back_action", TERMINAL, GROUND, force))
-        if shaken:
-            added = equations.base_share * volts
-            elements.append(Element("base voltage", "base_charge", BASE, GROUND, added))
         if equations.own_rate > 0.0:
             leak = 1.0 / (equations.own_rate * capacitance)
             elements.append(Element("resistor", "leak", TERMINAL, GROUND, leak))
@@ -190,7 +192,7 @@ class PiezoTable(TransducerTable):
             reference_capacitance=capacitance,
             state_voltage=TERMINAL,
             state_unit=volts,
-            current_per_ampere=1.0 / charge if shaken else 0.0,
+            current_per_ampere=current_per_ampere,
         )
 
     def matched_resistance(self, rate: float) -> float:
