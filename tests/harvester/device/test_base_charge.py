@@ -1,8 +1,12 @@
 """[piezo] base_charge: what modes of a beam that follow the base at once add to the terminals."""
 
+import itertools
+
 import numpy as np
 import pytest
 from beam_voltages import sum_of_modes
+from scipy.linalg import expm
+from truths import Keep, records_of
 
 from circuits import verilog
 from circuits.assembly import assemble
@@ -10,7 +14,9 @@ from harvester.averaging.of_scene import average
 from harvester.beam.table import Beam, lumped
 from harvester.device.piezo import Piezo
 from harvester.errors import AveragingError, SceneError
+from harvester.prepared.paths import noise_path
 from harvester.prepared.prepared import prepared
+from harvester.prepared.steps import knot_spacing
 from harvester.scene.model import Scene
 
 REFERENCE = {
@@ -133,3 +139,34 @@ def test_refusals():
         average(white, method="spectral")
     with pytest.raises(SceneError, match=r"piezo.base_charge is what \[beam\] gives"):
         Scene.load("bimorph").replace({"piezo.base_charge": 1e-9})
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(
+    ("scheme", "decay_rate", "error"),
+    [("runge-kutta", 0.4, 1e-6), ("heun", 0.4, 1e-3), ("runge-kutta", 300.0, 1e-4)],
+)
+def test_monte_carlos_schemes_against_the_matrix_exponential(scheme, decay_rate, error):
+    """The third is the scheme with the decay exact: z = (X, X', W, η, η') between two knots."""
+    changes = {"piezo.base_charge": 0.3, "piezo.leakage_rate": 0.1, "load.decay_rate": decay_rate}
+    run = {"run.duration": 10.0, "run.settle": 0.0, "start": {"displacement": 0.2, "voltage": 0.1}}
+    scene = Scene.load("linear").replace(changes | run)
+    ready = prepared(scene)
+    spacing, part = knot_spacing(ready), ready.system.transducer
+    stiffness, damping = scene.oscillator.linear_stiffness, scene.oscillator.damping
+    beta, decay, share = part.coupling, decay_rate + 0.1, 0.3
+    matrix = np.zeros((5, 5))
+    matrix[0, 1] = matrix[3, 4] = 1.0
+    matrix[1, :4] = -stiffness, -damping, -beta, 1.0 - beta * share
+    matrix[2, 1:4] = 1.0, -decay, -decay * share
+    over = expm(matrix * spacing)
+    keep = Keep()
+    for record in records_of(scene, 10.0, scheme=scheme, steps_per_knot=4):
+        keep.add(record)
+    found = keep.at_knots(spacing)
+    noise = noise_path(ready, 0).read(len(found) + 1)
+    state, expected = np.array([0.2, 0.0, 0.1]), []
+    for before, after in itertools.pairwise(noise):
+        state = (over @ [*state, before, (after - before) / spacing])[:3]
+        expected.append([state[0], state[1], state[2] + share * after])
+    assert found == pytest.approx(np.array(expected), abs=error)
