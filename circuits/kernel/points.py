@@ -59,8 +59,8 @@ def given_power(device: Device, probes: Probes, state: State, slope: float, shar
     electrical = (y[place] + share * change[place]) * units[1]
     own = systems.own_loss(device.transducer, v, electrical, amperes * units[2])
     pace = state.scalars[0].pace
-    speed = v * pace + systems.base_rate(device.transducer, slope)
-    return systems.part_force(device.transducer, v, electrical) * speed - own
+    force = systems.part_force(device.transducer, v, electrical)
+    return force * v * pace + force * systems.base_rate(device.transducer, slope) - own
 
 
 @merged
