@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from harvester.excitation.base import Excitation
     from harvester.prepared.prepared import Prepared
 
-# Nodes of Gauss and Legendre on each piece, and those whose result tells the error.
+# Gauss–Legendre nodes on each piece. The difference to the coarse nodes is the numerical error.
 NODES, COARSE_NODES = 20, 12
 # Pieces begin at this share of the lowest scale of frequency and end at this multiple of the
 # highest: of E[X'²] under white noise a part in 10^10 lies beyond.
 LOWEST, HIGHEST = 2.0**-10, 2.0**34
-# No mean is claimed to be better known than to this share of it.
+# The stated relative error of a mean is never smaller than this.
 LEAST_ERROR = 1e-8
-# A Gaussian density is tabulated as far as this many deviations, at so many places.
+# A Gaussian density is tabulated up to so many standard deviations, at so many places.
 DEVIATIONS, PLACES = 6.0, 241
 
 

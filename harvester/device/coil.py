@@ -178,7 +178,7 @@ class CoilTable(TransducerTable):
             terminal=TERMINAL,
             elements=tuple(elements),
             power_unit=1.0 / (setting.mass * setting.length**2),
-            # One that passes as little as the winding at the motion's own frequency.
+            # A capacitance whose impedance at the motion's frequency is that of the winding.
             reference_capacitance=1.0 / (rate * self.resistance),
             state_current=LOAD_AMMETER if self.inductance > 0.0 else "",
             state_unit=self.state_unit(setting),

@@ -14,7 +14,7 @@ from harvester.device.terminals import GROUND, Element, Network, Setting, Transd
 from harvester.device.values import Values
 from harvester.errors import LoadError
 
-# λ (1/s) whose square is still a number.
+# The square of a larger λ (1/s) would overflow.
 FASTEST_DECAY = 1e150
 TERMINAL = "piezo"
 

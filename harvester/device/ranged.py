@@ -15,7 +15,7 @@ from harvester.device.dispatch import equation
 from harvester.device.values import Values
 
 inner_force, inner_energy, inner_bound = map(equation, ("force", "energy", "greatest_stiffness"))
-# Of the range: points among which the greatest stiffness is looked for.
+# The greatest stiffness is searched among so many points of the range.
 STIFFNESS_POINTS = 201
 
 
@@ -157,6 +157,6 @@ def ranged(spring: Any, low: float, high: float) -> Ranged:
     """A spring within a range; the lines beyond are as stiff as its stiffest place."""
     x = np.linspace(low, high, STIFFNESS_POINTS)
     stiffness = float(np.abs(spring.slope(x)).max())
-    # What begins outwards at the end must come back within a length like the range.
+    # A mass that leaves the range must turn within a distance like the range itself.
     pull = max(abs(float(spring.force(low))), abs(float(spring.force(high))))
     return Ranged(spring, float(low), float(high), max(stiffness, pull / (high - low)) or 1.0)

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from xarray import Dataset
 
-# What JSON says of a result, in this order; the spectrum's fit and the scene come last.
+# Keys of a result in JSON, in this order. The fit of the spectrum and the scene follow them.
 _IN_JSON = (
     "engine",
     "engine_version",

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
 PICTURES = (".png", ".svg", ".pdf")
 ENDINGS = (".csv", ".nc", *PICTURES)
-# Of the greatest voltage, below which power over voltage is no current: rounding would decide it.
+# Below this share of the greatest voltage the current is not power over voltage: rounding would
+# decide it.
 SMALL_VOLTAGE = 1e-9
 
 
@@ -189,7 +190,8 @@ def waveform_of(
     electrical : dict of str to ndarray
         See `harvester.simulation.realization.Realization`.
     """
-    # A point that stands there once more has the power that makes the step's mean right.
+    # A repeated point has an adjusted power, so that the mean over the step is right. It is left
+    # out.
     once = np.diff(record.time, prepend=-np.inf) > 0.0
     record = Record(*(column[once] for column in record))
     motion = {name: getattr(record, name) * scales.of(name) for name in _MOTION}

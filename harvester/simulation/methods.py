@@ -233,8 +233,8 @@ def _integrator(scene: Scene) -> Any:
 ENGINES: Registry[type[Engine]] = Registry(
     "harvester.engines", {"circuit": Circuit, "monte-carlo": MonteCarlo}
 )
-# Options of `simulate` where they are left out; those of a method that is given as an object stand
-# in the object.
+# Defaults of the options of `simulate`. If a method is given as an object, the object holds its
+# options.
 DEFAULTS = {"step": "default", "source": "external", "device": "automatic"}
 
 

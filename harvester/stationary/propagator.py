@@ -26,8 +26,10 @@ from harvester.compilation import summing
 from harvester.device.system import elastic_force, state_rate
 from harvester.stationary.flow import lagrange, shared, shared_ends
 
-LEAST_MEMORY = 1e-6  # τ1, in steps, below which it makes no difference
-FASTEST_PHASE = 1.5  # ω dt beyond which a train of pushes is not corrected further
+# A correlation time τ1 shorter than this many steps gives the same numbers as this many.
+LEAST_MEMORY = 1e-6
+# The correction of the pushes' spectrum stops growing at this ω dt.
+FASTEST_PHASE = 1.5
 
 
 class Grid(NamedTuple):

@@ -19,7 +19,7 @@ from harvester.errors import SimulatorCrashed, SimulatorTimeout
 from harvester.files.temporary import TemporaryFolder
 from harvester.workers import isolation
 
-# What a process prints just before it dies of its own, in the order of interest.
+# So many of the last lines that a process printed are given when it died by itself.
 LAST_LINES = 3
 
 
@@ -39,7 +39,7 @@ class Worker:
         self._errors: IO[bytes] | None = None
         self._workplace: TemporaryFolder | None = None
         self._closed = False
-        # One thread may end the process while another starts it, or reads its last words.
+        # One thread may end the process while another starts it or reads its last lines.
         self._changing = threading.RLock()
 
     @property
