@@ -21,11 +21,11 @@ from harvester.verification.quantities import SIGNIFICANT_SIGMAS
 
 HOLDS, IN_PART, FAILS = "holds", "holds in part", "does not hold"
 UNDECIDED, UNTESTED = "not significant", "not tested"
-# Realizations of each scene: of one number, for their batches are paired.
+# Realizations of each scene. All scenes have the same number, since their batches are paired.
 REALIZATIONS = {"monte-carlo": 48, "circuit": 16}
 THOROUGH = {"monte-carlo": 640, "circuit": 104}
 METHODS = ("monte-carlo", "circuit", *NOISE_CLOSURES)
-# A finding of so many standard errors is of an effect without chance, and no number to tell.
+# An effect of so many standard errors has no chance in it, and the number is not printed.
 WITHOUT_CHANCE = 1e3
 
 
@@ -56,7 +56,7 @@ class Opinion:
         if told and self.word != UNTESTED:
             words.append(f"≤ {max(told):.0f} σ" if undecided else f"≥ {min(told):.0f} σ")
         if self.word == IN_PART and not contra:
-            # Nothing speaks against it: more data may make it hold.
+            # Nothing contradicts the statement: it may hold with more data.
             words.append(f"{len(open_)} of {len(pro) + len(open_)} undecided")
         return f"{self.word} ({', '.join(words)})" if words else self.word
 
@@ -252,7 +252,7 @@ def _wanted(scene, chosen, thorough):
             method,
             count,
             (method, changed) in dense,
-            # Closures have no moments.
+            # Closures have no time series of moments.
             **({"moments": True} if method in count else {}),
         )
         for (method, changes), changed in needed.items()
@@ -263,7 +263,8 @@ def _needed(claim, method, thorough):
     """Changes of the scene that one method is asked for."""
     conditions, brief = claim.conditions, method == "circuit" and not thorough
     if brief:
-        # A hundred times as slow as Monte Carlo: one condition, where it says most, and ends.
+        # The circuit is a hundred times slower than Monte Carlo: it gets one condition and the ends
+        # of a trend.
         conditions = [c for c in conditions if c == JUMPING][:1] or conditions[:1]
     scenes = [claim.test.scenes(condition) for condition in conditions]
     if brief and isinstance(claim.test, Trend):
