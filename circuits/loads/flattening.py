@@ -18,7 +18,7 @@ from circuits.loads.vetting import refuse
 from circuits.loads.waveform import KINDS as WAVEFORMS
 from circuits.loads.waveform import waveform
 
-# Letters whose second pair of nodes only controls.
+# Letters of elements whose second pair of nodes controls them and carries no current.
 _CONTROLLED = "esg"
 _EXPRESSIONS = ("value", "vol", "cur")
 

@@ -14,9 +14,10 @@ if TYPE_CHECKING:
     from circuits.loads.elements import Element
     from circuits.loads.subcircuits import LoadCircuit
 
-# Of what lies across an output (F and Ω): less is rather a misread suffix.
+# Smallest storage (F) and resistance (Ω) across an output. Smaller values are probably a misread
+# suffix.
 LEAST_STORAGE, LEAST_LOAD = 1e-12, 1.0
-# Where a source turns on and off without an end.
+# Advice for a source that turns on and off without end.
 SOURCE_CURE = (
     "its value jumps to and fro at one threshold, where what it does takes it back at once; use a "
     "switch with a hysteresis (S, vt= and vh=), or let it change smoothly over some millivolts, as "

@@ -42,10 +42,10 @@ from harvester.device.terminals import GROUND
 from harvester.errors import NetlistError
 from harvester.files.plain_text import nearest
 
-# What a load's sub-circuit is connected by: the piezo's terminals, and its DC side if it has one.
+# Pins of a load's sub-circuit: the piezo's terminals, and the DC side if it has one.
 PIEZO_PINS, OUTPUT_PINS = ("p", "n"), ("out", "ref")
 EXPECTED = "p n, or p n out ref (p n: the piezo's terminals; out ref: the DC side), in any order"
-# Suffixes that SPICE reads otherwise than people do, and both readings.
+# Matches suffixes that SPICE and people read differently: M and F.
 _MISREAD = re.compile(r"\s*([+-]?[\d.]+(?:[eE][+-]?\d+)?)(M(?![eE][gG]|[iI][lL])|F)", re.ASCII)
 _READINGS = {"M": ("a million", "a thousandth"), "F": ("a farad", "a femtofarad")}
 
@@ -221,7 +221,7 @@ def find_netlist(netlist: str, folders: Sequence[str | Path] = (".",)) -> Path:
         return Path(str(resources.files("netlists").joinpath(f"{netlist}.lib")))
     for folder in folders:
         path = Path(folder) / netlist
-        # A name that no system takes is no file either.
+        # A name that the system does not accept is no file.
         if os.path.isfile(path):
             return path
         if os.path.isdir(path):
